@@ -1,0 +1,73 @@
+"""What can go wrong in the plugin host.
+
+RobrainError
+├── PluginError               carries `.plugin`
+│   ├── ManifestError         a manifest or robot file is wrong: names file and key
+│   ├── PluginMissing         no plugin of that name
+│   ├── AccessDenied          the caller may not use that plugin
+│   ├── PluginBusy            somebody else holds it; carries `.holder`
+│   ├── PluginInactive        it is there but not active (or halted, or faulted)
+│   └── HardwareAbsent        a Device does not find its hardware
+└── RobotFileError            a ROBOT.toml is wrong: names file and key
+"""
+
+from pathlib import Path
+
+from robrain.protocol.wire.errors import ErrorCode, RobrainError
+
+
+class PluginError(RobrainError):
+    """Something about one plugin."""
+
+    code = ErrorCode.FAILED
+
+    def __init__(self, plugin: str, message: str) -> None:
+        super().__init__(message)
+        self.plugin = plugin
+
+
+class ManifestError(PluginError):
+    """A manifest cannot be used."""
+
+    def __init__(self, path: Path, key: str, expected: str) -> None:
+        super().__init__(path.stem, f"{path}: {key}: {expected}")
+        self.path = path
+        self.key = key
+
+
+class PluginMissing(PluginError):
+    """No plugin of that name is loaded."""
+
+    code = ErrorCode.UNKNOWN_PLUGIN
+
+
+class AccessDenied(PluginError):
+    """The caller may not use that plugin."""
+
+    code = ErrorCode.FORBIDDEN
+
+
+class PluginBusy(PluginError):
+    """Another plugin holds it exclusively."""
+
+    code = ErrorCode.BUSY
+
+    def __init__(self, plugin: str, holder: str) -> None:
+        super().__init__(plugin, f"{plugin} is held by {holder}")
+        self.holder = holder
+
+
+class PluginInactive(PluginError):
+    """It is there, but not active."""
+
+    code = ErrorCode.INACTIVE
+
+
+class HardwareAbsent(PluginError):
+    """A Device does not find its hardware."""
+
+    code = ErrorCode.INACTIVE
+
+
+class RobotFileError(RobrainError):
+    """A ROBOT.toml cannot be used; the text names file and key."""

@@ -1,0 +1,77 @@
+"""Notification: events go up.
+
+A plugin declares `finished = Event[str]()` in its class and calls `self.finished.notify("done")`. Observers are
+told through their own mailbox: never on the notifier's thread, never under its lock.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Generic, Self, TypeVar, overload
+
+T = TypeVar("T")
+
+MAILBOX_CAPACITY = 256
+
+
+class Mailbox:
+    """Notifications that wait for one observer; bounded, and counts what it drops."""
+
+    def __init__(self, capacity: int = MAILBOX_CAPACITY) -> None:
+        self.capacity = capacity
+        self.dropped = 0
+        self.wake: Callable[[], None] | None = None
+        """Called after each arrival, so that the observer's thread need not poll."""
+        self._waiting: deque[tuple[Callable[[Any], None], Any]] = deque()
+
+    def post(self, function: Callable[[Any], None], value: Any) -> None:
+        """Leave a notification."""
+        if len(self._waiting) >= self.capacity:
+            self._waiting.popleft()
+            self.dropped += 1
+        self._waiting.append((function, value))
+        if self.wake is not None:
+            self.wake()
+
+    def deliver(self) -> None:
+        """Call the observing functions, in order of arrival."""
+        for _ in range(len(self._waiting)):
+            function, value = self._waiting.popleft()
+            function(value)
+
+    def __bool__(self) -> bool:
+        return bool(self._waiting)
+
+
+class Event(Generic[T]):
+    """An event that a plugin's class declares; each instance of the class has its own."""
+
+    def __init__(self) -> None:
+        self._name = ""
+        self._observers: list[tuple[Callable[[T], None], Mailbox]] = []
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    @overload
+    def __get__(self, instance: None, owner: type) -> Self: ...
+    @overload
+    def __get__(self, instance: object, owner: type) -> "Event[T]": ...
+    def __get__(self, instance: object | None, owner: type) -> "Event[T]":
+        if instance is None:
+            return self
+        own = instance.__dict__.setdefault(self._name, Event[T]())
+        assert isinstance(own, Event)
+        return own
+
+    def add(self, function: Callable[[T], None], mailbox: Mailbox) -> None:
+        """Tell `function` from now on, through `mailbox`; plugins use `env.observe` instead."""
+        self._observers.append((function, mailbox))
+
+    def remove(self, mailbox: Mailbox) -> None:
+        """Tell nobody of that mailbox any more."""
+        self._observers = [(function, box) for function, box in self._observers if box is not mailbox]
+
+    def notify(self, value: T) -> None:
+        """Leave `value` with every observer."""
+        for function, mailbox in self._observers:
+            mailbox.post(function, value)

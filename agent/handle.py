@@ -1,0 +1,50 @@
+"""Handles: all that a plugin ever holds of another."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from robrain.agent.errors import AccessDenied
+from robrain.agent.event import Event
+
+if TYPE_CHECKING:
+    from robrain.agent.tag import PluginTag
+
+
+class Handle:
+    """The functions and events of one interface of one plugin, for one caller.
+
+    Made by the caller's tag. A call takes the callee's lock, is refused while the callee is not active, and
+    reaches whatever instance the callee's tag holds by then.
+    """
+
+    __slots__ = ("__calls", "__interface", "__tag")
+
+    def __init__(self, tag: "PluginTag", interface: type) -> None:
+        self.__tag = tag
+        self.__interface = interface
+        self.__calls: dict[str, Callable[..., Any]] = {}
+
+    def __getattr__(self, name: str) -> Any:
+        calls = self.__calls
+        if name in calls:
+            return calls[name]
+        tag, interface = self.__tag, self.__interface
+        if name.startswith("_") or not (hasattr(interface, name) or name in _annotations(interface)):
+            raise AccessDenied(tag.name, f"{name} is not in {interface.__name__}, the interface of {tag.name}")
+        value = getattr(tag.live_plugin(), name)
+        if isinstance(value, Event) or not callable(value):
+            return value
+
+        def call(*args: Any, **kwargs: Any) -> Any:
+            with tag.lock:
+                return getattr(tag.live_plugin(), name)(*args, **kwargs)
+
+        calls[name] = call
+        return call
+
+    def __repr__(self) -> str:
+        return f"<handle on {self.__tag.name} as {self.__interface.__name__}>"
+
+
+def _annotations(interface: type) -> set[str]:
+    return {name for base in interface.__mro__ for name in getattr(base, "__annotations__", {})}

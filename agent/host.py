@@ -1,0 +1,210 @@
+"""The host of one robot: its place on the wire, its plugins, its desk for tasks, its emergency halt.
+
+`step()` is called by the owner of time: the lockstep runner once a tick, the live process about as often.
+"""
+
+import logging
+import zlib
+from importlib import resources
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+import numpy as np
+import zenoh
+
+from robrain.agent.board import Board
+from robrain.agent.environment import Environment
+from robrain.agent.errors import PluginMissing
+from robrain.agent.manager import PluginManager
+from robrain.agent.robot_file import RobotFile
+from robrain.agent.tag import PluginTag
+from robrain.agent.task_desk import TaskDesk
+from robrain.protocol.wire.clock import Clock, to_ns
+from robrain.protocol.wire.endpoint import Drive, Endpoint, OnOutside, Request, Serve
+from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages import RobotState, TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.wire.topics import (
+    COORDINATOR_STATE,
+    HALT,
+    ROBOT_ALIVE,
+    ROBOT_CALL,
+    ROBOT_OFFER,
+    ROBOT_PLUGINS,
+    ROBOT_STATE,
+    ROBOT_WITHDRAW,
+)
+
+logger = logging.getLogger(__name__)
+
+T = TypeVar("T")
+
+STATE_PERIOD_NS = to_ns(1 / 10)
+
+
+class AgentHost:
+    """Runs the plugins of one robot.
+
+    Args:
+        robot_file: the robot's ROBOT.toml.
+        base: folder that the file's places are relative to.
+        session: shared in lockstep, the process's own in live.
+        clock: the run's clock.
+        drive: who moves time.
+        seed: of the run; each plugin draws from its own generator, made from seed, robot and plugin.
+        on_outside: told of queries from other processes, in lockstep.
+
+    """
+
+    def __init__(
+        self,
+        robot_file: RobotFile,
+        base: Path,
+        session: zenoh.Session,
+        clock: Clock,
+        drive: Drive,
+        *,
+        seed: int = 0,
+        on_outside: OnOutside | None = None,
+    ) -> None:
+        self.name = robot_file.robot.name
+        self.drive = drive
+        self.clock = clock
+        self.board = Board()
+        self.desk = TaskDesk()
+        self.manager = PluginManager(self.name, self._make_environment, robot_file.parameters)
+        self._seed = seed
+        self._on_outside = on_outside
+        self._session = session
+        self._team = robot_file.robot.team
+        self._wires: list[Endpoint] = []
+        self._wire = self._open_wire()
+        self._inbox = Inbox()
+        self._state = self._wire.publisher(ROBOT_STATE, robot=self.name)
+        self._state_due_ns = 0
+        self._due_ns: dict[str, int] = {}
+        self._places = [stock_place(), *(base / place for place in robot_file.robot.places)]
+        self._load = robot_file.robot.load
+
+    def start(self) -> None:
+        """Find, load and start the plugins, then say that the robot is there.
+
+        Raises:
+            ManifestError, PluginMissing: the robot's plugins are not as its file says.
+
+        """
+        self.manager.discover(self._places, self._load)
+        self.manager.start()
+        wire, robot = self._wire, self.name
+        wire.subscribe(self._inbox, HALT)
+        wire.subscribe(self._inbox, COORDINATOR_STATE)
+        wire.answer(ROBOT_PLUGINS, self._tell_plugins, robot=robot)
+        wire.answer(ROBOT_CALL, self._call, serve=Serve.POOL, robot=robot)
+        wire.answer(ROBOT_OFFER, self._offer, serve=Serve.IN_STEP, robot=robot)
+        wire.answer(ROBOT_WITHDRAW, self._withdraw, serve=Serve.IN_STEP, robot=robot)
+        wire.token(ROBOT_ALIVE, robot=robot)
+
+    def step(self) -> None:
+        """What the host itself does, and in lockstep the steps of all plugins that are due."""
+        now_ns = self.clock.now_ns()
+        self._hear(now_ns)
+        for wire in self._wires:
+            wire.serve()
+        self.desk.check_lease(now_ns)
+        if self.drive is Drive.LOCKSTEP:
+            self._step_plugins(now_ns)
+        if now_ns >= self._state_due_ns:
+            self._state_due_ns = max(self._state_due_ns + STATE_PERIOD_NS, now_ns)
+            self._publish_state()
+
+    def close(self) -> None:
+        """Stop the plugins and leave the wire."""
+        self.manager.stop()
+        self._wire.close()
+
+    # -- its own work ---------------------------------------------------------------------------------------
+
+    def _hear(self, now_ns: int) -> None:
+        for received in self._inbox.drain():
+            if received.topic is COORDINATOR_STATE:
+                self.desk.coordinator_heard_ns = now_ns
+            elif received.message.halted:
+                logger.warning("%s: halted by %s: %s", self.name, received.message.by, received.message.reason)
+                self.manager.halt()
+            else:
+                logger.warning("%s: resumed by %s", self.name, received.message.by)
+                self.manager.resume()
+
+    def _step_plugins(self, now_ns: int) -> None:
+        for tag in self.manager.tags.values():
+            if tag.mailbox:
+                tag.deliver()
+            period_s = tag.period_s
+            if period_s is None:
+                continue
+            due_ns = self._due_ns.get(tag.name, 0)
+            if now_ns >= due_ns:
+                self._due_ns[tag.name] = max(due_ns + to_ns(period_s), now_ns)
+                tag.run_step()
+
+    def _publish_state(self) -> None:
+        board = self.board
+        self._state.put(
+            RobotState(
+                robot=self.name,
+                pose=board.pose,
+                pose_covariance=board.pose_covariance,
+                velocity=board.velocity,
+                radius_m=board.radius_m,
+                battery=board.battery,
+                behavior=board.behavior,
+                task=self.desk.status,
+                halted=self.manager.halted,
+            )
+        )
+
+    # -- being asked ----------------------------------------------------------------------------------------
+
+    def _tell_plugins(self, request: Request) -> Any:
+        return [tag.info() for tag in self.manager.tags.values()]
+
+    def _call(self, request: Request) -> Any:
+        try:
+            tag = self.manager.get(request.names["plugin"])
+        except PluginMissing as error:
+            raise CallError(ErrorCode.UNKNOWN_PLUGIN, str(error)) from error
+        return tag.call_external(request.names["function"], request.payload)
+
+    def _offer(self, request: Request) -> TaskAnswer:
+        offer = _decode(request.payload, TaskOffer)
+        if self.manager.halted:
+            return TaskAnswer(accepted=False, why="the robot is halted")
+        return self.desk.offer(offer, self.clock.now_ns())
+
+    def _withdraw(self, request: Request) -> TaskAnswer:
+        return self.desk.withdraw(_decode(request.payload, TaskWithdrawal))
+
+    # -- what plugins get -----------------------------------------------------------------------------------
+
+    def _open_wire(self) -> Endpoint:
+        wire = Endpoint(self._session, self._team, self.clock, self.drive, on_outside=self._on_outside)
+        self._wires.append(wire)
+        return wire
+
+    def _make_environment(self, tag: PluginTag) -> Environment:
+        names = (zlib.crc32(self.name.encode()), zlib.crc32(tag.name.encode()))
+        rng = np.random.default_rng([self._seed, *names])
+        return Environment(tag, self.name, self._open_wire(), rng, self.board, self.desk)
+
+
+def stock_place() -> Path:
+    """The folder of the plugins that come with robrain."""
+    return Path(str(resources.files("robrain.plugins")))
+
+
+def _decode(payload: bytes, kind: type[T]) -> T:
+    try:
+        return msgspec.json.decode(payload, type=kind)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise CallError(ErrorCode.BAD_ARGUMENTS, f"expected a {kind.__name__}: {error}") from error

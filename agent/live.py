@@ -1,0 +1,73 @@
+"""The live drive of one robot: a thread for each active plugin, and the host's own loop."""
+
+import threading
+import time
+from collections.abc import Callable
+
+from robrain.agent.host import AgentHost
+from robrain.agent.tag import PluginTag
+
+HOST_PERIOD_S = 0.02
+JOIN_TIMEOUT_S = 2.0
+
+
+class PluginThread:
+    """Calls one plugin's step every `period_s`, and delivers its notifications as they come."""
+
+    def __init__(self, tag: PluginTag) -> None:
+        self._tag = tag
+        self._stopping = False
+        self._wake = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=f"plugin-{tag.name}", daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._tag.mailbox.wake = self._wake.set
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End after the step that is running; a step that hangs is left behind (the thread is a daemon)."""
+        self._stopping = True
+        self._wake.set()
+        self._thread.join(JOIN_TIMEOUT_S)
+        self._tag.mailbox.wake = None
+
+    def _run(self) -> None:
+        due_s = time.monotonic()
+        while not self._stopping:
+            period_s = self._tag.period_s
+            now_s = time.monotonic()
+            if period_s is not None and now_s >= due_s:
+                self._tag.run_step()
+                due_s += period_s
+                now_s = time.monotonic()
+                if now_s > due_s:  # the step took longer than its period: what was missed is not made up for
+                    self._tag.overruns += 1
+                    due_s = now_s
+            self._wake.wait(None if period_s is None else max(due_s - now_s, 0.0))
+            self._wake.clear()
+            if self._tag.mailbox and not self._stopping:
+                self._tag.deliver()
+
+
+def run_agent(host: AgentHost, should_stop: Callable[[], bool], on_ready: Callable[[], None]) -> None:
+    """Start a robot and run it until `should_stop()`; everything is closed when this returns.
+
+    Raises:
+        RobrainError: the robot cannot start, in words.
+
+    """
+    threads: list[PluginThread] = []
+    try:
+        host.start()
+        threads = [PluginThread(tag) for tag in host.manager.tags.values()]
+        for thread in threads:
+            thread.start()
+        on_ready()
+        while not should_stop():
+            host.step()
+            time.sleep(HOST_PERIOD_S)
+    finally:
+        for thread in reversed(threads):
+            thread.stop()
+        host.close()

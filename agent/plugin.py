@@ -1,0 +1,103 @@
+"""What a plugin is: four lifecycle functions, a level, and a step if it is active.
+
+class Blinker(Unit):
+    period_s = 0.5
+
+    def step(self) -> None:
+        ...
+
+    @external
+    def hello(self, name: str = "world") -> str:
+        return f"hello {name}"
+"""
+
+from collections.abc import Callable
+from enum import IntEnum
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+
+import msgspec
+
+if TYPE_CHECKING:
+    from robrain.agent.environment import Environment
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+EXTERNAL_MARK = "__robrain_external__"
+
+
+class Level(IntEnum):
+    """The hierarchy: calls go to strictly lower levels."""
+
+    DEVICE = 0
+    UNIT = 1
+    SKILL = 2
+    BEHAVIOR = 3
+
+
+class NoParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The parameters of a plugin that has none."""
+
+
+class Plugin:
+    """Base of all plugins; derive from Device, Unit, Skill or Behavior.
+
+    A plugin is active if it has a `period_s`: the host then calls `step()` that often. All functions of one
+    plugin, `step` included, are called one at a time.
+    """
+
+    level: ClassVar[Level]
+    interface: ClassVar[type | None] = None
+    """Protocol of what other plugins may call; None if nothing."""
+    Parameters: ClassVar[type[msgspec.Struct]] = NoParameters
+    """Type of the manifest's [parameters]."""
+    period_s: float | None = None
+    parameters: Any
+
+    def __init__(self, env: "Environment", parameters: Any) -> None:
+        self.env = env
+        self.parameters = parameters
+
+    def init(self) -> None:
+        """Set up what needs no other plugin."""
+
+    def activate(self) -> None:
+        """Get hold of the plugins that are required, and start."""
+
+    def step(self) -> None:
+        """Do one period's work."""
+
+    def deactivate(self) -> None:
+        """Stop, and let go of everything that `activate` took."""
+
+    def emergency_halt(self) -> None:
+        """Stop what moves, at once. May be called at any time, from another thread, without the plugin's lock."""
+
+
+class Device(Plugin):
+    """Drives one piece of hardware."""
+
+    level = Level.DEVICE
+
+
+class Unit(Plugin):
+    """Makes more of Devices."""
+
+    level = Level.UNIT
+
+
+class Skill(Plugin):
+    """Knows how to do something, with Units or without any hardware."""
+
+    level = Level.SKILL
+
+
+class Behavior(Plugin):
+    """What the robot is seen to do."""
+
+    level = Level.BEHAVIOR
+
+
+def external(function: Function) -> Function:
+    """Open a method to callers outside the robot; its type hints are the signature."""
+    setattr(function, EXTERNAL_MARK, True)
+    return function

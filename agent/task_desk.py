@@ -1,0 +1,99 @@
+"""The robot's side of a task: offers, fencing epochs, leases.
+
+One task at a time. An offer with an older epoch than the last one accepted is refused, so that a coordinator that
+was replaced cannot steer the robot; a task whose coordinator is silent for longer than the lease is let go.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from robrain.protocol.model.task import Task, TaskState
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.messages import TaskAnswer, TaskOffer, TaskStatus, TaskWithdrawal
+
+Accept = Callable[[Task], TaskAnswer]
+LetGo = Callable[[str], None]
+
+
+class _Executor(NamedTuple):
+    accept: Accept
+    let_go: LetGo
+
+
+class TaskDesk:
+    """Where offers arrive and the behavior that can do them is found."""
+
+    def __init__(self) -> None:
+        self.status: TaskStatus | None = None
+        self.coordinator_heard_ns: int | None = None
+        self._epoch = 0
+        self._lease_ns = 0
+        self._executors: dict[type, _Executor] = {}
+        self._current: _Executor | None = None
+
+    def register(self, kind: type, accept: Accept, let_go: LetGo) -> None:
+        """A behavior says that it can do tasks of a kind.
+
+        Args:
+            kind: a member of the Task union.
+            accept: called with an offered task; starts it, or refuses with why.
+            let_go: called with the reason when the task is taken away.
+
+        """
+        self._executors[kind] = _Executor(accept, let_go)
+
+    def unregister(self, kind: type) -> None:
+        """The behavior goes."""
+        self._executors.pop(kind, None)
+
+    def offer(self, offer: TaskOffer, now_ns: int) -> TaskAnswer:
+        """Answer the coordinator's offer; the same offer twice is accepted twice and started once."""
+        if offer.epoch < self._epoch:
+            return TaskAnswer(accepted=False, why=f"epoch {offer.epoch} is older than {self._epoch}")
+        status = self.status
+        if status is not None and status.id == offer.task.id and status.epoch == offer.epoch:
+            return TaskAnswer(accepted=True)
+        executor = self._executors.get(type(offer.task))
+        if executor is None:
+            return TaskAnswer(accepted=False, why=f"no behavior does {type(offer.task).__name__} tasks")
+        before = (self.status, self._current)
+        # Said before the behavior starts, for it may be done with the task before `accept` returns.
+        self.status = TaskStatus(id=offer.task.id, epoch=offer.epoch, state=TaskState.RUNNING)
+        self._current = executor
+        answer = executor.accept(offer.task)
+        if answer.accepted:
+            self._epoch = offer.epoch
+            self._lease_ns = to_ns(offer.lease_s)
+            self.coordinator_heard_ns = now_ns
+        else:
+            self.status, self._current = before
+        return answer
+
+    def withdraw(self, withdrawal: TaskWithdrawal) -> TaskAnswer:
+        """Answer the coordinator's wish to have a task back."""
+        if withdrawal.epoch < self._epoch:
+            return TaskAnswer(accepted=False, why=f"epoch {withdrawal.epoch} is older than {self._epoch}")
+        if self.status is None or self.status.id != withdrawal.id or self.status.state.ended:
+            return TaskAnswer(accepted=True, why="not running here")
+        self._let_go(TaskState.CANCELLED, withdrawal.why or "withdrawn")
+        return TaskAnswer(accepted=True)
+
+    def end(self, task_id: str, state: TaskState, why: str = "") -> None:
+        """The behavior says how its task ended."""
+        if self.status is not None and self.status.id == task_id and not self.status.state.ended:
+            self.status = TaskStatus(id=task_id, epoch=self.status.epoch, state=state, why=why)
+            self._current = None
+
+    def check_lease(self, now_ns: int) -> None:
+        """Let go of a task whose coordinator has been silent for longer than the lease."""
+        if self._current is None or self.coordinator_heard_ns is None:
+            return
+        if now_ns - self.coordinator_heard_ns > self._lease_ns:
+            self._let_go(TaskState.CANCELLED, "the coordinator is silent, the lease ran out")
+
+    def _let_go(self, state: TaskState, why: str) -> None:
+        executor, status = self._current, self.status
+        if status is not None:
+            self.end(status.id, state, why)
+        if executor is not None:
+            executor.let_go(why)

@@ -1,0 +1,103 @@
+"""Which robot explores which frontier: one each, at the least sum of costs.
+
+The cost of a frontier for a robot is the way there less what it promises (its length), plus a penalty for being close
+to where another robot is already bound (in the manner of Burgard, Moors, Stachniss, Schneider, Coordinated
+Multi-Robot Exploration, 2005). The assignment is optimal for these costs (Kuhn 1955, by scipy).
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.navigation import NavigationGrid
+
+GAIN_M_PER_M = 1.0
+"""Metres of way that a metre of frontier is worth."""
+GAIN_LIMIT_M = 3.0
+CROWD_RADIUS_M = 5.0
+CROWD_PENALTY_M = 10.0
+SNAP_M = 0.8
+UNREACHABLE = 1e9
+
+
+class Candidate(NamedTuple):
+    """A frontier that might be handed out."""
+
+    place: Point2D
+    length_m: float
+
+
+class Seeker(NamedTuple):
+    """A robot that has nothing to do."""
+
+    name: str
+    place: Point2D
+    shunned: tuple[Point2D, ...] = ()
+    """Places that it could not get to a short while ago."""
+
+
+class Choice(NamedTuple):
+    """A robot and the frontier that it gets."""
+
+    robot: str
+    place: Point2D
+    cost_m: float
+
+
+def assign_frontiers(
+    navigation: NavigationGrid,
+    candidates: Sequence[Candidate],
+    seekers: Sequence[Seeker],
+    taken: Sequence[Point2D],
+) -> list[Choice]:
+    """Give each robot at most one frontier and each frontier at most one robot.
+
+    Args:
+        navigation: the team's map.
+        candidates: frontiers.
+        seekers: robots without a goal.
+        taken: goals of the other robots.
+
+    Returns:
+        The choices, by robot; robots that can reach none are left out.
+
+    """
+    if not candidates or not seekers:
+        return []
+    cells = [navigation.snap(candidate.place, SNAP_M) for candidate in candidates]
+    worth_m = np.array([GAIN_M_PER_M * min(candidate.length_m, GAIN_LIMIT_M) for candidate in candidates])
+    crowd_m = _crowding_m(candidates, taken)
+    costs = np.full((len(seekers), len(candidates)), UNREACHABLE)
+    for row, seeker in enumerate(seekers):
+        field_m = navigation.distances_m(seeker.place, snap_m=SNAP_M)
+        if field_m is None:
+            continue
+        for column, cell in enumerate(cells):
+            if cell is None or _near_any(candidates[column].place, seeker.shunned, 1.0):
+                continue
+            way_m = float(field_m[cell])
+            if np.isfinite(way_m):
+                costs[row, column] = way_m - worth_m[column] + crowd_m[column]
+    rows, columns = linear_sum_assignment(costs)
+    return [
+        Choice(seekers[row].name, candidates[column].place, float(costs[row, column]))
+        for row, column in zip(rows.tolist(), columns.tolist(), strict=True)
+        if costs[row, column] < UNREACHABLE
+    ]
+
+
+def _crowding_m(candidates: Sequence[Candidate], taken: Sequence[Point2D]) -> NDArray[np.float64]:
+    penalties = np.zeros(len(candidates))
+    for index, candidate in enumerate(candidates):
+        for goal in taken:
+            away_m = float(np.hypot(candidate.place.x_m - goal.x_m, candidate.place.y_m - goal.y_m))
+            penalties[index] += CROWD_PENALTY_M * max(0.0, 1.0 - away_m / CROWD_RADIUS_M)
+    return penalties
+
+
+def _near_any(place: Point2D, others: Sequence[Point2D], radius_m: float) -> bool:
+    return any(np.hypot(place.x_m - other.x_m, place.y_m - other.y_m) < radius_m for other in others)

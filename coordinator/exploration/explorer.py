@@ -1,0 +1,80 @@
+"""The explorer: finds the frontiers of the team's map and hands each idle robot its own."""
+
+from typing import NamedTuple
+
+from robrain.coordinator.exploration.assignment import Candidate, Choice, Seeker, assign_frontiers
+from robrain.coordinator.roster import Robot
+from robrain.coordinator.team_map import TeamMap
+from robrain.protocol.model.frontier import find_frontiers
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.navigation import NavigationGrid
+from robrain.protocol.wire.clock import to_ns
+
+MARGIN_M = 0.08
+SHUN_NS = to_ns(15.0)
+
+
+class _Failure(NamedTuple):
+    robot: str
+    place: Point2D
+    until_ns: int
+
+
+class Explorer:
+    """Chooses goals; remembers for a while which robot failed where."""
+
+    def __init__(self, team_map: TeamMap) -> None:
+        self.candidates: list[Candidate] = []
+        """The frontiers of the map as it was last looked at."""
+        self._map = team_map
+        self._navigation: NavigationGrid | None = None
+        self._version = 0
+        self._failures: list[_Failure] = []
+
+    def note_failure(self, robot: str, place: Point2D, now_ns: int) -> None:
+        """A robot could not get to a place: others may, it shuns the place for a while."""
+        self._failures.append(_Failure(robot, place, now_ns + SHUN_NS))
+
+    @property
+    def has_failures(self) -> bool:
+        """Whether some robot shuns some place at the moment."""
+        return bool(self._failures)
+
+    def choose(self, idle: list[Robot], taken: list[Point2D], now_ns: int) -> list[Choice]:
+        """Goals for the idle robots.
+
+        Args:
+            idle: robots without a task.
+            taken: goals of the others.
+            now_ns: the time of the run.
+
+        """
+        self._failures = [failure for failure in self._failures if failure.until_ns > now_ns]
+        needed_m = MARGIN_M + max((robot.state.radius_m for robot in idle if robot.state is not None), default=0.0)
+        navigation = self._look(needed_m)
+        if navigation is None:
+            return []
+        seekers = [
+            Seeker(robot.name, Point2D(robot.state.pose.x_m, robot.state.pose.y_m), self._shunned(robot.name))
+            for robot in idle
+            if robot.state is not None and robot.state.pose is not None
+        ]
+        return assign_frontiers(navigation, self.candidates, seekers, taken)
+
+    def _look(self, needed_m: float) -> NavigationGrid | None:
+        grid = self._map.grid
+        if grid is None:
+            return None
+        known = self._navigation
+        if known is None or self._version != grid.version or known.needed_m != needed_m:
+            self._version = grid.version
+            classes = grid.classes()
+            self._navigation = known = NavigationGrid(classes, grid.geometry, needed_m)
+            self.candidates = [
+                Candidate(grid.geometry.center_of(found.row, found.column), found.cells * grid.geometry.resolution_m)
+                for found in find_frontiers(classes)
+            ]
+        return known
+
+    def _shunned(self, robot: str) -> tuple[Point2D, ...]:
+        return tuple(failure.place for failure in self._failures if failure.robot == robot)

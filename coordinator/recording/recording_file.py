@@ -1,0 +1,223 @@
+"""One MCAP file, being written.
+
+What it takes to make the run again stands at the front, and messages go to the disk at least every half second,
+so that a file whose writer was killed still says what it is and holds all but the last moment.
+"""
+
+import contextlib
+import logging
+from collections.abc import Mapping
+from io import FileIO
+from pathlib import Path
+from typing import IO, cast
+
+import msgspec
+from mcap.writer import CompressionType, Writer
+
+from robrain.coordinator.recording.errors import RecordingError
+from robrain.coordinator.recording.provenance import (
+    MAP_ATTACHMENT,
+    RUN_METADATA,
+    SCENARIO_ATTACHMENT,
+    SUMMARY_METADATA,
+    VERSIONS_METADATA,
+    Provenance,
+    software_versions,
+)
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.topics import JSON, Topic
+
+logger = logging.getLogger(__name__)
+
+SUFFIX = ".mcap"
+FLUSH_PERIOD_NS = to_ns(0.5)
+CHUNK_BYTES = 1024 * 1024
+CHANNELS_MAX = 65535
+"""MCAP numbers channels with 16 bits, from 1."""
+NEVER = 1 << 62
+"""Chunk size that mcap's writer does not reach: chunks end in `_write_out`, the one place where a disk can fail."""
+
+
+class RecordingFile:
+    """Writes messages to an MCAP file. A disk that fails in mid-run is told once; the run goes on without the file.
+
+    Args:
+        path: file to write; an older recording of that name is replaced.
+        provenance: goes to the front of the file.
+        now_ns: the run's clock at opening.
+
+    Raises:
+        RecordingError: the file cannot be written; nothing is left behind then.
+    """
+
+    def __init__(self, path: Path, provenance: Provenance, now_ns: int) -> None:
+        self.path = path
+        self.lost = 0
+        """Messages that could not be written."""
+        self._failed = False
+        self._held = 0
+        self._held_bytes = 0
+        self._flushed_ns = now_ns
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+        try:
+            _check_writable(path)
+            self._stream = _Stream(open_file(path))
+        except OSError as error:
+            raise _cannot_write(path, error) from error
+        self._writer = Writer(
+            cast(IO[bytes], self._stream), chunk_size=NEVER, compression=CompressionType.ZSTD, use_chunking=True
+        )
+        try:
+            self._write_front(provenance)
+        except OSError as error:
+            self._stream.close()
+            path.unlink(missing_ok=True)
+            raise _cannot_write(path, error) from error
+        self._whole_bytes = self._stream.size_bytes
+
+    @property
+    def size_bytes(self) -> int:
+        """Bytes in the file so far."""
+        return self._stream.size_bytes
+
+    def write(
+        self, topic: Topic, key: str, payload: bytes, *, log_time_ns: int, publish_time_ns: int, sequence: int
+    ) -> None:
+        """Add a message; counted in `lost` when the file has failed."""
+        channel_id = 0 if self._failed else self._channels.get(key) or self._add_channel(topic, key)
+        if not channel_id:
+            self.lost += 1
+            return
+        self._writer.add_message(channel_id, log_time_ns, payload, publish_time_ns, sequence)
+        self._held += 1
+        self._held_bytes += len(payload)
+        if self._held_bytes >= CHUNK_BYTES:
+            self._write_out()
+
+    def flush_if_due(self, now_ns: int) -> None:
+        """Hand what is held to the operating system when half a second of the run's clock has passed."""
+        # A wall clock that was set back must not put the flush off until it has caught up.
+        if not 0 <= now_ns - self._flushed_ns < FLUSH_PERIOD_NS:
+            self._flushed_ns = now_ns
+            self._write_out()
+
+    def close(self, summary: Mapping[str, str]) -> None:
+        """Write what is held, the summary of the run and the file's index, and close it."""
+        self._write_out()
+        if self._failed:
+            return
+        try:
+            self._writer.add_metadata(SUMMARY_METADATA, dict(summary))
+            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._stream.close()
+        except OSError as error:
+            self._fail(error)
+
+    def _write_out(self) -> None:
+        if self._failed or not self._held:
+            return
+        try:
+            self._writer.flush()  # type: ignore[no-untyped-call]
+        except OSError as error:
+            self._fail(error)
+            return
+        self._held = self._held_bytes = 0
+        self._whole_bytes = self._stream.size_bytes
+
+    def _fail(self, error: OSError) -> None:
+        logger.error(
+            "recording to %s stopped: %s; what was written until now can be read, the run goes on unrecorded",
+            self.path,
+            error.strerror or error,
+        )
+        self._failed = True
+        self.lost += self._held
+        with contextlib.suppress(OSError):
+            self._stream.cut(self._whole_bytes)
+        with contextlib.suppress(OSError):
+            self._stream.close()
+
+    def _write_front(self, provenance: Provenance) -> None:
+        writer = self._writer
+        writer.start(profile="robrain")
+        writer.add_metadata(RUN_METADATA, provenance.run_metadata())
+        writer.add_metadata(VERSIONS_METADATA, software_versions())
+        writer.add_attachment(0, 0, SCENARIO_ATTACHMENT, "application/toml", provenance.scenario_toml.encode())
+        if provenance.map_png is not None:
+            writer.add_attachment(0, 0, MAP_ATTACHMENT, "image/png", provenance.map_png)
+
+    def _add_channel(self, topic: Topic, key: str) -> int:
+        """Id of a new channel, or 0 when the file has all it can hold."""
+        if len(self._channels) >= CHANNELS_MAX:
+            return 0
+        encoding = "json" if topic.encoding == JSON else topic.encoding
+        channel_id = self._channels[key] = self._writer.register_channel(key, encoding, self._schema_id(topic))
+        return channel_id
+
+    def _schema_id(self, topic: Topic) -> int:
+        if topic.message is None:
+            return 0
+        name = f"robrain.{topic.message.__name__}"
+        if name not in self._schemas:
+            self._schemas[name] = self._writer.register_schema(name, "jsonschema", object_schema(topic))
+        return self._schemas[name]
+
+
+class _Stream:
+    """A file without a buffer: what was written is with the operating system, also after a kill -9."""
+
+    def __init__(self, file: FileIO) -> None:
+        self._file = file
+        self.size_bytes = 0
+
+    def write(self, data: bytes) -> int:
+        rest = memoryview(data)
+        while rest:
+            # A disk that is nearly full takes a part of it first.
+            written = self._file.write(rest)
+            self.size_bytes += written
+            rest = rest[written:]
+        return len(data)
+
+    def tell(self) -> int:
+        return self.size_bytes
+
+    def flush(self) -> None:
+        """Nothing is held here; mcap's writer asks all the same."""
+
+    def cut(self, size_bytes: int) -> None:
+        self._file.truncate(size_bytes)
+        self.size_bytes = size_bytes
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def open_file(path: Path) -> FileIO:
+    """Open `path` for writing, empty and without a buffer; raises OSError."""
+    return FileIO(path, "w")
+
+
+def object_schema(topic: Topic) -> bytes:
+    """JSON Schema of a topic's message with `"type": "object"` at its root, where Foxglove looks for it."""
+    schema = topic.json_schema()
+    root = schema.pop("$ref", "").rpartition("/")[2]
+    return msgspec.json.encode(schema["$defs"][root] | schema if root else schema)
+
+
+def _check_writable(path: Path) -> None:
+    if path.suffix != SUFFIX:
+        raise RecordingError(path, f"cannot record to {path}: a recording's name ends in {SUFFIX}, give one that does")
+    if path.is_dir():
+        raise RecordingError(path, f"cannot record to {path}: it is a folder; give the name of a file in it")
+    if path.exists() and not path.is_file():
+        raise RecordingError(path, f"cannot record to {path}: it is not a regular file; give another name")
+    if not path.parent.is_dir():
+        raise RecordingError(path, f"cannot record to {path}: there is no folder {path.parent}; create it first")
+
+
+def _cannot_write(path: Path, error: OSError) -> RecordingError:
+    return RecordingError(
+        path, f"cannot record to {path}: {error.strerror or error}; make room there or give another file"
+    )

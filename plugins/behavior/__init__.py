@@ -1,0 +1,1 @@
+"""Behaviors: what the robot is seen to do."""

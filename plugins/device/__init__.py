@@ -1,0 +1,1 @@
+"""Devices: plugins that drive one piece of hardware."""

@@ -1,0 +1,1 @@
+"""BM²: the battery manager on the CAN bus."""

@@ -1,0 +1,1 @@
+"""The motor controller on the CAN bus."""

@@ -1,0 +1,1 @@
+"""The base station of the mote network."""

@@ -1,0 +1,1 @@
+"""Skills: plugins that know how to do something."""

@@ -1,0 +1,25 @@
+"""What the mapper offers."""
+
+from typing import Protocol
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from robrain.protocol.model.occupancy_grid import GridGeometry
+
+
+class MapView(msgspec.Struct, frozen=True, eq=False):
+    """The map at one moment: (H, W) classes of `OccupancyGrid`, row 0 at the lowest y, arena frame."""
+
+    version: int
+    geometry: GridGeometry
+    classes: NDArray[np.int8]
+
+
+class MapperInterface(Protocol):
+    """The map that the robot and its team have made."""
+
+    def view(self) -> MapView:
+        """The map as it is now; do not write to it."""
+        ...

@@ -1,0 +1,136 @@
+"""Mapper: an occupancy grid from the robot's own scans and from the patches of the others."""
+
+import logging
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from robrain.agent.plugin import Skill, external
+from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
+from robrain.plugins.skill.mapper.interface import MapperInterface, MapView
+from robrain.plugins.unit.driver.interface import DriverInterface
+from robrain.plugins.unit.teammates.interface import TeammatesInterface
+from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
+from robrain.protocol.wire.errors import CallError, NobodyThere
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.map_patch import map_stamp_ms, merge_message, to_message
+from robrain.protocol.wire.messages import MapPatch
+from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_MAP, ROBOT_MAP_WHOLE
+
+logger = logging.getLogger(__name__)
+
+TEAMMATE_MARGIN_M = 0.15
+"""A return this close to a teammate is the teammate, not a wall."""
+
+
+class Mapper(Skill):
+    """Maps what the lidar sees, tells the team what changed, and takes in what the team tells."""
+
+    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """The team's grid; each robot of a team must have the same."""
+
+        resolution_m: float = 0.1
+        origin_x_m: float = -20.0
+        origin_y_m: float = -20.0
+        width_m: float = 40.0
+        height_m: float = 40.0
+
+        def __post_init__(self) -> None:
+            for name in ("resolution_m", "width_m", "height_m"):
+                if getattr(self, name) <= 0:
+                    raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+
+        def geometry(self) -> GridGeometry:
+            """The grid that covers this area."""
+            return GridGeometry(
+                self.resolution_m,
+                self.origin_x_m,
+                self.origin_y_m,
+                max(1, round(self.width_m / self.resolution_m)),
+                max(1, round(self.height_m / self.resolution_m)),
+            )
+
+    interface = MapperInterface
+    period_s = 0.5
+    parameters: Parameters
+
+    def init(self) -> None:
+        self._grid = OccupancyGrid(self.parameters.geometry())
+        self._view: MapView | None = None
+        self._inbox = Inbox(capacity=4096)
+        self._refused: set[str] = set()
+
+    def activate(self) -> None:
+        wire, robot = self.env.wire, self.env.robot
+        self._driver = self.env.use("driver", DriverInterface)
+        self._teammates = self.env.use("teammates", TeammatesInterface)
+        self.env.observe(self.env.use("scan", ScanInterface).scanned, self._integrate)
+        self._patches = wire.publisher(ROBOT_MAP, robot=robot)
+        self._presence = wire.watch(ROBOT_ALIVE)
+        wire.subscribe(self._inbox, ROBOT_MAP)
+        wire.answer(ROBOT_MAP_WHOLE, lambda _request: self._whole(), robot=robot)
+
+    def step(self) -> None:
+        self._hear()
+        patch = self._grid.take_patch()
+        if patch is not None:
+            self._patches.put(to_message(self.env.robot, self._grid.geometry, patch))
+
+    def view(self) -> MapView:
+        """The map as it is now."""
+        if self._view is None or self._view.version != self._grid.version:
+            self._view = MapView(self._grid.version, self._grid.geometry, self._grid.classes())
+        return self._view
+
+    @external
+    def known_area_m2(self) -> float:
+        """Area of the floor and walls that are known."""
+        return self._grid.known_count * self._grid.geometry.resolution_m**2
+
+    def _integrate(self, scan: LaserScan) -> None:
+        T_arena_odom = self.env.board.T_arena_odom
+        if T_arena_odom is None:
+            return
+        sensor = T_arena_odom.compose(self._driver.pose_at(scan.stamp_ns))
+        self._grid.integrate_scan(
+            sensor, scan.angles_rad, scan.ranges_m, scan.range_max_m, map_stamp_ms(scan.stamp_ns), self._team_circles()
+        )
+
+    def _team_circles(self) -> NDArray[np.float64]:
+        others = self._teammates.others()
+        if not others:
+            return np.empty((0, 3))
+        return np.array([(mate.pose.x_m, mate.pose.y_m, mate.radius_m + TEAMMATE_MARGIN_M) for mate in others])
+
+    def _hear(self) -> None:
+        for change in self._presence.changes():
+            name = change.names["robot"]
+            if change.present and name != self.env.robot:
+                self._ask_whole(name)
+        for received in self._inbox.drain():
+            if received.message.robot != self.env.robot:
+                self._merge(received.message)
+
+    def _ask_whole(self, robot: str) -> None:
+        """Catch up with a robot that was there before; one that has just started has nothing to tell."""
+        try:
+            reply = self.env.wire.ask(ROBOT_MAP_WHOLE, robot=robot, timeout_s=1.0)
+            known = msgspec.json.decode(reply, type=MapPatch | None)
+        except (CallError, NobodyThere, msgspec.DecodeError) as error:
+            logger.debug("%s: no map from %s: %s", self.env.robot, robot, error)
+            return
+        if known is not None:
+            self._merge(known)
+
+    def _merge(self, patch: MapPatch) -> None:
+        try:
+            merge_message(self._grid, patch)
+        except ValueError as error:
+            if patch.robot not in self._refused:
+                self._refused.add(patch.robot)
+                logger.warning("%s: the map of %s cannot be merged: %s", self.env.robot, patch.robot, error)
+
+    def _whole(self) -> MapPatch | None:
+        patch = self._grid.full_patch()
+        return None if patch is None else to_message(self.env.robot, self._grid.geometry, patch)

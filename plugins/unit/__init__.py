@@ -1,0 +1,1 @@
+"""Units: plugins that make more of Devices."""

@@ -1,0 +1,1 @@
+"""The battery: state of charge and what is left."""

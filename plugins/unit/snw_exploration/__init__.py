@@ -1,0 +1,1 @@
+"""The sensor network: readings of the motes in reach."""

@@ -1,0 +1,1 @@
+"""The other robots of the team, as they tell of themselves."""

@@ -1,0 +1,67 @@
+"""Poses, twists and frames in the plane.
+
+Frames and units follow REP 103 and REP 105: x forward, y left, yaw counter-clockwise from x; metres, radians,
+seconds. The frame shared by a team is `arena` (a REP 105 `map`). `T_a_b` takes coordinates in b to coordinates
+in a.
+"""
+
+import math
+
+import msgspec
+
+
+class Point2D(msgspec.Struct, frozen=True):
+    """A point, metres, arena frame unless said otherwise."""
+
+    x_m: float
+    y_m: float
+
+
+class Pose2D(msgspec.Struct, frozen=True):
+    """Where something is and where it faces: metres and radians, arena frame unless said otherwise."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+
+    def compose(self, other: "Pose2D") -> "Pose2D":
+        """T_a_b · T_b_c = T_a_c, with yaw wrapped to (−π, π]."""
+        cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        return Pose2D(
+            self.x_m + cos * other.x_m - sin * other.y_m,
+            self.y_m + sin * other.x_m + cos * other.y_m,
+            wrap_angle_rad(self.yaw_rad + other.yaw_rad),
+        )
+
+    def inverse(self) -> "Pose2D":
+        """T_a_b ⁻¹ = T_b_a."""
+        cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        return Pose2D(
+            -cos * self.x_m - sin * self.y_m,
+            sin * self.x_m - cos * self.y_m,
+            wrap_angle_rad(-self.yaw_rad),
+        )
+
+    def distance_m(self, other: "Pose2D | Point2D") -> float:
+        """Euclidean distance of the two places."""
+        return math.hypot(self.x_m - other.x_m, self.y_m - other.y_m)
+
+
+class Twist2D(msgspec.Struct, frozen=True):
+    """Velocity in the body frame: forward, left, counter-clockwise."""
+
+    forward_m_s: float = 0.0
+    left_m_s: float = 0.0
+    yaw_rad_s: float = 0.0
+
+
+def wrap_angle_rad(angle_rad: float) -> float:
+    """The same direction in (−π, π].
+
+    >>> round(wrap_angle_rad(3 * math.pi / 2), 6)
+    -1.570796
+    """
+    wrapped = math.fmod(angle_rad + math.pi, 2 * math.pi)
+    if wrapped <= 0:
+        wrapped += 2 * math.pi
+    return wrapped - math.pi

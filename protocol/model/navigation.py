@@ -1,0 +1,132 @@
+"""Where a round robot may drive on a known map, how dear each place is, and the paths that follow from it.
+
+Unknown floor is not driven on. A cell is traversable if it is known to be free and its clearance from known
+obstacles is at least the robot's radius plus a margin; near obstacles it costs more, so that paths keep away from
+walls where there is room.
+"""
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.inflation import clearance_m
+from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, GridGeometry
+from robrain.protocol.model.path_planning import distance_field, nearest_traversable, plan_path, shorten_path
+
+COMFORT_M = 0.4
+"""Clearance beyond the needed one from which on a place costs no more."""
+DISCOMFORT = 3.0
+"""Cost of the tightest place, over 1."""
+
+
+class NavigationGrid:
+    """A map as one kind of robot sees it.
+
+    Args:
+        classes: (H, W) int8, classes of an OccupancyGrid.
+        geometry: of the grid.
+        needed_m: radius of the robot plus margin.
+
+    """
+
+    def __init__(self, classes: NDArray[np.int8], geometry: GridGeometry, needed_m: float) -> None:
+        self.geometry = geometry
+        self.needed_m = needed_m
+        clearance = clearance_m(classes == OCCUPIED, geometry.resolution_m, needed_m + COMFORT_M)
+        self.traversable: NDArray[np.bool_] = (classes == FREE) & (clearance >= needed_m)
+        spare = np.clip((clearance - needed_m) / COMFORT_M, 0.0, 1.0)
+        self.cost: NDArray[np.float32] = (1.0 + DISCOMFORT * (1.0 - spare) ** 2).astype(np.float32)
+
+    def snap(self, place: Point2D, radius_m: float) -> tuple[int, int] | None:
+        """The nearest traversable cell within a radius of a place."""
+        cell = self.geometry.cell_of(place.x_m, place.y_m)
+        return nearest_traversable(self.traversable, cell, max(1, round(radius_m / self.geometry.resolution_m)))
+
+    def path(
+        self,
+        start: Point2D,
+        goal: Point2D,
+        *,
+        snap_m: float,
+        avoid: Iterable[tuple[float, float, float]] = (),
+    ) -> list[Point2D] | None:
+        """A cheapest path from start to as near to the goal as the robot can stand, within `snap_m`.
+
+        Args:
+            start: where the robot is.
+            goal: where it wants to be.
+            snap_m: how far start and goal may be from the ends of the path.
+            avoid: circles (x, y, radius) in metres that must not be driven through.
+
+        Returns:
+            Waypoints, the start's cell left out; None if there is no path.
+
+        """
+        traversable = self.without(avoid)
+        ends = [
+            nearest_traversable(
+                traversable,
+                self.geometry.cell_of(place.x_m, place.y_m),
+                max(1, round(snap_m / self.geometry.resolution_m)),
+            )
+            for place in (start, goal)
+        ]
+        if ends[0] is None or ends[1] is None:
+            return None
+        cells = plan_path(traversable, self.cost, ends[0], ends[1])
+        if cells is None:
+            return None
+        comfortable = traversable & (self.cost < 1.0 + DISCOMFORT / 4)
+        waypoints = [self.geometry.center_of(int(row), int(column)) for row, column in shorten_path(cells, comfortable)]
+        return waypoints[1:] or waypoints
+
+    def distances_m(self, place: Point2D, *, snap_m: float) -> NDArray[np.float32] | None:
+        """(H, W) cost of the way from a place to each cell, as metres on open floor; inf where there is none."""
+        cell = self.snap(place, snap_m)
+        if cell is None:
+            return None
+        field = distance_field(self.traversable, self.cost, np.array([cell], dtype=np.int32))
+        return field * np.float32(self.geometry.resolution_m)
+
+    def without(self, circles: Iterable[tuple[float, float, float]]) -> NDArray[np.bool_]:
+        """The traversable cells that lie outside of these circles (x, y, radius in metres)."""
+        traversable = self.traversable
+        for x_m, y_m, radius_m in circles:
+            if traversable is self.traversable:
+                traversable = traversable.copy()
+            rows, columns, inside = self._disc(x_m, y_m, radius_m)
+            traversable[rows, columns] &= ~inside
+        return traversable
+
+    def clear(self, points: Iterable[Point2D], traversable: NDArray[np.bool_]) -> bool:
+        """Whether the straight lines between these points touch traversable cells only."""
+        previous: Point2D | None = None
+        for point in points:
+            if previous is not None and not self._line_clear(previous, point, traversable):
+                return False
+            previous = point
+        return True
+
+    def _line_clear(self, start: Point2D, end: Point2D, traversable: NDArray[np.bool_]) -> bool:
+        length_m = float(np.hypot(end.x_m - start.x_m, end.y_m - start.y_m))
+        steps = max(2, int(length_m / (0.5 * self.geometry.resolution_m)))
+        resolution = self.geometry.resolution_m
+        columns = ((np.linspace(start.x_m, end.x_m, steps) - self.geometry.origin_x_m) / resolution).astype(np.int32)
+        rows = ((np.linspace(start.y_m, end.y_m, steps) - self.geometry.origin_y_m) / resolution).astype(np.int32)
+        height, width = self.geometry.shape
+        inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+        return bool(inside.all() and traversable[rows, columns].all())
+
+    def _disc(self, x_m: float, y_m: float, radius_m: float) -> tuple[slice, slice, NDArray[np.bool_]]:
+        geometry = self.geometry
+        low_row, low_column = geometry.cell_of(x_m - radius_m, y_m - radius_m)
+        high_row, high_column = geometry.cell_of(x_m + radius_m, y_m + radius_m)
+        height, width = geometry.shape
+        rows = slice(min(max(low_row, 0), height), min(max(high_row + 1, 0), height))
+        columns = slice(min(max(low_column, 0), width), min(max(high_column + 1, 0), width))
+        center_y = geometry.origin_y_m + (np.arange(rows.start, rows.stop) + 0.5) * geometry.resolution_m
+        center_x = geometry.origin_x_m + (np.arange(columns.start, columns.stop) + 0.5) * geometry.resolution_m
+        distance_squared = (center_y[:, None] - y_m) ** 2 + (center_x[None, :] - x_m) ** 2
+        return rows, columns, distance_squared <= radius_m**2

@@ -1,0 +1,412 @@
+"""What a robot believes about the arena's floor, cell by cell, and how two such beliefs become one.
+
+A cell holds its evidence as log odds and the time of its last observation. Scans add evidence with the inverse
+sensor model of Thrun, Burgard, Fox, *Probabilistic Robotics*, chapter 9; patches of team mates replace cells, the
+later statement winning, which makes merging commutative, associative and idempotent: robots that heard the same
+patches, in whatever order and however often, agree on the class of every cell.
+
+The sign of the log odds is the class; 0 is "never seen". Evidence that cancels out flips a cell instead of
+forgetting it, so a known cell stays known.
+"""
+
+import math
+
+import msgspec
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from robrain.protocol.model.geometry import Point2D, Pose2D
+
+UNKNOWN, FREE, OCCUPIED = np.int8(-1), np.int8(0), np.int8(100)
+"""Classes of a cell, numbered as in a ROS OccupancyGrid."""
+
+LOG_ODDS_LIMIT = 100
+"""Bound of the evidence. One unit is 1/20 nat, so the bound is a probability of 0.993."""
+HIT_LOG_ODDS = 40
+"""Evidence of a beam that ended in a cell: 2 nat, a probability of 0.88."""
+MISS_LOG_ODDS = 10
+"""Evidence of a scan that saw through a cell: half a nat, so it takes four such scans to undo one hit."""
+FLIPPED_LOG_ODDS = 10
+"""Evidence of the new class when a cell's evidence is used up and the cell flips."""
+MERGED_LOG_ODDS = 60
+"""Certainty given to what a team mate said."""
+HIT_DEPTH_CELLS = 0.2
+"""How far behind the measured end a beam's obstacle is taken to be, so that a surface on the border of two cells
+(where a wall of a map lies, and where range noise would fall on either side) marks the cell behind the border."""
+
+LAST_STAMP_MS = 2**31 - 1
+
+
+class GridGeometry(msgspec.Struct, frozen=True):
+    """Where a grid lies in the arena.
+
+    Row 0 is at the lowest y, as in a ROS OccupancyGrid; the origin is the outer corner of row 0, column 0, metres,
+    arena frame; width and height count cells.
+
+    Raises ValueError where it is built for sizes that are not positive or an origin that is not finite.
+    """
+
+    resolution_m: float
+    origin_x_m: float
+    origin_y_m: float
+    width: int
+    height: int
+
+    def __post_init__(self) -> None:
+        if not (self.resolution_m > 0 and math.isfinite(self.resolution_m)):
+            raise ValueError(f"expected a finite resolution_m > 0, got {self.resolution_m}")
+        if not (math.isfinite(self.origin_x_m) and math.isfinite(self.origin_y_m)):
+            raise ValueError(f"expected a finite origin, got ({self.origin_x_m}, {self.origin_y_m})")
+        if self.width < 1 or self.height < 1:
+            raise ValueError(f"expected width and height of at least 1 cell, got {self.width} x {self.height}")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(height, width): the shape of an array of cells."""
+        return self.height, self.width
+
+    def cell_of(self, x_m: float, y_m: float) -> tuple[int, int]:
+        """(row, column) of the cell that holds a place in the arena frame; it may lie outside the grid."""
+        return (
+            math.floor((y_m - self.origin_y_m) / self.resolution_m),
+            math.floor((x_m - self.origin_x_m) / self.resolution_m),
+        )
+
+    def contains(self, row: int, column: int) -> bool:
+        """Whether the cell is one of the grid's."""
+        return 0 <= row < self.height and 0 <= column < self.width
+
+    def center_of(self, row: int, column: int) -> Point2D:
+        """Middle of a cell, metres, arena frame; the cell may lie outside the grid."""
+        return Point2D(
+            self.origin_x_m + (column + 0.5) * self.resolution_m,
+            self.origin_y_m + (row + 0.5) * self.resolution_m,
+        )
+
+
+class PatchCells(msgspec.Struct, frozen=True, eq=False):
+    """Statements about a box of cells.
+
+    Row and column are those of its first cell; `cells` int8 (h, w) holds classes, where UNKNOWN is no statement;
+    `stamp_ms` is the time to send the statements with.
+    """
+
+    row: int
+    column: int
+    cells: NDArray[np.int8]
+    stamp_ms: int
+
+
+class OccupancyGrid:
+    """The belief of one robot (or of the coordinator) about every cell of a grid.
+
+    `log_odds` int8 (H, W): evidence, 0 where nothing was ever seen. `stamp_ms` int32 (H, W): when the cell was last
+    observed, in milliseconds of the run's clock, 0 before. `dirty` bool (H, W): own sensing changed the class
+    since the last patch. `version` grows whenever a class changes; `known_count` counts the cells not UNKNOWN.
+    The arrays are to be read from outside, not written.
+    """
+
+    def __init__(self, geometry: GridGeometry) -> None:
+        self.geometry = geometry
+        self.log_odds: NDArray[np.int8] = np.zeros(geometry.shape, np.int8)
+        self.stamp_ms: NDArray[np.int32] = np.zeros(geometry.shape, np.int32)
+        self.dirty: NDArray[np.bool_] = np.zeros(geometry.shape, np.bool_)
+        self.version = 0
+        self.known_count = 0
+        # Per cell, the last scan that freed it (twice its number) or ended in it (twice its number plus one).
+        self._seen_by: NDArray[np.int32] = np.zeros(geometry.shape, np.int32)
+        self._scans = 0
+
+    def classes(self) -> NDArray[np.int8]:
+        """A new array of UNKNOWN, FREE and OCCUPIED, int8 (H, W)."""
+        return _classes(self.log_odds)
+
+    def known(self) -> NDArray[np.bool_]:
+        """A new mask of the cells that somebody has seen, bool (H, W)."""
+        known: NDArray[np.bool_] = self.log_odds != 0
+        return known
+
+    def integrate_scan(
+        self,
+        sensor: Pose2D,
+        angles_rad: NDArray[np.float64],
+        ranges_m: NDArray[np.float64],
+        range_max_m: float,
+        stamp_ms: int,
+        ignore: NDArray[np.float64],
+    ) -> int:
+        """Add the evidence of one scan; returns how many cells changed their class.
+
+        `sensor` is the sensor's pose in the arena frame, `angles_rad` (N,) the beams' directions in the sensor's
+        frame, `ranges_m` (N,) what they measured. A range of `range_max_m` or more, inf included, is a miss; NaN
+        and ranges that are not positive say nothing. `ignore` (K, 3) holds circles x, y, radius in metres of the
+        arena frame: a beam that ends in one (a team mate) frees its way there but marks no obstacle.
+
+        Every cell takes at most one update a scan, and none is freed that a beam of the same scan ended in
+        (Hornung et al., *OctoMap*, Autonomous Robots 2013). Nor does a beam free the unbroken run of occupied cells
+        just before its end: it grazes their surface. Raises ValueError for arrays of other shapes and for a
+        pose, a maximum range or a stamp out of bounds.
+        """
+        if angles_rad.shape != ranges_m.shape or angles_rad.ndim != 1:
+            raise ValueError(f"expected (N,) angles and ranges, got {angles_rad.shape} and {ranges_m.shape}")
+        if ignore.ndim != 2 or ignore.shape[1] != 3:
+            raise ValueError(f"expected ignore circles of shape (K, 3), got {ignore.shape}")
+        if not (math.isfinite(sensor.x_m) and math.isfinite(sensor.y_m) and math.isfinite(sensor.yaw_rad)):
+            raise ValueError(f"expected a finite sensor pose, got {sensor}")
+        if not (range_max_m > 0 and math.isfinite(range_max_m)):
+            raise ValueError(f"expected a finite range_max_m > 0, got {range_max_m}")
+        _check_stamp(stamp_ms)
+        self._scans += 1
+        changed, discovered = _integrate_scan(
+            self.log_odds.reshape(-1),
+            self.stamp_ms.reshape(-1),
+            self.dirty.reshape(-1),
+            self._seen_by.reshape(-1),
+            self.geometry.height,
+            self.geometry.width,
+            2 * self._scans,
+            float(self.geometry.resolution_m),
+            (sensor.x_m - self.geometry.origin_x_m) / self.geometry.resolution_m,
+            (sensor.y_m - self.geometry.origin_y_m) / self.geometry.resolution_m,
+            float(sensor.yaw_rad),
+            # Arrays off the wire are read-only, a type of its own to numba, which would compile for it anew.
+            np.require(angles_rad, np.float64, ("C", "A", "W")),
+            np.require(ranges_m, np.float64, ("C", "A", "W")),
+            float(range_max_m),
+            int(stamp_ms),
+            (ignore - (self.geometry.origin_x_m, self.geometry.origin_y_m, 0.0)) / self.geometry.resolution_m,
+        )
+        self._count(changed, discovered)
+        return changed
+
+    def take_patch(self) -> PatchCells | None:
+        """The classes that own sensing changed since the last call, or None; they count as told from now on.
+
+        The patch is stamped with the latest observation of its cells.
+        """
+        patch = self._patch_of(self.dirty)
+        if patch is not None:
+            self.dirty[:] = False
+        return patch
+
+    def full_patch(self) -> PatchCells | None:
+        """All that is known, whoever saw it, or None; for one who joins late or missed patches.
+
+        It is stamped with the *earliest* observation of its cells: it fills gaps, and never passes old hearsay off
+        as newer than what the receiver saw since. What is dirty stays dirty.
+        """
+        return self._patch_of(self.known(), earliest=True)
+
+    def merge_patch(self, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int) -> int:
+        """Take over statements int8 (h, w) about the box at (row, column); returns how many classes changed.
+
+        A statement replaces what is unknown or older than `stamp_ms`; at the same time OCCUPIED replaces FREE. A
+        replaced cell is no longer dirty, as it now holds another's word. Raises ValueError for a box that
+        leaves the grid and for a stamp out of bounds.
+        """
+        _check_stamp(stamp_ms)
+        if cells.ndim != 2:
+            raise ValueError(f"expected a box of cells (h, w), got shape {cells.shape}")
+        height, width = cells.shape
+        if row < 0 or column < 0 or row + height > self.geometry.height or column + width > self.geometry.width:
+            raise ValueError(
+                f"a patch of {height} x {width} cells at row {row}, column {column} leaves the grid of "
+                f"{self.geometry.height} x {self.geometry.width} cells; do the robots share one geometry?"
+            )
+        changed, discovered = _merge(
+            self.log_odds,
+            self.stamp_ms,
+            self.dirty,
+            int(row),
+            int(column),
+            np.require(cells, np.int8, ("C", "A", "W")),
+            int(stamp_ms),
+        )
+        self._count(changed, discovered)
+        return changed
+
+    def _count(self, changed: int, discovered: int) -> None:
+        self.version += changed > 0
+        self.known_count += discovered
+
+    def _patch_of(self, mask: NDArray[np.bool_], *, earliest: bool = False) -> PatchCells | None:
+        rows = np.flatnonzero(mask.any(axis=1))
+        if rows.size == 0:
+            return None
+        columns = np.flatnonzero(mask.any(axis=0))
+        box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+        cells = _classes(np.where(mask[box], self.log_odds[box], np.int8(0)))
+        stamps = self.stamp_ms[box][mask[box]]
+        stamp_ms = int(stamps.min() if earliest else stamps.max())
+        return PatchCells(int(rows[0]), int(columns[0]), cells, stamp_ms)
+
+
+def _check_stamp(stamp_ms: int) -> None:
+    if not 0 <= stamp_ms <= LAST_STAMP_MS:
+        raise ValueError(f"expected 0 <= stamp_ms <= {LAST_STAMP_MS} (24 days of a run's clock), got {stamp_ms}")
+
+
+@njit(cache=True, nogil=True)
+def _classes(log_odds: NDArray[np.int8]) -> NDArray[np.int8]:
+    classes = np.empty(log_odds.shape, np.int8)
+    for row in range(log_odds.shape[0]):
+        for column in range(log_odds.shape[1]):
+            value = log_odds[row, column]
+            classes[row, column] = UNKNOWN if value == 0 else (OCCUPIED if value > 0 else FREE)
+    return classes
+
+
+@njit(cache=True, nogil=True)
+def _merge(
+    log_odds: NDArray[np.int8],
+    stamps_ms: NDArray[np.int32],
+    dirty: NDArray[np.bool_],
+    first_row: int,
+    first_column: int,
+    cells: NDArray[np.int8],
+    stamp_ms: int,
+) -> tuple[int, int]:
+    """Changed classes and newly known cells of a last-writer-wins merge."""
+    changed = 0
+    discovered = 0
+    for i in range(cells.shape[0]):
+        for j in range(cells.shape[1]):
+            statement = cells[i, j]
+            if statement < 0:
+                continue
+            row, column = first_row + i, first_column + j
+            occupied = statement > 0
+            value = log_odds[row, column]
+            known_ms = stamps_ms[row, column]
+            if value == 0:
+                discovered += 1
+                changed += 1
+            elif stamp_ms > known_ms or (stamp_ms == known_ms and occupied and value < 0):
+                changed += occupied != (value > 0)
+            else:
+                continue
+            log_odds[row, column] = MERGED_LOG_ODDS if occupied else -MERGED_LOG_ODDS
+            stamps_ms[row, column] = stamp_ms
+            dirty[row, column] = False
+    return changed, discovered
+
+
+@njit(cache=True, nogil=True)
+def _observe(
+    log_odds: NDArray[np.int8],
+    stamps_ms: NDArray[np.int32],
+    dirty: NDArray[np.bool_],
+    cell: int,
+    evidence: int,
+    stamp_ms: int,
+) -> tuple[int, int]:
+    """Add evidence to one cell of the flattened grid; changed classes and newly known cells, each 0 or 1."""
+    before = int(log_odds[cell])
+    after = before + evidence
+    if after == 0:
+        after = FLIPPED_LOG_ODDS if evidence > 0 else -FLIPPED_LOG_ODDS
+    log_odds[cell] = max(-LOG_ODDS_LIMIT, min(LOG_ODDS_LIMIT, after))
+    stamps_ms[cell] = max(stamp_ms, stamps_ms[cell])
+    if before != 0 and (before > 0) == (after > 0):
+        return 0, 0
+    dirty[cell] = True
+    return 1, 1 if before == 0 else 0
+
+
+@njit(cache=True, nogil=True)
+def _integrate_scan(
+    log_odds: NDArray[np.int8],
+    stamps_ms: NDArray[np.int32],
+    dirty: NDArray[np.bool_],
+    seen_by: NDArray[np.int32],
+    height: int,
+    width: int,
+    scan: int,
+    resolution_m: float,
+    sensor_x: float,
+    sensor_y: float,
+    yaw_rad: float,
+    angles_rad: NDArray[np.float64],
+    ranges_m: NDArray[np.float64],
+    range_max_m: float,
+    stamp_ms: int,
+    ignore: NDArray[np.float64],
+) -> tuple[int, int]:
+    """Changed classes and newly known cells of the flattened grid; sensor and circles in cells from its origin."""
+    changed = 0
+    discovered = 0
+    beams = angles_rad.shape[0]
+    end_x = np.full(beams, np.nan)
+    end_y = np.full(beams, np.nan)
+    is_hit = np.zeros(beams, np.bool_)
+
+    # Ends first: what this scan hit, none of its beams may free.
+    for beam in range(beams):
+        range_m = ranges_m[beam]
+        if not range_m > 0:
+            continue
+        direction_x = math.cos(yaw_rad + angles_rad[beam])
+        direction_y = math.sin(yaw_rad + angles_rad[beam])
+        length = min(range_m, range_max_m) / resolution_m
+        end_x[beam] = sensor_x + length * direction_x
+        end_y[beam] = sensor_y + length * direction_y
+        is_hit[beam] = range_m < range_max_m
+        for k in range(ignore.shape[0]):
+            dx, dy = end_x[beam] - ignore[k, 0], end_y[beam] - ignore[k, 1]
+            if dx * dx + dy * dy <= ignore[k, 2] * ignore[k, 2]:
+                is_hit[beam] = False
+        if not is_hit[beam]:
+            continue
+        end_x[beam] += HIT_DEPTH_CELLS * direction_x
+        end_y[beam] += HIT_DEPTH_CELLS * direction_y
+        row, column = math.floor(end_y[beam]), math.floor(end_x[beam])
+        cell = row * width + column
+        if 0 <= row < height and 0 <= column < width and seen_by[cell] != scan + 1:
+            seen_by[cell] = scan + 1
+            flips, finds = _observe(log_odds, stamps_ms, dirty, cell, HIT_LOG_ODDS, stamp_ms)
+            changed += flips
+            discovered += finds
+
+    # Then the way there: Amanatides and Woo, A Fast Voxel Traversal Algorithm for Ray Tracing, Eurographics 1987.
+    start_row, start_column = math.floor(sensor_y), math.floor(sensor_x)
+    crossed = np.empty(height + width, np.int64)
+    for beam in range(beams):
+        if math.isnan(end_x[beam]):
+            continue
+        row, column = start_row, start_column
+        dx, dy = end_x[beam] - sensor_x, end_y[beam] - sensor_y
+        # Crossings are counted, not compared with the beam's length, so that rounding cannot lead past its end.
+        left_x = abs(math.floor(end_x[beam]) - start_column)
+        left_y = abs(math.floor(end_y[beam]) - start_row)
+        step_column = 1 if dx > 0 else -1
+        step_row = 1 if dy > 0 else -1
+        # Fractions of the beam from one border to the next, and from the sensor to the first.
+        delta_x = 1.0 / abs(dx) if left_x > 0 else np.inf
+        delta_y = 1.0 / abs(dy) if left_y > 0 else np.inf
+        next_x = (column + 1 - sensor_x if dx > 0 else sensor_x - column) * delta_x if left_x > 0 else np.inf
+        next_y = (row + 1 - sensor_y if dy > 0 else sensor_y - row) * delta_y if left_y > 0 else np.inf
+        count = 0
+        for _ in range(left_x + left_y):
+            if 0 <= row < height and 0 <= column < width:
+                crossed[count] = row * width + column
+                count += 1
+            if next_x < next_y:
+                column += step_column
+                left_x -= 1
+                next_x = next_x + delta_x if left_x > 0 else np.inf
+            else:
+                row += step_row
+                left_y -= 1
+                next_y = next_y + delta_y if left_y > 0 else np.inf
+        # The occupied cells just before a hit were grazed: a wall that fills half a cell is no less a wall.
+        while is_hit[beam] and count > 0 and log_odds[crossed[count - 1]] > 0:
+            count -= 1
+        for k in range(count):
+            cell = crossed[k]
+            if seen_by[cell] < scan:
+                seen_by[cell] = scan
+                flips, finds = _observe(log_odds, stamps_ms, dirty, cell, -MISS_LOG_ODDS, stamp_ms)
+                changed += flips
+                discovered += finds
+    return changed, discovered

@@ -1,0 +1,21 @@
+"""Dead reckoning: adding up small displacements."""
+
+import math
+
+from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
+
+
+def moved(pose: Pose2D, displacement: Twist2D) -> Pose2D:
+    """A pose after a small displacement in its own frame (a twist times the time it lasted: m, m, rad).
+
+    Exact for constant velocity over the step: the exponential map of SE(2) (Solà, Deray, Atchuthan: A micro Lie
+    theory for state estimation in robotics, 2018, equations 156 and 158).
+    """
+    forward, left, turn = displacement.forward_m_s, displacement.left_m_s, displacement.yaw_rad_s
+    if abs(turn) < 1e-9:
+        sine, cosine = 1.0, turn / 2
+    else:
+        sine, cosine = math.sin(turn) / turn, (1 - math.cos(turn)) / turn
+    dx, dy = sine * forward - cosine * left, cosine * forward + sine * left
+    cos, sin = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
+    return Pose2D(pose.x_m + cos * dx - sin * dy, pose.y_m + sin * dx + cos * dy, wrap_angle_rad(pose.yaw_rad + turn))

@@ -1,0 +1,1 @@
+"""The wire: topics, keys, messages, error codes, clocks, sessions and endpoints."""

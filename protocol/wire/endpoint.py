@@ -1,0 +1,270 @@
+"""A component's place on the wire: it declares, owns and closes everything that the component says and hears.
+
+The same calls serve both drives. In lockstep every callback is direct, so a put is delivered before it returns,
+and a query from the runner's own thread is answered there and then; what comes from another process waits for
+`serve()`. In live, callbacks run on Zenoh's threads and only append to inboxes.
+"""
+
+import logging
+import threading
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from enum import StrEnum
+from typing import Any, NamedTuple
+
+import msgspec
+import zenoh
+from zenoh import ext
+
+from robrain.protocol.wire.clock import Clock
+from robrain.protocol.wire.errors import CallError, ErrorCode, ErrorReply, NobodyThere
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.presence import Presence
+from robrain.protocol.wire.publisher import PRIORITY, Publisher
+from robrain.protocol.wire.topics import JSON, Delivery, Topic
+
+logger = logging.getLogger(__name__)
+
+OnOutside = Callable[[str, bytes], None]
+PENDING_QUERIES = 256
+
+
+class Drive(StrEnum):
+    """Who moves time: the wall, or the lockstep runner."""
+
+    LIVE = "live"
+    LOCKSTEP = "lockstep"
+
+
+class Serve(StrEnum):
+    """Where queries are answered in the live drive."""
+
+    AT_ONCE = "at_once"
+    """On the thread that Zenoh gives the queryable; one after the other."""
+    POOL = "pool"
+    """On a pool of threads, several at a time."""
+    IN_STEP = "in_step"
+    """When the component calls `serve()`."""
+
+
+class Request(NamedTuple):
+    """A query as its handler sees it."""
+
+    names: dict[str, str]
+    """Names in the key, and its team under `team`."""
+    payload: bytes
+
+
+Handler = Callable[[Request], Any]
+"""Returns what is to be encoded as JSON (bytes go as they are), or raises CallError."""
+
+
+class Endpoint:
+    """One component on one session.
+
+    Args:
+        session: shared in lockstep, one a process in live; not closed by the endpoint.
+        team: which team's keys are meant.
+        clock: stamps what is sent.
+        drive: who moves time.
+        on_outside: told of each query (key, payload) that reached a lockstep run from another process.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        team: str,
+        clock: Clock,
+        drive: Drive,
+        *,
+        on_outside: OnOutside | None = None,
+        workers: int = 4,
+    ) -> None:
+        self.session = session
+        self.team = team
+        self.clock = clock
+        self.drive = drive
+        self.refused_queries = 0
+        self._on_outside = on_outside
+        self._owner = threading.get_ident()
+        self._entities: list[Any] = []
+        self._pending: deque[tuple[zenoh.Query, Topic, str | None, Handler]] = deque()
+        self._workers = workers
+        self._pool: ThreadPoolExecutor | None = None
+
+    # -- saying ---------------------------------------------------------------------------------------------
+
+    def publisher(self, topic: Topic, **names: str) -> Publisher:
+        """A publisher of one concrete key."""
+        key = topic.key(self.team, **names)
+        options: dict[str, Any] = {
+            "encoding": topic.encoding,
+            "priority": PRIORITY[topic.urgency],
+            "congestion_control": zenoh.CongestionControl.DROP,
+        }
+        declared: Any
+        if self.drive is Drive.LIVE and topic.delivery is Delivery.LOSSLESS:
+            declared = ext.declare_advanced_publisher(
+                self.session,
+                key,
+                **options,
+                cache=ext.CacheConfig(topic.cache),
+                sample_miss_detection=ext.MissDetectionConfig(heartbeat=0.5, sporadic_heartbeat=None),
+                publisher_detection=True,
+            )
+        else:
+            declared = self.session.declare_publisher(key, **options)
+        self._entities.append(declared)
+        return Publisher(declared, topic, key, self.clock, self._entities.remove)
+
+    def token(self, topic: Topic, **names: str) -> None:
+        """Say that this component is there, for as long as the endpoint is open."""
+        self._entities.append(self.session.liveliness().declare_token(topic.key(self.team, **names)))
+
+    # -- hearing --------------------------------------------------------------------------------------------
+
+    def subscribe(self, inbox: Inbox, topic: Topic, **names: str) -> None:
+        """Put what arrives on a topic into `inbox`; names that are not given match any."""
+
+        def take(sample: zenoh.Sample) -> None:
+            inbox.append(topic, str(sample.key_expr), sample.payload.to_bytes(), outside=self._from_outside())
+
+        key = topic.selector(self.team, **names)
+        if self.drive is Drive.LIVE and topic.delivery is Delivery.LOSSLESS:
+            self._entities.append(
+                ext.declare_advanced_subscriber(
+                    self.session,
+                    key,
+                    take,
+                    history=ext.HistoryConfig(detect_late_publishers=True),
+                    recovery=ext.RecoveryConfig(heartbeat=True, periodic_queries=None),
+                    subscriber_detection=False,
+                )
+            )
+        else:
+            self._entities.append(self.session.declare_subscriber(key, self._callback(take)))
+
+    def watch(self, topic: Topic, **names: str) -> Presence:
+        """Follow who says to be there on a token's topic."""
+        presence = Presence(topic)
+        self._entities.append(
+            self.session.liveliness().declare_subscriber(
+                topic.selector(self.team, **names), self._callback(presence.append), history=True
+            )
+        )
+        return presence
+
+    # -- being asked ----------------------------------------------------------------------------------------
+
+    def answer(self, topic: Topic, handler: Handler, *, serve: Serve = Serve.AT_ONCE, **names: str) -> None:
+        """Answer queries on a topic. Every query gets a reply: the handler's result or an ErrorReply."""
+        own_key = topic.key(self.team, **names) if set(names) == set(topic.fields) else None
+
+        def take(query: zenoh.Query) -> None:
+            if serve is Serve.IN_STEP if self.drive is Drive.LIVE else self._from_outside():
+                self._queue(query, topic, own_key, handler)
+            elif self.drive is Drive.LIVE and serve is Serve.POOL:
+                self._threads().submit(self._reply, query, topic, own_key, handler)
+            else:
+                self._reply(query, topic, own_key, handler)
+
+        self._entities.append(self.session.declare_queryable(topic.selector(self.team, **names), self._callback(take)))
+
+    def serve(self) -> None:
+        """Answer the queries that wait for this component's step."""
+        for _ in range(len(self._pending)):
+            query, topic, own_key, handler = self._pending.popleft()
+            if self._on_outside is not None and self.drive is Drive.LOCKSTEP:
+                payload = query.payload.to_bytes() if query.payload is not None else b""
+                self._on_outside(str(query.key_expr), payload)
+            self._reply(query, topic, own_key, handler)
+
+    def _queue(self, query: zenoh.Query, topic: Topic, own_key: str | None, handler: Handler) -> None:
+        if len(self._pending) >= PENDING_QUERIES:
+            self.refused_queries += 1
+            with query:
+                _reply_error(query, CallError(ErrorCode.BUSY, f"{PENDING_QUERIES} queries wait already"))
+            return
+        self._pending.append((query, topic, own_key, handler))
+
+    def _reply(self, query: zenoh.Query, topic: Topic, own_key: str | None, handler: Handler) -> None:
+        with query:
+            try:
+                key = str(query.key_expr)
+                names = topic.parse(own_key or key)
+                if names is None or ("*" in key and own_key is None):
+                    raise CallError(ErrorCode.BAD_ARGUMENTS, f"{key}: ask one concrete key")
+                payload = query.payload.to_bytes() if query.payload is not None else b""
+                result = handler(Request(names, payload))
+                encoded = result if isinstance(result, bytes) else msgspec.json.encode(result)
+                query.reply(own_key or key, encoded, encoding=JSON)
+            except CallError as error:
+                _reply_error(query, error)
+            except Exception as error:
+                # A handler may run foreign plugin code; a query that is not answered reads as "nobody there".
+                logger.exception("a handler of %s failed", topic.name)
+                _reply_error(query, CallError(ErrorCode.FAILED, f"{type(error).__name__}: {error}"))
+
+    # -- asking ---------------------------------------------------------------------------------------------
+
+    def ask(self, topic: Topic, payload: Any = None, *, timeout_s: float = 2.0, **names: str) -> bytes:
+        """Ask one concrete key and return the reply.
+
+        Args:
+            topic: a query topic.
+            payload: encoded as JSON unless it is bytes or None.
+            timeout_s: how long to wait for the reply.
+            names: the names in the key.
+
+        Raises:
+            CallError: the reply is an error, or none came in time (`timeout`).
+            NobodyThere: nobody answers that key.
+        """
+        key = topic.key(self.team, **names)
+        body = payload if payload is None or isinstance(payload, bytes) else msgspec.json.encode(payload)
+        for reply in self.session.get(key, payload=body, timeout=timeout_s, encoding=JSON):
+            if reply.ok is not None:
+                return reply.ok.payload.to_bytes()
+            raise _call_error(reply.err)
+        raise NobodyThere(f"nobody answers {key}")
+
+    # -- the end --------------------------------------------------------------------------------------------
+
+    def close(self) -> None:
+        """Undeclare everything; queries that still wait are answered `unloaded`."""
+        for entity in reversed(self._entities):
+            entity.undeclare()
+        self._entities.clear()
+        while self._pending:
+            query, *_ = self._pending.popleft()
+            with query:
+                _reply_error(query, CallError(ErrorCode.UNLOADED, "the component has stopped"))
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+            self._pool = None
+
+    def _from_outside(self) -> bool:
+        """In lockstep, whether what is being delivered comes from another process."""
+        return self.drive is Drive.LOCKSTEP and threading.get_ident() != self._owner
+
+    def _threads(self) -> ThreadPoolExecutor:
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(self._workers, thread_name_prefix="robrain-answer")
+        return self._pool
+
+    def _callback(self, function: Callable[[Any], None]) -> "zenoh.handlers.Callback[Any]":
+        return zenoh.handlers.Callback(function, indirect=self.drive is Drive.LIVE)
+
+
+def _reply_error(query: zenoh.Query, error: CallError) -> None:
+    query.reply_err(msgspec.json.encode(error.reply()), encoding=JSON)
+
+
+def _call_error(reply: zenoh.ReplyError | None) -> CallError:
+    payload = reply.payload.to_bytes() if reply is not None else b""
+    try:
+        error = msgspec.json.decode(payload, type=ErrorReply)
+    except msgspec.DecodeError:
+        return CallError(ErrorCode.TIMEOUT, "no reply in time")
+    return CallError(error.code, error.message, error.detail)

@@ -1,0 +1,75 @@
+"""Error codes on the wire, and the exceptions of this package.
+
+RobrainError                  everything that robrain raises on purpose
+├── BadName                   a robot, mote, team or plugin name that cannot be part of a key
+├── WireError                 the session could not be opened or used
+│   ├── NobodyThere           nothing answers at that endpoint, or nobody of that team is there
+│   └── PortTaken             another process listens on that port
+└── CallError                 a query was answered with an error; carries `.code`
+"""
+
+from enum import StrEnum
+
+import msgspec
+
+
+class ErrorCode(StrEnum):
+    """Why a query was answered with an error. The only codes that ever travel."""
+
+    UNKNOWN_PLUGIN = "unknown_plugin"
+    UNKNOWN_FUNCTION = "unknown_function"
+    BAD_ARGUMENTS = "bad_arguments"
+    FORBIDDEN = "forbidden"
+    BUSY = "busy"
+    HALTED = "halted"
+    INACTIVE = "inactive"
+    UNLOADED = "unloaded"
+    FAILED = "failed"
+    REFUSED = "refused"
+    TIMEOUT = "timeout"
+
+
+class ErrorReply(msgspec.Struct, frozen=True):
+    """What an error reply holds on the wire."""
+
+    code: ErrorCode
+    message: str
+    detail: str = ""
+
+
+class RobrainError(Exception):
+    """Everything that robrain raises on purpose; its text is one sentence for a person."""
+
+
+class BadName(RobrainError):
+    """A name that cannot be part of a key."""
+
+    def __init__(self, what: str, name: str, why: str) -> None:
+        super().__init__(f"bad {what} name {name!r}: {why}")
+        self.name = name
+
+
+class WireError(RobrainError):
+    """The session could not be opened or used."""
+
+
+class NobodyThere(WireError):
+    """Nothing answers at an endpoint, or nobody of a team is there."""
+
+
+class PortTaken(WireError):
+    """Another process listens on a port that was asked for."""
+
+
+class CallError(RobrainError):
+    """A query was answered with an error, or must be."""
+
+    def __init__(self, code: ErrorCode, message: str, detail: str = "") -> None:
+        super().__init__(message)
+        self.code = code
+        self.message = message
+        self.detail = detail
+
+    def reply(self) -> ErrorReply:
+        """The same, as it travels."""
+        return ErrorReply(code=self.code, message=self.message, detail=self.detail)

@@ -1,0 +1,86 @@
+"""Bounded inboxes: where subscriptions put what arrives, until their component's next step."""
+
+from collections import deque
+from typing import Any, NamedTuple
+
+import msgspec
+
+from robrain.protocol.wire.topics import Delivery, Topic
+
+
+class Received(NamedTuple):
+    """One sample out of an inbox."""
+
+    topic: Topic
+    key: str
+    names: dict[str, str]
+    """Names in the key, and its team under `team`."""
+    message: Any
+    """Decoded; bytes on topics that have no message type."""
+
+
+class Inbox:
+    """Holds samples between two steps of its owner. Callbacks only ever append.
+
+    On topics delivered as LATEST a new sample takes the place of the last one of its key. When `capacity`
+    is reached the oldest sample goes; `dropped` counts these. Samples that do not decode are counted in
+    `malformed` and left out.
+
+    Args:
+        capacity: samples held at the most.
+        every: keep each sample, also of topics on which only the latest counts.
+    """
+
+    def __init__(self, capacity: int = 1024, *, every: bool = False) -> None:
+        self.capacity = capacity
+        self.every = every
+        self.outside = 0
+        """Samples that reached a lockstep run from another process."""
+        self.dropped = 0
+        self.malformed = 0
+        self.received = 0
+        self._every: deque[tuple[Topic, str, bytes]] = deque()
+        self._latest: dict[str, tuple[Topic, str, bytes]] = {}
+        self._names: dict[str, dict[str, str]] = {}
+        self._decoders: dict[str, msgspec.json.Decoder[Any]] = {}
+
+    def append(self, topic: Topic, key: str, payload: bytes, *, outside: bool = False) -> None:
+        """Take a sample in; called by subscriptions, on whatever thread they run."""
+        self.received += 1
+        self.outside += outside
+        if topic.delivery is Delivery.LATEST and not self.every:
+            self._latest[key] = (topic, key, payload)
+            return
+        if len(self._every) >= self.capacity:
+            self._every.popleft()
+            self.dropped += 1
+        self._every.append((topic, key, payload))
+
+    def __len__(self) -> int:
+        return len(self._every) + len(self._latest)
+
+    def drain(self) -> list[Received]:
+        """Take everything out, decoded: first what counts singly, in order of arrival, then the latest ones."""
+        return [received for sample in self.drain_raw() if (received := self._decode(*sample)) is not None]
+
+    def drain_raw(self) -> list[tuple[Topic, str, bytes]]:
+        """Take everything out as topic, key and payload, in the order of `drain`."""
+        raw = [self._every.popleft() for _ in range(len(self._every))]
+        if self._latest:
+            raw += [self._latest.pop(key) for key in sorted(self._latest)]
+        return raw
+
+    def _decode(self, topic: Topic, key: str, payload: bytes) -> Received | None:
+        names = self._names.get(key)
+        if names is None:
+            names = self._names[key] = topic.parse(key) or {}
+        if topic.message is None:
+            return Received(topic, key, names, payload)
+        decoder = self._decoders.get(topic.name)
+        if decoder is None:
+            decoder = self._decoders[topic.name] = msgspec.json.Decoder(topic.message)
+        try:
+            return Received(topic, key, names, decoder.decode(payload))
+        except (msgspec.DecodeError, UnicodeDecodeError):
+            self.malformed += 1
+            return None

@@ -1,0 +1,34 @@
+"""Names and keys: what may stand between the slashes of a Zenoh key expression."""
+
+import re
+
+from robrain.protocol.wire.errors import BadName
+
+ROOT = "robrain"
+DEFAULT_TEAM = "default"
+
+_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,62}")
+
+
+def check_name(what: str, name: str) -> str:
+    """Return `name` if it can be one chunk of a key.
+
+    Letters, digits, `_`, `-` and `.`, at most 63 of them, starting with a letter, digit or `_`. Zenoh's own
+    special characters (`*`, `/`, `#`, `$`, `?`, a leading `@`) are thereby refused.
+
+    Raises:
+        BadName: saying what is wrong with it.
+
+    >>> check_name("robot", "r1")
+    'r1'
+    """
+    if not name:
+        raise BadName(what, name, "it is empty")
+    if _NAME.fullmatch(name):
+        return name
+    wrong = sorted({char for char in name if not re.fullmatch(r"[A-Za-z0-9_.\-]", char)})
+    if wrong:
+        raise BadName(what, name, f"{' '.join(wrong)} may not stand in a name; use letters, digits, _ - .")
+    if len(name) > 63:
+        raise BadName(what, name, "it is longer than 63 characters")
+    raise BadName(what, name, "it must start with a letter, a digit or _")

@@ -1,0 +1,71 @@
+"""Map patches between a grid and the wire."""
+
+import zlib
+
+import numpy as np
+
+from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid, PatchCells
+from robrain.protocol.wire.messages import MapPatch
+
+NS_PER_MS = 1_000_000
+STAMP_MODULUS_MS = 1 << 31
+MAX_CELLS = 1 << 24
+
+
+def map_stamp_ms(stamp_ns: int) -> int:
+    """A stamp as grids keep it: milliseconds in 31 bits.
+
+    They wrap every 24.8 days of the clock; cells seen before such a moment are replaced only by being seen again
+    24.8 days later, so restart the team's maps then.
+    """
+    return stamp_ns // NS_PER_MS % STAMP_MODULUS_MS
+
+
+def to_message(robot: str, geometry: GridGeometry, patch: PatchCells) -> MapPatch:
+    """A patch as it travels."""
+    rows, columns = patch.cells.shape
+    return MapPatch(
+        robot=robot,
+        resolution_m=geometry.resolution_m,
+        origin_x_m=geometry.origin_x_m,
+        origin_y_m=geometry.origin_y_m,
+        width=geometry.width,
+        height=geometry.height,
+        row=patch.row,
+        column=patch.column,
+        rows=rows,
+        columns=columns,
+        observed_ms=patch.stamp_ms,
+        cells=zlib.compress(patch.cells.tobytes(), 1),
+    )
+
+
+def geometry_of(message: MapPatch) -> GridGeometry:
+    """The grid that a patch belongs to (ValueError if its numbers are no grid)."""
+    return GridGeometry(message.resolution_m, message.origin_x_m, message.origin_y_m, message.width, message.height)
+
+
+def merge_message(grid: OccupancyGrid, message: MapPatch) -> int:
+    """Merge a patch into a grid of the same geometry.
+
+    Returns:
+        How many cells changed their class.
+
+    Raises:
+        ValueError: the patch belongs to another grid, or its cells are not what it says.
+
+    """
+    if geometry_of(message) != grid.geometry:
+        raise ValueError(f"{message.robot} maps {geometry_of(message)}, expected {grid.geometry}")
+    size = message.rows * message.columns
+    if not 0 < size <= MAX_CELLS:
+        raise ValueError(f"{message.robot}: expected 1 to {MAX_CELLS} cells in a patch, got {size}")
+    inflater = zlib.decompressobj()
+    try:
+        cells = inflater.decompress(message.cells, size + 1)
+    except zlib.error as error:
+        raise ValueError(f"{message.robot}: the cells of its patch do not inflate: {error}") from error
+    if len(cells) != size:
+        raise ValueError(f"{message.robot}: expected {size} cells in its patch, got {len(cells)}")
+    box = np.frombuffer(cells, dtype=np.int8).reshape(message.rows, message.columns)
+    return grid.merge_patch(message.row, message.column, box, message.observed_ms)

@@ -1,0 +1,270 @@
+"""The messages of the wire: frozen structs, JSON on the wire.
+
+Unknown fields are ignored and new fields have defaults, so that older and newer peers talk. `stamp_ns` (the
+run's clock) and `seq` are filled in by the publisher that sends the message.
+"""
+
+from typing import Any
+
+import msgspec
+
+from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.task import Task, TaskState
+
+
+class Message(msgspec.Struct, frozen=True, kw_only=True):
+    """What every published message carries."""
+
+    stamp_ns: int = 0
+    seq: int = 0
+
+
+class BatteryState(msgspec.Struct, frozen=True, kw_only=True):
+    """A battery as its robot believes it to be."""
+
+    voltage_v: float
+    current_a: float
+    temperature_c: float
+    soc: float
+    """State of charge, 0 to 1."""
+    remaining_j: float
+
+
+class TaskStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """How a robot stands to the last task it accepted."""
+
+    id: str
+    epoch: int
+    state: TaskState
+    why: str = ""
+
+
+class RobotState(Message, frozen=True, kw_only=True):
+    """A robot in one message: 10 Hz, only the latest counts."""
+
+    robot: str
+    pose: Pose2D | None = None
+    pose_covariance: tuple[float, ...] = ()
+    """Row-major 3 × 3 of x, y, yaw: m², m·rad, rad²; empty when unknown."""
+    velocity: Twist2D = Twist2D()
+    radius_m: float = 0.0
+    """Radius of the round footprint."""
+    battery: BatteryState | None = None
+    behavior: str = ""
+    task: TaskStatus | None = None
+    halted: bool = False
+
+
+class MapPatch(Message, frozen=True, kw_only=True):
+    """Cells whose class changed by this robot's own sensing since its last patch.
+
+    The grid's geometry comes with each patch; `row`, `column`, `rows`, `columns` say which box of it the cells
+    fill. Cells are int8, row-major, row 0 at the lowest y: 0 free, 100 occupied, −1 no statement; deflated
+    (zlib), base64 in JSON. `robrain.protocol.wire.map_patch` makes and merges them.
+    """
+
+    robot: str
+    resolution_m: float
+    origin_x_m: float
+    origin_y_m: float
+    width: int
+    height: int
+    row: int
+    column: int
+    rows: int
+    columns: int
+    observed_ms: int
+    """When the cells were seen, by `map_stamp_ms`: of two statements on a cell the later one counts."""
+    cells: bytes
+
+
+class PlannedPath(Message, frozen=True, kw_only=True):
+    """The path a robot means to follow, arena frame; empty when it stands."""
+
+    robot: str
+    points: list[Point2D]
+
+
+class Event(Message, frozen=True, kw_only=True):
+    """A notification that left its robot."""
+
+    robot: str
+    plugin: str
+    event: str
+    value: Any = None
+
+
+class LogRecord(Message, frozen=True, kw_only=True):
+    """One line of a component's log."""
+
+    robot: str
+    level: str
+    source: str
+    text: str
+
+
+class FunctionInfo(msgspec.Struct, frozen=True, kw_only=True):
+    """One external function of a plugin."""
+
+    name: str
+    signature: str
+    doc: str
+    parameters: dict[str, Any]
+    """JSON Schema of an object with one property for each parameter."""
+    returns: dict[str, Any]
+    """JSON Schema of the result."""
+
+
+class PluginInfo(msgspec.Struct, frozen=True, kw_only=True):
+    """One plugin of a robot, as its host tells it."""
+
+    name: str
+    level: str
+    state: str
+    why: str = ""
+    visibility: list[str] = []
+    requires: list[str] = []
+    holder: str = ""
+    period_s: float | None = None
+    overruns: int = 0
+    doc: str = ""
+    functions: list[FunctionInfo] = []
+
+
+class TaskOffer(msgspec.Struct, frozen=True, kw_only=True):
+    """The coordinator's query to a robot: take this on."""
+
+    task: Task
+    epoch: int
+    lease_s: float
+
+
+class TaskWithdrawal(msgspec.Struct, frozen=True, kw_only=True):
+    """The coordinator's query to a robot: let go of this."""
+
+    id: str
+    epoch: int
+    why: str = ""
+
+
+class TaskAnswer(msgspec.Struct, frozen=True, kw_only=True):
+    """A robot's answer to an offer or a withdrawal."""
+
+    accepted: bool
+    why: str = ""
+
+
+class TaskEvent(Message, frozen=True, kw_only=True):
+    """One change of a task."""
+
+    task: Task
+    state: TaskState
+    robot: str = ""
+    epoch: int = 0
+    why: str = ""
+
+
+class RobotSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """A robot as the coordinator sees it."""
+
+    name: str
+    up: bool
+    age_s: float
+    halted: bool = False
+    soc: float | None = None
+    behavior: str = ""
+    task: str = ""
+    why: str = ""
+
+
+class FrontierSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """One border of the known, arena frame."""
+
+    place: Point2D
+    length_m: float
+
+
+class TeamState(Message, frozen=True, kw_only=True):
+    """The coordinator's summary: 2 Hz, only the latest counts."""
+
+    robots: list[RobotSummary]
+    known_area_m2: float = 0.0
+    frontiers: list[FrontierSummary] = []
+    all_explored: bool = False
+    """Nothing unknown is left that a robot could reach."""
+    tasks_open: int = 0
+    tasks_done: int = 0
+    messages: int = 0
+    """Messages that the coordinator has received."""
+
+
+class MoteReading(Message, frozen=True, kw_only=True):
+    """A mote's reading, brought in by a robot or a gateway."""
+
+    mote: str
+    place: Point2D | None
+    quantity: str
+    value: float
+    voltage_v: float
+    rssi_dbm: float
+    via: str
+    """The robot or gateway that heard it."""
+
+
+class Halt(Message, frozen=True, kw_only=True):
+    """Team-wide emergency halt, or its end."""
+
+    halted: bool
+    by: str
+    reason: str = ""
+
+
+class Scan(Message, frozen=True, kw_only=True):
+    """One turn of a lidar. The sensor sits at the robot's centre."""
+
+    robot: str
+    angle_min_rad: float
+    angle_increment_rad: float
+    range_max_m: float
+    ranges_mm: list[int]
+    """Millimetres; 0 is no return within `range_max_m`."""
+
+
+class ArenaClock(Message, frozen=True, kw_only=True):
+    """The arena's time."""
+
+    sim_time_s: float
+
+
+class RobotTruth(msgspec.Struct, frozen=True, kw_only=True):
+    """Where a simulated robot really is."""
+
+    robot: str
+    pose: Pose2D
+    collisions: int
+    distance_m: float
+    energy_j: float
+
+
+class MoteTruth(msgspec.Struct, frozen=True, kw_only=True):
+    """Where a simulated mote really is."""
+
+    mote: str
+    place: Point2D
+
+
+class ArenaTruth(Message, frozen=True, kw_only=True):
+    """The simulated world as it is; nobody but referees and viewers listens."""
+
+    sim_time_s: float
+    robots: list[RobotTruth]
+    motes: list[MoteTruth] = []
+    explored_fraction: float = 0.0
+    """Share of the reachable floor that the team's maps know."""
+
+
+class OutsideQuery(Message, frozen=True, kw_only=True):
+    """A query that reached a lockstep run from another process, recorded because it changes the run."""
+
+    key: str
+    payload: str

@@ -1,0 +1,47 @@
+"""Who is there: liveliness tokens, followed."""
+
+from collections import deque
+from typing import NamedTuple
+
+import zenoh
+
+from robrain.protocol.wire.topics import Topic
+
+
+class Change(NamedTuple):
+    """One token that came or went."""
+
+    names: dict[str, str]
+    present: bool
+
+
+class Presence:
+    """Follows the tokens of one topic; callbacks append, the owner takes changes at its own step."""
+
+    def __init__(self, topic: Topic) -> None:
+        self.topic = topic
+        self.present: dict[str, dict[str, str]] = {}
+        """Key of each token that is there, and the names in it."""
+        self._arrived: deque[tuple[str, bool]] = deque(maxlen=65536)
+
+    def append(self, sample: zenoh.Sample) -> None:
+        """Take a change in; called by the liveliness subscription."""
+        self._arrived.append((str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT))
+
+    def changes(self) -> list[Change]:
+        """What changed since the last call; ordered by key where the order of arrival is not repeatable."""
+        latest: dict[str, bool] = {}
+        for _ in range(len(self._arrived)):
+            key, present = self._arrived.popleft()
+            latest[key] = present
+        changes = []
+        for key in sorted(latest):
+            names = self.topic.parse(key)
+            if names is None or latest[key] == (key in self.present):
+                continue
+            if latest[key]:
+                self.present[key] = names
+            else:
+                del self.present[key]
+            changes.append(Change(names, latest[key]))
+        return changes

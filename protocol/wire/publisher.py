@@ -1,0 +1,46 @@
+"""Publishers of one concrete key: they stamp, number, encode and put."""
+
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import zenoh
+
+from robrain.protocol.wire.clock import Clock
+from robrain.protocol.wire.messages import Message
+from robrain.protocol.wire.topics import Topic, Urgency
+
+PRIORITY = {
+    Urgency.REAL_TIME: zenoh.Priority.REAL_TIME,
+    Urgency.INTERACTIVE_HIGH: zenoh.Priority.INTERACTIVE_HIGH,
+    Urgency.DATA: zenoh.Priority.DATA,
+    Urgency.DATA_LOW: zenoh.Priority.DATA_LOW,
+}
+
+
+class Publisher:
+    """Says one topic under one key. Made by `Endpoint.publisher`."""
+
+    def __init__(self, declared: Any, topic: Topic, key: str, clock: Clock, forget: Callable[[Any], None]) -> None:
+        self.topic = topic
+        self.key = key
+        self._declared = declared
+        self._clock = clock
+        self._forget = forget
+        self._seq = 0
+        self._encoder = msgspec.json.Encoder()
+
+    def put(self, message: Message) -> None:
+        """Send a message, with the stamp of now and the next sequence number."""
+        stamped = msgspec.structs.replace(message, stamp_ns=self._clock.now_ns(), seq=self._seq)
+        self._seq += 1
+        self._declared.put(self._encoder.encode(stamped))
+
+    def put_bytes(self, payload: bytes) -> None:
+        """Send bytes as they are, on topics that carry somebody else's protocol or a recorded payload."""
+        self._declared.put(payload)
+
+    def close(self) -> None:
+        """Undeclare it before its endpoint closes; late joiners get nothing of it any more."""
+        self._declared.undeclare()
+        self._forget(self._declared)

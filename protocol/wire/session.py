@@ -1,0 +1,131 @@
+"""Opening Zenoh sessions, with the settings that measurements recommend (docs/decisions/0002-sessions.md)."""
+
+import errno
+import json
+import re
+import socket
+from collections.abc import Sequence
+from typing import Any
+
+import zenoh
+
+from robrain.protocol.wire.errors import NobodyThere, PortTaken, WireError
+
+LEASE_MS = 2000
+"""A cut link is noticed after this; 800 ms did not flap on loopback, 2 s leaves room for busy machines."""
+
+_TCP = re.compile(r"tcp/(?P<host>\[[^\]]+\]|[^:/]+):(?P<port>\d+)")
+_ENDPOINT = re.compile(r"(tcp|tls|quic|udp|unixsock-stream|ws)/.+")
+
+
+def open_lockstep_session(listen: str | None = None) -> zenoh.Session:
+    """A session that keeps to itself: no scouting, no network unless `listen` (loopback) is given.
+
+    Raises:
+        PortTaken: another process listens there.
+    """
+    settings: dict[str, Any] = {"scouting/multicast/enabled": False, "scouting/gossip/enabled": False}
+    if listen is None:
+        settings |= {"mode": "peer", "listen/endpoints": []}
+        return _open(settings, what="a lockstep session")
+    return open_session(mode="router", listen=(listen,))
+
+
+def open_session(
+    *, mode: str = "client", connect: Sequence[str] = (), listen: Sequence[str] = (), wait_s: float = 3.0
+) -> zenoh.Session:
+    """A session of the live drive.
+
+    Args:
+        mode: `client` (of a router), `peer` (finds others by multicast when it has no endpoints) or `router`.
+        connect: endpoints to connect to, such as `tcp/127.0.0.1:7447`.
+        listen: endpoints to listen on.
+        wait_s: how long to try to connect; negative waits for ever.
+
+    Raises:
+        NobodyThere: nothing answers at `connect`.
+        PortTaken: another process listens at `listen`.
+        WireError: an endpoint is not one, or Zenoh refuses for another reason.
+    """
+    for endpoint in (*connect, *listen):
+        check_endpoint(endpoint)
+    for endpoint in listen:
+        _check_port_free(endpoint)
+    settings: dict[str, Any] = {
+        "mode": mode,
+        "connect/endpoints": list(connect),
+        "connect/timeout_ms": -1 if wait_s < 0 else round(wait_s * 1000),
+        "connect/exit_on_failure": True,
+        "connect/retry": {
+            "period_init_ms": 200,
+            "period_max_ms": 1000,
+            "period_increase_factor": 1.5,
+        },
+        "listen/endpoints": list(listen),
+        "scouting/multicast/enabled": mode == "peer" and not connect and not listen,
+        "scouting/gossip/enabled": mode == "peer",
+        "transport/link/tx/lease": LEASE_MS,
+        "transport/shared_memory/enabled": False,
+        "adminspace/enabled": mode == "router",
+        "timestamping/enabled": True,
+    }
+    if mode == "client" and not connect:
+        raise WireError(
+            "no endpoint to connect to: give --connect tcp/HOST:PORT or set ROBRAIN_CONNECT "
+            "(`robrain up` prints the endpoint it listens on)"
+        )
+    try:
+        return _open(settings, what=f"a {mode} session")
+    except WireError as error:
+        if connect:
+            raise NobodyThere(
+                f"nobody answers at {', '.join(connect)}: is `robrain up` or a Zenoh router running there?"
+            ) from error
+        raise
+
+
+def check_endpoint(endpoint: str) -> str:
+    """Return `endpoint` if it reads like one, else raise WireError saying what one looks like."""
+    if not _ENDPOINT.fullmatch(endpoint):
+        raise WireError(f"{endpoint!r} is not an endpoint: expected something like tcp/127.0.0.1:7447")
+    return endpoint
+
+
+def listening_at(session: zenoh.Session) -> list[str]:
+    """The endpoints that a router session is bound to, with the real port where 0 was asked for."""
+    zid = session.zid()
+    for reply in session.get(f"@/{zid}/router", timeout=2.0):
+        if reply.ok is not None:
+            status = json.loads(reply.ok.payload.to_bytes())
+            return sorted(locator for locator in status.get("locators", []) if isinstance(locator, str))
+    return []
+
+
+def _check_port_free(endpoint: str) -> None:
+    match = _TCP.fullmatch(endpoint)
+    if match is None or match["port"] == "0":
+        return
+    host = match["host"].strip("[]")
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.socket(family, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, int(match["port"])))
+        except OSError as error:
+            if error.errno == errno.EADDRINUSE:
+                raise PortTaken(
+                    f"port taken: another process listens on {endpoint}; give another, or port 0 for a free one"
+                ) from error
+            raise WireError(f"cannot listen on {endpoint}: {error.strerror}") from error
+        except OverflowError as error:
+            raise WireError(f"cannot listen on {endpoint}: expected a port from 0 to 65535") from error
+
+
+def _open(settings: dict[str, Any], *, what: str) -> zenoh.Session:
+    config = zenoh.Config()
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        raise WireError(f"cannot open {what}: {str(error).splitlines()[0]}") from error

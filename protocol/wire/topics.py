@@ -1,0 +1,357 @@
+"""The table of topics: every key of the wire, once.
+
+Publishers, subscribers, recorder, replay, documentation and access rules are derived from `TOPICS`. Nothing else
+in the project writes a key by hand.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property
+from typing import Any
+
+import msgspec
+
+from robrain.protocol.wire import messages
+from robrain.protocol.wire.keys import ROOT, check_name
+
+
+class Kind(StrEnum):
+    """What travels under a key."""
+
+    PUT = "put"
+    QUERY = "query"
+    TOKEN = "token"
+
+
+class Role(StrEnum):
+    """Who publishes, or answers, a topic."""
+
+    ROBOT = "robot"
+    COORDINATOR = "coordinator"
+    OPERATOR = "operator"
+    ARENA = "arena"
+
+
+class Delivery(StrEnum):
+    """What happens to samples that cannot be delivered at once."""
+
+    LATEST = "latest"
+    """Only the last one of a key counts; dropped under congestion."""
+    EVERY = "every"
+    """Each counts, none is sent again; dropped under congestion."""
+    LOSSLESS = "lossless"
+    """Kept by the sender and sent again after a cut; late joiners get what is kept."""
+
+
+class Urgency(StrEnum):
+    """Zenoh priorities that are in use, most urgent first."""
+
+    REAL_TIME = "real_time"
+    INTERACTIVE_HIGH = "interactive_high"
+    DATA = "data"
+    DATA_LOW = "data_low"
+
+
+JSON = "application/json"
+CAN_FRAME = "application/vnd.robrain.can-frame"
+TINYOS_PACKET = "application/vnd.robrain.tinyos-packet"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Topic:
+    """One row of the table."""
+
+    name: str
+    pattern: str
+    """Key below `robrain/{team}/`; `{name}` chunks are filled in."""
+    doc: str
+    by: Role
+    kind: Kind = Kind.PUT
+    message: Any = None
+    """Type of the payload (of the request, for a query); None for bytes and for free JSON."""
+    rate_hz: float | None = None
+    delivery: Delivery = Delivery.EVERY
+    urgency: Urgency = Urgency.DATA
+    recorded: bool = False
+    encoding: str = JSON
+    cache: int = 64
+    """Samples that the sender of a lossless topic keeps."""
+
+    @cached_property
+    def chunks(self) -> tuple[str, ...]:
+        """The pattern, split."""
+        return tuple(self.pattern.split("/"))
+
+    @cached_property
+    def fields(self) -> tuple[str, ...]:
+        """Names that the key is built from, in order."""
+        return tuple(chunk[1:-1] for chunk in self.chunks if chunk.startswith("{"))
+
+    def key(self, team: str, /, **names: str) -> str:
+        """The concrete key.
+
+        Raises:
+            BadName: a name cannot be part of a key.
+            KeyError: a name is missing, or one too many.
+        """
+        if set(names) != set(self.fields):
+            raise KeyError(f"{self.name} takes {list(self.fields)}, got {sorted(names)}")
+        return self._fill(team, {field: check_name(field, name) for field, name in names.items()})
+
+    def selector(self, team: str, /, **names: str) -> str:
+        """The key expression of all keys of this topic; fields that are not given are `*`."""
+        given = {field: check_name(field, name) for field, name in names.items()}
+        return self._fill(team, {field: given.get(field, "*") for field in self.fields})
+
+    def parse(self, key: str) -> dict[str, str] | None:
+        """The names in a concrete key with its team under `team`, or None if it is not of this topic."""
+        parts = key.split("/")
+        if len(parts) != len(self.chunks) + 2 or parts[0] != ROOT:
+            return None
+        names = {"team": parts[1]}
+        for chunk, part in zip(self.chunks, parts[2:], strict=True):
+            if chunk.startswith("{"):
+                names[chunk[1:-1]] = part
+            elif chunk != part:
+                return None
+        return names
+
+    def json_schema(self) -> dict[str, Any]:
+        """JSON Schema of the payload."""
+        return msgspec.json.schema(self.message) if self.message is not None else {}
+
+    def _fill(self, team: str, names: Mapping[str, str]) -> str:
+        filled = (names[chunk[1:-1]] if chunk.startswith("{") else chunk for chunk in self.chunks)
+        return "/".join((ROOT, check_name("team", team), *filled))
+
+
+ROBOT_ALIVE = Topic(
+    name="robot_alive",
+    pattern="robot/{robot}/alive",
+    doc="Liveliness token of the agent",
+    by=Role.ROBOT,
+    kind=Kind.TOKEN,
+)
+ROBOT_STATE = Topic(
+    name="robot_state",
+    pattern="robot/{robot}/state",
+    doc="Pose, velocity, battery, current behavior and task",
+    by=Role.ROBOT,
+    message=messages.RobotState,
+    rate_hz=10,
+    delivery=Delivery.LATEST,
+    recorded=True,
+)
+ROBOT_MAP = Topic(
+    name="robot_map",
+    pattern="robot/{robot}/map",
+    doc="Cells that the robot's own sensing changed",
+    by=Role.ROBOT,
+    message=messages.MapPatch,
+    rate_hz=2,
+    delivery=Delivery.LOSSLESS,
+    urgency=Urgency.DATA_LOW,
+    recorded=True,
+    cache=256,
+)
+ROBOT_MAP_WHOLE = Topic(
+    name="robot_map_whole",
+    pattern="robot/{robot}/map/whole",
+    doc="All that the robot knows of the map, for those who join late",
+    by=Role.ROBOT,
+    kind=Kind.QUERY,
+)
+ROBOT_PATH = Topic(
+    name="robot_path",
+    pattern="robot/{robot}/path",
+    doc="The path that the robot means to follow, on change",
+    by=Role.ROBOT,
+    message=messages.PlannedPath,
+    delivery=Delivery.LATEST,
+    recorded=True,
+)
+ROBOT_EVENT = Topic(
+    name="robot_event",
+    pattern="robot/{robot}/event/{plugin}/{event}",
+    doc="Notifications that left the robot",
+    by=Role.ROBOT,
+    message=messages.Event,
+    delivery=Delivery.LOSSLESS,
+    urgency=Urgency.INTERACTIVE_HIGH,
+    recorded=True,
+)
+ROBOT_LOG = Topic(
+    name="robot_log",
+    pattern="robot/{robot}/log",
+    doc="Log records",
+    by=Role.ROBOT,
+    message=messages.LogRecord,
+    urgency=Urgency.DATA_LOW,
+    recorded=True,
+)
+ROBOT_PLUGINS = Topic(
+    name="robot_plugins",
+    pattern="robot/{robot}/plugins",
+    doc="What is loaded, in which state, with which functions",
+    by=Role.ROBOT,
+    kind=Kind.QUERY,
+)
+ROBOT_CALL = Topic(
+    name="robot_call",
+    pattern="robot/{robot}/call/{plugin}/{function}",
+    doc="External call: arguments as a JSON array (by position) or object (by name), reply is the JSON result",
+    by=Role.ROBOT,
+    kind=Kind.QUERY,
+    urgency=Urgency.INTERACTIVE_HIGH,
+)
+ROBOT_OFFER = Topic(
+    name="robot_offer",
+    pattern="robot/{robot}/task/offer",
+    doc="The coordinator offers a task with its fencing epoch and lease",
+    by=Role.ROBOT,
+    kind=Kind.QUERY,
+    message=messages.TaskOffer,
+    urgency=Urgency.INTERACTIVE_HIGH,
+)
+ROBOT_WITHDRAW = Topic(
+    name="robot_withdraw",
+    pattern="robot/{robot}/task/withdraw",
+    doc="The coordinator takes a task back",
+    by=Role.ROBOT,
+    kind=Kind.QUERY,
+    message=messages.TaskWithdrawal,
+    urgency=Urgency.INTERACTIVE_HIGH,
+)
+MOTE_READING = Topic(
+    name="mote_reading",
+    pattern="mote/{mote}/reading",
+    doc="A reading brought in by a robot or gateway",
+    by=Role.ROBOT,
+    message=messages.MoteReading,
+    delivery=Delivery.LOSSLESS,
+    urgency=Urgency.DATA_LOW,
+    recorded=True,
+)
+TASK_EVENT = Topic(
+    name="task_event",
+    pattern="task/event/{task}",
+    doc="Every change of a task, with why",
+    by=Role.COORDINATOR,
+    message=messages.TaskEvent,
+    delivery=Delivery.LOSSLESS,
+    recorded=True,
+)
+COORDINATOR_ALIVE = Topic(
+    name="coordinator_alive",
+    pattern="coordinator/alive",
+    doc="Liveliness token of the coordinator",
+    by=Role.COORDINATOR,
+    kind=Kind.TOKEN,
+)
+COORDINATOR_STATE = Topic(
+    name="coordinator_state",
+    pattern="coordinator/state",
+    doc="Summary of the team",
+    by=Role.COORDINATOR,
+    message=messages.TeamState,
+    rate_hz=2,
+    delivery=Delivery.LATEST,
+    recorded=True,
+)
+HALT = Topic(
+    name="halt",
+    pattern="halt",
+    doc="Team-wide emergency halt, or its end",
+    by=Role.OPERATOR,
+    message=messages.Halt,
+    urgency=Urgency.REAL_TIME,
+    recorded=True,
+)
+ARENA_CAN = Topic(
+    name="arena_can",
+    pattern="arena/{robot}/can/{channel}",
+    doc="A frame on a simulated robot's CAN bus",
+    by=Role.ARENA,
+    rate_hz=100,
+    urgency=Urgency.INTERACTIVE_HIGH,
+    encoding=CAN_FRAME,
+)
+ARENA_RADIO_RX = Topic(
+    name="arena_radio_rx",
+    pattern="arena/{robot}/radio/rx",
+    doc="A TinyOS packet that the robot's base station hears",
+    by=Role.ARENA,
+    encoding=TINYOS_PACKET,
+)
+ARENA_SCAN = Topic(
+    name="arena_scan",
+    pattern="arena/{robot}/scan",
+    doc="One turn of a simulated lidar",
+    by=Role.ARENA,
+    message=messages.Scan,
+    rate_hz=5,
+    delivery=Delivery.LATEST,
+    recorded=True,
+)
+ARENA_CLOCK = Topic(
+    name="arena_clock",
+    pattern="arena/clock",
+    doc="The arena's time",
+    by=Role.ARENA,
+    message=messages.ArenaClock,
+    rate_hz=10,
+    delivery=Delivery.LATEST,
+)
+ARENA_TRUTH = Topic(
+    name="arena_truth",
+    pattern="arena/truth",
+    doc="Where everything really is, and how much is explored",
+    by=Role.ARENA,
+    message=messages.ArenaTruth,
+    rate_hz=5,
+    delivery=Delivery.LATEST,
+    recorded=True,
+)
+ARENA_OUTSIDE = Topic(
+    name="arena_outside",
+    pattern="arena/outside",
+    doc="A query that reached a lockstep run from another process",
+    by=Role.ARENA,
+    message=messages.OutsideQuery,
+    recorded=True,
+)
+
+TOPICS: tuple[Topic, ...] = (
+    ROBOT_ALIVE,
+    ROBOT_STATE,
+    ROBOT_MAP,
+    ROBOT_MAP_WHOLE,
+    ROBOT_PATH,
+    ROBOT_EVENT,
+    ROBOT_LOG,
+    ROBOT_PLUGINS,
+    ROBOT_CALL,
+    ROBOT_OFFER,
+    ROBOT_WITHDRAW,
+    MOTE_READING,
+    TASK_EVENT,
+    COORDINATOR_ALIVE,
+    COORDINATOR_STATE,
+    HALT,
+    ARENA_CAN,
+    ARENA_RADIO_RX,
+    ARENA_SCAN,
+    ARENA_CLOCK,
+    ARENA_TRUTH,
+    ARENA_OUTSIDE,
+)
+
+
+def topic_of(key: str) -> tuple[Topic, dict[str, str]] | None:
+    """The topic of a concrete key and the names in it (with `team`), or None if it is not ours."""
+    for topic in TOPICS:
+        names = topic.parse(key)
+        if names is not None:
+            return topic, names
+    return None

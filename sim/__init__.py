@@ -1,0 +1,1 @@
+"""The simulator: arena, firmware, motes, scenarios, and the lockstep drive."""

@@ -1,0 +1,13 @@
+"""What can go wrong in the simulator.
+
+RobrainError
+└── ScenarioError             a scenario cannot be run; names file and key
+
+MapError (a ValueError, in `sim/maps/errors.py`) becomes a ScenarioError where a scenario is read.
+"""
+
+from robrain.protocol.wire.errors import RobrainError
+
+
+class ScenarioError(RobrainError):
+    """A scenario cannot be read or built; the text names file, key and what was expected."""

@@ -1,0 +1,149 @@
+"""Floor plans drawn with walls, blocks and pillars, as a scenario's TOML table `[floor]` tells them.
+
+Lengths are metres in the arena frame, whose origin is the floor's corner with the lowest x and y.
+"""
+
+import math
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from robrain.sim.maps.errors import MapError
+from robrain.sim.maps.floor_plan import FloorPlan
+
+BOUNDARY_THICKNESS_M = 0.1
+MAX_CELLS = 20_000_000
+
+# A shape covers the cells whose centre it holds, edges with the lower coordinate included; the slack keeps decimal
+# fractions that meet a centre exactly from falling on either side by rounding.
+_SLACK_M = 1e-9
+
+
+class Wall(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A straight wall, thickness_m wide about its segment and half of that beyond either end, so that corners close."""
+
+    from_m: tuple[float, float]
+    to_m: tuple[float, float]
+    thickness_m: float = 0.15
+
+
+class Block(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A shelf or a machine: a rectangle along the axes from its corner with the lowest x and y."""
+
+    x_m: float
+    y_m: float
+    width_m: float
+    height_m: float
+
+
+class Pillar(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A disc about (x_m, y_m)."""
+
+    x_m: float
+    y_m: float
+    radius_m: float
+
+
+class FloorDrawing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A floor of size_m (width along x, height along y) and what stands on it.
+
+    Raises MapError, whose `.key` names the key, where a length is not above 0, a shape lies outside the floor, or the
+    floor has more than MAX_CELLS cells.
+    """
+
+    size_m: tuple[float, float]
+    resolution_m: float = 0.05
+    walls: tuple[Wall, ...] = ()
+    blocks: tuple[Block, ...] = ()
+    pillars: tuple[Pillar, ...] = ()
+
+    def __post_init__(self) -> None:
+        _check_above_zero("size_m", *self.size_m)
+        _check_above_zero("resolution_m", self.resolution_m)
+        width_m, height_m = self.size_m
+        if width_m * height_m / self.resolution_m**2 > MAX_CELLS:
+            raise MapError(
+                f"expected resolution_m for at most {MAX_CELLS} cells, got {self.resolution_m}", key="resolution_m"
+            )
+        for index, wall in enumerate(self.walls):
+            key = f"walls[{index}]"
+            _check_above_zero(f"{key}.thickness_m", wall.thickness_m)
+            self._check_inside(f"{key}.from_m", *wall.from_m)
+            self._check_inside(f"{key}.to_m", *wall.to_m)
+            if wall.from_m == wall.to_m:
+                raise MapError(
+                    f"expected {key}.to_m apart from from_m, got {list(wall.to_m)} for both", key=f"{key}.to_m"
+                )
+        for index, block in enumerate(self.blocks):
+            key = f"blocks[{index}]"
+            _check_above_zero(f"{key}.width_m", block.width_m)
+            _check_above_zero(f"{key}.height_m", block.height_m)
+            self._check_inside(key, block.x_m, block.y_m)
+            self._check_inside(key, block.x_m + block.width_m, block.y_m + block.height_m)
+        for index, pillar in enumerate(self.pillars):
+            key = f"pillars[{index}]"
+            _check_above_zero(f"{key}.radius_m", pillar.radius_m)
+            self._check_inside(key, pillar.x_m, pillar.y_m)
+
+    def _check_inside(self, key: str, x_m: float, y_m: float) -> None:
+        width_m, height_m = self.size_m
+        if not (-_SLACK_M <= x_m <= width_m + _SLACK_M and -_SLACK_M <= y_m <= height_m + _SLACK_M):
+            raise MapError(
+                f"expected {key} on the floor of {width_m:g} × {height_m:g} m, got x {x_m:g}, y {y_m:g}", key=key
+            )
+
+
+def rasterise(drawing: FloorDrawing, name: str) -> FloorPlan:
+    """The drawing on a grid with its origin at (0, 0), closed by a wall of BOUNDARY_THICKNESS_M inside its edge.
+
+    A size that is no whole number of cells is rounded up. A wall is drawn at least a cell's diagonal wide, so that
+    none leaks. Raises MapError where no free cell is left.
+    """
+    width_m, height_m = drawing.size_m
+    resolution_m = drawing.resolution_m
+    cols = math.ceil(width_m / resolution_m - 1e-6)
+    rows = math.ceil(height_m / resolution_m - 1e-6)
+    x_m = _centres_m(cols, resolution_m)[np.newaxis, :]
+    y_m = _centres_m(rows, resolution_m)[:, np.newaxis]
+
+    boundary_cells = max(1, math.ceil(BOUNDARY_THICKNESS_M / resolution_m - 1e-6))
+    occupied = np.ones((rows, cols), dtype=np.bool_)
+    occupied[boundary_cells:-boundary_cells, boundary_cells:-boundary_cells] = False
+    for wall in drawing.walls:
+        occupied |= _wall_cells(wall, x_m, y_m, resolution_m)
+    for block in drawing.blocks:
+        along_x = _between(x_m, block.x_m, block.x_m + block.width_m)
+        along_y = _between(y_m, block.y_m, block.y_m + block.height_m)
+        occupied |= along_x & along_y
+    for pillar in drawing.pillars:
+        occupied |= np.hypot(x_m - pillar.x_m, y_m - pillar.y_m) <= pillar.radius_m + _SLACK_M
+    if occupied.all():
+        raise MapError(f"{name}: expected free space on the floor of size_m, got none", key="size_m")
+    return FloorPlan(occupied, resolution_m, 0.0, 0.0, name)
+
+
+def _centres_m(count: int, resolution_m: float) -> NDArray[np.float64]:
+    return (np.arange(count, dtype=np.float64) + 0.5) * np.float64(resolution_m)
+
+
+def _wall_cells(
+    wall: Wall, x_m: NDArray[np.float64], y_m: NDArray[np.float64], resolution_m: float
+) -> NDArray[np.bool_]:
+    (from_x_m, from_y_m), (to_x_m, to_y_m) = wall.from_m, wall.to_m
+    length_m = math.hypot(to_x_m - from_x_m, to_y_m - from_y_m)
+    cos, sin = (to_x_m - from_x_m) / length_m, (to_y_m - from_y_m) / length_m
+    half_m = max(wall.thickness_m, math.sqrt(2) * resolution_m) / 2
+    along_m = (x_m - from_x_m) * cos + (y_m - from_y_m) * sin
+    across_m = (y_m - from_y_m) * cos - (x_m - from_x_m) * sin
+    return _between(along_m, -half_m, length_m + half_m) & _between(across_m, -half_m, half_m)
+
+
+def _between(value_m: NDArray[np.float64], low_m: float, high_m: float) -> NDArray[np.bool_]:
+    return (value_m >= low_m - _SLACK_M) & (value_m < high_m - _SLACK_M)
+
+
+def _check_above_zero(key: str, *lengths_m: float) -> None:
+    for length_m in lengths_m:
+        if not (math.isfinite(length_m) and length_m > 0):
+            raise MapError(f"expected {key} > 0, got {length_m}", key=key)

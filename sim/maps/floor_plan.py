@@ -1,0 +1,131 @@
+"""A floor plan: which cells of the arena are wall, and where a round body can go.
+
+The grid follows ROS nav_msgs/OccupancyGrid: row 0 has the lowest y, column 0 the lowest x, and cell (row, col)
+covers x from origin_x_m + col · resolution_m to one resolution_m more, y likewise.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.sim.maps.errors import MapError
+
+
+@dataclass(frozen=True, eq=False)
+class FloorPlan:
+    """Walls of an arena on a grid; what lies outside the grid is wall.
+
+    `occupied` is (H, W) bool, row 0 at the lowest y, kept as a read-only copy; cells of unknown content are occupied.
+    `origin_x_m`, `origin_y_m` is the corner of cell (0, 0) with the lowest x and y: metres, arena frame.
+    Raises MapError for a grid that is not two-dimensional or has no cell, a resolution_m that is not above 0, or an
+    origin that is not finite.
+    """
+
+    occupied: NDArray[np.bool_]
+    resolution_m: float
+    origin_x_m: float
+    origin_y_m: float
+    name: str
+
+    def __post_init__(self) -> None:
+        occupied = np.array(self.occupied, dtype=np.bool_, order="C")
+        if occupied.ndim != 2 or occupied.size == 0:
+            raise MapError(
+                f"{self.name}: expected occupied as (H, W) cells, got shape {occupied.shape}", key="occupied"
+            )
+        if not (math.isfinite(self.resolution_m) and self.resolution_m > 0):
+            raise MapError(f"{self.name}: expected resolution_m > 0, got {self.resolution_m}", key="resolution_m")
+        for key, value in (("origin_x_m", self.origin_x_m), ("origin_y_m", self.origin_y_m)):
+            if not math.isfinite(value):
+                raise MapError(f"{self.name}: expected a finite {key}, got {value}", key=key)
+        occupied.setflags(write=False)
+        object.__setattr__(self, "occupied", occupied)
+
+    @property
+    def size_m(self) -> tuple[float, float]:
+        """Width along x and height along y, metres."""
+        rows, cols = self.occupied.shape
+        return cols * self.resolution_m, rows * self.resolution_m
+
+    @cached_property
+    def clearance_m(self) -> NDArray[np.float64]:
+        """(H, W), metres from a cell's centre to the nearest edge of an occupied cell or of the grid; 0 if occupied.
+
+        A disc of that radius about the centre meets no wall, a larger one does. Read-only.
+        """
+        walled = np.pad(self.occupied, 1, constant_values=True)
+        clearance_m = distance_to_cells_m(walled, self.resolution_m)[1:-1, 1:-1]
+        clearance_m.setflags(write=False)
+        return clearance_m
+
+    def cell_of(self, x_m: float, y_m: float) -> tuple[int, int]:
+        """(row, col) of the cell that holds a point in the arena frame; outside the grid if the point is.
+
+        Raises ValueError or OverflowError for coordinates that are not finite.
+        """
+        row = math.floor((y_m - self.origin_y_m) / self.resolution_m)
+        col = math.floor((x_m - self.origin_x_m) / self.resolution_m)
+        return row, col
+
+    def centre_of(self, row: int, col: int) -> Point2D:
+        """The centre of a cell, metres, arena frame."""
+        return Point2D(
+            self.origin_x_m + (col + 0.5) * self.resolution_m,
+            self.origin_y_m + (row + 0.5) * self.resolution_m,
+        )
+
+    def holds_cell(self, row: int, col: int) -> bool:
+        """Whether (row, col) lies on the grid."""
+        rows, cols = self.occupied.shape
+        return bool(0 <= row < rows and 0 <= col < cols)
+
+    def contains_free(self, x_m: float, y_m: float) -> bool:
+        """Whether a point in the arena frame lies on the grid and in no wall."""
+        row, col = self.cell_of(x_m, y_m)
+        return self.holds_cell(row, col) and not bool(self.occupied[row, col])
+
+    def reachable(self, starts: list[Point2D], radius_m: float) -> NDArray[np.bool_]:
+        """(H, W), the free cells that a round body of radius_m can sweep from any of the starts.
+
+        The body's centre moves between 4-neighbours among cells with clearance_m ≥ radius_m; it sweeps the free cells
+        whose centre comes within radius_m and half a cell, since it may stand between two centres. A start where
+        the body does not fit adds nothing. Raises ValueError for a radius_m below 0.
+        """
+        if not radius_m >= 0:
+            raise ValueError(f"expected radius_m >= 0, got {radius_m}")
+        passable = ~self.occupied & (self.clearance_m >= radius_m)
+        # scipy's default structure in the plane is the 4-neighbourhood.
+        labels, _ = ndimage.label(passable)
+        held = {int(labels[cell]) for cell in self._cells_on_grid(starts)} - {0}
+        if not held:
+            return np.zeros_like(self.occupied)
+        roamed = np.isin(labels, sorted(held))
+        distance_m = ndimage.distance_transform_edt(~roamed) * self.resolution_m
+        return ~self.occupied & (distance_m <= radius_m + self.resolution_m / 2)
+
+    def _cells_on_grid(self, points: list[Point2D]) -> list[tuple[int, int]]:
+        cells = (self.cell_of(point.x_m, point.y_m) for point in points)
+        return [cell for cell in cells if self.holds_cell(*cell)]
+
+
+def distance_to_cells_m(marked: NDArray[np.bool_], resolution_m: float) -> NDArray[np.float64]:
+    """(H, W), metres from each cell's centre to the nearest point of a marked cell; 0 inside one, inf without.
+
+    The point of a square that is nearest to the centre of another cell is a corner or the middle of a side, thus the
+    Euclidean distance transform on a lattice of half the pitch is exact, where one on the cells measures from centre
+    to centre and calls a gap up to 0.7 cells wider than it is.
+    """
+    if not marked.any():
+        return np.full(marked.shape, np.inf)
+    rows, cols = marked.shape
+    clear = np.ones((2 * rows + 1, 2 * cols + 1), dtype=np.bool_)
+    for row in range(3):
+        for col in range(3):
+            clear[row : row + 2 * rows : 2, col : col + 2 * cols : 2] &= ~marked
+    distance: NDArray[np.float64] = ndimage.distance_transform_edt(clear)
+    return np.ascontiguousarray(distance[1::2, 1::2]) * (resolution_m / 2)

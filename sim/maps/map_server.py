@@ -1,0 +1,173 @@
+"""Maps in the ROS map_server format: a YAML file beside a PGM or PNG image.
+
+Keys, thresholds and modes as in https://wiki.ros.org/map_server and Nav2's map_io: with v the mean of the channels
+in 0–255, p = (255 − v) / 255, or v / 255 if negated; a cell is occupied if p > occupied_thresh, free if
+p < free_thresh, else unknown. A floor plan holds unknown cells for wall.
+"""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from PIL import Image
+
+from robrain.sim.maps.errors import MapError
+from robrain.sim.maps.floor_plan import FloorPlan
+
+REQUIRED_KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
+OPTIONAL_KEYS = ("mode",)
+
+
+def load_map(path: Path) -> FloorPlan:
+    """The floor plan of a map_server YAML file, named after the file.
+
+    The image's path is taken relative to the YAML file. Raises MapError, with one sentence that names file, key and
+    what was expected, for anything that cannot be read as such a map or has no free space.
+    """
+    settings = _Settings(path)
+    image_path = path.parent / settings.text("image")
+    resolution_m = settings.number("resolution")
+    if resolution_m <= 0:
+        raise settings.error("resolution", "a number of metres above 0")
+    origin_x_m, origin_y_m = settings.origin()
+    negate = settings.flag("negate")
+    occupied_thresh = settings.share("occupied_thresh")
+    free_thresh = settings.share("free_thresh")
+    if free_thresh > occupied_thresh:
+        raise settings.error("free_thresh", f"at most occupied_thresh, which is {occupied_thresh:g}")
+    mode = settings.mode()
+
+    value, transparent = _read_image(path, image_path, mode)
+    occupancy = value / 255 if negate else (255 - value) / 255
+    free = occupancy < free_thresh
+    if mode == "scale":
+        free &= ~transparent
+    if not free.any():
+        raise MapError(f"{path}: image: expected free space in {image_path.name}, got none", path=path, key="image")
+    # An image's row 0 is at the top, the grid's at the lowest y.
+    return FloorPlan(np.flipud(~free), resolution_m, origin_x_m, origin_y_m, path.stem)
+
+
+class _Settings:
+    """The YAML file's mapping, read key by key."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._values = self._read()
+        for key in REQUIRED_KEYS:
+            if key not in self._values:
+                raise MapError(f"{path}: expected key {key}, which is missing", path=path, key=key)
+        for key in self._values:
+            if key not in REQUIRED_KEYS + OPTIONAL_KEYS:
+                known = ", ".join(REQUIRED_KEYS + OPTIONAL_KEYS)
+                raise MapError(f"{path}: {key}: unknown key, expected one of {known}", path=path, key=key)
+
+    def _read(self) -> dict[str, object]:
+        path = self._path
+        try:
+            content: object = yaml.safe_load(path.read_text(encoding="utf-8"))
+        except FileNotFoundError as error:
+            raise MapError(f"{path}: expected a map_server YAML file, there is none", path=path) from error
+        except (OSError, UnicodeDecodeError) as error:
+            raise MapError(f"{path}: expected a readable YAML file, got: {_one_line(error)}", path=path) from error
+        except yaml.YAMLError as error:
+            raise MapError(f"{path}: expected valid YAML, got: {_one_line(error)}", path=path) from error
+        if content is None:
+            raise MapError(f"{path}: expected the keys of a map, the file is empty", path=path)
+        if not isinstance(content, dict):
+            raise MapError(f"{path}: expected a mapping of keys, got a {type(content).__name__}", path=path)
+        return {str(key): value for key, value in content.items()}
+
+    def error(self, key: str, expected: str) -> MapError:
+        return MapError(
+            f"{self._path}: {key}: expected {expected}, got {self._values[key]!r}", path=self._path, key=key
+        )
+
+    def text(self, key: str) -> str:
+        value = self._values[key]
+        if not isinstance(value, str) or not value:
+            raise self.error(key, "the path of an image")
+        return value
+
+    def number(self, key: str) -> float:
+        value = _as_number(self._values[key])
+        if value is None:
+            raise self.error(key, "a number")
+        return value
+
+    def share(self, key: str) -> float:
+        value = _as_number(self._values[key])
+        if value is None or not 0 <= value <= 1:
+            raise self.error(key, "a number from 0 to 1")
+        return value
+
+    def flag(self, key: str) -> bool:
+        value = self._values[key]
+        if not isinstance(value, bool | int) or value not in (0, 1):
+            raise self.error(key, "0 or 1")
+        return bool(value)
+
+    def origin(self) -> tuple[float, float]:
+        listed = self._values["origin"]
+        numbers = [_as_number(value) for value in listed] if isinstance(listed, list) else []
+        x_m, y_m, yaw_rad = numbers if len(numbers) == 3 else (None, None, None)
+        if x_m is None or y_m is None or yaw_rad is None:
+            raise self.error("origin", "[x, y, yaw] in metres and radians")
+        if yaw_rad != 0:
+            raise self.error("origin", "yaw 0, since a rotated map is not supported")
+        return x_m, y_m
+
+    def mode(self) -> str:
+        value = self._values.get("mode", "trinary")
+        if value == "raw":
+            raise self.error("mode", "trinary or scale, since raw values do not say what is free")
+        if value not in ("trinary", "scale"):
+            raise self.error("mode", "trinary or scale")
+        return str(value)
+
+
+def _as_number(value: object) -> float | None:
+    # YAML's true is an int to Python; a map that says `resolution: yes` is wrong.
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _read_image(yaml_path: Path, image_path: Path, mode: str) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Mean of the channels, (H, W) in 0–255, and which pixels are transparent, (H, W)."""
+    try:
+        with Image.open(image_path) as image:
+            image.load()
+            return _channel_mean(image, alpha_counts=mode == "trinary")
+    except FileNotFoundError as error:
+        message = f"{yaml_path}: image: expected an image at {image_path}, there is none"
+        raise MapError(message, path=yaml_path, key="image") from error
+    # Pillow's decoders raise these for files that are cut short, empty or no image at all.
+    except (OSError, ValueError, SyntaxError, EOFError, Image.DecompressionBombError) as error:
+        message = f"{yaml_path}: image: expected a readable PGM or PNG at {image_path}, got: {_one_line(error)}"
+        raise MapError(message, path=yaml_path, key="image") from error
+
+
+def _channel_mean(image: Image.Image, *, alpha_counts: bool) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    if 0 in image.size:
+        raise ValueError("an image without pixels")
+    if image.mode.startswith("I"):
+        value = np.asarray(image, dtype=np.float64) / 257
+        return value, np.zeros(value.shape, dtype=np.bool_)
+    if "A" in image.mode or "transparency" in image.info:
+        channels = np.asarray(image.convert("RGBA"), dtype=np.float64)
+        # map_server and Nav2 both average alpha in for trinary, and for scale read it as "unknown".
+        value = channels.mean(axis=2) if alpha_counts else channels[:, :, :3].mean(axis=2)
+        return value, channels[:, :, 3] < 255
+    value = np.asarray(image.convert("RGB"), dtype=np.float64).mean(axis=2)
+    return value, np.zeros(value.shape, dtype=np.bool_)
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__

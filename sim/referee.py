@@ -1,0 +1,91 @@
+"""The referee: how much of the floor that robots can reach the team's maps know.
+
+It hears the same patches that the robots send each other, so its map is what the team could know together.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.map_patch import merge_message
+from robrain.protocol.wire.topics import ROBOT_MAP
+from robrain.sim.maps.floor_plan import FloorPlan
+
+TEAM_RESOLUTION_M = 0.1
+PATCHES_A_STEP = 4096
+
+
+def team_geometry(plan: FloorPlan, resolution_m: float = TEAM_RESOLUTION_M) -> GridGeometry:
+    """The grid that a team in this arena maps on: from the plan's origin, large enough to cover it."""
+    width_m, height_m = plan.size_m
+    return GridGeometry(
+        resolution_m,
+        plan.origin_x_m,
+        plan.origin_y_m,
+        # The slack keeps a size that is a whole number of cells from being rounded up.
+        math.ceil(width_m / resolution_m - 1e-6),
+        math.ceil(height_m / resolution_m - 1e-6),
+    )
+
+
+class Referee:
+    """Merges all robots' patches and tells the explored share.
+
+    Args:
+        plan: the true floor.
+        starts: where the robots start, arena frame.
+        radius_m: of the robots, for where they fit through.
+        geometry: the team's grid; patches of another are refused and counted in `refused_patches`.
+        endpoint: where the patches are heard.
+
+    """
+
+    def __init__(
+        self, plan: FloorPlan, starts: Sequence[Point2D], radius_m: float, geometry: GridGeometry, endpoint: Endpoint
+    ) -> None:
+        self.grid = OccupancyGrid(geometry)
+        self.refused_patches = 0
+        self._inbox = Inbox(PATCHES_A_STEP)
+        self._weights = _cells_per_team_cell(plan, plan.reachable(list(starts), radius_m), geometry)
+        self._total = int(self._weights.sum())
+        self._fraction = 0.0
+        self._version = self.grid.version
+        endpoint.subscribe(self._inbox, ROBOT_MAP)
+
+    @property
+    def explored_fraction(self) -> float:
+        """Share of the reachable floor's area whose team cell is known, 0 to 1, as of the last `step()`."""
+        return self._fraction
+
+    def step(self) -> None:
+        """Merge what has arrived."""
+        for received in self._inbox.drain():
+            try:
+                merge_message(self.grid, received.message)
+            except ValueError:
+                self.refused_patches += 1
+        if self.grid.version != self._version and self._total:
+            self._version = self.grid.version
+            self._fraction = int(self._weights[self.grid.known()].sum()) / self._total
+
+
+def _cells_per_team_cell(plan: FloorPlan, mask: NDArray[np.bool_], geometry: GridGeometry) -> NDArray[np.int64]:
+    """(H, W) of the team's grid: how many of the plan's marked cells have their centre in each cell."""
+    rows, columns = np.nonzero(mask)
+    # Both grids start at the plan's origin; the slack keeps centres that lie on a border on one side of it.
+    scale = plan.resolution_m / geometry.resolution_m
+    team_rows = np.floor(
+        (rows + 0.5) * scale + (plan.origin_y_m - geometry.origin_y_m) / geometry.resolution_m + 1e-9
+    ).astype(np.int64)
+    team_columns = np.floor(
+        (columns + 0.5) * scale + (plan.origin_x_m - geometry.origin_x_m) / geometry.resolution_m + 1e-9
+    ).astype(np.int64)
+    within = (team_rows >= 0) & (team_rows < geometry.height) & (team_columns >= 0) & (team_columns < geometry.width)
+    flat = team_rows[within] * geometry.width + team_columns[within]
+    return np.bincount(flat, minlength=geometry.width * geometry.height).reshape(geometry.shape)

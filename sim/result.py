@@ -1,0 +1,49 @@
+"""What a run tells at its end; this is the JSON of `robrain run --json`."""
+
+import msgspec
+
+from robrain.protocol.model.geometry import Pose2D
+
+
+class RobotResult(msgspec.Struct, frozen=True, kw_only=True):
+    """One robot's share of a run; the pose is the true one, arena frame."""
+
+    name: str
+    distance_m: float
+    energy_j: float
+    collisions: int
+    pose: Pose2D
+
+
+class RunResult(msgspec.Struct, frozen=True, kw_only=True):
+    """A run in figures."""
+
+    scenario: str
+    seed: int
+    robots: int
+    motes: int
+    ended: str
+    """Why the run ended: `explored`, `nothing_left`, `time_limit` or `interrupted`."""
+    sim_time_s: float
+    wall_time_s: float
+    """Of the run itself; what was spent before the first tick is `setup_time_s`."""
+    setup_time_s: float
+    real_time_factor: float
+    explored_fraction: float
+    """Share of the floor that the robots can reach which the team's maps know."""
+    explored_curve: list[tuple[float, float]]
+    """Pairs of sim_time_s and explored fraction."""
+    distance_m: float
+    energy_j: float
+    collisions: int
+    wall_overlap_m: float
+    """How deep a robot's footprint ever was inside a wall, at the resolution of the map."""
+    per_robot: list[RobotResult]
+    messages: int
+    """Messages that the recorder heard."""
+    outside_messages: int
+    """How many of them came from other processes; 0 in a run that can be repeated."""
+    mote_readings: int
+    recording: str | None
+    digest: str
+    """SHA-256 over every recorded message; says so if some came from outside."""

@@ -1,0 +1,234 @@
+"""Scenarios: the way to run a team, from a script as from the command line.
+
+from robrain import Scenario
+
+result = Scenario.builtin("depot").replace(robots=3, seed=7).run(until_explored=0.9)
+print(f"{result.explored_fraction:.0%} explored in {result.sim_time_s:.0f} s")
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+
+import msgspec
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.warm_up import warm_up
+from robrain.sim.errors import ScenarioError
+from robrain.sim.lockstep import LockstepRun
+from robrain.sim.maps.drawing import FloorDrawing, rasterise
+from robrain.sim.maps.errors import MapError
+from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.maps.map_server import load_map
+from robrain.sim.pacing import Pacer, StopOnInterrupt
+from robrain.sim.result import RobotResult, RunResult
+from robrain.sim.scenario_file import ScenarioTables, TeamTable, read_builtin, read_scenario_file
+from robrain.sim.world import World, build_world
+
+CURVE_STEP_S = 5.0
+
+
+class Progress(NamedTuple):
+    """How far a run has come; told about ten times a second of wall time."""
+
+    sim_time_s: float
+    wall_time_s: float
+    explored_fraction: float
+    messages: int
+
+
+class Scenario(msgspec.Struct, frozen=True, kw_only=True):
+    """A floor, a team and its motes."""
+
+    name: str
+    floor: FloorDrawing | Path
+    """A drawing, or a ROS map_server file (map.yaml)."""
+    robots: int = 4
+    motes: int = 0
+    near: Point2D | None = None
+    """The robots start about here; where there is most room if None."""
+    seed: int = 1
+    until_explored: float = 0.98
+    time_limit_s: float = 900.0
+    toml: str = ""
+    """The text that it was read from."""
+
+    @classmethod
+    def builtin(cls, name: str) -> Self:
+        """A scenario that comes with robrain, such as `depot` (ScenarioError if there is none of that name)."""
+        return cls._from_tables(*read_builtin(name), base=Path())
+
+    @classmethod
+    def from_file(cls, path: Path | str) -> Self:
+        """A scenario TOML (ScenarioError naming file and key if it is wrong)."""
+        path = Path(path)
+        return cls._from_tables(*read_scenario_file(path), base=path.parent)
+
+    @classmethod
+    def from_map(cls, path: Path | str, *, robots: int = 4, motes: int = 0) -> Self:
+        """A team on a floor in the ROS map_server format (map.yaml)."""
+        path = Path(path)
+        return cls(name=path.stem, floor=path, robots=robots, motes=motes)
+
+    @classmethod
+    def _from_tables(cls, tables: ScenarioTables, toml: str, *, base: Path) -> Self:
+        floor = tables.floor if tables.floor is not None else base / tables.map.file if tables.map else None
+        assert floor is not None  # ScenarioTables has checked it
+        return cls(
+            name=tables.scenario.name,
+            floor=floor,
+            robots=tables.team.robots,
+            motes=tables.motes.count,
+            near=Point2D(*tables.team.near_m) if tables.team.near_m is not None else None,
+            seed=tables.scenario.seed,
+            until_explored=tables.scenario.until_explored,
+            time_limit_s=tables.scenario.time_limit_s,
+            toml=toml,
+        )
+
+    def replace(self, **changes: Any) -> Self:
+        """The same scenario with some fields changed: `scenario.replace(robots=8, seed=2)`."""
+        try:
+            return msgspec.structs.replace(self, **changes)
+        except TypeError as error:
+            known = ", ".join(self.__struct_fields__)
+            raise ScenarioError(f"{self.name}: {error}; a scenario has {known}") from error
+
+    def plan(self) -> FloorPlan:
+        """The floor (ScenarioError naming file and key if it cannot be read)."""
+        try:
+            return load_map(self.floor) if isinstance(self.floor, Path) else rasterise(self.floor, self.name)
+        except MapError as error:
+            raise ScenarioError(str(error)) from error
+
+    def world(self) -> World:
+        """The floor with robots and motes in their places (ScenarioError if they do not fit)."""
+        try:
+            TeamTable(self.robots)
+        except ValueError as error:
+            raise ScenarioError(f"{self.name}: {error}") from error
+        try:
+            return build_world(self.plan(), self.robots, self.motes, self.near, self.seed)
+        except MapError as error:
+            raise ScenarioError(str(error)) from error
+
+    def run(
+        self,
+        *,
+        until_explored: float | None = None,
+        time_limit_s: float | None = None,
+        speed: float = 0.0,
+        record: Path | str | None = None,
+        listen: str | None = None,
+        on_progress: Callable[[Progress], None] | None = None,
+        on_open: Callable[[list[str]], None] | None = None,
+    ) -> RunResult:
+        """Run the scenario in lockstep, to its end or to Ctrl-C.
+
+        Args:
+            until_explored: stop when this share of the reachable floor is known; the scenario's own if None.
+            time_limit_s: stop after this much simulated time; the scenario's own if None.
+            speed: simulated seconds a second; 0 for as fast as it goes.
+            record: MCAP file to write.
+            listen: loopback endpoint on which other processes may join, such as `tcp/127.0.0.1:0`.
+            on_progress: told now and then how far the run has come.
+            on_open: told the endpoints that are listened on, before the first tick.
+
+        Raises:
+            RobrainError: in one sentence, what cannot be run.
+
+        """
+        until = self.until_explored if until_explored is None else until_explored
+        limit_s = self.time_limit_s if time_limit_s is None else time_limit_s
+        setup = Pacer(0.0)
+        world = self.world()
+        warm_up()
+        run = LockstepRun(
+            world,
+            record=Path(record) if record is not None else None,
+            scenario=self.name,
+            scenario_toml=self.toml,
+            listen=listen,
+        )
+        try:
+            if on_open is not None:
+                on_open(run.listening_at)
+            setup_time_s = setup.wall_time_s
+            pacer = Pacer(speed)
+            ended, curve = _drive(run, until, limit_s, pacer, on_progress)
+            wall_time_s = pacer.wall_time_s
+            truth = run.truth
+        finally:
+            summary = run.close()
+        assert summary is not None  # the run was built, so it has a recorder
+        return RunResult(
+            scenario=self.name,
+            seed=self.seed,
+            robots=len(world.robots),
+            motes=len(world.motes),
+            ended=ended,
+            sim_time_s=round(truth.sim_time_s, 6),
+            wall_time_s=round(wall_time_s, 3),
+            setup_time_s=round(setup_time_s, 3),
+            real_time_factor=round(truth.sim_time_s / max(wall_time_s, 1e-9), 2),
+            explored_fraction=truth.explored_fraction,
+            explored_curve=curve,
+            distance_m=sum(robot.distance_m for robot in truth.robots),
+            energy_j=sum(robot.energy_j for robot in truth.robots),
+            collisions=sum(robot.collisions for robot in truth.robots),
+            wall_overlap_m=max(0.0, run.wall_overlap_m),
+            per_robot=[
+                RobotResult(
+                    name=robot.robot,
+                    distance_m=robot.distance_m,
+                    energy_j=robot.energy_j,
+                    collisions=robot.collisions,
+                    pose=robot.pose,
+                )
+                for robot in truth.robots
+            ],
+            messages=summary.messages,
+            outside_messages=summary.outside,
+            mote_readings=run.mote_readings,
+            recording=str(summary.path) if summary.path is not None else None,
+            digest=summary.digest,
+        )
+
+
+def _drive(
+    run: LockstepRun,
+    until_explored: float,
+    time_limit_s: float,
+    pacer: Pacer,
+    on_progress: Callable[[Progress], None] | None,
+) -> tuple[str, list[tuple[float, float]]]:
+    curve: list[tuple[float, float]] = [(0.0, 0.0)]
+    told_s = -1.0
+    with StopOnInterrupt() as interrupt:
+        while True:
+            run.tick()
+            sim_time_s, explored = run.sim_time_s, run.explored_fraction
+            if sim_time_s - curve[-1][0] >= CURVE_STEP_S - 1e-9:
+                curve.append((round(sim_time_s, 3), explored))
+            if on_progress is not None and pacer.wall_time_s - told_s > 0.1:
+                told_s = pacer.wall_time_s
+                on_progress(Progress(sim_time_s, told_s, explored, run.messages))
+            ended = _why_ended(run, until_explored, time_limit_s, interrupted=interrupt.requested)
+            if ended:
+                break
+            pacer.wait(sim_time_s)
+    if curve[-1][0] != round(sim_time_s, 3):
+        curve.append((round(sim_time_s, 3), explored))
+    if on_progress is not None:
+        on_progress(Progress(sim_time_s, pacer.wall_time_s, explored, run.messages))
+    return ended, curve
+
+
+def _why_ended(run: LockstepRun, until_explored: float, time_limit_s: float, *, interrupted: bool) -> str:
+    if interrupted:
+        return "interrupted"
+    if run.explored_fraction >= until_explored:
+        return "explored"
+    if run.sim_time_s >= time_limit_s - 1e-9:
+        return "time_limit"
+    return "nothing_left" if run.nothing_left else ""

@@ -1,0 +1,125 @@
+"""Scenario files: the TOML that describes a floor, a team and its motes."""
+
+import tomllib
+from importlib import resources
+from pathlib import Path
+
+import msgspec
+
+from robrain.sim.errors import ScenarioError
+from robrain.sim.maps.drawing import FloorDrawing
+
+MAX_ROBOTS = 1000
+MAX_MOTES = 10000
+
+
+class ScenarioTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """`[scenario]`."""
+
+    name: str
+    seed: int = 1
+    until_explored: float = 0.98
+    time_limit_s: float = 900.0
+
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise ValueError(f"expected seed >= 0, got {self.seed}")
+        if not 0 < self.until_explored <= 1:
+            raise ValueError(f"expected until_explored above 0 and at most 1, got {self.until_explored}")
+        if self.time_limit_s <= 0:
+            raise ValueError(f"expected time_limit_s > 0, got {self.time_limit_s}")
+
+
+class MapTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """`[map]`: a floor from a ROS map_server file."""
+
+    file: str
+    """map.yaml, relative to the scenario file."""
+
+
+class TeamTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """`[team]`."""
+
+    robots: int = 4
+    near_m: tuple[float, float] | None = None
+    """The robots start about here; where there is most room if absent."""
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.robots <= MAX_ROBOTS:
+            raise ValueError(f"expected robots from 1 to {MAX_ROBOTS}, got {self.robots}")
+
+
+class MotesTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """`[motes]`."""
+
+    count: int = 0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.count <= MAX_MOTES:
+            raise ValueError(f"expected count from 0 to {MAX_MOTES}, got {self.count}")
+
+
+class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The whole file: either `[floor]`, a drawing, or `[map]`, a map_server file."""
+
+    scenario: ScenarioTable
+    floor: FloorDrawing | None = None
+    map: MapTable | None = None
+    team: TeamTable = TeamTable()
+    motes: MotesTable = MotesTable()
+
+    def __post_init__(self) -> None:
+        if (self.floor is None) == (self.map is None):
+            raise ValueError("expected either [floor] or [map]")
+
+
+def builtin_names() -> list[str]:
+    """The scenarios that come with robrain."""
+    files = resources.files("robrain.sim.scenarios").iterdir()
+    return sorted(file.name.removesuffix(".toml") for file in files if file.name.endswith(".toml"))
+
+
+def read_builtin(name: str) -> tuple[ScenarioTables, str]:
+    """A scenario that comes with robrain, and its text.
+
+    Raises:
+        ScenarioError: there is none of that name.
+
+    """
+    if name not in builtin_names():
+        raise ScenarioError(f"no scenario {name!r}: built in are {', '.join(builtin_names())}; or give a .toml file")
+    text = resources.files("robrain.sim.scenarios").joinpath(f"{name}.toml").read_text(encoding="utf-8")
+    return parse_scenario(text, f"{name}.toml"), text
+
+
+def read_scenario_file(path: Path) -> tuple[ScenarioTables, str]:
+    """A scenario file, and its text.
+
+    Raises:
+        ScenarioError: naming file, key and what was expected.
+
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise ScenarioError(f"{path}: no such scenario file") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{path}: cannot be read: {error}") from error
+    return parse_scenario(text, str(path)), text
+
+
+def parse_scenario(text: str, where: str) -> ScenarioTables:
+    """Scenario tables from TOML text; `where` names the file in errors.
+
+    Raises:
+        ScenarioError: naming file, key and what was expected.
+
+    """
+    try:
+        return msgspec.convert(tomllib.loads(text), ScenarioTables)
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{where}: is not TOML: {error}") from error
+    except msgspec.ValidationError as error:
+        what, _, key = str(error).partition(" - at `$")
+        key = key.rstrip("`").lstrip(".")
+        raise ScenarioError(f"{where}: {f'{key}: ' if key else ''}{what}") from error

@@ -1,0 +1,62 @@
+import subprocess
+import sys
+from types import ModuleType
+
+import numpy as np
+from numba.core.dispatcher import Dispatcher
+
+from robrain.protocol.model import frontier, inflation, occupancy_grid, path_planning, ray_cast
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.warm_up import warm_up
+
+MODULES: tuple[ModuleType, ...] = (frontier, inflation, occupancy_grid, path_planning, ray_cast)
+
+
+def compiled() -> dict[str, int]:
+    """How many variants of each kernel have been compiled or loaded."""
+    return {
+        name: len(kernel.signatures)
+        for module in MODULES
+        for name, kernel in vars(module).items()
+        if isinstance(kernel, Dispatcher)
+    }
+
+
+def use_every_kernel() -> None:
+    # Whole numbers for metres, numpy integers for cells, and arrays off the wire, which cannot be written.
+    geometry = occupancy_grid.GridGeometry(1, 0, 0, 12, 10)
+    grid = occupancy_grid.OccupancyGrid(geometry)
+    sensor = Pose2D(5, 5, 0)
+    angles_rad = np.frombuffer(np.linspace(-3, 3, 9))
+    walls = np.zeros(geometry.shape, np.bool_)
+    walls[8] = True
+    walls.setflags(write=False)
+    ranges_m = ray_cast.cast_rays(walls, geometry, sensor, angles_rad, 4, np.empty((0, 3)))
+    ranges_m.setflags(write=False)
+    grid.integrate_scan(sensor, angles_rad, ranges_m[::-1], 4, np.int64(7), np.empty((0, 3)))
+    cells = np.frombuffer(bytes(6), np.int8).reshape(2, 3)
+    grid.merge_patch(np.int64(1), np.int64(1), cells, np.int64(8))
+    frontier.find_frontiers(grid.classes())
+    traversable = inflation.clearance_m(walls, 1, 3) > 0
+    traversable.setflags(write=False)
+    cost = np.ones(geometry.shape, np.float32).T.copy().T
+    start = path_planning.nearest_traversable(traversable, (np.int64(8), np.int64(3)), 2)
+    assert start is not None
+    path = path_planning.plan_path(traversable, cost, start, (np.int64(0), np.int64(0)))
+    assert path is not None
+    path_planning.shorten_path(path[::2], traversable)
+    field = path_planning.distance_field(traversable, cost, np.array([[0, 0]], np.int32))
+    path_planning.descend(field, traversable, start)
+
+
+def test_no_kernel_is_left_to_compile_in_use_whatever_type_a_number_or_array_has() -> None:
+    # In a process of its own: here, other tests have warmed the kernels up.
+    subprocess.run([sys.executable, __file__], check=True, timeout=100)
+
+
+if __name__ == "__main__":
+    assert not any(compiled().values()), "importing the model compiled something"
+    warm_up()
+    warm = compiled()
+    use_every_kernel()
+    assert compiled() == warm, f"after the warm-up {warm}, in use {compiled()}"

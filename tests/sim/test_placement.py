@@ -1,0 +1,209 @@
+import itertools
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.sim.maps.errors import PlacementError
+from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.maps.map_server import load_map
+from robrain.sim.maps.placement import scatter_points, spawn_poses
+
+REAL_MAPS = Path(__file__).parents[3] / "shared" / "maps"
+needs_real_maps = pytest.mark.skipif(not REAL_MAPS.is_dir(), reason=f"needs the real maps of {REAL_MAPS}")
+
+
+def _rng(seed: int = 1) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+def _building_in_a_field() -> FloorPlan:
+    """A house of 6.5 × 6.5 m in a field of 8 × 8 m that is white too."""
+    occupied = np.zeros((80, 80), dtype=bool)
+    occupied[7:73, 7:73] = True
+    occupied[8:72, 8:72] = False
+    return FloorPlan(occupied, 0.1, 0.0, 0.0, "house")
+
+
+def _two_rooms() -> FloorPlan:
+    occupied = np.ones((40, 80), dtype=bool)
+    occupied[1:-1, 1:30] = False
+    occupied[1:-1, 31:-1] = False
+    return FloorPlan(occupied, 0.1, 0.0, 0.0, "two rooms")
+
+
+def _check_group(plan: FloorPlan, poses: list[Pose2D], radius_m: float, spacing_m: float) -> None:
+    for pose in poses:
+        assert plan.clearance_m[plan.cell_of(pose.x_m, pose.y_m)] >= radius_m + 0.05
+        assert -math.pi < pose.yaw_rad <= math.pi
+    for one, other in itertools.combinations(poses, 2):
+        assert one.distance_m(other) >= spacing_m - 1e-6
+
+
+def test_team_starts_close_together_in_the_largest_room() -> None:
+    plan = _two_rooms()
+    for seed in range(10):
+        poses = spawn_poses(plan, 6, 0.2, near=None, rng=_rng(seed), spacing_m=0.5)
+        _check_group(plan, poses, 0.2, 0.5)
+        assert all(pose.x_m > 3.1 for pose in poses)
+        assert max(one.distance_m(other) for one, other in itertools.combinations(poses, 2)) < 2.0
+
+
+def test_team_gathers_about_the_given_point() -> None:
+    poses = spawn_poses(_two_rooms(), 4, 0.2, near=Point2D(0.0, 0.0), rng=_rng(), spacing_m=0.5)
+    assert poses[0].distance_m(Point2D(0.35, 0.35)) < 0.15
+    assert all(pose.x_m < 3.0 for pose in poses)
+
+
+def test_team_does_not_start_on_both_sides_of_a_wall() -> None:
+    poses = spawn_poses(_two_rooms(), 12, 0.2, near=Point2D(2.7, 2.0), rng=_rng(), spacing_m=0.5)
+    assert all(pose.x_m < 3.0 for pose in poses)
+
+
+def test_team_starts_in_the_largest_region() -> None:
+    for seed in range(5):
+        for pose in spawn_poses(_building_in_a_field(), 4, 0.2, near=None, rng=_rng(seed), spacing_m=0.5):
+            assert 0.8 < pose.x_m < 7.2
+            assert 0.8 < pose.y_m < 7.2
+
+
+def test_hollow_obstacle_in_an_open_field_is_no_room() -> None:
+    occupied = np.zeros((80, 80), dtype=bool)
+    occupied[30:40, 30:40] = True
+    occupied[31:39, 31:39] = False
+    plan = FloorPlan(occupied, 0.1, 0.0, 0.0, "crate")
+    poses = spawn_poses(plan, 4, 0.2, near=None, rng=_rng(), spacing_m=0.5)
+    assert not any(3.0 < pose.x_m < 4.0 and 3.0 < pose.y_m < 4.0 for pose in poses)
+
+
+def test_floor_without_any_wall_is_used() -> None:
+    plan = FloorPlan(np.zeros((30, 30), dtype=bool), 0.1, -1.0, -1.0, "open")
+    _check_group(plan, spawn_poses(plan, 3, 0.2, near=None, rng=_rng(), spacing_m=0.5), 0.2, 0.5)
+
+
+def test_same_generator_state_gives_the_same_places() -> None:
+    plan = _two_rooms()
+
+    def places(seed: int) -> tuple[list[Pose2D], list[Point2D]]:
+        rng = _rng(seed)
+        poses = spawn_poses(plan, 5, 0.2, near=None, rng=rng, spacing_m=0.5)
+        return poses, scatter_points(plan, 9, ~plan.occupied, rng=rng, min_clearance_m=0.1, spacing_m=0.5)
+
+    assert places(3) == places(3)
+    assert places(3) != places(4)
+
+
+def test_too_many_robots_are_told_how_many_fit() -> None:
+    with pytest.raises(PlacementError, match=r"100 robots .* asked for .* \d+ fit") as caught:
+        spawn_poses(_two_rooms(), 100, 0.2, near=None, rng=_rng(), spacing_m=1.0)
+    assert caught.value.asked == 100
+    assert 10 <= caught.value.found <= 25
+    poses = spawn_poses(_two_rooms(), caught.value.found, 0.2, near=None, rng=_rng(), spacing_m=0.9)
+    assert len(poses) == caught.value.found
+
+
+def test_floor_too_narrow_for_the_robot_is_told() -> None:
+    with pytest.raises(PlacementError, match="no free space") as caught:
+        spawn_poses(_two_rooms(), 2, 3.0, near=Point2D(1.0, 1.0), rng=_rng(), spacing_m=0.5)
+    assert caught.value.found == 0
+
+
+@pytest.mark.parametrize("wrong", [{"count": -1}, {"radius_m": -0.1}, {"spacing_m": -1.0}])
+def test_negative_numbers_are_refused(wrong: dict[str, float]) -> None:
+    numbers = {"count": 2, "radius_m": 0.2, "spacing_m": 0.5} | wrong
+    with pytest.raises(ValueError, match=f"{next(iter(wrong))} >= 0"):
+        spawn_poses(
+            _two_rooms(),
+            int(numbers["count"]),
+            numbers["radius_m"],
+            near=None,
+            rng=_rng(),
+            spacing_m=numbers["spacing_m"],
+        )
+
+
+@settings(max_examples=50)
+@given(hnp.arrays(np.bool_, (15, 15)), st.integers(0, 12), st.floats(0, 4), st.integers(0, 9))
+def test_scattered_points_are_distinct_free_cells_of_the_region(
+    occupied: np.ndarray, count: int, spacing_m: float, seed: int
+) -> None:
+    plan = FloorPlan(occupied, 0.5, 0.0, 0.0, "random")
+    region = np.zeros_like(occupied)
+    region[:, 4:11] = True
+    room = int(np.count_nonzero(region & ~occupied & (plan.clearance_m >= 0.3)))
+
+    def scatter() -> list[Point2D]:
+        return scatter_points(plan, count, region, rng=_rng(seed), min_clearance_m=0.3, spacing_m=spacing_m)
+
+    if room < count:
+        with pytest.raises(PlacementError, match=f"{room} fit"):
+            scatter()
+        return
+    cells = [plan.cell_of(point.x_m, point.y_m) for point in scatter()]
+    assert len(set(cells)) == count
+    assert all(region[cell] and plan.clearance_m[cell] >= 0.3 for cell in cells)
+
+
+def test_scattered_points_keep_their_spacing_where_there_is_room() -> None:
+    plan = _two_rooms()
+    points = scatter_points(plan, 15, ~plan.occupied, rng=_rng(), min_clearance_m=0.1, spacing_m=0.8)
+    gaps = [math.hypot(a.x_m - b.x_m, a.y_m - b.y_m) for a, b in itertools.combinations(points, 2)]
+    assert min(gaps) >= 0.8
+
+
+def test_crowded_points_relax_their_spacing_and_stay_spread() -> None:
+    plan = _two_rooms()
+    points = scatter_points(plan, 60, ~plan.occupied, rng=_rng(), min_clearance_m=0.1, spacing_m=3.0)
+    nearest = [min(math.hypot(a.x_m - b.x_m, a.y_m - b.y_m) for b in points if b is not a) for a in points]
+    # 60 points on 28 m² lie about 0.7 m apart; thrown at random, some would almost touch.
+    assert min(nearest) > 0.35
+
+
+def test_every_cell_can_be_taken_and_not_one_more() -> None:
+    plan = FloorPlan(np.zeros((4, 5), dtype=bool), 0.5, 0.0, 0.0, "full")
+    everywhere = ~plan.occupied
+    assert len(set(scatter_points(plan, 20, everywhere, rng=_rng(), min_clearance_m=0, spacing_m=2.0))) == 20
+    with pytest.raises(PlacementError, match=r"21 points asked for .* 20 fit"):
+        scatter_points(plan, 21, everywhere, rng=_rng(), min_clearance_m=0, spacing_m=2.0)
+
+
+def test_mask_of_another_shape_is_refused() -> None:
+    with pytest.raises(ValueError, match="region_mask of shape"):
+        scatter_points(_two_rooms(), 1, np.ones((3, 3), dtype=bool), rng=_rng(), min_clearance_m=0, spacing_m=1.0)
+
+
+@needs_real_maps
+@pytest.mark.parametrize(
+    ("name", "low", "high", "roamed_m2"),
+    [
+        ("nav2_depot", (0.0, 0.0), (30.2, 15.35), 421),
+        ("stage_autolab", (0.0, 0.0), (19.98, 17.02), 203),
+        # The rocks of the cave are outlines; the team starts between them, as in Stage's own world.
+        ("stage_cave", (0.0, 0.0), (16.0, 16.0), 195),
+        ("stage_hospital_section", (0.0, 0.0), (40.18, 16.39), 456),
+    ],
+)
+def test_team_starts_inside_the_walls_of_a_real_map(
+    name: str, low: tuple[float, float], high: tuple[float, float], roamed_m2: float
+) -> None:
+    plan = load_map(REAL_MAPS / f"{name}.yaml")
+    poses = spawn_poses(plan, 8, 0.2, near=None, rng=_rng(), spacing_m=0.6)
+    _check_group(plan, poses, 0.2, 0.6)
+    for pose in poses:
+        assert low[0] < pose.x_m < high[0]
+        assert low[1] < pose.y_m < high[1]
+    roamed = plan.reachable([Point2D(poses[0].x_m, poses[0].y_m)], 0.2)
+    assert np.count_nonzero(roamed) * plan.resolution_m**2 == pytest.approx(roamed_m2, rel=0.02)
+
+
+@needs_real_maps
+def test_near_takes_the_team_into_a_rock_of_the_cave() -> None:
+    plan = load_map(REAL_MAPS / "stage_cave.yaml")
+    poses = spawn_poses(plan, 8, 0.2, near=Point2D(11.0, 9.0), rng=_rng(), spacing_m=0.6)
+    roamed = plan.reachable([Point2D(poses[0].x_m, poses[0].y_m)], 0.2)
+    assert np.count_nonzero(roamed) * plan.resolution_m**2 < 25

@@ -1,0 +1,114 @@
+from pathlib import Path
+
+import numpy as np
+import pymunk
+import pytest
+from hypothesis import given, settings
+from hypothesis.extra import numpy as hnp
+
+from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.maps.map_server import load_map
+from robrain.sim.maps.wall_shapes import add_walls, wall_rectangles
+
+REAL_MAPS = Path(__file__).parents[3] / "shared" / "maps"
+WALL = 7
+
+grids = hnp.arrays(np.bool_, hnp.array_shapes(min_dims=2, max_dims=2, max_side=14))
+
+
+def _next_to_free(occupied: np.ndarray) -> np.ndarray:
+    """Occupied cells with a free one among their eight neighbours, found cell by cell."""
+    wanted = np.zeros_like(occupied)
+    for row, col in np.argwhere(occupied):
+        window = occupied[max(0, row - 1) : row + 2, max(0, col - 1) : col + 2]
+        wanted[row, col] = not window.all()
+    return wanted
+
+
+def _union(rectangles: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    union = np.zeros(shape, dtype=bool)
+    for row0, col0, row1, col1 in rectangles:
+        assert 0 <= row0 < row1 <= shape[0]
+        assert 0 <= col0 < col1 <= shape[1]
+        union[row0:row1, col0:col1] = True
+    return union
+
+
+# The first example may have to compile.
+@settings(deadline=None)
+@given(grids)
+def test_rectangles_cover_the_walls_next_to_free_space_and_nothing_else(occupied: np.ndarray) -> None:
+    rectangles = wall_rectangles(occupied)
+    assert rectangles.dtype == np.int32
+    assert rectangles.shape[1:] == (4,)
+    np.testing.assert_array_equal(_union(rectangles, occupied.shape), _next_to_free(occupied))
+    np.testing.assert_array_equal(rectangles, wall_rectangles(occupied.copy()))
+
+
+def test_room_is_four_rectangles_and_a_solid_block_drops_its_inside() -> None:
+    room = np.ones((9, 12), dtype=bool)
+    room[1:-1, 1:-1] = False
+    assert len(wall_rectangles(room)) == 4
+    block = np.zeros((9, 12), dtype=bool)
+    block[1:-1, 1:-1] = True
+    rectangles = wall_rectangles(block)
+    assert len(rectangles) == 4
+    assert not _union(rectangles, block.shape)[4, 5]
+
+
+def test_crossing_walls_are_two_rectangles() -> None:
+    cross = np.zeros((11, 11), dtype=bool)
+    cross[5, 1:-1] = True
+    cross[1:-1, 5] = True
+    assert len(wall_rectangles(cross)) <= 3
+
+
+@pytest.mark.parametrize("filled", [True, False])
+def test_grid_of_one_kind_has_no_rectangles(filled: bool) -> None:
+    assert wall_rectangles(np.full((5, 6), filled)).shape == (0, 4)
+
+
+def _plan() -> FloorPlan:
+    occupied = np.zeros((30, 40), dtype=bool)
+    occupied[10:20, 20:22] = True
+    return FloorPlan(occupied, 0.1, -2.0, 1.0, "post")
+
+
+def test_walls_stand_in_the_arena_frame_with_the_given_surface() -> None:
+    space = pymunk.Space()
+    shapes = add_walls(space, _plan(), collision_type=WALL, friction=0.5, elasticity=0.2)
+    assert set(space.shapes) == set(shapes)
+    for shape in shapes:
+        assert shape.body is space.static_body
+        assert (shape.collision_type, shape.friction, shape.elasticity) == (WALL, 0.5, 0.2)
+    post = space.point_query_nearest((0.1, 2.5), 0.0, pymunk.ShapeFilter())
+    assert post is not None
+    assert post.shape in shapes
+    assert space.point_query_nearest((-0.02, 2.5), 0.01, pymunk.ShapeFilter()) is None
+    assert space.point_query_nearest((0.1, 1.98), 0.01, pymunk.ShapeFilter()) is None
+
+
+@pytest.mark.parametrize("direction", [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1)])
+def test_disc_pushed_outwards_stays_in_the_arena(direction: tuple[int, int]) -> None:
+    space = pymunk.Space()
+    plan = FloorPlan(np.zeros((30, 40), dtype=bool), 0.1, -2.0, 1.0, "open")
+    add_walls(space, plan, collision_type=WALL)
+    body = pymunk.Body(1.0, 1.0)
+    body.position = (0.0, 2.5)
+    body.velocity = (2.0 * direction[0], 2.0 * direction[1])
+    space.add(body, pymunk.Circle(body, 0.2))
+    for _ in range(400):
+        space.step(0.01)
+        assert plan.contains_free(*body.position)
+
+
+@pytest.mark.skipif(not REAL_MAPS.is_dir(), reason=f"needs the real maps of {REAL_MAPS}")
+@pytest.mark.parametrize(
+    ("name", "most"),
+    [("nav2_depot", 1300), ("stage_autolab", 100), ("stage_cave", 450), ("stage_hospital_section", 800)],
+)
+def test_real_map_needs_few_rectangles(name: str, most: int) -> None:
+    occupied = load_map(REAL_MAPS / f"{name}.yaml").occupied
+    rectangles = wall_rectangles(occupied)
+    np.testing.assert_array_equal(_union(rectangles, occupied.shape), _next_to_free(occupied))
+    assert len(rectangles) <= most
