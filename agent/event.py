@@ -21,13 +21,12 @@ class Mailbox:
         self.dropped = 0
         self.wake: Callable[[], None] | None = None
         """Called after each arrival, so that the observer's thread need not poll."""
-        self._waiting: deque[tuple[Callable[[Any], None], Any]] = deque()
+        self._waiting: deque[tuple[Callable[[Any], None], Any]] = deque(maxlen=capacity)
 
     def post(self, function: Callable[[Any], None], value: Any) -> None:
         """Leave a notification."""
-        if len(self._waiting) >= self.capacity:
-            self._waiting.popleft()
-            self.dropped += 1
+        # The deque itself lets the oldest go: a popleft here could meet that of `deliver` on an empty deque.
+        self.dropped += len(self._waiting) == self.capacity
         self._waiting.append((function, value))
         if self.wake is not None:
             self.wake()

@@ -29,7 +29,7 @@ class Handle:
         if name in calls:
             return calls[name]
         tag, interface = self.__tag, self.__interface
-        if name.startswith("_") or not (hasattr(interface, name) or name in _annotations(interface)):
+        if name.startswith("_") or name not in _offered(interface):
             raise AccessDenied(tag.name, f"{name} is not in {interface.__name__}, the interface of {tag.name}")
         value = getattr(tag.live_plugin(), name)
         if isinstance(value, Event) or not callable(value):
@@ -46,5 +46,6 @@ class Handle:
         return f"<handle on {self.__tag.name} as {self.__interface.__name__}>"
 
 
-def _annotations(interface: type) -> set[str]:
-    return {name for base in interface.__mro__ for name in getattr(base, "__annotations__", {})}
+def _offered(interface: type) -> set[str]:
+    # Not hasattr(): a Protocol's own class has `register` and `mro`, which the interface does not offer.
+    return {name for base in interface.__mro__ for name in (*vars(base), *vars(base).get("__annotations__", ()))}

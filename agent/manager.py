@@ -108,9 +108,11 @@ class PluginManager:
                 tag.holder = ""
 
     def halt(self) -> None:
-        """Emergency halt: devices first, then upwards. Latches until `resume`."""
+        """Emergency halt: all calls are refused, then devices stop, then upwards. Latches until `resume`."""
         self.halted = True
-        for tag in sorted(self.tags.values(), key=lambda tag: tag.plugin_class.level):
+        for tag in self.tags.values():
+            tag.refuse_calls()
+        for tag in sorted(self.tags.values(), key=lambda tag: tag.level):
             try:
                 tag.halt()
             except Exception:

@@ -13,7 +13,7 @@ from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
 from robrain.protocol.wire.session import check_endpoint
 
 
-class RobotTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class RobotTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """`[robot]`."""
 
     name: str

@@ -18,7 +18,7 @@ from robrain.agent.event import Event, Mailbox
 from robrain.agent.external import ExternalFunction, external_functions
 from robrain.agent.handle import Handle
 from robrain.agent.manifest import ANYBODY, COMMAND, Manifest, where_and_what
-from robrain.agent.plugin import Plugin
+from robrain.agent.plugin import Level, Plugin
 from robrain.agent.task_desk import Accept, LetGo, TaskDesk
 from robrain.protocol.model.task import Task
 from robrain.protocol.wire.errors import CallError, ErrorCode
@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 InterfaceT = TypeVar("InterfaceT")
+
+LOCK_TIMEOUT_S = 2.0
+"""A plugin that does not come back for so long when it is to be deactivated is left behind."""
 
 
 class PluginState(StrEnum):
@@ -75,9 +78,20 @@ class PluginTag:
 
         """
         if self._class is None:
-            self._class = self._import()
-            self._functions = external_functions(self._class)
+            found = self._import()
+            try:
+                self._functions = external_functions(found)
+            except Exception as error:  # hints are foreign code: msgspec or get_type_hints may not understand them
+                raise ManifestError(
+                    self.manifest.path, "[plugin] class", f"the external functions of {found.__name__}: {error}"
+                ) from error
+            self._class = found
         return self._class
+
+    @property
+    def level(self) -> Level:
+        """The plugin's level; the highest if its class could not be imported."""
+        return self._class.level if self._class is not None else max(Level)
 
     @property
     def plugin(self) -> Plugin:
@@ -110,7 +124,11 @@ class PluginTag:
             parameters = msgspec.convert(given, plugin_class.Parameters)
         except msgspec.ValidationError as error:
             where, what = where_and_what(error)
-            raise ManifestError(self.manifest.path, f"[parameters] {where}", what) from error
+            key = "[parameters]" if where == "file" else f"[parameters] {where}"
+            overridden = ", ".join(sorted(self._manager.parameters_of(self.name)))
+            if overridden:
+                what = f"{what} (the robot's file sets {overridden})"
+            raise ManifestError(self.manifest.path, key, what) from error
         self._environment = self._manager.make_environment(self)
         self._plugin = plugin_class(self._environment, parameters)
         self._plugin.init()
@@ -124,7 +142,12 @@ class PluginTag:
 
     def deactivate(self) -> None:
         """Call the plugin's `deactivate` and let go of all that its tag holds for it."""
-        with self.lock:
+        if not self.lock.acquire(timeout=LOCK_TIMEOUT_S):
+            logger.error("%s: plugin %s hangs and is left behind", self._manager.robot, self.name)
+            self._become(PluginState.FAULTED, "hangs")
+            self._let_go()
+            return
+        try:
             if self._plugin is None or self.state not in (PluginState.ACTIVE, PluginState.HALTED):
                 return
             self._become(PluginState.INACTIVE)
@@ -132,6 +155,8 @@ class PluginTag:
                 self._plugin.deactivate()
             finally:
                 self._let_go()
+        finally:
+            self.lock.release()
 
     def fault(self, error: Exception) -> None:
         """The plugin raised: it is not called any more."""
@@ -141,10 +166,14 @@ class PluginTag:
 
     def halt(self) -> None:
         """Refuse calls, then call the plugin's `emergency_halt`, without its lock."""
-        if self.state is PluginState.ACTIVE:
-            self._become(PluginState.HALTED, "emergency halt")
+        self.refuse_calls()
         if self._plugin is not None:
             self._plugin.emergency_halt()
+
+    def refuse_calls(self) -> None:
+        """The first half of a halt."""
+        if self.state is PluginState.ACTIVE:
+            self._become(PluginState.HALTED, "emergency halt")
 
     def resume(self) -> None:
         """Take calls again after a halt."""
@@ -160,6 +189,7 @@ class PluginTag:
     def leave_out(self, why: str) -> None:
         """The plugin cannot be started; it stays listed with the reason."""
         self._become(PluginState.FAULTED, why)
+        self._let_go()
 
     def _become(self, state: PluginState, why: str = "") -> None:
         self.state = state
@@ -269,11 +299,18 @@ class PluginTag:
             with self.lock:
                 if self.state is not PluginState.ACTIVE:
                     return TaskAnswer(accepted=False, why=f"{self.name} is {self.state}")
-                return accept(task)
+                try:
+                    return accept(task)
+                except Exception as error:  # noqa: BLE001 - foreign plugin code
+                    self.fault(error)
+                    return TaskAnswer(accepted=False, why=f"{self.name} is {self.state}: {self.why}")
 
         def locked_let_go(why: str) -> None:
             with self.lock:
-                let_go(why)
+                try:
+                    let_go(why)
+                except Exception as error:  # noqa: BLE001 - foreign plugin code
+                    self.fault(error)
 
         desk.register(kind, locked_accept, locked_let_go)
         self._kinds.append(kind)
@@ -315,10 +352,16 @@ class PluginTag:
 
 def _import_file(path: Path) -> Any:
     name = f"robrain_plugin_{path.stem}_{abs(hash(path.resolve())):x}"
+    if name in sys.modules:  # as any import: plugins in one file share the interfaces that it declares
+        return sys.modules[name]
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise ImportError(f"{path} is no Python file")
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
-    spec.loader.exec_module(module)
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
     return module

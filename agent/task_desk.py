@@ -44,7 +44,9 @@ class TaskDesk:
 
     def unregister(self, kind: type) -> None:
         """The behavior goes."""
-        self._executors.pop(kind, None)
+        executor = self._executors.pop(kind, None)
+        if executor is not None and executor is self._current and self.status is not None:
+            self.end(self.status.id, TaskState.FAILED, "the behavior that did it has gone")
 
     def offer(self, offer: TaskOffer, now_ns: int) -> TaskAnswer:
         """Answer the coordinator's offer; the same offer twice is accepted twice and started once."""
@@ -60,11 +62,17 @@ class TaskDesk:
         # Said before the behavior starts, for it may be done with the task before `accept` returns.
         self.status = TaskStatus(id=offer.task.id, epoch=offer.epoch, state=TaskState.RUNNING)
         self._current = executor
-        answer = executor.accept(offer.task)
+        try:
+            answer = executor.accept(offer.task)
+        except BaseException:
+            self.status, self._current = before
+            raise
         if answer.accepted:
             self._epoch = offer.epoch
             self._lease_ns = to_ns(offer.lease_s)
             self.coordinator_heard_ns = now_ns
+            if before[1] is not None and before[1] is not executor:
+                before[1].let_go(f"{offer.task.id} takes its place")
         else:
             self.status, self._current = before
         return answer

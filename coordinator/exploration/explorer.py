@@ -30,6 +30,8 @@ class Explorer:
         self._navigation: NavigationGrid | None = None
         self._version = 0
         self._failures: list[_Failure] = []
+        self._vain: tuple[int, list[str], list[Point2D], int] | None = None
+        """What was last asked with nothing found: the same question has the same answer."""
 
     def note_failure(self, robot: str, place: Point2D, now_ns: int) -> None:
         """A robot could not get to a place: others may, it shuns the place for a while."""
@@ -50,6 +52,9 @@ class Explorer:
 
         """
         self._failures = [failure for failure in self._failures if failure.until_ns > now_ns]
+        question = (self._map.version, [robot.name for robot in idle], taken, len(self._failures))
+        if question == self._vain:
+            return []
         needed_m = MARGIN_M + max((robot.state.radius_m for robot in idle if robot.state is not None), default=0.0)
         navigation = self._look(needed_m)
         if navigation is None:
@@ -59,7 +64,9 @@ class Explorer:
             for robot in idle
             if robot.state is not None and robot.state.pose is not None
         ]
-        return assign_frontiers(navigation, self.candidates, seekers, taken)
+        choices = assign_frontiers(navigation, self.candidates, seekers, taken)
+        self._vain = None if choices else question
+        return choices
 
     def _look(self, needed_m: float) -> NavigationGrid | None:
         grid = self._map.grid

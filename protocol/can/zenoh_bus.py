@@ -14,6 +14,7 @@ from typing import Any
 import can
 import zenoh
 
+from robrain.protocol.wire.errors import BadName, WireError
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ARENA_CAN, CAN_FRAME
@@ -41,7 +42,7 @@ class ZenohBus(can.BusABC):
         now_ns: stamps what is sent; 0 without it.
 
     Raises:
-        can.CanInitializationError: the channel is not `ROBOT/CHANNEL`.
+        can.CanInitializationError: the channel is not `ROBOT/CHANNEL`, or nobody answers at the endpoint.
 
     """
 
@@ -60,19 +61,25 @@ class ZenohBus(can.BusABC):
         robot, slash, bus = str(channel).partition("/")
         if not slash:
             raise can.CanInitializationError(f"channel {channel!r}: expected ROBOT/CHANNEL, such as r1/can0")
+        try:
+            key = ARENA_CAN.key(team, robot=robot, channel=bus)
+        except BadName as error:
+            raise can.CanInitializationError(f"channel {channel!r}: {error}") from error
         self.channel_info = f"zenoh {channel}"
         self.dropped = 0
         self._now_ns = now_ns
         self._direct = direct
-        self._frames: deque[bytes] = deque()
+        self._frames: deque[bytes] = deque(maxlen=QUEUE_FRAMES)
         self._arrived = threading.Condition()
         self._own_session: zenoh.Session | None = None
         if session is None:
             endpoint = connect or os.environ.get("ROBRAIN_CONNECT", "")
-            session = self._own_session = open_session(connect=[endpoint] if endpoint else [])
+            try:
+                session = self._own_session = open_session(connect=[endpoint] if endpoint else [])
+            except WireError as error:
+                raise can.CanInitializationError(str(error)) from error
         self._node = (int(str(session.zid())[:12], 16) << 16) | (next(_bus_number) & 0xFFFF)
         self._node_bytes = self._node.to_bytes(8, "little")
-        key = ARENA_CAN.key(team, robot=robot, channel=bus)
         self._publisher = session.declare_publisher(
             key,
             encoding=CAN_FRAME,
@@ -93,7 +100,9 @@ class ZenohBus(can.BusABC):
         if msg.is_error_frame:
             identifier |= _ERROR
         stamp_ns = self._now_ns() if self._now_ns is not None else 0
-        self._publisher.put(_HEADER.pack(self._node, stamp_ns, identifier) + msg.data)
+        # A remote frame asks for so many bytes and brings none: they stand for its length.
+        data = bytes(msg.dlc) if msg.is_remote_frame else msg.data
+        self._publisher.put(_HEADER.pack(self._node, stamp_ns, identifier) + data)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if not self._frames:
@@ -105,6 +114,7 @@ class ZenohBus(can.BusABC):
             return None, False
         payload = self._frames.popleft()
         _, stamp_ns, identifier = _HEADER.unpack_from(payload)
+        data = payload[_HEADER.size :]
         return (
             can.Message(
                 timestamp=stamp_ns / 1e9,
@@ -112,7 +122,8 @@ class ZenohBus(can.BusABC):
                 is_extended_id=bool(identifier & _EXTENDED),
                 is_remote_frame=bool(identifier & _REMOTE),
                 is_error_frame=bool(identifier & _ERROR),
-                data=payload[_HEADER.size :],
+                dlc=len(data),
+                data=None if identifier & _REMOTE else data,
                 channel=self.channel_info,
             ),
             False,
@@ -123,18 +134,16 @@ class ZenohBus(can.BusABC):
         if self._is_shutdown:
             return
         super().shutdown()
-        self._subscriber.undeclare()  # type: ignore[no-untyped-call]
-        self._publisher.undeclare()  # type: ignore[no-untyped-call]
+        self._subscriber.undeclare()
+        self._publisher.undeclare()
         if self._own_session is not None:
-            self._own_session.close()  # type: ignore[no-untyped-call]
+            self._own_session.close()
 
     def _take(self, sample: zenoh.Sample) -> None:
         payload = sample.payload.to_bytes()
         if len(payload) < _HEADER.size or payload[:8] == self._node_bytes:
             return
-        if len(self._frames) >= QUEUE_FRAMES:
-            self._frames.popleft()
-            self.dropped += 1
+        self.dropped += len(self._frames) == QUEUE_FRAMES
         self._frames.append(payload)
         if not self._direct:  # in lockstep nobody ever waits
             with self._arrived:

@@ -100,25 +100,6 @@ class NavigationGrid:
             traversable[rows, columns] &= ~inside
         return traversable
 
-    def clear(self, points: Iterable[Point2D], traversable: NDArray[np.bool_]) -> bool:
-        """Whether the straight lines between these points touch traversable cells only."""
-        previous: Point2D | None = None
-        for point in points:
-            if previous is not None and not self._line_clear(previous, point, traversable):
-                return False
-            previous = point
-        return True
-
-    def _line_clear(self, start: Point2D, end: Point2D, traversable: NDArray[np.bool_]) -> bool:
-        length_m = float(np.hypot(end.x_m - start.x_m, end.y_m - start.y_m))
-        steps = max(2, int(length_m / (0.5 * self.geometry.resolution_m)))
-        resolution = self.geometry.resolution_m
-        columns = ((np.linspace(start.x_m, end.x_m, steps) - self.geometry.origin_x_m) / resolution).astype(np.int32)
-        rows = ((np.linspace(start.y_m, end.y_m, steps) - self.geometry.origin_y_m) / resolution).astype(np.int32)
-        height, width = self.geometry.shape
-        inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
-        return bool(inside.all() and traversable[rows, columns].all())
-
     def _disc(self, x_m: float, y_m: float, radius_m: float) -> tuple[slice, slice, NDArray[np.bool_]]:
         geometry = self.geometry
         low_row, low_column = geometry.cell_of(x_m - radius_m, y_m - radius_m)

@@ -28,6 +28,8 @@ logger = logging.getLogger(__name__)
 
 OnOutside = Callable[[str, bytes], None]
 PENDING_QUERIES = 256
+ZENOH_TIMEOUT = b"Timeout"
+"""What Zenoh itself replies with when nobody has replied in time."""
 
 
 class Drive(StrEnum):
@@ -90,6 +92,7 @@ class Endpoint:
         self._owner = threading.get_ident()
         self._entities: list[Any] = []
         self._pending: deque[tuple[zenoh.Query, Topic, str | None, Handler]] = deque()
+        self._closing = False
         self._workers = workers
         self._pool: ThreadPoolExecutor | None = None
 
@@ -162,7 +165,9 @@ class Endpoint:
         own_key = topic.key(self.team, **names) if set(names) == set(topic.fields) else None
 
         def take(query: zenoh.Query) -> None:
-            if serve is Serve.IN_STEP if self.drive is Drive.LIVE else self._from_outside():
+            if self._closing:
+                self._reply(query, topic, own_key, handler)
+            elif serve is Serve.IN_STEP if self.drive is Drive.LIVE else self._from_outside():
                 self._queue(query, topic, own_key, handler)
             elif self.drive is Drive.LIVE and serve is Serve.POOL:
                 self._threads().submit(self._reply, query, topic, own_key, handler)
@@ -191,6 +196,8 @@ class Endpoint:
     def _reply(self, query: zenoh.Query, topic: Topic, own_key: str | None, handler: Handler) -> None:
         with query:
             try:
+                if self._closing:
+                    raise CallError(ErrorCode.UNLOADED, "the component has stopped")
                 key = str(query.key_expr)
                 names = topic.parse(own_key or key)
                 if names is None or ("*" in key and own_key is None):
@@ -233,15 +240,14 @@ class Endpoint:
 
     def close(self) -> None:
         """Undeclare everything; queries that still wait are answered `unloaded`."""
+        self._closing = True
         for entity in reversed(self._entities):
             entity.undeclare()
         self._entities.clear()
         while self._pending:
-            query, *_ = self._pending.popleft()
-            with query:
-                _reply_error(query, CallError(ErrorCode.UNLOADED, "the component has stopped"))
+            self._reply(*self._pending.popleft())
         if self._pool is not None:
-            self._pool.shutdown(wait=True, cancel_futures=True)
+            self._pool.shutdown(wait=True)  # what waits in it is answered `unloaded` as well
             self._pool = None
 
     def _from_outside(self) -> bool:
@@ -263,8 +269,10 @@ def _reply_error(query: zenoh.Query, error: CallError) -> None:
 
 def _call_error(reply: zenoh.ReplyError | None) -> CallError:
     payload = reply.payload.to_bytes() if reply is not None else b""
+    if payload == ZENOH_TIMEOUT:
+        return CallError(ErrorCode.TIMEOUT, "no reply in time")
     try:
         error = msgspec.json.decode(payload, type=ErrorReply)
-    except msgspec.DecodeError:
-        return CallError(ErrorCode.TIMEOUT, "no reply in time")
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return CallError(ErrorCode.FAILED, f"an error that is none of ours: {payload[:200].decode(errors='replace')}")
     return CallError(error.code, error.message, error.detail)

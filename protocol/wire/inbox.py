@@ -23,11 +23,11 @@ class Inbox:
     """Holds samples between two steps of its owner. Callbacks only ever append.
 
     On topics delivered as LATEST a new sample takes the place of the last one of its key. When `capacity`
-    is reached the oldest sample goes; `dropped` counts these. Samples that do not decode are counted in
-    `malformed` and left out.
+    is reached the oldest sample goes, or a key that is new among the latest is not taken in; `dropped` counts
+    these. Samples that do not decode are counted in `malformed` and left out.
 
     Args:
-        capacity: samples held at the most.
+        capacity: samples held at the most, of those that count singly and of the latest ones each.
         every: keep each sample, also of topics on which only the latest counts.
     """
 
@@ -39,7 +39,7 @@ class Inbox:
         self.dropped = 0
         self.malformed = 0
         self.received = 0
-        self._every: deque[tuple[Topic, str, bytes]] = deque()
+        self._every: deque[tuple[Topic, str, bytes]] = deque(maxlen=capacity)
         self._latest: dict[str, tuple[Topic, str, bytes]] = {}
         self._names: dict[str, dict[str, str]] = {}
         self._decoders: dict[str, msgspec.json.Decoder[Any]] = {}
@@ -49,11 +49,13 @@ class Inbox:
         self.received += 1
         self.outside += outside
         if topic.delivery is Delivery.LATEST and not self.every:
-            self._latest[key] = (topic, key, payload)
+            if len(self._latest) >= self.capacity and key not in self._latest:
+                self.dropped += 1
+            else:
+                self._latest[key] = (topic, key, payload)
             return
-        if len(self._every) >= self.capacity:
-            self._every.popleft()
-            self.dropped += 1
+        # The deque itself lets the oldest go: a popleft here could meet the owner's in `drain` on an empty deque.
+        self.dropped += len(self._every) == self.capacity
         self._every.append((topic, key, payload))
 
     def __len__(self) -> int:
@@ -81,6 +83,6 @@ class Inbox:
             decoder = self._decoders[topic.name] = msgspec.json.Decoder(topic.message)
         try:
             return Received(topic, key, names, decoder.decode(payload))
-        except (msgspec.DecodeError, UnicodeDecodeError):
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):  # the last for what is nested too deep
             self.malformed += 1
             return None

@@ -34,8 +34,10 @@ class ExploreBehavior(Behavior):
         """A goal is done when no frontier is left within this distance of it."""
         arrived_m: float = 0.3
         replan_s: float = 2.0
+        replan_blocked_s: float = 0.5
+        """As long as something stands in the way, another way is looked for this often."""
         patience_s: float = 3.0
-        """After standing before an obstacle this long the robot takes another way, or gives the task back."""
+        """After standing before an obstacle this long the robot gives the task back."""
         alone_s: float = 3.0
         """With no word from a coordinator for this long the robot chooses for itself."""
         mate_margin_m: float = 0.15
@@ -47,7 +49,6 @@ class ExploreBehavior(Behavior):
         self._task: Explore | None = None
         self._path: list[Point2D] = []
         self._planned_ns = 0
-        self._checked_version = -1
         self._own_choices = 0
 
     def activate(self) -> None:
@@ -87,24 +88,21 @@ class ExploreBehavior(Behavior):
         elif self._path and pose.distance_m(self._path[-1]) < self.parameters.arrived_m:
             self._finish(TaskState.DONE, "arrived")
         elif self._driver.blocked_s() > self.parameters.patience_s:
-            if not self._replan(task, view, pose):
-                self._finish(TaskState.FAILED, "the way is blocked")
-        elif self._must_replan(view) and not self._replan(task, view, pose):
+            self._finish(TaskState.FAILED, "the way is blocked")
+        elif self._must_replan() and not self._replan(task, view, pose):
             self._finish(TaskState.FAILED, "no way there")
 
-    def _must_replan(self, view: MapView) -> bool:
-        if not self._path or self.env.clock.now_ns() - self._planned_ns > to_ns(self.parameters.replan_s):
+    def _must_replan(self) -> bool:
+        since_ns = self.env.clock.now_ns() - self._planned_ns
+        if not self._path or since_ns > to_ns(self.parameters.replan_s):
             return True
-        if view.version == self._checked_version:
-            return False
-        self._checked_version = view.version
-        return not self._planner.is_clear(view, self._path)
+        # The driver has stopped before something that was not on the map when the path was planned.
+        return self._driver.blocked_s() > 0 and since_ns > to_ns(self.parameters.replan_blocked_s)
 
     def _replan(self, task: Explore, view: MapView, pose: Pose2D) -> bool:
         start = Point2D(pose.x_m, pose.y_m)
         path = self._planner.plan(view, start, task.goal, self._circles(pose))
         self._planned_ns = self.env.clock.now_ns()
-        self._checked_version = view.version
         if path is None:
             return False
         self._follow(path)

@@ -16,6 +16,8 @@ from robrain.protocol.model.omni_drive import OmniBase
 from robrain.protocol.wire.clock import NS_PER_S
 
 ENCODER_MODULUS = 1 << 16
+WHEEL_SPEED_MAX_RAD_S = 32.0
+"""The most that a WheelCommand frame can say."""
 HISTORY_FRAMES = 64
 
 
@@ -67,7 +69,9 @@ class MocDevice(Device):
         if self._bus is None:
             return
         while (frame := self._bus.recv(timeout=0)) is not None:
-            if frame.arbitration_id == self._encoders.arbitration_id:
+            if frame.is_extended_id or frame.is_remote_frame or frame.is_error_frame:
+                self._foreign += 1
+            elif frame.arbitration_id == self._encoders.arbitration_id:
                 self._read_encoders(frame)
             elif frame.arbitration_id != self._status_id:
                 self._foreign += 1
@@ -82,8 +86,10 @@ class MocDevice(Device):
         self.stop()
 
     def drive(self, twist: Twist2D) -> None:
-        """Command a velocity, body frame. It holds for 200 ms."""
-        first, second, third = self.parameters.base.wheel_speeds_rad_s(twist)
+        """Command a velocity, body frame. It holds for 200 ms; beyond the wheels' limit its direction is kept."""
+        wanted = self.parameters.base.wheel_speeds_rad_s(twist)
+        share = WHEEL_SPEED_MAX_RAD_S / max(WHEEL_SPEED_MAX_RAD_S, *map(abs, wanted))
+        first, second, third = (share * speed_rad_s for speed_rad_s in wanted)
         self._counter = (self._counter + 1) & 0xFF
         self._send(self._command.pack(self._counter, wheel_1_rad_s=first, wheel_2_rad_s=second, wheel_3_rad_s=third))
 

@@ -14,7 +14,4 @@ class PlannerInterface(Protocol):
 
     def plan(self, view: MapView, start: Point2D, goal: Point2D, avoid: list[Circle]) -> list[Point2D] | None:
         """Waypoints from start to as near to goal as the robot can stand; None if there is no way."""
-
-    def is_clear(self, view: MapView, path: list[Point2D]) -> bool:
-        """Whether a path, straight from point to point, is still free of known obstacles."""
         ...

@@ -35,11 +35,6 @@ class Planner(Skill):
         """Waypoints from start to as near to goal as the robot can stand."""
         return self._navigation(view).path(start, goal, snap_m=self.parameters.snap_m, avoid=avoid)
 
-    def is_clear(self, view: MapView, path: list[Point2D]) -> bool:
-        """Whether a path is still free of known obstacles."""
-        grid = self._navigation(view)
-        return grid.clear(path, grid.traversable)
-
     def _navigation(self, view: MapView) -> NavigationGrid:
         if self._grid is None or self._version != view.version:
             needed_m = self.parameters.radius_m + self.parameters.margin_m

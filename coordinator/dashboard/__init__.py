@@ -1,0 +1,7 @@
+"""The dashboard: the team in a browser, drawn by a Zenoh client like any other."""
+
+from robrain.coordinator.dashboard.dashboard import Dashboard
+from robrain.coordinator.dashboard.loop import run_dashboard
+from robrain.coordinator.dashboard.team_view import TeamView
+
+__all__ = ["Dashboard", "TeamView", "run_dashboard"]

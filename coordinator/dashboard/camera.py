@@ -1,0 +1,58 @@
+"""Where to stand to see all of a map."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+FOV_RAD = math.radians(45)
+"""Vertical field of view; narrower than viser's 75°, which bends a floor plan."""
+OVERVIEW_ELEVATION_RAD = math.radians(58)
+TOP_ELEVATION_RAD = math.radians(89.5)
+"""Not quite 90°, where the camera would not know which way is up; so that +y is up on the screen."""
+FILL = 0.92
+"""Share of the picture that the map may take."""
+
+Bounds = tuple[float, float, float, float]
+"""x_min, y_min, x_max, y_max; metres, arena frame."""
+
+
+class Standpoint(NamedTuple):
+    """A camera's place and what it looks at, metres, arena frame."""
+
+    position: tuple[float, float, float]
+    look_at: tuple[float, float, float]
+
+
+def stand_to_see(bounds: Bounds, elevation_rad: float, aspect: float, fov_rad: float = FOV_RAD) -> Standpoint:
+    """The nearest standpoint from which all of `bounds` is seen, looking along +y from `elevation_rad` above the floor.
+
+    `aspect` is the picture's width by its height. The picture is centred on what is seen, not on the middle of the
+    floor, which perspective would push up.
+    """
+    x_min, y_min, x_max, y_max = bounds
+    middle = np.array([(x_min + x_max) / 2, (y_min + y_max) / 2, 0.0])
+    forward = np.array([0.0, math.cos(elevation_rad), -math.sin(elevation_rad)])
+    up = np.array([0.0, math.sin(elevation_rad), math.cos(elevation_rad)])
+    corners = np.array([[x, y, 0.0] for x in (x_min, x_max) for y in (y_min, y_max)]) - middle
+    tan_up = math.tan(fov_rad / 2) * FILL
+    tan_side = tan_up * max(aspect, 0.1)
+    sideways, upwards, depth = corners[:, 0], corners @ up, corners @ forward
+
+    # With the eye at −distance along `forward` and raised by `lift`, each corner has to stay within the picture:
+    # |sideways| ≤ tan_side (distance + depth) and |upwards − lift| ≤ tan_up (distance + depth).
+    for_width = float(np.max(np.abs(sideways) / tan_side - depth))
+    top, bottom = upwards - tan_up * depth, upwards + tan_up * depth
+    for_height = float(np.max(top) - np.min(bottom)) / (2 * tan_up)
+    distance = max(for_width, for_height, 1.0)
+    lift = (float(np.max(top)) + float(np.min(bottom))) / 2
+    look_at = middle + lift * up
+    # On the floor again, so that the orbit turns about a point of it.
+    look_at = look_at + forward * (look_at[2] / math.sin(elevation_rad))
+    eye = middle + lift * up - distance * forward
+    return Standpoint(_tuple(eye), _tuple(look_at))
+
+
+def _tuple(vector: NDArray[np.float64]) -> tuple[float, float, float]:
+    return float(vector[0]), float(vector[1]), float(vector[2])

@@ -1,0 +1,49 @@
+"""What a layer of the scene is: something that can be shown or hidden, and is drawn now and then."""
+
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
+import viser
+
+from robrain.coordinator.dashboard.team_view import TeamView
+
+
+class Layer(ABC):
+    """Draws one aspect of the team below a node of its own, which hides with its checkbox.
+
+    A layer gives its `name` (of the node), its `label` (for people), its `period_s` and whether it is shown at first,
+    and draws in `_draw`.
+    """
+
+    name: ClassVar[str]
+    label: ClassVar[str]
+    period_s: ClassVar[float]
+    shown_at_first: ClassVar[bool] = True
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        self.scene = scene
+        self._root = scene.add_frame(f"/{self.name}", show_axes=False, visible=self.shown_at_first)
+        self._drawn_s: float | None = None
+
+    @property
+    def shown(self) -> bool:
+        """Whether it is to be seen; a hidden layer is not drawn."""
+        return self._root.visible
+
+    @shown.setter
+    def shown(self, shown: bool) -> None:
+        self._root.visible = shown
+
+    def draw(self, view: TeamView, now_s: float) -> None:
+        """Draw what changed, if it is time to."""
+        if self.shown and (self._drawn_s is None or now_s - self._drawn_s >= self.period_s):
+            self._drawn_s = now_s
+            self._draw(view, now_s)
+
+    def node(self, name: str) -> str:
+        """The full name of a node of this layer."""
+        return f"/{self.name}/{name}"
+
+    @abstractmethod
+    def _draw(self, view: TeamView, now_s: float) -> None:
+        """Bring the layer's nodes up to date."""

@@ -1,0 +1,105 @@
+"""Marks on the map: borders of the known, motes with their readings, and what the lidars see."""
+
+import numpy as np
+import viser
+
+from robrain.coordinator.dashboard.layer import Layer
+from robrain.coordinator.dashboard.meshes import diamond
+from robrain.coordinator.dashboard.palette import FRONTIER, look_of, mote_color
+from robrain.coordinator.dashboard.scene_nodes import Colors, Instances, Labels, Rows, colors, rows, to_linear
+from robrain.coordinator.dashboard.team_view import MoteView, RobotView, TeamView
+
+FRONTIER_SIZE_M = 0.1
+MOTE_LABEL_Z_M = 0.35
+MOTE_LABELS = 40
+"""More motes than this go without their readings in the scene; the table has them."""
+SCAN_Z_M = 0.15
+
+
+class FrontierLayer(Layer):
+    """Borders of the known that the coordinator sees, the longer the larger."""
+
+    name, label, period_s = "frontiers", "Frontiers", 1.0
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        super().__init__(scene)
+        self._marks = Instances(scene, self.node("marks"), diamond(1.0, 1.6))
+
+    def _draw(self, view: TeamView, now_s: float) -> None:
+        frontiers = view.team.frontiers if view.team is not None else []
+        sizes_m = [FRONTIER_SIZE_M * min(2.0, max(0.8, frontier.length_m**0.5)) for frontier in frontiers]
+        self._marks.show(
+            rows([(frontier.place.x_m, frontier.place.y_m, 0.0) for frontier in frontiers]),
+            rows([(size_m,) * 3 for size_m in sizes_m]),
+            colors([FRONTIER] * len(frontiers)),
+        )
+
+
+class MoteLayer(Layer):
+    """Motes coloured by their supply, with what they last read."""
+
+    name, label, period_s = "motes", "Motes", 1.0
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        super().__init__(scene)
+        self._bodies = Instances(scene, self.node("bodies"), diamond(0.14, 0.3))
+        self._labels = Labels(scene, self.node("reading"), 0.8)
+
+    def _draw(self, view: TeamView, now_s: float) -> None:
+        placed = [(mote, mote.place) for mote in view.motes.values() if mote.place is not None]
+        self._bodies.show(
+            rows([(place.x_m, place.y_m, 0.0) for _, place in placed]),
+            np.ones((len(placed), 3), np.float32),
+            colors([mote_color(mote.latest.voltage_v if mote.latest is not None else None) for mote, _ in placed]),
+        )
+        labelled = placed if len(placed) <= MOTE_LABELS else []
+        self._labels.show(
+            {mote.name: (reading_text(mote), (place.x_m, place.y_m, MOTE_LABEL_Z_M)) for mote, place in labelled}
+        )
+
+
+class ScanLayer(Layer):
+    """What the simulated lidars see, in the robots' colours."""
+
+    name, label, period_s, shown_at_first = "scans", "Laser scans", 0.2, False
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        super().__init__(scene)
+        self._handle: viser.PointCloudHandle | None = None
+
+    def _draw(self, view: TeamView, now_s: float) -> None:
+        clouds = [scan_points(robot) for robot in view.robots_in_order()]
+        shades = [
+            np.tile(np.array(look_of(robot.index).color, np.uint8), (len(cloud), 1))
+            for robot, cloud in zip(view.robots_in_order(), clouds, strict=True)
+        ]
+        if not any(map(len, clouds)):
+            if self._handle is not None:
+                self._handle.remove()
+                self._handle = None
+            return
+        points: Rows = np.concatenate(clouds)
+        colored: Colors = np.concatenate(shades)
+        self._handle = self.scene.add_point_cloud(
+            self.node("points"), points, to_linear(colored), point_size=0.05, point_shape="circle", precision="float32"
+        )
+
+
+def scan_points(robot: RobotView) -> Rows:
+    """Ends of the beams that hit something, float32 (N, 3), metres, arena frame."""
+    if robot.scan is None or robot.pose is None:
+        return np.empty((0, 3), np.float32)
+    ranges_m = np.array(robot.scan.ranges_mm, np.float64) / 1000
+    angles_rad = (
+        robot.pose.yaw_rad + robot.scan.angle_min_rad + robot.scan.angle_increment_rad * np.arange(len(ranges_m))
+    )
+    hit = ranges_m > 0
+    x_m = robot.pose.x_m + ranges_m[hit] * np.cos(angles_rad[hit])
+    y_m = robot.pose.y_m + ranges_m[hit] * np.sin(angles_rad[hit])
+    return np.column_stack([x_m, y_m, np.full(x_m.shape, SCAN_Z_M)]).astype(np.float32)
+
+
+def reading_text(mote: MoteView) -> str:
+    """A mote's last reading in a few characters."""
+    latest = mote.latest
+    return mote.name if latest is None else f"{mote.name} {latest.value:.1f}"

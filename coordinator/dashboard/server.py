@@ -1,0 +1,79 @@
+"""The web server of the dashboard: viser, made quiet and kept at home."""
+
+import contextlib
+import errno
+import socket
+from collections.abc import Iterator
+
+import rich
+import viser
+
+from robrain.protocol.wire.errors import PortTaken, WireError
+
+AMBIENT = 1.0
+"""Light from everywhere, without which faces turned from the lamps are black."""
+
+
+class LocalServer(viser.ViserServer):
+    """A viser server that never opens a public tunnel: any client may send that request, hidden button or not."""
+
+    def request_share_url(self, verbose: bool = True) -> str | None:
+        """None, always."""
+        return None
+
+
+def open_server(host: str, port: int) -> LocalServer:
+    """A server listening at `host`; port 0 takes a free one, `get_port()` tells which.
+
+    Raises:
+        PortTaken: another process listens on that port.
+        WireError: `host` is not an address of this computer.
+    """
+    _check_free(host, port)
+    with quiet():
+        server = LocalServer(host=host, port=port, label="robrain", verbose=False)
+    # viser moves on to the next port when it finds one taken, which may happen after the check.
+    if port not in (0, server.get_port()):
+        close_server(server)
+        raise _port_taken(host, port)
+    server.scene.configure_environment_map(hdri=None)
+    server.scene.configure_default_lights(cast_shadow=False)
+    server.scene.add_light_ambient("/ambient", intensity=AMBIENT)
+    return server
+
+
+def close_server(server: viser.ViserServer) -> None:
+    """Stop serving; browsers that look on show that the connection is lost."""
+    with quiet():
+        server.stop()
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """Hold back what viser prints when it starts and stops; it has no switch for these lines."""
+    console = rich.get_console()
+    before = console.quiet
+    console.quiet = True
+    try:
+        yield
+    finally:
+        console.quiet = before
+
+
+def _check_free(host: str, port: int) -> None:
+    """Try the bind first: viser would hang on a host that cannot be bound, and move on from a port that is taken."""
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind, protocol) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(address)
+    except OSError as error:
+        if error.errno == errno.EADDRINUSE:
+            raise _port_taken(host, port) from error
+        raise WireError(f"the dashboard cannot listen on {host}:{port}: {error.strerror}") from error
+    except OverflowError as error:
+        raise WireError(f"the dashboard cannot listen on port {port}: expected one from 0 to 65535") from error
+
+
+def _port_taken(host: str, port: int) -> PortTaken:
+    return PortTaken(f"port taken: another process listens on {host}:{port}; give another, or port 0 for a free one")

@@ -1,0 +1,337 @@
+"""What the dashboard knows of its team: messages come in, drawings and tables read it. No browser, no I/O."""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from robrain.coordinator.dashboard.map_view import MapView
+from robrain.coordinator.dashboard.rate_meter import RateMeter
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.wire.inbox import Received
+from robrain.protocol.wire.messages import (
+    ArenaClock,
+    ArenaTruth,
+    Halt,
+    MapPatch,
+    MoteReading,
+    PlannedPath,
+    RobotState,
+    RobotSummary,
+    RobotTruth,
+    Scan,
+    TaskEvent,
+    TeamState,
+)
+from robrain.protocol.wire.presence import Change
+from robrain.protocol.wire.topics import (
+    ARENA_CLOCK,
+    ARENA_SCAN,
+    ARENA_TRUTH,
+    COORDINATOR_STATE,
+    HALT,
+    MOTE_READING,
+    ROBOT_MAP,
+    ROBOT_PATH,
+    ROBOT_STATE,
+    TASK_EVENT,
+    Topic,
+)
+
+SILENT_AFTER_S = 3.0
+"""A robot whose token stands but whose state is older than this may hang: its liveliness would last 10 s more."""
+TRAIL_STEP_M = 0.1
+TRAIL_POINTS = 600
+OPEN_TASKS = 1000
+HISTORY_POINTS = 400
+HISTORY_STEP_S = 1.0
+FAR_M = 1e6
+"""Places farther out than this are refused: they cannot be drawn, and hide those that can."""
+RESTART_S = 1.0
+"""An arena clock that falls back by more than this tells of another run."""
+
+
+class Contact(StrEnum):
+    """How well a robot is heard."""
+
+    UP = "up"
+    SILENT = "silent"
+    """Its token stands, its state is old."""
+    LOST = "lost"
+
+
+@dataclass
+class RobotView:
+    """All that is known of one robot."""
+
+    name: str
+    index: int
+    """How many robots appeared before it; chooses its colour."""
+    present: bool | None = None
+    """Whether its liveliness token stands; None when it never had one."""
+    heard_s: float | None = None
+    """When its state last came, on the caller's clock."""
+    state: RobotState | None = None
+    summary: RobotSummary | None = None
+    truth: RobotTruth | None = None
+    scan: Scan | None = None
+    path: list[Point2D] = field(default_factory=list)
+    trail: deque[Point2D] = field(default_factory=lambda: deque(maxlen=TRAIL_POINTS))
+
+    @property
+    def pose(self) -> Pose2D | None:
+        """Where it last said to be, arena frame."""
+        return None if self.state is None else self.state.pose
+
+    @property
+    def halted(self) -> bool:
+        """Whether it last said to be halted."""
+        return self.state is not None and self.state.halted
+
+    def contact(self, now_s: float) -> Contact:
+        """How well it is heard at `now_s`."""
+        if self.present is False:
+            return Contact.LOST
+        if self.heard_s is not None and now_s - self.heard_s <= SILENT_AFTER_S:
+            return Contact.UP
+        return Contact.SILENT if self.present else Contact.LOST
+
+
+@dataclass
+class MoteView:
+    """All that is known of one mote."""
+
+    name: str
+    place: Point2D | None = None
+    readings: dict[str, MoteReading] = field(default_factory=dict)
+    """The latest of each quantity."""
+
+    @property
+    def latest(self) -> MoteReading | None:
+        """The last reading of any quantity."""
+        return max(self.readings.values(), key=lambda reading: reading.stamp_ns, default=None)
+
+
+class TeamView:
+    """The team as its messages tell it.
+
+    Times called `now_s` are seconds of one steady clock of the caller's.
+    """
+
+    def __init__(self) -> None:
+        self.robots: dict[str, RobotView] = {}
+        self.motes: dict[str, MoteView] = {}
+        self.tasks: dict[str, TaskEvent] = {}
+        """The last event of every task that has not ended."""
+        self.map = MapView()
+        self.team: TeamState | None = None
+        self.truth: ArenaTruth | None = None
+        self.halt: Halt | None = None
+        self.sim_time_s: float | None = None
+        self.connected = True
+        """Whether the dashboard's own session has a link; without one nothing here is to be trusted."""
+        self.coordinator_up = False
+        self.explored: list[tuple[float, float]] = []
+        """Arena time in seconds and explored share, 0 to 1; over the whole run, ever coarser."""
+        self.rejected = 0
+        """Messages that decoded but made no sense."""
+        self.runs = 1
+        """Runs seen: grows when the arena's clock starts over."""
+        self._explored_step_s = HISTORY_STEP_S
+        self._speed = RateMeter()
+        self._traffic = RateMeter()
+        self._takers: dict[str, Callable[[Received, float], None]] = {topic.name: take for topic, take in self._table()}
+
+    # -- what comes in --------------------------------------------------------------------------------------
+
+    @property
+    def topics(self) -> tuple[Topic, ...]:
+        """The topics that `apply` understands."""
+        return tuple(topic for topic, _ in self._table())
+
+    def apply(self, received: Received, now_s: float) -> None:
+        """Take in a message; one of another topic is left out, one that makes no sense counts as `rejected`."""
+        take = self._takers.get(received.topic.name)
+        if take is None:
+            return
+        try:
+            take(received, now_s)
+        except ValueError:
+            self.rejected += 1
+
+    def apply_presence(self, change: Change) -> bool:
+        """Take in a robot's token that came or went; returns whether a robot has come."""
+        self._robot(change.names["robot"]).present = change.present
+        return change.present
+
+    def count_messages(self, total: int, now_s: float) -> None:
+        """Take in how many messages have arrived since the start."""
+        self._traffic.add(now_s, total)
+
+    # -- what is known --------------------------------------------------------------------------------------
+
+    @property
+    def explored_fraction(self) -> float | None:
+        """Share of the reachable floor that is known, 0 to 1, where an arena tells it."""
+        return None if self.truth is None else self.truth.explored_fraction
+
+    @property
+    def known_area_m2(self) -> float:
+        """Area known to the coordinator, or to the dashboard where there is none."""
+        if self.team is not None and self.coordinator_up:
+            return self.team.known_area_m2
+        return self.map.known_area_m2
+
+    @property
+    def speed(self) -> float | None:
+        """Seconds of the arena per second of the wall; None where no arena tells its time."""
+        return self._speed.per_s
+
+    @property
+    def messages_per_s(self) -> float | None:
+        """Messages that arrive in a second, or None in the first moments."""
+        return self._traffic.per_s
+
+    @property
+    def halted(self) -> bool:
+        """Whether the last word on the team is a halt, or, where none was heard, any robot stands halted."""
+        if self.halt is not None:
+            return self.halt.halted
+        return any(robot.halted for robot in self.robots.values())
+
+    def robots_in_order(self) -> list[RobotView]:
+        """By the order in which they appeared."""
+        return list(self.robots.values())
+
+    def goal_of(self, robot: RobotView) -> Point2D | None:
+        """Where it is sent by a task, else where its path ends; arena frame."""
+        status = robot.state.task if robot.state is not None else None
+        event = self.tasks.get(status.id) if status is not None and not status.state.ended else None
+        if event is not None:
+            return event.task.goal
+        return robot.path[-1] if robot.path else None
+
+    # -- one topic each -------------------------------------------------------------------------------------
+
+    def _table(self) -> tuple[tuple[Topic, Callable[[Received, float], None]], ...]:
+        return (
+            (ROBOT_STATE, self._take_state),
+            (ROBOT_MAP, self._take_patch),
+            (ROBOT_PATH, self._take_path),
+            (MOTE_READING, self._take_reading),
+            (TASK_EVENT, self._take_task),
+            (COORDINATOR_STATE, self._take_team),
+            (HALT, self._take_halt),
+            (ARENA_SCAN, self._take_scan),
+            (ARENA_CLOCK, self._take_clock),
+            (ARENA_TRUTH, self._take_truth),
+        )
+
+    def _take_state(self, received: Received, now_s: float) -> None:
+        state: RobotState = received.message
+        _check_place(state.pose)
+        robot = self._robot(received.names["robot"])
+        robot.state, robot.heard_s = state, now_s
+        if state.pose is not None and (not robot.trail or state.pose.distance_m(robot.trail[-1]) >= TRAIL_STEP_M):
+            robot.trail.append(Point2D(state.pose.x_m, state.pose.y_m))
+
+    def _take_patch(self, received: Received, now_s: float) -> None:
+        patch: MapPatch = received.message
+        self.map.merge(patch)
+
+    def _take_path(self, received: Received, now_s: float) -> None:
+        path: PlannedPath = received.message
+        for point in path.points:
+            _check_place(point)
+        self._robot(received.names["robot"]).path = path.points
+
+    def _take_scan(self, received: Received, now_s: float) -> None:
+        scan: Scan = received.message
+        self._robot(received.names["robot"]).scan = scan
+
+    def _take_reading(self, received: Received, now_s: float) -> None:
+        reading: MoteReading = received.message
+        _check_place(reading.place)
+        mote = self._mote(received.names["mote"])
+        mote.place = reading.place or mote.place
+        mote.readings[reading.quantity] = reading
+
+    def _take_task(self, received: Received, now_s: float) -> None:
+        event: TaskEvent = received.message
+        _check_place(event.task.goal)
+        self.tasks.pop(event.task.id, None)
+        if not event.state.ended:
+            self.tasks[event.task.id] = event
+            while len(self.tasks) > OPEN_TASKS:
+                del self.tasks[next(iter(self.tasks))]
+
+    def _take_team(self, received: Received, now_s: float) -> None:
+        team: TeamState = received.message
+        for frontier in team.frontiers:
+            _check_place(frontier.place)
+        self.team = team
+        for summary in team.robots:
+            self._robot(summary.name).summary = summary
+
+    def _take_halt(self, received: Received, now_s: float) -> None:
+        self.halt = received.message
+
+    def _take_clock(self, received: Received, now_s: float) -> None:
+        clock: ArenaClock = received.message
+        self._set_time(clock.sim_time_s, now_s)
+
+    def _take_truth(self, received: Received, now_s: float) -> None:
+        truth: ArenaTruth = received.message
+        for robot in truth.robots:
+            _check_place(robot.pose)
+        for mote in truth.motes:
+            _check_place(mote.place)
+        self._set_time(truth.sim_time_s, now_s)
+        self.truth = truth
+        for robot in truth.robots:
+            self._robot(robot.robot).truth = robot
+        for mote in truth.motes:
+            view = self._mote(mote.mote)
+            view.place = view.place or mote.place
+        if not self.explored or truth.sim_time_s - self.explored[-1][0] >= self._explored_step_s:
+            self.explored.append((truth.sim_time_s, truth.explored_fraction))
+        if len(self.explored) > HISTORY_POINTS:
+            self.explored = self.explored[::2]
+            self._explored_step_s *= 2
+
+    def _set_time(self, sim_time_s: float, now_s: float) -> None:
+        if self.sim_time_s is not None and sim_time_s < self.sim_time_s - RESTART_S:
+            self._forget_run()
+        self.sim_time_s = max(sim_time_s, self.sim_time_s or 0.0)
+        self._speed.add(now_s, self.sim_time_s)
+
+    def _forget_run(self) -> None:
+        """Another run has begun: keep who is there, forget what was."""
+        self.runs += 1
+        self.map = MapView()
+        self.motes.clear()
+        self.tasks.clear()
+        self.explored.clear()
+        self._explored_step_s = HISTORY_STEP_S
+        self.truth = self.team = self.halt = self.sim_time_s = None
+        for robot in self.robots.values():
+            robot.trail.clear()
+            robot.path = []
+            robot.scan = robot.truth = robot.summary = None
+
+    def _robot(self, name: str) -> RobotView:
+        robot = self.robots.get(name)
+        if robot is None:
+            robot = self.robots[name] = RobotView(name, len(self.robots))
+        return robot
+
+    def _mote(self, name: str) -> MoteView:
+        mote = self.motes.get(name)
+        if mote is None:
+            mote = self.motes[name] = MoteView(name)
+        return mote
+
+
+def _check_place(place: Point2D | Pose2D | None) -> None:
+    if place is not None and not (abs(place.x_m) <= FAR_M and abs(place.y_m) <= FAR_M):
+        raise ValueError(f"expected a place within {FAR_M:g} m, got {place}")

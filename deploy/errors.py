@@ -1,0 +1,16 @@
+"""What can go wrong when a team is started.
+
+RobrainError
+├── UsageError                the command line is wrong
+└── ChildFailed               a process of the team did not start; carries what it said
+"""
+
+from robrain.protocol.wire.errors import RobrainError
+
+
+class UsageError(RobrainError):
+    """The command line is wrong; the text names the option and what was expected."""
+
+
+class ChildFailed(RobrainError):
+    """A process of the team did not start."""

@@ -1,0 +1,90 @@
+"""What the commands' options mean, checked where they are read."""
+
+import os
+from pathlib import Path
+
+from robrain.deploy.errors import UsageError
+from robrain.protocol.wire.session import check_endpoint
+from robrain.sim.scenario import Scenario
+
+CONNECT_VARIABLE = "ROBRAIN_CONNECT"
+
+
+def endpoints(connect: str | None) -> list[str]:
+    """`--connect`, or else the environment's ROBRAIN_CONNECT; several endpoints are separated by commas."""
+    text = connect if connect is not None else os.environ.get(CONNECT_VARIABLE, "")
+    return [check_endpoint(part.strip()) for part in text.split(",") if part.strip()]
+
+
+def until_explored(until: str | None) -> float | None:
+    """`--until explored=0.95` as a fraction.
+
+    Raises:
+        UsageError: it reads otherwise.
+
+    """
+    if until is None:
+        return None
+    key, _, value = until.partition("=")
+    try:
+        fraction = float(value)
+    except ValueError:
+        fraction = -1.0
+    if key != "explored" or not 0 < fraction <= 1:
+        raise UsageError(f"--until {until!r}: expected explored=FRACTION with a fraction above 0 and at most 1")
+    return fraction
+
+
+def above_zero(option: str, value: float | None) -> float | None:
+    """A number that must be above 0, if it is given (UsageError if it is not)."""
+    if value is not None and not value > 0:
+        raise UsageError(f"{option} {value:g}: expected a number above 0")
+    return value
+
+
+def new_recording(path: Path | None) -> Path | None:
+    """A path to record to, which must not exist yet: a recording is never overwritten (UsageError)."""
+    if path is not None and path.exists():
+        raise UsageError(f"--record {path}: it exists already; give another name or move it away")
+    return path
+
+
+def choose_scenario(
+    name: str | None, map_file: Path | None, robots: int | None, motes: int | None, seed: int | None
+) -> Scenario:
+    """The scenario that a command line means.
+
+    Args:
+        name: a built-in name or a scenario TOML.
+        map_file: a ROS map_server file, instead of a name.
+        robots: overrides the scenario's.
+        motes: overrides the scenario's.
+        seed: overrides the scenario's.
+
+    Raises:
+        UsageError, ScenarioError: in one sentence.
+
+    """
+    if (name is None) == (map_file is None):
+        raise UsageError("expected either a SCENARIO (a built-in name or a .toml file) or --map map.yaml")
+    if map_file is not None:
+        scenario = Scenario.from_map(map_file)
+    elif name is not None and (name.endswith(".toml") or "/" in name):
+        scenario = Scenario.from_file(name)
+    else:
+        scenario = Scenario.builtin(name or "")
+    changes = {"robots": robots, "motes": motes, "seed": seed}
+    for option, value in changes.items():
+        lowest = 1 if option == "robots" else 0
+        if value is not None and value < lowest:
+            raise UsageError(f"--{option} {value}: expected at least {lowest}")
+    return scenario.replace(**{option: value for option, value in changes.items() if value is not None})
+
+
+def next_recording(folder: Path, name: str) -> Path:
+    """`folder/name-N.mcap` with the first free number; the folder is made."""
+    folder.mkdir(parents=True, exist_ok=True)
+    number = 1
+    while (path := folder / f"{name}-{number}.mcap").exists():
+        number += 1
+    return path

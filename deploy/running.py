@@ -1,0 +1,81 @@
+"""`robrain run` and `robrain demo`: a lockstep run with its progress bar, and with the dashboard beside it."""
+
+from pathlib import Path
+
+import msgspec
+
+from robrain.deploy.children import Children, LiveStop
+from robrain.deploy.dashboard_process import start_dashboard
+from robrain.deploy.errors import UsageError
+from robrain.deploy.options import above_zero, until_explored
+from robrain.deploy.terminal import console, run_display, say
+from robrain.protocol.wire.keys import DEFAULT_TEAM
+from robrain.sim.result import RunResult
+from robrain.sim.scenario import Scenario
+
+WATCHING_SPEED = 5.0
+
+
+class RunOptions(msgspec.Struct, frozen=True, kw_only=True):
+    """The options of a run, as the command line gives them."""
+
+    until: str | None = None
+    time_limit_s: float | None = None
+    speed: float | None = None
+    record: Path | None = None
+    dashboard: bool = False
+    port: int | None = None
+    quiet: bool = False
+    """Say nothing but errors."""
+    stay: bool = False
+    """Keep the dashboard up after the run, until Ctrl-C."""
+
+
+def run_scenario(scenario: Scenario, options: RunOptions) -> RunResult:
+    """Run a scenario as its options say.
+
+    Raises:
+        RobrainError: an option or the scenario is wrong, in words.
+
+    """
+    until = until_explored(options.until)
+    above_zero("--time-limit", options.time_limit_s)
+    speed = options.speed if options.speed is not None else WATCHING_SPEED if options.dashboard else 0.0
+    if speed < 0:
+        raise UsageError(f"--speed {speed:g}: expected 0 (as fast as it goes) or more")
+    target = until if until is not None else scenario.until_explored
+    with Children() as children:
+
+        def open_dashboard(endpoints: list[str]) -> None:
+            if options.dashboard:
+                url = start_dashboard(children, endpoints[0], DEFAULT_TEAM, options.port)
+                if not options.quiet:
+                    say(f"dashboard: {url}")
+
+        if not options.quiet:
+            say(f"{scenario.name}: {scenario.robots} robots, {scenario.motes} motes, seed {scenario.seed}")
+        with run_display(target, quiet=options.quiet) as display:
+            result = scenario.run(
+                until_explored=until,
+                time_limit_s=options.time_limit_s,
+                speed=speed,
+                record=options.record,
+                listen="tcp/127.0.0.1:0" if options.dashboard else None,
+                on_progress=display.show,
+                on_open=open_dashboard,
+            )
+        if result.recording is not None and not options.quiet:
+            say(f"recorded: {result.recording}")
+            say(f"replay it: robrain replay {result.recording}")
+        if options.stay and options.dashboard and result.ended != "interrupted":
+            _stay()
+    return result
+
+
+def _stay() -> None:
+    import time
+
+    console.print("the dashboard stays open: Ctrl-C ends it")
+    should_stop = LiveStop()
+    while not should_stop():
+        time.sleep(0.1)

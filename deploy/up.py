@@ -1,0 +1,219 @@
+"""`robrain up`: a whole team as processes of this machine: hub, arena, coordinator, one agent a robot."""
+
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+import zenoh
+
+from robrain.coordinator.recording.provenance import Provenance
+from robrain.coordinator.recording.recorder import Recorder
+from robrain.coordinator.roster import Roster
+from robrain.deploy.children import Children
+from robrain.deploy.dashboard_process import start_dashboard
+from robrain.deploy.robot_files import write_robot_files
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import WireError
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages import ArenaTruth
+from robrain.protocol.wire.session import listening_at, open_session
+from robrain.protocol.wire.topics import ARENA_TRUTH, COORDINATOR_ALIVE, ROBOT_ALIVE, ROBOT_STATE
+from robrain.sim.scenario import Scenario
+
+LOOK_PERIOD_S = 0.1
+
+
+class TeamStatus(NamedTuple):
+    """The team at one moment, for display."""
+
+    robots: list[tuple[str, str]]
+    """Name, and how it is in a few words."""
+    coordinator_up: bool
+    exited: list[tuple[str, int, str]]
+    """Processes that ended by themselves: name, exit status, last line."""
+    sim_time_s: float
+    explored_fraction: float
+
+
+class UpResult(msgspec.Struct, frozen=True, kw_only=True):
+    """What `robrain up` tells at its end."""
+
+    scenario: str
+    ended: str
+    robots_up: int
+    sim_time_s: float
+    explored_fraction: float
+    collisions: int
+    recording: str | None
+    messages: int
+
+
+class UpOptions(NamedTuple):
+    """How a team is brought up."""
+
+    team: str
+    listen: str = "tcp/127.0.0.1:0"
+    dashboard: bool = True
+    dashboard_port: int | None = None
+    until_explored: float | None = None
+    time_limit_s: float | None = None
+    record: Path | None = None
+
+
+def run_up(
+    scenario: Scenario,
+    scenario_argument: list[str],
+    options: UpOptions,
+    *,
+    should_stop: Callable[[], bool],
+    on_ready: Callable[[str, str | None], None],
+    on_status: Callable[[TeamStatus], None],
+) -> UpResult:
+    """Start a team, watch it, and stop it.
+
+    Args:
+        scenario: what the arena simulates.
+        scenario_argument: the words of the command line that name the same scenario.
+        options: how.
+        should_stop: asked ten times a second.
+        on_ready: told the hub's endpoint and the dashboard's address, once all processes are started.
+        on_status: told ten times a second how the team is.
+
+    Raises:
+        RobrainError: something cannot be started, in words.
+
+    """
+    world = scenario.world()
+    hub = open_session(mode="router", listen=[options.listen])
+    wire = Endpoint(hub, options.team, WallClock(), Drive.LIVE)
+    recorder = None
+    children = Children()
+    try:
+        provenance = Provenance(
+            scenario.name, scenario.toml, scenario.seed, world.map_png(), Drive.LIVE.value, options.team
+        )
+        recorder = Recorder(wire, options.record, provenance) if options.record is not None else None
+        watch = _Watch(wire, [robot.name for robot in world.robots], children)
+        endpoint = _bound(hub)
+        common = ["--connect", endpoint, "--team", options.team]
+        with tempfile.TemporaryDirectory(prefix="robrain-") as folder, children:
+            robot_files = write_robot_files(world, Path(folder), team=options.team, connect=endpoint)
+            children.start("arena", ["arena", *scenario_argument, *common])
+            children.start("coordinator", ["coordinator", *common])
+            for path in robot_files:
+                children.start(path.stem, ["agent", str(path)])
+            url = (
+                start_dashboard(children, endpoint, options.team, options.dashboard_port) if options.dashboard else None
+            )
+            on_ready(endpoint, url)
+            ended = ""
+            while not ended:
+                status = watch.look()
+                if recorder is not None:
+                    recorder.step()
+                on_status(status)
+                ended = _why_ended(status, options, interrupted=should_stop())
+                time.sleep(LOOK_PERIOD_S)
+        return _result(scenario, ended, status, watch, recorder, options)
+    finally:
+        if recorder is not None:
+            recorder.close()
+        wire.close()
+        hub.close()
+
+
+class _Watch:
+    """Follows who is there."""
+
+    def __init__(self, wire: Endpoint, expected: list[str], children: Children) -> None:
+        self.truth: ArenaTruth | None = None
+        self.robots_up = 0
+        self._expected = expected
+        self._children = children
+        self._clock = wire.clock
+        self._roster = Roster()
+        self._presence = wire.watch(ROBOT_ALIVE)
+        self._coordinator = wire.watch(COORDINATOR_ALIVE)
+        self._inbox = Inbox()
+        wire.subscribe(self._inbox, ARENA_TRUTH)
+        wire.subscribe(self._inbox, ROBOT_STATE)
+
+    def look(self) -> TeamStatus:
+        """Take in what has arrived."""
+        now_ns = self._clock.now_ns()
+        for change in self._presence.changes():
+            self._roster.note_presence(change)
+        for received in self._inbox.drain():
+            if received.topic is ARENA_TRUTH:
+                self.truth = received.message
+            else:
+                self._roster.note_state(received.message, now_ns)
+        self._coordinator.changes()
+        robots = []
+        self.robots_up = 0
+        for name in self._expected:
+            robot = self._roster.robots.get(name)
+            if robot is None:
+                robots.append((name, "starting"))
+            elif robot.is_up(now_ns):
+                self.robots_up += 1
+                halted = robot.state is not None and robot.state.halted
+                robots.append((name, "halted" if halted else robot.state.behavior if robot.state else "up"))
+            else:
+                robots.append((name, robot.why_not_up(now_ns)))
+        exited = [
+            (child.name, status, next((line for line in reversed(child.lines) if line.strip()), ""))
+            for child in self._children.all
+            if (status := child.exit_status) is not None
+        ]
+        truth = self.truth
+        return TeamStatus(
+            robots,
+            bool(self._coordinator.present),
+            exited,
+            truth.sim_time_s if truth is not None else 0.0,
+            truth.explored_fraction if truth is not None else 0.0,
+        )
+
+
+def _bound(hub: zenoh.Session) -> str:
+    found = [endpoint for endpoint in listening_at(hub) if endpoint.startswith("tcp/")]
+    if not found:
+        raise WireError("the hub listens nowhere: expected a tcp/ endpoint")
+    return found[0]
+
+
+def _why_ended(status: TeamStatus, options: UpOptions, *, interrupted: bool) -> str:
+    if interrupted:
+        return "interrupted"
+    if options.until_explored is not None and status.explored_fraction >= options.until_explored:
+        return "explored"
+    if options.time_limit_s is not None and status.sim_time_s >= options.time_limit_s:
+        return "time_limit"
+    if any(name == "arena" for name, _, _ in status.exited):
+        return "the arena has stopped"
+    return ""
+
+
+def _result(
+    scenario: Scenario,
+    ended: str,
+    status: TeamStatus,
+    watch: _Watch,
+    recorder: Recorder | None,
+    options: UpOptions,
+) -> UpResult:
+    return UpResult(
+        scenario=scenario.name,
+        ended=ended,
+        robots_up=watch.robots_up,
+        sim_time_s=status.sim_time_s,
+        explored_fraction=status.explored_fraction,
+        collisions=sum(robot.collisions for robot in watch.truth.robots) if watch.truth is not None else 0,
+        recording=str(options.record) if options.record is not None else None,
+        messages=recorder.messages if recorder is not None else 0,
+    )

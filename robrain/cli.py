@@ -1,0 +1,278 @@
+"""The command line. Each command reads its options, and leaves the work to the folder that it belongs to."""
+
+import logging
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import msgspec
+import typer
+
+from robrain.protocol.wire.errors import RobrainError
+from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
+
+if TYPE_CHECKING:
+    from robrain.sim.result import RunResult
+
+EXIT_BAD_INPUT = 2
+EXIT_INTERRUPTED = 130
+
+app = typer.Typer(
+    name="robrain",
+    help="Coordinate teams of mobile robots and sensor motes over Zenoh.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+ScenarioArgument = Annotated[str | None, typer.Argument(help="A built-in name (depot) or a scenario .toml file.")]
+MapOption = Annotated[Path | None, typer.Option("--map", help="A map.yaml in the ROS map_server format, instead.")]
+RobotsOption = Annotated[int | None, typer.Option(help="Number of robots.")]
+MotesOption = Annotated[int | None, typer.Option(help="Number of sensor motes.")]
+SeedOption = Annotated[int | None, typer.Option(help="Seed of everything random.")]
+UntilOption = Annotated[str | None, typer.Option(help="Stop when so much is explored: explored=0.95.")]
+TimeLimitOption = Annotated[float | None, typer.Option(help="Stop after so many simulated seconds.")]
+RecordOption = Annotated[Path | None, typer.Option(help="Record to this new MCAP file.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
+ConnectOption = Annotated[
+    str | None, typer.Option(help="Endpoint of the team, tcp/HOST:PORT; default is $ROBRAIN_CONNECT.")
+]
+ListenOption = Annotated[str | None, typer.Option(help="Endpoint to listen on, tcp/127.0.0.1:7447.")]
+TeamOption = Annotated[str, typer.Option(help="Name of the team.")]
+PortOption = Annotated[int | None, typer.Option("--port", help="Port of the dashboard's page; 0 takes a free one.")]
+
+
+@app.command()
+def run(
+    scenario: ScenarioArgument = None,
+    map_file: MapOption = None,
+    robots: RobotsOption = None,
+    motes: MotesOption = None,
+    seed: SeedOption = None,
+    until: UntilOption = None,
+    time_limit: TimeLimitOption = None,
+    speed: Annotated[
+        float | None, typer.Option(help="Times real time; 0 is as fast as it goes. Default: 0, with dashboard 5.")
+    ] = None,
+    record: RecordOption = None,
+    dashboard: Annotated[bool, typer.Option(help="Show the run in a browser page on 127.0.0.1.")] = False,
+    port: PortOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Run a scenario in lockstep: repeatable, and as fast as it goes."""
+    from robrain.deploy.options import choose_scenario, new_recording
+    from robrain.deploy.running import RunOptions, run_scenario
+
+    chosen = choose_scenario(scenario, map_file, robots, motes, seed)
+    options = RunOptions(
+        until=until,
+        time_limit_s=time_limit,
+        speed=speed,
+        record=new_recording(record),
+        dashboard=dashboard,
+        port=port,
+        quiet=as_json,
+    )
+    _finish(run_scenario(chosen, options), as_json=as_json)
+
+
+@app.command()
+def demo(
+    headless: Annotated[bool, typer.Option(help="Without the dashboard, for servers.")] = False,
+    speed: Annotated[float, typer.Option(help="Times real time.")] = 5.0,
+    seed: SeedOption = None,
+    port: PortOption = None,
+) -> None:
+    """A team explores the built-in depot: seen in the browser, recorded in runs/."""
+    from robrain.deploy.options import choose_scenario, next_recording
+    from robrain.deploy.running import RunOptions, run_scenario
+
+    chosen = choose_scenario("depot", None, None, None, seed)
+    options = RunOptions(
+        speed=speed,
+        record=next_recording(Path("runs"), chosen.name),
+        dashboard=not headless,
+        port=port,
+        stay=sys.stdin.isatty(),
+    )
+    _finish(run_scenario(chosen, options), as_json=False)
+
+
+@app.command()
+def up(
+    scenario: ScenarioArgument = None,
+    map_file: MapOption = None,
+    robots: RobotsOption = None,
+    motes: MotesOption = None,
+    seed: SeedOption = None,
+    until: UntilOption = None,
+    time_limit: TimeLimitOption = None,
+    record: RecordOption = None,
+    dashboard: Annotated[bool, typer.Option(help="Show the team in a browser page on 127.0.0.1.")] = True,
+    port: PortOption = None,
+    listen: Annotated[str, typer.Option(help="Endpoint of the team's hub.")] = "tcp/127.0.0.1:0",
+    team: TeamOption = DEFAULT_TEAM,
+    as_json: JsonOption = False,
+) -> None:
+    """Bring a team up as separate processes in real time: arena, coordinator, one agent a robot."""
+    from robrain.deploy.children import LiveStop
+    from robrain.deploy.options import above_zero, choose_scenario, new_recording, until_explored
+    from robrain.deploy.terminal import show_up_result, up_display
+    from robrain.deploy.up import UpOptions, run_up
+
+    check_name("team", team)
+    chosen = choose_scenario(scenario, map_file, robots, motes, seed)
+    options = UpOptions(
+        team=team,
+        listen=listen,
+        dashboard=dashboard,
+        dashboard_port=port,
+        until_explored=until_explored(until),
+        time_limit_s=above_zero("--time-limit", time_limit),
+        record=new_recording(record),
+    )
+    words = _scenario_words(scenario, map_file, robots, motes, seed)
+    should_stop = LiveStop()
+    with up_display(quiet=as_json) as display:
+        result = run_up(chosen, words, options, should_stop=should_stop, on_ready=display.ready, on_status=display.show)
+    if as_json:
+        _print_json(result)
+    else:
+        show_up_result(result)
+    if result.ended == "interrupted" and as_json:
+        raise typer.Exit(EXIT_INTERRUPTED)
+
+
+@app.command()
+def arena(
+    scenario: ScenarioArgument = None,
+    map_file: MapOption = None,
+    robots: RobotsOption = None,
+    motes: MotesOption = None,
+    seed: SeedOption = None,
+    connect: ConnectOption = None,
+    listen: ListenOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    robot_files: Annotated[
+        Path | None, typer.Option(help="Write a ROBOT.toml for each robot into this folder.")
+    ] = None,
+) -> None:
+    """Simulate a scenario's robots and motes in real time; agents drive them over the wire."""
+    from robrain.deploy.live_commands import arena_command
+    from robrain.deploy.options import choose_scenario, endpoints
+
+    chosen = choose_scenario(scenario, map_file, robots, motes, seed)
+    arena_command(chosen, endpoints(connect), listen, check_name("team", team), robot_files)
+
+
+@app.command()
+def agent(
+    robot: Annotated[Path, typer.Argument(help="The robot's ROBOT.toml.")],
+    connect: ConnectOption = None,
+    team: Annotated[str | None, typer.Option(help="Name of the team; default is the file's.")] = None,
+) -> None:
+    """Run one robot: its plugins, and its place on the wire."""
+    from robrain.deploy.live_commands import agent_command
+
+    agent_command(robot, connect, team)
+
+
+@app.command()
+def coordinator(connect: ConnectOption = None, listen: ListenOption = None, team: TeamOption = DEFAULT_TEAM) -> None:
+    """Coordinate a team: merge its maps, hand out its tasks."""
+    from robrain.deploy.live_commands import coordinator_command
+    from robrain.deploy.options import endpoints
+
+    coordinator_command(endpoints(connect), listen, check_name("team", team))
+
+
+@app.command()
+def dashboard(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, port: PortOption = None) -> None:
+    """Show a team in a browser page on 127.0.0.1."""
+    from robrain.deploy.live_commands import dashboard_command
+    from robrain.deploy.options import endpoints
+
+    dashboard_command(endpoints(connect), check_name("team", team), port)
+
+
+@app.command()
+def replay(
+    recording: Annotated[Path, typer.Argument(help="An MCAP file that robrain recorded.")],
+    speed: Annotated[float, typer.Option(help="Times the recorded speed.")] = 1.0,
+    loop: Annotated[bool, typer.Option(help="Begin again at the end.")] = False,
+    dashboard: Annotated[bool, typer.Option(help="Show it in a browser page on 127.0.0.1.")] = True,
+    port: PortOption = None,
+    connect: ConnectOption = None,
+    team: Annotated[str, typer.Option(help="Team that the messages are replayed as.")] = "replay",
+) -> None:
+    """Put a recording back on the wire, for the dashboard or for any other listener."""
+    from robrain.deploy.live_commands import replay_command
+    from robrain.deploy.options import endpoints
+
+    replay_command(recording, speed, loop=loop, dashboard=dashboard, port=port, connect=endpoints(connect), team=team)
+
+
+@app.command()
+def status(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False) -> None:
+    """Say who of a team is there."""
+    from robrain.deploy.live_commands import status_of
+    from robrain.deploy.options import endpoints
+    from robrain.deploy.terminal import show_status
+
+    found = status_of(endpoints(connect), check_name("team", team))
+    if as_json:
+        _print_json(found)
+    else:
+        show_status(found)
+
+
+def main() -> None:
+    """Entry point: what is wrong is said in one sentence, with exit status 2."""
+    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+    with _said_in_words():
+        app()
+
+
+def _scenario_words(
+    scenario: str | None, map_file: Path | None, robots: int | None, motes: int | None, seed: int | None
+) -> list[str]:
+    words = [scenario] if scenario is not None else []
+    for option, value in (("--map", map_file), ("--robots", robots), ("--motes", motes), ("--seed", seed)):
+        if value is not None:
+            words += [option, str(value)]
+    return words
+
+
+def _finish(result: "RunResult", *, as_json: bool) -> None:
+    from robrain.deploy.terminal import show_result
+
+    if as_json:
+        _print_json(result)
+    else:
+        show_result(result)
+    if result.ended == "interrupted":
+        raise typer.Exit(EXIT_INTERRUPTED)
+
+
+def _print_json(value: object) -> None:
+    sys.stdout.write(msgspec.json.encode(value).decode() + "\n")
+    sys.stdout.flush()
+
+
+@contextmanager
+def _said_in_words() -> Iterator[None]:
+    try:
+        yield
+    except RobrainError as error:
+        sys.stderr.write(f"robrain: {error}\n")
+        sys.exit(EXIT_BAD_INPUT)
+    except KeyboardInterrupt:
+        sys.exit(EXIT_INTERRUPTED)
+    except BrokenPipeError:
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,260 @@
+import math
+
+import can
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from robrain.protocol.can.frames import codec
+from robrain.protocol.model.geometry import Pose2D, Twist2D
+from robrain.protocol.model.omni_drive import OmniBase
+from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.topics import ROBOT_STATE
+
+BASE = OmniBase()
+WHEELS = ("wheel_1", "wheel_2", "wheel_3")
+COUNTS = st.tuples(*[st.integers(0, 65535)] * 3)
+# In 20 ms a wheel at the frame's limit of 32 rad/s turns by 417 ticks.
+TURNS = st.tuples(*[st.integers(-417, 417)] * 3)
+
+
+class Controller:
+    """The other end of the bus: tells encoder counts as firmware would, one frame a tick."""
+
+    def __init__(self, stage, start=(0, 0, 0)):
+        self.bus = stage.bus()
+        self.counts = list(start)
+        self.sent = 0
+
+    def frame(self):
+        ticks = {f"{wheel}_ticks": count % 65536 for wheel, count in zip(WHEELS, self.counts, strict=True)}
+        self.sent += 1
+        return codec("WheelEncoders").pack(self.sent, **ticks)
+
+    def turn(self, *ticks):
+        self.counts = [count + turned for count, turned in zip(self.counts, ticks, strict=True)]
+        self.bus.send(self.frame())
+
+
+def device(host):
+    return host.manager.get("mocdevice").plugin
+
+
+def ticks_for(displacement):
+    """Encoder ticks of a displacement (m, m, rad)."""
+    return [turn_rad / BASE.rad_per_tick for turn_rad in BASE.wheel_speeds_rad_s(displacement)]
+
+
+def test_encoder_frames_of_a_metre_forward_are_a_metre_of_odometry(stage):
+    one = stage()
+    host = one.host("mocdevice")
+    controller = Controller(one)
+    per_tick = [round(ticks) for ticks in ticks_for(Twist2D(0.01))]
+    controller.turn(0, 0, 0)
+    one.run(2.0, lambda: controller.turn(*per_tick))
+    pose = device(host).pose()
+    assert (pose.x_m, pose.y_m, pose.yaw_rad) == pytest.approx((1.0, 0.0, 0.0), abs=0.01)
+    assert device(host).velocity().forward_m_s == pytest.approx(0.5, rel=0.01)
+    assert one.call("mocdevice", "counters") == {"believed": 101, "rejected": 0, "foreign": 0}
+
+
+def test_a_turn_on_the_spot_turns_the_odometry_alone(stage):
+    one = stage()
+    host = one.host("mocdevice")
+    controller = Controller(one)
+    controller.turn(0, 0, 0)
+    per_tick = [round(ticks) for ticks in ticks_for(Twist2D(0.0, 0.0, 0.02))]
+    one.run(1.0, lambda: controller.turn(*per_tick))
+    pose = device(host).pose()
+    assert (pose.x_m, pose.y_m) == pytest.approx((0.0, 0.0), abs=1e-6)
+    assert pose.yaw_rad == pytest.approx(1.0, rel=0.02)
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(start=COUNTS, turns=st.lists(TURNS, min_size=1, max_size=8))
+def test_odometry_does_not_depend_on_where_the_counters_stand(stage, start, turns):
+    one = stage()
+    poses = []
+    for robot_start in ((0, 0, 0), start):
+        host = one.host("mocdevice")
+        controller = Controller(one, robot_start)
+        controller.turn(0, 0, 0)
+        for turn in turns:
+            controller.turn(*turn)
+        one.run(0.02)
+        poses.append(device(host).pose())
+        one.hosts.remove(host)
+        host.close()
+    assert poses[0] == poses[1]
+
+
+@pytest.mark.parametrize("step", [300, -300])
+def test_counters_that_wrap_at_65536_drive_on(stage, step):
+    one = stage()
+    host = one.host("mocdevice")
+    controller = Controller(one, (65400, 100, 65400))
+    controller.turn(0, 0, 0)
+    for _ in range(10):
+        controller.turn(step, step, step)
+    one.run(0.02)
+    turned_rad = BASE.twist(*[10 * step * BASE.rad_per_tick] * 3).yaw_rad_s
+    assert device(host).pose().yaw_rad == pytest.approx(turned_rad, abs=1e-9)
+    assert abs(device(host).pose().x_m) < 1e-9
+
+
+@pytest.mark.parametrize("byte", range(8))
+def test_a_corrupt_encoder_frame_is_counted_and_not_believed(stage, byte):
+    one = stage()
+    host = one.host("mocdevice")
+    controller = Controller(one)
+    controller.turn(0, 0, 0)
+    controller.counts = [500, 500, 500]
+    frame = controller.frame()
+    frame.data[byte] ^= 0x10
+    controller.bus.send(frame)
+    one.run(0.02)
+    assert device(host).pose() == Pose2D(0.0, 0.0, 0.0)
+    assert one.call("mocdevice", "counters") == {"believed": 1, "rejected": 1, "foreign": 0}
+
+
+def test_a_frame_that_is_too_short_is_counted_and_not_believed(stage):
+    one = stage()
+    one.host("mocdevice")
+    frame = Controller(one).frame()
+    frame.data, frame.dlc = frame.data[:5], 5
+    one.bus().send(frame)
+    one.run(0.02)
+    assert one.call("mocdevice", "counters") == {"believed": 0, "rejected": 1, "foreign": 0}
+
+
+def test_the_next_good_frame_makes_up_for_a_corrupt_one(stage):
+    one = stage()
+    host = one.host("mocdevice")
+    controller = Controller(one)
+    controller.turn(0, 0, 0)
+    controller.counts = [300, 300, 300]
+    corrupt = controller.frame()
+    corrupt.data[-1] ^= 0xFF
+    controller.bus.send(corrupt)
+    controller.turn(200, 200, 200)
+    one.run(0.02)
+    turned_rad = BASE.twist(*[500 * BASE.rad_per_tick] * 3).yaw_rad_s
+    assert device(host).pose().yaw_rad == pytest.approx(turned_rad)
+
+
+def test_frames_of_others_are_counted_as_foreign(stage):
+    one = stage()
+    host = one.host("mocdevice")
+    controller = Controller(one, (10, 20, 30))
+    controller.turn(0, 0, 0)
+    encoders = controller.frame()
+    stranger = one.bus()
+    stranger.send(can.Message(arbitration_id=0x123, data=b"hello", is_extended_id=False))
+    # The same number as the encoders' in another space of identifiers, and a request instead of data.
+    stranger.send(can.Message(arbitration_id=encoders.arbitration_id, data=encoders.data, is_extended_id=True))
+    stranger.send(can.Message(arbitration_id=encoders.arbitration_id, is_extended_id=False, is_remote_frame=True))
+    one.run(0.02)
+    assert one.call("mocdevice", "counters") == {"believed": 1, "rejected": 0, "foreign": 3}
+    assert device(host).pose() == Pose2D(0.0, 0.0, 0.0)
+
+
+def test_a_commanded_velocity_is_on_the_bus_as_wheel_speeds(stage, frames):
+    one = stage()
+    host = one.host("mocdevice")
+    bus = one.bus()
+    twist = Twist2D(0.3, -0.1, 0.7)
+    device(host).drive(twist)
+    (command,) = frames(bus, "WheelCommand")
+    speeds = [command[f"{wheel}_rad_s"] for wheel in WHEELS]
+    assert speeds == pytest.approx(BASE.wheel_speeds_rad_s(twist), abs=1e-3)
+    device(host).drive(twist)
+    assert frames(bus, "WheelCommand")[0]["counter"] == command["counter"] + 1
+
+
+@pytest.mark.parametrize("twist", [Twist2D(2.0), Twist2D(-5.0, 1.0, 0.0), Twist2D(0.5, 0.0, -20.0)])
+def test_a_velocity_beyond_the_wheels_keeps_its_direction(stage, frames, twist):
+    one = stage()
+    host = one.host("mocdevice")
+    bus = one.bus()
+    device(host).drive(twist)
+    (command,) = frames(bus, "WheelCommand")
+    speeds = [command[f"{wheel}_rad_s"] for wheel in WHEELS]
+    wanted = BASE.wheel_speeds_rad_s(twist)
+    assert max(map(abs, speeds)) == pytest.approx(32.0, abs=2e-3)
+    share = 32.0 / max(map(abs, wanted))
+    assert speeds == pytest.approx([share * speed for speed in wanted], abs=2e-3)
+
+
+def test_a_stop_is_a_stop_frame_that_does_not_latch(stage, frames):
+    one = stage()
+    one.host("mocdevice")
+    bus = one.bus()
+    one.call("mocdevice", "stop")
+    assert [frame["latched"] for frame in frames(bus, "Stop")] == [0]
+
+
+def test_a_robot_that_is_shut_down_stops_its_wheels(stage, frames):
+    one = stage()
+    host = one.host("mocdevice")
+    bus = one.bus()
+    one.hosts.remove(host)
+    host.close()
+    assert len(frames(bus, "Stop")) == 1
+
+
+def test_an_emergency_halt_stops_the_wheels_and_refuses_calls_until_resumed(stage, frames):
+    one = stage()
+    one.host("mocdevice")
+    bus = one.bus()
+    states = one.inbox(ROBOT_STATE)
+    one.halt()
+    one.run(0.2)
+    assert len(frames(bus, "Stop")) == 1
+    assert states.drain()[-1].message.halted
+    with pytest.raises(CallError) as refused:
+        one.call("mocdevice", "counters")
+    assert refused.value.code is ErrorCode.HALTED
+    one.halt(halted=False)
+    one.run(0.2)
+    assert one.call("mocdevice", "counters")["believed"] == 0
+    assert not states.drain()[-1].message.halted
+
+
+def test_the_pose_at_a_time_is_that_of_the_nearest_encoder_frame(stage):
+    one = stage()
+    host = one.host("mocdevice")
+    controller = Controller(one)
+    controller.turn(0, 0, 0)
+    poses = {}
+    for _ in range(30):
+        one.run(0.02, lambda: controller.turn(100, 100, 100))
+        poses[one.clock.now_ns()] = device(host).pose()
+    for stamp_ns, pose in poses.items():
+        assert device(host).pose_at(stamp_ns) == pose
+        assert device(host).pose_at(stamp_ns + 9_000_000) == pose
+        assert device(host).pose_at(stamp_ns - 9_000_000) == pose
+    assert device(host).pose_at(one.clock.now_ns() + 10**9) == device(host).pose()
+    assert math.isclose(device(host).pose_at(0).yaw_rad, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("interface", "channel"),
+    [
+        ("socketcan", "nonexistent0"),
+        ("no_such_interface", "can0"),
+    ],
+)
+def test_a_robot_without_its_bus_goes_on_without_that_branch_and_says_why(stage, interface, channel):
+    one = stage()
+    states = one.inbox(ROBOT_STATE)
+    one.host("explore", "teammates", mocdevice={"interface": interface, "channel": channel})
+    one.run(1.0)
+    infos = one.infos()
+    assert {name for name, info in infos.items() if info.state == "active"} == {"planner", "scan", "teammates"}
+    for name in ("mocdevice", "driver", "localisation", "mapper", "explore"):
+        assert infos[name].state == "faulted"
+        assert f"no CAN bus at {interface}:{channel}" in infos[name].why
+    assert infos["mocdevice"].why.startswith("hardware absent")
+    assert infos["driver"].why.startswith("requires mocdevice, which is left out")
+    assert len(states.drain()) == 10
+    assert one.call("teammates", "others") == []
