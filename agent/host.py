@@ -81,6 +81,7 @@ class AgentHost:
         self._wires: list[Endpoint] = []
         self._wire = self._open_wire()
         self._inbox = Inbox()
+        self._halts = Inbox()
         self._state = self._wire.publisher(ROBOT_STATE, robot=self.name)
         self._state_due_ns = 0
         self._due_ns: dict[str, int] = {}
@@ -97,7 +98,7 @@ class AgentHost:
         self.manager.discover(self._places, self._load)
         self.manager.start()
         wire, robot = self._wire, self.name
-        wire.subscribe(self._inbox, HALT)
+        wire.subscribe(self._halts, HALT)
         wire.subscribe(self._inbox, COORDINATOR_STATE)
         wire.answer(ROBOT_PLUGINS, self._tell_plugins, robot=robot)
         wire.answer(ROBOT_CALL, self._call, serve=Serve.POOL, robot=robot)
@@ -108,6 +109,8 @@ class AgentHost:
     def step(self) -> None:
         """What the host itself does, and in lockstep the steps of all plugins that are due."""
         now_ns = self.clock.now_ns()
+        if self.drive is Drive.LOCKSTEP:
+            self.hear_halt()
         self._hear(now_ns)
         for wire in self._wires:
             wire.serve()
@@ -118,6 +121,16 @@ class AgentHost:
             self._state_due_ns = max(self._state_due_ns + STATE_PERIOD_NS, now_ns)
             self._publish_state()
 
+    def hear_halt(self) -> None:
+        """Halt or resume as the team was told to; in live on a thread of its own, which no plugin can hold up."""
+        for received in self._halts.drain():
+            if received.message.halted:
+                logger.warning("%s: halted by %s: %s", self.name, received.message.by, received.message.reason)
+                self.manager.halt()
+            else:
+                logger.warning("%s: resumed by %s", self.name, received.message.by)
+                self.manager.resume()
+
     def close(self) -> None:
         """Stop the plugins and leave the wire."""
         self.manager.stop()
@@ -126,15 +139,8 @@ class AgentHost:
     # -- its own work ---------------------------------------------------------------------------------------
 
     def _hear(self, now_ns: int) -> None:
-        for received in self._inbox.drain():
-            if received.topic is COORDINATOR_STATE:
-                self.desk.coordinator_heard_ns = now_ns
-            elif received.message.halted:
-                logger.warning("%s: halted by %s: %s", self.name, received.message.by, received.message.reason)
-                self.manager.halt()
-            else:
-                logger.warning("%s: resumed by %s", self.name, received.message.by)
-                self.manager.resume()
+        if self._inbox.drain():
+            self.desk.coordinator_heard_ns = now_ns
 
     def _step_plugins(self, now_ns: int) -> None:
         for tag in self.manager.tags.values():

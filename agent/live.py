@@ -1,4 +1,4 @@
-"""The live drive of one robot: a thread for each active plugin, and the host's own loop."""
+"""The live drive of one robot: a thread for each plugin, one for emergency halts, and the host's own loop."""
 
 import threading
 import time
@@ -50,6 +50,28 @@ class PluginThread:
                 self._tag.deliver()
 
 
+class HaltThread:
+    """Hears the team's halts, so that a plugin that hangs cannot delay them."""
+
+    def __init__(self, host: AgentHost) -> None:
+        self._host = host
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=f"halt-{host.name}", daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End; a plugin that hangs while it is halted is left behind."""
+        self._stopping.set()
+        self._thread.join(JOIN_TIMEOUT_S)
+
+    def _run(self) -> None:
+        while not self._stopping.wait(HOST_PERIOD_S):
+            self._host.hear_halt()
+
+
 def run_agent(host: AgentHost, should_stop: Callable[[], bool], on_ready: Callable[[], None]) -> None:
     """Start a robot and run it until `should_stop()`; everything is closed when this returns.
 
@@ -57,10 +79,10 @@ def run_agent(host: AgentHost, should_stop: Callable[[], bool], on_ready: Callab
         RobrainError: the robot cannot start, in words.
 
     """
-    threads: list[PluginThread] = []
+    threads: list[PluginThread | HaltThread] = []
     try:
         host.start()
-        threads = [PluginThread(tag) for tag in host.manager.tags.values()]
+        threads = [HaltThread(host), *(PluginThread(tag) for tag in host.manager.tags.values())]
         for thread in threads:
             thread.start()
         on_ready()

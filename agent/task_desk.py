@@ -43,10 +43,9 @@ class TaskDesk:
         self._executors[kind] = _Executor(accept, let_go)
 
     def unregister(self, kind: type) -> None:
-        """The behavior goes."""
-        executor = self._executors.pop(kind, None)
-        if executor is not None and executor is self._current and self.status is not None:
-            self.end(self.status.id, TaskState.FAILED, "the behavior that did it has gone")
+        """The behavior goes; a task that it was at has failed."""
+        self._executors.pop(kind, None)
+        self._end_if_abandoned()
 
     def offer(self, offer: TaskOffer, now_ns: int) -> TaskAnswer:
         """Answer the coordinator's offer; the same offer twice is accepted twice and started once."""
@@ -65,16 +64,14 @@ class TaskDesk:
         try:
             answer = executor.accept(offer.task)
         except BaseException:
-            self.status, self._current = before
+            self._go_back(*before)
             raise
         if answer.accepted:
             self._epoch = offer.epoch
             self._lease_ns = to_ns(offer.lease_s)
             self.coordinator_heard_ns = now_ns
-            if before[1] is not None and before[1] is not executor:
-                before[1].let_go(f"{offer.task.id} takes its place")
         else:
-            self.status, self._current = before
+            self._go_back(*before)
         return answer
 
     def withdraw(self, withdrawal: TaskWithdrawal) -> TaskAnswer:
@@ -98,6 +95,15 @@ class TaskDesk:
             return
         if now_ns - self.coordinator_heard_ns > self._lease_ns:
             self._let_go(TaskState.CANCELLED, "the coordinator is silent, the lease ran out")
+
+    def _go_back(self, status: TaskStatus | None, current: _Executor | None) -> None:
+        self.status, self._current = status, current
+        self._end_if_abandoned()
+
+    def _end_if_abandoned(self) -> None:
+        there = any(executor is self._current for executor in self._executors.values())
+        if self._current is not None and self.status is not None and not there:
+            self.end(self.status.id, TaskState.FAILED, "the behavior that did it has gone")
 
     def _let_go(self, state: TaskState, why: str) -> None:
         executor, status = self._current, self.status

@@ -13,7 +13,15 @@ from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import FrontierSummary, MapPatch, TaskAnswer, TaskEvent, TaskOffer, TeamState
+from robrain.protocol.wire.messages import (
+    FrontierSummary,
+    MapPatch,
+    TaskAnswer,
+    TaskEvent,
+    TaskOffer,
+    TaskWithdrawal,
+    TeamState,
+)
 from robrain.protocol.wire.publisher import Publisher
 from robrain.protocol.wire.topics import (
     COORDINATOR_ALIVE,
@@ -23,6 +31,7 @@ from robrain.protocol.wire.topics import (
     ROBOT_MAP_WHOLE,
     ROBOT_OFFER,
     ROBOT_STATE,
+    ROBOT_WITHDRAW,
     TASK_EVENT,
 )
 
@@ -135,8 +144,10 @@ class Coordinator:
         up = [robot for robot in self.roster.up(now_ns) if robot.state is not None and not robot.state.halted]
         bound = {record.robot: record.task.goal for record in self.tasks.open}
         idle = [robot for robot in up if robot.name not in bound]
+        for robot in idle:
+            self._withdraw_unknown(robot)
         choices = self.explorer.choose(idle, list(bound.values()), now_ns) if idle else []
-        if choices or bound or self.explorer.has_failures or not up:
+        if choices or bound or self.explorer.has_failures or not up or self.team_map.version == 0:
             self._busy_ns = now_ns
         for choice in choices:
             self._explores += 1
@@ -157,6 +168,17 @@ class Coordinator:
         else:
             self.tasks.move(task.id, TaskState.CANCELLED, f"{robot} refused: {answer.why}")
             self.explorer.note_failure(robot, task.goal, now_ns)
+
+    def _withdraw_unknown(self, robot: Robot) -> None:
+        """A robot that is still at a task which the book has closed is told to stop."""
+        status = robot.state.task if robot.state is not None else None
+        if status is None or status.state.ended:
+            return
+        withdrawal = TaskWithdrawal(id=status.id, epoch=status.epoch, why="the coordinator knows nothing of it")
+        try:
+            self._wire.ask(ROBOT_WITHDRAW, withdrawal, robot=robot.name, timeout_s=1.0)
+        except (CallError, NobodyThere) as error:
+            logger.debug("%s: task %s could not be withdrawn: %s", robot.name, status.id, error)
 
     # -- telling --------------------------------------------------------------------------------------------
 

@@ -67,17 +67,17 @@ class TaskBook:
         self._change(msgspec.structs.replace(self._open[task_id], state=state, why=why))
 
     def note_status(self, robot: str, status: TaskStatus) -> TaskRecord | None:
-        """What a robot says of a task.
+        """What a robot says of a task; its word counts only for how the task ended.
 
         Returns:
             The record, if the robot's word has ended the task; stale epochs and other robots' tasks are ignored.
 
         """
         record = self._open.get(status.id)
-        if record is None or record.robot != robot or record.epoch != status.epoch or record.state == status.state:
+        if record is None or record.robot != robot or record.epoch != status.epoch or not status.state.ended:
             return None
         self.move(status.id, status.state, status.why)
-        return record if status.state.ended else None
+        return record
 
     def _change(self, record: TaskRecord) -> TaskRecord:
         record = msgspec.structs.replace(record, changed_ns=self._clock.now_ns())

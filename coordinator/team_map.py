@@ -2,8 +2,8 @@
 
 import logging
 
-from robrain.protocol.model.occupancy_grid import OccupancyGrid
-from robrain.protocol.wire.map_patch import geometry_of, merge_message
+from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
+from robrain.protocol.wire.map_patch import MAX_CELLS, geometry_of, merge_message
 from robrain.protocol.wire.messages import MapPatch
 
 logger = logging.getLogger(__name__)
@@ -29,10 +29,16 @@ class TeamMap:
     def merge(self, patch: MapPatch) -> None:
         """Take a robot's patch in; one that does not fit is refused and logged once a robot."""
         try:
-            if self.grid is None:
-                self.grid = OccupancyGrid(geometry_of(patch))
-            merge_message(self.grid, patch)
+            grid = self.grid if self.grid is not None else OccupancyGrid(_affordable(geometry_of(patch)))
+            merge_message(grid, patch)
+            self.grid = grid  # not before: a first patch that is broken must not say which grid it is
         except ValueError as error:
             if patch.robot not in self._refused:
                 self._refused.add(patch.robot)
                 logger.warning("the map of %s cannot be merged: %s", patch.robot, error)
+
+
+def _affordable(geometry: GridGeometry) -> GridGeometry:
+    if geometry.width * geometry.height > MAX_CELLS:
+        raise ValueError(f"expected a grid of at most {MAX_CELLS} cells, got {geometry.width} x {geometry.height}")
+    return geometry

@@ -7,6 +7,9 @@ from robrain.protocol.model.occupancy_grid import OCCUPIED, OccupancyGrid
 from robrain.protocol.wire.map_patch import MAX_CELLS, geometry_of, merge_message
 from robrain.protocol.wire.messages import MapPatch
 
+FAR_M = 1e6
+"""What lies farther out than this is refused: it cannot be drawn, and would hide what can."""
+
 
 class MapView:
     """Merges map patches of all robots into one grid; the geometry is that of the first patch."""
@@ -36,6 +39,9 @@ class MapView:
             geometry = geometry_of(patch)
             if geometry.width * geometry.height > MAX_CELLS:
                 raise ValueError(f"expected at most {MAX_CELLS} cells, got {geometry.width} x {geometry.height}")
+            size_m = max(geometry.shape) * geometry.resolution_m
+            if max(abs(geometry.origin_x_m), abs(geometry.origin_y_m), size_m) > FAR_M:
+                raise ValueError(f"expected a grid within {FAR_M:g} m, got {geometry}")
             grid = OccupancyGrid(geometry)
         merge_message(grid, patch)
         self.grid = grid

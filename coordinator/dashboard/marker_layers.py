@@ -27,7 +27,7 @@ class FrontierLayer(Layer):
 
     def _draw(self, view: TeamView, now_s: float) -> None:
         frontiers = view.team.frontiers if view.team is not None else []
-        sizes_m = [FRONTIER_SIZE_M * min(2.0, max(0.8, frontier.length_m**0.5)) for frontier in frontiers]
+        sizes_m = [FRONTIER_SIZE_M * min(2.0, max(0.8, max(frontier.length_m, 0.0) ** 0.5)) for frontier in frontiers]
         self._marks.show(
             rows([(frontier.place.x_m, frontier.place.y_m, 0.0) for frontier in frontiers]),
             rows([(size_m,) * 3 for size_m in sizes_m]),

@@ -143,7 +143,9 @@ def _banners(view: TeamView) -> str:
     if view.halted:
         by = f" by {escape(view.halt.by)}" if view.halt is not None and view.halt.by else ""
         reason = f": {escape(view.halt.reason)}" if view.halt is not None and view.halt.reason else ""
-        banners.append(_banner("halt-state", f"EMERGENCY HALT{by}{reason}", BAD))
+        stopped = sum(robot.halted for robot in view.robots.values())
+        told = f"{stopped} of {len(view.robots)} robots say that they are halted"
+        banners.append(_banner("halt-state", f"EMERGENCY HALT{by}{reason}.<br>{told}.", BAD))
     return "".join(banners)
 
 

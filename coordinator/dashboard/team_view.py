@@ -1,11 +1,12 @@
 """What the dashboard knows of its team: messages come in, drawings and tables read it. No browser, no I/O."""
 
+import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from robrain.coordinator.dashboard.map_view import MapView
+from robrain.coordinator.dashboard.map_view import FAR_M, MapView
 from robrain.coordinator.dashboard.rate_meter import RateMeter
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.inbox import Received
@@ -45,8 +46,8 @@ TRAIL_POINTS = 600
 OPEN_TASKS = 1000
 HISTORY_POINTS = 400
 HISTORY_STEP_S = 1.0
-FAR_M = 1e6
-"""Places farther out than this are refused: they cannot be drawn, and hide those that can."""
+FAR_MM = round(FAR_M * 1000)
+FULL_TURN_RAD = 2 * math.pi
 RESTART_S = 1.0
 """An arena clock that falls back by more than this tells of another run."""
 
@@ -247,6 +248,10 @@ class TeamView:
 
     def _take_scan(self, received: Received, now_s: float) -> None:
         scan: Scan = received.message
+        if not (abs(scan.angle_min_rad) <= FULL_TURN_RAD and abs(scan.angle_increment_rad) <= FULL_TURN_RAD):
+            raise ValueError(f"expected angles of a turn, got {scan.angle_min_rad} and {scan.angle_increment_rad}")
+        if scan.ranges_mm and not (min(scan.ranges_mm) >= 0 and max(scan.ranges_mm) <= FAR_MM):
+            raise ValueError(f"expected ranges from 0 to {FAR_MM} mm")
         self._robot(received.names["robot"]).scan = scan
 
     def _take_reading(self, received: Received, now_s: float) -> None:

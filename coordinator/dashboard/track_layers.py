@@ -85,7 +85,7 @@ def dashes(path: list[Point2D]) -> Rows:
     corners = np.array([(point.x_m, point.y_m) for point in path])
     lengths_m = np.hypot(*np.diff(corners, axis=0).T)
     along_m = np.concatenate([[0.0], np.cumsum(lengths_m)])
-    starts_m = np.arange(0.0, along_m[-1], 2 * DASH_M)[:DASHES]
+    starts_m = np.arange(0.0, min(along_m[-1], 2 * DASH_M * DASHES), 2 * DASH_M)
     ends_m = np.minimum(starts_m + DASH_M, along_m[-1])
     both_m = np.stack([starts_m, ends_m], axis=1)
     x_m, y_m = (np.interp(both_m, along_m, corners[:, axis]) for axis in (0, 1))

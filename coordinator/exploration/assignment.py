@@ -5,6 +5,7 @@ to where another robot is already bound (in the manner of Burgard, Moors, Stachn
 Multi-Robot Exploration, 2005). The assignment is optimal for these costs (Kuhn 1955, by scipy).
 """
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -21,6 +22,7 @@ GAIN_LIMIT_M = 3.0
 CROWD_RADIUS_M = 5.0
 CROWD_PENALTY_M = 10.0
 SNAP_M = 0.8
+SHUN_RADIUS_M = 1.0
 UNREACHABLE = 1e9
 
 
@@ -69,18 +71,14 @@ def assign_frontiers(
     if not candidates or not seekers:
         return []
     cells = [navigation.snap(candidate.place, SNAP_M) for candidate in candidates]
+    reachable = [(index, cell) for index, cell in enumerate(cells) if cell is not None]
     worth_m = np.array([GAIN_M_PER_M * min(candidate.length_m, GAIN_LIMIT_M) for candidate in candidates])
     crowd_m = _crowding_m(candidates, taken)
     costs = np.full((len(seekers), len(candidates)), UNREACHABLE)
     for row, seeker in enumerate(seekers):
-        field_m = navigation.distances_m(seeker.place, snap_m=SNAP_M)
-        if field_m is None:
-            continue
-        for column, cell in enumerate(cells):
-            if cell is None or _near_any(candidates[column].place, seeker.shunned, 1.0):
-                continue
-            way_m = float(field_m[cell])
-            if np.isfinite(way_m):
+        ways_m = navigation.ways_m(seeker.place, [cell for _, cell in reachable], snap_m=SNAP_M)
+        for (column, _), way_m in zip(reachable, ways_m, strict=True):
+            if math.isfinite(way_m) and not _near_any(candidates[column].place, seeker.shunned, SHUN_RADIUS_M):
                 costs[row, column] = way_m - worth_m[column] + crowd_m[column]
     rows, columns = linear_sum_assignment(costs)
     return [
@@ -94,10 +92,10 @@ def _crowding_m(candidates: Sequence[Candidate], taken: Sequence[Point2D]) -> ND
     penalties = np.zeros(len(candidates))
     for index, candidate in enumerate(candidates):
         for goal in taken:
-            away_m = float(np.hypot(candidate.place.x_m - goal.x_m, candidate.place.y_m - goal.y_m))
+            away_m = math.hypot(candidate.place.x_m - goal.x_m, candidate.place.y_m - goal.y_m)
             penalties[index] += CROWD_PENALTY_M * max(0.0, 1.0 - away_m / CROWD_RADIUS_M)
     return penalties
 
 
 def _near_any(place: Point2D, others: Sequence[Point2D], radius_m: float) -> bool:
-    return any(np.hypot(place.x_m - other.x_m, place.y_m - other.y_m) < radius_m for other in others)
+    return any(math.hypot(place.x_m - other.x_m, place.y_m - other.y_m) < radius_m for other in others)

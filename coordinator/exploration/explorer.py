@@ -30,7 +30,7 @@ class Explorer:
         self._navigation: NavigationGrid | None = None
         self._version = 0
         self._failures: list[_Failure] = []
-        self._vain: tuple[int, list[str], list[Point2D], int] | None = None
+        self._vain: tuple[int, float, list[Seeker], list[Point2D]] | None = None
         """What was last asked with nothing found: the same question has the same answer."""
 
     def note_failure(self, robot: str, place: Point2D, now_ns: int) -> None:
@@ -52,18 +52,18 @@ class Explorer:
 
         """
         self._failures = [failure for failure in self._failures if failure.until_ns > now_ns]
-        question = (self._map.version, [robot.name for robot in idle], taken, len(self._failures))
-        if question == self._vain:
-            return []
         needed_m = MARGIN_M + max((robot.state.radius_m for robot in idle if robot.state is not None), default=0.0)
-        navigation = self._look(needed_m)
-        if navigation is None:
-            return []
         seekers = [
             Seeker(robot.name, Point2D(robot.state.pose.x_m, robot.state.pose.y_m), self._shunned(robot.name))
             for robot in idle
             if robot.state is not None and robot.state.pose is not None
         ]
+        question = (self._map.version, needed_m, seekers, taken)
+        if question == self._vain:
+            return []
+        navigation = self._look(needed_m)
+        if navigation is None:
+            return []
         choices = assign_frontiers(navigation, self.candidates, seekers, taken)
         self._vain = None if choices else question
         return choices

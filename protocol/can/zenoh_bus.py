@@ -91,7 +91,14 @@ class ZenohBus(can.BusABC):
         super().__init__(channel=channel, can_filters=can_filters)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Put one frame on the bus; every other node of the bus receives it."""
+        """Put one frame on the bus; every other node of the bus receives it.
+
+        Raises:
+            can.CanOperationError: it is a CAN FD frame; the bus carries classic ones.
+
+        """
+        if msg.is_fd:
+            raise can.CanOperationError(f"{self.channel_info}: carries classic CAN frames, not CAN FD")
         identifier = msg.arbitration_id
         if msg.is_extended_id:
             identifier |= _EXTENDED
@@ -110,23 +117,25 @@ class ZenohBus(can.BusABC):
                 return None, False
             with self._arrived:
                 self._arrived.wait_for(lambda: bool(self._frames), timeout)
-        if not self._frames:
-            return None, False
-        payload = self._frames.popleft()
+        # Filtered here: python-can's own filter ends a recv(timeout=0) at the first frame that it leaves out.
+        while self._frames:
+            message = self._unpack(self._frames.popleft())
+            if self._matches_filters(message):
+                return message, True
+        return None, True
+
+    def _unpack(self, payload: bytes) -> can.Message:
         _, stamp_ns, identifier = _HEADER.unpack_from(payload)
         data = payload[_HEADER.size :]
-        return (
-            can.Message(
-                timestamp=stamp_ns / 1e9,
-                arbitration_id=identifier & _ID_MASK,
-                is_extended_id=bool(identifier & _EXTENDED),
-                is_remote_frame=bool(identifier & _REMOTE),
-                is_error_frame=bool(identifier & _ERROR),
-                dlc=len(data),
-                data=None if identifier & _REMOTE else data,
-                channel=self.channel_info,
-            ),
-            False,
+        return can.Message(
+            timestamp=stamp_ns / 1e9,
+            arbitration_id=identifier & _ID_MASK,
+            is_extended_id=bool(identifier & _EXTENDED),
+            is_remote_frame=bool(identifier & _REMOTE),
+            is_error_frame=bool(identifier & _ERROR),
+            dlc=len(data),
+            data=None if identifier & _REMOTE else data,
+            channel=self.channel_info,
         )
 
     def shutdown(self) -> None:

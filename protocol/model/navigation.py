@@ -5,7 +5,9 @@ obstacles is at least the robot's radius plus a margin; near obstacles it costs 
 walls where there is room.
 """
 
+import math
 from collections.abc import Iterable
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,8 @@ COMFORT_M = 0.4
 """Clearance beyond the needed one from which on a place costs no more."""
 DISCOMFORT = 3.0
 """Cost of the tightest place, over 1."""
+COARSE = 2
+"""Pitch of the grid on which ways are compared, in cells."""
 
 
 class NavigationGrid:
@@ -82,13 +86,32 @@ class NavigationGrid:
         waypoints = [self.geometry.center_of(int(row), int(column)) for row, column in shorten_path(cells, comfortable)]
         return waypoints[1:] or waypoints
 
-    def distances_m(self, place: Point2D, *, snap_m: float) -> NDArray[np.float32] | None:
-        """(H, W) cost of the way from a place to each cell, as metres on open floor; inf where there is none."""
+    def ways_m(self, place: Point2D, cells: list[tuple[int, int]], *, snap_m: float) -> list[float]:
+        """Cost of the way from a place to each of these cells, as metres on open floor; inf where there is none.
+
+        Measured on a grid of twice the pitch, in a quarter of the time: good for comparing ways, not for driving.
+        """
         cell = self.snap(place, snap_m)
         if cell is None:
-            return None
-        field = distance_field(self.traversable, self.cost, np.array([cell], dtype=np.int32))
-        return field * np.float32(self.geometry.resolution_m)
+            return [math.inf] * len(cells)
+        traversable, cost = self._coarse
+        source = np.array([(cell[0] // COARSE, cell[1] // COARSE)], dtype=np.int64)
+        field = distance_field(traversable, cost, source)
+        pitch_m = COARSE * self.geometry.resolution_m
+        return [float(field[row // COARSE, column // COARSE]) * pitch_m for row, column in cells]
+
+    @cached_property
+    def _coarse(self) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
+        # A coarse cell is traversable if one of its cells is. That joins nothing that a wall parts, for no wall with
+        # the robot's radius kept on both sides of it is narrower than two coarse cells.
+        height, width = self.geometry.shape
+        padded = (-height % COARSE, -width % COARSE)
+        rows, columns = (height + padded[0]) // COARSE, (width + padded[1]) // COARSE
+        cost = np.where(self.traversable, self.cost, np.float32(np.inf))
+        cost = np.pad(cost, ((0, padded[0]), (0, padded[1])), constant_values=np.inf)
+        least: NDArray[np.float32] = cost.reshape(rows, COARSE, columns, COARSE).min(axis=(1, 3))
+        traversable = np.isfinite(least)
+        return traversable, np.where(traversable, least, np.float32(1.0))
 
     def without(self, circles: Iterable[tuple[float, float, float]]) -> NDArray[np.bool_]:
         """The traversable cells that lie outside of these circles (x, y, radius in metres)."""

@@ -19,7 +19,7 @@ from robrain.coordinator.dashboard.palette import look_of
 from robrain.coordinator.dashboard.rate_meter import RateMeter
 from robrain.coordinator.dashboard.scene_nodes import plain, to_linear
 from robrain.coordinator.dashboard.team_view import RobotView
-from robrain.coordinator.dashboard.track_layers import dashes, fading_line
+from robrain.coordinator.dashboard.track_layers import DASHES, dashes, fading_line
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.messages import RobotState, Scan
 
@@ -89,6 +89,7 @@ def test_dashes_lie_on_the_path_and_leave_gaps() -> None:
     lengths_m = np.abs(drawn[:, 1] - drawn[:, 0]).sum(axis=1)
     assert 0.9 < lengths_m.sum() < 1.3
     assert (np.isclose(drawn[:, :, 1], 0.0) | np.isclose(drawn[:, :, 0], 1.0)).all()
+    assert len(dashes([Point2D(-1e6, 0.0), Point2D(1e6, 0.0)])) == DASHES
     assert dashes([Point2D(0.0, 0.0)]).shape == (0, 2, 3)
     assert dashes([Point2D(0.0, 0.0), Point2D(0.0, 0.0)]).shape == (0, 2, 3)
 

@@ -33,6 +33,8 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.add(tag)
+        if tag == "br":
+            return
         self.attributes |= {name for name, _ in attrs}
         self._open.append(dict(attrs).get("data-testid"))
 
@@ -75,6 +77,15 @@ def test_figures_of_the_team_tell_what_is_known_and_no_more() -> None:
     assert (values["explored"], values["sim-time"], values["coordinator"]) == ("42.0 %", "1:15", "up")
 
 
+def test_halt_is_told_with_how_many_obey() -> None:
+    view = TeamView()
+    tell(view, ROBOT_STATE, RobotState(robot="r1", halted=True), robot="r1")
+    tell(view, ROBOT_STATE, RobotState(robot="r2"), robot="r2")
+    tell(view, HALT, Halt(halted=True, by="dashboard", reason="smoke"))
+    told = Page(summary_html(view)).values["halt-state"]
+    assert told == "EMERGENCY HALT by dashboard: smoke.1 of 2 robots say that they are halted."
+
+
 def test_lost_link_is_told_before_all_else() -> None:
     view = TeamView()
     view.connected = False
@@ -98,6 +109,6 @@ def test_what_came_over_the_wire_never_becomes_markup(halted: bool) -> None:
     view.motes[EVIL] = MoteView(EVIL, readings={EVIL: reading})
     for html in (summary_html(view), robots_html(view, 0.0), motes_html(view)):
         page = Page(html)
-        assert page.tags <= {"div", "span", "b", "table", "tr", "th", "td"}
+        assert page.tags <= {"div", "span", "b", "br", "table", "tr", "th", "td"}
         assert page.attributes <= {"class", "style", "title", "colspan", "data-testid"}
     assert EVIL in Page(robots_html(view, 0.0)).values["robot-name"]

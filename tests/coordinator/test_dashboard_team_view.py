@@ -166,6 +166,8 @@ def test_walls_are_boxes_in_the_arena_frame(view: TeamView) -> None:
         {"row": 1},  # leaves the grid
         {"width": 1 << 20, "height": 1 << 20},  # would fill the memory
         {"resolution_m": 0.0},
+        {"resolution_m": 1e300},  # cannot be drawn
+        {"origin_x_m": 1e300},
         {"observed_ms": -1},
     ],
 )
@@ -289,6 +291,16 @@ def test_scan_belongs_to_its_robot(view: TeamView) -> None:
     scan = Scan(robot="r1", angle_min_rad=0.0, angle_increment_rad=1.0, range_max_m=4.0, ranges_mm=[1000, 0])
     tell(view, ARENA_SCAN, scan, robot="r1")
     assert view.robots["r1"].scan == scan
+
+
+@pytest.mark.parametrize(
+    "changes", [{"ranges_mm": [10**400]}, {"ranges_mm": [-1]}, {"angle_min_rad": 1e300}, {"angle_increment_rad": 1e300}]
+)
+def test_scan_that_makes_no_sense_is_refused(view: TeamView, changes: dict[str, object]) -> None:
+    scan = Scan(robot="r1", angle_min_rad=0.0, angle_increment_rad=1.0, range_max_m=4.0, ranges_mm=[1000, 0])
+    tell(view, ARENA_SCAN, msgspec.structs.replace(scan, **changes), robot="r1")
+    assert view.rejected == 1
+    assert view.robots == {}
 
 
 def test_other_topics_are_left_out(view: TeamView) -> None:

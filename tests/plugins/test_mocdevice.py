@@ -256,5 +256,5 @@ def test_a_robot_without_its_bus_goes_on_without_that_branch_and_says_why(stage,
         assert f"no CAN bus at {interface}:{channel}" in infos[name].why
     assert infos["mocdevice"].why.startswith("hardware absent")
     assert infos["driver"].why.startswith("requires mocdevice, which is left out")
-    assert len(states.drain()) == 10
+    assert len(states.drain()) >= 10
     assert one.call("teammates", "others") == []

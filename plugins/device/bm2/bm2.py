@@ -30,7 +30,9 @@ class Bm2(Device):
         self._rejected = 0
 
     def activate(self) -> None:
-        filters: can.typechecking.CanFilters = [{"can_id": self._status.arbitration_id, "can_mask": 0x7FF}]
+        filters: can.typechecking.CanFilters = [
+            {"can_id": self._status.arbitration_id, "can_mask": 0x7FF, "extended": False}
+        ]
         try:
             self._bus = self.env.open_can(self.parameters.interface, self.parameters.channel, can_filters=filters)
         except (can.CanError, OSError, ValueError) as error:

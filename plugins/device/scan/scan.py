@@ -40,8 +40,11 @@ class ScanDevice(Device):
 
     @external
     def nearest_m(self) -> float | None:
-        """Distance to the nearest thing in sight; null before the first scan."""
-        return None if self._latest is None else float(self._latest.ranges_m.min())
+        """Distance to the nearest thing in sight; null if there is none, and before the first scan."""
+        if self._latest is None:
+            return None
+        nearest_m = float(self._latest.ranges_m.min(initial=self._latest.range_max_m))
+        return nearest_m if nearest_m < self._latest.range_max_m else None
 
     def _convert(self, scan: Scan) -> LaserScan:
         fan = (len(scan.ranges_mm), scan.angle_min_rad, scan.angle_increment_rad)

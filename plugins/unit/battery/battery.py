@@ -43,7 +43,7 @@ class Battery(Unit):
         if self._last is not None:
             elapsed_s = to_seconds(measured.stamp_ns - self._last.stamp_ns)
             power_w = (measured.voltage_v * measured.current_a + self._last.voltage_v * self._last.current_a) / 2
-            self._remaining_j = max(0.0, self._remaining_j - power_w * elapsed_s)
+            self._remaining_j = min(self._capacity_j, max(0.0, self._remaining_j - power_w * elapsed_s))
         self._last = measured
         self.env.board.battery = BatteryState(
             voltage_v=measured.voltage_v,

@@ -40,6 +40,11 @@ class SNwExploration(Unit):
         """The motes heard so far, by name."""
         return [self._heard[name] for name in sorted(self._heard)]
 
+    @external
+    def unreadable(self) -> int:
+        """Packets that said to be readings and were none."""
+        return self._unreadable
+
     def _take(self, message: ActiveMessage) -> None:
         if message.type != READING_TYPE:
             return

@@ -1,0 +1,26 @@
+"""`make bench`: prints what was measured in this run, as tables. Nothing here fails on a timing."""
+
+from rich.console import Console
+from rich.table import Table
+
+from tests.bench import real_time_factor
+
+
+def main() -> None:
+    """Run every benchmark."""
+    table = Table(title="Lockstep runs against the bare pymunk loop of the same world (depot, 24 motes, one core)")
+    for heading in ("robots", "whole run, ms / sim s", "bare pymunk, ms / sim s", "real-time factor", "whole / bare"):
+        table.add_column(heading, justify="right")
+    for row in real_time_factor.measure():
+        table.add_row(
+            str(row.robots),
+            f"{row.whole_run_ms:.1f}",
+            f"{row.bare_pymunk_ms:.2f}",
+            f"{row.real_time_factor:.1f}",
+            f"{row.ratio:.0f}",
+        )
+    Console(width=110).print(table)
+
+
+if __name__ == "__main__":
+    main()

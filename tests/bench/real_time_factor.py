@@ -1,0 +1,73 @@
+"""Real-time factor of whole lockstep runs against the bare pymunk loop of the same world."""
+
+import time
+from typing import NamedTuple
+
+import numpy as np
+import pymunk
+
+from robrain import Scenario
+from robrain.protocol.model.warm_up import warm_up
+from robrain.sim.arena import TICK_S
+from robrain.sim.lockstep import LockstepRun
+from robrain.sim.maps.wall_shapes import add_walls
+from robrain.sim.world import World
+
+TEAMS = (1, 4, 16, 64)
+SIMULATED_S = 20.0
+SPEED_M_S = 0.6
+
+
+class Row(NamedTuple):
+    """One team size. Times are wall-clock milliseconds a simulated second."""
+
+    robots: int
+    whole_run_ms: float
+    bare_pymunk_ms: float
+    real_time_factor: float
+    ratio: float
+    """Whole run over bare loop."""
+
+
+def measure() -> list[Row]:
+    """One row a team size, on the built-in depot with 24 motes, recording digest included."""
+    warm_up()
+    _whole_run_ms(Scenario.builtin("depot").replace(robots=1).world())
+    rows = []
+    for robots in TEAMS:
+        world = Scenario.builtin("depot").replace(robots=robots).world()
+        whole_ms, bare_ms = _whole_run_ms(world), _bare_loop_ms(world)
+        rows.append(Row(robots, whole_ms, bare_ms, 1000.0 / whole_ms, whole_ms / bare_ms))
+    return rows
+
+
+def _whole_run_ms(world: World) -> float:
+    run = LockstepRun(world)
+    try:
+        started_s = time.perf_counter()
+        for _ in range(round(SIMULATED_S / TICK_S)):
+            run.tick()
+        return 1000.0 * (time.perf_counter() - started_s) / SIMULATED_S
+    finally:
+        run.close()
+
+
+def _bare_loop_ms(world: World) -> float:
+    """The same walls and as many round bodies, each with its velocity set anew every tick, and nothing else."""
+    space = pymunk.Space()
+    add_walls(space, world.plan, collision_type=1)
+    rng = np.random.default_rng(0)
+    bodies = []
+    for robot in world.robots:
+        body = pymunk.Body(4.0, 0.08)
+        body.position = (robot.start.x_m, robot.start.y_m)
+        space.add(body, pymunk.Circle(body, robot.radius_m))
+        bodies.append(body)
+    headings_rad = rng.uniform(-np.pi, np.pi, len(bodies))
+    velocities = [(SPEED_M_S * np.cos(angle), SPEED_M_S * np.sin(angle)) for angle in headings_rad]
+    started_s = time.perf_counter()
+    for _ in range(round(SIMULATED_S / TICK_S)):
+        for body, velocity in zip(bodies, velocities, strict=True):
+            body.velocity = velocity
+        space.step(TICK_S)
+    return 1000.0 * (time.perf_counter() - started_s) / SIMULATED_S

@@ -1,0 +1,147 @@
+import math
+
+import numpy as np
+import pytest
+
+from robrain.coordinator.exploration.explorer import Explorer
+from robrain.coordinator.roster import Robot
+from robrain.coordinator.team_map import TeamMap
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, GridGeometry, PatchCells
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.map_patch import to_message
+from robrain.protocol.wire.messages import RobotState
+
+GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 100, 60)
+
+
+class Floor:
+    """A team map that is drawn, box by box in metres."""
+
+    def __init__(self, *boxes):
+        self.team_map = TeamMap()
+        self.stamp_ms = 0
+        for box in boxes:
+            self.draw(*box)
+
+    def draw(self, x0, y0, x1, y1, kind=FREE):
+        row, column = GEOMETRY.cell_of(x0 + 0.05, y0 + 0.05)
+        cells = np.full((round(10 * (y1 - y0)), round(10 * (x1 - x0))), kind, np.int8)
+        self.stamp_ms += 1
+        self.team_map.merge(to_message("r1", GEOMETRY, PatchCells(row, column, cells, self.stamp_ms)))
+
+
+def corridor():
+    """A walled corridor whose two ends are unknown."""
+    floor = Floor((2.0, 2.0, 8.0, 3.5))
+    floor.draw(2.0, 1.9, 8.0, 2.0, OCCUPIED)
+    floor.draw(2.0, 3.5, 8.0, 3.6, OCCUPIED)
+    return floor
+
+
+def robot(name, x_m=4.0, y_m=2.7, *, radius_m=0.2):
+    one = Robot(name)
+    one.state = RobotState(robot=name, pose=Pose2D(x_m, y_m, 0.0), radius_m=radius_m)
+    return one
+
+
+def places(choices):
+    return {choice.robot: choice.place for choice in choices}
+
+
+def near(place, x_m, y_m):
+    return math.hypot(place.x_m - x_m, place.y_m - y_m) < 0.3
+
+
+def test_without_a_map_there_is_nothing_to_explore():
+    explorer = Explorer(TeamMap())
+    assert explorer.choose([robot("r1")], [], 0) == []
+    assert explorer.candidates == []
+
+
+def test_each_idle_robot_gets_its_own_end_of_the_corridor():
+    explorer = Explorer(corridor().team_map)
+    chosen = places(explorer.choose([robot("r1", 4.0), robot("r2", 5.0)], [], 0))
+    assert near(chosen["r1"], 2.0, 2.75)
+    assert near(chosen["r2"], 7.95, 2.75)
+    assert [candidate.length_m for candidate in explorer.candidates] == pytest.approx([1.5, 1.5])
+
+
+def test_a_failed_place_is_shunned_for_fifteen_seconds_by_the_robot_that_failed():
+    explorer = Explorer(corridor().team_map)
+    (west,) = places(explorer.choose([robot("r1")], [], 0)).values()
+    explorer.note_failure("r1", west, 0)
+    assert explorer.has_failures
+    for at_s in (0.5, 7.0, 14.9):
+        chosen = places(explorer.choose([robot("r1")], [], to_ns(at_s)))
+        assert near(chosen["r1"], 7.95, 2.75)
+    assert near(places(explorer.choose([robot("r1")], [], to_ns(15.0)))["r1"], west.x_m, west.y_m)
+    assert not explorer.has_failures
+
+
+def test_where_one_robot_failed_another_may_go():
+    explorer = Explorer(corridor().team_map)
+    west = Point2D(2.05, 2.75)
+    explorer.note_failure("r1", west, 0)
+    assert near(places(explorer.choose([robot("r2")], [], to_ns(1.0)))["r2"], 2.05, 2.75)
+
+
+def test_a_robot_that_failed_everywhere_waits():
+    explorer = Explorer(corridor().team_map)
+    for place in (Point2D(2.05, 2.75), Point2D(7.95, 2.75)):
+        explorer.note_failure("r1", place, 0)
+    assert explorer.choose([robot("r1")], [], to_ns(1.0)) == []
+    assert len(explorer.choose([robot("r1")], [], to_ns(16.0))) == 1
+
+
+def test_a_goal_that_is_taken_is_left_to_the_one_who_has_it():
+    explorer = Explorer(corridor().team_map)
+    chosen = places(explorer.choose([robot("r1", 3.0)], [Point2D(2.05, 2.75)], 0))
+    assert near(chosen["r1"], 7.95, 2.75)
+
+
+def test_asked_in_vain_it_answers_anew_when_the_map_has_grown():
+    floor = corridor()
+    for x_m in (1.9, 8.0):
+        floor.draw(x_m, 1.9, x_m + 0.1, 3.6, OCCUPIED)
+    explorer = Explorer(floor.team_map)
+    assert explorer.choose([robot("r1")], [], 0) == []
+    floor.draw(7.9, 2.0, 8.1, 3.5)
+    assert near(places(explorer.choose([robot("r1")], [], 1))["r1"], 8.05, 2.75)
+
+
+def test_asked_in_vain_it_answers_anew_when_a_robot_has_found_out_where_it_is():
+    explorer = Explorer(corridor().team_map)
+    lost = Robot("r1")
+    lost.state = RobotState(robot="r1", radius_m=0.2)
+    assert explorer.choose([lost], [], 0) == []
+    assert len(explorer.choose([robot("r1")], [], 1)) == 1
+
+
+def test_asked_in_vain_it_answers_anew_when_a_robot_stands_elsewhere():
+    explorer = Explorer(corridor().team_map)
+    assert explorer.choose([robot("r1", 0.5, 5.5)], [], 0) == []
+    assert len(explorer.choose([robot("r1")], [], 1)) == 1
+
+
+def test_asked_in_vain_it_answers_anew_when_another_failure_has_taken_the_place_of_the_first():
+    floor = corridor()
+    floor.draw(8.0, 1.9, 8.1, 3.6, OCCUPIED)
+    explorer = Explorer(floor.team_map)
+    west = Point2D(2.05, 2.75)
+    explorer.note_failure("r1", west, 0)
+    assert explorer.choose([robot("r1")], [], to_ns(1.0)) == []
+    explorer.note_failure("r2", west, to_ns(14.0))
+    assert len(explorer.choose([robot("r1")], [], to_ns(15.5))) == 1
+
+
+def test_a_stout_robot_is_not_sent_where_it_does_not_fit():
+    floor = corridor()
+    floor.draw(6.0, 2.0, 6.1, 2.5, OCCUPIED)
+    floor.draw(6.0, 3.1, 6.1, 3.5, OCCUPIED)
+    east = Point2D(7.95, 2.75)
+    taken = [Point2D(2.05, 2.75)]
+    slim = places(Explorer(floor.team_map).choose([robot("r1", radius_m=0.15)], taken, 0))
+    assert near(slim["r1"], east.x_m, east.y_m)
+    stout = places(Explorer(floor.team_map).choose([robot("r1", radius_m=0.4)], taken, 0))
+    assert not near(stout["r1"], east.x_m, east.y_m)

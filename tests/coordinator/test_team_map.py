@@ -1,0 +1,100 @@
+import logging
+
+import msgspec
+import numpy as np
+import pytest
+
+from robrain.coordinator.team_map import TeamMap
+from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, PatchCells
+from robrain.protocol.wire.map_patch import to_message
+
+GEOMETRY = GridGeometry(0.1, -1.0, -1.0, 40, 30)
+
+
+def patch(robot="r1", geometry=GEOMETRY, *, row=2, column=3, shape=(4, 5), kind=FREE, stamp_ms=100):
+    return to_message(robot, geometry, PatchCells(row, column, np.full(shape, kind, np.int8), stamp_ms))
+
+
+def refusals(caplog):
+    return [record.getMessage() for record in caplog.records if record.levelno == logging.WARNING]
+
+
+def test_before_the_first_patch_nothing_is_known():
+    team_map = TeamMap()
+    assert (team_map.grid, team_map.version, team_map.known_area_m2) == (None, 0, 0.0)
+
+
+def test_the_first_patch_says_which_grid_the_team_maps_on():
+    team_map = TeamMap()
+    team_map.merge(patch())
+    assert team_map.grid.geometry == GEOMETRY
+    assert team_map.known_area_m2 == pytest.approx(0.2)
+    classes = team_map.grid.classes()
+    assert (classes[2, 3], classes[5, 7], classes[6, 3]) == (FREE, FREE, UNKNOWN)
+
+
+def test_patches_of_several_robots_become_one_map():
+    team_map = TeamMap()
+    team_map.merge(patch("r1"))
+    before = team_map.version
+    team_map.merge(patch("r2", row=10, kind=OCCUPIED))
+    assert team_map.version > before
+    assert team_map.known_area_m2 == pytest.approx(0.4)
+
+
+def test_the_later_word_on_a_cell_counts_whatever_the_order():
+    maps = [TeamMap(), TeamMap()]
+    words = [patch("r1", kind=OCCUPIED, stamp_ms=100), patch("r2", kind=FREE, stamp_ms=200)]
+    for team_map, order in zip(maps, (words, words[::-1]), strict=True):
+        for word in order:
+            team_map.merge(word)
+        assert team_map.grid.classes()[2, 3] == FREE
+
+
+@pytest.mark.parametrize(
+    "geometry",
+    [
+        GridGeometry(0.05, -1.0, -1.0, 40, 30),
+        GridGeometry(0.1, -1.1, -1.0, 40, 30),
+        GridGeometry(0.1, -1.0, -1.0, 41, 30),
+    ],
+)
+def test_patches_on_another_grid_are_refused_with_one_line_a_robot(caplog, geometry):
+    team_map = TeamMap()
+    team_map.merge(patch("r1"))
+    version = team_map.version
+    for robot in ("r2", "r2", "r3", "r2"):
+        team_map.merge(patch(robot, geometry, row=10))
+    assert (team_map.version, team_map.grid.geometry) == (version, GEOMETRY)
+    assert [line.split(" cannot")[0] for line in refusals(caplog)] == ["the map of r2", "the map of r3"]
+
+
+BROKEN = {
+    "cells that do not inflate": {"cells": b"no zlib"},
+    "too few cells": {"rows": 5},
+    "a box beyond the grid": {"row": 28},
+    "a negative box": {"rows": -4, "columns": -5},
+    "a grid without size": {"width": 0},
+    "a grid of no resolution": {"resolution_m": 0.0},
+    "a grid that no memory holds": {"width": 10_000_000, "height": 10_000_000},
+    "a stamp out of bounds": {"observed_ms": 2**31},
+}
+
+
+@pytest.mark.parametrize("changes", BROKEN.values(), ids=BROKEN)
+def test_a_broken_patch_is_refused_and_nothing_changes(caplog, changes):
+    team_map = TeamMap()
+    team_map.merge(patch("r1"))
+    version = team_map.version
+    team_map.merge(msgspec.structs.replace(patch("r2"), **changes))
+    assert team_map.version == version
+    assert len(refusals(caplog)) == 1
+
+
+@pytest.mark.parametrize("changes", BROKEN.values(), ids=BROKEN)
+def test_a_broken_patch_does_not_say_which_grid_the_team_maps_on(changes):
+    team_map = TeamMap()
+    team_map.merge(msgspec.structs.replace(patch("r2"), **changes))
+    assert team_map.grid is None
+    team_map.merge(patch("r1"))
+    assert team_map.known_area_m2 == pytest.approx(0.2)

@@ -1,0 +1,204 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from robrain.plugins.unit.driver.interface import Motion
+from robrain.protocol.model.geometry import Point2D, Pose2D
+
+OPEN = [3.0] * 180
+
+
+def driver(host):
+    return host.manager.get("driver").plugin
+
+
+def drive(host, *places):
+    """Send a robot along these places, arena frame."""
+    localisation = host.manager.get("localisation").plugin
+    driver(host).follow(localisation.to_odom([Point2D(*place) for place in places]))
+
+
+def stands(one):
+    return one.call("driver", "motion") == Motion.STANDING
+
+
+def off_path_m(pose, corners):
+    """Distance of a pose from a line through these corners."""
+    best = math.inf
+    for (ax, ay), (bx, by) in zip(corners, corners[1:], strict=False):
+        length = math.hypot(bx - ax, by - ay)
+        share = max(0.0, min(1.0, ((pose.x_m - ax) * (bx - ax) + (pose.y_m - ay) * (by - ay)) / length**2))
+        best = min(best, math.hypot(pose.x_m - ax - share * (bx - ax), pose.y_m - ay - share * (by - ay)))
+    return best
+
+
+def wheel_speeds(frame):
+    return [frame[f"wheel_{number}_rad_s"] for number in (1, 2, 3)]
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 2.0, -3.0])
+def test_a_robot_arrives_at_the_end_of_its_path_within_a_tenth_of_a_metre(stage, room, yaw_rad):
+    one = stage(room(6.0, 4.0), r1=Pose2D(1.0, 1.0, yaw_rad))
+    host = one.host("localisation")
+    one.run(0.4)
+    drive(host, (4.5, 1.0), (4.5, 3.0))
+    one.run_until(lambda: stands(one), 30.0)
+    one.run(0.5)
+    assert one.truth().pose.distance_m(Point2D(4.5, 3.0)) < 0.1
+    assert one.truth().collisions == 0
+
+
+def test_on_the_way_it_keeps_to_the_path(stage, room):
+    one = stage(room(6.0, 4.0), r1=Pose2D(1.0, 1.0, 0.0))
+    host = one.host("localisation")
+    one.run(0.4)
+    corners = [(1.0, 1.0), (4.5, 1.0), (4.5, 3.0), (2.0, 3.0)]
+    drive(host, *corners[1:])
+    aside_m = []
+    one.run(20.0, lambda: aside_m.append(off_path_m(one.truth().pose, corners)))
+    assert one.truth().pose.distance_m(Point2D(2.0, 3.0)) < 0.1
+    # Corners are rounded off by up to a quarter of a metre.
+    assert max(aside_m) < 0.25
+    assert np.median(aside_m) < 0.1
+
+
+@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.tuples(st.floats(0.6, 5.4), st.floats(0.6, 3.4)), min_size=1, max_size=3))
+def test_whatever_the_path_its_end_is_reached_without_touching_a_wall(stage, room, places):
+    one = stage(room(6.0, 4.0), r1=Pose2D(3.0, 2.0, 0.0))
+    host = one.host("localisation")
+    one.run(0.4)
+    drive(host, *places)
+    one.run_until(lambda: stands(one), 60.0)
+    one.run(0.5)
+    assert one.truth().pose.distance_m(Point2D(*places[-1])) < 0.1
+    assert one.truth().collisions == 0
+    one.hosts.remove(host)
+    host.close()
+
+
+def test_arriving_is_told_to_those_who_observe(stage, room):
+    one = stage(room(), r1=Pose2D(1.0, 2.0, 0.0))
+    host = one.host("localisation")
+    one.run(0.4)
+    told = []
+    mailbox = host.manager.get("localisation").mailbox
+    driver(host).arrived.add(told.append, mailbox)
+    drive(host, (2.0, 2.0))
+    one.run(6.0)
+    assert told == [Point2D(1.0, 0.0)]  # in the frame odom, which starts where the robot did
+
+
+def test_a_wall_across_the_path_is_stopped_at_and_not_touched(stage, room):
+    one = stage(room(6.0, 4.0, (3.0, 0.0, 3.2, 4.0)), r1=Pose2D(1.0, 2.0, 0.0))
+    host = one.host("localisation")
+    one.run(0.4)
+    drive(host, (5.0, 2.0))
+    one.run(10.0)
+    gap_m = 3.0 - one.truth().pose.x_m - 0.2
+    assert one.truth().collisions == 0
+    assert 0.02 < gap_m < 0.3
+    assert one.call("driver", "motion") == Motion.BLOCKED
+    assert driver(host).blocked_s() > 3.0
+
+
+def test_what_was_blocked_drives_on_with_a_new_path(stage, room):
+    one = stage(room(6.0, 4.0, (3.0, 0.0, 3.2, 4.0)), r1=Pose2D(1.0, 2.0, 0.0))
+    host = one.host("localisation")
+    one.run(0.4)
+    drive(host, (5.0, 2.0))
+    one.run(8.0)
+    drive(host, (1.0, 3.0))
+    one.run_until(lambda: stands(one), 20.0)
+    assert one.truth().pose.distance_m(Point2D(1.0, 3.0)) < 0.1
+    assert driver(host).blocked_s() == 0.0
+
+
+def test_a_robot_beside_a_wall_may_drive_along_it(stage, room):
+    one = stage(room(6.0, 4.0), r1=Pose2D(1.0, 0.4, 0.0))
+    host = one.host("localisation")
+    one.run(0.4)
+    drive(host, (5.0, 0.4))
+    one.run_until(lambda: stands(one), 20.0)
+    assert one.truth().pose.distance_m(Point2D(5.0, 0.4)) < 0.1
+
+
+def test_a_robot_without_a_scan_stands(stage, frames):
+    one = stage()
+    host = one.host("driver")
+    bus = one.bus()
+    driver(host).follow([Point2D(2.0, 0.0)])
+    one.run(1.0)
+    commands = frames(bus, "WheelCommand")
+    assert commands
+    assert all(speed == 0.0 for frame in commands for speed in wheel_speeds(frame))
+    assert one.call("driver", "motion") == Motion.BLOCKED
+
+
+def test_a_robot_whose_scan_is_stale_stands(stage, frames):
+    one = stage()
+    host = one.host("driver")
+    bus = one.bus()
+    driver(host).follow([Point2D(2.0, 0.0)])
+    one.run(0.5, lambda: one.scan(OPEN))
+    assert max(map(abs, wheel_speeds(frames(bus, "WheelCommand")[-1]))) > 1.0
+    one.run(0.9)
+    assert max(map(abs, wheel_speeds(frames(bus, "WheelCommand")[-1]))) > 1.0
+    one.run(0.2)
+    frames(bus, "WheelCommand")
+    one.run(1.0)
+    commands = frames(bus, "WheelCommand")
+    assert commands
+    assert all(speed == 0.0 for frame in commands for speed in wheel_speeds(frame))
+    assert driver(host).blocked_s() > 0.9
+    one.run(0.5, lambda: one.scan(OPEN))
+    assert max(map(abs, wheel_speeds(frames(bus, "WheelCommand")[-1]))) > 1.0
+    assert one.call("driver", "motion") == Motion.DRIVING
+
+
+def test_stop_ends_the_path(stage, room):
+    one = stage(room(), r1=Pose2D(1.0, 2.0, 0.0))
+    host = one.host("localisation")
+    one.run(0.4)
+    drive(host, (3.0, 2.0))
+    one.run(1.0)
+    one.call("driver", "stop")
+    one.run(1.0)
+    before = one.truth().pose
+    one.run(1.0)
+    assert one.truth().pose == before
+    assert stands(one)
+
+
+def test_a_halted_robot_stands_and_does_not_drive_on_when_it_is_resumed(stage, room):
+    one = stage(room(), r1=Pose2D(1.0, 2.0, 0.0))
+    host = one.host("localisation")
+    one.run(0.4)
+    drive(host, (3.0, 2.0))
+    one.run(1.0)
+    one.halt()
+    one.run(1.0)
+    before = one.truth().pose
+    one.halt(halted=False)
+    one.run(2.0)
+    assert one.truth().pose == before
+
+
+def test_the_speed_does_not_exceed_the_parameter(stage, room):
+    one = stage(room(6.0, 4.0), r1=Pose2D(1.0, 2.0, 0.0))
+    host = one.host("localisation", driver={"speed_m_s": 0.3})
+    one.run(0.4)
+    drive(host, (5.0, 2.0))
+    way_m = [one.truth().distance_m]
+    one.run(6.0, lambda: way_m.append(one.truth().distance_m))
+    assert max(np.diff(way_m)) / 0.02 == pytest.approx(0.3, abs=0.02)
+
+
+@pytest.mark.parametrize("name", ["speed_m_s", "turn_rate_rad_s", "acceleration_m_s2", "stop_distance_m"])
+def test_a_limit_that_is_none_is_refused_with_the_reason(stage, name):
+    one = stage()
+    one.host("driver", driver={name: -1.0})
+    assert f"expected {name} > 0, got -1.0" in one.infos()["driver"].why

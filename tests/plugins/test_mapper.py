@@ -1,0 +1,214 @@
+import math
+
+import msgspec
+import numpy as np
+import pytest
+
+from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
+from robrain.protocol.wire.map_patch import merge_message, to_message
+from robrain.protocol.wire.messages import MapPatch
+from robrain.protocol.wire.topics import ROBOT_MAP, ROBOT_MAP_WHOLE
+
+GRID = {"resolution_m": 0.1, "origin_x_m": -8.0, "origin_y_m": -8.0, "width_m": 16.0, "height_m": 16.0}
+
+
+def view(host):
+    return host.manager.get("mapper").plugin.view()
+
+
+def drive(host, *places):
+    """Send a robot along these places, arena frame."""
+    localisation = host.manager.get("localisation").plugin
+    host.manager.get("driver").plugin.follow(localisation.to_odom([Point2D(*place) for place in places]))
+
+
+def class_at(seen, x_m, y_m):
+    return seen.classes[seen.geometry.cell_of(x_m, y_m)]
+
+
+def ghosts(seen, plan):
+    """Places that the map says are occupied though no wall is within 0.2 m."""
+    found = []
+    for row, column in np.argwhere(seen.classes == OCCUPIED):
+        place = seen.geometry.center_of(int(row), int(column))
+        cell = plan.cell_of(place.x_m, place.y_m)
+        if plan.holds_cell(*cell) and plan.clearance_m[cell] > 0.2:
+            found.append((place.x_m, place.y_m))
+    return found
+
+
+def test_a_room_of_known_size_is_mapped_as_such(stage):
+    one = stage()
+    host = one.host("mapper", "localisation", mapper=GRID)
+    ranges_m = [min(2.0 / max(abs(math.cos(a)), abs(math.sin(a))), 5.0) for a in np.linspace(-np.pi, np.pi, 721)[:-1]]
+    one.run(1.0, lambda: one.scan(ranges_m))
+    seen = view(host)
+    for place in ((0.0, 0.0), (1.8, 0.0), (-1.5, -1.5)):
+        assert class_at(seen, *place) == FREE
+    for place in ((2.05, 0.0), (-2.05, 1.0), (0.5, 2.05)):
+        assert class_at(seen, *place) == OCCUPIED
+    for place in ((2.5, 0.0), (-3.0, -3.0), (0.0, 7.0)):
+        assert class_at(seen, *place) == UNKNOWN
+
+
+def test_only_what_was_sensed_is_known(stage):
+    one = stage()
+    host = one.host("mapper", "localisation", mapper=GRID)
+    one.run(0.6, lambda: one.scan([3.0]))  # one ray, backwards
+    rows, columns = np.nonzero(view(host).classes != UNKNOWN)
+    places = [view(host).geometry.center_of(int(row), int(column)) for row, column in zip(rows, columns, strict=True)]
+    assert len(places) == pytest.approx(31, abs=1)
+    assert all(-3.1 <= place.x_m <= 0.1 and abs(place.y_m) <= 0.1 for place in places)
+
+
+def test_where_no_ray_returned_the_way_is_free_and_nothing_is_occupied(stage):
+    one = stage()
+    host = one.host("mapper", "localisation", mapper=GRID)
+    one.run(0.6, lambda: one.scan([0.0] * 360, range_max_m=3.0))
+    seen = view(host)
+    assert class_at(seen, 2.5, 0.0) == FREE
+    assert class_at(seen, 3.5, 0.0) == UNKNOWN
+    assert not np.any(seen.classes == OCCUPIED)
+
+
+def test_a_robot_that_does_not_know_where_it_is_maps_nothing(stage):
+    one = stage()
+    one.host("mapper", mapper=GRID)
+    patches = one.inbox(ROBOT_MAP)
+    one.run(1.0, lambda: one.scan([2.0] * 90))
+    assert one.call("mapper", "known_area_m2") == 0.0
+    assert patches.drain() == []
+
+
+def test_a_scan_is_put_where_the_robot_was_when_it_was_made(stage, room):
+    """A robot that turns fast maps straight walls."""
+    plan = room()
+    one = stage(plan, r1=Pose2D(2.0, 2.0, 0.3))
+    host = one.host("mapper", "localisation")
+    motor = host.manager.get("mocdevice").plugin
+    one.run(4.0, lambda: motor.drive(Twist2D(0.0, 0.0, 2.0)))
+    assert ghosts(view(host), plan) == []
+    assert class_at(view(host), 0.05, 2.0) == OCCUPIED
+
+
+def test_patches_merge_into_an_equal_map_elsewhere(stage, room):
+    plan = room(6.0, 4.0, (2.9, 0.0, 3.1, 2.4))
+    one = stage(plan, r1=Pose2D(1.0, 1.0, 0.0))
+    patches = one.inbox(ROBOT_MAP)
+    host = one.host("mapper", "localisation")
+    drive(host, (2.0, 3.2), (5.0, 3.2))
+    one.run(12.0)
+    elsewhere = OccupancyGrid(view(host).geometry)
+    for received in patches.drain():
+        merge_message(elsewhere, received.message)
+    # The last scans may not have been told yet.
+    one.run(0.5)
+    for received in patches.drain():
+        merge_message(elsewhere, received.message)
+    assert np.count_nonzero(elsewhere.classes() != UNKNOWN) > 1500
+    assert np.array_equal(elsewhere.classes(), view(host).classes)
+
+
+def test_nothing_new_is_not_told_again(stage):
+    one = stage()
+    one.host("mapper", "localisation", mapper=GRID)
+    patches = one.inbox(ROBOT_MAP)
+    one.run(5.0, lambda: one.scan([2.0] * 360))
+    assert len(patches.drain()) in (1, 2)
+
+
+def test_two_robots_end_with_one_map(stage, room):
+    plan = room(8.0, 4.0, (3.9, 0.0, 4.1, 2.6))
+    one = stage(plan, r1=Pose2D(1.0, 1.0, 0.0), r2=Pose2D(7.0, 1.0, 0.0))
+    hosts = [one.host("mapper", "localisation", robot=robot) for robot in ("r1", "r2")]
+    one.run(3.0)
+    maps = [view(host).classes for host in hosts]
+    assert np.array_equal(maps[0], maps[1])
+    assert class_at(view(hosts[0]), 7.0, 1.5) == FREE  # behind the wall: known by the other's word
+
+
+def test_teammates_that_drive_about_leave_no_ghosts(stage, room):
+    plan = room(6.0, 4.0)
+    one = stage(plan, r1=Pose2D(1.5, 2.0, 0.0), r2=Pose2D(3.0, 2.0, 0.0))
+    hosts = [one.host("mapper", "localisation", robot=robot) for robot in ("r1", "r2")]
+    for place in ((4.8, 1.0), (4.8, 3.0), (3.0, 3.2)):
+        drive(hosts[1], place)
+        one.run(4.0)
+        assert [ghosts(view(host), plan) for host in hosts] == [[], []]
+    assert one.truth("r2").distance_m > 4.0
+
+
+def test_a_robot_of_which_nothing_is_known_is_an_obstacle_on_the_map(stage, room):
+    plan = room(6.0, 4.0)
+    one = stage(plan, r1=Pose2D(1.5, 2.0, 0.0), r2=Pose2D(3.0, 2.0, 0.0))
+    host = one.host("mapper", "localisation")
+    one.run(3.0)
+    assert ghosts(view(host), plan)
+
+
+def test_one_who_joins_late_has_the_whole_map(stage, room):
+    plan = room(8.0, 4.0, (3.9, 0.0, 4.1, 2.6))
+    one = stage(plan, r1=Pose2D(1.0, 1.0, 0.0), r2=Pose2D(7.0, 1.0, 0.0))
+    first = one.host("mapper", "localisation")
+    one.run(3.0)
+    before = view(first).classes
+    assert class_at(view(first), 7.0, 1.5) == UNKNOWN
+    late = one.host("mapper", "localisation", robot="r2")
+    one.run(0.04)
+    known = before != UNKNOWN
+    assert np.array_equal(view(late).classes[known], before[known])
+
+
+def test_the_whole_map_is_there_for_the_asking(stage):
+    one = stage()
+    host = one.host("mapper", "localisation", mapper=GRID)
+    assert one.wire.ask(ROBOT_MAP_WHOLE, robot="r1") == b"null"
+    one.run(1.0, lambda: one.scan([2.0] * 360))
+    whole = msgspec.json.decode(one.wire.ask(ROBOT_MAP_WHOLE, robot="r1"), type=MapPatch)
+    elsewhere = OccupancyGrid(view(host).geometry)
+    merge_message(elsewhere, whole)
+    assert np.array_equal(elsewhere.classes(), view(host).classes)
+    assert one.call("mapper", "known_area_m2") == pytest.approx(0.01 * np.count_nonzero(elsewhere.known()))
+
+
+def test_a_map_on_another_grid_is_refused_with_one_word_in_the_log(stage, caplog):
+    one = stage()
+    host = one.host("mapper", "localisation", mapper=GRID)
+    patch = MapPatch(
+        robot="r2",
+        resolution_m=0.05,
+        origin_x_m=0.0,
+        origin_y_m=0.0,
+        width=4,
+        height=4,
+        row=0,
+        column=0,
+        rows=1,
+        columns=1,
+        observed_ms=5,
+        cells=b"",
+    )
+    for _ in range(3):
+        one.publisher(ROBOT_MAP, robot="r2").put(patch)
+        one.run(0.6)
+    assert not np.any(view(host).classes != UNKNOWN)
+    refused = [record.getMessage() for record in caplog.records if "cannot be merged" in record.getMessage()]
+    assert len(refused) == 1
+    assert "r2 maps" in refused[0]
+    assert one.infos()["mapper"].state == "active"
+
+
+def test_its_own_patches_do_not_come_back_to_it(stage):
+    """A robot that was told its own old word as news would undo what it has seen since."""
+    one = stage()
+    host = one.host("mapper", "localisation", mapper=GRID)
+    one.run(1.0, lambda: one.scan([2.0] * 360))
+    own = view(host).classes
+    grid = GridGeometry(0.1, -8.0, -8.0, 160, 160)
+    other = OccupancyGrid(grid)
+    other.merge_patch(0, 0, np.full(grid.shape, OCCUPIED, np.int8), 900_000)
+    one.publisher(ROBOT_MAP, robot="r1").put(to_message("r1", grid, other.full_patch()))
+    one.run(0.6)
+    assert np.array_equal(view(host).classes, own)
+

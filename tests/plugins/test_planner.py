@@ -1,0 +1,143 @@
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from robrain.plugins.skill.mapper.interface import MapView
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
+
+RESOLUTION_M = 0.1
+GEOMETRY = GridGeometry(RESOLUTION_M, -1.0, -2.0, 60, 40)
+NEEDED_M = 0.28
+START, GOAL = Point2D(0.0, 0.0), Point2D(4.0, 0.0)
+
+
+def view(version=1, fill=FREE):
+    classes = np.full(GEOMETRY.shape, fill, np.int8)
+    classes[[0, -1], :] = OCCUPIED
+    classes[:, [0, -1]] = OCCUPIED
+    return MapView(version, GEOMETRY, classes)
+
+
+def draw(one, x0, y0, x1, y1, kind):
+    """Cells of a box in metres, arena frame."""
+    row0, column0 = GEOMETRY.cell_of(x0, y0)
+    row1, column1 = GEOMETRY.cell_of(x1, y1)
+    one.classes[max(row0, 0) : row1, max(column0, 0) : column1] = kind
+
+
+@pytest.fixture
+def planner(stage):
+    return stage().host("planner").manager.get("planner").plugin
+
+
+def sampled(start, path):
+    """Places every 2 cm along a path."""
+    points = [start, *path]
+    for a, b in itertools.pairwise(points):
+        steps = max(1, round(math.hypot(b.x_m - a.x_m, b.y_m - a.y_m) / 0.02))
+        for share in np.linspace(0.0, 1.0, steps + 1):
+            yield a.x_m + share * (b.x_m - a.x_m), a.y_m + share * (b.y_m - a.y_m)
+
+
+def length_m(start, path):
+    return sum(math.hypot(b.x_m - a.x_m, b.y_m - a.y_m) for a, b in itertools.pairwise([start, *path]))
+
+
+def clearance_m(one, path, start=START):
+    """The least distance of a path from the middle of an occupied cell."""
+    rows, columns = np.nonzero(one.classes == OCCUPIED)
+    x_m = GEOMETRY.origin_x_m + (columns + 0.5) * RESOLUTION_M
+    y_m = GEOMETRY.origin_y_m + (rows + 0.5) * RESOLUTION_M
+    return min(float(np.hypot(x_m - x, y_m - y).min()) for x, y in sampled(start, path))
+
+
+def test_on_open_floor_the_path_is_straight(planner):
+    path = planner.plan(view(), START, GOAL, [])
+    assert math.hypot(path[-1].x_m - GOAL.x_m, path[-1].y_m - GOAL.y_m) < RESOLUTION_M
+    assert length_m(START, path) == pytest.approx(4.0, abs=0.15)
+
+
+def test_a_path_leads_around_a_wall_and_keeps_its_distance(planner):
+    one = view()
+    draw(one, 1.9, -2.0, 2.1, 1.0, OCCUPIED)
+    path = planner.plan(one, START, GOAL, [])
+    assert length_m(START, path) > 4.4
+    assert clearance_m(one, path) > NEEDED_M - 0.5 * RESOLUTION_M
+
+
+def test_a_gap_that_is_too_narrow_is_no_way(planner):
+    one = view()
+    draw(one, 1.9, -2.0, 2.1, 2.0, OCCUPIED)
+    draw(one, 1.9, -0.2, 2.1, 0.2, FREE)
+    assert planner.plan(one, START, GOAL, []) is None
+
+
+def test_a_gap_that_is_wide_enough_is_one(planner):
+    one = view()
+    draw(one, 1.9, -2.0, 2.1, 2.0, OCCUPIED)
+    draw(one, 1.9, -0.4, 2.1, 0.4, FREE)
+    assert planner.plan(one, START, GOAL, [])
+
+
+def test_nothing_leads_through_unknown_floor(planner):
+    one = view()
+    draw(one, 1.5, -2.0, 2.5, 2.0, UNKNOWN)
+    assert planner.plan(one, START, GOAL, []) is None
+
+
+def test_a_goal_in_a_wall_is_approached_as_near_as_the_robot_can_stand(planner):
+    one = view()
+    draw(one, 3.9, -0.2, 4.3, 0.2, OCCUPIED)
+    path = planner.plan(one, START, GOAL, [])
+    assert 0.2 < math.hypot(path[-1].x_m - GOAL.x_m, path[-1].y_m - GOAL.y_m) <= 0.8
+    assert clearance_m(one, path) > NEEDED_M - 0.5 * RESOLUTION_M
+
+
+def test_a_goal_far_from_any_place_to_stand_has_no_path(planner):
+    one = view()
+    draw(one, 2.5, -2.0, 5.0, 2.0, OCCUPIED)
+    assert planner.plan(one, START, GOAL, []) is None
+
+
+def test_circles_are_not_driven_through(planner):
+    path = planner.plan(view(), START, GOAL, [(2.0, 0.1, 0.6)])
+    assert min(math.hypot(x - 2.0, y - 0.1) for x, y in sampled(START, path)) > 0.6 - RESOLUTION_M
+
+
+def test_a_circle_across_the_whole_way_leaves_none_and_is_forgotten_afterwards(planner):
+    assert planner.plan(view(), START, GOAL, [(2.0, 0.0, 2.0)]) is None
+    assert planner.plan(view(), START, GOAL, [])
+
+
+def test_a_new_version_of_the_map_is_looked_at(planner):
+    assert planner.plan(view(1), START, GOAL, [])
+    changed = view(2)
+    draw(changed, 1.9, -2.0, 2.1, 2.0, OCCUPIED)
+    assert planner.plan(changed, START, GOAL, []) is None
+
+
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    blocks=st.lists(st.tuples(st.integers(4, 50), st.integers(3, 30), st.integers(1, 8), st.integers(1, 8)), max_size=6)
+)
+def test_no_path_ever_comes_closer_to_a_known_obstacle_than_the_robot_needs(stage, blocks):
+    one = view()
+    for column, row, width, height in blocks:
+        one.classes[row : row + height, column : column + width] = OCCUPIED
+    planner = stage().host("planner").manager.get("planner").plugin
+    path = planner.plan(one, START, GOAL, [])
+    if path is None:
+        return
+    assert clearance_m(one, path, start=path[0]) > NEEDED_M - 0.5 * RESOLUTION_M
+
+
+@pytest.mark.parametrize("name", ["radius_m", "margin_m", "snap_m"])
+def test_a_planner_with_a_size_that_is_none_is_left_out_with_the_reason(stage, name):
+    one = stage()
+    one.host("planner", planner={name: 0.0})
+    assert f"expected {name} > 0, got 0.0" in one.infos()["planner"].why

@@ -1,0 +1,64 @@
+import math
+
+import numpy as np
+import pytest
+
+from robrain.protocol.wire.topics import ARENA_SCAN
+
+
+def test_millimetres_of_the_wire_are_metres_and_no_return_is_the_maximum(stage):
+    one = stage()
+    host = one.host("scan")
+    one.scan([1.25, 0.0, 0.001, 5.999], range_max_m=6.0)
+    one.run(0.02)
+    scan = host.manager.get("scan").plugin.latest()
+    assert scan.ranges_m.tolist() == [1.25, 6.0, 0.001, 5.999]
+    assert scan.range_max_m == 6.0
+    assert scan.angles_rad == pytest.approx([-math.pi, -math.pi / 2, 0.0, math.pi / 2])
+    assert scan.stamp_ns == 0
+    assert one.call("scan", "nearest_m") == 0.001
+
+
+def test_before_the_first_scan_there_is_none(stage):
+    one = stage()
+    host = one.host("scan")
+    one.run(1.0)
+    assert host.manager.get("scan").plugin.latest() is None
+    assert one.call("scan", "nearest_m") is None
+
+
+def test_a_scan_without_any_ray_says_nothing_is_near(stage):
+    one = stage()
+    one.host("scan")
+    one.publisher(ARENA_SCAN, robot="r1").put_bytes(
+        b'{"robot":"r1","angle_min_rad":0,"angle_increment_rad":0.1,"range_max_m":6,"ranges_mm":[]}'
+    )
+    one.run(0.02)
+    assert one.call("scan", "nearest_m") is None
+
+
+def test_with_no_return_at_all_nothing_is_near(stage):
+    one = stage()
+    one.host("scan")
+    one.scan([0.0] * 4)
+    one.run(0.02)
+    assert one.call("scan", "nearest_m") is None
+
+
+def test_a_lidar_that_changes_its_fan_is_followed(stage):
+    one = stage()
+    host = one.host("scan")
+    for ranges_m in ([1.0] * 4, [2.0] * 8):
+        one.scan(ranges_m)
+        one.run(0.02)
+        scan = host.manager.get("scan").plugin.latest()
+        assert scan.ranges_m.tolist() == ranges_m
+        assert np.diff(scan.angles_rad) == pytest.approx(2 * math.pi / len(ranges_m))
+
+
+def test_a_robot_hears_its_own_lidar_only(stage):
+    one = stage()
+    host = one.host("scan")
+    one.scan([1.0], robot="r2")
+    one.run(0.1)
+    assert host.manager.get("scan").plugin.latest() is None

@@ -1,0 +1,115 @@
+import can
+import pytest
+from crccheck.crc import Crc8SaeJ1850
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robrain.protocol.can.frames import BadFrame, codec, database
+
+FRAMES = [message.name for message in database().messages]
+each = pytest.mark.parametrize("name", FRAMES)
+EXAMPLE = {"wheel_1_rad_s": 1.0, "wheel_2_rad_s": -2.5, "wheel_3_rad_s": 0.001}
+
+
+def signals_of(name):
+    return [signal for signal in database().get_message_by_name(name).signals if signal.name not in OWN]
+
+
+OWN = ("counter", "checksum")
+
+
+@st.composite
+def filled_frames(draw, name=None):
+    name = name or draw(st.sampled_from(FRAMES))
+    values = {}
+    for signal in signals_of(name):
+        raw = draw(st.integers(round(signal.minimum / signal.scale), round(signal.maximum / signal.scale)))
+        values[signal.name] = raw * signal.scale
+    return name, draw(st.integers(0, 255)), values
+
+
+@given(filled_frames())
+def test_what_is_packed_comes_out_again(drawn):
+    name, counter, values = drawn
+    unpacked = codec(name).unpack(codec(name).pack(counter, **values))
+    assert unpacked.pop("counter") == counter
+    del unpacked["checksum"]
+    assert unpacked == pytest.approx(values)
+
+
+@given(filled_frames())
+def test_our_frames_read_the_same_in_any_tool_that_has_the_dbc_file(drawn):
+    name, counter, values = drawn
+    frame = codec(name).pack(counter, **values)
+    read = database().decode_message(frame.arbitration_id, frame.data)
+    assert read["counter"] == counter
+    assert {signal: read[signal] for signal in values} == pytest.approx(values)
+    assert not frame.is_extended_id
+    assert frame.dlc == database().get_message_by_name(name).length
+
+
+@given(filled_frames())
+def test_the_checksum_is_crc_8_sae_j1850_over_identifier_and_data(drawn):
+    name, counter, values = drawn
+    frame = codec(name).pack(counter, **values)
+    assert frame.data[-1] == Crc8SaeJ1850.calc(frame.arbitration_id.to_bytes(2, "big") + frame.data[:-1])
+
+
+@given(st.floats(-32, 32))
+def test_a_speed_is_rounded_to_the_nearest_step(speed):
+    frame = codec("WheelCommand").pack(0, wheel_1_rad_s=speed, wheel_2_rad_s=0, wheel_3_rad_s=0)
+    assert codec("WheelCommand").unpack(frame)["wheel_1_rad_s"] == pytest.approx(speed, abs=0.000501)
+
+
+@given(filled_frames(), st.data())
+def test_no_single_wrong_bit_is_believed(drawn, data):
+    name, counter, values = drawn
+    frame = codec(name).pack(counter, **values)
+    bit = data.draw(st.integers(0, 8 * len(frame.data) - 1))
+    frame.data[bit // 8] ^= 1 << bit % 8
+    with pytest.raises(BadFrame, match=f"{name}: wrong checksum"):
+        codec(name).unpack(frame)
+
+
+@pytest.mark.parametrize("length", [0, 1, 7])
+def test_a_frame_of_another_length_is_refused(length):
+    frame = codec("WheelCommand").pack(0, **EXAMPLE)
+    short = can.Message(arbitration_id=frame.arbitration_id, data=frame.data[:length], is_extended_id=False)
+    with pytest.raises(BadFrame, match=f"WheelCommand: expected 8 bytes, got {length}"):
+        codec("WheelCommand").unpack(short)
+
+
+def test_a_frame_under_another_identifier_is_refused():
+    frame = codec("WheelEncoders").pack(1, wheel_1_ticks=1, wheel_2_ticks=2, wheel_3_ticks=3)
+    with pytest.raises(BadFrame, match="BatteryStatus: wrong checksum"):
+        codec("BatteryStatus").unpack(frame)
+
+
+def test_the_counter_wraps_at_a_byte():
+    frame = codec("Stop").pack(259, latched=1)
+    assert codec("Stop").unpack(frame)["counter"] == 3
+
+
+@pytest.mark.parametrize("speed", [33.0, -33.0, 1e9, float("nan"), float("inf")])
+def test_a_speed_that_its_field_cannot_hold_is_never_sent_as_another(speed):
+    with pytest.raises((OverflowError, ValueError)):
+        codec("WheelCommand").pack(0, wheel_1_rad_s=speed, wheel_2_rad_s=0, wheel_3_rad_s=0)
+
+
+def test_a_missing_signal_is_not_packed():
+    with pytest.raises(Exception, match="wheel_3_rad_s"):
+        codec("WheelCommand").pack(0, wheel_1_rad_s=1, wheel_2_rad_s=2)
+
+
+def test_there_is_no_codec_for_a_frame_that_the_file_does_not_have():
+    with pytest.raises(KeyError):
+        codec("Horn")
+
+
+@each
+def test_every_frame_ends_with_its_counter_and_checksum(name):
+    message = database().get_message_by_name(name)
+    assert [signal.name for signal in message.signals[-2:]] == list(OWN)
+    assert [signal.length for signal in message.signals[-2:]] == [8, 8]
+    assert message.signals[-1].start == 8 * (message.length - 1)
+    assert not message.is_extended_frame

@@ -1,0 +1,185 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.navigation import COMFORT_M, DISCOMFORT, NavigationGrid
+from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
+
+GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 60, 40)
+NEEDED_M = 0.25
+SNAP_M = 0.5
+WEST, EAST = Point2D(1.05, 2.05), Point2D(5.05, 2.05)
+
+
+def hall():
+    """A walled hall of 6 × 4 m."""
+    classes = np.full(GEOMETRY.shape, FREE, np.int8)
+    classes[[0, -1], :] = OCCUPIED
+    classes[:, [0, -1]] = OCCUPIED
+    return classes
+
+
+def navigation(classes):
+    return NavigationGrid(classes, GEOMETRY, NEEDED_M)
+
+
+def along(start, path, step_m=0.02):
+    """Places on the straight lines from waypoint to waypoint."""
+    places, before = [], start
+    for point in path:
+        steps = max(1, round(math.dist((before.x_m, before.y_m), (point.x_m, point.y_m)) / step_m))
+        for number in range(1, steps + 1):
+            share = number / steps
+            places.append(
+                (before.x_m + share * (point.x_m - before.x_m), before.y_m + share * (point.y_m - before.y_m))
+            )
+        before = point
+    return places
+
+
+def length_m(start, path):
+    points = [(start.x_m, start.y_m), *((point.x_m, point.y_m) for point in path)]
+    return sum(math.dist(a, b) for a, b in zip(points, points[1:], strict=False))
+
+
+def test_on_open_floor_the_way_is_straight_and_ends_at_the_goal():
+    path = navigation(hall()).path(WEST, EAST, snap_m=SNAP_M)
+    assert path[-1] == Point2D(pytest.approx(EAST.x_m), pytest.approx(EAST.y_m))
+    assert length_m(WEST, path) == pytest.approx(4.0, abs=0.05)
+
+
+def test_a_path_leaves_out_the_cell_that_the_robot_stands_in():
+    path = navigation(hall()).path(WEST, EAST, snap_m=SNAP_M)
+    assert all(WEST != point for point in path)
+
+
+def test_who_is_there_already_has_one_waypoint_there():
+    assert len(navigation(hall()).path(WEST, WEST, snap_m=SNAP_M)) == 1
+
+
+def test_a_path_goes_round_a_wall_with_the_clearance_that_is_needed():
+    classes = hall()
+    classes[:28, 30] = OCCUPIED
+    path = navigation(classes).path(WEST, EAST, snap_m=SNAP_M)
+    walls = [GEOMETRY.center_of(row, column) for row, column in np.argwhere(classes == OCCUPIED)]
+    for x_m, y_m in along(WEST, path):
+        nearest_m = min(math.dist((x_m, y_m), (wall.x_m, wall.y_m)) for wall in walls)
+        assert nearest_m > NEEDED_M - GEOMETRY.resolution_m
+    assert max(point.y_m for point in path) > 2.8
+
+
+@pytest.mark.parametrize("between", [UNKNOWN, OCCUPIED])
+def test_there_is_no_path_through_what_is_unknown_or_occupied(between):
+    classes = hall()
+    classes[:, 28:32] = between
+    assert navigation(classes).path(WEST, EAST, snap_m=SNAP_M) is None
+
+
+def test_a_door_is_passed_if_the_robot_fits_and_not_if_it_does_not():
+    classes = hall()
+    classes[:, 30] = OCCUPIED
+    classes[18:24, 30] = FREE  # 0.6 m
+    assert navigation(classes).path(WEST, EAST, snap_m=SNAP_M) is not None
+    classes[20:24, 30] = OCCUPIED  # 0.2 m
+    assert navigation(classes).path(WEST, EAST, snap_m=SNAP_M) is None
+
+
+def test_where_there_is_room_a_path_keeps_away_from_walls():
+    classes = hall()
+    classes[18:23, 20:40] = OCCUPIED
+    grid = navigation(classes)
+    path = grid.path(WEST, EAST, snap_m=SNAP_M)
+    beside = [abs(y_m - 2.05) for x_m, y_m in along(WEST, path) if 2.2 < x_m < 3.8]
+    assert min(beside) > 0.25 + NEEDED_M + 0.1
+
+
+def test_a_circle_to_avoid_is_driven_round():
+    circle = (3.05, 2.05, 0.8)
+    path = navigation(hall()).path(WEST, EAST, snap_m=SNAP_M, avoid=[circle])
+    distances_m = [math.dist(place, circle[:2]) for place in along(WEST, path)]
+    assert min(distances_m) > circle[2] - GEOMETRY.resolution_m
+
+
+def test_circles_that_close_the_hall_leave_no_path():
+    closed = [(3.05, y_m, 0.6) for y_m in (0.5, 1.5, 2.5, 3.5)]
+    assert navigation(hall()).path(WEST, EAST, snap_m=SNAP_M, avoid=closed) is None
+
+
+def test_circles_hold_for_one_path_only():
+    grid = navigation(hall())
+    before = grid.traversable.copy()
+    grid.path(WEST, EAST, snap_m=SNAP_M, avoid=[(3.05, 2.05, 1.5)])
+    assert np.array_equal(grid.traversable, before)
+    assert grid.without([]) is grid.traversable
+
+
+@given(st.lists(st.tuples(st.floats(-2, 8), st.floats(-2, 6), st.floats(0, 3)), max_size=3))
+def test_the_cells_left_are_those_whose_middles_lie_outside_all_circles(circles):
+    grid = navigation(hall())
+    left = grid.without(circles)
+    for row, column in np.argwhere(grid.traversable):
+        middle = GEOMETRY.center_of(row, column)
+        distances = [(math.dist((middle.x_m, middle.y_m), (x_m, y_m)), radius) for x_m, y_m, radius in circles]
+        if any(abs(distance - radius) < 1e-9 for distance, radius in distances):
+            continue
+        assert left[row, column] == all(distance > radius for distance, radius in distances)
+    assert not np.any(left & ~grid.traversable)
+
+
+def test_a_goal_in_a_wall_is_approached_as_near_as_the_robot_can_stand():
+    path = navigation(hall()).path(WEST, Point2D(5.95, 2.05), snap_m=SNAP_M)
+    assert 5.5 < path[-1].x_m < 5.95 - NEEDED_M + GEOMETRY.resolution_m
+
+
+@pytest.mark.parametrize(
+    ("start", "goal"),
+    [
+        (WEST, Point2D(20.0, 2.0)),  # far outside of the map
+        (Point2D(-5.0, 2.0), EAST),  # a robot that is not on the map
+        (WEST, Point2D(3.05, 2.05)),  # amid a block that is thicker than the snap
+    ],
+)
+def test_what_is_too_far_from_where_a_robot_can_stand_has_no_path(start, goal):
+    classes = hall()
+    classes[12:29, 22:39] = OCCUPIED
+    assert navigation(classes).path(start, goal, snap_m=SNAP_M) is None
+
+
+def test_distances_are_metres_on_open_floor_and_infinite_where_there_is_no_way():
+    classes = hall()
+    classes[:, 40:] = UNKNOWN
+    distances_m = navigation(classes).distances_m(WEST, snap_m=SNAP_M)
+    row, column = GEOMETRY.cell_of(3.05, 2.05)
+    assert distances_m[row, column] == pytest.approx(2.0, abs=0.01)
+    assert distances_m[GEOMETRY.cell_of(WEST.x_m, WEST.y_m)] == 0
+    assert np.all(np.isinf(distances_m[:, 40:]))
+    assert navigation(classes).distances_m(EAST, snap_m=SNAP_M) is None
+
+
+def test_costs_lie_between_open_floor_and_the_tightest_place():
+    grid = navigation(hall())
+    costs = grid.cost[grid.traversable]
+    assert costs.min() == 1.0
+    assert 1.0 < costs.max() <= 1.0 + DISCOMFORT
+    assert grid.cost[20, 30] == 1.0  # 2 m from any wall
+    assert NEEDED_M + COMFORT_M < 2.0
+
+
+@settings(max_examples=30)
+@given(st.data())
+def test_no_path_ever_leaves_the_floor_that_may_be_driven_on(data):
+    classes = hall()
+    for _ in range(data.draw(st.integers(0, 5))):
+        row, column = data.draw(st.integers(1, 34)), data.draw(st.integers(1, 54))
+        classes[row : row + 4, column : column + 4] = data.draw(st.sampled_from([OCCUPIED, UNKNOWN]))
+    grid = navigation(classes)
+    path = grid.path(WEST, EAST, snap_m=SNAP_M)
+    if path is None:
+        return
+    first = path[0]
+    for x_m, y_m in along(first, path[1:]):
+        assert grid.traversable[GEOMETRY.cell_of(x_m, y_m)]

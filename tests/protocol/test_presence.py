@@ -1,0 +1,112 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robrain.protocol.wire.clock import VirtualClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.presence import Change
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
+
+ROBOTS = ["r1", "r2", "r3"]
+
+
+@pytest.fixture(scope="module")
+def session():
+    session = open_lockstep_session()
+    yield session
+    session.close()
+
+
+@pytest.fixture
+def make_endpoint(session):
+    made = []
+
+    def make(team="t"):
+        made.append(Endpoint(session, team, VirtualClock(), Drive.LOCKSTEP))
+        return made[-1]
+
+    yield make
+    for endpoint in made:
+        endpoint.close()
+
+
+def came(robot):
+    return Change({"team": "t", "robot": robot}, present=True)
+
+
+def went(robot):
+    return Change({"team": "t", "robot": robot}, present=False)
+
+
+def test_presence_follows_the_tokens(make_endpoint):
+    presence = make_endpoint().watch(ROBOT_ALIVE)
+    robot = make_endpoint()
+    robot.token(ROBOT_ALIVE, robot="r1")
+    assert presence.changes() == [came("r1")]
+    assert list(presence.present.values()) == [{"team": "t", "robot": "r1"}]
+    assert presence.changes() == []
+    robot.close()
+    assert presence.changes() == [went("r1")]
+    assert presence.present == {}
+
+
+def test_who_was_there_before_is_seen_as_well(make_endpoint):
+    make_endpoint().token(ROBOT_ALIVE, robot="r1")
+    assert make_endpoint().watch(ROBOT_ALIVE).changes() == [came("r1")]
+
+
+def test_changes_are_told_in_the_order_of_their_names(make_endpoint):
+    presence = make_endpoint().watch(ROBOT_ALIVE)
+    for robot in ("r3", "r1", "r2"):
+        make_endpoint().token(ROBOT_ALIVE, robot=robot)
+    assert presence.changes() == [came("r1"), came("r2"), came("r3")]
+
+
+def test_who_came_and_went_between_two_looks_is_not_told(make_endpoint):
+    presence = make_endpoint().watch(ROBOT_ALIVE)
+    robot = make_endpoint()
+    robot.token(ROBOT_ALIVE, robot="r1")
+    robot.close()
+    assert presence.changes() == []
+
+
+def test_only_the_tokens_of_the_topic_and_team_count(make_endpoint):
+    presence = make_endpoint().watch(ROBOT_ALIVE)
+    make_endpoint().token(COORDINATOR_ALIVE)
+    make_endpoint("blue").token(ROBOT_ALIVE, robot="r1")
+    assert presence.changes() == []
+
+
+def test_one_robot_can_be_watched_alone(make_endpoint):
+    presence = make_endpoint().watch(ROBOT_ALIVE, robot="r2")
+    for robot in ROBOTS:
+        make_endpoint().token(ROBOT_ALIVE, robot=robot)
+    assert presence.changes() == [came("r2")]
+
+
+@given(st.lists(st.one_of(st.sampled_from(ROBOTS), st.just("look")), max_size=25))
+def test_however_tokens_come_and_go_the_changes_add_up_to_who_is_there(session, actions):
+    watcher = Endpoint(session, "t", VirtualClock(), Drive.LOCKSTEP)
+    presence = watcher.watch(ROBOT_ALIVE)
+    there: dict[str, Endpoint] = {}
+    told: set[str] = set()
+
+    def look():
+        for change in presence.changes():
+            robot = change.names["robot"]
+            assert change.present == (robot not in told)
+            told.symmetric_difference_update({robot})
+        assert told == set(there) == {names["robot"] for names in presence.present.values()}
+
+    for action in actions:
+        if action == "look":
+            look()
+        elif action in there:
+            there.pop(action).close()
+        else:
+            there[action] = Endpoint(session, "t", VirtualClock(), Drive.LOCKSTEP)
+            there[action].token(ROBOT_ALIVE, robot=action)
+    look()
+    for endpoint in (*there.values(), watcher):
+        endpoint.close()

@@ -1,0 +1,117 @@
+import socket
+
+import pytest
+
+from robrain.protocol.wire.errors import NobodyThere, PortTaken, RobrainError, WireError
+from robrain.protocol.wire.session import check_endpoint, listening_at, open_lockstep_session, open_session
+
+
+@pytest.fixture
+def taken_port():
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        yield other.getsockname()[1]
+
+
+@pytest.fixture
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def test_a_taken_port_is_said_in_a_sentence(taken_port):
+    with pytest.raises(PortTaken, match=rf"another process listens on tcp/127.0.0.1:{taken_port}; give another"):
+        open_session(mode="router", listen=[f"tcp/127.0.0.1:{taken_port}"])
+
+
+def test_a_lockstep_run_says_as_well_that_its_port_is_taken(taken_port):
+    with pytest.raises(PortTaken, match="port 0 for a free one"):
+        open_lockstep_session(f"tcp/127.0.0.1:{taken_port}")
+
+
+def test_nobody_there_is_said_in_a_sentence(free_port):
+    with pytest.raises(NobodyThere, match=rf"nobody answers at tcp/127.0.0.1:{free_port}: is `robrain up`"):
+        open_session(connect=[f"tcp/127.0.0.1:{free_port}"], wait_s=0.2)
+
+
+def test_a_client_without_an_endpoint_is_told_how_to_give_one():
+    with pytest.raises(WireError, match=r"--connect tcp/HOST:PORT or set ROBRAIN_CONNECT"):
+        open_session()
+
+
+@pytest.mark.parametrize(
+    "endpoint",
+    [
+        "",  # nothing
+        "127.0.0.1:7447",  # no protocol
+        "localhost",  # a host alone
+        "http://127.0.0.1:7447",  # another kind of address
+        "tcp:127.0.0.1:7447",  # a colon for the slash
+        "tcp/",  # a protocol alone
+        " tcp/127.0.0.1:7447",  # a space before it
+    ],
+)
+def test_what_is_no_endpoint_is_refused_with_an_example_of_one(endpoint):
+    for options in ({"connect": [endpoint]}, {"mode": "router", "listen": [endpoint]}):
+        with pytest.raises(WireError, match=r"is not an endpoint: expected something like tcp/127.0.0.1:7447"):
+            open_session(**options)
+
+
+@pytest.mark.parametrize(
+    "endpoint",
+    ["tcp/127.0.0.1:7447", "tcp/[::1]:0", "tls/robots.example:7447", "udp/10.0.0.1:7447", "unixsock-stream/tmp/x"],
+)
+def test_an_endpoint_is_taken_as_it_is(endpoint):
+    assert check_endpoint(endpoint) == endpoint
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "why"),
+    [
+        ("tcp/127.0.0.1:99999", "a port from 0 to 65535"),  # a port that does not exist
+        ("tcp/192.0.2.1:7447", "cannot listen on tcp/192.0.2.1:7447"),  # another machine's address
+        ("tcp/no-such-host.invalid:7447", "cannot listen on tcp/no-such-host.invalid:7447"),  # a name of nobody
+    ],
+)
+def test_where_nobody_can_listen_is_said_in_a_sentence(endpoint, why):
+    with pytest.raises(WireError, match=why):
+        open_session(mode="router", listen=[endpoint])
+
+
+def test_every_error_of_the_wire_is_one_of_ours():
+    assert issubclass(NobodyThere, WireError)
+    assert issubclass(PortTaken, WireError)
+    assert issubclass(WireError, RobrainError)
+
+
+def test_a_router_on_port_0_says_which_port_it_got():
+    session = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
+    endpoints = listening_at(session)
+    session.close()
+    assert len(endpoints) == 1
+    assert endpoints[0].startswith("tcp/127.0.0.1:")
+    assert 0 < int(endpoints[0].rpartition(":")[2]) < 65536
+
+
+def test_a_lockstep_session_listens_nowhere():
+    session = open_lockstep_session()
+    assert listening_at(session) == []
+    session.close()
+
+
+def test_two_lockstep_sessions_in_one_machine_do_not_hear_each_other():
+    one, other = open_lockstep_session(), open_lockstep_session()
+    heard = []
+    subscriber = other.declare_subscriber("robrain/**", lambda sample: heard.append(str(sample.key_expr)))
+    token = one.liveliness().declare_token("robrain/default/robot/r1/alive")
+    one.put("robrain/default/halt", b"{}")
+    other.put("robrain/default/own", b"{}")
+    assert list(other.liveliness().get("robrain/**", timeout=1.0)) == []
+    assert list(other.info.peers_zid()) == list(other.info.routers_zid()) == []
+    token.undeclare()
+    subscriber.undeclare()
+    one.close()
+    other.close()
+    assert heard == ["robrain/default/own"]

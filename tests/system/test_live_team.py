@@ -1,0 +1,96 @@
+"""The live drive: arena, coordinator and agents as processes of their own over TCP."""
+
+import json
+import os
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from robrain.coordinator.recording.reading import read_messages
+
+pytestmark = pytest.mark.system
+
+
+def _children_of(parent: int) -> list[int]:
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                fields = (entry / "stat").read_text().rpartition(")")[2].split()
+            except OSError:
+                continue
+            if int(fields[1]) == parent:
+                found.append(int(entry.name))
+    return found
+
+
+def test_three_agents_explore_a_floor_together(commands) -> None:
+    done = commands.run(
+        "up", "arena_small", "--robots", "3", "--no-dashboard", "--until", "explored=0.95",
+        "--time-limit", "90", "--record", "live.mcap", "--json",
+        timeout_s=150,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert result["ended"] == "explored"
+    assert result["robots_up"] == 3
+    speakers = {message.topic_key.split("/")[3] for message in read_messages(commands.folder / "live.mcap")
+                if message.topic_key.endswith("/state") and "/robot/" in message.topic_key}  # fmt: skip
+    assert speakers == {"r1", "r2", "r3"}
+
+
+def test_ctrl_c_stops_every_process_of_a_team(commands) -> None:
+    process = commands.start("up", "arena_small", "--robots", "2", "--no-dashboard")
+    commands.line_with(process, "r2: up")
+    children = _children_of(process.pid)
+    assert len(children) == 4  # arena, coordinator and two agents
+    process.send_signal(signal.SIGINT)
+    assert process.wait(30) == 0
+    assert not [pid for pid in children if os.path.exists(f"/proc/{pid}")]
+
+
+def test_children_do_not_outlive_a_team_that_was_killed(commands) -> None:
+    process = commands.start("up", "arena_small", "--robots", "1", "--no-dashboard")
+    commands.line_with(process, "r1: up")
+    children = _children_of(process.pid)
+    process.kill()
+    process.wait()
+    deadline_s = time.monotonic() + 20
+    while (left := [pid for pid in children if os.path.exists(f"/proc/{pid}")]) and time.monotonic() < deadline_s:
+        time.sleep(0.1)
+    assert not left
+
+
+def test_team_started_by_hand_is_found_and_survives_its_coordinator(commands) -> None:
+    arena = commands.start("arena", "arena_small", "--robots", "1", "--listen", "tcp/127.0.0.1:0", "--robot-files", ".")
+    line = commands.line_with(arena, "arena: arena_small at ")
+    endpoint = line.split(" at ")[1].split(",")[0]
+
+    nobody = commands.run("status", "--connect", endpoint, "--team", "other")
+    assert nobody.returncode == 2
+    assert "nobody of team other" in nobody.stderr
+
+    agent = commands.start("agent", "r1.toml")
+    commands.line_with(agent, "agent: r1 is up")
+    coordinator = commands.start("coordinator", ROBRAIN_CONNECT=endpoint)
+    commands.line_with(coordinator, "coordinator: of team default")
+    found = json.loads(commands.run("status", "--json", ROBRAIN_CONNECT=endpoint).stdout)
+    assert found == {"team": "default", "coordinator": True, "robots": ["r1"]}
+
+    coordinator.kill()
+    coordinator.wait()
+    found = json.loads(commands.run("status", "--json", "--connect", endpoint).stdout)
+    assert found == {"team": "default", "coordinator": False, "robots": ["r1"]}
+
+
+def test_can_viewer_tools_hear_a_simulated_robot(commands) -> None:
+    import can
+
+    arena = commands.start("arena", "arena_small", "--robots", "1", "--listen", "tcp/127.0.0.1:0")
+    endpoint = commands.line_with(arena, "arena: arena_small at ").split(" at ")[1].split(",")[0]
+    with can.Bus(interface="zenoh", channel="r1/can0", connect=endpoint) as bus:
+        frame = bus.recv(timeout=10)
+    assert frame is not None
+    assert frame.arbitration_id in (0x180, 0x181, 0x200)

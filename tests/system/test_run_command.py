@@ -1,0 +1,122 @@
+"""`robrain run` and `robrain demo` as a person uses them."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+
+from robrain.coordinator.recording.reading import read_messages
+
+ROOT = Path(__file__).parents[2]
+MAPS = ROOT.parent / "shared" / "maps"
+
+KEYS = {
+    "scenario", "seed", "robots", "motes", "sim_time_s", "wall_time_s", "real_time_factor", "explored_fraction",
+    "explored_curve", "distance_m", "energy_j", "per_robot", "collisions", "messages", "recording", "digest",
+}  # fmt: skip
+
+needs_maps = pytest.mark.skipif(not MAPS.is_dir(), reason=f"the real maps are not there: {MAPS}")
+
+
+def test_json_is_all_that_is_printed_and_has_every_figure(commands) -> None:
+    done = commands.run("run", "arena_small", "--seed", "3", "--time-limit", "5", "--json", "--record", "run.mcap")
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert set(result) >= KEYS
+    assert result["seed"] == 3
+    assert result["recording"] == "run.mcap"
+    assert len(result["per_robot"]) == result["robots"] == 2
+    times = [time_s for time_s, _ in result["explored_curve"]]
+    assert times == sorted(times)
+    assert times[-1] == pytest.approx(result["sim_time_s"])
+
+
+def test_equal_seeds_give_equal_digests_whatever_the_hash_seed(commands) -> None:
+    digests = []
+    for seed, hash_seed in (("7", "1"), ("7", "2"), ("8", "1")):
+        words = ("run", "depot", "--seed", seed, "--time-limit", "15", "--json")
+        digests.append(json.loads(commands.run(*words, PYTHONHASHSEED=hash_seed).stdout)["digest"])
+    assert digests[0] == digests[1]
+    assert digests[0] != digests[2]
+
+
+def test_runs_at_once_do_not_hear_each_other(commands) -> None:
+    words = [sys.executable, "-m", "robrain.cli", "run", "arena_small", "--time-limit", "10", "--json"]
+    both = [subprocess.Popen(words, stdout=subprocess.PIPE, text=True, cwd=commands.folder) for _ in range(2)]
+    results = [json.loads(process.communicate(timeout=60)[0]) for process in both]
+    alone = json.loads(commands.run("run", "arena_small", "--time-limit", "10", "--json").stdout)
+    assert {result["digest"] for result in results} == {alone["digest"]}
+    assert {result["messages"] for result in results} == {alone["messages"]}
+
+
+def test_a_dashboard_that_only_looks_on_does_not_change_a_run(commands) -> None:
+    words = ("run", "arena_small", "--time-limit", "10", "--json")
+    alone = json.loads(commands.run(*words).stdout)
+    watched = commands.run(*words, "--dashboard", "--port", "0", "--speed", "0")
+    assert watched.returncode == 0, watched.stderr
+    assert json.loads(watched.stdout)["digest"] == alone["digest"]
+
+
+def test_ctrl_c_closes_the_recording(commands) -> None:
+    process = commands.start("run", "depot", "--speed", "1", "--record", "cut.mcap")
+    path = commands.folder / "cut.mcap"
+    while process.poll() is None and (not path.exists() or path.stat().st_size < 20_000):
+        os.sched_yield()
+    process.send_signal(signal.SIGINT)
+    assert process.wait(20) == 130
+    with path.open("rb") as stream:
+        reader = make_reader(stream)
+        summary = reader.get_summary()
+        assert summary is not None  # a file that was cut off has none
+        counted = sum(1 for _ in reader.iter_messages())
+        attachments = {attachment.name for attachment in reader.iter_attachments()}
+    assert counted == len(list(read_messages(path))) > 0
+    assert attachments == {"scenario.toml", "map.png"}
+
+
+def test_demo_for_servers_runs_records_and_says_how_to_replay(commands) -> None:
+    done = commands.run("demo", "--headless", "--speed", "0")
+    assert done.returncode == 0, done.stderr
+    said = re.sub(r"\s+", " ", done.stderr)
+    assert "robrain replay runs/depot-1.mcap" in said
+    assert "explored" in said
+    assert (commands.folder / "runs" / "depot-1.mcap").stat().st_size > 100_000
+
+
+def test_first_example_is_ten_lines_and_runs(tmp_path: Path) -> None:
+    script = ROOT / "examples" / "01_explore.py"
+    code = [line for line in script.read_text().splitlines() if line.strip() and not line.startswith('"""')]
+    assert len(code) <= 10
+    done = subprocess.run(
+        [sys.executable, str(script), str(tmp_path / "run.mcap")],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    assert re.search(r"9\d% explored", done.stdout)
+    assert (tmp_path / "run.mcap").exists()
+
+
+@needs_maps
+@pytest.mark.parametrize(
+    ("name", "wanted"), [("nav2_depot", 0.95), ("stage_hospital_section", 0.9), ("stage_cave", 0.9)]
+)
+def test_real_map_is_explored(commands, name: str, wanted: float) -> None:
+    done = commands.run(
+        "run", "--map", str(MAPS / f"{name}.yaml"), "--robots", "4", "--seed", "7",
+        "--until", f"explored={wanted}", "--record", "run.mcap", "--json",
+        timeout_s=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert result["explored_fraction"] >= wanted
+    assert result["ended"] == "explored"
+    assert result["wall_overlap_m"] < 0.03  # a robot at full speed sinks in by one tick's way before it is pushed out
+    assert isinstance(result["collisions"], int)
