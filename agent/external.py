@@ -58,7 +58,7 @@ class ExternalFunction:
     def _convert(self, payload: bytes) -> Any:
         try:
             given = msgspec.json.decode(payload) if payload.strip() else {}
-        except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise CallError(ErrorCode.BAD_ARGUMENTS, f"{self.name}: arguments are not JSON: {error}") from error
         if isinstance(given, list):
             if len(given) > len(self._names):

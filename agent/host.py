@@ -212,5 +212,5 @@ def stock_place() -> Path:
 def _decode(payload: bytes, kind: type[T]) -> T:
     try:
         return msgspec.json.decode(payload, type=kind)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise CallError(ErrorCode.BAD_ARGUMENTS, f"expected a {kind.__name__}: {error}") from error

@@ -275,6 +275,8 @@ class PluginTag:
         """
         if COMMAND not in self.manifest.tag.visibility:
             raise CallError(ErrorCode.FORBIDDEN, f"{self.name} is not open to the outside")
+        if self._class is None:
+            raise CallError(ErrorCode.INACTIVE, f"{self.name} is {self.state}: {self.why}")
         known = self._functions.get(function)
         if known is None:
             names = ", ".join(self._functions) or "none"

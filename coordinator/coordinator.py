@@ -61,8 +61,10 @@ class Coordinator:
         self.roster = Roster()
         self.team_map = TeamMap()
         self.explorer = Explorer(self.team_map)
-        # Milliseconds of the clock: a coordinator that takes over later starts with a greater epoch.
-        self.tasks = TaskBook(wire.clock, wire.clock.now_ns() // NS_PER_MS, self._tell_task)
+        # Milliseconds of the clock: a coordinator that takes over later starts with a greater epoch, and with
+        # numbers for its tasks that no earlier one has used.
+        first_epoch = wire.clock.now_ns() // NS_PER_MS
+        self.tasks = TaskBook(wire.clock, first_epoch, self._tell_task)
         self._wire = wire
         self._inbox = Inbox(capacity=16384)
         self._presence = wire.watch(ROBOT_ALIVE)
@@ -73,7 +75,7 @@ class Coordinator:
         wire.token(COORDINATOR_ALIVE)
         self._decide_due_ns = 0
         self._summary_due_ns = 0
-        self._explores = 0
+        self._explores = first_epoch
         self._busy_ns = wire.clock.now_ns()
 
     def step(self) -> None:

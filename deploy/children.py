@@ -10,10 +10,10 @@ from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import IO, Self
 
+from robrain.deploy.live_process import PARENT_VARIABLE
+
 STOP_TIMEOUT_S = 5.0
 KEPT_LINES = 200
-PARENT_VARIABLE = "ROBRAIN_PARENT"
-"""Process id of the parent: a child ends when it is not its parent any more."""
 
 
 class Child:
@@ -107,23 +107,3 @@ class Children:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self.stop()
-
-
-class LiveStop:
-    """Says when a live process should end: Ctrl-C, SIGTERM, or its parent's death."""
-
-    def __init__(self) -> None:
-        self.requested = False
-        parent = os.environ.get(PARENT_VARIABLE, "")
-        self._parent = int(parent) if parent.isdigit() else None
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._request)
-
-    def __call__(self) -> bool:
-        """Whether to end."""
-        return self.requested or (self._parent is not None and os.getppid() != self._parent)
-
-    def _request(self, _number: int, _frame: object) -> None:
-        if self.requested:
-            raise KeyboardInterrupt
-        self.requested = True

@@ -1,19 +1,9 @@
 """What the commands' options mean, checked where they are read."""
 
-import os
 from pathlib import Path
 
 from robrain.deploy.errors import UsageError
-from robrain.protocol.wire.session import check_endpoint
 from robrain.sim.scenario import Scenario
-
-CONNECT_VARIABLE = "ROBRAIN_CONNECT"
-
-
-def endpoints(connect: str | None) -> list[str]:
-    """`--connect`, or else the environment's ROBRAIN_CONNECT; several endpoints are separated by commas."""
-    text = connect if connect is not None else os.environ.get(CONNECT_VARIABLE, "")
-    return [check_endpoint(part.strip()) for part in text.split(",") if part.strip()]
 
 
 def until_explored(until: str | None) -> float | None:

@@ -4,11 +4,12 @@ from pathlib import Path
 
 import msgspec
 
-from robrain.deploy.children import Children, LiveStop
+from robrain.deploy.children import Children
 from robrain.deploy.dashboard_process import start_dashboard
 from robrain.deploy.errors import UsageError
+from robrain.deploy.live_process import LiveStop
 from robrain.deploy.options import above_zero, until_explored
-from robrain.deploy.terminal import console, run_display, say
+from robrain.deploy.terminal import console, run_display, say, show_result
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.sim.result import RunResult
 from robrain.sim.scenario import Scenario
@@ -64,9 +65,8 @@ def run_scenario(scenario: Scenario, options: RunOptions) -> RunResult:
                 on_progress=display.show,
                 on_open=open_dashboard,
             )
-        if result.recording is not None and not options.quiet:
-            say(f"recorded: {result.recording}")
-            say(f"replay it: robrain replay {result.recording}")
+        if not options.quiet:
+            show_result(result)
         if options.stay and options.dashboard and result.ended != "interrupted":
             _stay()
     return result

@@ -114,9 +114,7 @@ def show_up_result(result: UpResult) -> None:
         f"{result.ended}: {result.explored_fraction:.1%} explored in {_clock(result.sim_time_s)}, "
         f"{result.collisions} collisions"
     )
-    if result.recording is not None:
-        say(f"recorded: {result.recording}")
-        say(f"replay it: robrain replay {result.recording}")
+    _say_recorded(result.recording)
 
 
 def show_status(found: TeamFound) -> None:
@@ -153,8 +151,16 @@ def show_result(result: RunResult) -> None:
     console.print(
         f"{result.explored_fraction:.1%} explored in {_clock(result.sim_time_s)} ({why[result.ended]}), "
         f"{result.real_time_factor:.1f} × real time, {result.messages} messages, "
-        f"{result.mote_readings} readings of {result.motes} motes"
+        f"{result.mote_readings} readings of {result.motes} motes",
+        soft_wrap=True,
     )
+    _say_recorded(result.recording)
+
+
+def _say_recorded(recording: str | None) -> None:
+    if recording is not None:
+        say(f"recorded in {recording}")
+        say(f"replay it: robrain replay {recording}")
 
 
 def _team_table(status: TeamStatus) -> Table:

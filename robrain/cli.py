@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
+EXTRAS = {"pymunk": "sim", "PIL": "sim", "yaml": "sim", "tomli_w": "sim", "mcap": "team", "viser": "team"}
+"""Packages that a plain install does not have, and the extra that brings each."""
 
 app = typer.Typer(
     name="robrain",
@@ -117,7 +119,7 @@ def up(
     as_json: JsonOption = False,
 ) -> None:
     """Bring a team up as separate processes in real time: arena, coordinator, one agent a robot."""
-    from robrain.deploy.children import LiveStop
+    from robrain.deploy.live_process import LiveStop
     from robrain.deploy.options import above_zero, choose_scenario, new_recording, until_explored
     from robrain.deploy.terminal import show_up_result, up_display
     from robrain.deploy.up import UpOptions, run_up
@@ -160,8 +162,9 @@ def arena(
     ] = None,
 ) -> None:
     """Simulate a scenario's robots and motes in real time; agents drive them over the wire."""
-    from robrain.deploy.live_commands import arena_command
-    from robrain.deploy.options import choose_scenario, endpoints
+    from robrain.deploy.arena_process import arena_command
+    from robrain.deploy.live_process import endpoints
+    from robrain.deploy.options import choose_scenario
 
     chosen = choose_scenario(scenario, map_file, robots, motes, seed)
     arena_command(chosen, endpoints(connect), listen, check_name("team", team), robot_files)
@@ -174,7 +177,7 @@ def agent(
     team: Annotated[str | None, typer.Option(help="Name of the team; default is the file's.")] = None,
 ) -> None:
     """Run one robot: its plugins, and its place on the wire."""
-    from robrain.deploy.live_commands import agent_command
+    from robrain.deploy.agent_process import agent_command
 
     agent_command(robot, connect, team)
 
@@ -183,7 +186,7 @@ def agent(
 def coordinator(connect: ConnectOption = None, listen: ListenOption = None, team: TeamOption = DEFAULT_TEAM) -> None:
     """Coordinate a team: merge its maps, hand out its tasks."""
     from robrain.deploy.live_commands import coordinator_command
-    from robrain.deploy.options import endpoints
+    from robrain.deploy.live_process import endpoints
 
     coordinator_command(endpoints(connect), listen, check_name("team", team))
 
@@ -192,7 +195,7 @@ def coordinator(connect: ConnectOption = None, listen: ListenOption = None, team
 def dashboard(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, port: PortOption = None) -> None:
     """Show a team in a browser page on 127.0.0.1."""
     from robrain.deploy.live_commands import dashboard_command
-    from robrain.deploy.options import endpoints
+    from robrain.deploy.live_process import endpoints
 
     dashboard_command(endpoints(connect), check_name("team", team), port)
 
@@ -209,7 +212,7 @@ def replay(
 ) -> None:
     """Put a recording back on the wire, for the dashboard or for any other listener."""
     from robrain.deploy.live_commands import replay_command
-    from robrain.deploy.options import endpoints
+    from robrain.deploy.live_process import endpoints
 
     replay_command(recording, speed, loop=loop, dashboard=dashboard, port=port, connect=endpoints(connect), team=team)
 
@@ -218,7 +221,7 @@ def replay(
 def status(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False) -> None:
     """Say who of a team is there."""
     from robrain.deploy.live_commands import status_of
-    from robrain.deploy.options import endpoints
+    from robrain.deploy.live_process import endpoints
     from robrain.deploy.terminal import show_status
 
     found = status_of(endpoints(connect), check_name("team", team))
@@ -246,12 +249,8 @@ def _scenario_words(
 
 
 def _finish(result: "RunResult", *, as_json: bool) -> None:
-    from robrain.deploy.terminal import show_result
-
     if as_json:
         _print_json(result)
-    else:
-        show_result(result)
     if result.ended == "interrupted":
         raise typer.Exit(EXIT_INTERRUPTED)
 
@@ -267,6 +266,12 @@ def _said_in_words() -> Iterator[None]:
         yield
     except RobrainError as error:
         sys.stderr.write(f"robrain: {error}\n")
+        sys.exit(EXIT_BAD_INPUT)
+    except ModuleNotFoundError as error:
+        extra = EXTRAS.get((error.name or "").partition(".")[0])
+        if extra is None:
+            raise
+        sys.stderr.write(f"robrain: {error.name} is not installed: pip install 'robrain[{extra}]'\n")
         sys.exit(EXIT_BAD_INPUT)
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPTED)

@@ -11,7 +11,7 @@ from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.provenance import Provenance
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.topics import JSON, TOPICS, Kind
+from robrain.protocol.wire.topics import ARENA_OUTSIDE, JSON, TOPICS, Kind
 
 if TYPE_CHECKING:
     from robrain.coordinator.recording.recording_file import RecordingFile
@@ -70,6 +70,7 @@ class Recorder:
         self._key_prefixes: dict[str, bytes] = {}
         self._stamps = msgspec.json.Decoder(_Stamp)
         self._messages = 0
+        self._outside_queries = 0
         self._summary: RecordingSummary | None = None
         for topic in TOPICS:
             if topic.recorded and topic.kind is Kind.PUT:
@@ -81,12 +82,17 @@ class Recorder:
         return self._messages
 
     @property
+    def outside(self) -> int:
+        """Messages and queries of other processes that had a say in a lockstep run."""
+        return self._inbox.outside + self._outside_queries
+
+    @property
     def digest(self) -> str:
         """SHA-256 over key, stamp and payload of every message in order, as hex.
 
         When other processes had a say in a lockstep run, `+outside:N` follows: N messages came from them.
         """
-        outside = self._inbox.outside
+        outside = self.outside
         return self._digest.hexdigest() + (f"+outside:{outside}" if outside else "")
 
     def step(self) -> None:
@@ -102,6 +108,7 @@ class Recorder:
             prefix = self._key_prefixes.get(key) or self._add_key(key)
             digested += (prefix, _STAMP_AND_PAYLOAD_LENGTH.pack(stamp_ns, len(payload)), payload)
             self._messages += 1
+            self._outside_queries += topic is ARENA_OUTSIDE
             if file is not None:
                 file.write(
                     topic,
@@ -124,7 +131,7 @@ class Recorder:
                     {
                         "messages": str(self._messages),
                         "digest": self.digest,
-                        "outside": str(self._inbox.outside),
+                        "outside": str(self.outside),
                         "dropped": str(self._inbox.dropped),
                         "lost": str(self._file.lost),
                     }
@@ -133,7 +140,7 @@ class Recorder:
                 messages=self._messages,
                 bytes=self._file.size_bytes if self._file is not None else 0,
                 digest=self.digest,
-                outside=self._inbox.outside,
+                outside=self.outside,
                 dropped=self._inbox.dropped,
                 path=self._file.path if self._file is not None else None,
                 lost=self._file.lost if self._file is not None else 0,

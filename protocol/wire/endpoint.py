@@ -70,7 +70,8 @@ class Endpoint:
         team: which team's keys are meant.
         clock: stamps what is sent.
         drive: who moves time.
-        on_outside: told of each query (key, payload) that reached a lockstep run from another process.
+        on_outside: told of each query (key, payload) that reached a lockstep run from another process and may
+            have changed it.
     """
 
     def __init__(
@@ -180,7 +181,7 @@ class Endpoint:
         """Answer the queries that wait for this component's step."""
         for _ in range(len(self._pending)):
             query, topic, own_key, handler = self._pending.popleft()
-            if self._on_outside is not None and self.drive is Drive.LOCKSTEP:
+            if self._on_outside is not None and self.drive is Drive.LOCKSTEP and not topic.reads_only:
                 payload = query.payload.to_bytes() if query.payload is not None else b""
                 self._on_outside(str(query.key_expr), payload)
             self._reply(query, topic, own_key, handler)

@@ -74,6 +74,8 @@ class Topic:
     delivery: Delivery = Delivery.EVERY
     urgency: Urgency = Urgency.DATA
     recorded: bool = False
+    reads_only: bool = False
+    """A query that changes nothing where it is answered."""
     encoding: str = JSON
     cache: int = 64
     """Samples that the sender of a lossless topic keeps."""
@@ -161,6 +163,7 @@ ROBOT_MAP_WHOLE = Topic(
     doc="All that the robot knows of the map, for those who join late",
     by=Role.ROBOT,
     kind=Kind.QUERY,
+    reads_only=True,
 )
 ROBOT_PATH = Topic(
     name="robot_path",
@@ -196,6 +199,7 @@ ROBOT_PLUGINS = Topic(
     doc="What is loaded, in which state, with which functions",
     by=Role.ROBOT,
     kind=Kind.QUERY,
+    reads_only=True,
 )
 ROBOT_CALL = Topic(
     name="robot_call",

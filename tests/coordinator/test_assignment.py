@@ -151,9 +151,7 @@ def test_a_frontier_that_another_robot_is_bound_for_is_shunned():
 @settings(max_examples=20, deadline=None)
 def test_the_penalty_falls_off_with_the_distance_to_a_taken_goal(away_m):
     end, one = [candidate(1.0, 3.0)], [seeker("r1", 2.0, 3.0)]
-    (free,), (crowded,) = (
-        assign_frontiers(OPEN, end, one, taken) for taken in ([], [Point2D(1.0 + away_m, 3.0)])
-    )
+    (free,), (crowded,) = (assign_frontiers(OPEN, end, one, taken) for taken in ([], [Point2D(1.0 + away_m, 3.0)]))
     expected_m = CROWD_PENALTY_M * max(0.0, 1.0 - away_m / CROWD_RADIUS_M)
     assert crowded.cost_m - free.cost_m == pytest.approx(expected_m, abs=1e-6)
 

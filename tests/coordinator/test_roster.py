@@ -93,5 +93,3 @@ def test_a_task_that_has_ended_is_not_in_the_summary(state):
     roster = Roster()
     says(roster, "r1", 0.0, task=TaskStatus(id="explore-1", epoch=4, state=state))
     assert roster.summaries(0)[0].task == ""
-
-

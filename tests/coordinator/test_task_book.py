@@ -43,7 +43,6 @@ class BookMachine(RuleBasedStateMachine):
         self.told = []
         self.book = TaskBook(self.clock, 7, self.told.append)
         self.count = 0
-        self.ended = []
 
     def state_of(self, task_id):
         return next((record for record in self.book.open if record.task.id == task_id), None)
@@ -74,7 +73,6 @@ class BookMachine(RuleBasedStateMachine):
     def cancel(self, task_id):
         if self.state_of(task_id) is not None:
             self.book.move(task_id, TaskState.CANCELLED, "no longer wanted")
-            self.ended.append(task_id)
 
     @precondition(lambda self: self.count)
     @rule(
@@ -92,8 +90,6 @@ class BookMachine(RuleBasedStateMachine):
         counts = record is not None and record.robot == robot and late == 0 and state.ended
         assert (ended == record) if counts else (ended is None)
         assert len(self.told) - told == counts
-        if counts:
-            self.ended.append(task_id)
 
     @rule(duration_ns=st.integers(1, 10**9))
     def time_passes(self, duration_ns):

@@ -95,9 +95,7 @@ class Stage:
 
     def bus(self, robot: str = "r1") -> ZenohBus:
         """Another node on a robot's CAN bus."""
-        bus = ZenohBus(
-            f"{robot}/can0", session=self.session, team=TEAM, direct=True, now_ns=self.clock.now_ns
-        )
+        bus = ZenohBus(f"{robot}/can0", session=self.session, team=TEAM, direct=True, now_ns=self.clock.now_ns)
         self._buses.append(bus)
         return bus
 
@@ -231,9 +229,7 @@ def frames() -> Callable[[ZenohBus, str], list[dict[str, float]]]:
 def room() -> Callable[..., FloorPlan]:
     """Makes a room with walls 0.1 m thick; `blocks` (x0, y0, x1, y1), metres, are solid too."""
 
-    def build(
-        width_m: float = 4.0, height_m: float = 4.0, *blocks: tuple[float, float, float, float]
-    ) -> FloorPlan:
+    def build(width_m: float = 4.0, height_m: float = 4.0, *blocks: tuple[float, float, float, float]) -> FloorPlan:
         occupied = np.ones((round(height_m / RESOLUTION_M), round(width_m / RESOLUTION_M)), np.bool_)
         occupied[2:-2, 2:-2] = False
         for block in blocks:

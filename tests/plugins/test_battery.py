@@ -1,3 +1,5 @@
+import itertools
+
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -105,7 +107,7 @@ def test_energy_is_counted_between_each_two_measurements(stage, measurements):
     told = [(round(volts, 3), round(amperes, 3)) for volts, amperes in measurements]
     state = discharge(stage, told, capacity_wh=100.0, soc_at_start=0.5)
     powers_w = [volts * amperes for volts, amperes in told]
-    used_j = sum(0.2 * (before + after) / 2 for before, after in zip(powers_w, powers_w[1:], strict=False))
+    used_j = sum(0.2 * (before + after) / 2 for before, after in itertools.pairwise(powers_w))
     assert state["remaining_j"] == pytest.approx(50.0 * WH_J - used_j, abs=0.5)
 
 

@@ -1,3 +1,4 @@
+import itertools
 import math
 
 import numpy as np
@@ -28,7 +29,7 @@ def stands(one):
 def off_path_m(pose, corners):
     """Distance of a pose from a line through these corners."""
     best = math.inf
-    for (ax, ay), (bx, by) in zip(corners, corners[1:], strict=False):
+    for (ax, ay), (bx, by) in itertools.pairwise(corners):
         length = math.hypot(bx - ax, by - ay)
         share = max(0.0, min(1.0, ((pose.x_m - ax) * (bx - ax) + (pose.y_m - ay) * (by - ay)) / length**2))
         best = min(best, math.hypot(pose.x_m - ax - share * (bx - ax), pose.y_m - ay - share * (by - ay)))

@@ -155,9 +155,9 @@ def test_one_who_joins_late_has_the_whole_map(stage, room):
     before = view(first).classes
     assert class_at(view(first), 7.0, 1.5) == UNKNOWN
     late = one.host("mapper", "localisation", robot="r2")
-    one.run(0.04)
     known = before != UNKNOWN
-    assert np.array_equal(view(late).classes[known], before[known])
+    # Zenoh tells of tokens that were there before on a thread of its own, a little later.
+    one.run_until(lambda: np.array_equal(view(late).classes[known], before[known]), 60.0)
 
 
 def test_the_whole_map_is_there_for_the_asking(stage):
@@ -211,4 +211,3 @@ def test_its_own_patches_do_not_come_back_to_it(stage):
     one.publisher(ROBOT_MAP, robot="r1").put(to_message("r1", grid, other.full_patch()))
     one.run(0.6)
     assert np.array_equal(view(host).classes, own)
-

@@ -39,8 +39,12 @@ class Commands:
             stderr=subprocess.STDOUT,
             text=True,
         )
-        self._running.append(process)
+        self.adopt(process)
         return process
+
+    def adopt(self, process: subprocess.Popen[str]) -> None:
+        """End this process, too, at the end of the test."""
+        self._running.append(process)
 
     def stop_all(self) -> None:
         for process in reversed(self._running):

@@ -1,0 +1,119 @@
+"""A bench: plugins are written into a folder as a student would, and run in lockstep on a robot of their own."""
+
+import logging
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+import zenoh
+
+from robrain.agent.host import AgentHost
+from robrain.agent.plugin import Plugin
+from robrain.agent.robot_file import RobotFile, RobotTable
+from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.messages import PluginInfo
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_PLUGINS
+
+PRELUDE = """
+from typing import Protocol
+import msgspec
+from robrain.agent.errors import *
+from robrain.agent.event import Event
+from robrain.agent.plugin import Behavior, Device, Skill, Unit, external
+"""
+
+
+class Bench:
+    """A folder with plugins, and the robots that run them."""
+
+    def __init__(self, place: Path, session: zenoh.Session) -> None:
+        self.place = place
+        self.session = session
+        self.clock = VirtualClock()
+        self.operator = Endpoint(session, "default", self.clock, Drive.LOCKSTEP)
+        self.hosts: list[AgentHost] = []
+
+    def code(self, module: str, source: str) -> None:
+        """Write `module`.py; plugin bases and the like are imported already."""
+        (self.place / f"{module}.py").write_text(PRELUDE + textwrap.dedent(source), encoding="utf-8")
+
+    def manifest(
+        self, name: str, class_path: str, parameters: dict[str, Any] | None = None, **tag: bool | list[str]
+    ) -> Path:
+        """Write `name`.toml."""
+        path = self.place / f"{name}.toml"
+        tables = {"plugin": {"class": class_path}, "parameters": parameters or {}, "tag": tag}
+        path.write_text(_as_toml(tables), encoding="utf-8")
+        return path
+
+    def host(
+        self, *load: str, robot: str = "r1", seed: int = 0, parameters: dict[str, dict[str, Any]] | None = None
+    ) -> AgentHost:
+        """A robot that loads these plugins, not yet started."""
+        table = RobotTable(robot, places=[str(self.place)], load=list(load))
+        robot_file = RobotFile(robot=table, parameters=parameters or {})
+        host = AgentHost(robot_file, Path(), self.session, self.clock, Drive.LOCKSTEP, seed=seed)
+        self.hosts.append(host)
+        return host
+
+    def start(self, *load: str, **options: Any) -> AgentHost:
+        """A robot that loads these plugins, started."""
+        host = self.host(*load, **options)
+        host.start()
+        return host
+
+    def tick(self, count: int = 1, period_s: float = 0.02) -> None:
+        """Move time on."""
+        for _ in range(count):
+            self.clock.advance_to(self.clock.now_ns() + to_ns(period_s))
+            for host in self.hosts:
+                host.step()
+
+    def call(self, plugin: str, function: str, arguments: Any = None, robot: str = "r1") -> Any:
+        """An external call over the wire; the decoded result."""
+        reply = self.operator.ask(ROBOT_CALL, arguments, robot=robot, plugin=plugin, function=function)
+        return msgspec.json.decode(reply)
+
+    def infos(self, robot: str = "r1") -> dict[str, PluginInfo]:
+        """What the robot tells of its plugins over the wire, by name."""
+        infos = msgspec.json.decode(self.operator.ask(ROBOT_PLUGINS, robot=robot), type=list[PluginInfo])
+        return {info.name: info for info in infos}
+
+    def plugin(self, name: str) -> Any:
+        """The instance of the last robot's plugin, looked at from inside."""
+        plugin = self.hosts[-1].manager.get(name).plugin
+        assert isinstance(plugin, Plugin)
+        return plugin
+
+    def close(self) -> None:
+        for host in self.hosts:
+            host.close()
+        self.operator.close()
+
+
+def _as_toml(tables: dict[str, dict[str, Any]]) -> str:
+    lines = []
+    for table, values in tables.items():
+        lines.append(f"[{table}]")
+        lines += [f"{key} = {msgspec.json.encode(value).decode()}" for key, value in values.items()]
+    return "\n".join(lines)
+
+
+@pytest.fixture(scope="session")
+def lockstep_session() -> Iterator[zenoh.Session]:
+    session = open_lockstep_session()
+    yield session
+    session.close()
+
+
+@pytest.fixture
+def bench(tmp_path: Path, lockstep_session: zenoh.Session, caplog: pytest.LogCaptureFixture) -> Iterator[Bench]:
+    caplog.set_level(logging.WARNING)
+    bench = Bench(tmp_path, lockstep_session)
+    yield bench
+    bench.close()

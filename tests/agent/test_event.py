@@ -1,0 +1,187 @@
+import threading
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robrain.agent.event import Event, Mailbox
+
+
+class Bell:
+    rung = Event[int]()
+    broken = Event[str]()
+
+
+@pytest.fixture
+def bell():
+    return Bell()
+
+
+def test_nobody_is_told_before_it_is_their_turn(bell):
+    mailbox, heard = Mailbox(), []
+    bell.rung.add(heard.append, mailbox)
+    bell.rung.notify(1)
+    bell.rung.notify(2)
+    assert heard == []
+    assert mailbox
+    mailbox.deliver()
+    assert heard == [1, 2]
+    assert not mailbox
+
+
+def test_each_instance_and_each_event_has_observers_of_its_own(bell):
+    other, mailbox, heard = Bell(), Mailbox(), []
+    bell.rung.add(heard.append, mailbox)
+    other.rung.notify(1)
+    bell.broken.notify("no")
+    mailbox.deliver()
+    assert heard == []
+    assert bell.rung is bell.rung
+    assert bell.rung is not other.rung
+
+
+def test_the_class_shows_the_event_itself():
+    assert isinstance(Bell.rung, Event)
+
+
+def test_all_observers_are_told_in_order_through_one_mailbox_or_several(bell):
+    mailboxes, heard = [Mailbox(), Mailbox()], []
+    for number, mailbox in enumerate(mailboxes):
+        bell.rung.add(lambda value, number=number: heard.append((number, value)), mailbox)
+    bell.rung.notify(7)
+    for mailbox in reversed(mailboxes):
+        mailbox.deliver()
+    assert heard == [(1, 7), (0, 7)]
+
+
+def test_who_is_removed_is_told_nothing_more(bell):
+    gone, stays, heard = Mailbox(), Mailbox(), []
+    bell.rung.add(lambda value: heard.append("gone"), gone)
+    bell.rung.add(lambda value: heard.append("stays"), stays)
+    bell.rung.remove(gone)
+    bell.rung.notify(1)
+    gone.deliver()
+    stays.deliver()
+    assert heard == ["stays"]
+
+
+def test_what_is_notified_during_delivery_waits_for_the_next_turn(bell):
+    mailbox, heard = Mailbox(), []
+
+    def echo(value):
+        heard.append(value)
+        if value < 3:
+            bell.rung.notify(value + 1)
+
+    bell.rung.add(echo, mailbox)
+    bell.rung.notify(1)
+    mailbox.deliver()
+    assert heard == [1]
+    mailbox.deliver()
+    mailbox.deliver()
+    assert heard == [1, 2, 3]
+
+
+def test_an_arrival_wakes_the_observer(bell):
+    mailbox, wakes = Mailbox(), []
+    mailbox.wake = lambda: wakes.append(bool(mailbox))
+    bell.rung.add(print, mailbox)
+    bell.rung.notify(1)
+    assert wakes == [True]
+
+
+@given(st.integers(1, 5), st.integers(0, 12))
+def test_a_full_mailbox_lets_the_oldest_go_and_counts_it(capacity, count):
+    mailbox, heard = Mailbox(capacity), []
+    for number in range(count):
+        mailbox.post(heard.append, number)
+    assert mailbox.dropped == max(0, count - capacity)
+    mailbox.deliver()
+    assert heard == list(range(count))[-capacity:]
+
+
+def test_a_notifier_and_an_observer_on_two_threads_never_meet_on_an_empty_mailbox():
+    mailbox, failed = Mailbox(capacity=1), []
+
+    def notify():
+        try:
+            for _ in range(20_000):
+                mailbox.post(lambda _: None, 0)
+        except IndexError as error:
+            failed.append(error)
+
+    notifier = threading.Thread(target=notify)
+    notifier.start()
+    while notifier.is_alive():
+        mailbox.deliver()
+    notifier.join()
+    assert failed == []
+
+
+HOUSE = """
+    class ButtonInterface(Protocol):
+        pressed: Event[int]
+
+    class Button(Device):
+        interface = ButtonInterface
+        pressed = Event[int]()
+
+    class Bell(Unit):
+        {period}
+        def init(self): self.heard = []
+        def activate(self): self.env.observe(self.env.use("button", ButtonInterface).pressed, self.hear)
+        def hear(self, value):
+            if value < 0: raise ValueError("below zero")
+            self.heard.append(value)
+        def step(self): self.heard.append("step")
+"""
+
+
+@pytest.fixture(params=["", "period_s = 0.02"], ids=["passive", "active"])
+def house(bench, request):
+    bench.code("house", HOUSE.format(period=request.param))
+    bench.manifest("button", "house:Button", visibility=["*"])
+    bench.manifest("bell", "house:Bell", requires=["button"])
+    bench.start("bell")
+    return bench
+
+
+def heard(house):
+    return [value for value in house.plugin("bell").heard if value != "step"]
+
+
+def test_an_event_reaches_its_observer_on_the_observers_own_turn(house):
+    house.plugin("button").pressed.notify(5)
+    assert heard(house) == []
+    house.tick()
+    assert heard(house) == [5]
+
+
+def test_an_observer_that_raises_is_faulted_and_told_nothing_more(house):
+    house.plugin("button").pressed.notify(-1)
+    house.tick()
+    assert house.infos()["bell"].why == "ValueError: below zero"
+    assert house.infos()["button"].state == "active"
+    house.plugin("button").pressed.notify(1)
+    house.tick()
+    assert heard(house) == []
+    assert not house.hosts[-1].manager.get("bell").mailbox
+
+
+def test_a_deactivated_observer_is_told_nothing_more(house):
+    tag = house.hosts[-1].manager.get("bell")
+    tag.deactivate()
+    house.plugin("button").pressed.notify(1)
+    assert not tag.mailbox
+    tag.activate()
+    house.plugin("button").pressed.notify(2)
+    house.tick()
+    assert heard(house) == [2]
+
+
+def test_a_flood_of_events_is_bounded_and_counted(house):
+    for number in range(300):
+        house.plugin("button").pressed.notify(number)
+    house.tick()
+    assert heard(house) == list(range(44, 300))
+    assert house.hosts[-1].manager.get("bell").mailbox.dropped == 44

@@ -1,0 +1,148 @@
+import msgspec
+import pytest
+
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_OFFER, ROBOT_PLUGINS, ROBOT_STATE
+
+DICE = """
+    class Dice(Device):
+        period_s = 0.1
+        def init(self): self.steps = []
+        def step(self): self.steps.append(self.env.clock.now_ns())
+        @external
+        def throw(self) -> list[int]: return self.env.rng.integers(0, 1000, 8).tolist()
+
+    class Fast(Dice):
+        period_s = 0.02
+
+    class Broken(Dice):
+        def step(self):
+            super().step()
+            raise RuntimeError("lost count")
+
+    class Writer(Device):
+        def activate(self):
+            self.env.board.pose = Pose2D(1.0, 2.0, 0.5)
+            self.env.board.behavior = "writing"
+            self.env.board.radius_m = 0.3
+"""
+
+
+@pytest.fixture
+def dice(bench):
+    bench.code("dice", "from robrain.protocol.model.geometry import Pose2D\n" + __import__("textwrap").dedent(DICE))
+    for name, class_name in {"dice": "Dice", "other": "Dice", "fast": "Fast", "bad": "Broken", "writer": "Writer"}.items():
+        bench.manifest(name, f"dice:{class_name}")
+    return bench
+
+
+def throws(bench, plugin, **options):
+    host = bench.start(plugin, **options)
+    thrown = bench.call(plugin, "throw", robot=host.name)
+    host.close()
+    return thrown
+
+
+# -- randomness -------------------------------------------------------------------------------------------------
+
+
+def test_equal_seeds_throw_equally(dice):
+    assert throws(dice, "dice", seed=7) == throws(dice, "dice", seed=7)
+
+
+@pytest.mark.parametrize(
+    ("plugin", "options"),
+    [
+        ("dice", {"seed": 8}),  # another seed
+        ("other", {"seed": 7}),  # another plugin of the same class
+        ("dice", {"seed": 7, "robot": "r2"}),  # another robot
+    ],
+)
+def test_another_seed_plugin_or_robot_throws_otherwise(dice, plugin, options):
+    assert throws(dice, plugin, **options) != throws(dice, "dice", seed=7)
+
+
+def test_what_other_plugins_are_loaded_does_not_change_the_throws(dice):
+    alone = throws(dice, "dice", seed=7)
+    host = dice.start("fast", "other", "dice", seed=7)
+    assert dice.call("dice", "throw", robot=host.name) == alone
+
+
+# -- steps ------------------------------------------------------------------------------------------------------
+
+
+def test_plugins_step_at_their_own_periods_from_the_first_tick(dice):
+    dice.start("dice", "fast")
+    dice.tick(20)
+    tick_ns = 20_000_000
+    assert dice.plugin("fast").steps == [tick_ns * number for number in range(1, 21)]
+    slow = dice.plugin("dice").steps
+    assert slow[0] == tick_ns
+    assert 4 <= len(slow) <= 5
+    assert all(later - earlier >= 4 * tick_ns for earlier, later in zip(slow, slow[1:], strict=False))
+
+
+def test_a_plugin_that_raises_is_faulted_with_the_reason_and_the_others_go_on(dice, caplog):
+    dice.start("bad", "fast")
+    dice.tick(5)
+    infos = dice.infos()
+    assert (infos["bad"].state, infos["bad"].why) == ("faulted", "RuntimeError: lost count")
+    assert "r1: plugin bad faulted: lost count" in caplog.text
+    assert len(dice.plugin("bad").steps) == 1
+    assert len(dice.plugin("fast").steps) == 5
+    with pytest.raises(CallError, match="bad is faulted: RuntimeError: lost count") as refused:
+        dice.call("bad", "throw")
+    assert refused.value.code is ErrorCode.INACTIVE
+
+
+# -- on the wire ------------------------------------------------------------------------------------------------
+
+
+def test_a_robot_is_there_from_its_start_until_it_closes(dice):
+    presence = dice.operator.watch(ROBOT_ALIVE)
+    host = dice.host("dice")
+    assert presence.changes() == []
+    host.start()
+    assert [(change.names["robot"], change.present) for change in presence.changes()] == [("r1", True)]
+    host.close()
+    assert [(change.names["robot"], change.present) for change in presence.changes()] == [("r1", False)]
+    with pytest.raises(NobodyThere):
+        dice.operator.ask(ROBOT_PLUGINS, robot="r1")
+
+
+def test_what_plugins_write_on_the_board_is_told_ten_times_a_second(dice):
+    inbox = Inbox(every=True)
+    dice.operator.subscribe(inbox, ROBOT_STATE)
+    dice.start("writer")
+    dice.tick(50)  # one second
+    messages = [received.message for received in inbox.drain()]
+    assert 10 <= len(messages) <= 11
+    state = messages[-1]
+    assert (state.robot, state.pose, state.behavior, state.radius_m) == ("r1", Pose2D(1.0, 2.0, 0.5), "writing", 0.3)
+    assert not state.halted
+    assert [message.seq for message in messages] == list(range(len(messages)))
+
+
+@pytest.mark.parametrize("payload", [b"", b"{}", b"[", b"\xff", b"[" * 100_000], ids=len)
+def test_an_offer_that_is_none_is_refused_as_bad_arguments(dice, payload):
+    dice.start("dice")
+    with pytest.raises(CallError, match="expected a TaskOffer") as refused:
+        dice.operator.ask(ROBOT_OFFER, payload, robot="r1")
+    assert refused.value.code is ErrorCode.BAD_ARGUMENTS
+
+
+def test_the_list_of_plugins_is_in_start_order(dice):
+    dice.start("writer", "dice")
+    names = [info["name"] for info in msgspec.json.decode(dice.operator.ask(ROBOT_PLUGINS, robot="r1"))]
+    assert names == ["dice", "writer"]
+
+
+def test_a_robot_can_be_closed_twice_and_before_it_was_started(dice):
+    host = dice.host("dice")
+    host.close()
+    host.close()
+    started = dice.start("dice")
+    started.close()
+    started.close()
