@@ -7,10 +7,12 @@ import can
 import numpy as np
 
 from robrain.agent.board import Board
+from robrain.agent.errors import HardwareAbsent
 from robrain.agent.event import Event
 from robrain.agent.task_desk import Accept, LetGo, TaskDesk
 from robrain.protocol.wire.clock import Clock
-from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.endpoint import Drive, Endpoint, Handler
+from robrain.protocol.wire.topics import Topic
 
 if TYPE_CHECKING:
     from robrain.agent.tag import PluginTag
@@ -59,20 +61,30 @@ class Environment:
         """Have `function` told of an event, on this plugin's own turn."""
         self.__tag.observe(event, function)
 
+    def answer(self, topic: Topic, handler: Handler, **names: str) -> None:
+        """Answer queries on a topic, one at a time with the plugin's own functions; see Endpoint.answer."""
+        self.__tag.answer(topic, handler, names)
+
     def do_tasks(self, kind: type, accept: Accept, let_go: LetGo) -> None:
         """Say that this plugin does tasks of a kind; see TaskDesk.register. Both are called on its own turn."""
         self.__tag.do_tasks(self.tasks, kind, accept, let_go)
 
     def open_can(self, interface: str, channel: str, **options: Any) -> can.BusABC:
-        """Open a python-can bus; `interface = "zenoh"` is the simulator's."""
-        if interface != "zenoh":
+        """Open a python-can bus; `interface = "zenoh"` is the simulator's.
+
+        Raises:
+            HardwareAbsent: it cannot be opened.
+
+        """
+        if interface == "zenoh":
+            options |= {
+                "session": self.wire.session,
+                "team": self.wire.team,
+                "direct": self.wire.drive is Drive.LOCKSTEP,
+                "now_ns": self.clock.now_ns,
+            }
+            channel = f"{self.robot}/{channel}"
+        try:
             return can.Bus(interface=interface, channel=channel, **options)
-        return can.Bus(
-            interface="zenoh",
-            channel=f"{self.robot}/{channel}",
-            session=self.wire.session,
-            team=self.wire.team,
-            direct=self.wire.drive is Drive.LOCKSTEP,
-            now_ns=self.clock.now_ns,
-            **options,
-        )
+        except (can.CanError, OSError, ValueError) as error:
+            raise HardwareAbsent(self.plugin, f"no CAN bus at {interface}:{channel}: {error}") from error

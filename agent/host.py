@@ -15,7 +15,7 @@ import zenoh
 
 from robrain.agent.board import Board
 from robrain.agent.environment import Environment
-from robrain.agent.errors import PluginMissing
+from robrain.agent.errors import PluginMissing, RobotFileError
 from robrain.agent.manager import PluginManager
 from robrain.agent.robot_file import RobotFile
 from robrain.agent.tag import PluginTag
@@ -84,18 +84,22 @@ class AgentHost:
         self._halts = Inbox()
         self._state = self._wire.publisher(ROBOT_STATE, robot=self.name)
         self._state_due_ns = 0
-        self._due_ns: dict[str, int] = {}
         self._places = [stock_place(), *(base / place for place in robot_file.robot.places)]
         self._load = robot_file.robot.load
+        self._parameters = robot_file.parameters
 
     def start(self) -> None:
         """Find, load and start the plugins, then say that the robot is there.
 
         Raises:
-            ManifestError, PluginMissing: the robot's plugins are not as its file says.
+            ManifestError, PluginMissing, RobotFileError: the robot's plugins are not as its file says.
 
         """
-        self.manager.discover(self._places, self._load)
+        found = self.manager.discover(self._places, self._load)
+        for name in self._parameters:
+            if name not in found:
+                known = ", ".join(found)
+                raise RobotFileError(f"{self.name}: [parameters.{name}]: no plugin of that name; there are: {known}")
         self.manager.start()
         wire, robot = self._wire, self.name
         wire.subscribe(self._halts, HALT)
@@ -114,6 +118,8 @@ class AgentHost:
         self._hear(now_ns)
         for wire in self._wires:
             wire.serve()
+        if self.manager.halted:
+            self.desk.halted()
         self.desk.check_lease(now_ns)
         if self.drive is Drive.LOCKSTEP:
             self._step_plugins(now_ns)
@@ -146,12 +152,10 @@ class AgentHost:
         for tag in self.manager.tags.values():
             if tag.mailbox:
                 tag.deliver()
-            period_s = tag.period_s
-            if period_s is None:
-                continue
-            due_ns = self._due_ns.get(tag.name, 0)
-            if now_ns >= due_ns:
-                self._due_ns[tag.name] = max(due_ns + to_ns(period_s), now_ns)
+            if now_ns >= tag.due_ns:
+                tag.due_ns += tag.period_ns
+                if tag.due_ns <= now_ns:  # what was missed is not made up for
+                    tag.due_ns = now_ns + tag.period_ns
                 tag.run_step()
 
     def _publish_state(self) -> None:

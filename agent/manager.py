@@ -41,12 +41,15 @@ class PluginManager:
         """What the robot's own file says of a plugin's parameters."""
         return self._parameters.get(name, {})
 
-    def discover(self, places: Iterable[Path], wanted: list[str] | None = None) -> None:
+    def discover(self, places: Iterable[Path], wanted: list[str] | None = None) -> list[str]:
         """Make a tag for each manifest in the places; of two with one name the later place wins.
 
         Args:
             places: folders.
             wanted: names to take; all if None. What these require is taken as well.
+
+        Returns:
+            The names of all plugins that were found.
 
         Raises:
             ManifestError: a manifest is wrong.
@@ -67,6 +70,7 @@ class PluginManager:
             self.tags[name] = tag = PluginTag(read_manifest(found[name]), self)
             if wanted is not None:
                 names += [required for required in tag.manifest.tag.requires if required in found]
+        return sorted(found)
 
     def start(self) -> None:
         """Load and initialise each plugin, then activate each, requirements first.

@@ -21,8 +21,11 @@ from robrain.agent.manifest import ANYBODY, COMMAND, Manifest, where_and_what
 from robrain.agent.plugin import Level, Plugin
 from robrain.agent.task_desk import Accept, LetGo, TaskDesk
 from robrain.protocol.model.task import Task
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.endpoint import Handler, Request, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages import PluginInfo, TaskAnswer
+from robrain.protocol.wire.topics import Topic
 
 if TYPE_CHECKING:
     from robrain.agent.manager import PluginManager
@@ -30,6 +33,8 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 InterfaceT = TypeVar("InterfaceT")
+
+NEVER_NS = 1 << 63
 
 LOCK_TIMEOUT_S = 2.0
 """A plugin that does not come back for so long when it is to be deactivated is left behind."""
@@ -59,6 +64,10 @@ class PluginTag:
         self.holder = ""
         """Who uses the plugin exclusively."""
         self.overruns = 0
+        self.period_ns = 0
+        """How often the plugin wants its step; 0 if it is passive."""
+        self.due_ns = NEVER_NS
+        """When its next step is due, in lockstep."""
         self._manager = manager
         self._plugin: Plugin | None = None
         self._class: type[Plugin] | None = None
@@ -138,6 +147,8 @@ class PluginTag:
         """Call the plugin's `activate`; it is callable from then on."""
         with self.lock:
             self.plugin.activate()
+            self.period_ns = self._checked_period_ns()
+            self.due_ns = 0 if self.period_ns else NEVER_NS
             self._become(PluginState.ACTIVE)
 
     def deactivate(self) -> None:
@@ -191,6 +202,12 @@ class PluginTag:
         self._become(PluginState.FAULTED, why)
         self._let_go()
 
+    def _checked_period_ns(self) -> int:
+        period_s = self.period_s
+        if period_s is not None and not period_s > 0:
+            raise PluginError(self.name, f"{self.name}: expected period_s > 0 or None, got {period_s}")
+        return to_ns(period_s) if period_s is not None else 0
+
     def _become(self, state: PluginState, why: str = "") -> None:
         self.state = state
         self.why = why
@@ -217,7 +234,7 @@ class PluginTag:
                 if self._plugin.period_s is not None:
                     self._plugin.step()
             except Exception as error:  # noqa: BLE001 - foreign plugin code
-                self.fault(error)
+                self._blame(error)
 
     def deliver(self) -> None:
         """Deliver what was notified, between two steps or to a passive plugin."""
@@ -227,7 +244,12 @@ class PluginTag:
             try:
                 self.mailbox.deliver()
             except Exception as error:  # noqa: BLE001 - foreign plugin code
-                self.fault(error)
+                self._blame(error)
+
+    def _blame(self, error: Exception) -> None:
+        """What the plugin raised is its fault, unless it ran into an emergency halt of what it calls."""
+        if not (isinstance(error, PluginInactive) and self._manager.halted):
+            self.fault(error)
 
     # -- access ---------------------------------------------------------------------------------------------
 
@@ -294,6 +316,16 @@ class PluginTag:
         event.add(function, self.mailbox)
         self._observed.append(event)
 
+    def answer(self, topic: Topic, handler: Handler, names: dict[str, str]) -> None:
+        """Answer queries for the plugin, with its lock held."""
+
+        def locked(request: Request) -> Any:
+            with self.lock:
+                return handler(request)
+
+        if self._environment is not None:
+            self._environment.wire.answer(topic, locked, serve=Serve.AT_ONCE, **names)
+
     def do_tasks(self, desk: TaskDesk, kind: type, accept: Accept, let_go: LetGo) -> None:
         """Register the plugin at the desk; it is called with its lock held, and only while it is active."""
 
@@ -304,7 +336,7 @@ class PluginTag:
                 try:
                     return accept(task)
                 except Exception as error:  # noqa: BLE001 - foreign plugin code
-                    self.fault(error)
+                    self._blame(error)
                     return TaskAnswer(accepted=False, why=f"{self.name} is {self.state}: {self.why}")
 
         def locked_let_go(why: str) -> None:
@@ -312,7 +344,7 @@ class PluginTag:
                 try:
                     let_go(why)
                 except Exception as error:  # noqa: BLE001 - foreign plugin code
-                    self.fault(error)
+                    self._blame(error)
 
         desk.register(kind, locked_accept, locked_let_go)
         self._kinds.append(kind)

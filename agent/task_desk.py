@@ -4,6 +4,7 @@ One task at a time. An offer with an older epoch than the last one accepted is r
 was replaced cannot steer the robot; a task whose coordinator is silent for longer than the lease is let go.
 """
 
+from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -24,12 +25,20 @@ class TaskDesk:
     """Where offers arrive and the behavior that can do them is found."""
 
     def __init__(self) -> None:
-        self.status: TaskStatus | None = None
+        self._status: TaskStatus | None = None
+        self._said: deque[tuple[str, TaskState, str]] = deque()
         self.coordinator_heard_ns: int | None = None
         self._epoch = 0
         self._lease_ns = 0
         self._executors: dict[type, _Executor] = {}
         self._current: _Executor | None = None
+
+    @property
+    def status(self) -> TaskStatus | None:
+        """How the last task stands; for the host's own thread, like everything here but `end`."""
+        while self._said:
+            self._end(*self._said.popleft())
+        return self._status
 
     def register(self, kind: type, accept: Accept, let_go: LetGo) -> None:
         """A behavior says that it can do tasks of a kind.
@@ -59,7 +68,7 @@ class TaskDesk:
             return TaskAnswer(accepted=False, why=f"no behavior does {type(offer.task).__name__} tasks")
         before = (self.status, self._current)
         # Said before the behavior starts, for it may be done with the task before `accept` returns.
-        self.status = TaskStatus(id=offer.task.id, epoch=offer.epoch, state=TaskState.RUNNING)
+        self._status = TaskStatus(id=offer.task.id, epoch=offer.epoch, state=TaskState.RUNNING)
         self._current = executor
         try:
             answer = executor.accept(offer.task)
@@ -84,30 +93,39 @@ class TaskDesk:
         return TaskAnswer(accepted=True)
 
     def end(self, task_id: str, state: TaskState, why: str = "") -> None:
-        """The behavior says how its task ended."""
-        if self.status is not None and self.status.id == task_id and not self.status.state.ended:
-            self.status = TaskStatus(id=task_id, epoch=self.status.epoch, state=state, why=why)
+        """The behavior says, on whatever thread it runs, how its task ended."""
+        self._said.append((task_id, state, why))
+
+    def halted(self) -> None:
+        """The robot is halted: what it was at is given back; the behavior has forgotten it in `emergency_halt`."""
+        if self._current is not None and self.status is not None:
+            self._end(self.status.id, TaskState.FAILED, "the robot is halted")
+
+    def _end(self, task_id: str, state: TaskState, why: str) -> None:
+        status = self._status
+        if status is not None and status.id == task_id and not status.state.ended:
+            self._status = TaskStatus(id=task_id, epoch=status.epoch, state=state, why=why)
             self._current = None
 
     def check_lease(self, now_ns: int) -> None:
         """Let go of a task whose coordinator has been silent for longer than the lease."""
-        if self._current is None or self.coordinator_heard_ns is None:
+        if self.status is None or self._current is None or self.coordinator_heard_ns is None:
             return
         if now_ns - self.coordinator_heard_ns > self._lease_ns:
             self._let_go(TaskState.CANCELLED, "the coordinator is silent, the lease ran out")
 
     def _go_back(self, status: TaskStatus | None, current: _Executor | None) -> None:
-        self.status, self._current = status, current
+        self._status, self._current = status, current
         self._end_if_abandoned()
 
     def _end_if_abandoned(self) -> None:
         there = any(executor is self._current for executor in self._executors.values())
         if self._current is not None and self.status is not None and not there:
-            self.end(self.status.id, TaskState.FAILED, "the behavior that did it has gone")
+            self._end(self.status.id, TaskState.FAILED, "the behavior that did it has gone")
 
     def _let_go(self, state: TaskState, why: str) -> None:
-        executor, status = self._current, self.status
+        status, executor = self.status, self._current
         if status is not None:
-            self.end(status.id, state, why)
+            self._end(status.id, state, why)
         if executor is not None:
             executor.let_go(why)

@@ -15,7 +15,6 @@ from robrain.protocol.wire.errors import CallError, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import (
     FrontierSummary,
-    MapPatch,
     TaskAnswer,
     TaskEvent,
     TaskOffer,
@@ -97,7 +96,8 @@ class Coordinator:
         for change in self._presence.changes():
             robot = self.roster.note_presence(change)
             if change.present:
-                self._catch_up(robot)
+                # It may have mapped before this coordinator came.
+                self._wire.ask_into(self._inbox, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=robot.name)
         for received in self._inbox.drain():
             if received.topic is ROBOT_MAP:
                 self.team_map.merge(received.message)
@@ -110,17 +110,6 @@ class Coordinator:
                     self._decide_due_ns = now_ns  # the next goal is there before the wheels stop
                     if state.task.state is TaskState.FAILED:
                         self.explorer.note_failure(state.robot, ended.task.goal, now_ns)
-
-    def _catch_up(self, robot: Robot) -> None:
-        """A robot may have mapped before this coordinator came."""
-        try:
-            reply = self._wire.ask(ROBOT_MAP_WHOLE, robot=robot.name, timeout_s=1.0)
-            known = msgspec.json.decode(reply, type=MapPatch | None)
-        except (CallError, NobodyThere, msgspec.DecodeError) as error:
-            logger.debug("no map from %s: %s", robot.name, error)
-            return
-        if known is not None:
-            self.team_map.merge(known)
 
     def _note_lost(self, now_ns: int) -> None:
         for record in self.tasks.open:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from rich.console import Console
+from rich.console import Console, Group
 from rich.live import Live
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
@@ -163,15 +163,15 @@ def _say_recorded(recording: str | None) -> None:
         say(f"replay it: robrain replay {recording}")
 
 
-def _team_table(status: TeamStatus) -> Table:
-    share = f"{status.explored_fraction:.1%} explored, {_clock(status.sim_time_s)}, Ctrl-C ends it"
-    table = Table(box=None, pad_edge=False, show_header=False, title=share, title_justify="left")
+def _team_table(status: TeamStatus) -> Group:
+    share = f"{status.explored_fraction:.1%} explored, {_clock(status.sim_time_s)}; Ctrl-C stops the team"
+    table = Table(box=None, pad_edge=False, show_header=False)
     table.add_row("coordinator", "[green]up[/]" if status.coordinator_up else "[yellow]starting[/]")
     for name, text in status.robots:
         table.add_row(escape(name), escape(text))
     for name, exit_status, line in status.exited:
         table.add_row(f"[red]{escape(name)}[/]", f"exited with {exit_status}: {escape(line)}")
-    return table
+    return Group(share, table)
 
 
 def _clock(seconds: float) -> str:

@@ -207,6 +207,7 @@ class _Robot:
             team=endpoint.team,
             direct=endpoint.drive is Drive.LOCKSTEP,
             now_ns=endpoint.clock.now_ns,
+            on_outside=endpoint.note_outside,
         )
         self.body = RobotBody(space, spec.base, spec.start, spec.radius_m, tick_s)
         self.battery = Battery(spec.battery_wh)

@@ -4,7 +4,6 @@ Every tick the clock moves on, then each component takes its step in a fixed ord
 real Zenoh, delivered before the put returns; so equal seeds give equal runs.
 """
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM
-from robrain.protocol.wire.messages import ArenaTruth, OutsideQuery
+from robrain.protocol.wire.messages import ArenaTruth, OutsideInput
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, COORDINATOR_STATE, MOTE_READING
 from robrain.sim.arena import TICK_S, Arena
@@ -57,6 +56,7 @@ class LockstepRun:
         self.mote_readings = 0
         self.wall_overlap_m = 0.0
         self._ticks = 0
+        self._endpoints: list[Endpoint] = []
         self._closers: list[Callable[[], object]] = []
         self._summary: RecordingSummary | None = None
         self.session = open_lockstep_session(listen)
@@ -121,6 +121,11 @@ class LockstepRun:
         """Messages recorded so far."""
         return self._recorder.messages
 
+    @property
+    def outside(self) -> int:
+        """How many messages and queries of other processes had a say so far; 0 in a run that can be repeated."""
+        return self._recorder.outside
+
     def tick(self) -> None:
         """Move the run on by one tick."""
         self._ticks += 1
@@ -131,6 +136,8 @@ class LockstepRun:
         self.coordinator.step()
         if self._ticks % TRUTH_TICKS == 0:
             self._watch()
+        for endpoint in self._endpoints:
+            endpoint.serve()
         self._recorder.step()
 
     def close(self) -> RecordingSummary | None:
@@ -141,6 +148,7 @@ class LockstepRun:
 
     def _endpoint(self, team: str) -> Endpoint:
         endpoint = Endpoint(self.session, team, self.clock, Drive.LOCKSTEP, on_outside=self._note_outside)
+        self._endpoints.append(endpoint)
         self._closers.append(endpoint.close)
         return endpoint
 
@@ -148,8 +156,7 @@ class LockstepRun:
         self._summary = self._recorder.close()
 
     def _note_outside(self, key: str, payload: bytes) -> None:
-        text = json.dumps(payload.decode(errors="replace"))
-        self._outside.put(OutsideQuery(key=key, payload=text))
+        self._outside.put(OutsideInput(key=key, payload=payload))
 
     def _watch(self) -> None:
         for received in self._inbox.drain():

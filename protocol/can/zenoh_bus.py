@@ -40,6 +40,7 @@ class ZenohBus(can.BusABC):
         connect: endpoint for a session of its own; default is the environment's ROBRAIN_CONNECT.
         direct: deliver in the sender's thread (lockstep).
         now_ns: stamps what is sent; 0 without it.
+        on_outside: with `direct`, told of frames (key, payload) that come from another process.
 
     Raises:
         can.CanInitializationError: the channel is not `ROBOT/CHANNEL`, or nobody answers at the endpoint.
@@ -56,6 +57,7 @@ class ZenohBus(can.BusABC):
         connect: str | None = None,
         direct: bool = False,
         now_ns: Callable[[], int] | None = None,
+        on_outside: Callable[[str, bytes], None] | None = None,
         **_ignored: object,  # python-can's tools hand every interface their own options (bitrate, fd, …)
     ) -> None:
         robot, slash, bus = str(channel).partition("/")
@@ -69,6 +71,8 @@ class ZenohBus(can.BusABC):
         self.dropped = 0
         self._now_ns = now_ns
         self._direct = direct
+        self._on_outside = on_outside
+        self._owner = threading.get_ident()
         self._frames: deque[bytes] = deque(maxlen=QUEUE_FRAMES)
         self._arrived = threading.Condition()
         self._own_session: zenoh.Session | None = None
@@ -154,6 +158,8 @@ class ZenohBus(can.BusABC):
             return
         self.dropped += len(self._frames) == QUEUE_FRAMES
         self._frames.append(payload)
-        if not self._direct:  # in lockstep nobody ever waits
+        if not self._direct:
             with self._arrived:
                 self._arrived.notify_all()
+        elif self._on_outside is not None and threading.get_ident() != self._owner:
+            self._on_outside(str(sample.key_expr), payload[_HEADER.size :])

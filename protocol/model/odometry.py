@@ -15,7 +15,7 @@ def moved(pose: Pose2D, displacement: Twist2D) -> Pose2D:
     if abs(turn) < 1e-9:
         sine, cosine = 1.0, turn / 2
     else:
-        sine, cosine = math.sin(turn) / turn, (1 - math.cos(turn)) / turn
+        sine, cosine = math.sin(turn) / turn, 2 * math.sin(turn / 2) ** 2 / turn
     dx, dy = sine * forward - cosine * left, cosine * forward + sine * left
     cos, sin = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
     return Pose2D(pose.x_m + cos * dx - sin * dy, pose.y_m + sin * dx + cos * dy, wrap_angle_rad(pose.yaw_rad + turn))

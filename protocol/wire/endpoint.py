@@ -28,6 +28,7 @@ logger = logging.getLogger(__name__)
 
 OnOutside = Callable[[str, bytes], None]
 PENDING_QUERIES = 256
+NOTHING = b"null"
 ZENOH_TIMEOUT = b"Timeout"
 """What Zenoh itself replies with when nobody has replied in time."""
 
@@ -70,8 +71,8 @@ class Endpoint:
         team: which team's keys are meant.
         clock: stamps what is sent.
         drive: who moves time.
-        on_outside: told of each query (key, payload) that reached a lockstep run from another process and may
-            have changed it.
+        on_outside: told of what reached a lockstep run from another process and may have changed it (key, payload),
+            as far as it is not on a recorded topic.
     """
 
     def __init__(
@@ -90,6 +91,7 @@ class Endpoint:
         self.drive = drive
         self.refused_queries = 0
         self._on_outside = on_outside
+        self._from_others: deque[tuple[str, bytes]] = deque(maxlen=PENDING_QUERIES)
         self._owner = threading.get_ident()
         self._entities: list[Any] = []
         self._pending: deque[tuple[zenoh.Query, Topic, str | None, Handler]] = deque()
@@ -132,7 +134,11 @@ class Endpoint:
         """Put what arrives on a topic into `inbox`; names that are not given match any."""
 
         def take(sample: zenoh.Sample) -> None:
-            inbox.append(topic, str(sample.key_expr), sample.payload.to_bytes(), outside=self._from_outside())
+            outside = self._from_outside()
+            key, payload = str(sample.key_expr), sample.payload.to_bytes()
+            inbox.append(topic, key, payload, outside=outside)
+            if outside and not topic.recorded:  # what is recorded, the recorder itself sees coming from outside
+                self.note_outside(key, payload)
 
         key = topic.selector(self.team, **names)
         if self.drive is Drive.LIVE and topic.delivery is Delivery.LOSSLESS:
@@ -179,12 +185,18 @@ class Endpoint:
 
     def serve(self) -> None:
         """Answer the queries that wait for this component's step."""
+        while self._from_others and self._on_outside is not None:
+            self._on_outside(*self._from_others.popleft())
         for _ in range(len(self._pending)):
             query, topic, own_key, handler = self._pending.popleft()
             if self._on_outside is not None and self.drive is Drive.LOCKSTEP and not topic.reads_only:
                 payload = query.payload.to_bytes() if query.payload is not None else b""
                 self._on_outside(str(query.key_expr), payload)
             self._reply(query, topic, own_key, handler)
+
+    def note_outside(self, key: str, payload: bytes) -> None:
+        """Something from another process reached a lockstep run; told on at the next `serve()`."""
+        self._from_others.append((key, payload))
 
     def _queue(self, query: zenoh.Query, topic: Topic, own_key: str | None, handler: Handler) -> None:
         if len(self._pending) >= PENDING_QUERIES:
@@ -231,11 +243,34 @@ class Endpoint:
         """
         key = topic.key(self.team, **names)
         body = payload if payload is None or isinstance(payload, bytes) else msgspec.json.encode(payload)
-        for reply in self.session.get(key, payload=body, timeout=timeout_s, encoding=JSON):
+        priority = PRIORITY[topic.urgency]
+        for reply in self.session.get(key, payload=body, timeout=timeout_s, encoding=JSON, priority=priority):
             if reply.ok is not None:
                 return reply.ok.payload.to_bytes()
             raise _call_error(reply.err)
         raise NobodyThere(f"nobody answers {key}")
+
+    def ask_into(self, inbox: Inbox, topic: Topic, reply_topic: Topic, *, timeout_s: float = 2.0, **names: str) -> None:
+        """Ask one concrete key without waiting: the reply arrives in `inbox` as a message of another topic.
+
+        An error, an empty reply (`null`) and silence leave the inbox as it is.
+
+        Args:
+            inbox: where the reply goes.
+            topic: a query topic.
+            reply_topic: what the reply is taken for; its key is built from the same names.
+            timeout_s: how long a reply is waited for.
+            names: the names in the key.
+
+        """
+        reply_key = reply_topic.key(self.team, **names)
+
+        def take(reply: zenoh.Reply) -> None:
+            payload = reply.ok.payload.to_bytes() if reply.ok is not None else NOTHING
+            if payload != NOTHING:
+                inbox.append(reply_topic, reply_key, payload)
+
+        self.session.get(topic.key(self.team, **names), self._callback(take), timeout=timeout_s)
 
     # -- the end --------------------------------------------------------------------------------------------
 

@@ -263,8 +263,8 @@ class ArenaTruth(Message, frozen=True, kw_only=True):
     """Share of the reachable floor that the team's maps know."""
 
 
-class OutsideQuery(Message, frozen=True, kw_only=True):
-    """A query that reached a lockstep run from another process, recorded because it changes the run."""
+class OutsideInput(Message, frozen=True, kw_only=True):
+    """What reached a lockstep run from another process and may have changed it."""
 
     key: str
-    payload: str
+    payload: bytes

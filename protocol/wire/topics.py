@@ -320,9 +320,9 @@ ARENA_TRUTH = Topic(
 ARENA_OUTSIDE = Topic(
     name="arena_outside",
     pattern="arena/outside",
-    doc="A query that reached a lockstep run from another process",
+    doc="A query, frame or packet that reached a lockstep run from another process",
     by=Role.ARENA,
-    message=messages.OutsideQuery,
+    message=messages.OutsideInput,
     recorded=True,
 )
 

@@ -166,7 +166,7 @@ def test_a_handle_of_a_deactivated_plugin_says_so(bench, handle):
     press = handle.press
     bench.hosts[-1].manager.get("switch").deactivate()
     for call in (press, lambda: handle.press(), lambda: handle.on):
-        with pytest.raises(PluginInactive, match="^switch is inactive$") as inactive:
+        with pytest.raises(PluginInactive, match=r"^switch is inactive$") as inactive:
             call()
         assert inactive.value.plugin == "switch"
 

@@ -81,12 +81,18 @@ def test_devices_stop_first_then_upwards_even_if_one_fails_or_was_never_there(ro
     assert robot.infos()["unfinished"].state == "faulted"
 
 
-def test_calls_are_refused_before_anything_is_halted(robot):
+def test_calls_are_refused_before_anything_is_halted(robot, monkeypatch):
+    codes = []
+
+    def call_the_behavior():
+        with pytest.raises(CallError) as refused:
+            robot.call("a_roam", "ping")
+        codes.append(refused.value.code)
+
+    monkeypatch.setattr(robot.plugin("wheels"), "emergency_halt", call_the_behavior)
     halt(robot, halted=True)
+    assert codes == [ErrorCode.HALTED]
     assert "wheels is halted: emergency halt" in diary(robot)
-    with pytest.raises(CallError) as refused:
-        robot.call("a_roam", "ping")
-    assert refused.value.code is ErrorCode.HALTED
 
 
 def test_nothing_steps_while_the_robot_is_halted(robot):

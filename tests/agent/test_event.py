@@ -1,4 +1,6 @@
-import threading
+import sys
+from contextlib import contextmanager
+from itertools import count
 
 import pytest
 from hypothesis import given
@@ -100,22 +102,34 @@ def test_a_full_mailbox_lets_the_oldest_go_and_counts_it(capacity, count):
     assert heard == list(range(count))[-capacity:]
 
 
-def test_a_notifier_and_an_observer_on_two_threads_never_meet_on_an_empty_mailbox():
-    mailbox, failed = Mailbox(capacity=1), []
+@contextmanager
+def before_line_of(function, number, meanwhile):
+    """Another thread at the worst of times, without chance: `meanwhile` happens before that line of `function`."""
+    lines = count(1)
 
-    def notify():
-        try:
-            for _ in range(20_000):
-                mailbox.post(lambda _: None, 0)
-        except IndexError as error:
-            failed.append(error)
+    def trace(frame, event, _argument):
+        if frame.f_code is not function.__code__:
+            return None
+        if event == "line" and next(lines) == number:
+            meanwhile()
+        return trace
 
-    notifier = threading.Thread(target=notify)
-    notifier.start()
-    while notifier.is_alive():
-        mailbox.deliver()
-    notifier.join()
-    assert failed == []
+    before = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        yield
+    finally:
+        sys.settrace(before)
+
+
+@pytest.mark.parametrize("line", range(1, 6))
+def test_an_observer_that_takes_its_turn_in_the_midst_of_a_notification_harms_nothing(line):
+    mailbox, heard = Mailbox(capacity=1), []
+    mailbox.post(heard.append, 1)
+    with before_line_of(Mailbox.post, line, mailbox.deliver):
+        mailbox.post(heard.append, 2)
+    mailbox.deliver()
+    assert heard[-1] == 2
 
 
 HOUSE = """

@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import msgspec
 import pytest
 
@@ -7,6 +9,8 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_OFFER, ROBOT_PLUGINS, ROBOT_STATE
 
 DICE = """
+    from robrain.protocol.model.geometry import Pose2D
+
     class Dice(Device):
         period_s = 0.1
         def init(self): self.steps = []
@@ -32,8 +36,14 @@ DICE = """
 
 @pytest.fixture
 def dice(bench):
-    bench.code("dice", "from robrain.protocol.model.geometry import Pose2D\n" + __import__("textwrap").dedent(DICE))
-    for name, class_name in {"dice": "Dice", "other": "Dice", "fast": "Fast", "bad": "Broken", "writer": "Writer"}.items():
+    bench.code("dice", DICE)
+    for name, class_name in {
+        "dice": "Dice",
+        "other": "Dice",
+        "fast": "Fast",
+        "bad": "Broken",
+        "writer": "Writer",
+    }.items():
         bench.manifest(name, f"dice:{class_name}")
     return bench
 
@@ -81,7 +91,7 @@ def test_plugins_step_at_their_own_periods_from_the_first_tick(dice):
     slow = dice.plugin("dice").steps
     assert slow[0] == tick_ns
     assert 4 <= len(slow) <= 5
-    assert all(later - earlier >= 4 * tick_ns for earlier, later in zip(slow, slow[1:], strict=False))
+    assert all(later - earlier >= 4 * tick_ns for earlier, later in pairwise(slow))
 
 
 def test_a_plugin_that_raises_is_faulted_with_the_reason_and_the_others_go_on(dice, caplog):

@@ -170,7 +170,7 @@ def test_the_robots_file_overrides_the_manifest_and_that_the_default(bench):
 def test_a_plugin_that_is_in_no_place_stops_the_robot_in_words(bench):
     bench.code("lamp", LAMP)
     bench.manifest("lamp", "lamp:Lamp")
-    with pytest.raises(PluginMissing, match="no plugin lump in any place; there are: .*lamp") as missing:
+    with pytest.raises(PluginMissing, match=r"no plugin lump in any place; there are: .*lamp") as missing:
         bench.start("lump")
     assert missing.value.plugin == "lump"
 

@@ -75,17 +75,17 @@ class Stage:
         """A robot's host with these plugins and what they require; it knows where its body stands."""
         if self.plan is not None:
             pose, grid = self._starts[robot], team_geometry(self.plan)
-            parameters.setdefault("localisation", {"x_m": pose.x_m, "y_m": pose.y_m, "yaw_rad": pose.yaw_rad})
-            parameters.setdefault(
-                "mapper",
-                {
+            known = {
+                "localisation": {"x_m": pose.x_m, "y_m": pose.y_m, "yaw_rad": pose.yaw_rad},
+                "mapper": {
                     "resolution_m": grid.resolution_m,
                     "origin_x_m": grid.origin_x_m,
                     "origin_y_m": grid.origin_y_m,
                     "width_m": grid.width * grid.resolution_m,
                     "height_m": grid.height * grid.resolution_m,
                 },
-            )
+            }
+            parameters = {name: known[name] for name in known if {name, "explore"} & set(load)} | parameters
         robot_file = RobotFile(robot=RobotTable(robot, TEAM, load=list(load)), parameters=parameters)
         host = AgentHost(robot_file, Path(), self.session, self.clock, Drive.LOCKSTEP)
         self.hosts.append(host)

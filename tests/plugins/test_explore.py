@@ -225,23 +225,26 @@ def test_a_task_that_is_withdrawn_is_let_go(explorer):
     assert one.truth().pose == before
 
 
-def test_a_halted_robot_refuses_offers_and_goes_on_with_its_task_when_resumed(explorer):
+def test_a_halted_robot_gives_its_task_back_refuses_offers_and_works_again_when_resumed(explorer):
     one, host = explorer
     goal = frontiers(host)[0]
     one.offer(goal)
     one.run(0.5)
     one.halt()
     one.run(0.5)
+    assert status(host).state is TaskState.FAILED
+    assert "halted" in status(host).why
     answer = one.offer(goal, task="t2", epoch=2)
     assert not answer.accepted
     assert "halted" in answer.why
     one.run(1.0)
     before = one.truth().pose
-    one.run(1.0)
-    assert one.truth().pose == before
     one.halt(halted=False)
+    one.run(2.0)
+    assert one.truth().pose == before
+    assert one.offer(goal, task="t3", epoch=3).accepted
     one.run_until(lambda: status(host).state.ended, 60.0)
-    assert (status(host).id, status(host).state) == ("t1", TaskState.DONE)
+    assert (status(host).id, status(host).state) == ("t3", TaskState.DONE)
 
 
 def test_a_robot_goes_around_a_teammate_that_stands_in_its_way(stage, room):

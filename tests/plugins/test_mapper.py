@@ -4,11 +4,12 @@ import msgspec
 import numpy as np
 import pytest
 
+from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
 from robrain.protocol.wire.map_patch import merge_message, to_message
-from robrain.protocol.wire.messages import MapPatch
-from robrain.protocol.wire.topics import ROBOT_MAP, ROBOT_MAP_WHOLE
+from robrain.protocol.wire.messages import MapPatch, Scan
+from robrain.protocol.wire.topics import ARENA_SCAN, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 GRID = {"resolution_m": 0.1, "origin_x_m": -8.0, "origin_y_m": -8.0, "width_m": 16.0, "height_m": 16.0}
 
@@ -81,8 +82,29 @@ def test_a_robot_that_does_not_know_where_it_is_maps_nothing(stage):
     assert patches.drain() == []
 
 
-def test_a_scan_is_put_where_the_robot_was_when_it_was_made(stage, room):
-    """A robot that turns fast maps straight walls."""
+def test_a_scan_is_put_where_the_robot_was_when_it_was_made(stage):
+    one = stage()
+    host = one.host("mapper", "localisation", mapper=GRID)
+    bus, counts = one.bus(), iter(range(0, 30000, 200))
+
+    def turn():
+        ticks = next(counts)
+        bus.send(codec("WheelEncoders").pack(0, wheel_1_ticks=ticks, wheel_2_ticks=ticks, wheel_3_ticks=ticks))
+
+    one.run(0.02, turn)
+    stamp_ns = one.clock.now_ns()
+    one.run(0.4, turn)
+    assert host.manager.get("localisation").plugin.pose().yaw_rad > 1.0
+    late = Scan(
+        robot="r1", stamp_ns=stamp_ns, angle_min_rad=0.0, angle_increment_rad=1.0, range_max_m=6.0, ranges_mm=[3000]
+    )
+    one.publisher(ARENA_SCAN, robot="r1").put_bytes(msgspec.json.encode(late))
+    one.run(0.6)
+    assert class_at(view(host), 3.02, 0.0) == OCCUPIED
+    assert view(host).classes[:, view(host).geometry.cell_of(1.0, 0.0)[1]].tolist().count(FREE) == 1
+
+
+def test_walls_stay_straight_while_the_robot_turns(stage, room):
     plan = room()
     one = stage(plan, r1=Pose2D(2.0, 2.0, 0.3))
     host = one.host("mapper", "localisation")

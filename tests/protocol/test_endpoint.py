@@ -57,6 +57,15 @@ def wire(session):
     wire.close()
 
 
+@pytest.fixture
+def foreign_queryable(session):
+    """Has r9's plugins answered by something that is not ours."""
+    declared = []
+    yield lambda handler: declared.append(session.declare_queryable(ROBOT_PLUGINS.key("t", robot="r9"), handler))
+    for queryable in declared:
+        queryable.undeclare()
+
+
 class Asker(threading.Thread):
     """Asks from a thread that is not the runner's, as another process would."""
 
@@ -256,7 +265,7 @@ def test_an_error_arrives_with_code_message_and_detail(wire, code):
         raise CallError(code, "because", "a detail")
 
     wire.robot.answer(ROBOT_PLUGINS, refuse, robot="r1")
-    with pytest.raises(CallError, match="^because$") as refused:
+    with pytest.raises(CallError, match=r"^because$") as refused:
         wire.other.ask(ROBOT_PLUGINS, robot="r1")
     assert (refused.value.code, refused.value.detail) == (code, "a detail")
 
@@ -266,25 +275,19 @@ def test_an_error_arrives_with_code_message_and_detail(wire, code):
     [b"", b"nonsense", b"\xff\xfe", b'{"code": "no_such_code", "message": "from a newer peer"}', b"[" * 100_000],
     ids=["empty", "no JSON", "no UTF-8", "a newer code", "nested too deep"],
 )
-def test_an_error_of_another_make_is_not_taken_for_a_timeout(wire, payload):
-    queryable = wire.session.declare_queryable(
-        ROBOT_PLUGINS.key("t", robot="r9"), zenoh.handlers.Callback(
-            lambda query: query.reply_err(payload), indirect=False
-        )
-    )
+def test_an_error_of_another_make_is_not_taken_for_a_timeout(wire, foreign_queryable, payload):
+    foreign_queryable(zenoh.handlers.Callback(lambda query: query.reply_err(payload), indirect=False))
     with pytest.raises(CallError, match="none of ours") as refused:
         wire.other.ask(ROBOT_PLUGINS, robot="r9")
-    queryable.undeclare()
     assert refused.value.code is ErrorCode.FAILED
 
 
-def test_an_unanswered_query_ends_as_a_timeout(wire):
+def test_an_unanswered_query_ends_as_a_timeout(wire, foreign_queryable):
     kept = []
-    queryable = wire.session.declare_queryable(ROBOT_PLUGINS.key("t", robot="r9"), kept.append)
+    foreign_queryable(kept.append)
     with pytest.raises(CallError, match="no reply in time") as late:
         wire.other.ask(ROBOT_PLUGINS, robot="r9", timeout_s=0.1)
     kept.pop().drop()
-    queryable.undeclare()
     assert late.value.code is ErrorCode.TIMEOUT
 
 

@@ -1,4 +1,6 @@
-import threading
+import sys
+from contextlib import contextmanager
+from itertools import count
 
 import msgspec
 import pytest
@@ -145,25 +147,35 @@ def test_nothing_is_lost_without_being_counted(capacity, actions):
     assert inbox.received == seen + waiting + replaced + inbox.dropped
 
 
-def test_a_sender_and_a_drainer_on_two_threads_never_meet_on_an_empty_inbox():
-    inbox = Inbox(capacity=1)
-    samples = 20_000
-    failed = []
+@contextmanager
+def before_line_of(function, number, meanwhile):
+    """Another thread at the worst of times, without chance: `meanwhile` happens before that line of `function`."""
+    lines = count(1)
 
-    def send():
-        try:
-            for _ in range(samples):
-                inbox.append(ROBOT_LOG, LOG_KEY, b"")
-        except IndexError as error:
-            failed.append(error)
+    def trace(frame, event, _argument):
+        if frame.f_code is not function.__code__:
+            return None
+        if event == "line" and next(lines) == number:
+            meanwhile()
+        return trace
 
-    sender = threading.Thread(target=send)
-    sender.start()
-    while sender.is_alive():
-        inbox.drain_raw()
-    sender.join()
-    assert failed == []
-    assert inbox.received == samples
+    before = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        yield
+    finally:
+        sys.settrace(before)
+
+
+@pytest.mark.parametrize("line", range(1, 8))
+def test_an_owner_that_drains_in_the_midst_of_an_append_harms_nothing(line):
+    inbox, drained = Inbox(capacity=1), []
+    inbox.append(ROBOT_LOG, LOG_KEY, log("first"))
+    with before_line_of(Inbox.append, line, lambda: drained.extend(inbox.drain())):
+        inbox.append(ROBOT_LOG, LOG_KEY, log("second"))
+    drained += inbox.drain()
+    assert drained[-1].message.text == "second"
+    assert inbox.received == 2
 
 
 def test_the_topics_used_here_are_delivered_as_these_tests_assume():

@@ -93,14 +93,12 @@ EXAMPLES = [
         **STAMP,
         sim_time_s=1.5,
         robots=[
-            messages.RobotTruth(
-                robot="r1", pose=Pose2D(1.0, 2.0, 0.5), collisions=0, distance_m=3.5, energy_j=120.0
-            )
+            messages.RobotTruth(robot="r1", pose=Pose2D(1.0, 2.0, 0.5), collisions=0, distance_m=3.5, energy_j=120.0)
         ],
         motes=[messages.MoteTruth(mote="m3", place=Point2D(5.0, -2.0))],
         explored_fraction=0.25,
     ),
-    messages.OutsideQuery(**STAMP, key="robrain/default/robot/r1/plugins", payload='""'),
+    messages.OutsideInput(**STAMP, key="robrain/default/robot/r1/call/driver/stop", payload=b"[]"),
     messages.TaskOffer(task=TASK, epoch=12, lease_s=5.0),
     messages.TaskWithdrawal(id="task-7", epoch=12, why="cancelled"),
     messages.TaskAnswer(accepted=False, why="no way there"),

@@ -1,4 +1,5 @@
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -43,7 +44,7 @@ def along(start, path, step_m=0.02):
 
 def length_m(start, path):
     points = [(start.x_m, start.y_m), *((point.x_m, point.y_m) for point in path)]
-    return sum(math.dist(a, b) for a, b in zip(points, points[1:], strict=False))
+    return sum(math.dist(a, b) for a, b in pairwise(points))
 
 
 def test_on_open_floor_the_way_is_straight_and_ends_at_the_goal():
@@ -54,7 +55,7 @@ def test_on_open_floor_the_way_is_straight_and_ends_at_the_goal():
 
 def test_a_path_leaves_out_the_cell_that_the_robot_stands_in():
     path = navigation(hall()).path(WEST, EAST, snap_m=SNAP_M)
-    assert all(WEST != point for point in path)
+    assert all(point != WEST for point in path)
 
 
 def test_who_is_there_already_has_one_waypoint_there():
@@ -149,15 +150,17 @@ def test_what_is_too_far_from_where_a_robot_can_stand_has_no_path(start, goal):
     assert navigation(classes).path(start, goal, snap_m=SNAP_M) is None
 
 
-def test_distances_are_metres_on_open_floor_and_infinite_where_there_is_no_way():
+def test_ways_are_metres_on_open_floor_and_infinite_where_there_is_none():
     classes = hall()
     classes[:, 40:] = UNKNOWN
-    distances_m = navigation(classes).distances_m(WEST, snap_m=SNAP_M)
-    row, column = GEOMETRY.cell_of(3.05, 2.05)
-    assert distances_m[row, column] == pytest.approx(2.0, abs=0.01)
-    assert distances_m[GEOMETRY.cell_of(WEST.x_m, WEST.y_m)] == 0
-    assert np.all(np.isinf(distances_m[:, 40:]))
-    assert navigation(classes).distances_m(EAST, snap_m=SNAP_M) is None
+    grid = navigation(classes)
+    near, beyond, here = (
+        GEOMETRY.cell_of(3.05, 2.05),
+        GEOMETRY.cell_of(EAST.x_m, EAST.y_m),
+        GEOMETRY.cell_of(WEST.x_m, WEST.y_m),
+    )
+    assert grid.ways_m(WEST, [near, beyond, here], snap_m=SNAP_M) == [pytest.approx(2.0, abs=0.2), math.inf, 0.0]
+    assert grid.ways_m(EAST, [near], snap_m=SNAP_M) == [math.inf]
 
 
 def test_costs_lie_between_open_floor_and_the_tightest_place():

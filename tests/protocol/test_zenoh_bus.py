@@ -103,9 +103,7 @@ def test_any_frame_survives_the_bus(session, identifier, data):
 
 
 def test_filters_choose_what_is_received(session, nodes):
-    with ZenohBus(
-        "r1/can0", can_filters=[{"can_id": 0x200, "can_mask": 0x7FF}], session=session, direct=True
-    ) as picky:
+    with ZenohBus("r1/can0", can_filters=[{"can_id": 0x200, "can_mask": 0x7FF}], session=session, direct=True) as picky:
         nodes[0].send(frame(0x100))
         nodes[0].send(frame(0x200))
         assert picky.recv(timeout=0).arbitration_id == 0x200

@@ -5,7 +5,9 @@ import sys
 
 from robrain.cli import EXTRAS
 
-WITHOUT_EXTRAS = f"import sys; sys.modules.update(dict.fromkeys({sorted(EXTRAS)})); from robrain.cli import main; main()"
+WITHOUT_EXTRAS = (
+    f"import sys; sys.modules.update(dict.fromkeys({sorted(EXTRAS)})); from robrain.cli import main; main()"
+)
 
 
 def test_agent_needs_no_extra(commands) -> None:

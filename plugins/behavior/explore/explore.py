@@ -66,7 +66,9 @@ class ExploreBehavior(Behavior):
         self._let_go("deactivated")
 
     def emergency_halt(self) -> None:
+        self._task = None
         self._path = []
+        self.env.board.behavior = "halted"
 
     @external
     def goal(self) -> Point2D | None:

@@ -3,7 +3,6 @@
 import can
 import msgspec
 
-from robrain.agent.errors import HardwareAbsent
 from robrain.agent.plugin import Device, external
 from robrain.plugins.device.bm2.interface import BatteryMeasurement, Bm2Interface
 from robrain.protocol.can.frames import BadFrame, codec
@@ -33,11 +32,7 @@ class Bm2(Device):
         filters: can.typechecking.CanFilters = [
             {"can_id": self._status.arbitration_id, "can_mask": 0x7FF, "extended": False}
         ]
-        try:
-            self._bus = self.env.open_can(self.parameters.interface, self.parameters.channel, can_filters=filters)
-        except (can.CanError, OSError, ValueError) as error:
-            where = f"{self.parameters.interface}:{self.parameters.channel}"
-            raise HardwareAbsent(self.env.plugin, f"no CAN bus at {where}: {error}") from error
+        self._bus = self.env.open_can(self.parameters.interface, self.parameters.channel, can_filters=filters)
 
     def step(self) -> None:
         if self._bus is None:

@@ -1,12 +1,12 @@
 """Motor controller of a base with three omni wheels: commands and encoder odometry over CAN."""
 
+import math
 from bisect import bisect_left
 from collections import deque
 
 import can
 import msgspec
 
-from robrain.agent.errors import HardwareAbsent
 from robrain.agent.plugin import Device, external
 from robrain.plugins.device.mocdevice.interface import MocDeviceInterface
 from robrain.protocol.can.frames import BadFrame, codec
@@ -39,6 +39,7 @@ class MocDevice(Device):
         channel: str = "can0"
         radius_m: float = 0.20
         base: OmniBase = OmniBase()
+        wheel_speed_limit_rad_s: float = 30.0
 
     interface = MocDeviceInterface
     period_s = 0.02
@@ -59,11 +60,7 @@ class MocDevice(Device):
         self._believed = self._rejected = self._foreign = 0
 
     def activate(self) -> None:
-        try:
-            self._bus = self.env.open_can(self.parameters.interface, self.parameters.channel)
-        except (can.CanError, OSError, ValueError) as error:
-            where = f"{self.parameters.interface}:{self.parameters.channel}"
-            raise HardwareAbsent(self.env.plugin, f"no CAN bus at {where}: {error}") from error
+        self._bus = self.env.open_can(self.parameters.interface, self.parameters.channel)
 
     def step(self) -> None:
         if self._bus is None:
@@ -125,6 +122,17 @@ class MocDevice(Device):
     def counters(self) -> Counters:
         """Frames believed, rejected (length or checksum) and foreign."""
         return Counters(self._believed, self._rejected, self._foreign)
+
+    def _within_limits(self, speeds_rad_s: tuple[float, float, float]) -> tuple[float, float, float]:
+        """Slower in the same direction, if a wheel could not turn as fast."""
+        fastest_rad_s = max(abs(speed) for speed in speeds_rad_s)
+        limit_rad_s = self.parameters.wheel_speed_limit_rad_s
+        if fastest_rad_s <= limit_rad_s:
+            return speeds_rad_s
+        if not math.isfinite(fastest_rad_s):
+            raise ValueError(f"expected a finite velocity, got wheel speeds of {speeds_rad_s} rad/s")
+        share = limit_rad_s / fastest_rad_s
+        return speeds_rad_s[0] * share, speeds_rad_s[1] * share, speeds_rad_s[2] * share
 
     def _send(self, frame: can.Message) -> None:
         if self._bus is not None:

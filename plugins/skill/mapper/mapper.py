@@ -12,7 +12,6 @@ from robrain.plugins.skill.mapper.interface import MapperInterface, MapView
 from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates.interface import TeammatesInterface
 from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
-from robrain.protocol.wire.errors import CallError, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.map_patch import map_stamp_ms, merge_message, to_message
 from robrain.protocol.wire.messages import MapPatch
@@ -69,7 +68,7 @@ class Mapper(Skill):
         self._patches = wire.publisher(ROBOT_MAP, robot=robot)
         self._presence = wire.watch(ROBOT_ALIVE)
         wire.subscribe(self._inbox, ROBOT_MAP)
-        wire.answer(ROBOT_MAP_WHOLE, lambda _request: self._whole(), robot=robot)
+        self.env.answer(ROBOT_MAP_WHOLE, lambda _request: self._whole(), robot=robot)
 
     def step(self) -> None:
         self._hear()
@@ -107,21 +106,11 @@ class Mapper(Skill):
         for change in self._presence.changes():
             name = change.names["robot"]
             if change.present and name != self.env.robot:
-                self._ask_whole(name)
+                # Catch up with a robot that was there before; one that has just started has nothing to tell.
+                self.env.wire.ask_into(self._inbox, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=name)
         for received in self._inbox.drain():
             if received.message.robot != self.env.robot:
                 self._merge(received.message)
-
-    def _ask_whole(self, robot: str) -> None:
-        """Catch up with a robot that was there before; one that has just started has nothing to tell."""
-        try:
-            reply = self.env.wire.ask(ROBOT_MAP_WHOLE, robot=robot, timeout_s=1.0)
-            known = msgspec.json.decode(reply, type=MapPatch | None)
-        except (CallError, NobodyThere, msgspec.DecodeError) as error:
-            logger.debug("%s: no map from %s: %s", self.env.robot, robot, error)
-            return
-        if known is not None:
-            self._merge(known)
 
     def _merge(self, patch: MapPatch) -> None:
         try:

@@ -1,0 +1,363 @@
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+
+from robrain.agent.task_desk import TaskDesk
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.task import Explore, TaskState
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages import TaskAnswer, TaskOffer, TaskWithdrawal, TeamState
+from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_OFFER, ROBOT_STATE, ROBOT_WITHDRAW
+
+GOAL = Point2D(1.0, 2.0)
+YES, NO = TaskAnswer(accepted=True), TaskAnswer(accepted=False, why="no way there")
+
+
+def offer(task_id="t1", epoch=1, lease_s=5.0):
+    return TaskOffer(task=Explore(id=task_id, goal=GOAL), epoch=epoch, lease_s=lease_s)
+
+
+class Explorer:
+    """A behavior that does what it is told to."""
+
+    def __init__(self, desk):
+        self.desk = desk
+        self.answer = YES
+        self.started = []
+        self.let_go_of = []
+        desk.register(Explore, self.accept, self.let_go_of.append)
+
+    def accept(self, task):
+        self.started.append(task.id)
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return self.answer
+
+
+@pytest.fixture
+def desk():
+    return TaskDesk()
+
+
+@pytest.fixture
+def explorer(desk):
+    return Explorer(desk)
+
+
+def test_an_accepted_task_is_running(desk, explorer):
+    assert desk.offer(offer(epoch=3), now_ns=0) == YES
+    assert explorer.started == ["t1"]
+    assert (desk.status.id, desk.status.epoch, desk.status.state) == ("t1", 3, TaskState.RUNNING)
+
+
+def test_the_same_offer_twice_is_accepted_twice_and_started_once(desk, explorer):
+    assert desk.offer(offer(), 0).accepted
+    assert desk.offer(offer(), 1).accepted
+    assert explorer.started == ["t1"]
+
+
+def test_an_offer_of_an_older_epoch_is_refused_in_words(desk, explorer):
+    desk.offer(offer(epoch=5), 0)
+    answer = desk.offer(offer("t2", epoch=4), 0)
+    assert answer == TaskAnswer(accepted=False, why="epoch 4 is older than 5")
+    assert explorer.started == ["t1"]
+    assert desk.status.id == "t1"
+
+
+def test_a_refused_offer_leaves_everything_as_it_was(desk, explorer):
+    desk.offer(offer(epoch=1), 0)
+    before = desk.status
+    explorer.answer = NO
+    assert desk.offer(offer("t2", epoch=9), 0) == NO
+    assert desk.status == before
+    explorer.answer = YES
+    assert desk.offer(offer("t3", epoch=2), 0).accepted  # a refused epoch is none that was accepted
+
+
+def test_a_behavior_that_raises_over_an_offer_has_not_taken_it(desk, explorer):
+    explorer.answer = RuntimeError("lost the map")
+    with pytest.raises(RuntimeError):
+        desk.offer(offer(), 0)
+    assert desk.status is None
+    explorer.answer = YES
+    assert desk.offer(offer(), 0).accepted
+    assert explorer.started == ["t1", "t1"]
+
+
+def test_a_task_that_no_behavior_does_is_refused_in_words(desk):
+    assert desk.offer(offer(), 0) == TaskAnswer(accepted=False, why="no behavior does Explore tasks")
+    assert desk.status is None
+
+
+def test_how_a_task_ended_is_kept_until_the_next(desk, explorer):
+    desk.offer(offer(), 0)
+    desk.end("t1", TaskState.FAILED, "the way is blocked")
+    assert (desk.status.state, desk.status.why) == (TaskState.FAILED, "the way is blocked")
+    desk.end("t1", TaskState.DONE)
+    assert desk.status.state is TaskState.FAILED
+    desk.offer(offer("t2", epoch=2), 0)
+    assert (desk.status.id, desk.status.state) == ("t2", TaskState.RUNNING)
+
+
+def test_a_task_may_be_done_before_it_is_accepted(desk):
+    def done_at_once(task):
+        desk.end(task.id, TaskState.DONE, "seen already")
+        return YES
+
+    let_go = []
+    desk.register(Explore, done_at_once, let_go.append)
+    assert desk.offer(offer(), 0).accepted
+    assert desk.status.state is TaskState.DONE
+    desk.check_lease(to_ns(100))
+    assert let_go == []
+
+
+def test_the_end_of_another_task_is_none_of_this(desk, explorer):
+    desk.offer(offer(), 0)
+    desk.end("t0", TaskState.FAILED)
+    assert desk.status.state is TaskState.RUNNING
+
+
+def test_a_withdrawn_task_is_let_go_with_the_reason(desk, explorer):
+    desk.offer(offer(), 0)
+    assert desk.withdraw(TaskWithdrawal(id="t1", epoch=1, why="r2 is nearer")).accepted
+    assert explorer.let_go_of == ["r2 is nearer"]
+    assert (desk.status.state, desk.status.why) == (TaskState.CANCELLED, "r2 is nearer")
+
+
+def test_a_withdrawal_of_an_older_epoch_is_refused_in_words(desk, explorer):
+    desk.offer(offer(epoch=5), 0)
+    answer = desk.withdraw(TaskWithdrawal(id="t1", epoch=4))
+    assert answer == TaskAnswer(accepted=False, why="epoch 4 is older than 5")
+    assert desk.status.state is TaskState.RUNNING
+    assert explorer.let_go_of == []
+
+
+@pytest.mark.parametrize("ended", [True, False])
+def test_withdrawing_what_does_not_run_is_no_trouble(desk, explorer, ended):
+    desk.offer(offer(), 0)
+    if ended:
+        desk.end("t1", TaskState.DONE)
+    answer = desk.withdraw(TaskWithdrawal(id="t1" if ended else "t0", epoch=1))
+    assert answer == TaskAnswer(accepted=True, why="not running here")
+    assert explorer.let_go_of == []
+
+
+def test_a_task_is_let_go_when_the_coordinator_is_silent_for_longer_than_the_lease(desk, explorer):
+    desk.offer(offer(lease_s=5.0), now_ns=to_ns(10))
+    desk.check_lease(to_ns(15))
+    assert explorer.let_go_of == []
+    desk.check_lease(to_ns(15) + 1)
+    assert explorer.let_go_of == ["the coordinator is silent, the lease ran out"]
+    assert desk.status.state is TaskState.CANCELLED
+
+
+def test_every_word_of_the_coordinator_renews_the_lease(desk, explorer):
+    desk.offer(offer(lease_s=5.0), now_ns=0)
+    for second in range(1, 30):
+        desk.coordinator_heard_ns = to_ns(second)
+        desk.check_lease(to_ns(second + 4))
+    assert explorer.let_go_of == []
+
+
+def test_without_a_task_no_lease_runs_out(desk, explorer):
+    desk.coordinator_heard_ns = 0
+    desk.check_lease(to_ns(1000))
+    assert desk.status is None
+    assert explorer.let_go_of == []
+
+
+def test_a_task_whose_behavior_goes_has_failed(desk, explorer):
+    desk.offer(offer(), 0)
+    desk.unregister(Explore)
+    assert (desk.status.state, desk.status.why) == (TaskState.FAILED, "the behavior that did it has gone")
+    assert not desk.offer(offer("t2", epoch=2), 0).accepted
+    desk.unregister(Explore)
+
+
+IDS, EPOCHS = st.sampled_from(["t1", "t2", "t3"]), st.integers(0, 6)
+STATES = st.sampled_from([TaskState.DONE, TaskState.FAILED])
+
+
+class Desk(RuleBasedStateMachine):
+    """Offers, withdrawals, silence and ends in any order: one task at a time, and no epoch goes back."""
+
+    def __init__(self):
+        super().__init__()
+        self.desk = TaskDesk()
+        self.now_ns = 0
+        self.heard_ns = None
+        self.lease_ns = 0
+        self.answer = YES
+        self.running = None
+        self.highest_epoch = 0
+        self.let_go_count = 0
+        self.expected_let_go_count = 0
+        self.desk.register(Explore, lambda _: self.answer, self.let_go)
+
+    def let_go(self, why):
+        assert why
+        self.let_go_count += 1
+
+    @rule(task_id=IDS, epoch=EPOCHS, lease_s=st.floats(0.1, 5.0), answer=st.sampled_from([YES, NO]))
+    def offer(self, task_id, epoch, lease_s, answer):
+        self.answer = answer
+        repeated = self.desk.status is not None and (self.desk.status.id, self.desk.status.epoch) == (task_id, epoch)
+        answered = self.desk.offer(offer(task_id, epoch, lease_s), self.now_ns)
+        if epoch < self.highest_epoch:
+            assert not answered.accepted
+            assert "older" in answered.why
+        elif repeated:
+            assert answered.accepted
+        else:
+            assert answered == answer
+            if answer.accepted:
+                self.running, self.highest_epoch = (task_id, epoch), epoch
+                self.lease_ns, self.heard_ns = to_ns(lease_s), self.now_ns
+
+    @rule(task_id=IDS, epoch=EPOCHS)
+    def withdraw(self, task_id, epoch):
+        answered = self.desk.withdraw(TaskWithdrawal(id=task_id, epoch=epoch))
+        assert answered.accepted == (epoch >= self.highest_epoch)
+        if answered.accepted and self.running is not None and self.running[0] == task_id:
+            self.running = None
+            self.expected_let_go_count += 1
+
+    @rule(task_id=IDS, state=STATES)
+    def end(self, task_id, state):
+        self.desk.end(task_id, state, "said so")
+        if self.running is not None and self.running[0] == task_id:
+            self.running = None
+
+    @rule(seconds=st.floats(0.0, 4.0))
+    def wait(self, seconds):
+        self.now_ns += to_ns(seconds)
+        self.desk.check_lease(self.now_ns)
+        if self.running is not None and self.now_ns - self.heard_ns > self.lease_ns:
+            self.running = None
+            self.expected_let_go_count += 1
+
+    @precondition(lambda self: self.heard_ns is not None)
+    @rule()
+    def hear_the_coordinator(self):
+        self.heard_ns = self.desk.coordinator_heard_ns = self.now_ns
+
+    @invariant()
+    def the_desk_runs_what_was_accepted_and_nothing_else(self):
+        status = self.desk.status
+        runs = status is not None and status.state is TaskState.RUNNING
+        assert runs == (self.running is not None)
+        if runs:
+            assert (status.id, status.epoch) == self.running
+
+    @invariant()
+    def whoever_was_at_it_is_told_once(self):
+        assert self.let_go_count == self.expected_let_go_count
+
+
+Desk.TestCase.settings = settings(max_examples=60, stateful_step_count=25, deadline=None)
+TestDesk = Desk.TestCase
+
+
+# -- with a behavior, over the wire -----------------------------------------------------------------------------
+
+SEEKER = """
+    from robrain.protocol.model.task import Explore
+    from robrain.protocol.wire.messages import TaskAnswer
+
+    class Seeker(Behavior):
+        period_s = 0.02
+        def init(self):
+            self.log, self.trouble = [], None
+        def activate(self): self.env.do_tasks(Explore, self.accept, self.let_go)
+        def step(self): self.raise_if("step")
+        def accept(self, task):
+            self.raise_if("accept")
+            self.log.append(task.id)
+            return TaskAnswer(accepted=True)
+        def let_go(self, why):
+            self.raise_if("let_go")
+            self.log.append(why)
+        def raise_if(self, where):
+            if self.trouble == where: raise RuntimeError(f"trouble in {where}")
+
+    class Bystander(Device):
+        period_s = 0.02
+        steps = 0
+        def step(self): self.steps += 1
+"""
+
+
+@pytest.fixture
+def seeker(bench):
+    bench.code("seeker", SEEKER)
+    bench.manifest("seeker", "seeker:Seeker")
+    bench.manifest("bystander", "seeker:Bystander")
+    bench.start("seeker", "bystander")
+    bench.coordinator = bench.operator.publisher(COORDINATOR_STATE)
+    return bench
+
+
+def send(bench, topic, message):
+    return bench.operator.ask(topic, message, robot="r1")
+
+
+def status(bench):
+    inbox = Inbox()
+    bench.operator.subscribe(inbox, ROBOT_STATE)
+    bench.tick(6)
+    return inbox.drain()[-1].message.task
+
+
+def test_over_the_wire_a_task_runs_while_the_coordinator_is_heard_and_no_longer(seeker):
+    assert send(seeker, ROBOT_OFFER, offer(lease_s=1.0)) == b'{"accepted":true,"why":""}'
+    for _ in range(30):
+        seeker.coordinator.put(TeamState(robots=[]))
+        seeker.tick(5)
+    assert status(seeker).state is TaskState.RUNNING
+    seeker.tick(60)
+    assert status(seeker).state is TaskState.CANCELLED
+    assert seeker.plugin("seeker").log == ["t1", "the coordinator is silent, the lease ran out"]
+
+
+def test_over_the_wire_a_task_can_be_withdrawn(seeker):
+    send(seeker, ROBOT_OFFER, offer())
+    send(seeker, ROBOT_WITHDRAW, TaskWithdrawal(id="t1", epoch=1, why="changed our minds"))
+    assert seeker.plugin("seeker").log == ["t1", "changed our minds"]
+
+
+def test_a_behavior_that_raises_over_an_offer_is_faulted_and_the_offer_refused(seeker):
+    seeker.plugin("seeker").trouble = "accept"
+    assert b"seeker is faulted: RuntimeError: trouble in accept" in send(seeker, ROBOT_OFFER, offer())
+    assert status(seeker) is None
+    assert seeker.infos()["seeker"].state == "faulted"
+
+
+def test_a_second_offer_that_breaks_the_behavior_fails_the_first_task(seeker):
+    send(seeker, ROBOT_OFFER, offer())
+    seeker.plugin("seeker").trouble = "accept"
+    assert b'"accepted":false' in send(seeker, ROBOT_OFFER, offer("t2", epoch=2))
+    assert (status(seeker).id, status(seeker).state) == ("t1", TaskState.FAILED)
+
+
+def test_a_behavior_that_raises_when_it_must_let_go_takes_nobody_with_it(seeker):
+    send(seeker, ROBOT_OFFER, offer(lease_s=0.1))
+    seeker.plugin("seeker").trouble = "let_go"
+    seeker.tick(50)
+    assert status(seeker).state is TaskState.CANCELLED
+    assert seeker.infos()["seeker"].why == "RuntimeError: trouble in let_go"
+    assert seeker.plugin("bystander").steps >= 50
+
+
+def test_the_task_of_a_behavior_that_breaks_has_failed(seeker):
+    send(seeker, ROBOT_OFFER, offer())
+    seeker.plugin("seeker").trouble = "step"
+    assert status(seeker).state is TaskState.FAILED
+    assert b"no behavior does Explore tasks" in send(seeker, ROBOT_OFFER, offer("t2", epoch=2))
+
+
+def test_a_deactivated_behavior_takes_no_tasks(seeker):
+    seeker.hosts[-1].manager.get("seeker").deactivate()
+    assert b"no behavior does Explore tasks" in send(seeker, ROBOT_OFFER, offer())

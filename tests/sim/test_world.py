@@ -1,0 +1,82 @@
+import io
+import itertools
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.sim.maps.errors import PlacementError
+from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.referee import team_geometry
+from robrain.sim.world import ROBOT_RADIUS_M, ROBOT_SPACING_M, build_world
+
+RESOLUTION_M = 0.05
+
+
+def plan(width_m=6.0, height_m=4.0, *, origin=(-2.0, 3.0)):
+    occupied = np.ones((round(height_m / RESOLUTION_M), round(width_m / RESOLUTION_M)), np.bool_)
+    occupied[2:-2, 2:-2] = False
+    occupied[30:50, 40:44] = True
+    return FloorPlan(occupied, RESOLUTION_M, *origin, "hall")
+
+
+def test_the_same_seed_builds_the_same_world_and_another_another():
+    one, same, other = (build_world(plan(), 3, 5, None, seed) for seed in (7, 7, 8))
+    assert (one.robots, one.motes) == (same.robots, same.motes)
+    assert one.robots != other.robots
+    assert one.arena_rng().random() == same.arena_rng().random() != other.arena_rng().random()
+
+
+def test_robots_start_clear_of_walls_and_of_each_other():
+    world = build_world(plan(), 5, 0, None, 1)
+    assert [robot.name for robot in world.robots] == ["r1", "r2", "r3", "r4", "r5"]
+    for robot in world.robots:
+        assert world.plan.clearance_m[world.plan.cell_of(robot.start.x_m, robot.start.y_m)] > ROBOT_RADIUS_M
+    for one, other in itertools.combinations(world.robots, 2):
+        assert one.start.distance_m(other.start) >= ROBOT_SPACING_M - 1e-6
+
+
+def test_robots_start_near_the_place_that_is_asked_for():
+    near = Point2D(3.0, 6.0)
+    world = build_world(plan(), 2, 0, near, 1)
+    assert all(robot.start.distance_m(near) < 1.5 for robot in world.robots)
+
+
+def test_motes_lie_where_robots_come_by():
+    world = build_world(plan(), 1, 12, None, 1)
+    assert [(mote.name, mote.number) for mote in world.motes[:2]] == [("m1", 1), ("m2", 2)]
+    assert len({(mote.place.x_m, mote.place.y_m) for mote in world.motes}) == 12
+    assert all(world.plan.contains_free(mote.place.x_m, mote.place.y_m) for mote in world.motes)
+
+
+def test_robots_that_do_not_fit_are_told_how_many_do():
+    with pytest.raises(PlacementError) as error:
+        build_world(plan(2.0, 2.0), 50, 0, None, 1)
+    assert error.value.asked == 50
+    assert 0 < error.value.found < 50
+
+
+def test_a_robots_file_says_where_it_starts_and_which_grid_the_team_maps_on():
+    world = build_world(plan(), 2, 0, None, 1)
+    for robot in world.robots:
+        robot_file = world.robot_file(robot, team="red", connect=("tcp/127.0.0.1:7447",))
+        assert (robot_file.robot.name, robot_file.robot.team) == (robot.name, "red")
+        assert robot_file.zenoh.connect == ["tcp/127.0.0.1:7447"]
+        start = robot_file.parameters["localisation"]
+        assert (start["x_m"], start["y_m"], start["yaw_rad"]) == (
+            robot.start.x_m,
+            robot.start.y_m,
+            robot.start.yaw_rad,
+        )
+        grid, expected = robot_file.parameters["mapper"], team_geometry(world.plan)
+        assert (grid["origin_x_m"], grid["origin_y_m"]) == (-2.0, 3.0)
+        assert round(grid["width_m"] / grid["resolution_m"]) == expected.width
+        assert round(grid["height_m"] / grid["resolution_m"]) == expected.height
+        assert robot_file.parameters["battery"]["capacity_wh"] == robot.battery_wh
+
+
+def test_the_picture_of_the_floor_has_north_up_and_walls_black():
+    world = build_world(plan(), 1, 0, None, 1)
+    picture = np.asarray(Image.open(io.BytesIO(world.map_png())))
+    assert np.array_equal(picture[::-1] == 0, world.plan.occupied)

@@ -1,0 +1,149 @@
+"""The documents say what the code does.
+
+docs/topics.md is generated; after a change of the topics: `python -m tests.test_docs > docs/topics.md`.
+"""
+
+import re
+import sys
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from robrain.agent.host import AgentHost, stock_place
+from robrain.agent.manifest import find_manifests, read_manifest
+from robrain.agent.robot_file import RobotFile, RobotTable
+from robrain.protocol.can.frames import database
+from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.topics import JSON, ROBOT_CALL, TOPICS, Delivery, Kind, Topic
+
+ROOT = Path(__file__).parent.parent
+TOPICS_PAGE = ROOT / "docs" / "topics.md"
+
+INTRODUCTION = """\
+# Topics
+
+Generated from `protocol/wire/topics.py` by `python -m tests.test_docs > docs/topics.md`; do not edit.
+
+Keys stand below `robrain/{team}/`. A *put* is published, a *query* is answered, a *token* says that its owner is there.
+*latest*: only the last sample of a key counts; *every*: each counts, none is sent again; *lossless*: in live, the
+sender keeps so many samples, sends them again after a cut, and late joiners get them (in lockstep nothing is lost).
+Payloads are JSON unless said otherwise; that of a query is its request. Every query is answered: with its result, or
+with `{"code", "message", "detail"}` as an error.
+"""
+
+
+def topics_table() -> str:
+    """The table of topics, in markdown."""
+    lines = [
+        "| key | what | kind | by | payload | rate | delivery | urgency | recorded |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for topic in TOPICS:
+        is_put = topic.kind is Kind.PUT
+        rate = f"{topic.rate_hz:g} Hz" if topic.rate_hz is not None else "–"
+        urgency = topic.urgency if is_put else "–"
+        recorded = "yes" if topic.recorded else "–"
+        delivery = _delivery(topic) if is_put else "–"
+        kind = f"{topic.kind}, reads only" if topic.reads_only else topic.kind
+        cells = (f"`{topic.pattern}`", topic.doc, kind, topic.by, _payload(topic), rate, delivery, urgency, recorded)
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def messages_table() -> str:
+    """The messages of the topics with their fields, in markdown; those with a default are in italics."""
+    lines = ["| message | fields |", "|---|---|"]
+    for message in dict.fromkeys(topic.message for topic in TOPICS if topic.message is not None):
+        fields = (_field(field) for field in msgspec.structs.fields(message))
+        lines.append(f"| `{message.__name__}` | {', '.join(fields)} |")
+    return "\n".join(lines) + "\n"
+
+
+def topics_page() -> str:
+    """The whole of docs/topics.md."""
+    about = "Fields in italics have a default. Their meaning is in `protocol/wire/messages.py`."
+    return f"{INTRODUCTION}\n{topics_table()}\n## Messages\n\n{about}\n\n{messages_table()}"
+
+
+def _field(field: msgspec.structs.FieldInfo) -> str:
+    return f"`{field.name}`" if field.required else f"*{field.name}*"
+
+
+def _payload(topic: Topic) -> str:
+    if topic.encoding != JSON:
+        return topic.encoding.removeprefix("application/vnd.robrain.")
+    return f"`{topic.message.__name__}`" if topic.message is not None else "–"
+
+
+def _delivery(topic: Topic) -> str:
+    return f"{topic.delivery}, {topic.cache}" if topic.delivery is Delivery.LOSSLESS else topic.delivery
+
+
+def test_topics_page_is_what_the_table_says() -> None:
+    assert TOPICS_PAGE.read_text(encoding="utf-8") == topics_page(), "python -m tests.test_docs > docs/topics.md"
+
+
+@pytest.mark.parametrize("message", database().messages, ids=lambda message: message.name)
+def test_conventions_have_each_can_frame(message) -> None:
+    rows = [re.split(r" *\| *", line) for line in _lines("docs/conventions.md") if line.startswith("| 0x")]
+    row = next(row for row in rows if row[2] == message.name)
+    assert int(row[1], 16) == message.frame_id
+    assert int(row[3]) == message.length
+
+
+def test_plugin_of_the_contributing_page_runs(tmp_path: Path) -> None:
+    page = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    for language, name in (("python", "greeter.py"), ("toml", "greeter.toml")):
+        block = re.search(rf"^```{language}\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+        assert block is not None
+        (tmp_path / name).write_text(block[1], encoding="utf-8")
+    clock = VirtualClock()
+    robot_file = RobotFile(robot=RobotTable("r1", places=[str(tmp_path)], load=["greeter"]))
+    with open_lockstep_session() as session:
+        operator = Endpoint(session, "default", clock, Drive.LOCKSTEP)
+        host = AgentHost(robot_file, Path(), session, clock, Drive.LOCKSTEP)
+        try:
+            host.start()
+            for second in range(3):
+                clock.advance_to(to_ns(second))
+                host.step()
+            said = operator.ask(ROBOT_CALL, ["Ada"], robot="r1", plugin="greeter", function="hello")
+        finally:
+            host.close()
+            operator.close()
+    assert msgspec.json.decode(said) == "hello Ada, up for 3 s"
+    assert said.decode() in page
+
+
+@pytest.mark.parametrize("record", sorted((ROOT / "docs" / "decisions").glob("*.md")), ids=lambda path: path.stem)
+def test_decision_is_short_and_complete(record: Path) -> None:
+    text = record.read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 25
+    assert text.startswith(f"# {record.stem[:4]} ")
+    for part in ("Context", "Decision", "Measurement", "Consequence"):
+        assert re.search(rf"^\*\*{part}", text, re.MULTILINE), part
+
+
+def test_decisions_are_numbered_without_gaps() -> None:
+    numbers = sorted(int(path.name[:4]) for path in (ROOT / "docs" / "decisions").glob("*.md"))
+    assert numbers == list(range(1, len(numbers) + 1))
+
+
+def test_drawing_of_the_robot_has_the_arrows_of_the_manifests() -> None:
+    drawn = set()
+    for line in _lines("ARCHITECTURE.md"):
+        if arrow := re.fullmatch(r" +(\w+) --> (\w+(?: & \w+)*)", line):
+            drawn |= {(arrow[1], callee) for callee in arrow[2].split(" & ")}
+    manifests = [read_manifest(path) for path in find_manifests(stock_place())]
+    assert drawn == {(manifest.name, required) for manifest in manifests for required in manifest.tag.requires}
+
+
+def _lines(path: str) -> list[str]:
+    return (ROOT / path).read_text(encoding="utf-8").splitlines()
+
+
+if __name__ == "__main__":
+    sys.stdout.write(topics_page())

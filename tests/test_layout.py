@@ -1,0 +1,148 @@
+"""The project is laid out as ARCHITECTURE.md says, as a tree and as a wheel."""
+
+import ast
+import re
+import shutil
+import subprocess
+import sys
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from zipfile import ZipFile
+
+import pytest
+
+import robrain
+
+ROOT = Path(__file__).parent.parent
+FOLDERS = ("agent", "coordinator", "deploy", "plugins", "protocol", "sim")
+MAX_LINES = 500
+SETUPTOOLS_WITH_LICENSE_EXPRESSIONS = 77
+
+
+def _own_files(*suffixes: str) -> list[Path]:
+    places = [ROOT / folder for folder in (*FOLDERS, "robrain", "tests", "docs", "examples")]
+    below = [path for place in places for path in place.rglob("*") if not _passes_a_link(path)]
+    return sorted(path for path in (*ROOT.iterdir(), *below) if path.suffix in suffixes and path.is_file())
+
+
+def _passes_a_link(path: Path) -> bool:
+    return any(parent.is_symlink() for parent in (path, *path.parents) if parent.is_relative_to(ROOT))
+
+
+def _name_of(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_link_resolves_to_its_folder(folder: str) -> None:
+    link = ROOT / "robrain" / folder
+    assert link.is_symlink()
+    assert not link.readlink().is_absolute()
+    assert link.resolve() == (ROOT / folder).resolve()
+
+
+def test_there_is_a_link_for_each_folder_and_no_other() -> None:
+    assert sorted(path.name for path in (ROOT / "robrain").iterdir() if path.is_symlink()) == sorted(FOLDERS)
+
+
+def test_every_folder_with_code_is_a_package() -> None:
+    codes = {path.parent for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")}
+    assert [_name_of(folder) for folder in sorted(codes) if not (folder / "__init__.py").is_file()] == []
+
+
+def test_no_file_is_too_long() -> None:
+    lengths = {_name_of(path): len(path.read_text(encoding="utf-8").splitlines()) for path in _own_files(".py", ".md")}
+    assert {name: lines for name, lines in lengths.items() if lines > MAX_LINES} == {}
+
+
+def test_every_document_that_is_mentioned_exists() -> None:
+    missing = []
+    for path in _own_files(".py", ".md", ".toml"):
+        text = path.read_text(encoding="utf-8")
+        for mentioned in re.findall(r"(?<![\w/.:-])docs/[\w./-]*\w", text):
+            if not (ROOT / mentioned).exists():
+                missing.append(f"{_name_of(path)}: {mentioned}")
+    assert missing == []
+
+
+def test_every_link_between_documents_leads_somewhere() -> None:
+    missing = []
+    for path in _own_files(".md"):
+        for target in re.findall(r"\]\(([^)#\s]+)", path.read_text(encoding="utf-8")):
+            if "://" not in target and not (path.parent / target).exists():
+                missing.append(f"{_name_of(path)}: {target}")
+    assert missing == []
+
+
+def test_all_is_sorted_and_what_is_exported() -> None:
+    assert robrain.__all__ == sorted(robrain.__all__)
+    tree = ast.parse((ROOT / "robrain" / "__init__.py").read_text(encoding="utf-8"))
+    imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    homes = {alias.name: str(node.module) for node in imports for alias in node.names}
+    homes = {name: home for name, home in homes.items() if home.startswith("robrain.")}
+    assert robrain.__all__ == sorted(homes)
+    for name, home in homes.items():
+        assert getattr(robrain, name).__module__ == home
+
+
+def test_name_that_is_not_exported_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'Arena'"):
+        _ = robrain.Arena
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
+    """Names of the files in the wheel; built from a copy, so that nothing is left in the tree."""
+    folder = tmp_path_factory.mktemp("wheel")
+    source = folder / "source"
+    source.mkdir()
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source)
+    for name in (*FOLDERS, "robrain"):
+        shutil.copytree(ROOT / name, source / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+    # Without a setuptools that is new enough here, pip fetches one for the build.
+    isolation = ["--no-build-isolation"] if _setuptools_here() >= SETUPTOOLS_WITH_LICENSE_EXPRESSIONS else []
+    built = subprocess.run(
+        [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", *isolation, "-w", str(folder), str(source)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+        timeout=100,
+    )
+    assert built.returncode == 0, built.stdout
+    with ZipFile(next(folder.glob("*.whl"))) as archive:
+        return set(archive.namelist())
+
+
+def _setuptools_here() -> int:
+    try:
+        return int(version("setuptools").partition(".")[0])
+    except PackageNotFoundError:
+        return 0
+
+
+@pytest.mark.system
+def test_wheel_has_every_module(wheel: set[str]) -> None:
+    modules = {f"robrain/{_name_of(path)}" for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")}
+    assert modules
+    assert modules - wheel == set()
+    assert {"robrain/__init__.py", "robrain/cli.py"} <= wheel
+
+
+@pytest.mark.system
+def test_wheel_has_every_data_file(wheel: set[str]) -> None:
+    files = {f"robrain/{_name_of(path)}" for folder in FOLDERS for path in (ROOT / folder).rglob("*.[td]*")}
+    data = {name for name in files if name.endswith((".toml", ".dbc"))}
+    assert "robrain/plugins/unit/driver/driver.toml" in data
+    assert "robrain/protocol/can/robertino.dbc" in data
+    assert "robrain/sim/scenarios/depot.toml" in data
+    assert data - wheel == set()
+    assert "robrain/py.typed" in wheel
+
+
+@pytest.mark.system
+def test_wheel_has_nothing_else(wheel: set[str]) -> None:
+    outside = {name for name in wheel if not re.match(r"robrain(-[^/]+\.dist-info)?/", name)}
+    assert outside == set()
+    assert not any(name.startswith("robrain/tests/") for name in wheel)
