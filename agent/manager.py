@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from robrain.agent.environment import Environment
-from robrain.agent.errors import HardwareAbsent, PluginError, PluginMissing
+from robrain.agent.errors import HardwareAbsent, PluginError, PluginInactive, PluginMissing
 from robrain.agent.handle import Handle
 from robrain.agent.manifest import find_manifests, read_manifest
 from robrain.agent.tag import PluginState, PluginTag
@@ -88,9 +88,11 @@ class PluginManager:
         for tag in reversed(self.tags.values()):
             try:
                 tag.deactivate()
-            except Exception:
-                # Foreign plugin code; the others must be stopped all the same.
-                logger.exception("%s: plugin %s failed while it was stopped", self.robot, tag.name)
+            except Exception as error:
+                # Foreign plugin code; the others must be stopped all the same. In a halted robot plugins refuse each
+                # other, which is as it should be.
+                if not (isinstance(error, PluginInactive) and self.halted):
+                    logger.exception("%s: plugin %s failed while it was stopped", self.robot, tag.name)
         for tag in self.tags.values():
             tag.close()
 

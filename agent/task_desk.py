@@ -99,7 +99,7 @@ class TaskDesk:
     def halted(self) -> None:
         """The robot is halted: what it was at is given back; the behavior has forgotten it in `emergency_halt`."""
         if self._current is not None and self.status is not None:
-            self._end(self.status.id, TaskState.FAILED, "the robot is halted")
+            self._end(self.status.id, TaskState.CANCELLED, "the robot is halted")
 
     def _end(self, task_id: str, state: TaskState, why: str) -> None:
         status = self._status

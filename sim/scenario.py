@@ -6,6 +6,7 @@ result = Scenario.builtin("depot").replace(robots=3, seed=7).run(until_explored=
 print(f"{result.explored_fraction:.0%} explored in {result.sim_time_s:.0f} s")
 """
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple, Self
@@ -22,10 +23,11 @@ from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.map_server import load_map
 from robrain.sim.pacing import Pacer, StopOnInterrupt
 from robrain.sim.result import RobotResult, RunResult
-from robrain.sim.scenario_file import ScenarioTables, TeamTable, read_builtin, read_scenario_file
+from robrain.sim.scenario_file import MAX_MOTES, MAX_ROBOTS, ScenarioTables, read_builtin, read_scenario_file
 from robrain.sim.world import World, build_world
 
 CURVE_STEP_S = 5.0
+MAX_SEED = (1 << 63) - 1
 
 
 class Progress(NamedTuple):
@@ -52,6 +54,21 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     time_limit_s: float = 900.0
     toml: str = ""
     """The text that it was read from."""
+
+    def __post_init__(self) -> None:
+        whole = {"robots": (1, MAX_ROBOTS), "motes": (0, MAX_MOTES), "seed": (0, MAX_SEED)}
+        for name, (lowest, highest) in whole.items():
+            value = getattr(self, name)
+            if type(value) is not int or not lowest <= value <= highest:
+                raise ScenarioError(f"{self.name}: expected {name} from {lowest} to {highest}, got {value!r}")
+        if not 0 < self.until_explored <= 1:
+            raise ScenarioError(
+                f"{self.name}: expected until_explored above 0 and at most 1, got {self.until_explored}"
+            )
+        if not self.time_limit_s > 0:
+            raise ScenarioError(f"{self.name}: expected time_limit_s > 0, got {self.time_limit_s}")
+        if self.near is not None and not (math.isfinite(self.near.x_m) and math.isfinite(self.near.y_m)):
+            raise ScenarioError(f"{self.name}: expected finite coordinates for near, got {self.near}")
 
     @classmethod
     def builtin(cls, name: str) -> Self:
@@ -103,10 +120,6 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
 
     def world(self) -> World:
         """The floor with robots and motes in their places (ScenarioError if they do not fit)."""
-        try:
-            TeamTable(self.robots)
-        except ValueError as error:
-            raise ScenarioError(f"{self.name}: {error}") from error
         try:
             return build_world(self.plan(), self.robots, self.motes, self.near, self.seed)
         except MapError as error:

@@ -26,7 +26,7 @@ class ScenarioTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError(f"expected seed >= 0, got {self.seed}")
         if not 0 < self.until_explored <= 1:
             raise ValueError(f"expected until_explored above 0 and at most 1, got {self.until_explored}")
-        if self.time_limit_s <= 0:
+        if not self.time_limit_s > 0:
             raise ValueError(f"expected time_limit_s > 0, got {self.time_limit_s}")
 
 

@@ -29,6 +29,7 @@ logger = logging.getLogger(__name__)
 OnOutside = Callable[[str, bytes], None]
 PENDING_QUERIES = 256
 NOTHING = b"null"
+HISTORY_TIMEOUT_S = 5.0
 ZENOH_TIMEOUT = b"Timeout"
 """What Zenoh itself replies with when nobody has replied in time."""
 
@@ -156,13 +157,18 @@ class Endpoint:
             self._entities.append(self.session.declare_subscriber(key, self._callback(take)))
 
     def watch(self, topic: Topic, **names: str) -> Presence:
-        """Follow who says to be there on a token's topic."""
+        """Follow who says to be there on a token's topic, those included who are there already."""
         presence = Presence(topic)
+        selector = topic.selector(self.team, **names)
+        liveliness = self.session.liveliness()
+        lockstep = self.drive is Drive.LOCKSTEP
         self._entities.append(
-            self.session.liveliness().declare_subscriber(
-                topic.selector(self.team, **names), self._callback(presence.append), history=True
-            )
+            liveliness.declare_subscriber(selector, self._callback(presence.append), history=not lockstep)
         )
+        if lockstep:  # a subscriber's history comes on a thread of Zenoh's even to a direct callback, some time later
+            for reply in liveliness.get(selector, timeout=HISTORY_TIMEOUT_S):
+                if reply.ok is not None:
+                    presence.append(reply.ok)
         return presence
 
     # -- being asked ----------------------------------------------------------------------------------------

@@ -232,7 +232,7 @@ def test_a_halted_robot_gives_its_task_back_refuses_offers_and_works_again_when_
     one.run(0.5)
     one.halt()
     one.run(0.5)
-    assert status(host).state is TaskState.FAILED
+    assert status(host).state is TaskState.CANCELLED
     assert "halted" in status(host).why
     answer = one.offer(goal, task="t2", epoch=2)
     assert not answer.accepted

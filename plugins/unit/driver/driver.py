@@ -71,6 +71,8 @@ class Driver(Unit):
 
     def emergency_halt(self) -> None:
         self._path = []
+        self._motion = Motion.STANDING
+        self._blocked_since_ns = None
 
     def follow(self, path: list[Point2D]) -> None:
         """Drive along these points to the last one."""

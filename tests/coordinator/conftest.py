@@ -1,0 +1,203 @@
+"""A team as the coordinator hears it: fake robots on a lockstep session."""
+
+from collections.abc import Iterator
+
+import msgspec
+import numpy as np
+import pytest
+import zenoh
+
+from robrain.coordinator.coordinator import Coordinator
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, GridGeometry, OccupancyGrid, PatchCells
+from robrain.protocol.model.task import TaskState
+from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.map_patch import to_message
+from robrain.protocol.wire.messages import (
+    RobotState,
+    TaskAnswer,
+    TaskEvent,
+    TaskOffer,
+    TaskStatus,
+    TaskWithdrawal,
+    TeamState,
+)
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.topics import (
+    COORDINATOR_STATE,
+    ROBOT_ALIVE,
+    ROBOT_MAP,
+    ROBOT_MAP_WHOLE,
+    ROBOT_OFFER,
+    ROBOT_STATE,
+    ROBOT_WITHDRAW,
+    TASK_EVENT,
+)
+
+TICK_S = 0.02
+GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 120, 80)
+NEXT = {
+    None: {TaskState.QUEUED},
+    TaskState.QUEUED: {TaskState.OFFERED},
+    TaskState.OFFERED: {TaskState.RUNNING, TaskState.CANCELLED},
+    TaskState.RUNNING: {TaskState.DONE, TaskState.FAILED, TaskState.CANCELLED, TaskState.LOST_CONTACT},
+    TaskState.LOST_CONTACT: {TaskState.RUNNING, TaskState.DONE, TaskState.FAILED, TaskState.CANCELLED},
+}
+
+
+class FakeRobot:
+    """A robot as the wire knows it: token, states, map, answers to offers."""
+
+    def __init__(self, team: "Team", name: str, x_m: float, y_m: float) -> None:
+        self.name = name
+        self.pose = Pose2D(x_m, y_m, 0.0)
+        self.speaks = True
+        self.halted = False
+        self.accepts = True
+        self.task: TaskStatus | None = None
+        self.offers: list[TaskOffer] = []
+        self.withdrawals: list[TaskWithdrawal] = []
+        self.grid = OccupancyGrid(GEOMETRY)
+        self._team = team
+        self.come()
+
+    def come(self) -> None:
+        """Join the wire; its own map and task are as they were."""
+        self.wire = Endpoint(self._team.session, "default", self._team.clock, Drive.LOCKSTEP)
+        self._states = self.wire.publisher(ROBOT_STATE, robot=self.name)
+        self._maps = self.wire.publisher(ROBOT_MAP, robot=self.name)
+        self.wire.answer(ROBOT_OFFER, self._offered, robot=self.name)
+        self.wire.answer(ROBOT_WITHDRAW, self._withdrawn, robot=self.name)
+        self.wire.answer(ROBOT_MAP_WHOLE, lambda _request: self._whole(), robot=self.name)
+        self.wire.token(ROBOT_ALIVE, robot=self.name)
+
+    def leave(self) -> None:
+        self.wire.close()
+
+    def say_state(self) -> None:
+        self._states.put(RobotState(robot=self.name, pose=self.pose, radius_m=0.2, task=self.task, halted=self.halted))
+
+    def say_map(self, geometry: GridGeometry, cells: PatchCells) -> None:
+        self._maps.put(to_message(self.name, geometry, cells))
+
+    def end(self, state: TaskState, why: str = "") -> None:
+        self.task = msgspec.structs.replace(self.task, state=state, why=why)
+
+    @property
+    def goal(self) -> Point2D:
+        return self.offers[-1].task.goal
+
+    def _offered(self, request) -> TaskAnswer:
+        offer = msgspec.json.decode(request.payload, type=TaskOffer)
+        self.offers.append(offer)
+        if not self.accepts:
+            return TaskAnswer(accepted=False, why="no way there")
+        self.task = TaskStatus(id=offer.task.id, epoch=offer.epoch, state=TaskState.RUNNING)
+        return TaskAnswer(accepted=True)
+
+    def _withdrawn(self, request) -> TaskAnswer:
+        self.withdrawals.append(msgspec.json.decode(request.payload, type=TaskWithdrawal))
+        if self.task is not None and self.task.id == self.withdrawals[-1].id:
+            self.end(TaskState.CANCELLED, "withdrawn")
+        return TaskAnswer(accepted=True)
+
+    def _whole(self):
+        patch = self.grid.full_patch()
+        return None if patch is None else to_message(self.name, GEOMETRY, patch)
+
+
+class Team:
+    """A coordinator with fake robots, in lockstep."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self.session = session
+        self.clock = VirtualClock()
+        self.robots: list[FakeRobot] = []
+        self._endpoints: list[Endpoint] = []
+        ears = self._endpoint()
+        self._events, self._summaries = Inbox(100_000, every=True), Inbox(100_000, every=True)
+        ears.subscribe(self._events, TASK_EVENT)
+        ears.subscribe(self._summaries, COORDINATOR_STATE)
+        self.heard: list[TaskEvent] = []
+        self.coordinator = Coordinator(self._endpoint())
+        self._ticks = 0
+        self._stamp_ms = 0
+
+    def robot(self, name: str, x_m: float = 6.0, y_m: float = 4.0) -> FakeRobot:
+        self.robots.append(FakeRobot(self, name, x_m, y_m))
+        return self.robots[-1]
+
+    def draw(self, x0: float, y0: float, x1: float, y1: float, kind: int = FREE) -> None:
+        """The first robot has seen a box of the floor, metres."""
+        row, column = GEOMETRY.cell_of(x0 + 0.05, y0 + 0.05)
+        self._stamp_ms += 1
+        cells = np.full((round(10 * (y1 - y0)), round(10 * (x1 - x0))), kind, np.int8)
+        self.robots[0].say_map(GEOMETRY, PatchCells(row, column, cells, self._stamp_ms))
+
+    def run(self, duration_s: float) -> None:
+        for _ in range(round(duration_s / TICK_S)):
+            self._ticks += 1
+            self.clock.advance_to(to_ns(self._ticks * TICK_S))
+            for robot in self.robots:
+                if robot.speaks and self._ticks % 5 == 0:
+                    robot.say_state()
+            self.coordinator.step()
+            self.heard += [received.message for received in self._events.drain()]
+
+    @property
+    def summary(self) -> TeamState:
+        """The last one; the coordinator must have said one since the last look."""
+        return self._summaries.drain()[-1].message
+
+    def history(self, task_id: str) -> list[TaskState]:
+        return [event.state for event in self.heard if event.task.id == task_id]
+
+    def why(self, task_id: str) -> str:
+        return [event.why for event in self.heard if event.task.id == task_id][-1]
+
+    def _endpoint(self) -> Endpoint:
+        self._endpoints.append(Endpoint(self.session, "default", self.clock, Drive.LOCKSTEP))
+        return self._endpoints[-1]
+
+    def close(self) -> None:
+        for robot in self.robots:
+            robot.leave()
+        for endpoint in self._endpoints:
+            endpoint.close()
+
+    def newcomer(self, name: str, x_m: float, y_m: float) -> FakeRobot:
+        """A robot that has not spoken yet."""
+        return FakeRobot(self, name, x_m, y_m)
+
+    def hall(self) -> None:
+        """The middle of a hall is known, all around it is not."""
+        self.draw(4.0, 2.0, 8.0, 6.0)
+
+    def corridor(self) -> None:
+        """A walled corridor, of which two ends are unknown."""
+        self.draw(3.0, 3.2, 9.0, 4.8)
+        self.draw(3.0, 3.1, 9.0, 3.2, OCCUPIED)
+        self.draw(3.0, 4.8, 9.0, 4.9, OCCUPIED)
+
+    def closed_room(self) -> None:
+        """Nothing unknown is left."""
+        self.draw(3.0, 2.0, 9.0, 6.0)
+        self.draw(2.9, 1.9, 9.1, 2.0, OCCUPIED)
+        self.draw(2.9, 6.0, 9.1, 6.1, OCCUPIED)
+        self.draw(2.9, 1.9, 3.0, 6.1, OCCUPIED)
+        self.draw(9.0, 1.9, 9.1, 6.1, OCCUPIED)
+
+
+@pytest.fixture
+def team() -> Iterator[Team]:
+    with open_lockstep_session() as session:
+        team = Team(session)
+        yield team
+        team.close()
+        # Whatever the test was about: tasks only ever change in legal order.
+        states: dict[str, TaskState] = {}
+        for event in team.heard:
+            assert event.state in NEXT[states.get(event.task.id)], (event, states.get(event.task.id))
+            states[event.task.id] = event.state
