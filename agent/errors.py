@@ -7,6 +7,10 @@ RobrainError
 │   ├── AccessDenied          the caller may not use that plugin
 │   ├── PluginBusy            somebody else holds it; carries `.holder`
 │   ├── PluginInactive        it is there but not active (or halted, or faulted)
+│   ├── PluginUnloaded        it has gone
+│   ├── PluginHung            it does not come back from a step or call
+│   ├── PluginInUse           others require it, so it is not unloaded; carries `.users`
+│   ├── HostBusy              another load, unload or reload is under way
 │   └── HardwareAbsent        a Device does not find its hardware
 └── RobotFileError            a ROBOT.toml is wrong: names file and key
 """
@@ -61,6 +65,34 @@ class PluginInactive(PluginError):
     """It is there, but not active."""
 
     code = ErrorCode.INACTIVE
+
+
+class PluginUnloaded(PluginInactive):
+    """It has gone; a handle on it is of no use any more."""
+
+    code = ErrorCode.UNLOADED
+
+
+class PluginHung(PluginInactive):
+    """It does not come back from a step or call."""
+
+    code = ErrorCode.TIMEOUT
+
+
+class PluginInUse(PluginError):
+    """Others require it."""
+
+    code = ErrorCode.REFUSED
+
+    def __init__(self, plugin: str, users: list[str]) -> None:
+        super().__init__(plugin, f"{plugin} is required by {', '.join(users)}: unload these first, or all with cascade")
+        self.users = users
+
+
+class HostBusy(PluginError):
+    """Another load, unload or reload is under way."""
+
+    code = ErrorCode.BUSY
 
 
 class HardwareAbsent(PluginError):

@@ -23,13 +23,15 @@ class Mailbox:
         """Called after each arrival, so that the observer's thread need not poll."""
         self._waiting: deque[tuple[Callable[[Any], None], Any]] = deque(maxlen=capacity)
 
-    def post(self, function: Callable[[Any], None], value: Any) -> None:
-        """Leave a notification."""
+    def post(self, function: Callable[[Any], None], value: Any) -> bool:
+        """Leave a notification; False if an older one was dropped for it."""
         # The deque itself lets the oldest go: a popleft here could meet that of `deliver` on an empty deque.
-        self.dropped += len(self._waiting) == self.capacity
+        is_full = len(self._waiting) == self.capacity
+        self.dropped += is_full
         self._waiting.append((function, value))
         if self.wake is not None:
             self.wake()
+        return not is_full
 
     def deliver(self) -> None:
         """Call the observing functions, in order of arrival."""
@@ -46,6 +48,8 @@ class Event(Generic[T]):
 
     def __init__(self) -> None:
         self._name = ""
+        self.dropped = 0
+        """Notifications that observers lost because they were too slow."""
         self._observers: list[tuple[Callable[[T], None], Mailbox]] = []
 
     def __set_name__(self, owner: type, name: str) -> None:
@@ -73,4 +77,4 @@ class Event(Generic[T]):
     def notify(self, value: T) -> None:
         """Leave `value` with every observer."""
         for function, mailbox in self._observers:
-            mailbox.post(function, value)
+            self.dropped += not mailbox.post(function, value)

@@ -36,7 +36,7 @@ class Handle:
             return value
 
         def call(*args: Any, **kwargs: Any) -> Any:
-            with tag.lock:
+            with tag.turn:
                 return getattr(tag.live_plugin(), name)(*args, **kwargs)
 
         calls[name] = call

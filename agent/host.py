@@ -15,7 +15,7 @@ import zenoh
 
 from robrain.agent.board import Board
 from robrain.agent.environment import Environment
-from robrain.agent.errors import PluginMissing, RobotFileError
+from robrain.agent.errors import PluginError, PluginMissing, RobotFileError
 from robrain.agent.manager import PluginManager
 from robrain.agent.robot_file import RobotFile
 from robrain.agent.tag import PluginTag
@@ -24,12 +24,13 @@ from robrain.protocol.wire.clock import Clock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint, OnOutside, Request, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import RobotState, TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.wire.messages import HostRequest, RobotState, TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.wire.topics import (
     COORDINATOR_STATE,
     HALT,
     ROBOT_ALIVE,
     ROBOT_CALL,
+    ROBOT_HOST,
     ROBOT_OFFER,
     ROBOT_PLUGINS,
     ROBOT_STATE,
@@ -73,7 +74,7 @@ class AgentHost:
         self.clock = clock
         self.board = Board()
         self.desk = TaskDesk()
-        self.manager = PluginManager(self.name, self._make_environment, robot_file.parameters)
+        self.manager = PluginManager(self.name, clock, self.desk, self._make_environment, robot_file.parameters)
         self._seed = seed
         self._on_outside = on_outside
         self._session = session
@@ -106,6 +107,7 @@ class AgentHost:
         wire.subscribe(self._inbox, COORDINATOR_STATE)
         wire.answer(ROBOT_PLUGINS, self._tell_plugins, robot=robot)
         wire.answer(ROBOT_CALL, self._call, serve=Serve.POOL, robot=robot)
+        wire.answer(ROBOT_HOST, self._run, serve=Serve.POOL, robot=robot)
         wire.answer(ROBOT_OFFER, self._offer, serve=Serve.IN_STEP, robot=robot)
         wire.answer(ROBOT_WITHDRAW, self._withdraw, serve=Serve.IN_STEP, robot=robot)
         wire.token(ROBOT_ALIVE, robot=robot)
@@ -121,6 +123,7 @@ class AgentHost:
         if self.manager.halted:
             self.desk.halted()
         self.desk.check_lease(now_ns)
+        self.manager.settle(now_ns)
         if self.drive is Drive.LOCKSTEP:
             self._step_plugins(now_ns)
         if now_ns >= self._state_due_ns:
@@ -186,6 +189,20 @@ class AgentHost:
             raise CallError(ErrorCode.UNKNOWN_PLUGIN, str(error)) from error
         return tag.call_external(request.names["function"], request.payload)
 
+    def _run(self, request: Request) -> Any:
+        asked = _decode(request.payload, HostRequest)
+        verb = request.names["verb"]
+        try:
+            if verb == "load":
+                return [tag.info() for tag in self.manager.load(asked.plugin)]
+            if verb == "unload":
+                return self.manager.unload(asked.plugin, cascade=asked.cascade)
+            if verb == "reload":
+                return [self.manager.reload(asked.plugin).info()]
+        except PluginError as error:
+            raise CallError(ErrorCode.REFUSED if error.code is ErrorCode.FAILED else error.code, str(error)) from error
+        raise CallError(ErrorCode.UNKNOWN_FUNCTION, f"the host cannot {verb}: it can load, unload, reload")
+
     def _offer(self, request: Request) -> TaskAnswer:
         offer = _decode(request.payload, TaskOffer)
         if self.manager.halted:
@@ -199,7 +216,8 @@ class AgentHost:
 
     def _open_wire(self) -> Endpoint:
         wire = Endpoint(self._session, self._team, self.clock, self.drive, on_outside=self._on_outside)
-        self._wires.append(wire)
+        # A new list: the host's own thread may be going through the old one. Closed ones are let go.
+        self._wires = [*(each for each in self._wires if not each.is_closed), wire]
         return wire
 
     def _make_environment(self, tag: PluginTag) -> Environment:

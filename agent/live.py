@@ -25,10 +25,14 @@ class PluginThread:
         self._tag.mailbox.wake = self._wake.set
         self._thread.start()
 
-    def stop(self) -> None:
-        """End after the step that is running; a step that hangs is left behind (the thread is a daemon)."""
+    def ask_to_stop(self) -> None:
+        """End after the step that is running."""
         self._stopping = True
         self._wake.set()
+
+    def stop(self) -> None:
+        """End, and wait for it; a step that hangs is left behind (the thread is a daemon)."""
+        self.ask_to_stop()
         self._thread.join(JOIN_TIMEOUT_S)
         self._tag.mailbox.wake = None
 
@@ -65,11 +69,38 @@ class HaltThread:
     def stop(self) -> None:
         """End; a plugin that hangs while it is halted is left behind."""
         self._stopping.set()
-        self._thread.join(JOIN_TIMEOUT_S)
+        if self._thread.ident is not None:  # it was started
+            self._thread.join(JOIN_TIMEOUT_S)
 
     def _run(self) -> None:
         while not self._stopping.wait(HOST_PERIOD_S):
             self._host.hear_halt()
+
+
+class PluginThreads:
+    """A thread for each plugin that is loaded; follows what is loaded and unloaded while the robot runs."""
+
+    def __init__(self, host: AgentHost) -> None:
+        self._host = host
+        self._threads: dict[tuple[str, int, int], PluginThread] = {}
+
+    def follow(self) -> None:
+        """Start threads for plugins that are new, end those of plugins that have gone."""
+        wanted = {(tag.name, id(tag), tag.generation): tag for tag in self._host.manager.tags.values()}
+        for key in [key for key in self._threads if key not in wanted]:
+            self._threads.pop(key).ask_to_stop()
+        for key, tag in wanted.items():
+            if key not in self._threads:
+                thread = self._threads[key] = PluginThread(tag)
+                thread.start()
+
+    def stop(self) -> None:
+        """End all."""
+        for thread in self._threads.values():
+            thread.ask_to_stop()
+        for thread in self._threads.values():
+            thread.stop()
+        self._threads.clear()
 
 
 def run_agent(host: AgentHost, should_stop: Callable[[], bool], on_ready: Callable[[], None]) -> None:
@@ -79,17 +110,17 @@ def run_agent(host: AgentHost, should_stop: Callable[[], bool], on_ready: Callab
         RobrainError: the robot cannot start, in words.
 
     """
-    threads: list[PluginThread | HaltThread] = []
+    plugins, halts = PluginThreads(host), HaltThread(host)
     try:
         host.start()
-        threads = [HaltThread(host), *(PluginThread(tag) for tag in host.manager.tags.values())]
-        for thread in threads:
-            thread.start()
+        halts.start()
+        plugins.follow()
         on_ready()
         while not should_stop():
             host.step()
+            plugins.follow()
             time.sleep(HOST_PERIOD_S)
     finally:
-        for thread in reversed(threads):
-            thread.stop()
+        plugins.stop()
+        halts.stop()
         host.close()

@@ -2,11 +2,12 @@
 
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 
 from robrain.agent.errors import ManifestError
+from robrain.agent.transform import TransformTable
 from robrain.protocol.wire.errors import BadName
 from robrain.protocol.wire.keys import check_name
 
@@ -31,6 +32,23 @@ class TagTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Plugins that this one calls."""
     shared: bool = True
     """False: one user at a time."""
+    restart: Literal["no", "on-failure"] = "no"
+    """What happens after a fault."""
+    restart_limit: int = 5
+    """After so many restarts in a row the plugin stays faulted."""
+    backoff_s: float = 0.5
+    """Time before the first restart; it doubles with each one."""
+    hang_s: float = 5.0
+    """A step or call that takes longer is taken for hung, in live."""
+    isolation: Literal["none", "process"] = "none"
+    """`process`: run it in a process of its own, in live."""
+
+    def __post_init__(self) -> None:
+        for name in ("backoff_s", "hang_s"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+        if self.restart_limit < 0:
+            raise ValueError(f"expected restart_limit >= 0, got {self.restart_limit}")
 
 
 class ManifestTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -39,6 +57,7 @@ class ManifestTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     plugin: PluginTable
     parameters: dict[str, Any] = {}
     tag: TagTable = TagTable()
+    transform: TransformTable = TransformTable()
 
 
 class Manifest(msgspec.Struct, frozen=True):
@@ -49,6 +68,7 @@ class Manifest(msgspec.Struct, frozen=True):
     class_path: str
     parameters: dict[str, Any]
     tag: TagTable
+    transform: TransformTable = TransformTable()
 
 
 def read_manifest(path: Path) -> Manifest:
@@ -74,7 +94,7 @@ def read_manifest(path: Path) -> Manifest:
         raise ManifestError(path, *where_and_what(error)) from error
     if ":" not in tables.plugin.class_path:
         raise ManifestError(path, "[plugin] class", f"expected module:Class, got {tables.plugin.class_path!r}")
-    return Manifest(name, path, tables.plugin.class_path, tables.parameters, tables.tag)
+    return Manifest(name, path, tables.plugin.class_path, tables.parameters, tables.tag, tables.transform)
 
 
 def find_manifests(place: Path) -> list[Path]:

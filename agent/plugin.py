@@ -11,9 +11,10 @@ class Blinker(Unit):
         return f"hello {name}"
 """
 
+import re
 from collections.abc import Callable
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, overload
 
 import msgspec
 
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 EXTERNAL_MARK = "__robrain_external__"
+"""Holds the external name of a function."""
+UNLOCKED_MARK = "__robrain_unlocked__"
+_EXTERNAL_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
 class Level(IntEnum):
@@ -97,7 +101,33 @@ class Behavior(Plugin):
     level = Level.BEHAVIOR
 
 
-def external(function: Function) -> Function:
-    """Open a method to callers outside the robot; its type hints are the signature."""
-    setattr(function, EXTERNAL_MARK, True)
+@overload
+def external(function: Function, /) -> Function: ...
+@overload
+def external(name: str, /) -> Callable[[Function], Function]: ...
+def external(marked: Any, /) -> Any:
+    """Open a method to callers outside the robot; its type hints are the signature.
+
+    `@external` opens it under its own name, `@external("foo")` as `foo`. Several methods may share an external name
+    if their signatures differ.
+
+    Raises:
+        ValueError: the name cannot be called from outside.
+
+    """
+    if isinstance(marked, str):
+        return lambda function: _opened(function, marked)
+    return _opened(marked, marked.__name__)
+
+
+def unlocked(function: Function) -> Function:
+    """Have a function called without the plugin's lock: it calls upwards, or only reads what one step writes."""
+    setattr(function, UNLOCKED_MARK, True)
+    return function
+
+
+def _opened(function: Function, name: str) -> Function:
+    if not _EXTERNAL_NAME.fullmatch(name):
+        raise ValueError(f"external name {name!r}: expected ASCII letters, digits and _, not starting with a digit")
+    setattr(function, EXTERNAL_MARK, name)
     return function

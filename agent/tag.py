@@ -1,25 +1,25 @@
 """The tag of one plugin: it loads it, holds its manifest and environment, checks access, runs its lifecycle."""
 
-import importlib
-import importlib.util
 import logging
-import sys
-import threading
 from collections.abc import Callable
 from enum import StrEnum
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-import msgspec
-
-from robrain.agent.environment import Environment
-from robrain.agent.errors import AccessDenied, ManifestError, PluginBusy, PluginError, PluginInactive
+from robrain.agent.errors import (
+    AccessDenied,
+    PluginBusy,
+    PluginError,
+    PluginHung,
+    PluginInactive,
+    PluginUnloaded,
+)
 from robrain.agent.event import Event, Mailbox
-from robrain.agent.external import ExternalFunction, external_functions
 from robrain.agent.handle import Handle
-from robrain.agent.manifest import ANYBODY, COMMAND, Manifest, where_and_what
+from robrain.agent.loading import Loaded, PluginCode, check_parameters, import_code
+from robrain.agent.manifest import ANYBODY, COMMAND, Manifest
 from robrain.agent.plugin import Level, Plugin
 from robrain.agent.task_desk import Accept, LetGo, TaskDesk
+from robrain.agent.turn import Turn
 from robrain.protocol.model.task import Task
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Handler, Request, Serve
@@ -35,7 +35,6 @@ logger = logging.getLogger(__name__)
 InterfaceT = TypeVar("InterfaceT")
 
 NEVER_NS = 1 << 63
-
 LOCK_TIMEOUT_S = 2.0
 """A plugin that does not come back for so long when it is to be deactivated is left behind."""
 
@@ -49,6 +48,7 @@ class PluginState(StrEnum):
     ACTIVE = "active"
     FAULTED = "faulted"
     HALTED = "halted"
+    UNLOADED = "unloaded"
 
 
 class PluginTag:
@@ -59,127 +59,176 @@ class PluginTag:
         self.name = manifest.name
         self.state = PluginState.DISCOVERED
         self.why = ""
-        self.lock = threading.RLock()
+        self.turn = Turn(self.name, manifest.tag.hang_s, manager.clock)
+        """Who is in the plugin at the moment: its lock."""
         self.mailbox = Mailbox()
         self.holder = ""
         """Who uses the plugin exclusively."""
         self.overruns = 0
+        self.restarts = 0
+        self.generation = 0
+        """Grows when the plugin is left behind in a step that hangs."""
         self.period_ns = 0
         """How often the plugin wants its step; 0 if it is passive."""
         self.due_ns = NEVER_NS
         """When its next step is due, in lockstep."""
         self._manager = manager
-        self._plugin: Plugin | None = None
-        self._class: type[Plugin] | None = None
-        self._environment: Environment | None = None
-        self._functions: dict[str, ExternalFunction] = {}
+        self._code: PluginCode | None = None
+        self._loaded: Loaded | None = None
         self._observed: list[Event[Any]] = []
         self._kinds: list[type] = []
 
-    # -- lifecycle ------------------------------------------------------------------------------------------
+    # -- what it holds --------------------------------------------------------------------------------------
+
+    @property
+    def code(self) -> PluginCode:
+        """The plugin's class and functions; imported on first use (ManifestError if that fails)."""
+        if self._code is None:
+            self._code = import_code(self.manifest)
+        return self._code
 
     @property
     def plugin_class(self) -> type[Plugin]:
-        """The plugin's class; imported on first use.
-
-        Raises:
-            ManifestError: it cannot be imported, or is no plugin.
-
-        """
-        if self._class is None:
-            found = self._import()
-            try:
-                self._functions = external_functions(found)
-            except Exception as error:  # hints are foreign code: msgspec or get_type_hints may not understand them
-                raise ManifestError(
-                    self.manifest.path, "[plugin] class", f"the external functions of {found.__name__}: {error}"
-                ) from error
-            self._class = found
-        return self._class
+        """The plugin's class (ManifestError if it cannot be imported)."""
+        return self.code.plugin_class
 
     @property
     def level(self) -> Level:
         """The plugin's level; the highest if its class could not be imported."""
-        return self._class.level if self._class is not None else max(Level)
-
-    @property
-    def plugin(self) -> Plugin:
-        """The instance.
-
-        Raises:
-            PluginInactive: it is not loaded.
-
-        """
-        if self._plugin is None:
-            raise PluginInactive(self.name, f"{self.name} is {self.state}{f': {self.why}' if self.why else ''}")
-        return self._plugin
+        return self._code.plugin_class.level if self._code is not None else max(Level)
 
     @property
     def period_s(self) -> float | None:
         """How often the plugin wants its step; None if it is passive or not there."""
-        return self._plugin.period_s if self._plugin is not None else None
+        return self._loaded.plugin.period_s if self._loaded is not None else None
+
+    @property
+    def is_there(self) -> bool:
+        """Whether there is an instance."""
+        return self._loaded is not None
+
+    @property
+    def plugin(self) -> Plugin:
+        """The instance, whatever its state (PluginInactive if there is none)."""
+        if self._loaded is None:
+            raise PluginInactive(self.name, f"{self.name} is {self.state}{f': {self.why}' if self.why else ''}")
+        return self._loaded.plugin
 
     def live_plugin(self) -> Plugin:
-        """The instance, if it may be called now (PluginInactive if not)."""
-        if self.state is not PluginState.ACTIVE or self._plugin is None:
-            raise PluginInactive(self.name, f"{self.name} is {self.state}{f': {self.why}' if self.why else ''}")
-        return self._plugin
+        """The instance, if it may be called now.
+
+        Raises:
+            PluginUnloaded: it has gone.
+            PluginInactive: it is there, but not active.
+
+        """
+        if self.state is PluginState.ACTIVE and self._loaded is not None:
+            return self._loaded.plugin
+        kind = PluginUnloaded if self.state is PluginState.UNLOADED else PluginInactive
+        raise kind(self.name, f"{self.name} is {self.state}{f': {self.why}' if self.why else ''}")
+
+    def events(self) -> dict[str, Event[Any]]:
+        """The events of the instance, by name; none if there is no instance."""
+        return self._loaded.events() if self._loaded is not None else {}
+
+    # -- lifecycle ------------------------------------------------------------------------------------------
 
     def load(self) -> None:
         """Create the plugin with its checked parameters and environment, and call its `init`."""
-        plugin_class = self.plugin_class
-        given = {**self.manifest.parameters, **self._manager.parameters_of(self.name)}
-        try:
-            parameters = msgspec.convert(given, plugin_class.Parameters)
-        except msgspec.ValidationError as error:
-            where, what = where_and_what(error)
-            key = "[parameters]" if where == "file" else f"[parameters] {where}"
-            overridden = ", ".join(sorted(self._manager.parameters_of(self.name)))
-            if overridden:
-                what = f"{what} (the robot's file sets {overridden})"
-            raise ManifestError(self.manifest.path, key, what) from error
-        self._environment = self._manager.make_environment(self)
-        self._plugin = plugin_class(self._environment, parameters)
-        self._plugin.init()
+        self._loaded = self._create(self.manifest, self.code)
         self._become(PluginState.LOADED)
 
     def activate(self) -> None:
         """Call the plugin's `activate`; it is callable from then on."""
-        with self.lock:
+        with self.turn:
             self.plugin.activate()
-            self.period_ns = self._checked_period_ns()
-            self.due_ns = 0 if self.period_ns else NEVER_NS
-            self._become(PluginState.ACTIVE)
+            self._started()
 
-    def deactivate(self) -> None:
+    def deactivate(self, why: str = "") -> None:
         """Call the plugin's `deactivate` and let go of all that its tag holds for it."""
-        if not self.lock.acquire(timeout=LOCK_TIMEOUT_S):
+        if not self.turn.acquire(LOCK_TIMEOUT_S):
             logger.error("%s: plugin %s hangs and is left behind", self._manager.robot, self.name)
-            self._become(PluginState.FAULTED, "hangs")
-            self._let_go()
+            self.abandon("hangs")
             return
         try:
-            if self._plugin is None or self.state not in (PluginState.ACTIVE, PluginState.HALTED):
+            if self._loaded is None or self.state not in (PluginState.ACTIVE, PluginState.HALTED):
                 return
-            self._become(PluginState.INACTIVE)
+            self._become(PluginState.INACTIVE, why)
             try:
-                self._plugin.deactivate()
+                self._loaded.plugin.deactivate()
             finally:
                 self._let_go()
         finally:
-            self.lock.release()
+            self.turn.release()
+
+    def replace(self, manifest: Manifest) -> None:
+        """Take a new instance, made from the manifest and code as they are now on disk, in place of the old.
+
+        The new one is imported, created and initialised beside the old. If that or its activation fails, the old one
+        keeps running, and the error is raised. Handles and observers follow.
+        """
+        code = import_code(manifest, fresh=True)
+        fresh = self._create(manifest, code)
+        old, old_code, old_manifest, old_state = self._loaded, self._code, self.manifest, self.state
+        with self.turn:
+            self.deactivate("it is being reloaded")
+            if old is not None:
+                old.environment.wire.close()
+                _move_events(old, fresh)
+            self.manifest, self._code, self._loaded = manifest, code, fresh
+            try:
+                fresh.plugin.activate()
+            except BaseException:
+                fresh.environment.wire.close()
+                self.manifest, self._code, self._loaded = old_manifest, old_code, old
+                if old is not None and old_state in (PluginState.ACTIVE, PluginState.HALTED):
+                    _move_events(fresh, old)
+                    old.environment.wire.reopen()
+                    old.plugin.activate()
+                    self._started()
+                raise
+            self._started()
 
     def fault(self, error: Exception) -> None:
-        """The plugin raised: it is not called any more."""
+        """The plugin raised, hangs or floods: it is not called any more; the manager sees to the rest in its turn."""
+        if self.state in (PluginState.FAULTED, PluginState.UNLOADED):
+            return
         logger.error("%s: plugin %s faulted: %s", self._manager.robot, self.name, error, exc_info=error)
         self._become(PluginState.FAULTED, f"{type(error).__name__}: {error}")
         self._let_go()
+        self._manager.note_fault(self)
+
+    def abandon(self, why: str) -> None:
+        """Leave an instance behind that somebody is stuck in; what it does from now on has no consequence."""
+        loaded, self._loaded = self._loaded, None
+        self.generation += 1
+        self.turn = Turn(self.name, self.manifest.tag.hang_s, self._manager.clock)
+        self._become(PluginState.FAULTED, why)
+        self._let_go()
+        if loaded is not None:
+            loaded.environment.wire.close()
+
+    def drop(self) -> None:
+        """Let a faulted instance clean up after itself as well as it can, and forget it."""
+        loaded = self._loaded
+        if loaded is None or not self.turn.acquire(0.1):
+            self.abandon(self.why)
+            return
+        try:
+            loaded.plugin.deactivate()
+        except Exception as error:  # noqa: BLE001 - foreign plugin code, and faulted at that
+            logger.debug("%s: plugin %s could not clean up: %s", self._manager.robot, self.name, error)
+        finally:
+            self.turn.release()
+        loaded.environment.wire.close()
+        self._loaded = None
 
     def halt(self) -> None:
         """Refuse calls, then call the plugin's `emergency_halt`, without its lock."""
         self.refuse_calls()
-        if self._plugin is not None:
-            self._plugin.emergency_halt()
+        loaded = self._loaded
+        if loaded is not None:
+            loaded.plugin.emergency_halt()
 
     def refuse_calls(self) -> None:
         """The first half of a halt."""
@@ -192,21 +241,42 @@ class PluginTag:
             self._become(PluginState.ACTIVE)
 
     def close(self) -> None:
-        """Let go of the wire as well; the tag is of no use any more."""
-        if self._environment is not None:
-            self._environment.wire.close()
-            self._environment = None
+        """Let go of the instance and its wire."""
+        if self._loaded is not None:
+            self._loaded.environment.wire.close()
+            self._loaded = None
+
+    def unloaded(self) -> None:
+        """The tag is of no use any more: handles on it say so."""
+        self.close()
+        self._become(PluginState.UNLOADED)
 
     def leave_out(self, why: str) -> None:
         """The plugin cannot be started; it stays listed with the reason."""
         self._become(PluginState.FAULTED, why)
         self._let_go()
 
-    def _checked_period_ns(self) -> int:
+    def _create(self, manifest: Manifest, code: PluginCode) -> Loaded:
+        parameters = check_parameters(manifest, code, self._manager.parameters_of(self.name))
+        environment = self._manager.make_environment(self)
+        try:
+            loaded = Loaded(code, self._manager.construct(code, environment, parameters, manifest), environment)
+            loaded.plugin.init()
+        except BaseException:
+            environment.wire.close()
+            raise
+        return loaded
+
+    def _started(self) -> None:
         period_s = self.period_s
         if period_s is not None and not period_s > 0:
             raise PluginError(self.name, f"{self.name}: expected period_s > 0 or None, got {period_s}")
-        return to_ns(period_s) if period_s is not None else 0
+        self.period_ns = to_ns(period_s) if period_s is not None else 0
+        self.due_ns = 0 if self.period_ns else NEVER_NS
+        if self._manager.halted:
+            self._become(PluginState.HALTED, "emergency halt")
+        else:
+            self._become(PluginState.ACTIVE)
 
     def _become(self, state: PluginState, why: str = "") -> None:
         self.state = state
@@ -216,9 +286,8 @@ class PluginTag:
         for event in self._observed:
             event.remove(self.mailbox)
         self._observed.clear()
-        if self._environment is not None:
-            for kind in self._kinds:
-                self._environment.tasks.unregister(kind)
+        for kind in self._kinds:
+            self._manager.desk.unregister(kind)
         self._kinds.clear()
         self._manager.release(self.name)
 
@@ -226,30 +295,31 @@ class PluginTag:
 
     def run_step(self) -> None:
         """Deliver what was notified, then the plugin's own step; a plugin that raises is faulted."""
-        with self.lock:
-            if self.state is not PluginState.ACTIVE or self._plugin is None:
-                return
-            try:
-                self.mailbox.deliver()
-                if self._plugin.period_s is not None:
-                    self._plugin.step()
-            except Exception as error:  # noqa: BLE001 - foreign plugin code
-                self._blame(error)
+        self._run(steps=True)
 
     def deliver(self) -> None:
         """Deliver what was notified, between two steps or to a passive plugin."""
-        with self.lock:
-            if self.state is not PluginState.ACTIVE:
+        self._run(steps=False)
+
+    def _run(self, *, steps: bool) -> None:
+        turn = self.turn
+        with turn:
+            loaded = self._loaded
+            if self.state is not PluginState.ACTIVE or loaded is None:
                 return
             try:
                 self.mailbox.deliver()
+                if steps and loaded.plugin.period_s is not None:
+                    loaded.plugin.step()
             except Exception as error:  # noqa: BLE001 - foreign plugin code
-                self._blame(error)
+                if loaded is self._loaded:
+                    self._blame(error)
 
     def _blame(self, error: Exception) -> None:
-        """What the plugin raised is its fault, unless it ran into an emergency halt of what it calls."""
-        if not (isinstance(error, PluginInactive) and self._manager.halted):
-            self.fault(error)
+        """What the plugin raised is its fault, unless it ran into a halt or an end of what it calls."""
+        if isinstance(error, PluginInactive) and self._manager.excuses(self, error.plugin):
+            return
+        self.fault(error)
 
     # -- access ---------------------------------------------------------------------------------------------
 
@@ -279,7 +349,7 @@ class PluginTag:
         visible = self.manifest.tag.visibility
         if caller.name not in visible and ANYBODY not in visible:
             raise AccessDenied(self.name, f"{caller.name} is not in the visibility of {self.name}")
-        if own.interface is None or interface not in own.interface.__mro__:
+        if own.interface is None or not _offers(own.interface, interface):
             offered = own.interface.__name__ if own.interface else "nothing"
             raise AccessDenied(self.name, f"{self.name} offers {offered}, not {interface.__name__}")
         if not self.manifest.tag.shared:
@@ -295,21 +365,28 @@ class PluginTag:
             CallError: with the code that says why not.
 
         """
+        known = self._external(function)
+        return self._outside_call(known, lambda plugin: known.call(plugin, payload))
+
+    def _external(self, function: str) -> Any:
         if COMMAND not in self.manifest.tag.visibility:
             raise CallError(ErrorCode.FORBIDDEN, f"{self.name} is not open to the outside")
-        if self._class is None:
+        if self._code is None:
             raise CallError(ErrorCode.INACTIVE, f"{self.name} is {self.state}: {self.why}")
-        known = self._functions.get(function)
+        known = self._code.functions.get(function)
         if known is None:
-            names = ", ".join(self._functions) or "none"
+            names = ", ".join(self._code.functions) or "none"
             raise CallError(ErrorCode.UNKNOWN_FUNCTION, f"{self.name} has no function {function}; it has: {names}")
         if self.state is PluginState.HALTED:
             raise CallError(ErrorCode.HALTED, f"{self.name} is halted")
-        with self.lock:
-            try:
-                return known.call(self.live_plugin(), payload)
-            except PluginError as error:
-                raise CallError(error.code, str(error)) from error
+        return known
+
+    def _outside_call(self, known: Any, call: Callable[[Plugin], Any]) -> Any:
+        try:
+            with self.turn:
+                return call(self.live_plugin())
+        except PluginError as error:
+            raise CallError(error.code, str(error)) from error
 
     def observe(self, event: Event[Any], function: Callable[[Any], None]) -> None:
         """Have the plugin told of an event, through the tag's mailbox."""
@@ -320,41 +397,44 @@ class PluginTag:
         """Answer queries for the plugin, with its lock held."""
 
         def locked(request: Request) -> Any:
-            with self.lock:
-                return handler(request)
+            try:
+                with self.turn:
+                    return handler(request)
+            except PluginHung as error:
+                raise CallError(error.code, str(error)) from error
 
-        if self._environment is not None:
-            self._environment.wire.answer(topic, locked, serve=Serve.AT_ONCE, **names)
+        if self._loaded is not None:
+            self._loaded.environment.wire.answer(topic, locked, serve=Serve.AT_ONCE, **names)
 
     def do_tasks(self, desk: TaskDesk, kind: type, accept: Accept, let_go: LetGo) -> None:
         """Register the plugin at the desk; it is called with its lock held, and only while it is active."""
 
         def locked_accept(task: Task) -> TaskAnswer:
-            with self.lock:
-                if self.state is not PluginState.ACTIVE:
-                    return TaskAnswer(accepted=False, why=f"{self.name} is {self.state}")
-                try:
+            try:
+                with self.turn:
+                    if self.state is not PluginState.ACTIVE:
+                        return TaskAnswer(accepted=False, why=f"{self.name} is {self.state}")
                     return accept(task)
-                except Exception as error:  # noqa: BLE001 - foreign plugin code
-                    self._blame(error)
-                    return TaskAnswer(accepted=False, why=f"{self.name} is {self.state}: {self.why}")
+            except Exception as error:  # noqa: BLE001 - foreign plugin code
+                self._blame(error)
+                return TaskAnswer(accepted=False, why=f"{self.name} is {self.state}: {self.why or error}")
 
         def locked_let_go(why: str) -> None:
-            with self.lock:
-                try:
+            try:
+                with self.turn:
                     let_go(why)
-                except Exception as error:  # noqa: BLE001 - foreign plugin code
-                    self._blame(error)
+            except Exception as error:  # noqa: BLE001 - foreign plugin code
+                self._blame(error)
 
         desk.register(kind, locked_accept, locked_let_go)
         self._kinds.append(kind)
 
     def info(self) -> PluginInfo:
         """What the host tells of the plugin."""
-        known = self._class
+        known = self._code
         return PluginInfo(
             name=self.name,
-            level=known.level.name.lower() if known is not None else "",
+            level=known.plugin_class.level.name.lower() if known is not None else "",
             state=self.state.value,
             why=self.why,
             visibility=self.manifest.tag.visibility,
@@ -362,40 +442,21 @@ class PluginTag:
             holder=self.holder,
             period_s=self.period_s,
             overruns=self.overruns,
-            doc=(known.__doc__ or "").strip().partition("\n")[0] if known is not None else "",
-            functions=[function.info for function in self._functions.values()],
+            restarts=self.restarts,
+            doc=(known.plugin_class.__doc__ or "").strip().partition("\n")[0] if known is not None else "",
+            functions=[function.info for function in known.functions.values()] if known is not None else [],
         )
 
-    def _import(self) -> type[Plugin]:
-        module_name, _, class_name = self.manifest.class_path.partition(":")
-        path = self.manifest.path
-        try:
-            beside = path.parent / f"{module_name}.py"
-            module = _import_file(beside) if beside.is_file() else importlib.import_module(module_name)
-        except Exception as error:  # foreign code may raise anything while it is imported
-            raise ManifestError(path, "[plugin] class", f"cannot import {module_name}: {error}") from error
-        found = getattr(module, class_name, None)
-        if not (isinstance(found, type) and issubclass(found, Plugin) and hasattr(found, "level")):
-            raise ManifestError(
-                path,
-                "[plugin] class",
-                f"expected a Device, Unit, Skill or Behavior named {class_name} in {module_name}",
-            )
-        return found
+
+def _offers(own: type, wanted: type) -> bool:
+    """By name, not by identity: after a reload the class that a caller knows is another one of the same name."""
+    name = (wanted.__module__, wanted.__qualname__)
+    return any((base.__module__, base.__qualname__) == name for base in own.__mro__)
 
 
-def _import_file(path: Path) -> Any:
-    name = f"robrain_plugin_{path.stem}_{abs(hash(path.resolve())):x}"
-    if name in sys.modules:  # as any import: plugins in one file share the interfaces that it declares
-        return sys.modules[name]
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
-        raise ImportError(f"{path} is no Python file")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    try:
-        spec.loader.exec_module(module)
-    except BaseException:
-        del sys.modules[name]
-        raise
-    return module
+def _move_events(source: Loaded, target: Loaded) -> None:
+    """Have the observers of one instance observe another: the event objects themselves move."""
+    theirs = target.events()
+    for name, event in source.events().items():
+        if name in theirs:
+            target.plugin.__dict__[name] = event

@@ -292,6 +292,15 @@ class Endpoint:
             self._pool.shutdown(wait=True)  # what waits in it is answered `unloaded` as well
             self._pool = None
 
+    @property
+    def is_closed(self) -> bool:
+        """Whether `close` was called, and `reopen` was not since."""
+        return self._closing
+
+    def reopen(self) -> None:
+        """Use it again after `close`."""
+        self._closing = False
+
     def _from_outside(self) -> bool:
         """In lockstep, whether what is being delivered comes from another process."""
         return self.drive is Drive.LOCKSTEP and threading.get_ident() != self._owner

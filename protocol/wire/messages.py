@@ -127,8 +127,25 @@ class PluginInfo(msgspec.Struct, frozen=True, kw_only=True):
     holder: str = ""
     period_s: float | None = None
     overruns: int = 0
+    restarts: int = 0
+    """How often it was started again after a fault."""
+    distribution: str = ""
+    """The installed distribution that a third-party plugin came with."""
     doc: str = ""
     functions: list[FunctionInfo] = []
+
+
+class HostRequest(msgspec.Struct, frozen=True, kw_only=True):
+    """A query to a robot's host; which fields count depends on the verb in the key."""
+
+    plugin: str = ""
+    """load: a name, or the path of a folder or manifest on the robot's machine; unload, reload: a name."""
+    cascade: bool = False
+    """unload: those that require it as well."""
+    text: str = ""
+    """command: the text form, such as `call driver stop()`."""
+    by: str = ""
+    """Who asks; halt and resume log it."""
 
 
 class TaskOffer(msgspec.Struct, frozen=True, kw_only=True):

@@ -209,6 +209,15 @@ ROBOT_CALL = Topic(
     kind=Kind.QUERY,
     urgency=Urgency.INTERACTIVE_HIGH,
 )
+ROBOT_HOST = Topic(
+    name="robot_host",
+    pattern="robot/{robot}/host/{verb}",
+    doc="Run the host: load, unload, reload, command",
+    by=Role.ROBOT,
+    kind=Kind.QUERY,
+    message=messages.HostRequest,
+    urgency=Urgency.INTERACTIVE_HIGH,
+)
 ROBOT_OFFER = Topic(
     name="robot_offer",
     pattern="robot/{robot}/task/offer",
@@ -336,6 +345,7 @@ TOPICS: tuple[Topic, ...] = (
     ROBOT_LOG,
     ROBOT_PLUGINS,
     ROBOT_CALL,
+    ROBOT_HOST,
     ROBOT_OFFER,
     ROBOT_WITHDRAW,
     MOTE_READING,

@@ -5,6 +5,8 @@ from hypothesis import strategies as st
 from robrain.agent.manager import PluginManager
 from robrain.agent.manifest import Manifest, TagTable
 from robrain.agent.tag import PluginState, PluginTag
+from robrain.agent.task_desk import TaskDesk
+from robrain.protocol.wire.clock import VirtualClock
 
 DIARY = """
     DIARY = []
@@ -156,7 +158,7 @@ class Still(PluginTag):
 
 @given(st.fixed_dictionaries({name: st.lists(st.sampled_from([*NAMES, "ghost"]), max_size=3) for name in NAMES}))
 def test_exactly_those_start_whose_whole_branch_can(tmp_path_factory, requires):
-    manager = PluginManager("r1", lambda _: None, {})
+    manager = PluginManager("r1", VirtualClock(), TaskDesk(), lambda _: None, {})
     for name, required in requires.items():
         manifest = Manifest(name, tmp_path_factory.getbasetemp(), "x:X", {}, TagTable(requires=required))
         manager.tags[name] = Still(manifest, manager)

@@ -1,0 +1,131 @@
+"""Loading a plugin: its class from its manifest, its parameters checked, an instance with its environment."""
+
+import importlib
+import importlib.util
+import sys
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import msgspec
+
+from robrain.agent.environment import Environment
+from robrain.agent.errors import ManifestError
+from robrain.agent.event import Event
+from robrain.agent.external import ExternalFunction, external_functions
+from robrain.agent.manifest import Manifest, where_and_what
+from robrain.agent.plugin import Plugin
+
+
+class PluginCode(msgspec.Struct, frozen=True):
+    """A plugin's class, and what it opens to the outside."""
+
+    plugin_class: type[Plugin]
+    functions: dict[str, ExternalFunction]
+
+
+class Loaded(msgspec.Struct, frozen=True, eq=False):
+    """One instance of a plugin, with the environment that was made for it."""
+
+    code: PluginCode
+    plugin: Plugin
+    environment: Environment
+
+    def events(self) -> dict[str, Event[Any]]:
+        """The instance's own events, by name."""
+        declared = {
+            name for base in type(self.plugin).__mro__ for name, value in vars(base).items() if _is_event(value)
+        }
+        return {name: getattr(self.plugin, name) for name in sorted(declared)}
+
+
+def import_code(manifest: Manifest, *, fresh: bool = False) -> PluginCode:
+    """Import the class that a manifest names.
+
+    Args:
+        manifest: its `class` is `module:Class`; the module lies beside the manifest or can be imported.
+        fresh: read the module anew, after an edit; if that fails the old module stays.
+
+    Raises:
+        ManifestError: it cannot be imported, is no plugin, or has functions that cannot be described.
+
+    """
+    module_name, _, class_name = manifest.class_path.partition(":")
+    beside = manifest.path.parent / f"{module_name}.py"
+    try:
+        module = _import_file(beside, fresh=fresh) if beside.is_file() else _import_module(module_name, fresh=fresh)
+    except Exception as error:  # foreign code may raise anything while it is imported
+        raise ManifestError(manifest.path, "[plugin] class", f"cannot import {module_name}: {error}") from error
+    found = getattr(module, class_name, None)
+    if not (isinstance(found, type) and issubclass(found, Plugin) and hasattr(found, "level")):
+        raise ManifestError(
+            manifest.path,
+            "[plugin] class",
+            f"expected a Device, Unit, Skill or Behavior named {class_name} in {module_name}",
+        )
+    try:
+        return PluginCode(found, external_functions(found))
+    except Exception as error:  # hints are foreign code: msgspec or get_type_hints may not understand them
+        raise ManifestError(
+            manifest.path, "[plugin] class", f"the external functions of {class_name}: {error}"
+        ) from error
+
+
+def check_parameters(manifest: Manifest, code: PluginCode, overrides: Mapping[str, Any]) -> msgspec.Struct:
+    """The parameters of a plugin: its manifest's, overridden by the robot's file.
+
+    Raises:
+        ManifestError: naming the key and what was expected.
+
+    """
+    try:
+        return msgspec.convert({**manifest.parameters, **overrides}, code.plugin_class.Parameters)
+    except msgspec.ValidationError as error:
+        where, what = where_and_what(error)
+        key = "[parameters]" if where == "file" else f"[parameters] {where}"
+        if overrides:
+            what = f"{what} (the robot's file sets {', '.join(sorted(overrides))})"
+        raise ManifestError(manifest.path, key, what) from error
+
+
+def _is_event(value: object) -> bool:
+    return isinstance(value, Event)
+
+
+def _import_module(name: str, *, fresh: bool) -> ModuleType:
+    module = importlib.import_module(name)
+    if not fresh or module.__spec__ is None or module.__spec__.origin is None:
+        return module
+    return _execute(name, Path(module.__spec__.origin), module)
+
+
+def _import_file(path: Path, *, fresh: bool) -> ModuleType:
+    name = f"robrain_plugin_{path.stem}_{abs(hash(path.resolve())):x}"
+    before = sys.modules.get(name)
+    if before is not None and not fresh:  # as any import: plugins in one file share the interfaces that it declares
+        return before
+    return _execute(name, path, before)
+
+
+def _execute(name: str, path: Path, before: ModuleType | None) -> ModuleType:
+    importlib.invalidate_caches()
+    if before is not None:
+        # A byte-code file is taken for current if source time (in seconds) and size agree: too coarse for an edit.
+        with suppress(NotImplementedError):
+            Path(importlib.util.cache_from_source(str(path))).unlink(missing_ok=True)
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{path} is no Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        if before is None:
+            del sys.modules[name]
+        else:
+            sys.modules[name] = before
+        raise
+    return module

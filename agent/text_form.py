@@ -1,0 +1,462 @@
+"""The text form: calls, arguments and results as a person types and reads them.
+
+    call driver drive(1.0)
+    call driver drive(distance_m=1.0, "a b")
+
+Numbers, truth values, `null`, words, and text in "double" (as in JSON) or 'single' quotes (taken as it stands) are
+written plainly; structs, lists and the like as JSON. `register_text_form` teaches a type of one's own, for JSON too.
+"""
+
+import json
+import re
+import types
+from collections.abc import Callable, Iterable
+from enum import Enum
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
+
+import msgspec
+
+from robrain.protocol.wire.errors import CallError, ErrorCode
+
+T = TypeVar("T")
+
+TEXT_FORM_MARK = "__robrain_text_form__"
+NULLS = ("null", "None")
+GRAMMAR = "`call PLUGIN FUNCTION(ARGUMENTS)`, `list` or `help [PLUGIN]`"
+
+_INTEGER = re.compile(r"[+-]?[0-9]+")
+_CALL = re.compile(r"call\s+([^\s()]+)\s+([^\s()]+)\s*(.*)", re.DOTALL)
+_QUESTION = re.compile(r"(list)|help(?:\s+([^\s()]+))?")
+_NAMED = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)\s*=(?!=)\s*(.*)", re.DOTALL)
+_CLOSING = {"(": ")", "[": "]", "{": "}"}
+_SHOWN = 60
+
+
+# -- types of one's own -------------------------------------------------------------------------------------------
+
+
+class TextForm(NamedTuple):
+    """How one type is written."""
+
+    parse: Callable[[str], Any]
+    print: Callable[[Any], str]
+    to_json: Callable[[Any], Any]
+    from_json: Callable[[Any], Any]
+    schema: dict[str, Any]
+
+
+_of_fixed_types: dict[type, TextForm] = {}
+"""Of types that take no attribute, such as `complex`; all others carry their form, so that it goes when they go."""
+
+
+def register_text_form(
+    kind: type[T],
+    parse: Callable[[str], T],
+    print: Callable[[T], str],
+    *,
+    to_json: Callable[[T], Any] | None = None,
+    from_json: Callable[[Any], T] | None = None,
+) -> None:
+    """Say how a type is written, so that external functions may take and return it (the paper's `<<` and `>>`).
+
+    Args:
+        kind: the type.
+        parse: makes one out of text; raises ValueError if it cannot.
+        print: the text of one.
+        to_json: what JSON knows of it; its text if absent. Structs and dataclasses need none.
+        from_json: the reverse.
+
+    Raises:
+        ValueError: one of the hooks without the other, or the type has a form already that cannot be replaced.
+
+    """
+    own_json = isinstance(msgspec.inspect.type_info(kind), msgspec.inspect.CustomType)
+    if (to_json is None) != (from_json is None):
+        raise ValueError(f"{kind.__name__}: expected both of to_json and from_json, or none")
+    if to_json is not None and not own_json:
+        raise ValueError(f"{kind.__name__} is written as JSON already; leave out to_json and from_json")
+    schema = {"title": kind.__name__}
+
+    def from_text(value: Any) -> T:
+        if not isinstance(value, str):
+            raise ValueError(f"expected text, got {type(value).__name__}")  # noqa: TRY004 - as any parser
+        return parse(value)
+
+    if to_json is None or from_json is None:
+        form = TextForm(parse, print, print, from_text, schema | {"type": "string"})
+    else:
+        form = TextForm(parse, print, to_json, from_json, schema)
+    try:
+        setattr(kind, TEXT_FORM_MARK, form)
+    except TypeError as error:
+        if not own_json:
+            raise ValueError(f"{kind.__name__} has a text form that cannot be replaced") from error
+        _of_fixed_types[kind] = form
+
+
+def encode_own(value: Any) -> Any:
+    """msgspec's `enc_hook`: a registered type as what JSON knows (TypeError if it is none)."""
+    form = _form_of_value(value)
+    if form is None:
+        kind = type(value).__name__
+        raise TypeError(f"Encoding objects of type {kind} is unsupported; register_text_form({kind}, …) teaches it")
+    return form.to_json(value)
+
+
+def decode_own(kind: Any, value: Any) -> Any:
+    """msgspec's `dec_hook`: a registered type out of JSON (ValueError if it cannot be)."""
+    form = _form_of(kind)
+    if form is None:
+        raise TypeError(_unknown(kind))
+    return _foreign(form.from_json, value, kind)
+
+
+def schema_of_own(kind: Any) -> dict[str, Any]:
+    """msgspec's `schema_hook`: the JSON Schema of a registered type (TypeError if it is none)."""
+    form = _form_of(kind)
+    if form is None:
+        raise TypeError(_unknown(kind))
+    return form.schema
+
+
+def _form_of(kind: Any) -> TextForm | None:
+    if not isinstance(kind, type):
+        return None
+    found = vars(kind).get(TEXT_FORM_MARK)
+    return found if isinstance(found, TextForm) else _of_fixed_types.get(kind)
+
+
+def _form_of_value(value: Any) -> TextForm | None:
+    return next((form for base in type(value).__mro__ if (form := _form_of(base)) is not None), None)
+
+
+def _unknown(kind: Any) -> str:
+    return f"{kind_name(kind)} has no text form; register_text_form({kind_name(kind)}, …) teaches it"
+
+
+def _foreign(parse: Callable[[Any], Any], given: Any, kind: Any) -> Any:
+    try:
+        return parse(given)
+    except Exception as error:  # a plugin's own parser may raise anything
+        raise ValueError(f"expected a {kind_name(kind)}, got {shown(given)}: {error}") from error
+
+
+# -- values -------------------------------------------------------------------------------------------------------
+
+
+def parse_value(text: str, hint: Any) -> Any:
+    """The value that a text means where a type is expected.
+
+    Args:
+        text: as typed; blanks around it do not count.
+        hint: a type hint.
+
+    Raises:
+        ValueError: saying what was expected, and what was got.
+
+    >>> parse_value("1.5", float), parse_value("hello you", str), parse_value("[1, 2]", list[int])
+    (1.5, 'hello you', [1, 2])
+    """
+    text = text.strip()
+    form = _form_of(hint)
+    if form is not None:
+        return _foreign(form.parse, text, hint)
+    parse = _SCALARS.get(hint) if isinstance(hint, type) else None
+    if parse is not None:
+        return parse(text)
+    if isinstance(hint, type) and issubclass(hint, Enum):
+        return _parse_enum(text, hint)
+    origin = get_origin(hint)
+    if origin is Annotated:
+        return _parse_annotated(text, hint)
+    if origin is Union or origin is types.UnionType:
+        return _parse_union(text, hint)
+    if origin is Literal:
+        return _parse_literal(text, hint)
+    if hasattr(hint, "__supertype__"):  # a NewType
+        return parse_value(text, hint.__supertype__)
+    if hint is Any or isinstance(hint, TypeVar):
+        return _parse_any(text)
+    return _parse_json(text, hint)
+
+
+def print_value(value: Any) -> str:
+    """The text of a value, in one line unless a type's own printer breaks it; `parse_value` reads it again.
+
+    A text is quoted only if it would not be read as itself.
+
+    >>> print_value(1.5), print_value("hello you"), print_value([1, 2]), print_value(None)
+    ('1.5', 'hello you', '[1, 2]', 'null')
+    """
+    form = _form_of_value(value)
+    if form is not None:
+        return form.print(value)
+    if value is None:
+        return "null"
+    if isinstance(value, Enum):
+        return print_value(value.value)
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int):
+        return int.__repr__(value)
+    if isinstance(value, float):
+        return float.__repr__(value)  # numpy's own repr names the type
+    if isinstance(value, str):
+        return _quoted_if_needed(value)
+    encoded = msgspec.json.encode(value, enc_hook=encode_own)
+    if encoded.startswith(b'"'):  # bytes, times and the like
+        return _quoted_if_needed(msgspec.json.decode(encoded, type=str))
+    return msgspec.json.format(encoded, indent=0).decode()
+
+
+def is_quoted(text: str) -> bool:
+    """Whether a text can only be meant as text."""
+    return text.lstrip()[:1] in ('"', "'")
+
+
+def kind_name(hint: Any) -> str:
+    """A type hint as a message says it."""
+    if hint is type(None):
+        return "null"
+    return hint.__name__ if isinstance(hint, type) and not get_args(hint) else str(hint).replace("typing.", "")
+
+
+def shown(value: Any) -> str:
+    """What somebody gave, as a message shows it; cut if it is long."""
+    text = value if isinstance(value, str) else str(value)
+    return repr(text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…")
+
+
+def _expected(what: str, text: str) -> ValueError:
+    return ValueError(f"expected {what}, got {shown(text)}")
+
+
+def _parse_bool(text: str) -> bool:
+    known = {"true": True, "false": False}
+    if text.casefold() not in known:
+        raise _expected("true or false", text)
+    return known[text.casefold()]
+
+
+def _parse_int(text: str) -> int:
+    if not _INTEGER.fullmatch(text):
+        raise _expected("a whole number", text)
+    return int(text)
+
+
+def _parse_float(text: str) -> float:
+    try:
+        if text.isascii() and "_" not in text:
+            return float(text)
+    except ValueError:
+        pass
+    raise _expected("a number", text)
+
+
+def _parse_none(text: str) -> None:
+    if text not in NULLS:
+        raise _expected("null", text)
+
+
+def _unquoted(text: str) -> str:
+    """The text itself, without the quotes that may stand around it."""
+    if text.startswith("'"):
+        if len(text) < 2 or text.find("'", 1) != len(text) - 1:
+            raise _expected("one text between single quotes", text)
+        return text[1:-1]
+    if not text.startswith('"'):
+        return text
+    try:
+        found = json.loads(text, strict=False)
+    except ValueError as error:
+        raise ValueError(f"expected one text between double quotes, got {shown(text)}: {error}") from error
+    assert isinstance(found, str)
+    return found
+
+
+def _quoted_if_needed(text: str) -> str:
+    plain = text and text == text.strip() and text.isprintable() and not is_quoted(text) and text not in NULLS
+    return text if plain else json.dumps(text)
+
+
+_SCALARS: dict[type, Callable[[str], Any]] = {
+    bool: _parse_bool,
+    int: _parse_int,
+    float: _parse_float,
+    str: _unquoted,
+    type(None): _parse_none,
+}
+
+
+def _parse_enum(text: str, hint: type[Enum]) -> Enum:
+    plain = _unquoted(text)
+    for member in hint:
+        if plain == str(member.value) or text == print_value(member.value):
+            return member
+    if plain in hint.__members__:
+        return hint[plain]
+    raise _expected(f"one of {', '.join(print_value(member.value) for member in hint)}", text)
+
+
+def _parse_literal(text: str, hint: Any) -> Any:
+    options = get_args(hint)
+    for option in options:
+        if text == print_value(option) or (isinstance(option, str) and _unquoted(text) == option):
+            return option
+    raise _expected(f"one of {', '.join(map(print_value, options))}", text)
+
+
+def _parse_annotated(text: str, hint: Any) -> Any:
+    bare = get_args(hint)[0]
+    if not isinstance(bare, type) or _form_of(bare) is not None or bare not in _SCALARS:
+        return parse_value(text, bare) if _form_of(bare) is not None else _parse_json(text, hint)
+    return _checked(lambda: msgspec.convert(parse_value(text, bare), hint))
+
+
+def _parse_union(text: str, hint: Any) -> Any:
+    members = [member for member in get_args(hint) if member is not type(None)]
+    if type(None) in get_args(hint) and text in NULLS:
+        return None
+    if len(members) > 1 and not is_quoted(text):
+        try:
+            return msgspec.json.decode(text, type=hint, dec_hook=decode_own)
+        except (msgspec.DecodeError, TypeError, ValueError, RecursionError):
+            pass  # not JSON, or types that msgspec does not tell apart: each is tried
+    complaints = []
+    # Any text is a str: it comes last, unless the text is quoted.
+    for member in sorted(members, key=lambda member: (member is str) != is_quoted(text)):
+        try:
+            return parse_value(text, member)
+        except ValueError as error:
+            complaints.append(str(error))
+    raise ValueError("; or ".join(complaints))
+
+
+def _parse_any(text: str) -> Any:
+    try:
+        return msgspec.json.decode(text)
+    except (msgspec.DecodeError, ValueError, RecursionError):
+        return _unquoted(text)
+
+
+def _parse_json(text: str, hint: Any) -> Any:
+    if is_quoted(text):
+        plain = _unquoted(text)
+        return _checked(lambda: msgspec.convert(plain, hint, dec_hook=decode_own))
+    try:
+        return _checked(lambda: msgspec.json.decode(text, type=hint, dec_hook=decode_own))
+    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
+        try:
+            return msgspec.convert(text, hint, dec_hook=decode_own)  # times, bytes and the like without quotes
+        except msgspec.ValidationError:
+            raise ValueError(f"expected a {kind_name(hint)} as JSON, got {shown(text)}: {error}") from error
+
+
+def _checked(convert: Callable[[], Any]) -> Any:
+    try:
+        return convert()
+    except msgspec.ValidationError as error:
+        raise ValueError(str(error).replace(" - at `$", " at `$")) from error
+
+
+# -- calls --------------------------------------------------------------------------------------------------------
+
+
+class Call(NamedTuple):
+    """`call PLUGIN FUNCTION(ARGUMENTS)`, taken apart."""
+
+    plugin: str
+    function: str
+    """Its external name, or its signature as `void.foo-int-string`."""
+    arguments: list[str]
+    """As typed, `name=` and quotes included."""
+
+
+class Question(NamedTuple):
+    """`list`, `help` or `help PLUGIN`."""
+
+    verb: Literal["list", "help"]
+    plugin: str = ""
+
+
+def parse_command(text: str) -> Call | Question:
+    """Take any command apart.
+
+    Raises:
+        CallError: `bad_arguments`, saying what was expected.
+
+    """
+    found = _QUESTION.fullmatch(text.strip())
+    if found is None:
+        return parse_call(text)
+    return Question("list") if found[1] else Question("help", found[2] or "")
+
+
+def parse_call(text: str) -> Call:
+    """Take a call apart; without brackets it has no arguments.
+
+    Raises:
+        CallError: `bad_arguments`, saying what was expected.
+
+    >>> parse_call('call driver drive(distance_m=1.0, "a, b")')
+    Call(plugin='driver', function='drive', arguments=['distance_m=1.0', '"a, b"'])
+    """
+    found = _CALL.fullmatch(text.strip())
+    if found is None:
+        raise CallError(ErrorCode.BAD_ARGUMENTS, f"expected {GRAMMAR}, got {shown(text)}")
+    plugin, function, rest = found.groups()
+    if rest and not rest.startswith("("):
+        raise CallError(ErrorCode.BAD_ARGUMENTS, f"expected ( after {function}, got {shown(rest)}")
+    return Call(plugin, function, _split(rest) if rest else [])
+
+
+def parse_argument(word: str) -> tuple[str | None, str]:
+    """An argument of a call as its name, if it has one, and its value's text.
+
+    >>> parse_argument("distance_m=1.0"), parse_argument('"a=b"')
+    (('distance_m', '1.0'), (None, '"a=b"'))
+    """
+    found = _NAMED.fullmatch(word)
+    return (found[1], found[2]) if found is not None else (None, word)
+
+
+def _split(text: str) -> list[str]:
+    """Split `(…)` at its commas, but not within brackets or quotes.
+
+    Neither shlex, which takes the quotes away, nor tokenize, which knows no bare words, serves here.
+    """
+    words: list[str] = []
+    closing: list[str] = []
+    quote, start = "", 1
+    places = iter(enumerate(text))
+    for place, char in places:
+        if quote:
+            if char == "\\" and quote == '"':
+                next(places, None)
+            elif char == quote:
+                quote = ""
+        elif char in "\"'" and (text[place - 1].isspace() or text[place - 1] in "([{,=:"):  # not in o'clock
+            quote = char
+        elif char in _CLOSING:
+            closing.append(_CLOSING[char])
+        elif char == "," and len(closing) == 1:
+            words.append(text[start:place])
+            start = place + 1
+        elif char in _CLOSING.values():
+            if closing.pop() != char:
+                raise CallError(ErrorCode.BAD_ARGUMENTS, f"{char} without its opening bracket in {shown(text)}")
+            if not closing:
+                return _whole([*words, text[start:place]], text[place + 1 :])
+    missing = quote or closing[-1]
+    raise CallError(ErrorCode.BAD_ARGUMENTS, f"expected {missing} before the end of {shown(text)}")
+
+
+def _whole(words: Iterable[str], rest: str) -> list[str]:
+    stripped = [word.strip() for word in words]
+    if rest.strip():
+        raise CallError(ErrorCode.BAD_ARGUMENTS, f"expected nothing after the closing ), got {shown(rest)}")
+    if stripped == [""]:
+        return []
+    if "" in stripped:
+        raise CallError(ErrorCode.BAD_ARGUMENTS, f'argument {stripped.index("") + 1} is empty; write null or ""')
+    return stripped

@@ -1,0 +1,58 @@
+"""Turns: one at a time in a plugin, and nobody waits for ever for one that hangs."""
+
+import threading
+from types import TracebackType
+from typing import Self
+
+from robrain.agent.errors import PluginHung
+from robrain.protocol.wire.clock import Clock, to_ns
+
+
+class Turn:
+    """The lock of one plugin; may be taken again by the thread that has it.
+
+    Locks are only ever taken downwards: whoever waits here is of a higher level, or comes from outside.
+
+    Args:
+        plugin: whose lock it is.
+        limit_s: how long a step or call may take; also how long one waits for a turn.
+        clock: tells how long the plugin has been at it.
+
+    """
+
+    def __init__(self, plugin: str, limit_s: float, clock: Clock) -> None:
+        self._plugin = plugin
+        self._limit_s = limit_s
+        self._limit_ns = to_ns(limit_s)
+        self._clock = clock
+        self._lock = threading.RLock()
+        self._depth = 0
+        self._since_ns = 0
+
+    def acquire(self, timeout_s: float) -> bool:
+        """Take the turn; False if it was not to be had in time."""
+        if not self._lock.acquire(timeout=timeout_s):
+            return False
+        if self._depth == 0:
+            self._since_ns = self._clock.now_ns()
+        self._depth += 1
+        return True
+
+    def release(self) -> None:
+        """Give the turn back."""
+        self._depth -= 1
+        self._lock.release()
+
+    def is_overdue(self, now_ns: int) -> bool:
+        """Whether somebody has been in the plugin for longer than the limit."""
+        return self._depth > 0 and now_ns - self._since_ns > self._limit_ns
+
+    def __enter__(self) -> Self:
+        if not self.acquire(self._limit_s):
+            raise PluginHung(self._plugin, f"{self._plugin} has not come back for {self._limit_s:g} s")
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.release()
