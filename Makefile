@@ -2,8 +2,9 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+export CARGO_TARGET_DIR ?= $(CURDIR)/.cache/rust-target
 
-.PHONY: demo test check bench format install clean
+.PHONY: demo test test-rust check bench format install clean
 
 demo: install ## a team explores, seen in the browser, recorded
 	@$(BIN)/robrain demo $(ARGS)
@@ -18,6 +19,16 @@ $(STAMP): pyproject.toml constraints.txt
 
 test: install
 	$(BIN)/python -m pytest $(ARGS)
+
+test-rust: install ## the plugin in Rust, built (for minutes, once) and run
+	@if command -v cargo >/dev/null; then \
+		cargo build --release --locked --manifest-path examples/rust_plugin/Cargo.toml && \
+		$(BIN)/python -m pytest examples/rust_plugin/test_gauge.py $(ARGS); \
+	elif [ -n "$$CI" ]; then \
+		echo "test-rust: there is no cargo here; CI must have one (https://rustup.rs)" >&2; exit 1; \
+	else \
+		echo "test-rust: skipped, there is no cargo here (https://rustup.rs)"; \
+	fi
 
 check: install
 	$(BIN)/ruff check .

@@ -1,6 +1,7 @@
 """What a plugin is given: its name, time, randomness, wire, bus, and the way to other plugins."""
 
-from collections.abc import Callable
+import logging
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import can
@@ -9,13 +10,17 @@ import numpy as np
 from robrain.agent.board import Board
 from robrain.agent.errors import HardwareAbsent
 from robrain.agent.event import Event
+from robrain.agent.events_outside import EventsOutside
 from robrain.agent.task_desk import Accept, LetGo, TaskDesk
 from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Handler
 from robrain.protocol.wire.topics import Topic
 
 if TYPE_CHECKING:
+    from robrain.agent.outside import OutsideDoor
     from robrain.agent.tag import PluginTag
+
+logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
 InterfaceT = TypeVar("InterfaceT")
@@ -32,6 +37,9 @@ class Environment:
         rng: np.random.Generator,
         board: Board,
         tasks: TaskDesk,
+        *,
+        outside: "OutsideDoor | None" = None,
+        connect: list[str] | None = None,
     ) -> None:
         self.plugin = tag.name
         self.robot = robot
@@ -41,6 +49,13 @@ class Environment:
         self.board = board
         """What the robot tells of itself; see RobotState."""
         self.tasks = tasks
+        self.outside = outside
+        """The door that outside callers come in by; for the plugin `command`."""
+        self.connect = connect or []
+        """Endpoints by which a process of the plugin's own reaches the team."""
+        self._events = EventsOutside(wire, robot, tag.name)
+        self._at_end: list[Callable[[str], None]] = []
+        self._of_init: int | None = None
         self.__tag = tag
 
     @property
@@ -61,6 +76,14 @@ class Environment:
         """Have `function` told of an event, on this plugin's own turn."""
         self.__tag.observe(event, function)
 
+    def at_end(self, function: Callable[[str], None]) -> None:
+        """Have `function` told why, whenever the plugin is deactivated, faults or is halted.
+
+        What `activate` asks for is forgotten with the end, what `init` asks for holds as long as the instance. It may
+        be called on any thread, without the plugin's lock, and must not wait for anything.
+        """
+        self._at_end.append(function)
+
     def answer(self, topic: Topic, handler: Handler, **names: str) -> None:
         """Answer queries on a topic, one at a time with the plugin's own functions; see Endpoint.answer."""
         self.__tag.answer(topic, handler, names)
@@ -68,6 +91,31 @@ class Environment:
     def do_tasks(self, kind: type, accept: Accept, let_go: LetGo) -> None:
         """Say that this plugin does tasks of a kind; see TaskDesk.register. Both are called on its own turn."""
         self.__tag.do_tasks(self.tasks, kind, accept, let_go)
+
+    def begin(self, events: Mapping[str, Event[Any]]) -> None:
+        """The plugin is about to be activated: its marked events leave the robot. Called by the tag."""
+        self._of_init = len(self._at_end)
+        self._events.open(events)
+
+    def end_actions(self, why: str) -> None:
+        """Tell those who asked `at_end`. Called by the tag."""
+        for function in self._at_end:
+            try:
+                function(why)
+            except Exception:  # foreign plugin code; the others must be told all the same
+                logger.exception("%s: plugin %s failed while it was ended", self.robot, self.plugin)
+
+    def end(self, why: str) -> None:
+        """The plugin is active no more: nothing that it notifies leaves the robot. Called by the tag."""
+        self.end_actions(why)
+        self._events.close()
+        if self._of_init is not None:
+            del self._at_end[self._of_init :]
+
+    def close(self) -> None:
+        """The instance goes, and its place on the wire with it. Called by the tag."""
+        self.end("the plugin has gone")
+        self.wire.close()
 
     def open_can(self, interface: str, channel: str, **options: Any) -> can.BusABC:
         """Open a python-can bus; `interface = "zenoh"` is the simulator's.

@@ -2,6 +2,9 @@
 
 A plugin declares `finished = Event[str]()` in its class and calls `self.finished.notify("done")`. Observers are
 told through their own mailbox: never on the notifier's thread, never under its lock.
+
+Notifications of an `Event[str](outside=True)` also leave the robot, as messages on its `event/` topic. These are put by
+the notifier's own thread; putting waits for nobody.
 """
 
 from collections import deque
@@ -44,9 +47,19 @@ class Mailbox:
 
 
 class Event(Generic[T]):
-    """An event that a plugin's class declares; each instance of the class has its own."""
+    """An event that a plugin's class declares; each instance of the class has its own.
 
-    def __init__(self) -> None:
+    Args:
+        outside: whether notifications leave the robot too.
+
+    """
+
+    def __init__(self, *, outside: bool = False) -> None:
+        self.outside = outside
+        self.leave: Callable[[T], None] | None = None
+        """Takes a notification off the robot; there while the plugin of a marked event is active."""
+        self.unsent = 0
+        """Notifications that could not leave the robot: JSON has no word for their value."""
         self._name = ""
         self.dropped = 0
         """Notifications that observers lost because they were too slow."""
@@ -62,7 +75,7 @@ class Event(Generic[T]):
     def __get__(self, instance: object | None, owner: type) -> "Event[T]":
         if instance is None:
             return self
-        own = instance.__dict__.setdefault(self._name, Event[T]())
+        own = instance.__dict__.setdefault(self._name, Event[T](outside=self.outside))
         assert isinstance(own, Event)
         return own
 
@@ -75,6 +88,9 @@ class Event(Generic[T]):
         self._observers = [(function, box) for function, box in self._observers if box is not mailbox]
 
     def notify(self, value: T) -> None:
-        """Leave `value` with every observer."""
+        """Leave `value` with every observer, and let it leave the robot if the event is marked so."""
         for function, mailbox in self._observers:
             self.dropped += not mailbox.post(function, value)
+        leave = self.leave
+        if leave is not None:
+            leave(value)

@@ -76,18 +76,28 @@ class Signature:
         self._struct: Any = msgspec.defstruct(
             f"{name}_arguments", fields, kw_only=True, forbid_unknown_fields=True, frozen=True
         )
+        own_types: list[Any] = []
+
+        def schema_hook(kind: Any) -> dict[str, Any]:
+            own_types.append(kind)
+            return schema_of_own(kind)
+
+        returned = msgspec.json.schema(returns, schema_hook=schema_hook)
+        self._returns_own = bool(own_types)
         self.info = FunctionInfo(
             name=name,
             signature=str(signature.replace(parameters=parameters)),
             doc=inspect.getdoc(function) or "",
             parameters=msgspec.json.schema(self._struct, schema_hook=schema_of_own),
-            returns=msgspec.json.schema(returns, schema_hook=schema_of_own),
+            returns=returned,
         )
 
     def run(self, plugin: Plugin, arguments: dict[str, Any]) -> Any:
         """Call it; what JSON has no word for is returned as JSON knows it."""
         result = self._function(plugin, **arguments)
         if result is None or isinstance(result, (bool, int, float, str)):
+            return result
+        if isinstance(result, msgspec.Struct) and not self._returns_own:
             return result
         return msgspec.to_builtins(result, enc_hook=encode_own)
 
@@ -257,7 +267,7 @@ def external_functions(plugin_class: type[Plugin]) -> dict[str, ExternalFunction
     members = dict.fromkeys(name for base in reversed(plugin_class.__mro__) for name in vars(base))
     signatures: dict[str, list[Signature]] = {}
     for member in members:
-        function = getattr(plugin_class, member, None)
+        function: Any = getattr(plugin_class, member, None)
         name = getattr(function, EXTERNAL_MARK, None) if inspect.isfunction(function) else None
         if isinstance(name, str):
             signatures.setdefault(name, []).append(Signature(name, function))
@@ -290,7 +300,7 @@ def type_word(hint: Any) -> str:
         return "_or_".join(map(type_word, arguments))
     if origin is not None:
         return "_".join([type_word(origin), *(type_word(one) for one in arguments if one is not ...)])
-    word = TYPE_WORDS.get(hint) or getattr(hint, "__name__", str(hint))
+    word = TYPE_WORDS.get(hint) or str(getattr(hint, "__name__", hint))
     return re.sub(r"[^A-Za-z0-9_]", "_", word)
 
 

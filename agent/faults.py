@@ -19,6 +19,7 @@ FLOOD_DROPS_A_SECOND = 1000
 STEADY_S = 60.0
 """A plugin that has run for so long has its restarts forgiven."""
 LONGEST_BACKOFF_S = 30.0
+HUNG_PERIOD_NS = to_ns(0.1)
 
 
 class _Case(msgspec.Struct):
@@ -38,15 +39,21 @@ class FaultDesk:
         self._cases: dict[str, _Case] = {}
         self._drops: dict[str, int] = {}
         self._looked_ns = 0
+        self._looked_hung_ns = 0
 
     def note(self, tag: "PluginTag", now_ns: int) -> None:
         """A plugin has faulted: put its users aside, let it clean up, and set the time of its restart."""
-        if self._manager.tags.get(tag.name) is not tag:
+        if self._manager.tags.get(tag.name) is not tag or tag.state.value != "faulted":
             return
+        stuck = tag.turn.owner
         for user in self._manager.users_of(tag.name):
             if user.state.value in ("active", "halted"):
+                why = f"requires {tag.name}, which is faulted: {tag.why}"
                 try:
-                    user.deactivate(f"requires {tag.name}, which is faulted: {tag.why}")
+                    if stuck is not None and user.turn.owner == stuck:  # it is in a call that does not come back
+                        user.abandon(why)
+                    else:
+                        user.deactivate(why)
                 except Exception as error:  # noqa: BLE001 - foreign plugin code; it may have called what has faulted
                     logger.debug("%s: %s while it was put aside: %s", self._manager.robot, user.name, error)
         tag.drop()
@@ -60,17 +67,20 @@ class FaultDesk:
         self._cases[tag.name] = _Case(tag, now_ns + to_ns(wait_s), attempts=attempts + 1)
 
     def forget(self, tag: "PluginTag") -> None:
-        """A plugin is loaded anew by hand."""
+        """A plugin is loaded anew by hand, or has gone."""
         self._cases.pop(tag.name, None)
+        self._drops.pop(tag.name, None)
 
     def look(self, now_ns: int) -> None:
         """Restart what is due; see who hangs and who floods."""
         for case in list(self._cases.values()):
-            if case.again_ns is not None and now_ns >= case.again_ns:
+            if case.again_ns is not None and now_ns >= case.again_ns and not self._manager.halted:
                 self._restart(case, now_ns)
             elif case.started_ns and now_ns - case.started_ns > to_ns(STEADY_S):
                 case.attempts = 0
-        self._look_for_hung(now_ns)
+        if now_ns - self._looked_hung_ns >= HUNG_PERIOD_NS:
+            self._looked_hung_ns = now_ns
+            self._look_for_hung(now_ns)
         if now_ns - self._looked_ns >= NS_PER_S:
             self._look_for_floods(now_ns)
 

@@ -3,8 +3,9 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from robrain.agent.errors import AccessDenied
+from robrain.agent.errors import AccessDenied, PluginUnloaded
 from robrain.agent.event import Event
+from robrain.agent.plugin import UNLOCKED_MARK
 
 if TYPE_CHECKING:
     from robrain.agent.tag import PluginTag
@@ -17,10 +18,12 @@ class Handle:
     reaches whatever instance the callee's tag holds by then.
     """
 
-    __slots__ = ("__calls", "__interface", "__tag")
+    __slots__ = ("__caller", "__calls", "__generation", "__interface", "__tag")
 
-    def __init__(self, tag: "PluginTag", interface: type) -> None:
+    def __init__(self, tag: "PluginTag", interface: type, caller: "PluginTag") -> None:
         self.__tag = tag
+        self.__caller = caller
+        self.__generation = caller.generation
         self.__interface = interface
         self.__calls: dict[str, Callable[..., Any]] = {}
 
@@ -28,15 +31,20 @@ class Handle:
         calls = self.__calls
         if name in calls:
             return calls[name]
-        tag, interface = self.__tag, self.__interface
+        tag, interface, caller, generation = self.__tag, self.__interface, self.__caller, self.__generation
         if name.startswith("_") or name not in _offered(interface):
             raise AccessDenied(tag.name, f"{name} is not in {interface.__name__}, the interface of {tag.name}")
         value = getattr(tag.live_plugin(), name)
         if isinstance(value, Event) or not callable(value):
             return value
 
+        if getattr(value, UNLOCKED_MARK, False):
+            return lambda *args, **kwargs: getattr(tag.live_plugin(), name)(*args, **kwargs)
+
         def call(*args: Any, **kwargs: Any) -> Any:
             with tag.turn:
+                if caller.generation != generation:
+                    raise PluginUnloaded(caller.name, f"this instance of {caller.name} was left behind")
                 return getattr(tag.live_plugin(), name)(*args, **kwargs)
 
         calls[name] = call

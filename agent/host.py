@@ -16,15 +16,20 @@ import zenoh
 from robrain.agent.board import Board
 from robrain.agent.environment import Environment
 from robrain.agent.errors import PluginError, PluginMissing, RobotFileError
+from robrain.agent.foreign import ForeignPlugins
+from robrain.agent.leases import Lease
 from robrain.agent.manager import PluginManager
+from robrain.agent.manifest import COMMAND
+from robrain.agent.outside import OutsideDoor
+from robrain.agent.places import entry_point_places
 from robrain.agent.robot_file import RobotFile
 from robrain.agent.tag import PluginTag
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.wire.clock import Clock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint, OnOutside, Request, Serve
-from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.errors import BadName, CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import HostRequest, RobotState, TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.wire.messages import HostRequest, PluginInfo, RobotState, TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.wire.topics import (
     COORDINATOR_STATE,
     HALT,
@@ -85,9 +90,13 @@ class AgentHost:
         self._halts = Inbox()
         self._state = self._wire.publisher(ROBOT_STATE, robot=self.name)
         self._state_due_ns = 0
-        self._places = [stock_place(), *(base / place for place in robot_file.robot.places)]
+        self._door = OutsideDoor(self.manager)
+        self._distributions = entry_point_places()
+        own = [base / place for place in robot_file.robot.places]
+        self._places = [stock_place(), *(place for place, _ in self._distributions), *own]
         self._load = robot_file.robot.load
         self._parameters = robot_file.parameters
+        self._connect = list(robot_file.zenoh.connect)
 
     def start(self) -> None:
         """Find, load and start the plugins, then say that the robot is there.
@@ -96,6 +105,8 @@ class AgentHost:
             ManifestError, PluginMissing, RobotFileError: the robot's plugins are not as its file says.
 
         """
+        if self.drive is Drive.LIVE:
+            self.manager.foreign = ForeignPlugins(self._wire, self.name)
         found = self.manager.discover(self._places, self._load)
         for name in self._parameters:
             if name not in found:
@@ -119,10 +130,13 @@ class AgentHost:
             self.hear_halt()
         self._hear(now_ns)
         for wire in self._wires:
-            wire.serve()
+            if wire.has_waiting:
+                wire.serve()
         if self.manager.halted:
             self.desk.halted()
         self.desk.check_lease(now_ns)
+        if self.manager.foreign is not None:
+            self.manager.foreign.follow()
         self.manager.settle(now_ns)
         if self.drive is Drive.LOCKSTEP:
             self._step_plugins(now_ns)
@@ -180,28 +194,57 @@ class AgentHost:
     # -- being asked ----------------------------------------------------------------------------------------
 
     def _tell_plugins(self, request: Request) -> Any:
-        return [tag.info() for tag in self.manager.tags.values()]
+        own = self.manager.tags
+        foreign = self.manager.foreign.infos() if self.manager.foreign is not None else []
+        return [*map(self._info, own.values()), *(info for info in foreign if info.name not in own)]
+
+    def _info(self, tag: PluginTag) -> PluginInfo:
+        path = tag.manifest.path.resolve()
+        distribution = next((name for place, name in self._distributions if path.is_relative_to(place)), "")
+        return msgspec.structs.replace(tag.info(), distribution=distribution)
 
     def _call(self, request: Request) -> Any:
+        plugin, function = request.names["plugin"], request.names["function"]
+        foreign = self.manager.foreign
+        if foreign is not None and plugin not in self.manager.tags and plugin in foreign:
+            if self.manager.halted:
+                raise CallError(ErrorCode.HALTED, f"{plugin} is not called while the robot is halted")
+            return foreign.relay(plugin, function, request.payload)
         try:
-            tag = self.manager.get(request.names["plugin"])
+            tag = self.manager.get(plugin)
         except PluginMissing as error:
             raise CallError(ErrorCode.UNKNOWN_PLUGIN, str(error)) from error
-        return tag.call_external(request.names["function"], request.payload)
+        return tag.call_external(request.names["function"], request.payload, by=request.by)
 
     def _run(self, request: Request) -> Any:
         asked = _decode(request.payload, HostRequest)
         verb = request.names["verb"]
         try:
             if verb == "load":
-                return [tag.info() for tag in self.manager.load(asked.plugin)]
+                return [self._info(tag) for tag in self.manager.load(asked.plugin)]
             if verb == "unload":
-                return self.manager.unload(asked.plugin, cascade=asked.cascade)
+                gone = self.manager.unload(asked.plugin, cascade=asked.cascade)
+                return [self._info(tag) for tag in gone]
             if verb == "reload":
-                return [self.manager.reload(asked.plugin).info()]
+                return [self._info(self.manager.reload(asked.plugin))]
+            if verb == "command":
+                return self._door.call_text(asked.text, by=asked.by or request.by)
+            if verb == "hold":
+                return self._hold(asked)
+            if verb == "release":
+                return self.manager.leases.release(self.manager.get(asked.plugin).name, asked.by)
         except PluginError as error:
-            raise CallError(ErrorCode.REFUSED if error.code is ErrorCode.FAILED else error.code, str(error)) from error
-        raise CallError(ErrorCode.UNKNOWN_FUNCTION, f"the host cannot {verb}: it can load, unload, reload")
+            code = ErrorCode.REFUSED if error.code is ErrorCode.FAILED else error.code
+            raise CallError(code, str(error), getattr(error, "holder", "")) from error
+        verbs = "load, unload, reload, command, hold, release"
+        raise CallError(ErrorCode.UNKNOWN_FUNCTION, f"the host cannot {verb}: it can {verbs}")
+
+    def _hold(self, asked: HostRequest) -> Lease:
+        tag = self.manager.get(asked.plugin)
+        try:
+            return tag.hold(asked.by, asked.lease_s)
+        except (BadName, ValueError) as error:
+            raise CallError(ErrorCode.BAD_ARGUMENTS, f"hold: {error}") from error
 
     def _offer(self, request: Request) -> TaskAnswer:
         offer = _decode(request.payload, TaskOffer)
@@ -223,7 +266,9 @@ class AgentHost:
     def _make_environment(self, tag: PluginTag) -> Environment:
         names = (zlib.crc32(self.name.encode()), zlib.crc32(tag.name.encode()))
         rng = np.random.default_rng([self._seed, *names])
-        return Environment(tag, self.name, self._open_wire(), rng, self.board, self.desk)
+        door = self._door if tag.name == COMMAND else None
+        connect = self._connect
+        return Environment(tag, self.name, self._open_wire(), rng, self.board, self.desk, outside=door, connect=connect)
 
 
 def stock_place() -> Path:

@@ -17,7 +17,7 @@ def interface_differences(plugin_class: type[Plugin]) -> Iterator[tuple[str, str
 
     Types are compared where both sides give them; what cannot be decided is not complained of.
     """
-    interface = plugin_class.interface
+    interface: object = plugin_class.interface  # whatever its author has put there
     if interface is None:
         return
     if not isinstance(interface, type):

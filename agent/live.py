@@ -38,9 +38,13 @@ class PluginThread:
 
     def _run(self) -> None:
         due_s = time.monotonic()
+        was_passive = False
         while not self._stopping:
             period_s = self._tag.period_s
             now_s = time.monotonic()
+            if was_passive:  # or was not there: no step was missed
+                due_s = now_s
+            was_passive = period_s is None
             if period_s is not None and now_s >= due_s:
                 self._tag.run_step()
                 due_s += period_s

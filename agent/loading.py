@@ -15,8 +15,13 @@ from robrain.agent.environment import Environment
 from robrain.agent.errors import ManifestError
 from robrain.agent.event import Event
 from robrain.agent.external import ExternalFunction, external_functions
+from robrain.agent.isolation import isolated_class
 from robrain.agent.manifest import Manifest, where_and_what
 from robrain.agent.plugin import Plugin
+from robrain.protocol.wire.endpoint import Endpoint
+
+SOURCE_MARK = "__robrain_source__"
+"""In a module: the bytes that it was read from, so that a later load sees whether they were edited."""
 
 
 class PluginCode(msgspec.Struct, frozen=True):
@@ -27,11 +32,42 @@ class PluginCode(msgspec.Struct, frozen=True):
 
 
 class Loaded(msgspec.Struct, frozen=True, eq=False):
-    """One instance of a plugin, with the environment that was made for it."""
+    """One instance of a plugin, with the environment that was made for it.
+
+    What it declares on the wire in `init` stays for as long as the instance, what it declares from `activate` on goes
+    with `deactivate`: that is a wire of its own.
+    """
 
     code: PluginCode
     plugin: Plugin
     environment: Environment
+    wire: Endpoint
+    """The wire of its `init`."""
+
+    def begin(self, wire: Endpoint) -> None:
+        """It is about to be activated, and speaks on this wire from now on."""
+        self.end_wire()
+        self.environment.wire = wire
+        self.environment.begin(self.events())
+
+    def end_wire(self) -> None:
+        """It is active no more: close the wire of its activation."""
+        wire, self.environment.wire = self.environment.wire, self.wire
+        if wire is not self.wire:
+            wire.close()
+
+    def close(self) -> None:
+        """It goes: let go of everything that was made for it."""
+        self.end_wire()
+        self.environment.close()
+
+    def take_over(self, other: "Loaded") -> None:
+        """Have the observers of another instance observe this one: the event objects themselves move."""
+        own = self.events()
+        for name, event in other.events().items():
+            if name in own:
+                event.outside = getattr(type(self.plugin), name).outside
+                self.plugin.__dict__[name] = event
 
     def events(self) -> dict[str, Event[Any]]:
         """The instance's own events, by name."""
@@ -66,6 +102,8 @@ def import_code(manifest: Manifest, *, fresh: bool = False) -> PluginCode:
             f"expected a Device, Unit, Skill or Behavior named {class_name} in {module_name}",
         )
     try:
+        if manifest.tag.isolation == "process":
+            found = isolated_class(found, manifest)
         return PluginCode(found, external_functions(found))
     except Exception as error:  # hints are foreign code: msgspec or get_type_hints may not understand them
         raise ManifestError(
@@ -104,8 +142,8 @@ def _import_module(name: str, *, fresh: bool) -> ModuleType:
 def _import_file(path: Path, *, fresh: bool) -> ModuleType:
     name = f"robrain_plugin_{path.stem}_{abs(hash(path.resolve())):x}"
     before = sys.modules.get(name)
-    if before is not None and not fresh:  # as any import: plugins in one file share the interfaces that it declares
-        return before
+    if before is not None and not fresh and before.__dict__.get(SOURCE_MARK) == path.read_bytes():
+        return before  # as any import: plugins in one file share the interfaces that it declares
     return _execute(name, path, before)
 
 
@@ -115,10 +153,12 @@ def _execute(name: str, path: Path, before: ModuleType | None) -> ModuleType:
         # A byte-code file is taken for current if source time (in seconds) and size agree: too coarse for an edit.
         with suppress(NotImplementedError):
             Path(importlib.util.cache_from_source(str(path))).unlink(missing_ok=True)
+    source = path.read_bytes()
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise ImportError(f"{path} is no Python file")
     module = importlib.util.module_from_spec(spec)
+    setattr(module, SOURCE_MARK, source)
     sys.modules[name] = module
     try:
         spec.loader.exec_module(module)

@@ -9,22 +9,23 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any
-
-import msgspec
 
 from robrain.agent.environment import Environment
 from robrain.agent.errors import HardwareAbsent, HostBusy, PluginError, PluginInactive, PluginInUse, PluginMissing
 from robrain.agent.faults import FaultDesk
+from robrain.agent.foreign import ForeignPlugins
 from robrain.agent.handle import Handle
-from robrain.agent.loading import PluginCode
+from robrain.agent.leases import ExternalLeases
 from robrain.agent.manifest import Manifest, find_manifests, read_manifest
 from robrain.agent.plugin import Plugin
-from robrain.agent.tag import PluginState, PluginTag
+from robrain.agent.plugin_state import PluginState
+from robrain.agent.requirements import branch_of, start_order, way_to_missing
+from robrain.agent.tag import PluginTag
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.wire.clock import Clock
+from robrain.protocol.wire.endpoint import Endpoint
 
 logger = logging.getLogger(__name__)
 
@@ -59,6 +60,9 @@ class PluginManager:
         self.make_environment = make_environment
         self.halted = False
         self.faults = FaultDesk(self)
+        self.foreign: ForeignPlugins | None = None
+        """Plugins that are processes of their own, in live."""
+        self.leases = ExternalLeases(clock)
         self._parameters = parameters
         self._places: list[Path] = []
         self._under_way = threading.Lock()
@@ -67,12 +71,6 @@ class PluginManager:
     def parameters_of(self, name: str) -> Mapping[str, Any]:
         """What the robot's own file says of a plugin's parameters."""
         return self._parameters.get(name, {})
-
-    def construct(
-        self, code: PluginCode, environment: Environment, parameters: msgspec.Struct, _manifest: Manifest
-    ) -> Plugin:
-        """Make the instance of a plugin."""
-        return code.plugin_class(environment, parameters)
 
     # -- the start ------------------------------------------------------------------------------------------
 
@@ -148,22 +146,26 @@ class PluginManager:
 
         """
         with self._alone():
-            wanted = self._manifests_of(name_or_path)
+            wanted = {manifest.name: manifest for manifest in self._manifests_of(name_or_path)}
             fresh: dict[str, PluginTag] = {}
+            before = self.tags
             try:
-                for manifest in wanted:
-                    self._load_one(manifest, fresh)
+                for manifest in wanted.values():
+                    self._load_one(manifest, fresh, wanted, ())
             except BaseException:
-                self._take_back(fresh)
+                self._take_back(fresh, before)
                 raise
+            for name in fresh.keys() & before.keys():
+                self.faults.forget(before[name])
+                before[name].unloaded()
             self._pick_up(fresh)
             return list(fresh.values())
 
-    def unload(self, name: str, *, cascade: bool = False) -> list[str]:
+    def unload(self, name: str, *, cascade: bool = False) -> list[PluginTag]:
         """Unload a plugin, with `cascade` also those that require it.
 
         Returns:
-            The names of the plugins that were unloaded, in that order.
+            The tags of the plugins that were unloaded, in that order.
 
         Raises:
             PluginInUse: others require it.
@@ -179,7 +181,7 @@ class PluginManager:
             going = [*users, tag]
             for each in going:
                 self._end(each)
-            return [each.name for each in going]
+            return going
 
     def reload(self, name: str) -> PluginTag:
         """Take a plugin's manifest and code anew from disk; if that fails the old one keeps running.
@@ -200,7 +202,8 @@ class PluginManager:
             except Exception as error:  # foreign plugin code
                 raise PluginError(name, f"{name} keeps running as it was: {type(error).__name__}: {error}") from error
             self._sort()
-            if before is PluginState.FAULTED:
+            if before not in (PluginState.ACTIVE, PluginState.HALTED):
+                self.faults.forget(tag)
                 self._pick_up({name: tag})
             return tag
 
@@ -209,15 +212,15 @@ class PluginManager:
         if not self._under_way.acquire(blocking=False):
             return
         try:
-            while self._new_faults:
-                self.faults.note(self._new_faults.popleft(), now_ns)
+            self._see_to_faults(now_ns)
             self.faults.look(now_ns)
         finally:
             self._under_way.release()
 
     def note_fault(self, tag: PluginTag) -> None:
         """A plugin has faulted; seen to at the next `settle`, for its users' locks must not be taken from below."""
-        self._new_faults.append(tag)
+        if tag not in self._new_faults:
+            self._new_faults.append(tag)
 
     def halt(self) -> None:
         """Emergency halt: all calls are refused, then devices stop, then upwards. Latches until `resume`."""
@@ -247,7 +250,9 @@ class PluginManager:
             raise PluginMissing(name, f"no plugin {name}; there are: {', '.join(self.tags)}") from None
 
     def request(self, caller: PluginTag, name: str, interface: type) -> Handle:
-        """Pass a plugin's request for another on to the other's tag."""
+        """Pass a plugin's request for another on to the other's tag, or to a foreign process of that name."""
+        if self.foreign is not None and self._is_foreign(name):
+            return self.foreign.use(caller.name, caller.level, name, interface)
         return self.get(name).grant(caller, interface)
 
     def release(self, name: str) -> None:
@@ -271,7 +276,25 @@ class PluginManager:
         if self.halted:
             return True
         other = self.tags.get(plugin)
-        return plugin in tag.manifest.tag.requires and (other is None or other.state is not PluginState.ACTIVE)
+        return plugin in branch_of(tag.name, self._requires()) and (
+            other is None or other.state is not PluginState.ACTIVE
+        )
+
+    def open_wire(self, tag: PluginTag) -> Endpoint:
+        """A place on the wire for one activation of a plugin."""
+        return self.make_environment(tag).wire
+
+    def check_heir(self, manifest: Manifest, plugin_class: type[Plugin]) -> None:
+        """Whether a plugin, edited, still fits in with what it requires, and with those that require it.
+
+        Raises:
+            PluginError: a level speaks against it, or what it requires does not run.
+
+        """
+        self._check_branch(manifest, plugin_class)
+        for user in self.tags.values():
+            if manifest.name in user.manifest.tag.requires and user.plugin_class.level <= plugin_class.level:
+                raise _must_merge(user.name, user.plugin_class, manifest.name, plugin_class)
 
     # -- inside ---------------------------------------------------------------------------------------------
 
@@ -280,53 +303,64 @@ class PluginManager:
         if not self._under_way.acquire(blocking=False):
             raise HostBusy("", f"{self.robot} is busy with another load, unload or reload: try again")
         try:
+            self._see_to_faults(self.clock.now_ns())
             yield
         finally:
             self._under_way.release()
+
+    def _see_to_faults(self, now_ns: int) -> None:
+        while self._new_faults:
+            self.faults.note(self._new_faults.popleft(), now_ns)
 
     def _find(self) -> dict[str, Path]:
         return {path.stem: path for place in self._places for path in find_manifests(place)}
 
     def _manifests_of(self, name_or_path: str) -> list[Manifest]:
-        path = Path(name_or_path)
-        if path.is_dir():
-            found = find_manifests(path)
-            if not found:
-                raise PluginMissing(name_or_path, f"no manifest in {path}: expected a TOML file with a [plugin] table")
-            return [read_manifest(each) for each in found]
-        if path.suffix == ".toml" and path.is_file():
-            return [read_manifest(path)]
         found_by_name = self._find()
-        if name_or_path not in found_by_name:
-            known = ", ".join(sorted(found_by_name))
-            raise PluginMissing(
-                name_or_path, f"no plugin {name_or_path} in any place, and no such folder; there are: {known}"
-            )
-        return [read_manifest(found_by_name[name_or_path])]
+        if name_or_path in found_by_name:
+            return [read_manifest(found_by_name[name_or_path])]
+        path = Path(name_or_path)
+        try:
+            if name_or_path and path.is_dir():
+                found = find_manifests(path)
+                if not found:
+                    expected = "expected a TOML file with a [plugin] table"
+                    raise PluginMissing(name_or_path, f"no manifest in {path}: {expected}")
+                return [read_manifest(each) for each in found]
+            if path.suffix == ".toml" and path.is_file():
+                return [read_manifest(path)]
+        except OSError as error:  # a name that is too long for a path, a folder that may not be looked into
+            raise PluginMissing(name_or_path[:100], f"no plugin there: {error.strerror}") from error
+        known = ", ".join(sorted(found_by_name))
+        raise PluginMissing(
+            name_or_path, f"no plugin {name_or_path} in any place, and no such folder; there are: {known}"
+        )
 
-    def _load_one(self, manifest: Manifest, fresh: dict[str, PluginTag]) -> None:
+    def _load_one(
+        self, manifest: Manifest, fresh: dict[str, PluginTag], wanted: dict[str, Manifest], users: tuple[str, ...]
+    ) -> None:
         name = manifest.name
         if name in fresh:
             return
+        path = (*users, name)
+        if name in users:
+            raise PluginError(users[0], f"{name} requires itself: {' → '.join(path[users.index(name) :])}")
         before = self.tags.get(name)
         if before is not None and before.state is not PluginState.FAULTED:
             raise PluginError(
                 name, f"{name} is loaded already, from {before.manifest.path}: reload it, or unload it first"
             )
         tag = PluginTag(manifest, self)
-        fresh[name] = tag
         for required in manifest.tag.requires:
             other = self.tags.get(required)
-            if required not in fresh and (other is None or other.state is PluginState.FAULTED):
-                found = self._find()
-                if required in found:
-                    self._load_one(read_manifest(found[required]), fresh)
-                else:
-                    raise PluginMissing(required, f"{name} requires {required}, which is in no place")
-        if before is not None:
-            self.faults.forget(before)
-            self._end(before)
-        self._check_levels(tag)
+            if (other is None or other.state is PluginState.FAULTED) and not self._is_foreign(required):
+                there = wanted.get(required) or self._read(required)
+                if there is None:
+                    way = " → ".join([*path, required])
+                    raise PluginMissing(required, f"{name} requires {required}, which is in no place ({way})")
+                self._load_one(there, fresh, wanted, path)
+        self._check_branch(manifest, tag.plugin_class)
+        fresh[name] = tag
         self.tags = {**self.tags, name: tag}
         self._sort()
         if name in self.tags and tag.state is PluginState.FAULTED:
@@ -339,28 +373,43 @@ class PluginManager:
         except Exception as error:  # foreign plugin code
             raise PluginError(name, f"{name} cannot be started: {type(error).__name__}: {error}") from error
 
-    def _check_levels(self, tag: PluginTag) -> None:
-        own = tag.plugin_class
-        for required in tag.manifest.tag.requires:
+    def _read(self, name: str) -> Manifest | None:
+        path = self._find().get(name)
+        return read_manifest(path) if path is not None else None
+
+    def _check_branch(self, manifest: Manifest, plugin_class: type[Plugin]) -> None:
+        for required in manifest.tag.requires:
+            if self._is_foreign(required):
+                continue
             other = self.get(required)
-            if other.plugin_class.level >= own.level:
+            if other.plugin_class.level >= plugin_class.level:
+                raise _must_merge(manifest.name, plugin_class, required, other.plugin_class)
+            if other.state not in (PluginState.ACTIVE, PluginState.HALTED):
                 raise PluginError(
-                    tag.name,
-                    f"{tag.name} ({own.level.name.lower()}) requires {required} "
-                    f"({other.plugin_class.level.name.lower()}): merge the two, calls go to lower levels only",
+                    manifest.name, f"{manifest.name} requires {required}, which is {other.state}: {other.why}"
                 )
 
-    def _take_back(self, fresh: dict[str, PluginTag]) -> None:
+    def _requires(self) -> dict[str, list[str]]:
+        return {name: tag.manifest.tag.requires for name, tag in self.tags.items()}
+
+    def _is_there(self, name: str) -> bool:
+        return name in self.tags or self._is_foreign(name)
+
+    def _is_foreign(self, name: str) -> bool:
+        return self.foreign is not None and name not in self.tags and name in self.foreign
+
+    def _take_back(self, fresh: dict[str, PluginTag], before: dict[str, PluginTag]) -> None:
         for tag in reversed(fresh.values()):
-            if tag.name in self.tags and self.tags[tag.name] is tag:
-                self._end(tag)
+            self._end(tag)
+        self.tags = before
 
     def _end(self, tag: PluginTag) -> None:
+        self.faults.forget(tag)
         try:
-            if tag.state is PluginState.FAULTED:
-                tag.drop()
-            else:
+            if tag.state in (PluginState.ACTIVE, PluginState.HALTED):
                 tag.deactivate("it is being unloaded")
+            elif tag.state is not PluginState.INACTIVE:
+                tag.drop()
         except Exception:
             # Foreign plugin code; it goes all the same.
             logger.exception("%s: plugin %s failed while it was unloaded", self.robot, tag.name)
@@ -372,10 +421,11 @@ class PluginManager:
         for tag in list(self.tags.values()):
             requires = tag.manifest.tag.requires
             waits = tag.state is PluginState.INACTIVE or (tag.state is PluginState.FAULTED and not tag.is_there)
-            there = all(name in self.tags and self.tags[name].state is PluginState.ACTIVE for name in requires)
+            running = (PluginState.ACTIVE, PluginState.HALTED)
+            there = all(name in self.tags and self.tags[name].state in running for name in requires)
             if waits and there and any(name in fresh for name in requires) and tag.name not in fresh:
                 self.begin(tag)
-                if tag.state is PluginState.ACTIVE:
+                if tag.state in running:
                     fresh[tag.name] = tag
 
     def begin(self, tag: PluginTag) -> None:
@@ -387,23 +437,13 @@ class PluginManager:
 
     def _sort(self) -> None:
         for tag in self.tags.values():
-            self._import_class(tag)
-        graph = {
-            name: [required for required in tag.manifest.tag.requires if required in self.tags]
-            for name, tag in sorted(self.tags.items())
-        }
-        while True:
-            try:
-                order = list(TopologicalSorter(graph).static_order())
-            except CycleError as error:
-                cycle = error.args[1]
-                path = " → ".join(reversed(cycle))
-                for name in cycle:
-                    self.tags[name].leave_out(f"requires itself: {path}")
-                    graph[name] = []
-                continue
-            self.tags = {name: self.tags[name] for name in order}
-            return
+            if tag.state is PluginState.DISCOVERED:
+                self._import_class(tag)
+        order, circles = start_order(self._requires())
+        for circle in circles:
+            for name in circle:
+                self.tags[name].leave_out(f"requires itself: {' → '.join(circle)}")
+        self.tags = {name: self.tags[name] for name in order}
 
     def _import_class(self, tag: PluginTag) -> None:
         try:
@@ -416,10 +456,20 @@ class PluginManager:
         if tag.state is PluginState.FAULTED:
             return
         try:
+            missing = way_to_missing(
+                tag.name, self._requires(), lambda name: name in self.tags or self._is_foreign(name)
+            )
+            if missing:
+                there = ", ".join(self.tags)
+                raise PluginMissing(missing[-1], f"no plugin {missing[-1]} ({' → '.join(missing)}); there are: {there}")
             for required in tag.manifest.tag.requires:
+                if self._is_foreign(required):
+                    continue
                 other = self.get(required)
                 if other.state is PluginState.FAULTED:
                     raise PluginError(tag.name, f"requires {required}, which is left out: {other.why}")
+                if other.plugin_class.level >= tag.plugin_class.level:
+                    raise _must_merge(tag.name, tag.plugin_class, required, other.plugin_class)
             do()
         except HardwareAbsent as error:
             logger.warning("%s: plugin %s is left out: %s", self.robot, tag.name, error)
@@ -433,3 +483,12 @@ class PluginManager:
     def _leave_out(self, tag: PluginTag, why: str) -> None:
         tag.leave_out(why)
         tag.drop()
+
+
+def _must_merge(name: str, plugin_class: type[Plugin], required: str, required_class: type[Plugin]) -> PluginError:
+    levels = plugin_class.level.name.lower(), required_class.level.name.lower()
+    return PluginError(
+        name,
+        f"{name} ({levels[0]}) requires {required} ({levels[1]}): "
+        f"merge {name} and {required}, calls go to lower levels only",
+    )

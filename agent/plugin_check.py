@@ -4,7 +4,7 @@ import difflib
 import inspect
 import tomllib
 import traceback
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 

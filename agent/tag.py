@@ -1,30 +1,35 @@
 """The tag of one plugin: it loads it, holds its manifest and environment, checks access, runs its lifecycle."""
 
 import logging
+import threading
 from collections.abc import Callable
-from enum import StrEnum
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
+from robrain.agent.access import call_from_outside, check_outside, check_use, external_function
 from robrain.agent.errors import (
     AccessDenied,
     PluginBusy,
     PluginError,
-    PluginHung,
     PluginInactive,
     PluginUnloaded,
 )
 from robrain.agent.event import Event, Mailbox
+from robrain.agent.external import ExternalFunction
 from robrain.agent.handle import Handle
+from robrain.agent.in_turn import in_turn
+from robrain.agent.isolation.errors import PluginCrashed
+from robrain.agent.leases import Lease
+from robrain.agent.listing import plugin_info
 from robrain.agent.loading import Loaded, PluginCode, check_parameters, import_code
-from robrain.agent.manifest import ANYBODY, COMMAND, Manifest
+from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Level, Plugin
+from robrain.agent.plugin_state import PluginState
 from robrain.agent.task_desk import Accept, LetGo, TaskDesk
 from robrain.agent.turn import Turn
-from robrain.protocol.model.task import Task
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Handler, Request, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.messages import PluginInfo, TaskAnswer
+from robrain.protocol.wire.messages import PluginInfo
 from robrain.protocol.wire.topics import Topic
 
 if TYPE_CHECKING:
@@ -35,20 +40,10 @@ logger = logging.getLogger(__name__)
 InterfaceT = TypeVar("InterfaceT")
 
 NEVER_NS = 1 << 63
+CLEAN_UP_TIMEOUT_S = 0.1
+"""How long a faulted plugin may keep the host waiting before it cleans up."""
 LOCK_TIMEOUT_S = 2.0
 """A plugin that does not come back for so long when it is to be deactivated is left behind."""
-
-
-class PluginState(StrEnum):
-    """Where a plugin stands."""
-
-    DISCOVERED = "discovered"
-    LOADED = "loaded"
-    INACTIVE = "inactive"
-    ACTIVE = "active"
-    FAULTED = "faulted"
-    HALTED = "halted"
-    UNLOADED = "unloaded"
 
 
 class PluginTag:
@@ -63,7 +58,8 @@ class PluginTag:
         """Who is in the plugin at the moment: its lock."""
         self.mailbox = Mailbox()
         self.holder = ""
-        """Who uses the plugin exclusively."""
+        """Who in the robot uses the plugin exclusively."""
+        self._holding = threading.Lock()
         self.overruns = 0
         self.restarts = 0
         self.generation = 0
@@ -75,6 +71,7 @@ class PluginTag:
         self._manager = manager
         self._code: PluginCode | None = None
         self._loaded: Loaded | None = None
+        self._making: Loaded | None = None
         self._observed: list[Event[Any]] = []
         self._kinds: list[type] = []
 
@@ -86,6 +83,11 @@ class PluginTag:
         if self._code is None:
             self._code = import_code(self.manifest)
         return self._code
+
+    @property
+    def is_imported(self) -> bool:
+        """Whether the class could be imported."""
+        return self._code is not None
 
     @property
     def plugin_class(self) -> type[Plugin]:
@@ -101,6 +103,11 @@ class PluginTag:
     def period_s(self) -> float | None:
         """How often the plugin wants its step; None if it is passive or not there."""
         return self._loaded.plugin.period_s if self._loaded is not None else None
+
+    @property
+    def held_by(self) -> str:
+        """Who uses the plugin exclusively, inside or outside; nobody if empty."""
+        return self.holder or self._manager.leases.holder(self.name)
 
     @property
     def is_there(self) -> bool:
@@ -141,23 +148,27 @@ class PluginTag:
     def activate(self) -> None:
         """Call the plugin's `activate`; it is callable from then on."""
         with self.turn:
-            self.plugin.activate()
+            plugin = self.plugin
+            self._begin()
+            plugin.activate()
             self._started()
 
     def deactivate(self, why: str = "") -> None:
         """Call the plugin's `deactivate` and let go of all that its tag holds for it."""
         if not self.turn.acquire(LOCK_TIMEOUT_S):
             logger.error("%s: plugin %s hangs and is left behind", self._manager.robot, self.name)
-            self.abandon("hangs")
+            self.abandon(why or "hangs")
             return
         try:
             if self._loaded is None or self.state not in (PluginState.ACTIVE, PluginState.HALTED):
                 return
             self._become(PluginState.INACTIVE, why)
+            loaded = self._loaded
             try:
-                self._loaded.plugin.deactivate()
+                loaded.plugin.deactivate()
             finally:
                 self._let_go()
+                loaded.end_wire()
         finally:
             self.turn.release()
 
@@ -168,26 +179,17 @@ class PluginTag:
         keeps running, and the error is raised. Handles and observers follow.
         """
         code = import_code(manifest, fresh=True)
-        fresh = self._create(manifest, code)
-        old, old_code, old_manifest, old_state = self._loaded, self._code, self.manifest, self.state
-        with self.turn:
-            self.deactivate("it is being reloaded")
-            if old is not None:
-                old.environment.wire.close()
-                _move_events(old, fresh)
-            self.manifest, self._code, self._loaded = manifest, code, fresh
-            try:
-                fresh.plugin.activate()
-            except BaseException:
-                fresh.environment.wire.close()
-                self.manifest, self._code, self._loaded = old_manifest, old_code, old
-                if old is not None and old_state in (PluginState.ACTIVE, PluginState.HALTED):
-                    _move_events(fresh, old)
-                    old.environment.wire.reopen()
-                    old.plugin.activate()
-                    self._started()
-                raise
-            self._started()
+        self._manager.check_heir(manifest, code.plugin_class)
+        old = self._loaded
+        fresh = self._create(manifest, code, heir_of=old)
+        try:
+            with self.turn:
+                self._hand_over(fresh, manifest)
+        except BaseException:
+            fresh.close()
+            raise
+        if old is not None:
+            old.close()
 
     def fault(self, error: Exception) -> None:
         """The plugin raised, hangs or floods: it is not called any more; the manager sees to the rest in its turn."""
@@ -206,29 +208,32 @@ class PluginTag:
         self._become(PluginState.FAULTED, why)
         self._let_go()
         if loaded is not None:
-            loaded.environment.wire.close()
+            loaded.close()
 
     def drop(self) -> None:
         """Let a faulted instance clean up after itself as well as it can, and forget it."""
         loaded = self._loaded
-        if loaded is None or not self.turn.acquire(0.1):
+        if loaded is None:
+            return
+        if not self.turn.acquire(CLEAN_UP_TIMEOUT_S):
             self.abandon(self.why)
             return
         try:
-            loaded.plugin.deactivate()
-        except Exception as error:  # noqa: BLE001 - foreign plugin code, and faulted at that
-            logger.debug("%s: plugin %s could not clean up: %s", self._manager.robot, self.name, error)
+            self._clean_up(loaded)
         finally:
             self.turn.release()
-        loaded.environment.wire.close()
         self._loaded = None
+        loaded.close()
 
     def halt(self) -> None:
         """Refuse calls, then call the plugin's `emergency_halt`, without its lock."""
         self.refuse_calls()
         loaded = self._loaded
         if loaded is not None:
-            loaded.plugin.emergency_halt()
+            try:
+                loaded.plugin.emergency_halt()
+            finally:
+                loaded.environment.end_actions("emergency halt")
 
     def refuse_calls(self) -> None:
         """The first half of a halt."""
@@ -238,33 +243,86 @@ class PluginTag:
     def resume(self) -> None:
         """Take calls again after a halt."""
         if self.state is PluginState.HALTED:
+            if self._loaded is not None:  # a call that was under way may have begun one after the halt
+                self._loaded.environment.end_actions("emergency halt")
             self._become(PluginState.ACTIVE)
 
     def close(self) -> None:
         """Let go of the instance and its wire."""
-        if self._loaded is not None:
-            self._loaded.environment.wire.close()
-            self._loaded = None
+        loaded, self._loaded = self._loaded, None
+        if loaded is not None:
+            loaded.close()
 
     def unloaded(self) -> None:
         """The tag is of no use any more: handles on it say so."""
+        self._let_go()
         self.close()
-        self._become(PluginState.UNLOADED)
+        self._become(PluginState.UNLOADED, "it was unloaded")
 
     def leave_out(self, why: str) -> None:
         """The plugin cannot be started; it stays listed with the reason."""
         self._become(PluginState.FAULTED, why)
         self._let_go()
 
-    def _create(self, manifest: Manifest, code: PluginCode) -> Loaded:
+    def _hand_over(self, fresh: Loaded, manifest: Manifest) -> None:
+        old, old_code, old_manifest, before, why = self._loaded, self._code, self.manifest, self.state, self.why
+        try:
+            self.deactivate("it is being reloaded")
+        except Exception:
+            # Foreign plugin code, which is about to be replaced.
+            logger.exception("%s: plugin %s failed while it was reloaded", self._manager.robot, self.name)
+        self._hold(fresh, manifest, fresh.code)
+        try:
+            self._begin()
+            fresh.plugin.activate()
+            self._started()
+        except BaseException:
+            self._let_go()
+            self._clean_up(fresh)
+            fresh.end_wire()
+            self._hold(old, old_manifest, old_code)
+            self._become(before, why)
+            if old is not None:
+                old.take_over(old)
+            if old is not None and before in (PluginState.ACTIVE, PluginState.HALTED):
+                self._again(old)
+            raise
+
+    def _hold(self, loaded: Loaded | None, manifest: Manifest, code: PluginCode | None) -> None:
+        self.manifest, self._code, self._loaded = manifest, code, loaded
+        self.turn.set_limit(manifest.tag.hang_s)
+
+    def _again(self, old: Loaded) -> None:
+        try:
+            self._begin()
+            old.plugin.activate()
+            self._started()
+        except Exception as error:  # noqa: BLE001 - foreign plugin code
+            self.fault(error)
+
+    def _clean_up(self, loaded: Loaded) -> None:
+        try:
+            loaded.plugin.deactivate()
+        except Exception as error:  # noqa: BLE001 - foreign plugin code, and faulted at that
+            logger.debug("%s: plugin %s could not clean up: %s", self._manager.robot, self.name, error)
+
+    def _create(self, manifest: Manifest, code: PluginCode, *, heir_of: Loaded | None = None) -> Loaded:
         parameters = check_parameters(manifest, code, self._manager.parameters_of(self.name))
         environment = self._manager.make_environment(self)
         try:
-            loaded = Loaded(code, self._manager.construct(code, environment, parameters, manifest), environment)
-            loaded.plugin.init()
+            plugin = code.plugin_class(environment, parameters)
+            loaded = Loaded(code, plugin, environment, environment.wire)
+            if heir_of is not None:
+                loaded.take_over(heir_of)
+            self._making = loaded
+            plugin.init()
         except BaseException:
-            environment.wire.close()
+            environment.close()
+            if heir_of is not None:
+                heir_of.take_over(heir_of)
             raise
+        finally:
+            self._making = None
         return loaded
 
     def _started(self) -> None:
@@ -277,19 +335,32 @@ class PluginTag:
             self._become(PluginState.HALTED, "emergency halt")
         else:
             self._become(PluginState.ACTIVE)
+        if self.mailbox.wake is not None:
+            self.mailbox.wake()  # its thread sleeps while there is nothing to step
 
     def _become(self, state: PluginState, why: str = "") -> None:
         self.state = state
         self.why = why
 
+    def _begin(self) -> None:
+        """Before the plugin's `activate`, which may notify already."""
+        if self._loaded is not None:
+            self._loaded.begin(self._manager.open_wire(self))
+
     def _let_go(self) -> None:
+        if self._loaded is not None:
+            self._loaded.environment.end(self.why or f"{self.name} is {self.state}")
         for event in self._observed:
             event.remove(self.mailbox)
         self._observed.clear()
+        waiting = self.mailbox  # for functions of an instance that is not to be told of anything any more
+        self.mailbox = Mailbox()
+        self.mailbox.wake, self.mailbox.dropped = waiting.wake, waiting.dropped
         for kind in self._kinds:
             self._manager.desk.unregister(kind)
         self._kinds.clear()
         self._manager.release(self.name)
+        self._manager.leases.drop(self.name)
 
     # -- running --------------------------------------------------------------------------------------------
 
@@ -303,7 +374,9 @@ class PluginTag:
 
     def _run(self, *, steps: bool) -> None:
         turn = self.turn
-        with turn:
+        if not turn.acquire(turn.limit_s):
+            return  # a caller is stuck in it: the host sees to that
+        try:
             loaded = self._loaded
             if self.state is not PluginState.ACTIVE or loaded is None:
                 return
@@ -313,12 +386,16 @@ class PluginTag:
                     loaded.plugin.step()
             except Exception as error:  # noqa: BLE001 - foreign plugin code
                 if loaded is self._loaded:
-                    self._blame(error)
+                    self.blame(error)
+        finally:
+            turn.release()
 
-    def _blame(self, error: Exception) -> None:
+    def blame(self, error: Exception) -> None:
         """What the plugin raised is its fault, unless it ran into a halt or an end of what it calls."""
         if isinstance(error, PluginInactive) and self._manager.excuses(self, error.plugin):
             return
+        if isinstance(error, PluginCrashed) and error.plugin != self.name:
+            return  # the process of one that it called has ended, which is told to that one
         self.fault(error)
 
     # -- access ---------------------------------------------------------------------------------------------
@@ -339,54 +416,55 @@ class PluginTag:
             PluginBusy: somebody else holds it.
 
         """
-        own = self.plugin_class
-        if own.level >= caller.plugin_class.level:
-            raise AccessDenied(
-                self.name,
-                f"{caller.name} ({caller.plugin_class.level.name.lower()}) may not call {self.name} "
-                f"({own.level.name.lower()}): calls go to lower levels only; merge {caller.name} and {self.name}",
-            )
-        visible = self.manifest.tag.visibility
-        if caller.name not in visible and ANYBODY not in visible:
-            raise AccessDenied(self.name, f"{caller.name} is not in the visibility of {self.name}")
-        if own.interface is None or not _offers(own.interface, interface):
-            offered = own.interface.__name__ if own.interface else "nothing"
-            raise AccessDenied(self.name, f"{self.name} offers {offered}, not {interface.__name__}")
+        check_use(self, caller, interface)
         if not self.manifest.tag.shared:
-            if self.holder and self.holder != caller.name:
-                raise PluginBusy(self.name, self.holder)
-            self.holder = caller.name
-        return Handle(self, interface)
+            with self._holding:
+                outside = self._manager.leases.holder(self.name)
+                if outside or (self.holder and self.holder != caller.name):
+                    raise PluginBusy(self.name, outside or self.holder)
+                self.holder = caller.name
+        return Handle(self, interface, caller)
 
-    def call_external(self, function: str, payload: bytes) -> Any:
+    def hold(self, by: str, lease_s: float) -> Lease:
+        """Let somebody outside have the plugin for themselves for a time, or longer if they have it.
+
+        Raises:
+            PluginBusy: somebody else holds it.
+            PluginError: it cannot be held, or not now.
+            BadName, ValueError: see ExternalLeases.take.
+
+        """
+        check_outside(self)
+        if self.manifest.tag.shared:
+            raise PluginError(self.name, f"{self.name} is shared: nobody can hold it")
+        self.live_plugin()
+        with self._holding:
+            if self.holder:
+                raise PluginBusy(self.name, self.holder)
+            return self._manager.leases.take(self.name, by, lease_s)
+
+    def call_external(self, function: str, payload: bytes, *, by: str = "") -> Any:
         """Call an external function with JSON arguments.
+
+        Args:
+            function: its external name, or that of one signature.
+            payload: an array by position, an object by name, or nothing.
+            by: who calls; only that one may call a plugin that it holds.
 
         Raises:
             CallError: with the code that says why not.
 
         """
-        known = self._external(function)
-        return self._outside_call(known, lambda plugin: known.call(plugin, payload))
+        known = self._external(function, by)
+        return call_from_outside(self, known, lambda plugin: known.call(plugin, payload))
 
-    def _external(self, function: str) -> Any:
-        if COMMAND not in self.manifest.tag.visibility:
-            raise CallError(ErrorCode.FORBIDDEN, f"{self.name} is not open to the outside")
-        if self._code is None:
-            raise CallError(ErrorCode.INACTIVE, f"{self.name} is {self.state}: {self.why}")
-        known = self._code.functions.get(function)
-        if known is None:
-            names = ", ".join(self._code.functions) or "none"
-            raise CallError(ErrorCode.UNKNOWN_FUNCTION, f"{self.name} has no function {function}; it has: {names}")
-        if self.state is PluginState.HALTED:
-            raise CallError(ErrorCode.HALTED, f"{self.name} is halted")
-        return known
+    def call_external_text(self, function: str, words: list[str], *, by: str = "") -> str:
+        """Call an external function with arguments as text; the result is text as well (CallError as above)."""
+        known = self._external(function, by)
+        return str(call_from_outside(self, known, lambda plugin: known.call_text(plugin, words)))
 
-    def _outside_call(self, known: Any, call: Callable[[Plugin], Any]) -> Any:
-        try:
-            with self.turn:
-                return call(self.live_plugin())
-        except PluginError as error:
-            raise CallError(error.code, str(error)) from error
+    def _external(self, function: str, by: str) -> ExternalFunction:
+        return external_function(self, function, lambda: self._manager.leases.holder(self.name), by)
 
     def observe(self, event: Event[Any], function: Callable[[Any], None]) -> None:
         """Have the plugin told of an event, through the tag's mailbox."""
@@ -395,68 +473,26 @@ class PluginTag:
 
     def answer(self, topic: Topic, handler: Handler, names: dict[str, str]) -> None:
         """Answer queries for the plugin, with its lock held."""
+        loaded = self._making or self._loaded
+        if loaded is None:
+            return
 
         def locked(request: Request) -> Any:
             try:
                 with self.turn:
+                    if self._loaded is not loaded or self.state not in (PluginState.ACTIVE, PluginState.HALTED):
+                        raise CallError(ErrorCode.INACTIVE, f"{self.name} is {self.state}: {self.why}")
                     return handler(request)
-            except PluginHung as error:
+            except PluginError as error:
                 raise CallError(error.code, str(error)) from error
 
-        if self._loaded is not None:
-            self._loaded.environment.wire.answer(topic, locked, serve=Serve.AT_ONCE, **names)
+        loaded.environment.wire.answer(topic, locked, serve=Serve.AT_ONCE, **names)
 
     def do_tasks(self, desk: TaskDesk, kind: type, accept: Accept, let_go: LetGo) -> None:
         """Register the plugin at the desk; it is called with its lock held, and only while it is active."""
-
-        def locked_accept(task: Task) -> TaskAnswer:
-            try:
-                with self.turn:
-                    if self.state is not PluginState.ACTIVE:
-                        return TaskAnswer(accepted=False, why=f"{self.name} is {self.state}")
-                    return accept(task)
-            except Exception as error:  # noqa: BLE001 - foreign plugin code
-                self._blame(error)
-                return TaskAnswer(accepted=False, why=f"{self.name} is {self.state}: {self.why or error}")
-
-        def locked_let_go(why: str) -> None:
-            try:
-                with self.turn:
-                    let_go(why)
-            except Exception as error:  # noqa: BLE001 - foreign plugin code
-                self._blame(error)
-
-        desk.register(kind, locked_accept, locked_let_go)
+        desk.register(kind, *in_turn(self, accept, let_go))
         self._kinds.append(kind)
 
     def info(self) -> PluginInfo:
         """What the host tells of the plugin."""
-        known = self._code
-        return PluginInfo(
-            name=self.name,
-            level=known.plugin_class.level.name.lower() if known is not None else "",
-            state=self.state.value,
-            why=self.why,
-            visibility=self.manifest.tag.visibility,
-            requires=self.manifest.tag.requires,
-            holder=self.holder,
-            period_s=self.period_s,
-            overruns=self.overruns,
-            restarts=self.restarts,
-            doc=(known.plugin_class.__doc__ or "").strip().partition("\n")[0] if known is not None else "",
-            functions=[function.info for function in known.functions.values()] if known is not None else [],
-        )
-
-
-def _offers(own: type, wanted: type) -> bool:
-    """By name, not by identity: after a reload the class that a caller knows is another one of the same name."""
-    name = (wanted.__module__, wanted.__qualname__)
-    return any((base.__module__, base.__qualname__) == name for base in own.__mro__)
-
-
-def _move_events(source: Loaded, target: Loaded) -> None:
-    """Have the observers of one instance observe another: the event objects themselves move."""
-    theirs = target.events()
-    for name, event in source.events().items():
-        if name in theirs:
-            target.plugin.__dict__[name] = event
+        return plugin_info(self)

@@ -11,6 +11,8 @@ import json
 import re
 import types
 from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import is_dataclass
 from enum import Enum
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
 
@@ -24,7 +26,7 @@ TEXT_FORM_MARK = "__robrain_text_form__"
 NULLS = ("null", "None")
 GRAMMAR = "`call PLUGIN FUNCTION(ARGUMENTS)`, `list` or `help [PLUGIN]`"
 
-_INTEGER = re.compile(r"[+-]?[0-9]+")
+_INTEGER = re.compile(r"[+-]?[0-9]{1,1000}")
 _CALL = re.compile(r"call\s+([^\s()]+)\s+([^\s()]+)\s*(.*)", re.DOTALL)
 _QUESTION = re.compile(r"(list)|help(?:\s+([^\s()]+))?")
 _NAMED = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)\s*=(?!=)\s*(.*)", re.DOTALL)
@@ -70,7 +72,7 @@ def register_text_form(
         ValueError: one of the hooks without the other, or the type has a form already that cannot be replaced.
 
     """
-    own_json = isinstance(msgspec.inspect.type_info(kind), msgspec.inspect.CustomType)
+    own_json = _is_unknown_to_json(kind)
     if (to_json is None) != (from_json is None):
         raise ValueError(f"{kind.__name__}: expected both of to_json and from_json, or none")
     if to_json is not None and not own_json:
@@ -95,7 +97,7 @@ def register_text_form(
 
 
 def encode_own(value: Any) -> Any:
-    """msgspec's `enc_hook`: a registered type as what JSON knows (TypeError if it is none)."""
+    """The `enc_hook` of msgspec: a registered type as what JSON knows (TypeError if it is none)."""
     form = _form_of_value(value)
     if form is None:
         kind = type(value).__name__
@@ -104,7 +106,7 @@ def encode_own(value: Any) -> Any:
 
 
 def decode_own(kind: Any, value: Any) -> Any:
-    """msgspec's `dec_hook`: a registered type out of JSON (ValueError if it cannot be)."""
+    """The `dec_hook` of msgspec: a registered type out of JSON (ValueError if it cannot be)."""
     form = _form_of(kind)
     if form is None:
         raise TypeError(_unknown(kind))
@@ -112,11 +114,17 @@ def decode_own(kind: Any, value: Any) -> Any:
 
 
 def schema_of_own(kind: Any) -> dict[str, Any]:
-    """msgspec's `schema_hook`: the JSON Schema of a registered type (TypeError if it is none)."""
+    """The `schema_hook` of msgspec: the JSON Schema of a registered type (TypeError if it is none)."""
     form = _form_of(kind)
     if form is None:
         raise TypeError(_unknown(kind))
     return form.schema
+
+
+def _is_unknown_to_json(kind: type) -> bool:
+    if issubclass(kind, msgspec.Struct) or is_dataclass(kind):
+        return False
+    return isinstance(msgspec.inspect.type_info(kind), msgspec.inspect.CustomType)
 
 
 def _form_of(kind: Any) -> TextForm | None:
@@ -131,7 +139,7 @@ def _form_of_value(value: Any) -> TextForm | None:
 
 
 def _unknown(kind: Any) -> str:
-    return f"{kind_name(kind)} has no text form; register_text_form({kind_name(kind)}, …) teaches it"
+    return f"{kind_name(kind)} is not supported; register_text_form({kind_name(kind)}, …) teaches it"
 
 
 def _foreign(parse: Callable[[Any], Any], given: Any, kind: Any) -> Any:
@@ -268,6 +276,7 @@ def _unquoted(text: str) -> str:
         return text
     try:
         found = json.loads(text, strict=False)
+        found.encode()  # half of a surrogate pair could not travel on
     except ValueError as error:
         raise ValueError(f"expected one text between double quotes, got {shown(text)}: {error}") from error
     assert isinstance(found, str)
@@ -308,9 +317,14 @@ def _parse_literal(text: str, hint: Any) -> Any:
 
 def _parse_annotated(text: str, hint: Any) -> Any:
     bare = get_args(hint)[0]
-    if not isinstance(bare, type) or _form_of(bare) is not None or bare not in _SCALARS:
-        return parse_value(text, bare) if _form_of(bare) is not None else _parse_json(text, hint)
-    return _checked(lambda: msgspec.convert(parse_value(text, bare), hint))
+    if _form_of(bare) is not None:
+        return parse_value(text, bare)
+    if not isinstance(bare, type) or bare not in _SCALARS:
+        return _parse_json(text, hint)
+    try:
+        return msgspec.convert(parse_value(text, bare), hint)
+    except msgspec.ValidationError as error:
+        raise ValueError(f"{error}, got {shown(text)}") from error
 
 
 def _parse_union(text: str, hint: Any) -> Any:
@@ -340,23 +354,15 @@ def _parse_any(text: str) -> Any:
 
 
 def _parse_json(text: str, hint: Any) -> Any:
-    if is_quoted(text):
-        plain = _unquoted(text)
-        return _checked(lambda: msgspec.convert(plain, hint, dec_hook=decode_own))
     try:
-        return _checked(lambda: msgspec.json.decode(text, type=hint, dec_hook=decode_own))
-    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
-        try:
-            return msgspec.convert(text, hint, dec_hook=decode_own)  # times, bytes and the like without quotes
-        except msgspec.ValidationError:
-            raise ValueError(f"expected a {kind_name(hint)} as JSON, got {shown(text)}: {error}") from error
-
-
-def _checked(convert: Callable[[], Any]) -> Any:
-    try:
-        return convert()
+        if not text.startswith(("[", "{")):
+            with suppress(msgspec.ValidationError):  # times, bytes and the like need no quotes
+                return msgspec.convert(_unquoted(text), hint, dec_hook=decode_own)
+        return msgspec.json.decode(text, type=hint, dec_hook=decode_own)
     except msgspec.ValidationError as error:
         raise ValueError(str(error).replace(" - at `$", " at `$")) from error
+    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
+        raise ValueError(f"expected a {kind_name(hint)} as JSON, got {shown(text)}: {error}") from error
 
 
 # -- calls --------------------------------------------------------------------------------------------------------
@@ -454,7 +460,7 @@ def _split(text: str) -> list[str]:
 def _whole(words: Iterable[str], rest: str) -> list[str]:
     stripped = [word.strip() for word in words]
     if rest.strip():
-        raise CallError(ErrorCode.BAD_ARGUMENTS, f"expected nothing after the closing ), got {shown(rest)}")
+        raise CallError(ErrorCode.BAD_ARGUMENTS, f"expected nothing after the closing ), got {shown(rest.strip())}")
     if stripped == [""]:
         return []
     if "" in stripped:

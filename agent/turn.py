@@ -22,12 +22,23 @@ class Turn:
 
     def __init__(self, plugin: str, limit_s: float, clock: Clock) -> None:
         self._plugin = plugin
-        self._limit_s = limit_s
+        self.limit_s = limit_s
         self._limit_ns = to_ns(limit_s)
         self._clock = clock
         self._lock = threading.RLock()
         self._depth = 0
         self._since_ns = 0
+        self._owner = 0
+
+    def set_limit(self, limit_s: float) -> None:
+        """Another limit holds from now on: the manifest was edited."""
+        self.limit_s = limit_s
+        self._limit_ns = to_ns(limit_s)
+
+    @property
+    def owner(self) -> int | None:
+        """The thread that is in the plugin, or None."""
+        return self._owner if self._depth > 0 else None
 
     def acquire(self, timeout_s: float) -> bool:
         """Take the turn; False if it was not to be had in time."""
@@ -35,6 +46,7 @@ class Turn:
             return False
         if self._depth == 0:
             self._since_ns = self._clock.now_ns()
+            self._owner = threading.get_ident()
         self._depth += 1
         return True
 
@@ -48,8 +60,8 @@ class Turn:
         return self._depth > 0 and now_ns - self._since_ns > self._limit_ns
 
     def __enter__(self) -> Self:
-        if not self.acquire(self._limit_s):
-            raise PluginHung(self._plugin, f"{self._plugin} has not come back for {self._limit_s:g} s")
+        if not self.acquire(self.limit_s):
+            raise PluginHung(self._plugin, f"{self._plugin} has not come back for {self.limit_s:g} s")
         return self
 
     def __exit__(

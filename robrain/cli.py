@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 import typer
 
+from robrain.deploy.plugin_commands import plugin_app
 from robrain.protocol.wire.errors import RobrainError
 from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
 
@@ -28,6 +29,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+
+app.add_typer(plugin_app, name="plugin")
 
 ScenarioArgument = Annotated[str | None, typer.Argument(help="A built-in name (depot) or a scenario .toml file.")]
 MapOption = Annotated[Path | None, typer.Option("--map", help="A map.yaml in the ROS map_server format, instead.")]
@@ -215,6 +218,23 @@ def replay(
     from robrain.deploy.live_process import endpoints
 
     replay_command(recording, speed, loop=loop, dashboard=dashboard, port=port, connect=endpoints(connect), team=team)
+
+
+@app.command()
+def shell(
+    robot: Annotated[str, typer.Argument(help="Name of the robot.")],
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+) -> None:
+    """Talk to a robot's plugins: call driver stop(), list, help driver."""
+    from robrain.deploy.live_process import endpoints, live_endpoint, session_of
+    from robrain.deploy.shell import run_shell
+
+    check_name("robot", robot)
+    with session_of(endpoints(connect), None) as session, live_endpoint(session, check_name("team", team)) as wire:
+        failed = run_shell(wire, robot, interactive=sys.stdin.isatty())
+    if failed:
+        raise typer.Exit(failed)
 
 
 @app.command()

@@ -8,7 +8,7 @@ and a query from the runner's own thread is answered there and then; what comes 
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from enum import StrEnum
 from typing import Any, NamedTuple
@@ -20,6 +20,7 @@ from zenoh import ext
 from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.errors import CallError, ErrorCode, ErrorReply, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.presence import Presence
 from robrain.protocol.wire.publisher import PRIORITY, Publisher
 from robrain.protocol.wire.topics import JSON, Delivery, Topic
@@ -29,6 +30,7 @@ logger = logging.getLogger(__name__)
 OnOutside = Callable[[str, bytes], None]
 PENDING_QUERIES = 256
 NOTHING = b"null"
+BY = "by"
 HISTORY_TIMEOUT_S = 5.0
 ZENOH_TIMEOUT = b"Timeout"
 """What Zenoh itself replies with when nobody has replied in time."""
@@ -58,6 +60,8 @@ class Request(NamedTuple):
     names: dict[str, str]
     """Names in the key, and its team under `team`."""
     payload: bytes
+    by: str = ""
+    """Who asks, if the asker says: the parameter `by` of the selector, as in `robrain/t/robot/r1/call/p/f?by=ann`."""
 
 
 Handler = Callable[[Request], Any]
@@ -92,6 +96,8 @@ class Endpoint:
         self.drive = drive
         self.refused_queries = 0
         self._on_outside = on_outside
+        self.has_waiting = False
+        """Whether `serve` has something to do."""
         self._from_others: deque[tuple[str, bytes]] = deque(maxlen=PENDING_QUERIES)
         self._owner = threading.get_ident()
         self._entities: list[Any] = []
@@ -173,8 +179,19 @@ class Endpoint:
 
     # -- being asked ----------------------------------------------------------------------------------------
 
-    def answer(self, topic: Topic, handler: Handler, *, serve: Serve = Serve.AT_ONCE, **names: str) -> None:
-        """Answer queries on a topic. Every query gets a reply: the handler's result or an ErrorReply."""
+    def answer(
+        self, topic: Topic, handler: Handler, *, serve: Serve = Serve.AT_ONCE, at_once: Sequence[str] = (), **names: str
+    ) -> None:
+        """Answer queries on a topic. Every query gets a reply: the handler's result or an ErrorReply.
+
+        Args:
+            topic: a query topic.
+            handler: makes the answer.
+            serve: where it does, in live.
+            at_once: last chunks of keys that are answered AT_ONCE all the same.
+            names: names in the key; those that are not given match any.
+
+        """
         own_key = topic.key(self.team, **names) if set(names) == set(topic.fields) else None
 
         def take(query: zenoh.Query) -> None:
@@ -182,7 +199,7 @@ class Endpoint:
                 self._reply(query, topic, own_key, handler)
             elif serve is Serve.IN_STEP if self.drive is Drive.LIVE else self._from_outside():
                 self._queue(query, topic, own_key, handler)
-            elif self.drive is Drive.LIVE and serve is Serve.POOL:
+            elif self.drive is Drive.LIVE and serve is Serve.POOL and str(query.key_expr).split("/")[-1] not in at_once:
                 self._threads().submit(self._reply, query, topic, own_key, handler)
             else:
                 self._reply(query, topic, own_key, handler)
@@ -191,6 +208,7 @@ class Endpoint:
 
     def serve(self) -> None:
         """Answer the queries that wait for this component's step."""
+        self.has_waiting = False
         while self._from_others and self._on_outside is not None:
             self._on_outside(*self._from_others.popleft())
         for _ in range(len(self._pending)):
@@ -203,6 +221,7 @@ class Endpoint:
     def note_outside(self, key: str, payload: bytes) -> None:
         """Something from another process reached a lockstep run; told on at the next `serve()`."""
         self._from_others.append((key, payload))
+        self.has_waiting = True
 
     def _queue(self, query: zenoh.Query, topic: Topic, own_key: str | None, handler: Handler) -> None:
         if len(self._pending) >= PENDING_QUERIES:
@@ -211,6 +230,7 @@ class Endpoint:
                 _reply_error(query, CallError(ErrorCode.BUSY, f"{PENDING_QUERIES} queries wait already"))
             return
         self._pending.append((query, topic, own_key, handler))
+        self.has_waiting = True
 
     def _reply(self, query: zenoh.Query, topic: Topic, own_key: str | None, handler: Handler) -> None:
         with query:
@@ -222,7 +242,7 @@ class Endpoint:
                 if names is None or ("*" in key and own_key is None):
                     raise CallError(ErrorCode.BAD_ARGUMENTS, f"{key}: ask one concrete key")
                 payload = query.payload.to_bytes() if query.payload is not None else b""
-                result = handler(Request(names, payload))
+                result = handler(Request(names, payload, query.parameters.get(BY) or ""))
                 encoded = result if isinstance(result, bytes) else msgspec.json.encode(result)
                 query.reply(own_key or key, encoded, encoding=JSON)
             except CallError as error:
@@ -234,23 +254,26 @@ class Endpoint:
 
     # -- asking ---------------------------------------------------------------------------------------------
 
-    def ask(self, topic: Topic, payload: Any = None, *, timeout_s: float = 2.0, **names: str) -> bytes:
+    def ask(self, topic: Topic, payload: Any = None, *, timeout_s: float = 2.0, by: str = "", **names: str) -> bytes:
         """Ask one concrete key and return the reply.
 
         Args:
             topic: a query topic.
             payload: encoded as JSON unless it is bytes or None.
             timeout_s: how long to wait for the reply.
+            by: who asks, where that matters: the holder of an exclusive plugin.
             names: the names in the key.
 
         Raises:
+            BadName: a name cannot be one.
             CallError: the reply is an error, or none came in time (`timeout`).
             NobodyThere: nobody answers that key.
         """
         key = topic.key(self.team, **names)
         body = payload if payload is None or isinstance(payload, bytes) else msgspec.json.encode(payload)
         priority = PRIORITY[topic.urgency]
-        for reply in self.session.get(key, payload=body, timeout=timeout_s, encoding=JSON, priority=priority):
+        selector = f"{key}?{BY}={check_name('asker', by)}" if by else key
+        for reply in self.session.get(selector, payload=body, timeout=timeout_s, encoding=JSON, priority=priority):
             if reply.ok is not None:
                 return reply.ok.payload.to_bytes()
             raise _call_error(reply.err)

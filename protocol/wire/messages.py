@@ -53,6 +53,13 @@ class RobotState(Message, frozen=True, kw_only=True):
     behavior: str = ""
     task: TaskStatus | None = None
     halted: bool = False
+    """Emergency halt: all plugins refuse calls and have been told to stop."""
+    halted_by: list[str] = []
+    """Who holds the halt."""
+    team_halt_ns: int = 0
+    """Stamp of the team's halt, if the halt is the team's."""
+    not_halted: list[str] = []
+    """Plugins that failed to stop, or did not say in time that they have."""
 
 
 class MapPatch(Message, frozen=True, kw_only=True):
@@ -139,13 +146,15 @@ class HostRequest(msgspec.Struct, frozen=True, kw_only=True):
     """A query to a robot's host; which fields count depends on the verb in the key."""
 
     plugin: str = ""
-    """load: a name, or the path of a folder or manifest on the robot's machine; unload, reload: a name."""
+    """load: a name, or the path of a folder or manifest on the robot's machine; otherwise a name."""
     cascade: bool = False
     """unload: those that require it as well."""
     text: str = ""
-    """command: the text form, such as `call driver stop()`."""
+    """command: the text form, such as `call driver stop()`; halt: the reason."""
     by: str = ""
-    """Who asks; halt and resume log it."""
+    """Who asks; halt and resume log it, hold and release are meant for that one."""
+    lease_s: float = 5.0
+    """hold: for how long, at most 60 s; who needs it longer asks again in time."""
 
 
 class TaskOffer(msgspec.Struct, frozen=True, kw_only=True):
@@ -201,6 +210,22 @@ class FrontierSummary(msgspec.Struct, frozen=True, kw_only=True):
     length_m: float
 
 
+class HaltStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """How the team stands to an emergency halt of all."""
+
+    halted: bool
+    by: list[str]
+    """Who holds the halt; once it is over, who ended it."""
+    reason: str = ""
+    since_ns: int = 0
+    """When it began, or ended."""
+    stamp_ns: int = 0
+    """Of the last halt or resume that was heard; grows from one to the next."""
+    stopped: list[str] = []
+    not_stopped: list[str] = []
+    """All others that were ever heard of, those that are lost included."""
+
+
 class TeamState(Message, frozen=True, kw_only=True):
     """The coordinator's summary: 2 Hz, only the latest counts."""
 
@@ -213,6 +238,8 @@ class TeamState(Message, frozen=True, kw_only=True):
     tasks_done: int = 0
     messages: int = 0
     """Messages that the coordinator has received."""
+    halt: HaltStatus | None = None
+    """None as long as nobody has halted the team."""
 
 
 class MoteReading(Message, frozen=True, kw_only=True):
@@ -233,7 +260,19 @@ class Halt(Message, frozen=True, kw_only=True):
 
     halted: bool
     by: str
+    """Who halts: that one may resume, and whoever's name starts with `operator`."""
     reason: str = ""
+
+
+class HaltAnswer(msgspec.Struct, frozen=True, kw_only=True):
+    """A robot's answer to the host's verbs halt and resume."""
+
+    robot: str
+    halted: bool
+    by: list[str] = []
+    """Who holds the halt."""
+    not_halted: list[str] = []
+    """Plugins that failed to stop, or did not say in time that they have."""
 
 
 class Scan(Message, frozen=True, kw_only=True):

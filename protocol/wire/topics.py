@@ -183,6 +183,7 @@ ROBOT_EVENT = Topic(
     delivery=Delivery.LOSSLESS,
     urgency=Urgency.INTERACTIVE_HIGH,
     recorded=True,
+    cache=256,
 )
 ROBOT_LOG = Topic(
     name="robot_log",
@@ -204,7 +205,8 @@ ROBOT_PLUGINS = Topic(
 ROBOT_CALL = Topic(
     name="robot_call",
     pattern="robot/{robot}/call/{plugin}/{function}",
-    doc="External call: arguments as a JSON array (by position) or object (by name), reply is the JSON result",
+    doc="External call: arguments as a JSON array (by position) or object (by name), reply is the JSON result; "
+    "the holder of an exclusive plugin says so with `?by=NAME` behind the key",
     by=Role.ROBOT,
     kind=Kind.QUERY,
     urgency=Urgency.INTERACTIVE_HIGH,
@@ -212,7 +214,7 @@ ROBOT_CALL = Topic(
 ROBOT_HOST = Topic(
     name="robot_host",
     pattern="robot/{robot}/host/{verb}",
-    doc="Run the host: load, unload, reload, command",
+    doc="Run the host: load, unload, reload, command, hold, release, halt, resume",
     by=Role.ROBOT,
     kind=Kind.QUERY,
     message=messages.HostRequest,
@@ -234,6 +236,29 @@ ROBOT_WITHDRAW = Topic(
     by=Role.ROBOT,
     kind=Kind.QUERY,
     message=messages.TaskWithdrawal,
+    urgency=Urgency.INTERACTIVE_HIGH,
+)
+ROBOT_FOREIGN = Topic(
+    name="robot_foreign",
+    pattern="robot/{robot}/foreign/{plugin}",
+    doc="Liveliness token of a plugin that is a process of its own, in whatever language",
+    by=Role.ROBOT,
+    kind=Kind.TOKEN,
+)
+ROBOT_FOREIGN_INFO = Topic(
+    name="robot_foreign_info",
+    pattern="robot/{robot}/foreign/{plugin}/info",
+    doc="What such a plugin is: replies a `PluginInfo`",
+    by=Role.ROBOT,
+    kind=Kind.QUERY,
+    reads_only=True,
+)
+ROBOT_FOREIGN_CALL = Topic(
+    name="robot_foreign_call",
+    pattern="robot/{robot}/foreign/{plugin}/call/{function}",
+    doc="The robot's host relays a call to such a plugin, to whose `call` key it came; arguments and reply as there",
+    by=Role.ROBOT,
+    kind=Kind.QUERY,
     urgency=Urgency.INTERACTIVE_HIGH,
 )
 MOTE_READING = Topic(
@@ -271,6 +296,15 @@ COORDINATOR_STATE = Topic(
     rate_hz=2,
     delivery=Delivery.LATEST,
     recorded=True,
+)
+COORDINATOR_HALT = Topic(
+    name="coordinator_halt",
+    pattern="coordinator/halt",
+    doc="How the team stands to an emergency halt: replies a `HaltStatus`, or null; asked by robots before they start",
+    by=Role.COORDINATOR,
+    kind=Kind.QUERY,
+    urgency=Urgency.INTERACTIVE_HIGH,
+    reads_only=True,
 )
 HALT = Topic(
     name="halt",
@@ -348,10 +382,14 @@ TOPICS: tuple[Topic, ...] = (
     ROBOT_HOST,
     ROBOT_OFFER,
     ROBOT_WITHDRAW,
+    ROBOT_FOREIGN,
+    ROBOT_FOREIGN_INFO,
+    ROBOT_FOREIGN_CALL,
     MOTE_READING,
     TASK_EVENT,
     COORDINATOR_ALIVE,
     COORDINATOR_STATE,
+    COORDINATOR_HALT,
     HALT,
     ARENA_CAN,
     ARENA_RADIO_RX,

@@ -1,3 +1,5 @@
+import re
+
 import pytest
 
 from robrain.agent.errors import AccessDenied, PluginBusy, PluginInactive, PluginMissing
@@ -67,14 +69,16 @@ def test_calls_go_to_strictly_lower_levels(bench, caller, callee):
     bench.manifest("switch", "lab:Switch", visibility=["*"])
     bench.manifest("unit", "lab:Unit1", visibility=["*"])
     bench.manifest("one", f"lab:{LEVELS[caller]}", requires=[callee])
-    bench.start("one", "switch", "unit")
+    host = bench.start("one", "switch", "unit")
     levels = list(LEVELS)
-    use = bench.plugin("one").env.use
     if levels.index(callee) < levels.index(caller):
-        assert callable(use(callee, interface(bench)).press)
+        assert callable(bench.plugin("one").env.use(callee, interface(bench)).press)
     else:
+        levels_of_both = rf"one \({caller.replace('switch', 'device')}\) requires {callee} \(\w+\)"
+        why = bench.infos()["one"].why
+        assert re.match(f"{levels_of_both}: merge one and {callee}, calls go to lower levels only", why)
         with pytest.raises(AccessDenied, match=f"calls go to lower levels only; merge one and {callee}") as denied:
-            use(callee, interface(bench))
+            host.manager.get("one").use(callee, interface(bench))
         assert denied.value.plugin == callee
 
 
@@ -196,7 +200,7 @@ def test_who_is_second_at_an_exclusive_plugin_is_told_who_holds_it(bench, lab):
     assert (infos["first"].state, infos["second"].state) == ("active", "faulted")
     assert infos["second"].why == "switch is held by first"
     with pytest.raises(PluginBusy) as busy:
-        bench.plugin("second").env.use("switch", interface(bench))
+        bench.hosts[-1].manager.get("second").use("switch", interface(bench))
     assert (busy.value.plugin, busy.value.holder) == ("switch", "first")
 
 

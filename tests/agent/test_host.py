@@ -96,11 +96,12 @@ def test_plugins_step_at_their_own_periods_from_the_first_tick(dice):
 
 def test_a_plugin_that_raises_is_faulted_with_the_reason_and_the_others_go_on(dice, caplog):
     dice.start("bad", "fast")
+    bad = dice.plugin("bad")
     dice.tick(5)
     infos = dice.infos()
     assert (infos["bad"].state, infos["bad"].why) == ("faulted", "RuntimeError: lost count")
     assert "r1: plugin bad faulted: lost count" in caplog.text
-    assert len(dice.plugin("bad").steps) == 1
+    assert len(bad.steps) == 1
     assert len(dice.plugin("fast").steps) == 5
     with pytest.raises(CallError, match="bad is faulted: RuntimeError: lost count") as refused:
         dice.call("bad", "throw")

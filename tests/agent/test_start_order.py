@@ -1,10 +1,13 @@
+import math
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.agent.manager import PluginManager
 from robrain.agent.manifest import Manifest, TagTable
-from robrain.agent.tag import PluginState, PluginTag
+from robrain.agent.plugin_state import PluginState
+from robrain.agent.tag import PluginTag
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.wire.clock import VirtualClock
 
@@ -52,8 +55,10 @@ def test_all_are_initialised_then_all_activated_requirements_first(bench, diary)
 def test_users_are_stopped_before_what_they_use(bench, diary):
     bench.manifest("a", "diary:Top", requires=["z"])
     bench.manifest("z", "diary:Low")
-    bench.start("a").close()
-    assert diary()[-2:] == ["deactivate a", "deactivate z"]
+    host = bench.start("a")
+    entries = diary()
+    host.close()
+    assert entries[-2:] == ["deactivate a", "deactivate z"]
 
 
 def test_what_a_wanted_plugin_requires_is_loaded_as_well(bench, diary):
@@ -115,7 +120,16 @@ def test_a_missing_requirement_leaves_out_the_plugin_and_says_what_there_is(benc
     bench.start("a", "b")
     infos = bench.infos()
     assert (infos["a"].state, infos["b"].state) == ("faulted", "active")
-    assert infos["a"].why == "no plugin ghost; there are: a, b"
+    assert infos["a"].why == "no plugin ghost (a → ghost); there are: a, b"
+
+
+def test_a_missing_requirement_is_named_with_the_whole_way_to_it(bench, diary):
+    bench.manifest("a", "diary:Top", requires=["b"])
+    bench.manifest("b", "diary:Middle", requires=["ghost"])
+    bench.start("a")
+    infos = bench.infos()
+    assert infos["a"].why == "no plugin ghost (a → b → ghost); there are: b, a"
+    assert infos["b"].why == "no plugin ghost (b → ghost); there are: b, a"
 
 
 def test_plugins_that_require_each_other_are_left_out_and_the_rest_starts(bench, diary):
@@ -142,6 +156,10 @@ def test_a_plugin_that_requires_itself_is_left_out(bench, diary):
 NAMES = ["a", "b", "c", "d", "e"]
 
 
+class Anything:
+    level = math.nan  # neither above nor below any other
+
+
 class Still(PluginTag):
     """A tag without code behind it: only its requirements matter."""
 
@@ -153,7 +171,7 @@ class Still(PluginTag):
 
     @property
     def plugin_class(self):
-        return object
+        return Anything
 
 
 @given(st.fixed_dictionaries({name: st.lists(st.sampled_from([*NAMES, "ghost"]), max_size=3) for name in NAMES}))

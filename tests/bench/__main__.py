@@ -3,7 +3,7 @@
 from rich.console import Console
 from rich.table import Table
 
-from tests.bench import real_time_factor
+from tests.bench import plugin_host, real_time_factor
 
 
 def main() -> None:
@@ -19,6 +19,12 @@ def main() -> None:
             f"{row.real_time_factor:.1f}",
             f"{row.ratio:.0f}",
         )
+    Console(width=110).print(table)
+    table = Table(title="The plugin host, each figure beside what it is compared with and the bound that it is to keep")
+    for heading in ("what", "measured", "beside", "bound", "kept"):
+        table.add_column(heading)
+    for figure in plugin_host.measure():
+        table.add_row(figure.what, figure.value, figure.beside, figure.bound, "yes" if figure.is_kept else "no")
     Console(width=110).print(table)
 
 

@@ -112,9 +112,12 @@ EXAMPLES = [
         holder="",
         period_s=0.06,
         overruns=2,
+        restarts=1,
+        distribution="robrain",
         doc="Follows paths.",
         functions=[FUNCTION],
     ),
+    messages.HostRequest(plugin="driver", cascade=True, text="call driver stop()", by="operator", lease_s=2.0),
     errors.ErrorReply(code=errors.ErrorCode.BUSY, message="mocdevice is held by driver", detail="driver"),
 ]
 each = pytest.mark.parametrize("message", EXAMPLES, ids=lambda message: type(message).__name__)

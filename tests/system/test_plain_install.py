@@ -20,7 +20,7 @@ def test_agent_needs_no_extra(commands) -> None:
         text=True,
     )
     commands.adopt(agent)
-    assert "12 plugins" in commands.line_with(agent, "agent: r1 is up")
+    assert "15 plugins" in commands.line_with(agent, "agent: r1 is up")
 
 
 def test_missing_extra_is_named(commands) -> None:

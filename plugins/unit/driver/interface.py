@@ -3,6 +3,7 @@
 from enum import StrEnum
 from typing import Protocol
 
+from robrain.agent.action import ActionEnd, ActionProgress
 from robrain.agent.event import Event
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 
@@ -21,9 +22,28 @@ class DriverInterface(Protocol):
 
     arrived: Event[Point2D]
     """The end of the path, when it has been reached."""
+    progress: Event[ActionProgress]
+    finished: Event[ActionEnd]
+    """An action has ended; its result, if it is done, is T_odom_robot."""
 
     def follow(self, path: list[Point2D]) -> None:
         """Drive along these points to the last one; takes the place of what was driven before."""
+
+    def drive_path(self, points: list[Point2D]) -> str:
+        """As `follow`, as an action; its id. Whatever moves the robot next cancels it."""
+        ...
+
+    def drive(self, distance_m: float) -> str:
+        """Drive straight ahead, or back if negative, without turning; the action's id."""
+        ...
+
+    def turn(self, angle_rad: float) -> str:
+        """Turn on the spot, to the left if positive; the action's id."""
+        ...
+
+    def cancel(self, action: str) -> bool:
+        """Stand still if this action is running; False if it is not."""
+        ...
 
     def stop(self) -> None:
         """Stand still."""

@@ -1,0 +1,88 @@
+"""Access: what speaks for and against a use of a plugin, from inside and from outside."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from robrain.agent.errors import AccessDenied, PluginBusy, PluginError
+from robrain.agent.external import ExternalFunction, find_function
+from robrain.agent.manifest import ANYBODY, COMMAND
+from robrain.agent.plugin import Plugin
+from robrain.agent.plugin_state import PluginState
+from robrain.protocol.wire.errors import CallError, ErrorCode
+
+if TYPE_CHECKING:
+    from robrain.agent.tag import PluginTag
+
+
+def check_use(callee: "PluginTag", caller: "PluginTag", interface: type) -> None:
+    """Whether one plugin may use another by an interface (AccessDenied, saying what speaks against it)."""
+    own = callee.plugin_class
+    if own.level >= caller.plugin_class.level:
+        raise AccessDenied(
+            callee.name,
+            f"{caller.name} ({caller.plugin_class.level.name.lower()}) may not call {callee.name} "
+            f"({own.level.name.lower()}): calls go to lower levels only; merge {caller.name} and {callee.name}",
+        )
+    visible = callee.manifest.tag.visibility
+    if caller.name not in visible and ANYBODY not in visible:
+        raise AccessDenied(callee.name, f"{caller.name} is not in the visibility of {callee.name}")
+    if own.interface is None or not _offers(own.interface, interface):
+        offered = own.interface.__name__ if own.interface else "nothing"
+        raise AccessDenied(callee.name, f"{callee.name} offers {offered}, not {interface.__name__}")
+
+
+def check_outside(callee: "PluginTag") -> None:
+    """Whether a plugin is open to the outside (AccessDenied if not)."""
+    if COMMAND not in callee.manifest.tag.visibility:
+        raise AccessDenied(callee.name, f"{callee.name} is not open to the outside")
+
+
+def external_function(callee: "PluginTag", function: str, held_by: Callable[[], str], by: str) -> ExternalFunction:
+    """An external function that somebody outside may call now.
+
+    Args:
+        callee: whose function it is.
+        function: its external name, or that of one signature.
+        held_by: tells who outside holds the plugin, or nothing.
+        by: who calls; only that one may call a plugin that it holds.
+
+    Raises:
+        CallError: with the code that says why not.
+
+    """
+    try:
+        check_outside(callee)
+    except AccessDenied as error:
+        raise CallError(error.code, str(error)) from error
+    if not callee.is_imported:
+        raise CallError(ErrorCode.INACTIVE, f"{callee.name} is {callee.state}: {callee.why}")
+    functions = callee.code.functions
+    known = find_function(functions, function)
+    if known is None:
+        names = ", ".join(functions) or "none"
+        raise CallError(ErrorCode.UNKNOWN_FUNCTION, f"{callee.name} has no function {function}; it has: {names}")
+    if callee.state is PluginState.HALTED:
+        raise CallError(ErrorCode.HALTED, f"{callee.name} is halted")
+    if not callee.manifest.tag.shared:
+        outside = held_by()
+        holder = callee.holder or (outside if outside != by else "")
+        if holder:
+            raise CallError(ErrorCode.BUSY, str(PluginBusy(callee.name, holder)), holder)
+    return known
+
+
+def call_from_outside(callee: "PluginTag", known: ExternalFunction, call: Callable[[Plugin], Any]) -> Any:
+    """Call a plugin that is live, in its turn unless the function needs none (CallError if it refuses)."""
+    try:
+        if known.unlocked:
+            return call(callee.live_plugin())
+        with callee.turn:
+            return call(callee.live_plugin())
+    except PluginError as error:
+        raise CallError(error.code, str(error), getattr(error, "holder", "")) from error
+
+
+def _offers(own: type, wanted: type) -> bool:
+    """By name, not by identity: after a reload the class that a caller knows is another one of the same name."""
+    name = (wanted.__module__, wanted.__qualname__)
+    return any((base.__module__, base.__qualname__) == name for base in own.__mro__)

@@ -1,0 +1,178 @@
+"""Long actions: starting one returns an id at once; progress and the end are told by events.
+
+class Gripper(Unit):
+    progress = Event[ActionProgress](outside=True)
+    finished = Event[ActionEnd](outside=True)
+
+    def init(self) -> None:
+        self._actions = ActionDesk(self.env, self.progress, self.finished)
+
+    @external
+    def close(self) -> str:
+        self._action = self._actions.start("close")
+        return self._action.id
+
+    def step(self) -> None:
+        if self._action.is_running:
+            self._action.progress(self._share_closed())
+            if self._share_closed() >= 1.0:
+                self._action.done()
+
+    @external
+    def cancel(self, action: str) -> bool:
+        return self._actions.cancel(action)
+
+What is still running when the plugin is deactivated, faults or is halted ends as cancelled by itself.
+"""
+
+import threading
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from robrain.agent.event import Event
+from robrain.protocol.wire.clock import to_ns
+
+if TYPE_CHECKING:
+    from robrain.agent.environment import Environment
+
+PROGRESS_PERIOD_NS = to_ns(0.5)
+NS_PER_MS = 1_000_000
+
+
+class Outcome(StrEnum):
+    """How an action ended."""
+
+    DONE = "done"
+    CANCELLED = "cancelled"
+    FAILED = "failed"
+
+
+class ActionProgress(msgspec.Struct, frozen=True, kw_only=True):
+    """How far an action is; at most twice a second."""
+
+    action: str
+    share: float
+    """0 to 1."""
+
+
+class ActionEnd(msgspec.Struct, frozen=True, kw_only=True):
+    """The end of an action; told once for each that was started."""
+
+    action: str
+    outcome: Outcome
+    why: str = ""
+    result: Any = None
+    """What the action was for, if it was for something."""
+
+
+class Action:
+    """One action; made by `ActionDesk.start`. What is called after its end does nothing."""
+
+    def __init__(self, desk: "ActionDesk", action_id: str, now_ns: int) -> None:
+        self.id = action_id
+        self.end: ActionEnd | None = None
+        """None while it is running."""
+        self._desk = desk
+        self._tell_ns = now_ns + PROGRESS_PERIOD_NS
+
+    @property
+    def is_running(self) -> bool:
+        """Whether it has not ended."""
+        return self.end is None
+
+    def progress(self, share: float) -> None:
+        """Say how far it is, 0 to 1; may be called as often as one likes, and is told twice a second."""
+        now_ns = self._desk.now_ns()
+        if self.is_running and now_ns >= self._tell_ns:
+            self._tell_ns = now_ns + PROGRESS_PERIOD_NS
+            self._desk.told_progress(ActionProgress(action=self.id, share=min(max(share, 0.0), 1.0)))
+
+    def done(self, result: Any = None) -> None:
+        """It has come to its end."""
+        self._desk.ended(self, ActionEnd(action=self.id, outcome=Outcome.DONE, result=result))
+
+    def fail(self, why: str) -> None:
+        """It cannot be brought to its end."""
+        self._desk.ended(self, ActionEnd(action=self.id, outcome=Outcome.FAILED, why=why))
+
+    def cancel(self, why: str) -> None:
+        """It is not wanted any more."""
+        self._desk.ended(self, ActionEnd(action=self.id, outcome=Outcome.CANCELLED, why=why))
+
+
+class ActionDesk:
+    """The actions of one plugin. May be used from any thread.
+
+    Args:
+        env: the plugin's; the desk hears from it when the plugin ends or is halted.
+        progress: told of each action's progress.
+        finished: told of each action's end.
+        several: whether actions run side by side; if not, a new one cancels the one before.
+
+    """
+
+    def __init__(
+        self,
+        env: "Environment",
+        progress: Event[ActionProgress],
+        finished: Event[ActionEnd],
+        *,
+        several: bool = False,
+    ) -> None:
+        self._clock = env.clock
+        self._progress = progress
+        self._finished = finished
+        self._several = several
+        self._lock = threading.Lock()
+        self._running: dict[str, Action] = {}
+        # As the coordinator's epochs: a plugin that starts again, or another instance, does not give an id anew.
+        self._count = self.now_ns() // NS_PER_MS
+        env.at_end(self.cancel_all)
+
+    def start(self, name: str) -> Action:
+        """A new action, named `NAME-NUMBER`."""
+        with self._lock:
+            self._count += 1
+            action = Action(self, f"{name}-{self._count}", self.now_ns())
+            before = [] if self._several else list(self._running.values())
+            self._running[action.id] = action
+        for other in before:
+            other.cancel(f"{action.id} has taken its place")
+        return action
+
+    def running(self) -> list[Action]:
+        """The actions that have not ended, oldest first."""
+        with self._lock:
+            return list(self._running.values())
+
+    def cancel(self, action: str, why: str = "it was cancelled") -> bool:
+        """Cancel one by its id; False if none of that id is running."""
+        with self._lock:
+            found = self._running.get(action)
+        if found is None:
+            return False
+        found.cancel(why)
+        return True
+
+    def cancel_all(self, why: str) -> None:
+        """Cancel all that are running."""
+        for action in self.running():
+            action.cancel(why)
+
+    def now_ns(self) -> int:
+        """The run's clock."""
+        return self._clock.now_ns()
+
+    def told_progress(self, progress: ActionProgress) -> None:
+        """Called by actions."""
+        self._progress.notify(progress)
+
+    def ended(self, action: Action, end: ActionEnd) -> None:
+        """Called by actions. Of two threads that end one, the first has its way."""
+        with self._lock:
+            if self._running.pop(action.id, None) is None:
+                return
+            action.end = end
+        self._finished.notify(end)

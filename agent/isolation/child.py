@@ -1,0 +1,156 @@
+"""`python -m robrain.agent.isolation.child`: the process of one isolated plugin. Started by ChildProcess."""
+
+import faulthandler
+import fcntl
+import json
+import logging
+import os
+import resource
+import signal
+import socket
+import sys
+import threading
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from robrain.agent.errors import PluginError
+from robrain.agent.event import Event, Mailbox
+from robrain.agent.isolation.child_environment import ChildEnvironment, Parent
+from robrain.agent.isolation.contract import Contract, contract_of
+from robrain.agent.isolation.errors import PeerLost
+from robrain.agent.isolation.messages import OWN, Begin, Call, Do, Get, Log, Notify, Request, Told
+from robrain.agent.isolation.peer import Peer
+from robrain.agent.isolation.plain_data import decoder, encode
+from robrain.agent.loading import import_code
+from robrain.agent.manifest import Manifest, TagTable
+from robrain.agent.plugin import Plugin
+
+BYTES_PER_MB = 1_000_000
+
+
+class Child:
+    """Holds the real plugin, and does what the parent asks."""
+
+    def __init__(self, name: str, calls: socket.socket, halts: socket.socket, asides: socket.socket) -> None:
+        self._name = name
+        self._calls = Peer(calls, name, self.serve)
+        self._halts = Peer(halts, name, self._halt)
+        self._parent = Parent(self._calls, Peer(asides, name, self.serve))
+        self._turn = threading.RLock()
+        self._plugin: Plugin
+        self._contract: Contract
+        self._env: ChildEnvironment | None = None
+
+    def run(self) -> None:
+        """Serve until the parent hangs up."""
+        threading.Thread(target=self._halts.run, name="halts", daemon=True).start()
+        self._calls.run()
+        if self._env is not None:
+            self._env.close()
+
+    def serve(self, request: Request) -> bytes:
+        """Do what was asked for, in the plugin's turn."""
+        with self._turn:
+            match request:
+                case Begin():
+                    self._begin(request)
+                case Do(function):
+                    if function == "deactivate":
+                        self._end_actions("the plugin is deactivated")
+                    getattr(self._plugin, function)()
+                    return encode(self._plugin.period_s)
+                case Call(handle, function, arguments) if handle == OWN:
+                    args, kwargs = self._contract.functions[function].read_arguments(arguments)
+                    return encode(getattr(self._plugin, function)(*args, **kwargs))
+                case Get(handle, attribute) if handle == OWN:
+                    return encode(getattr(self._plugin, attribute))
+                case Told(subscription, value) if self._env is not None:
+                    self._env.told(subscription, value)
+                case _:
+                    raise PluginError(self._name, f"{type(request).__name__} is not for this end")
+        return b""
+
+    def _halt(self, _request: Request) -> bytes:
+        """An emergency halt: without the turn, which may never end."""
+        self._end_actions("emergency halt")
+        self._plugin.emergency_halt()
+        return b""
+
+    def _end_actions(self, why: str) -> None:
+        if self._env is not None:
+            self._env.end_actions(why)
+
+    def _begin(self, begin: Begin) -> None:
+        sys.path[:] = begin.import_path
+        limit = begin.memory_mb * BYTES_PER_MB
+        resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
+        logging.basicConfig(level=begin.log_level, format="%(message)s", handlers=[_LogToParent(self._parent)])
+        manifest = Manifest(begin.plugin, Path(begin.manifest), begin.class_path, {}, TagTable())
+        plugin_class = import_code(manifest).plugin_class
+        self._contract = contract_of(plugin_class)
+        rng = np.random.default_rng()
+        rng.bit_generator.state = json.loads(begin.random_state)
+        self._env = ChildEnvironment(begin, self._parent, rng, self._turn)
+        self._env.belongs_to(plugin_class.__module__)
+        parameters = decoder(plugin_class.Parameters).decode(begin.parameters)
+        self._plugin = plugin_class(self._env, parameters)
+        for name in self._contract.events:
+            event: Event[Any] = getattr(self._plugin, name)
+            event.add(partial(self._notify, name), _Straight())
+
+    def _notify(self, name: str, value: Any) -> None:
+        self._parent.tell(Notify(name, encode(value)))
+
+
+class _Straight(Mailbox):
+    """Hands on at once: the mailbox that an observer waits at is in the robot's process."""
+
+    def post(self, function: Any, value: Any) -> bool:
+        function(value)
+        return True
+
+
+class _LogToParent(logging.Handler):
+    def __init__(self, parent: Parent) -> None:
+        super().__init__()
+        self._parent = parent
+
+    def emit(self, record: logging.LogRecord) -> None:
+        with suppress(PeerLost):  # the parent has gone, and this process is about to
+            self._parent.tell(Log(record.levelno, record.name, self.format(record)))
+
+
+def _end_with_parent(lifeline: int) -> None:
+    """Have the kernel end this process when the parent's end of the pipe is closed, whatever Python is at."""
+    fcntl.fcntl(lifeline, fcntl.F_SETOWN, os.getpid())
+    fcntl.fcntl(lifeline, fcntl.F_SETFL, os.O_ASYNC | os.O_NONBLOCK)
+    try:
+        os.read(lifeline, 1)
+    except BlockingIOError:
+        return
+    sys.exit(0)  # it was closed before
+
+
+def _die_first() -> None:
+    """If the machine runs out of memory, this process is to go, not the robot's."""
+    Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")
+
+
+def main() -> None:
+    """Run a plugin; the arguments are its name and four file descriptors."""
+    name = sys.argv[1]
+    calls, halts, asides, lifeline = (int(argument) for argument in sys.argv[2:])
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a Ctrl-C in the terminal reaches the parent, which ends this one
+    faulthandler.enable()
+    _end_with_parent(lifeline)
+    _die_first()
+    Child(name, *(socket.socket(fileno=number) for number in (calls, halts, asides))).run()
+    os._exit(0)  # threads that the plugin has started do not hold up the end
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,142 @@
+"""Contracts: the types by which an interface's functions, attributes and events pass between processes."""
+
+import inspect
+from collections.abc import Callable
+from typing import Any, Generic, Protocol, get_args, get_origin, get_type_hints
+
+import msgspec
+
+from robrain.agent.event import Event
+from robrain.agent.isolation.plain_data import decoder, encode
+from robrain.agent.plugin import EXTERNAL_MARK, Plugin
+
+_BARE = (object, Protocol, Generic)
+_NOTHING = encode(([], {}))
+_RAW_ARGUMENTS = msgspec.msgpack.Decoder(tuple[list[msgspec.Raw], dict[str, msgspec.Raw]])
+_ANY = decoder(Any)
+
+
+class Signature:
+    """How one function's arguments and result are written and read.
+
+    Args:
+        name: the function's, for messages.
+        function: takes `self` first.
+        declared: the same function in the interface, whose hints count where the function has none.
+
+    Raises:
+        NameError, TypeError: its type hints cannot be read, or are of no use between processes.
+
+    """
+
+    def __init__(self, name: str, function: Callable[..., Any], declared: Callable[..., Any] | None = None) -> None:
+        self.name = name
+        hints = (get_type_hints(declared) if declared is not None else {}) | get_type_hints(function)
+        self._result = decoder(hints.get("return", Any))
+        self._by_place: list[msgspec.msgpack.Decoder[Any]] = []
+        self._by_name: dict[str, msgspec.msgpack.Decoder[Any]] = {}
+        self._further = _ANY
+        for parameter in list(inspect.signature(function).parameters.values())[1:]:
+            read = decoder(hints.get(parameter.name, Any))
+            if parameter.kind is inspect.Parameter.VAR_POSITIONAL:
+                self._further = read
+                continue
+            if parameter.kind in (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD):
+                self._by_place.append(read)
+            self._by_name[parameter.name] = read
+
+    def write_arguments(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> bytes:
+        """Arguments as they travel."""
+        return encode((args, kwargs)) if args or kwargs else _NOTHING
+
+    def read_arguments(self, written: bytes) -> tuple[list[Any], dict[str, Any]]:
+        """The arguments again, in the types that the function declares.
+
+        Raises:
+            TypeError: one is of another type.
+
+        """
+        if written == _NOTHING:
+            return [], {}
+        raw_args, raw_kwargs = _RAW_ARGUMENTS.decode(written)
+        places = len(self._by_place)
+        try:
+            args = [
+                (self._by_place[place] if place < places else self._further).decode(raw)
+                for place, raw in enumerate(raw_args)
+            ]
+            return args, {name: self._by_name.get(name, _ANY).decode(raw) for name, raw in raw_kwargs.items()}
+        except msgspec.ValidationError as error:
+            raise TypeError(f"{self.name}: {error}") from error
+
+    def read_result(self, written: bytes) -> Any:
+        """The result again, in the type that the function declares (TypeError if it is another)."""
+        try:
+            return self._result.decode(written)
+        except msgspec.ValidationError as error:
+            raise TypeError(f"result of {self.name}: {error}") from error
+
+
+class Contract:
+    """All that one interface offers.
+
+    Args:
+        interface: a Protocol, or None for nothing.
+        implementation: a class whose own functions stand for those of the same name.
+
+    """
+
+    def __init__(self, interface: type | None, implementation: type | None = None) -> None:
+        self.functions: dict[str, Signature] = {}
+        self.attributes: dict[str, msgspec.msgpack.Decoder[Any]] = {}
+        self.events: dict[str, msgspec.msgpack.Decoder[Any]] = {}
+        if interface is None:
+            return
+        for name, hint in get_type_hints(interface).items():
+            if not name.startswith("_"):
+                self._declare(name, hint)
+        for base in interface.__mro__:
+            if base in _BARE:
+                continue
+            for name, value in vars(base).items():
+                if name.startswith("_") or name in self.functions:
+                    continue
+                if isinstance(value, property):
+                    self.attributes[name] = decoder(get_type_hints(value.fget).get("return", Any))
+                elif inspect.isfunction(value):
+                    own = inspect.getattr_static(implementation, name, None)
+                    self.functions[name] = Signature(name, own if inspect.isfunction(own) else value, value)
+
+    def add(self, name: str, function: Callable[..., Any]) -> None:
+        """One more function, unless the interface has it already."""
+        if name not in self.functions:
+            self.functions[name] = Signature(name, function)
+
+    def add_event(self, name: str, event: Event[Any]) -> None:
+        """One more event, as a class declares it: `Event[int]()`."""
+        if name not in self.events:
+            self._declare(name, getattr(event, "__orig_class__", Event[Any]))
+
+    def _declare(self, name: str, hint: Any) -> None:
+        if hint is Event or get_origin(hint) is Event:
+            (value,) = get_args(hint) or (Any,)
+            self.events[name] = decoder(value)
+        else:
+            self.attributes[name] = decoder(hint)
+
+
+def contract_of(plugin_class: type[Plugin]) -> Contract:
+    """What a plugin offers: its interface, its external functions and its events.
+
+    Raises:
+        Exception: whatever get_type_hints and msgspec raise for hints that are of no use between processes.
+
+    """
+    contract = Contract(plugin_class.interface, plugin_class)
+    for name in dir(plugin_class):
+        member = inspect.getattr_static(plugin_class, name)
+        if inspect.isfunction(member) and getattr(member, EXTERNAL_MARK, False):
+            contract.add(name, member)
+        elif isinstance(member, Event):
+            contract.add_event(name, member)
+    return contract

@@ -1,0 +1,264 @@
+"""The isolated plugin: stands in the robot's process for a plugin that runs in one of its own.
+
+The tag gets it from `isolated_class` in place of the real class and need not know: it has the same level, interface,
+parameters, period and external functions, and steps, calls and notifications reach it in the same turns.
+"""
+
+import functools
+import inspect
+import json
+import logging
+import sys
+import weakref
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import msgspec
+
+from robrain.agent.environment import Environment
+from robrain.agent.errors import PluginError
+from robrain.agent.event import Event
+from robrain.agent.isolation.child_process import ChildProcess
+from robrain.agent.isolation.contract import Contract, contract_of
+from robrain.agent.isolation.errors import PeerLate, PeerLost, PluginCrashed
+from robrain.agent.isolation.limits import Limits, limits_of
+from robrain.agent.isolation.messages import OWN, Begin, Call, Do, Get, Request, Told
+from robrain.agent.isolation.parent_desk import ParentDesk
+from robrain.agent.isolation.plain_data import encode
+from robrain.agent.manifest import Manifest
+from robrain.agent.plugin import Plugin
+from robrain.protocol.wire.endpoint import Drive
+
+_PERIOD = msgspec.msgpack.Decoder(float | None)
+
+
+class IsolatedPlugin(Plugin):
+    """Runs its plugin in a process of its own from `init` to `deactivate`; made by `isolated_class`.
+
+    Whatever becomes of that process, this one raises PluginCrashed and goes on: the process is killed if a call does
+    not come back in time, and does not outlive the robot's. What the plugin remembers goes with `deactivate`.
+    """
+
+    _manifest: ClassVar[Manifest]
+    _plugin_class: ClassVar[type[Plugin]]
+    _limits: ClassVar[Limits]
+    _contract: ClassVar[Contract]
+
+    def __init__(self, env: Environment, parameters: Any) -> None:
+        super().__init__(env, parameters)
+        self._child: ChildProcess | None = None
+        self._why_gone = "has not been started"
+        self._lost: Event[ChildProcess] = Event()
+        self._forget: weakref.finalize[..., Any] | None = None
+
+    @property
+    def pid(self) -> int | None:
+        """Process id of the plugin's process; None if there is none."""
+        child = self._child
+        return child.pid if child is not None else None
+
+    # -- lifecycle ------------------------------------------------------------------------------------------
+
+    def init(self) -> None:
+        """Start the process, and run the plugin's own there."""
+        if self.env.wire.drive is Drive.LOCKSTEP:
+            raise PluginError(
+                self.env.plugin,
+                f'{self.env.plugin}: isolation = "process" is for the live drive: another process cannot keep step',
+            )
+        self._start()
+        self._do("init", self._limits.start_s)
+
+    def activate(self) -> None:
+        """Run the plugin's own, in a new process if there is none."""
+        if self._child is None:
+            self.init()
+        # Through the plugin's own mailbox, so that its tag learns of a crash that nobody's call has run into.
+        self.env.observe(self._lost, self._raise_lost)
+        self._do("activate", self._limits.start_s)
+
+    def step(self) -> None:
+        """Run the plugin's own; its period may change with it."""
+        self.period_s = _PERIOD.decode(self._ask(Do("step"), self._limits.call_s))
+
+    def deactivate(self) -> None:
+        """Run the plugin's own, then end the process."""
+        if self._child is None:
+            return
+        try:
+            self._ask(Do("deactivate"), self._limits.call_s)
+        finally:
+            self._end("was deactivated")
+
+    def emergency_halt(self) -> None:
+        """Run the plugin's own, past whatever it is at; a process that does not obey is killed."""
+        child = self._child
+        if child is None:
+            return
+        try:
+            child.halts.ask(Do("emergency_halt"), self._limits.halt_s)
+        except PeerLost as error:
+            raise self._crashed(child, child.how_it_ended()) from error
+        except PeerLate as error:
+            child.kill()
+            raise self._crashed(
+                child, f"did not halt within {self._limits.halt_s:g} s, and its process was killed"
+            ) from error
+
+    def close(self) -> None:
+        """End the process, whatever the plugin is at."""
+        self._end("was closed")
+
+    # -- what stands for the plugin's own functions ---------------------------------------------------------
+
+    def _call(self, name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
+        signature = self._contract.functions[name]
+        request = Call(OWN, name, signature.write_arguments(args, kwargs))
+        return signature.read_result(self._ask(request, self._limits.call_s))
+
+    def _get(self, name: str) -> Any:
+        return self._contract.attributes[name].decode(self._ask(Get(OWN, name), self._limits.call_s))
+
+    # -- the process ----------------------------------------------------------------------------------------
+
+    def _start(self) -> None:
+        self._end("is started anew")
+        own_module = self._plugin_class.__module__
+        desk = ParentDesk(self.env, self, self._contract, own_module, weakref.WeakMethod(self._hear))
+        try:
+            child = ChildProcess(self.env.plugin, desk.serve, weakref.WeakMethod(self._on_lost))
+        except OSError as error:
+            raise PluginError(self.env.plugin, f"no process for {self.env.plugin}: {error}") from error
+        self._child = child
+        # Nobody tells a plugin that its tag has dropped it without having deactivated it.
+        self._forget = weakref.finalize(self, child.end)
+        self._ask(self._begin(), self._limits.start_s)
+
+    def _begin(self) -> Begin:
+        env = self.env
+        return Begin(
+            robot=env.robot,
+            team=env.wire.team,
+            plugin=env.plugin,
+            manifest=str(self._manifest.path),
+            class_path=self._manifest.class_path,
+            parameters=encode(self.parameters),
+            random_state=json.dumps(env.rng.bit_generator.state),
+            connect=env.connect,
+            import_path=sys.path,
+            memory_mb=self._limits.memory_mb,
+            log_level=logging.getLogger().getEffectiveLevel(),
+        )
+
+    def _do(self, function: str, limit_s: float) -> None:
+        try:
+            self.period_s = _PERIOD.decode(self._ask(Do(function), limit_s))
+        except BaseException:
+            self._end(f"has failed in {function}")
+            raise
+
+    def _ask(self, request: Request, limit_s: float) -> bytes:
+        child = self._child
+        if child is None:
+            raise PluginCrashed(self.env.plugin, f"{self.env.plugin} {self._why_gone}")
+        try:
+            return child.calls.ask(request, limit_s)
+        except PeerLost as error:
+            raise self._crashed(child, f"{child.how_it_ended()} in {_what(request)}") from error
+        except PeerLate as error:
+            child.kill()
+            raise self._crashed(
+                child, f"did not come back from {_what(request)} within {limit_s:g} s, and its process was killed"
+            ) from error
+
+    def _hear(self, subscription: int, value: Any) -> None:
+        """An event that the plugin observes has happened; in its turn."""
+        self._ask(Told(subscription, encode(value)), self._limits.call_s)
+
+    def _end(self, why: str) -> None:
+        child, self._child = self._child, None
+        if child is not None:
+            self._why_gone = why
+            child.end()
+        if self._forget is not None:
+            self._forget.detach()
+            self._forget = None
+
+    def _crashed(self, child: ChildProcess, why: str) -> PluginCrashed:
+        if self._child is child:
+            self._child = None
+            self._why_gone = why
+        return PluginCrashed(self.env.plugin, f"{self.env.plugin} {why}")
+
+    def _on_lost(self, why: str) -> None:
+        """On the thread that watches the process: it has ended while nobody was calling."""
+        child = self._child
+        if child is not None:
+            self._why_gone = why
+            self._lost.notify(child)
+
+    def _raise_lost(self, child: ChildProcess) -> None:
+        if self._child is child:  # else somebody's call has run into it already, or another one has been started
+            raise self._crashed(child, self._why_gone)
+
+
+def isolated_class(plugin_class: type[Plugin], manifest: Manifest, limits: Limits | None = None) -> type[Plugin]:
+    """The class that a tag uses instead of `plugin_class`, for `isolation = "process"`.
+
+    Args:
+        plugin_class: the plugin's real class. Its module is imported here as well, its instances live elsewhere.
+        manifest: the plugin's, from which its process imports the class.
+        limits: how long it may take, and how much memory; from the manifest if None.
+
+    Raises:
+        PluginError: the types of its functions cannot be read, or are of no use between processes.
+
+    """
+    try:
+        contract = contract_of(plugin_class)
+    except Exception as error:  # hints are foreign code: get_type_hints and msgspec may not understand them
+        raise PluginError(
+            manifest.name, f"{plugin_class.__name__} cannot run in a process of its own: {error}"
+        ) from error
+    members = {name: inspect.getattr_static(plugin_class, name) for name in dir(plugin_class)}
+    offered: dict[str, Any] = {name: _attribute(name) for name in contract.attributes}
+    offered |= {name: member for name, member in members.items() if isinstance(member, Event)}
+    offered |= {name: _function(name, members[name]) for name in contract.functions if name in members}
+    own = {
+        "__doc__": plugin_class.__doc__,
+        "__module__": plugin_class.__module__,
+        "__qualname__": plugin_class.__qualname__,
+        "level": plugin_class.level,
+        "interface": plugin_class.interface,
+        "Parameters": plugin_class.Parameters,
+        "period_s": plugin_class.period_s,
+        "_manifest": manifest,
+        "_plugin_class": plugin_class,
+        "_limits": limits if limits is not None else limits_of(manifest),
+        "_contract": contract,
+    }
+    return type(plugin_class.__name__, (IsolatedPlugin,), offered | own)
+
+
+def _function(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+    @functools.wraps(function)  # with its signature, its hints and its marks: what is external stays so
+    def call(self: IsolatedPlugin, *args: Any, **kwargs: Any) -> Any:
+        return self._call(name, args, kwargs)
+
+    return call
+
+
+def _attribute(name: str) -> property:
+    return property(lambda self: self._get(name))
+
+
+def _what(request: Request) -> str:
+    match request:
+        case Do(function) | Call(_, function, _):
+            return function
+        case Get(_, attribute):
+            return attribute
+        case Told():
+            return "an event that it observes"
+        case _:
+            return "its start"

@@ -1,0 +1,157 @@
+"""Conversations: one end of a local connection between a robot's process and that of an isolated plugin.
+
+Whoever asks waits, and meanwhile answers what the other end asks back: a call that goes down through a process and up
+again to ask for another plugin runs on one thread in each, as it would in one process.
+"""
+
+import socket
+import struct
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+
+import msgspec
+
+from robrain.agent.isolation.errors import PeerLate, PeerLost
+from robrain.agent.isolation.messages import UNANSWERED, Answer, Failure, Frame, Request
+from robrain.agent.isolation.plain_data import error_of, failure_of
+
+LARGEST_FRAME = 1 << 28
+RECEIVE_BYTES = 1 << 16
+_LENGTH = struct.Struct("!I")
+
+Serve = Callable[[Request], bytes]
+"""Does what was asked, or raises."""
+
+
+class Peer:
+    """One end.
+
+    Args:
+        connection: a connected stream socket; the peer owns it.
+        plugin: the isolated plugin, for messages.
+        serve: answers the other end.
+
+    """
+
+    def __init__(self, connection: socket.socket, plugin: str, serve: Serve) -> None:
+        self._connection = connection
+        self._plugin = plugin
+        self._serve = serve
+        self._lock = threading.RLock()
+        self._received = bytearray()
+        self._encoder = msgspec.msgpack.Encoder()
+        self._decoder = msgspec.msgpack.Decoder(Frame)
+
+    def ask(self, request: Request, limit_s: float | None = None) -> bytes:
+        """Ask, and return the answer; what the other end asks meanwhile is answered on this thread.
+
+        Args:
+            request: what to ask.
+            limit_s: how long the other end may take; time spent on what it asks back does not count.
+
+        Raises:
+            PeerLost: the other end has gone.
+            PeerLate: it took too long.
+            Exception: what was raised there.
+
+        """
+        with self._lock:
+            self._send(request, limit_s)
+            while True:
+                began_s = time.monotonic()
+                frame = self._receive(limit_s)
+                if limit_s is not None:
+                    limit_s -= time.monotonic() - began_s
+                if isinstance(frame, Answer):
+                    return frame.value
+                if isinstance(frame, Failure):
+                    raise error_of(frame, self._plugin)
+                self._answer(frame, limit_s)
+
+    def tell(self, request: Request) -> None:
+        """Say what is not answered."""
+        with self._lock:
+            self._send(request, None)
+
+    def run(self) -> None:
+        """Answer until the other end has gone."""
+        while True:
+            try:
+                frame = self._receive(None)
+                if not isinstance(frame, Answer | Failure):
+                    self._answer(frame, None)
+            except PeerLost:
+                return
+
+    def hang_up(self) -> None:
+        """End the conversation; threads that wait in `ask` or `run` at either end get to know."""
+        with suppress(OSError):  # the other end was first
+            self._connection.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        """Hang up and give the connection back, once no thread is in `ask` any more; for `run`, by its own thread."""
+        self.hang_up()
+        with self._lock:
+            self._connection.close()
+
+    def _answer(self, request: Request, limit_s: float | None) -> None:
+        answer: Answer | Failure
+        try:
+            answer = Answer(self._serve(request))
+        except (PeerLost, PeerLate):
+            raise
+        except Exception as error:  # noqa: BLE001 - foreign plugin code
+            answer = failure_of(error)
+        if not isinstance(request, UNANSWERED):
+            self._send(answer, limit_s)
+
+    def _send(self, frame: Frame, limit_s: float | None) -> None:
+        encoded = self._encoder.encode(frame)
+        if len(encoded) > LARGEST_FRAME:
+            raise ValueError(f"{len(encoded)} bytes are too many for one call between processes")
+        try:
+            self._connection.settimeout(_at_least_a_moment(limit_s))
+            self._connection.sendall(_LENGTH.pack(len(encoded)) + encoded)
+        except TimeoutError as error:
+            raise PeerLate from error
+        except OSError as error:
+            raise PeerLost from error
+
+    def _receive(self, limit_s: float | None) -> Frame:
+        deadline_s = None if limit_s is None else time.monotonic() + limit_s
+        received = self._received
+        while len(received) < (wanted := self._wanted()):
+            left_s = None if deadline_s is None else deadline_s - time.monotonic()
+            try:
+                self._connection.settimeout(_at_least_a_moment(left_s))
+                chunk = self._connection.recv(max(RECEIVE_BYTES, wanted - len(received)))
+            except TimeoutError as error:
+                raise PeerLate from error
+            except OSError as error:
+                raise PeerLost from error
+            if not chunk:
+                raise PeerLost
+            received += chunk
+        encoded = bytes(received[_LENGTH.size : wanted])
+        del received[:wanted]
+        try:
+            frame: Frame = self._decoder.decode(encoded)
+        except msgspec.DecodeError as error:  # native code over there has written where it should not
+            raise PeerLost from error
+        return frame
+
+    def _wanted(self) -> int:
+        """Bytes of the next frame, with its length, as far as that is known."""
+        if len(self._received) < _LENGTH.size:
+            return _LENGTH.size
+        (length,) = _LENGTH.unpack_from(self._received)
+        if length > LARGEST_FRAME:
+            raise PeerLost
+        return _LENGTH.size + int(length)
+
+
+def _at_least_a_moment(limit_s: float | None) -> float | None:
+    """A socket's timeout: zero would mean not to wait at all."""
+    return None if limit_s is None else max(limit_s, 1e-4)

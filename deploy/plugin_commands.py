@@ -1,0 +1,237 @@
+"""`robrain plugin`: see, load, unload and reload the plugins of a robot that runs; write and check new ones."""
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
+
+if TYPE_CHECKING:
+    from robrain.protocol.wire.messages import HostRequest, PluginInfo
+    from robrain.protocol.wire.topics import Topic
+
+LIST_TIMEOUT_S = 5.0
+WORK_TIMEOUT_S = 60.0
+"""Loading imports code, which may compile some of itself."""
+EXIT_MISTAKES = 1
+PLAIN_WIDTH = 200
+"""Columns of the table where the output is no terminal."""
+
+plugin_app = typer.Typer(
+    name="plugin",
+    help="See, load, unload and reload the plugins of a robot; write and check new ones.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+RobotArgument = Annotated[str, typer.Argument(help="Name of a robot that runs.")]
+PluginArgument = Annotated[str, typer.Argument(help="Name of the plugin.")]
+ConnectOption = Annotated[
+    str | None, typer.Option(help="Endpoint of the team, tcp/HOST:PORT; default is $ROBRAIN_CONNECT.")
+]
+TeamOption = Annotated[str, typer.Option(help="Name of the team.")]
+
+
+@plugin_app.command("list")
+def list_plugins(
+    robot: RobotArgument,
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    as_json: Annotated[bool, typer.Option("--json", help="Print a JSON array on stdout and nothing else.")] = False,
+) -> None:
+    """Say which plugins a robot has, in which state and why."""
+    import msgspec
+
+    from robrain.protocol.wire.topics import ROBOT_PLUGINS
+
+    infos = _ask(connect, team, robot, ROBOT_PLUGINS, timeout_s=LIST_TIMEOUT_S)
+    if as_json:
+        sys.stdout.write(msgspec.json.encode(infos).decode() + "\n")
+    else:
+        _show(infos)
+
+
+@plugin_app.command()
+def load(
+    robot: RobotArgument,
+    plugin: Annotated[str, typer.Argument(help="A name in the robot's places, or a folder or manifest to load from.")],
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+) -> None:
+    """Load a plugin into a robot that runs, with what it requires."""
+    from robrain.protocol.wire.messages import HostRequest
+
+    _tell(_run_host(connect, team, robot, "load", HostRequest(plugin=_name_or_path(plugin), by=_asker())))
+
+
+@plugin_app.command()
+def unload(
+    robot: RobotArgument,
+    plugin: PluginArgument,
+    cascade: Annotated[bool, typer.Option("--cascade", help="Those that require it as well.")] = False,
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+) -> None:
+    """Unload a plugin; refused while others require it."""
+    from robrain.protocol.wire.messages import HostRequest
+
+    request = HostRequest(plugin=check_name("plugin", plugin), cascade=cascade, by=_asker())
+    _tell(_run_host(connect, team, robot, "unload", request))
+
+
+@plugin_app.command()
+def reload(
+    robot: RobotArgument, plugin: PluginArgument, connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM
+) -> None:
+    """Load a plugin anew after an edit; if that fails, the old one keeps running."""
+    from robrain.protocol.wire.messages import HostRequest
+
+    request = HostRequest(plugin=check_name("plugin", plugin), by=_asker())
+    _tell(_run_host(connect, team, robot, "reload", request))
+
+
+@plugin_app.command()
+def new(
+    name: Annotated[str, typer.Argument(help="Name of the plugin; a Python name.")],
+    level: Annotated[str, typer.Option(help="device, unit, skill or behavior.")],
+    active: Annotated[bool, typer.Option("--active", help="With a period and a step.")] = False,
+    hidden: Annotated[bool, typer.Option("--hidden", help="Closed to callers outside the robot.")] = False,
+    folder: Annotated[Path, typer.Option("--dir", help="Where the plugin's own folder is made.")] = Path(),
+) -> None:
+    """Write the skeleton of a plugin: class, manifest and a test that passes."""
+    from robrain.agent.skeleton import write_skeleton
+
+    for path in write_skeleton(name, level, folder, active=active, hidden=hidden):
+        _say(str(path))
+
+
+@plugin_app.command()
+def check(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder with plugins.")],
+) -> None:
+    """Find the mistakes in a folder of plugins before a robot does; exit status 1 if there are any."""
+    from robrain.agent.manifest import find_manifests
+    from robrain.agent.plugin_check import check_plugins
+    from robrain.deploy.errors import UsageError
+
+    if not folder.is_dir():
+        raise UsageError(f"{folder}: no such folder; expected one with plugins")
+    findings = check_plugins(folder)
+    for finding in findings:
+        _say(str(finding))
+    mistakes = sum(not finding.is_warning for finding in findings)
+    words = [_count(len(find_manifests(folder)), "plugin"), _count(mistakes, "mistake")]
+    if len(findings) > mistakes:
+        words.append(_count(len(findings) - mistakes, "warning"))
+    _say(", ".join(words))
+    if mistakes:
+        raise typer.Exit(EXIT_MISTAKES)
+
+
+def _run_host(connect: str | None, team: str, robot: str, verb: str, request: "HostRequest") -> "list[PluginInfo]":
+    from robrain.protocol.wire.topics import ROBOT_HOST
+
+    return _ask(connect, team, robot, ROBOT_HOST, request, timeout_s=WORK_TIMEOUT_S, verb=verb)
+
+
+def _ask(
+    connect: str | None, team: str, robot: str, topic: "Topic", payload: Any = None, *, timeout_s: float, **names: str
+) -> "list[PluginInfo]":
+    """Ask a robot for plugins.
+
+    Raises:
+        NobodyThere: the robot is not there; names those that are.
+        WireError: its answer makes no sense.
+        CallError: it refuses; the text says why.
+
+    """
+    import msgspec
+
+    from robrain.deploy.live_commands import status_of
+    from robrain.deploy.live_process import endpoints, live_endpoint, session_of
+    from robrain.protocol.wire.errors import NobodyThere, WireError
+    from robrain.protocol.wire.messages import PluginInfo
+
+    where = endpoints(connect)
+    check_name("robot", robot)
+    check_name("team", team)
+    with session_of(where, None) as session, live_endpoint(session, team) as wire:
+        try:
+            reply = wire.ask(topic, payload, timeout_s=timeout_s, robot=robot, **names)
+        except NobodyThere as error:
+            there = status_of(where, team).robots
+            if robot in there:
+                text = f"{robot} does not answer {topic.name}: is its robrain older than this one?"
+            else:
+                text = f"no robot {robot} in team {team}; there are: {', '.join(there) or 'none'}"
+            raise NobodyThere(text) from error
+    try:
+        return msgspec.json.decode(reply, type=list[PluginInfo])
+    except msgspec.DecodeError as error:
+        raise WireError(f"{robot} answered {topic.name} with something else than plugins: {error}") from error
+
+
+def _name_or_path(text: str) -> str:
+    """A name as it is, a path of this machine made absolute, a path of the robot's machine as it is."""
+    from robrain.deploy.errors import UsageError
+
+    path = Path(text)
+    if path.exists():
+        return str(path.resolve())
+    if path.is_absolute():
+        return text
+    if len(path.parts) > 1 or path.suffix == ".toml":
+        raise UsageError(f"{text}: no such folder or manifest here; one on the robot's machine must begin with /")
+    return check_name("plugin", text)
+
+
+def _asker() -> str:
+    return os.environ.get("USER", "")
+
+
+def _show(infos: "list[PluginInfo]") -> None:
+    from rich.console import Console, JustifyMethod
+    from rich.markup import escape
+    from rich.table import Table
+
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=PLAIN_WIDTH)
+    headings = ("plugin", "level", "state", "visible to", "holder", "functions", "distribution", "why")
+    rows = [
+        (
+            info.name,
+            info.level,
+            info.state,
+            ", ".join(info.visibility),
+            info.holder,
+            str(len(info.functions)),
+            info.distribution,
+            info.why,
+        )
+        for info in infos
+    ]
+    said = [index for index in range(len(headings)) if any(row[index] for row in rows)]  # no columns of nothing
+    table = Table(box=None, pad_edge=False)
+    for index in said:
+        justify: JustifyMethod = "right" if headings[index] == "functions" else "left"
+        table.add_column(headings[index], justify=justify, overflow="fold")
+    for row in rows:
+        table.add_row(*(escape(row[index]) for index in said))
+    console.print(table)
+
+
+def _tell(infos: "list[PluginInfo]") -> None:
+    for info in infos:
+        _say(f"{info.name}: {info.state}{f': {info.why}' if info.why else ''}")
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(text + "\n")
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number or 'no'} {what}{'s' if number != 1 else ''}"

@@ -1,0 +1,23 @@
+"""A plugin of your own: how far has the robot come?"""
+
+from robrain.agent.plugin import Unit, external
+
+
+class Trip(Unit):
+    """Counts the metres that the robot has driven since the plugin was loaded."""
+
+    period_s = 0.1
+
+    def init(self) -> None:
+        self._way_m, self._last = 0.0, None
+
+    def step(self) -> None:
+        pose = self.env.board.pose
+        if pose is not None and self._last is not None:
+            self._way_m += pose.distance_m(self._last)
+        self._last = pose
+
+    @external
+    def distance_m(self) -> float:
+        """Metres since the plugin was loaded."""
+        return round(self._way_m, 2)

@@ -1,0 +1,1 @@
+"""The way in for those outside who speak the text form."""

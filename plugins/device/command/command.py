@@ -1,0 +1,36 @@
+"""Command: the link between the plugins that can be seen from outside and those that connect to the outside."""
+
+from robrain.agent.outside import OutsideDoor
+from robrain.agent.plugin import Device, unlocked
+from robrain.plugins.device.command.interface import CommandInterface
+from robrain.protocol.wire.errors import CallError, ErrorCode
+
+
+class Command(Device):
+    """Executes the text form, such as `call driver stop()`, for plugins that talk to the outside."""
+
+    interface = CommandInterface
+
+    # What is called lies higher: to hold a lock of one's own meanwhile could end in a circle.
+
+    @unlocked
+    def execute(self, text: str) -> str:
+        try:
+            result = self._door().call_text(text)
+        except CallError as error:
+            return f"error {error.code}: {error.message}"
+        except Exception as error:  # noqa: BLE001 - foreign plugin code
+            return f"error {ErrorCode.FAILED}: {type(error).__name__}: {error}"
+        return f"ok {result}" if result else "ok"
+
+    @unlocked
+    def plugins(self) -> str:
+        return " ".join(plugin.name for plugin in self._door().plugins())
+
+    def _door(self) -> OutsideDoor:
+        door = self.env.outside
+        if door is None:
+            raise CallError(
+                ErrorCode.FORBIDDEN, f"{self.env.plugin}: only the plugin named command is let to the others"
+            )
+        return door

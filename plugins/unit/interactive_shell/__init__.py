@@ -1,0 +1,1 @@
+"""The text form at a terminal of the robot."""

@@ -1,0 +1,244 @@
+"""Program: wraps any executable by its manifest alone.
+
+A manifest of your own, `NAME.toml`, with
+
+    [plugin]
+    class = "robrain.plugins.unit.program.program:Program"
+
+    [parameters]
+    command = ["bc", "--quiet"]
+
+makes it the plugin NAME: `robrain call ROBOT NAME send '"1+2"'`, or from a plugin of a higher level
+`env.use("NAME", ProgramInterface).send("1+2")`. As many programs as there are manifests.
+"""
+
+import logging
+import os
+import shutil
+import time
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from robrain.agent.errors import PluginError
+from robrain.agent.event import Event
+from robrain.agent.isolation.process_group import how_it_ended
+from robrain.agent.plugin import Unit, external
+from robrain.plugins.unit.program.errors import BadLine, ProgramAbsent, ProgramEnded, ProgramLate
+from robrain.plugins.unit.program.interface import ProgramInterface, ProgramState, Running
+from robrain.plugins.unit.program.line_process import LineProcess
+from robrain.protocol.wire.endpoint import Drive
+
+logger = logging.getLogger(__name__)
+
+Form = Literal["lines", "json"]
+
+BACKOFF_S = 0.5
+LONGEST_BACKOFF_S = 30.0
+A_MOMENT_S = 0.1
+"""Between a program's last word and its end."""
+STEADY_S = 10.0
+"""A program that has run for so long has its restarts forgiven."""
+
+
+class Program(Unit):
+    """Runs a program and speaks with it in lines, over its standard input and output."""
+
+    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """Lines are UTF-8. With `json` each line is a JSON document, and what is none is refused or left out."""
+
+        command: list[str]
+        input: Form = "lines"
+        output: Form = "lines"
+        time_limit_s: float = 2.0
+        """A program that takes longer to answer is killed: its next line would be taken for the wrong answer."""
+        restart: Literal["no", "on-failure"] = "no"
+        """After an exit status other than 0, a signal or a late answer; else the plugin is faulted."""
+        restart_limit: int = 5
+        """After so many restarts in a row the plugin is faulted."""
+        folder: str = ""
+        """Where it runs; relative to where the robot's agent runs, which is the default."""
+        environment: dict[str, str] = {}
+        """Variables beside those of the robot's agent."""
+        max_line_bytes: int = 65536
+        kill_on_halt: bool = False
+        """An emergency halt ends it at once; it is started again after the resume."""
+
+        def __post_init__(self) -> None:
+            if not self.command or not self.command[0]:
+                raise ValueError("expected command = [program, arguments …], got nothing")
+            for name in ("time_limit_s", "max_line_bytes"):
+                if not getattr(self, name) > 0:
+                    raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+            if self.restart_limit < 0:
+                raise ValueError(f"expected restart_limit >= 0, got {self.restart_limit}")
+
+    interface = ProgramInterface
+    said = Event[str]()
+    period_s = 0.1
+    parameters: Parameters
+
+    def init(self) -> None:
+        if self.env.wire.drive is Drive.LOCKSTEP:
+            raise PluginError(self.env.plugin, f"{self.env.plugin}: programs are for the live drive: they keep no step")
+        self._process: LineProcess | None = None
+        self._again_s: float | None = None
+        self._restarts = 0
+        self._why = ""
+        self._was_halted = False
+
+    def activate(self) -> None:
+        folder = Path(self.parameters.folder) if self.parameters.folder else None
+        if folder is not None and not folder.is_dir():
+            raise ProgramAbsent(self.env.plugin, f"no folder {folder}: correct [parameters] folder")
+        self._find(self.parameters.command[0], folder)
+        self._start()
+
+    def step(self) -> None:
+        if self._again_s is not None:
+            if time.monotonic() >= self._again_s:
+                self._start()
+            return
+        process = self._process
+        if process is not None and process.status is not None:
+            self._ended(process, process.status)
+
+    def deactivate(self) -> None:
+        self._end()
+
+    def emergency_halt(self) -> None:
+        process = self._process
+        if self.parameters.kill_on_halt and process is not None:
+            self._was_halted = True
+            process.kill()
+
+    @external
+    def send(self, text: str) -> str:
+        """Give the program one line and return the next one that it says."""
+        process = self._running()
+        line = self._line(text)
+        process.forget()
+        self._write(process, line)
+        answer = process.next_line(self.parameters.time_limit_s)
+        if answer is None:
+            raise self._late(process, "answer")
+        return answer
+
+    @external
+    def tell(self, text: str) -> None:
+        """Give the program one line; whatever it says comes as the event `said`."""
+        process = self._running()
+        self._write(process, self._line(text))
+
+    @external
+    def state(self) -> ProgramState:
+        """Whether the program runs, how often it was restarted, how it ended last."""
+        process = self._process
+        running = Running.WAITING if self._again_s is not None else Running.ENDED
+        if process is not None and process.status is None:
+            running = Running.RUNNING
+        return ProgramState(
+            running=running,
+            pid=process.pid if process is not None and running is Running.RUNNING else None,
+            restarts=self._restarts,
+            lines=process.lines if process is not None else 0,
+            lines_left_out=process.left_out if process is not None else 0,
+            why=self._why,
+        )
+
+    # -- the process ----------------------------------------------------------------------------------------
+
+    def _find(self, program: str, folder: Path | None) -> None:
+        beside = folder / program if folder is not None and os.sep in program else program
+        if shutil.which(beside) is None:
+            raise ProgramAbsent(
+                self.env.plugin,
+                f"no executable {program}: install it, or correct [parameters] command of {self.env.plugin}",
+            )
+
+    def _start(self) -> None:
+        given = self.parameters
+        folder = Path(given.folder) if given.folder else None
+        self._again_s = None
+        try:
+            self._process = LineProcess(
+                self.env.plugin, given.command, folder, given.environment, given.max_line_bytes, self._hear
+            )
+        except OSError as error:
+            raise ProgramAbsent(self.env.plugin, f"{given.command[0]} cannot be started: {error}") from error
+
+    def _end(self) -> None:
+        process, self._process = self._process, None
+        self._again_s = None
+        if process is not None:
+            process.end()
+
+    def _ended(self, process: LineProcess, status: int) -> None:
+        """The program has ended by itself, or was killed: start it again, or leave it at that, or be at fault."""
+        self._why = f"{self.parameters.command[0]} {how_it_ended(status)}"
+        self._end()
+        if self._was_halted:
+            self._was_halted = False
+            self._start()
+        elif status == 0:
+            logger.info("%s: %s", self.env.plugin, self._why)
+        else:
+            if time.monotonic() - process.started_s > STEADY_S:
+                self._restarts = 0
+            if self.parameters.restart == "no" or self._restarts >= self.parameters.restart_limit:
+                raise ProgramEnded(self.env.plugin, self._why)
+            wait_s = min(BACKOFF_S * 2**self._restarts, LONGEST_BACKOFF_S)
+            self._restarts += 1
+            self._again_s = time.monotonic() + wait_s
+            logger.warning("%s: %s, and is started again in %g s", self.env.plugin, self._why, wait_s)
+
+    def _running(self) -> LineProcess:
+        process = self._process
+        if process is None or process.status is not None:
+            raise ProgramEnded(self.env.plugin, f"{self.env.plugin} does not run: {self._why or 'it has just ended'}")
+        return process
+
+    # -- lines ----------------------------------------------------------------------------------------------
+
+    def _line(self, text: str) -> str:
+        if self.parameters.input == "json":
+            try:
+                return msgspec.json.format(text.encode(), indent=-1).decode()
+            except (msgspec.DecodeError, UnicodeEncodeError) as error:
+                raise BadLine(self.env.plugin, f"{self.env.plugin} takes JSON: {error}") from error
+        if "\n" in text or "\r" in text:
+            raise BadLine(self.env.plugin, f"{self.env.plugin} takes one line at a time")
+        if len(text.encode(errors="replace")) > self.parameters.max_line_bytes:
+            raise BadLine(
+                self.env.plugin, f"{self.env.plugin} takes lines of up to {self.parameters.max_line_bytes} bytes"
+            )
+        return text
+
+    def _write(self, process: LineProcess, line: str) -> None:
+        try:
+            is_taken = process.write(line, self.parameters.time_limit_s)
+        except OSError as error:
+            raise ProgramEnded(self.env.plugin, f"{self.env.plugin} does not listen any more: {error}") from error
+        if not is_taken:
+            raise self._late(process, "take a line")
+
+    def _late(self, process: LineProcess, what: str) -> PluginError:
+        if process.ends_within(A_MOMENT_S) and process.status is not None:
+            return ProgramEnded(self.env.plugin, f"{self.env.plugin} {how_it_ended(process.status)} and did not {what}")
+        process.kill()
+        return ProgramLate(
+            self.env.plugin,
+            f"{self.env.plugin} did not {what} within {self.parameters.time_limit_s:g} s and was killed",
+        )
+
+    def _hear(self, line: str) -> bool:
+        """A line that the program says, on the thread that reads it."""
+        if self.parameters.output == "json":
+            try:
+                msgspec.json.decode(line.encode(errors="replace"), type=msgspec.Raw)
+            except msgspec.DecodeError:
+                logger.warning("%s: a line that is no JSON is left out: %.200s", self.env.plugin, line)
+                return False
+        self.said.notify(line)
+        return True

@@ -1,0 +1,234 @@
+"""Faults stay where they are: live, where a plugin can hang."""
+
+import threading
+import time
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from robrain.agent.errors import PluginHung, PluginInactive
+from robrain.agent.host import AgentHost
+from robrain.agent.live import run_agent
+from robrain.agent.robot_file import RobotFile, RobotTable
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages import PluginInfo
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_PLUGINS, ROBOT_STATE
+
+PATIENCE_S = 10.0
+HANG_S = 0.3
+
+MINE = """
+    import threading
+    HANG, HANG_CALL, GO, STEPS, PRESSED = threading.Event(), threading.Event(), threading.Event(), [], []
+
+    class DoorInterface(Protocol):
+        def press(self, who: str) -> None: ...
+        def push(self) -> str: ...
+
+    class Door(Device):
+        interface = DoorInterface
+        def press(self, who): PRESSED.append(who)
+        def push(self): return "open"
+
+    class Mule(Unit):
+        interface = DoorInterface
+        period_s = 0.01
+        broken = False
+        hung = False
+        def activate(self): self.door = self.env.use("door", DoorInterface)
+        def step(self):
+            STEPS.append((id(self), threading.get_ident()))
+            if self.broken: raise RuntimeError("broken")
+            if HANG.is_set() and not self.hung:
+                self.hung = True
+                GO.wait(20)
+                try:
+                    self.door.press("late")
+                except PluginUnloaded:
+                    PRESSED.append("refused")
+        @external
+        def push(self) -> str:
+            if HANG_CALL.is_set(): GO.wait(20)
+            return "pushed"
+
+    class Miner(Skill):
+        period_s = 0.01
+        pushing = False
+        pushed = 0
+        def activate(self): self.mule = self.env.use("mule", DoorInterface)
+        def step(self):
+            if self.pushing:
+                self.mule.push()
+                self.pushed += 1
+
+    class Watch(Device):
+        period_s = 0.01
+        steps = 0
+        def step(self): self.steps += 1
+"""
+
+
+def until(condition):
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        if time.monotonic() > deadline_s:
+            pytest.fail("it has not come to pass")
+        time.sleep(0.005)
+
+
+class LiveMine:
+    def __init__(self, place: Path) -> None:
+        self.session = open_lockstep_session()  # reaches nobody else
+        robot_file = RobotFile(robot=RobotTable("r1", places=[str(place)], load=["miner", "watch"]))
+        self.host = AgentHost(robot_file, Path(), self.session, WallClock(), Drive.LIVE)
+        self.operator = Endpoint(self.session, "default", WallClock(), Drive.LIVE)
+        self._stopping, ready = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=run_agent, args=(self.host, self._stopping.is_set, ready.set))
+        self._thread.start()
+        assert ready.wait(PATIENCE_S)
+        self.space = self.tag("mule").plugin_class.step.__globals__
+
+    def tag(self, name):
+        return self.host.manager.get(name)
+
+    def states(self):
+        infos = msgspec.json.decode(self.operator.ask(ROBOT_PLUGINS, robot="r1"), type=list[PluginInfo])
+        return {info.name: (info.state, info.why) for info in infos}
+
+    def call(self, plugin, function):
+        return self.operator.ask(ROBOT_CALL, robot="r1", plugin=plugin, function=function)
+
+    def close(self):
+        self.space["GO"].set()
+        self._stopping.set()
+        self._thread.join(PATIENCE_S)
+        assert not self._thread.is_alive()
+        self.operator.close()
+        self.session.close()
+        until(lambda: not any(thread.name.startswith("plugin-") for thread in threading.enumerate()))
+
+
+@pytest.fixture
+def mine(bench):
+    opened = []
+
+    def start(**policy):
+        bench.code("mine", MINE)
+        bench.manifest("door", "mine:Door", visibility=["*"])
+        bench.manifest("mule", "mine:Mule", requires=["door"], visibility=["*", "command"], hang_s=HANG_S, **policy)
+        bench.manifest("miner", "mine:Miner", requires=["mule"])
+        bench.manifest("watch", "mine:Watch")
+        opened.append(LiveMine(bench.place))
+        return opened[-1]
+
+    yield start
+    for each in opened:
+        each.close()
+
+
+def test_a_plugin_that_hangs_is_faulted_its_users_put_aside_and_the_rest_goes_on(mine):
+    robot = mine()
+    inbox = Inbox(every=True)
+    robot.operator.subscribe(inbox, ROBOT_STATE)
+    watch = robot.tag("watch").plugin
+    handle = robot.tag("miner").plugin.mule
+    robot.space["HANG"].set()
+    until(lambda: robot.tag("mule").turn.is_overdue(time.time_ns() + 1) or robot.tag("mule").state == "faulted")
+    why = f"PluginHung: mule has not come back for {HANG_S} s"
+    until(lambda: robot.states()["mule"] == ("faulted", why))
+    until(lambda: robot.states()["miner"] == ("inactive", f"requires mule, which is faulted: {why}"))
+    steps, states = watch.steps, inbox.received
+    until(lambda: watch.steps > steps + 5 and inbox.received > states)
+    assert robot.states()["door"][0] == robot.states()["watch"][0] == "active"
+    with pytest.raises(PluginInactive, match="mule is faulted: PluginHung"):
+        handle.push()
+    with pytest.raises(CallError) as refused:
+        robot.call("mule", "push")
+    assert refused.value.code is ErrorCode.INACTIVE
+
+
+def test_callers_of_a_plugin_that_hangs_are_told_within_the_limit(mine):
+    robot = mine()
+    tag, handle = robot.tag("mule"), robot.tag("miner").plugin.mule
+    robot.space["HANG"].set()
+    until(lambda: tag.turn.owner is not None and tag.plugin.hung)
+    began_s = time.monotonic()
+    with pytest.raises(PluginInactive) as late:  # it waits for its turn, and so learns of it before or with the host
+        handle.push()
+    assert isinstance(late.value, PluginHung)
+    assert time.monotonic() - began_s < HANG_S + 1.0
+    assert late.value.plugin == "mule"
+
+
+def test_who_is_stuck_in_a_call_to_what_hangs_is_put_aside_with_it_and_started_again(mine):
+    robot = mine(restart="on-failure", backoff_s=0.2)
+    miner, space = robot.tag("miner").plugin, robot.space
+    space["HANG_CALL"].set()
+    miner.pushing = True
+    until(lambda: robot.states()["miner"][0] == "faulted")
+    assert not miner.pushed
+    assert robot.states()["miner"][1].startswith("requires mule, which is faulted: PluginHung: mule has not come back")
+    space["HANG_CALL"].clear()
+    until(lambda: robot.states()["mule"][0] == robot.states()["miner"][0] == "active")
+    fresh = robot.tag("miner").plugin
+    assert fresh is not miner
+    fresh.pushing = True
+    until(lambda: fresh.pushed > 2)
+    space["GO"].set()
+    until(lambda: miner.pushed == 1)
+    pushed = fresh.pushed
+    until(lambda: fresh.pushed > pushed + 3)
+    assert (miner.pushed, robot.states()["miner"][0]) == (1, "active")
+
+
+def test_a_restart_is_on_a_fresh_thread_and_the_late_return_has_no_effect(mine):
+    robot = mine(restart="on-failure", backoff_s=0.1)
+    old, space = robot.tag("mule").plugin, robot.space
+    space["HANG"].set()
+    until(lambda: old.hung)
+    old_thread = space["STEPS"][-1][1]
+    until(lambda: robot.tag("mule").state == "faulted")
+    space["HANG"].clear()
+    until(lambda: robot.states()["mule"][0] == robot.states()["miner"][0] == "active")
+    fresh = robot.tag("mule").plugin
+    assert fresh is not old
+    assert robot.tag("mule").restarts == 1
+    until(lambda: space["STEPS"][-1][0] == id(fresh) and space["STEPS"][-1][1] != old_thread)
+    space["GO"].set()
+    until(lambda: space["PRESSED"])
+    assert space["PRESSED"] == ["refused"]
+    count = len([step for step in space["STEPS"] if step[0] == id(old)])
+    until(lambda: not any(thread.ident == old_thread for thread in threading.enumerate()))
+    assert len([step for step in space["STEPS"] if step[0] == id(old)]) == count
+    assert robot.states()["mule"][0] == "active"
+    assert msgspec.json.decode(robot.call("mule", "push")) == "pushed"
+
+
+def test_a_restart_after_a_raise_steps_again(mine):
+    robot = mine(restart="on-failure", backoff_s=0.05)
+    robot.tag("mule").plugin.broken = True
+    until(lambda: robot.tag("mule").restarts == 1 and robot.states()["mule"][0] == "active")
+    fresh = robot.tag("mule").plugin
+    until(lambda: [step for step in robot.space["STEPS"] if step[0] == id(fresh)])
+    until(lambda: robot.states()["miner"][0] == "active")
+
+
+def test_a_plugin_loaded_later_steps_even_if_its_start_takes_long(mine, bench):
+    robot = mine()
+    bench.code(
+        "late",
+        "import time\nclass Late(Device):\n    period_s = 0.01\n    steps = 0\n"
+        "    def init(self): time.sleep(0.15)\n    def step(self): self.steps += 1\n",
+    )
+    bench.manifest("late", "late:Late")
+    robot.host.manager.load("late")
+    late = robot.tag("late").plugin
+    until(lambda: late.steps > 3)
+    assert robot.tag("late").overruns == 0
+    robot.host.manager.unload("late")
+    until(lambda: not any(thread.name == "plugin-late" for thread in threading.enumerate()))

@@ -1,0 +1,277 @@
+"""What goes wrong in an isolated plugin stays in its process."""
+
+import gc
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from robrain.agent.isolation import Limits, PluginCrashed
+from tests.agent.isolation_bench import IsolationBench
+
+PATIENCE_S = 10.0
+QUICK = Limits(call_s=0.3, halt_s=0.2, memory_mb=800)
+
+FRAGILE = """
+def grow():
+    held = []
+    while True:
+        held.append(bytearray(50_000_000))
+
+class Vision(Unit):
+    period_s = 0.1
+    halts = 0
+    misstep = False
+    def step(self):
+        while self.misstep: pass
+    def emergency_halt(self): self.halts += 1
+    @external
+    def abort(self) -> None: os.abort()
+    @external
+    def segfault(self) -> None: ctypes.string_at(0)
+    @external
+    def leave(self) -> None: os._exit(3)
+    @external
+    def loop(self) -> None:
+        while True: pass
+    @external
+    def loop_in_native_code(self) -> None: re.match("(a+)+$", "a" * 60 + "b")
+    @external
+    def grow(self) -> None: grow()
+    @external
+    def fork_off(self) -> int:
+        import subprocess
+        return subprocess.Popen(["sleep", "60"]).pid
+    @external
+    def stumble(self) -> None: self.misstep = True
+    @external
+    def leave_later(self) -> None: threading.Timer(0.05, os._exit, [4]).start()
+    @external
+    def halted(self) -> int: return self.halts
+"""
+
+
+@pytest.fixture
+def bench(tmp_path):
+    bench = IsolationBench(tmp_path)
+    yield bench
+    bench.close()
+
+
+@pytest.fixture
+def fragile(bench):
+    return bench.start(FRAGILE, limits=QUICK)
+
+
+def gone(pid):
+    """Whether the process has ended; one whose parent has not reaped it is there."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while time.monotonic() < deadline_s:
+        try:
+            if Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z" and not is_own(pid):
+                return True
+        except FileNotFoundError:
+            return True
+        time.sleep(0.01)
+    return False
+
+
+def is_own(pid):
+    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1] == str(os.getpid())
+
+
+@pytest.mark.parametrize(
+    ("function", "text"),
+    [
+        ("abort", "vision was ended by SIGABRT in abort"),
+        ("segfault", "vision was ended by SIGSEGV in segfault"),
+        ("leave", "vision has ended with status 3 in leave"),
+        ("loop", "vision did not come back from loop within 0.3 s, and its process was killed"),
+        ("loop_in_native_code", "did not come back from loop_in_native_code within 0.3 s"),
+    ],
+)
+def test_a_crash_is_an_error_of_the_plugin(bench, fragile, function, text):
+    pid = fragile.pid
+    with pytest.raises(PluginCrashed, match=text) as caught:
+        getattr(fragile, function)()
+    assert caught.value.plugin == "vision"
+    assert fragile.pid is None
+    assert gone(pid)
+    with pytest.raises(PluginCrashed, match=r"vision (was ended|has ended|did not come back)"):
+        fragile.halted()
+
+
+def test_memory_beyond_the_limit_is_not_given_and_the_plugin_lives(bench):
+    fragile = bench.start(FRAGILE, limits=Limits(call_s=PATIENCE_S, memory_mb=400))
+    with pytest.raises(MemoryError):
+        fragile.grow()
+    assert fragile.halted() == 0
+
+
+def test_a_step_that_does_not_end_is_killed(fragile):
+    fragile.stumble()
+    with pytest.raises(PluginCrashed, match="did not come back from step"):
+        fragile.step()
+
+
+def test_a_crash_that_no_call_runs_into_is_told_through_the_plugins_mailbox(bench, fragile):
+    fragile.leave_later()
+    assert bench.env.arrived.wait(PATIENCE_S)
+    with pytest.raises(PluginCrashed, match="vision has ended with status 4"):
+        bench.env.mailbox.deliver()
+    with pytest.raises(PluginCrashed, match="vision has ended with status 4"):
+        fragile.step()
+
+
+def test_a_crash_is_told_once(bench, fragile):
+    with pytest.raises(PluginCrashed):
+        fragile.abort()
+    bench.env.mailbox.deliver()
+
+
+def test_waiting_for_a_lower_plugin_is_not_held_against_it(bench):
+    class Slow:
+        def rest(self) -> int:
+            time.sleep(3 * QUICK.call_s)
+            return 5
+
+    bench.env.others["slow"] = Slow()
+    vision = bench.start(
+        """
+        class SlowInterface(Protocol):
+            def rest(self) -> int: ...
+        class Vision(Unit):
+            def activate(self): self.slow = self.env.use("slow", SlowInterface)
+            @external
+            def rest(self) -> int: return self.slow.rest()
+        """,
+        limits=QUICK,
+    )
+    assert vision.rest() == 5
+
+
+def test_after_a_crash_it_can_be_started_anew(fragile):
+    with pytest.raises(PluginCrashed):
+        fragile.abort()
+    fragile.init()
+    fragile.activate()
+    assert fragile.halted() == 0
+
+
+def test_deactivate_ends_the_process_and_activate_starts_another(fragile):
+    pid = fragile.pid
+    fragile.deactivate()
+    assert gone(pid)
+    fragile.activate()
+    assert fragile.pid not in (None, pid)
+
+
+def test_what_the_plugin_has_started_ends_with_it(fragile):
+    grandchild = fragile.fork_off()
+    fragile.deactivate()
+    assert gone(grandchild)
+
+
+def test_emergency_halt_gets_through_a_call_that_is_under_way(bench):
+    vision = bench.start(
+        """
+        class Vision(Unit):
+            halts = 0
+            def emergency_halt(self): self.halts += 1
+            @external
+            def wait_for_halt(self) -> int:
+                while not self.halts: time.sleep(0.001)
+                return self.halts
+        """
+    )
+    answered = []
+    caller = threading.Thread(target=lambda: answered.append(vision.wait_for_halt()))
+    caller.start()
+    time.sleep(0.05)
+    vision.emergency_halt()
+    caller.join(PATIENCE_S)
+    assert answered == [1]
+
+
+def test_a_process_that_does_not_halt_is_killed(bench):
+    vision = bench.start(FRAGILE, limits=Limits(call_s=PATIENCE_S, halt_s=0.2))
+    errors = []
+
+    def call():
+        try:
+            vision.loop_in_native_code()
+        except PluginCrashed as error:
+            errors.append(error)
+
+    caller = threading.Thread(target=call)
+    caller.start()
+    time.sleep(0.1)
+    began_s = time.monotonic()
+    with pytest.raises(PluginCrashed, match=r"did not halt within 0\.2 s"):
+        vision.emergency_halt()
+    assert time.monotonic() - began_s < PATIENCE_S / 2
+    caller.join(PATIENCE_S)
+    assert len(errors) == 1
+
+
+def test_a_plugin_that_is_dropped_takes_its_process_along(bench):
+    vision = bench.start(FRAGILE)
+    pid = vision.pid
+    bench.plugins.clear()
+    bench.env.mailbox = None
+    del vision
+    gc.collect()
+    assert gone(pid)
+
+
+PARENT = """
+import sys, tempfile, threading
+from pathlib import Path
+from tests.agent.isolation_bench import IsolationBench
+from tests.agent.test_isolation_crash import FRAGILE
+bench = IsolationBench(Path(sys.argv[1]))
+vision = bench.start(FRAGILE)
+print(vision.pid, flush=True)
+threading.Thread(target=vision.loop_in_native_code, daemon=True).start()
+sys.stdin.read()
+"""
+
+
+def test_the_process_ends_with_its_parent_whatever_it_is_at(tmp_path):
+    parent = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(PARENT), str(tmp_path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=Path(__file__).parents[2],
+    )
+    with parent:
+        pid = int(parent.stdout.readline())
+        time.sleep(0.2)
+        parent.send_signal(signal.SIGKILL)
+    assert gone(pid)
+
+
+def test_fifty_restarts_leave_no_process_thread_or_descriptor(bench):
+    vision = bench.start(FRAGILE, limits=QUICK)
+    vision.deactivate()
+    before = len(os.listdir("/proc/self/fd"))
+    pids = set()
+    for round_number in range(50):
+        vision.activate()
+        pids.add(vision.pid)
+        if round_number % 2:
+            vision.deactivate()
+        else:
+            with pytest.raises(PluginCrashed):
+                vision.abort()
+    assert len(pids) > 40
+    assert len(os.listdir("/proc/self/fd")) <= before
+    assert [thread.name for thread in threading.enumerate() if thread.name.startswith("isolated-")] == []
+    assert [pid for pid in pids if Path(f"/proc/{pid}").exists()] == []  # not as zombies either

@@ -1,0 +1,211 @@
+"""The driver's long actions."""
+
+import itertools
+import math
+
+import pytest
+
+from robrain.plugins.unit.driver.interface import Motion
+from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
+from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.topics import ROBOT_EVENT
+
+START = Pose2D(1.0, 2.0, 0.5)
+
+
+@pytest.fixture
+def robot(stage, room):
+    """A robot in a room of 6 × 4 m, and all its events."""
+    one = stage(room(6.0, 4.0), r1=START)
+    one.events = one.inbox(ROBOT_EVENT, robot="r1", plugin="driver")
+    one.host("localisation")
+    one.run(0.4)
+    return one
+
+
+def told(one, event):
+    return [received.message.value for received in one.events.drain() if received.message.event == event]
+
+
+def end_of(one, action, limit_s=30.0):
+    """Runs until the action ends."""
+    ends = []
+    one.run_until(lambda: ends.extend(told(one, "finished")) or ends, limit_s)
+    (end,) = ends
+    assert end["action"] == action
+    return end["outcome"], end["why"]
+
+
+def ahead_m(one):
+    """How far it has come in the direction that it looked in at the start, and how far aside of that."""
+    pose = one.truth().pose
+    dx, dy = pose.x_m - START.x_m, pose.y_m - START.y_m
+    cos, sin = math.cos(START.yaw_rad), math.sin(START.yaw_rad)
+    return cos * dx + sin * dy, cos * dy - sin * dx
+
+
+@pytest.mark.parametrize("distance_m", [1.0, -0.6])
+def test_drive_goes_straight_ahead_or_back_without_turning(robot, distance_m):
+    action = robot.call("driver", "drive", distance_m)
+    assert action == "drive-1"
+    assert robot.call("driver", "motion") == Motion.DRIVING
+    assert end_of(robot, action) == ("done", "")
+    robot.run(0.5)
+    along_m, aside_m = ahead_m(robot)
+    assert along_m == pytest.approx(distance_m, abs=0.1)
+    assert aside_m == pytest.approx(0.0, abs=0.05)
+    assert robot.truth().pose.yaw_rad == pytest.approx(START.yaw_rad, abs=0.05)
+    assert robot.call("driver", "motion") == Motion.STANDING
+
+
+@pytest.mark.parametrize("angle_rad", [math.pi / 2, -1.0, 1.5 * math.pi, -2 * math.pi, 0.0])
+def test_turn_turns_on_the_spot_by_the_angle_and_in_its_direction(robot, angle_rad):
+    action = robot.call("driver", "turn", angle_rad)
+    yaws_rad, ends = [START.yaw_rad], []
+    while not ends:
+        robot.run(0.02)
+        yaws_rad.append(yaws_rad[-1] + wrap_angle_rad(robot.truth().pose.yaw_rad - yaws_rad[-1]))
+        ends = told(robot, "finished")
+    assert (ends[0]["action"], ends[0]["outcome"]) == (action, "done")
+    robot.run(0.5)
+    assert yaws_rad[-1] - START.yaw_rad == pytest.approx(angle_rad, abs=0.06)
+    assert robot.truth().pose.distance_m(Point2D(START.x_m, START.y_m)) < 0.02
+
+
+def test_drive_path_follows_the_points_to_the_last_and_says_where_it_stands(robot):
+    action = robot.call("driver", "drive_path", [{"x_m": 1.0, "y_m": 0.0}, {"x_m": 1.0, "y_m": 0.8}])
+    ends = []
+    robot.run_until(lambda: ends.extend(told(robot, "finished")) or ends, 20.0)
+    (end,) = ends
+    assert (end["action"], end["outcome"]) == (action, "done")
+    assert math.hypot(end["result"]["x_m"] - 1.0, end["result"]["y_m"] - 0.8) < 0.1
+
+
+def test_progress_leaves_the_robot_at_most_twice_a_second_and_grows(robot):
+    robot.call("driver", "drive", 3.0)
+    stamped = []
+    robot.run(8.0, lambda: stamped.extend(robot.events.drain()))
+    progress = [received.message for received in stamped if received.message.event == "progress"]
+    shares = [message.value["share"] for message in progress]
+    assert len(shares) >= 6
+    assert shares == sorted(shares)
+    assert 0.0 < shares[0] < 0.5 < shares[-1] <= 1.0
+    gaps_ns = [b.stamp_ns - a.stamp_ns for a, b in itertools.pairwise(progress)]
+    assert min(gaps_ns) >= 500_000_000
+
+
+def test_arriving_leaves_the_robot(robot):
+    robot.call("driver", "drive", 0.5)
+    robot.run(4.0)
+    (arrived,) = told(robot, "arrived")
+    assert math.hypot(arrived["x_m"], arrived["y_m"]) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("start", [("drive", 3.0), ("turn", 6.0)])
+def test_a_cancelled_action_stands_still(robot, start):
+    action = robot.call("driver", *start)
+    robot.run(1.0)
+    assert robot.call("driver", "cancel", "drive-99") is False
+    assert robot.call("driver", "cancel", action) is True
+    assert end_of(robot, action) == ("cancelled", "it was cancelled")
+    robot.run(1.0)
+    before = robot.truth().pose
+    robot.run(1.0)
+    assert robot.truth().pose == before
+    assert robot.call("driver", "cancel", action) is False
+
+
+@pytest.mark.parametrize(
+    ("end", "why"),
+    [
+        (lambda one: one.call("driver", "stop"), "the driver was told to stop"),
+        (lambda one: one.call("driver", "turn", 1.0), "turn-2 has taken its place"),
+        (lambda one: one.hosts[0].manager.get("driver").plugin.follow([Point2D(1.0, 0.0)]), "another path was given"),
+        (lambda one: one.halt(), "emergency halt"),
+        (lambda one: one.hosts[0].manager.unload("driver", cascade=True), "it is being unloaded"),
+    ],
+    ids=["stop", "turn", "follow", "halt", "unload"],
+)
+def test_what_comes_between_cancels_the_action_and_says_so(robot, end, why):
+    action = robot.call("driver", "drive", 3.0)
+    robot.run(1.0)
+    end(robot)
+    assert end_of(robot, action, 0.1) == ("cancelled", why)
+
+
+def test_a_path_that_follows_an_action_is_driven_as_ever(robot):
+    robot.call("driver", "turn", 6.0)
+    robot.run(0.5)
+    robot.hosts[0].manager.get("driver").plugin.follow([Point2D(1.0, 0.0)])
+    robot.run_until(lambda: robot.call("driver", "motion") == Motion.STANDING, 20.0)
+    robot.run(0.5)
+    assert robot.call("driver", "pose")["x_m"] == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_halted_action_does_not_go_on_when_the_robot_is_resumed(robot):
+    action = robot.call("driver", "turn", 6.0)
+    robot.run(0.5)
+    robot.halt()
+    assert end_of(robot, action, 0.1) == ("cancelled", "emergency halt")
+    robot.run(1.0)
+    before = robot.truth().pose
+    robot.halt(halted=False)
+    robot.run(2.0)
+    assert robot.truth().pose == before
+
+
+def test_an_action_whose_way_stays_blocked_fails_without_touching_anything(stage, room):
+    one = stage(room(6.0, 4.0, (3.0, 0.0, 3.2, 4.0)), r1=Pose2D(1.0, 2.0, 0.0))
+    one.events = one.inbox(ROBOT_EVENT, robot="r1", plugin="driver")
+    one.host("localisation", driver={"patience_s": 2.0})
+    one.run(0.4)
+    action = one.call("driver", "drive", 4.0)
+    assert end_of(one, action, 20.0) == ("failed", "something has stood in the way for 2 s")
+    assert one.truth().collisions == 0
+    assert one.call("driver", "motion") == Motion.STANDING
+
+
+@pytest.mark.parametrize(
+    ("function", "argument"),
+    [
+        ("drive_path", []),  # nowhere to go
+        ("drive_path", [{"x_m": 1.0}]),  # half a point
+        ("drive", "far"),  # no number
+        ("turn", None),  # nothing
+    ],
+)
+def test_what_cannot_be_driven_is_refused_and_nothing_is_begun(robot, function, argument):
+    action = robot.call("driver", "drive", 3.0)
+    with pytest.raises(CallError) as refusal:
+        robot.call("driver", function, argument)
+    assert refusal.value.code is ErrorCode.BAD_ARGUMENTS
+    robot.run(1.0)
+    assert told(robot, "finished") == []
+    assert robot.call("driver", "cancel", action) is True
+
+
+@pytest.mark.parametrize("number", [math.inf, -math.inf, math.nan])
+def test_what_has_no_end_is_refused(robot, number):
+    plugin = robot.hosts[0].manager.get("driver").plugin
+    for drive in (plugin.drive, plugin.turn, lambda number: plugin.drive_path([Point2D(number, 0.0)])):
+        with pytest.raises(CallError, match="expected finite numbers"):
+            drive(number)
+    assert robot.call("driver", "motion") == Motion.STANDING
+
+
+def test_an_action_that_a_call_begins_while_a_halt_comes_does_not_go_on_when_the_robot_is_resumed(robot):
+    host = robot.hosts[0]
+    plugin = host.manager.get("driver").plugin
+    start = plugin._actions.start
+
+    def start_late(name):
+        host.manager.halt()
+        return start(name)
+
+    plugin._actions.start = start_late
+    action = plugin.drive(3.0)
+    before = robot.truth().pose
+    host.manager.resume()
+    robot.run(2.0)
+    assert robot.truth().pose == before
+    assert end_of(robot, action, 0.1) == ("cancelled", "emergency halt")

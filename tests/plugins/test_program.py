@@ -1,0 +1,317 @@
+"""Any executable is a plugin by its manifest alone."""
+
+import logging
+import os
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import msgspec
+import pytest
+
+from robrain.agent.errors import HardwareAbsent
+from robrain.agent.event import Mailbox
+from robrain.agent.host import AgentHost
+from robrain.agent.live import run_agent
+from robrain.agent.robot_file import RobotFile, RobotTable
+from robrain.plugins.unit.program import program
+from robrain.plugins.unit.program.errors import BadLine, ProgramAbsent, ProgramEnded, ProgramLate
+from robrain.plugins.unit.program.program import Program
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.session import open_session
+from robrain.protocol.wire.topics import ROBOT_CALL
+
+PATIENCE_S = 10.0
+ECHO = "import sys\nfor line in sys.stdin: print(line.strip().upper(), flush=True)"
+
+
+class Bench:
+    """A program's plugin as its tag would run it, on the test's own thread."""
+
+    def __init__(self, drive=Drive.LIVE, **parameters):
+        self.mailbox = Mailbox(100_000)
+        self.told = []
+        env = SimpleNamespace(plugin="tool", wire=SimpleNamespace(drive=drive))
+        self.plugin = Program(env, msgspec.convert(parameters, Program.Parameters))
+        self.plugin.said.add(self.told.append, self.mailbox)
+
+    def start(self):
+        self.plugin.init()
+        self.plugin.activate()
+        return self.plugin
+
+    def until(self, condition):
+        """Step until it is so."""
+        deadline_s = time.monotonic() + PATIENCE_S
+        while not condition():
+            assert time.monotonic() < deadline_s, "it has not come to pass"
+            self.plugin.step()
+            self.mailbox.deliver()
+            time.sleep(0.005)
+
+
+@pytest.fixture
+def start():
+    benches = []
+
+    def start(code=ECHO, **parameters):
+        bench = Bench(command=[sys.executable, "-c", code], **parameters)
+        benches.append(bench)
+        bench.start()
+        return bench
+
+    yield start
+    for bench in benches:
+        bench.plugin.deactivate()
+
+
+def is_gone(pid):
+    deadline_s = time.monotonic() + PATIENCE_S
+    while time.monotonic() < deadline_s:
+        try:
+            if Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z":
+                return True
+        except FileNotFoundError:
+            return True
+        time.sleep(0.01)
+    return False
+
+
+def test_one_line_in_one_line_out(start):
+    bench = start()
+    assert bench.plugin.send("hello") == "HELLO"
+    assert bench.plugin.send("grüß") == "GRÜSS"
+    assert bench.plugin.state().running == "running"
+    assert bench.plugin.state().lines == 2
+
+
+def test_each_line_that_it_says_is_an_event(start):
+    bench = start("print('one', flush=True); print('two', flush=True); input()")
+    bench.until(lambda: bench.told == ["one", "two"])
+
+
+def test_what_is_told_is_answered_by_an_event(start):
+    bench = start()
+    bench.plugin.tell("psst")
+    bench.until(lambda: bench.told == ["PSST"])
+
+
+def test_lines_said_before_answer_nothing(start):
+    bench = start("print('welcome', flush=True)\n" + ECHO)
+    bench.until(lambda: bench.told == ["welcome"])
+    assert bench.plugin.send("hello") == "HELLO"
+
+
+def test_json_goes_in_and_comes_out_a_document_a_line(start):
+    double = (
+        "import json, sys\nfor line in sys.stdin: print('noise'); print(json.dumps(json.loads(line) * 2), flush=True)"
+    )
+    bench = start(double, input="json", output="json")
+    assert bench.plugin.send('[1,\n "two"]') == '[1, "two", 1, "two"]'
+    assert bench.plugin.state().lines_left_out == 1
+    with pytest.raises(BadLine, match="tool takes JSON"):
+        bench.plugin.send("{")
+
+
+@pytest.mark.parametrize("text", ["two\nlines", "two\rlines", "x" * 65])
+def test_what_is_no_line_is_not_given_to_it(start, text):
+    bench = start(max_line_bytes=64)
+    with pytest.raises(BadLine, match="tool takes"):
+        bench.plugin.send(text)
+    assert bench.plugin.send("x" * 64) == "X" * 64
+
+
+def test_lines_that_are_too_long_are_left_out_and_cost_no_memory(start, caplog):
+    code = "import sys\nfor _ in range(200): sys.stdout.write('x' * 100_000)\nprint('\\nshort', flush=True)\ninput()"
+    bench = start(code, max_line_bytes=1000)
+    bench.until(lambda: bench.told == ["short"])
+    assert bench.plugin.state().lines_left_out == 1
+    assert "a line of more than 1000 bytes is left out" in caplog.text
+
+
+def test_the_last_line_counts_without_an_end(start):
+    bench = start("print('bye', end='', flush=True)")
+    bench.until(lambda: bench.told == ["bye"])
+
+
+def test_a_program_that_does_not_answer_in_time_is_killed(start):
+    bench = start("import sys\nfor line in sys.stdin: pass", time_limit_s=0.2, restart="on-failure")
+    with pytest.raises(ProgramLate, match=r"tool did not answer within 0\.2 s and was killed") as caught:
+        bench.plugin.send("hello")
+    assert caught.value.code is ErrorCode.TIMEOUT
+    bench.until(lambda: bench.plugin.state().running == "waiting")
+    assert "SIGKILL" in bench.plugin.state().why
+
+
+def test_a_program_that_does_not_read_holds_nobody_up(start):
+    bench = start("import time; time.sleep(60)", time_limit_s=0.2, max_line_bytes=1_000_000)
+    with pytest.raises(ProgramLate, match="did not take a line"):
+        bench.plugin.tell("x" * 1_000_000)
+
+
+def test_a_program_that_ends_instead_of_answering_says_so(start):
+    bench = start("input()")
+    with pytest.raises(ProgramEnded, match="tool has ended with status 0 and did not answer"):
+        bench.plugin.send("hello")
+
+
+def test_a_program_that_has_done_its_work_is_no_fault(start):
+    bench = start("print('done')")
+    bench.until(lambda: bench.plugin.state().why)
+    assert bench.plugin.state().running == "ended"
+    with pytest.raises(ProgramEnded, match=r"tool does not run: .* has ended with status 0"):
+        bench.plugin.send("more")
+
+
+def test_failure_is_the_plugins_fault(start):
+    bench = start("import sys; sys.exit(3)")
+    with pytest.raises(ProgramEnded, match="has ended with status 3"):
+        bench.until(lambda: False)
+
+
+def test_failure_starts_it_again_up_to_a_limit(start, monkeypatch):
+    monkeypatch.setattr(program, "BACKOFF_S", 0.01)
+    bench = start("print('up', flush=True); raise SystemExit(3)", restart="on-failure", restart_limit=3)
+    with pytest.raises(ProgramEnded, match="has ended with status 3"):
+        bench.until(lambda: False)
+    assert bench.plugin.state().restarts == 3
+    bench.mailbox.deliver()
+    assert bench.told == ["up"] * 4
+
+
+def test_a_program_that_ran_steadily_is_forgiven_its_restarts(start, monkeypatch):
+    monkeypatch.setattr(program, "BACKOFF_S", 0.01)
+    monkeypatch.setattr(program, "STEADY_S", 0.0)
+    bench = start("print('up', flush=True); raise SystemExit(3)", restart="on-failure", restart_limit=1)
+    bench.until(lambda: len(bench.told) > 4)
+
+
+def test_what_it_started_ends_with_it(start):
+    code = "import subprocess; print(subprocess.Popen(['sleep', '60']).pid, flush=True); input()"
+    bench = start(code)
+    bench.until(lambda: bench.told)
+    pid = bench.plugin.state().pid
+    bench.plugin.deactivate()
+    assert is_gone(pid)
+    assert is_gone(int(bench.told[0]))
+
+
+def test_a_program_that_ignores_requests_to_end_is_killed(start):
+    code = "import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('up', flush=True); input()"
+    bench = start(code)
+    bench.until(lambda: bench.told)
+    pid = bench.plugin.state().pid
+    bench.plugin.deactivate()
+    assert is_gone(pid)
+
+
+@pytest.mark.parametrize("kill_on_halt", [True, False])
+def test_emergency_halt_ends_it_if_asked_to(start, kill_on_halt):
+    bench = start(kill_on_halt=kill_on_halt)
+    pid = bench.plugin.state().pid
+    bench.plugin.emergency_halt()
+    if kill_on_halt:
+        assert is_gone(pid)
+        bench.until(lambda: bench.plugin.state().running == "running")
+        assert bench.plugin.state().restarts == 0
+    else:
+        assert bench.plugin.state().pid == pid
+    assert bench.plugin.send("again") == "AGAIN"
+
+
+def test_stderr_is_logged_and_a_flood_of_it_is_counted(start, caplog):
+    caplog.set_level(logging.INFO)
+    start("import sys\nfor n in range(5000): print('oops', n, file=sys.stderr)")
+    deadline_s = time.monotonic() + PATIENCE_S
+    while "were not logged" not in caplog.text and time.monotonic() < deadline_s:
+        time.sleep(0.01)
+    assert "tool: oops 0" in caplog.text
+    assert "more lines on stderr were not logged" in caplog.text
+    assert sum("oops" in record.getMessage() for record in caplog.records) < 1000
+
+
+def test_it_has_its_folder_and_its_environment(start, tmp_path):
+    code = "import os; print(os.getcwd(), os.environ['COLOUR'], flush=True); input()"
+    bench = start(code, folder=str(tmp_path), environment={"COLOUR": "red"})
+    bench.until(lambda: bench.told == [f"{tmp_path} red"])
+
+
+def test_a_missing_executable_is_absent_hardware():
+    bench = Bench(command=["no-such-program"])
+    with pytest.raises(ProgramAbsent, match="no executable no-such-program: install it") as caught:
+        bench.start()
+    assert isinstance(caught.value, HardwareAbsent)
+
+
+def test_a_missing_folder_is_absent_hardware(tmp_path):
+    bench = Bench(command=["cat"], folder=str(tmp_path / "nowhere"))
+    with pytest.raises(ProgramAbsent, match=r"correct \[parameters\] folder"):
+        bench.start()
+
+
+def test_in_lockstep_it_says_that_it_keeps_no_step():
+    bench = Bench(Drive.LOCKSTEP, command=["cat"])
+    with pytest.raises(Exception, match="programs are for the live drive"):
+        bench.start()
+
+
+@pytest.mark.parametrize(
+    ("parameters", "text"),
+    [
+        ({"command": []}, "expected command"),
+        ({"command": ["cat"], "time_limit_s": 0}, "expected time_limit_s > 0, got 0"),
+        ({"command": ["cat"], "max_line_bytes": -1}, "expected max_line_bytes > 0, got -1"),
+        ({"command": ["cat"], "restart_limit": -1}, "expected restart_limit >= 0, got -1"),
+        ({"command": ["cat"], "input": "xml"}, "Invalid enum value 'xml'"),
+        ({}, "missing required field `command`"),
+    ],
+)
+def test_bad_parameters_are_named(parameters, text):
+    with pytest.raises(msgspec.ValidationError, match=text):
+        msgspec.convert(parameters, Program.Parameters)
+
+
+def test_runs_leave_no_thread_and_no_descriptor(start):
+    start().plugin.deactivate()
+    before = len(os.listdir("/proc/self/fd"))
+    for _ in range(20):
+        bench = start()
+        os.kill(bench.plugin.state().pid, signal.SIGKILL)
+        bench.plugin.deactivate()
+    assert len(os.listdir("/proc/self/fd")) <= before
+    assert [thread.name for thread in threading.enumerate() if thread.name.endswith("-tool")] == []
+
+
+def test_a_robot_has_two_programs_by_their_manifests_alone(tmp_path):
+    for name, factor in (("double", 2), ("triple", 3)):
+        code = f"while True: print(int(input()) * {factor}, flush=True)"
+        (tmp_path / f"{name}.toml").write_text(
+            '[plugin]\nclass = "robrain.plugins.unit.program.program:Program"\n'
+            f"[parameters]\ncommand = {msgspec.json.encode([sys.executable, '-c', code]).decode()}\n"
+        )
+    robot_file = RobotFile(robot=RobotTable("r1", places=[str(tmp_path)], load=["double", "triple"]))
+    stop, ready = threading.Event(), threading.Event()
+    with open_session(mode="peer", listen=["tcp/127.0.0.1:0"]) as session:
+        host = AgentHost(robot_file, Path(), session, WallClock(), Drive.LIVE)
+        thread = threading.Thread(target=run_agent, args=(host, stop.is_set, ready.set))
+        thread.start()
+        operator = Endpoint(session, "default", WallClock(), Drive.LIVE)
+        try:
+            assert ready.wait(PATIENCE_S)
+            answers = [
+                operator.ask(ROBOT_CALL, ["7"], robot="r1", plugin=name, function="send")
+                for name in ("double", "triple")
+            ]
+            with pytest.raises(CallError, match="takes one line at a time") as caught:
+                operator.ask(ROBOT_CALL, ["7\n8"], robot="r1", plugin="double", function="send")
+        finally:
+            stop.set()
+            thread.join(PATIENCE_S)
+            operator.close()
+    assert answers == [b'"14"', b'"21"']
+    assert caught.value.code is ErrorCode.BAD_ARGUMENTS

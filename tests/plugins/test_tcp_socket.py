@@ -1,0 +1,262 @@
+import contextlib
+import socket
+import threading
+import time
+from types import SimpleNamespace
+
+import msgspec
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from robrain.agent.errors import PluginError
+from robrain.plugins.unit.tcp_socket import line_server
+from robrain.plugins.unit.tcp_socket.tcp_socket import TcpSocket
+from robrain.protocol.wire.endpoint import Drive
+from robrain.protocol.wire.errors import ErrorCode
+
+
+class Command:
+    """Answers as the plugin command does, with what it was told."""
+
+    def __init__(self):
+        self.begun = threading.Event()
+        self.may_end = threading.Event()
+
+    def execute(self, text):
+        if text == "wait":
+            self.begun.set()
+            assert self.may_end.wait(10)
+        return f"ok {text}"
+
+
+def tcp_socket(command=None, *, drive=Drive.LIVE, enabled=True, **parameters):
+    used = command or Command()
+    env = SimpleNamespace(
+        robot="r1", plugin="tcp_socket", wire=SimpleNamespace(drive=drive), use=lambda name, interface: used
+    )
+    plugin = TcpSocket(env, TcpSocket.Parameters(enabled=enabled, **parameters))
+    plugin.init()
+    return plugin
+
+
+@pytest.fixture
+def listening():
+    """Makes plugins that listen; all are closed at the end."""
+    with contextlib.ExitStack() as stack:
+
+        def listen(command=None, **parameters):
+            plugin = tcp_socket(command, **parameters)
+            plugin.activate()
+            stack.callback(plugin.deactivate)
+            return plugin
+
+        yield listen
+
+
+class Client:
+    def __init__(self, plugin, host="127.0.0.1"):
+        self.socket = socket.create_connection((host, plugin.port()), timeout=10)
+        self.lines = self.socket.makefile("rb")
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self.lines.close()
+        self.socket.close()
+
+    def send(self, data):
+        self.socket.sendall(data)
+
+    def line(self):
+        return self.lines.readline()
+
+    def ask(self, text):
+        self.send(text.encode() + b"\n")
+        return self.line().decode().removesuffix("\n")
+
+
+def until(is_so):
+    deadline_s = time.monotonic() + 10
+    while not is_so():
+        assert time.monotonic() < deadline_s
+        time.sleep(0.005)
+
+
+def test_each_line_is_a_command_and_each_answer_a_line(listening):
+    with Client(listening()) as client:
+        assert client.ask("call driver stop()") == "ok call driver stop()"
+        client.send(b"a\nb\n")
+        assert [client.line(), client.line()] == [b"ok a\n", b"ok b\n"]
+
+
+def test_bad_lines_are_answered_and_the_connection_is_kept(listening):
+    with Client(listening()) as client:
+        client.send(b"\xff\xfe\n")
+        assert client.line() == b"error bad_arguments: the line is not UTF-8 at byte 0\n"
+        client.send(b"x" * 100_000 + b"\n")
+        assert client.line() == b"error bad_arguments: the line is longer than 4096 bytes\n"
+        assert client.ask("and on") == "ok and on"
+
+
+def test_a_line_that_was_cut_is_not_executed(listening):
+    with Client(listening()) as client:
+        client.send(b"call driver drive")
+        client.socket.shutdown(socket.SHUT_WR)
+        assert client.line() == b"error bad_arguments: the last line has no end, so it was not executed\n"
+        assert client.line() == b""
+
+
+def test_a_slow_command_holds_up_nobody_else(listening):
+    command = Command()
+    plugin = listening(command)
+    with Client(plugin) as slow, Client(plugin) as quick:
+        slow.send(b"wait\n")
+        assert command.begun.wait(10)
+        assert quick.ask("quick") == "ok quick"
+        command.may_end.set()
+        assert slow.line() == b"ok wait\n"
+
+
+def test_many_clients_are_served_and_one_too_many_is_told_so(listening):
+    plugin = listening()
+    with contextlib.ExitStack() as stack:
+        clients = [stack.enter_context(Client(plugin)) for _ in range(32)]
+        assert [client.ask(str(number)) for number, client in enumerate(clients)] == [f"ok {n}" for n in range(32)]
+        assert plugin.clients() == 32
+        with Client(plugin) as refused:
+            assert refused.line() == b"error busy: 32 clients are connected already\n"
+            assert refused.line() == b""
+    until(lambda: plugin.clients() == 0)
+    with Client(plugin) as client:
+        assert client.ask("again") == "ok again"
+
+
+def test_a_client_that_says_nothing_for_long_is_cut_off(listening):
+    with Client(listening(idle_s=0.05)) as client:
+        assert client.line() == b""
+
+
+def test_a_client_that_takes_no_answers_is_cut_off(listening, monkeypatch):
+    monkeypatch.setattr(line_server, "SEND_TIMEOUT_S", 0.05)
+    plugin = listening()
+    with Client(plugin) as client:
+        client.socket.settimeout(0.2)
+        with contextlib.suppress(OSError):
+            for _ in range(10_000):
+                client.send((b"x" * 4000 + b"\n") * 10)
+        until(lambda: plugin.clients() == 0)
+
+
+def test_nobody_but_the_machine_itself_can_connect_unless_told(listening):
+    plugin = listening()
+    assert plugin._server._listener.getsockname()[0] == "127.0.0.1"
+    with pytest.raises(OSError):  # noqa: PT011 - refused or unreachable, as the machine likes
+        Client(plugin, host="127.0.0.2")
+    with Client(listening(host="0.0.0.0"), host="127.0.0.2") as client:
+        assert client.ask("hello") == "ok hello"
+
+
+def test_deactivation_cuts_clients_off_and_leaves_no_thread(listening):
+    before = set(threading.enumerate())
+    plugin = tcp_socket()
+    plugin.activate()
+    port = plugin.port()
+    with Client(plugin) as client, Client(plugin) as cut:
+        assert client.ask("x") == "ok x"
+        cut.send(b"call driver dri")
+        plugin.deactivate()
+        assert client.line() == b""
+    assert set(threading.enumerate()) <= before
+    assert (plugin.port(), plugin.clients()) == (0, 0)
+    plugin.deactivate()  # twice does no harm
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", port), timeout=10)
+
+
+def test_a_command_that_hangs_does_not_hold_up_the_end(monkeypatch):
+    monkeypatch.setattr(line_server, "CLOSE_TIMEOUT_S", 0.1)
+    command = Command()
+    plugin = tcp_socket(command)
+    plugin.activate()
+    with Client(plugin) as client:
+        client.send(b"wait\n")
+        assert command.begun.wait(10)
+        (thread,) = plugin._server._clients.values()
+        plugin.deactivate()
+        command.may_end.set()
+        thread.join(10)
+        assert not thread.is_alive()
+
+
+def test_reactivation_listens_again_on_the_same_port():
+    plugin = tcp_socket()
+    plugin.activate()
+    port = plugin.port()
+    with Client(plugin) as client:
+        assert client.ask("x") == "ok x"
+        plugin.deactivate()
+    again = tcp_socket(port=port)
+    again.activate()
+    with Client(again) as client:
+        assert client.ask("y") == "ok y"
+    again.deactivate()
+
+
+def test_a_port_that_is_taken_is_named(listening):
+    taken = listening().port()
+    with pytest.raises(PluginError, match=f"tcp_socket cannot listen on 127.0.0.1 port {taken}"):
+        tcp_socket(port=taken).activate()
+
+
+def test_it_does_not_listen_unless_told():
+    plugin = tcp_socket(enabled=False)
+    plugin.activate()
+    assert plugin.port() == 0
+    plugin.deactivate()
+
+
+def test_in_lockstep_it_says_why_it_does_not_listen(stage):
+    one = stage()
+    one.host("tcp_socket", tcp_socket={"enabled": True})
+    info = one.infos()["tcp_socket"]
+    assert info.state == "faulted"
+    assert "for the live drive" in info.why
+
+
+def test_it_asks_for_no_more_than_a_robot_gives_in_lockstep(stage):
+    one = stage()
+    one.host("tcp_socket", "interactive_shell")
+    infos = one.infos()
+    assert {name: info.state for name, info in infos.items()} == dict.fromkeys(
+        ("command", "tcp_socket", "interactive_shell"), "active"
+    )
+    assert infos["command"].functions == []  # command itself is not open to the outside
+    assert one.call("tcp_socket", "port") == 0
+
+
+@pytest.mark.parametrize(
+    ("parameters", "complaint"),
+    [
+        ({"port": -1}, "expected port from 0 to 65535, got -1"),
+        ({"port": 65536}, "expected port from 0 to 65535"),
+        ({"max_clients": 0}, "expected max_clients > 0, got 0"),
+        ({"idle_s": 0.0}, "expected idle_s > 0"),
+        ({"prot": 1}, "unknown field `prot`"),
+    ],
+)
+def test_parameters_that_cannot_be_are_refused(parameters, complaint):
+    with pytest.raises(msgspec.ValidationError, match=complaint):
+        msgspec.convert(parameters, TcpSocket.Parameters)
+
+
+@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.binary(max_size=300))
+def test_any_bytes_over_the_socket_are_answered(listening, data):
+    with Client(listening()) as client:
+        client.send(data + b"\n")
+        for _ in range(data.count(b"\n") + 1):
+            answer = client.line().decode()
+            assert answer.startswith("ok") or ErrorCode(answer.removeprefix("error ").partition(":")[0])
+        assert client.ask("still there") == "ok still there"
