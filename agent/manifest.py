@@ -86,7 +86,7 @@ def read_manifest(path: Path) -> Manifest:
         raw = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         raise ManifestError(path, "file", f"cannot be read: {error}") from error
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:  # nested too deep, a number too long
         raise ManifestError(path, "file", f"is not TOML: {error}") from error
     try:
         tables = msgspec.convert(raw, ManifestTables)
@@ -104,7 +104,7 @@ def find_manifests(place: Path) -> list[Path]:
         try:
             if "plugin" in tomllib.loads(path.read_text(encoding="utf-8")):
                 found.append(path)
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError, ValueError):
             found.append(path)  # reading it again says in words what is wrong
     return found
 
