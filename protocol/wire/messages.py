@@ -61,6 +61,11 @@ class RobotState(Message, frozen=True, kw_only=True):
     not_halted: list[str] = []
     """Plugins that failed to stop, or did not say in time that they have."""
 
+    @property
+    def has_stopped(self) -> bool:
+        """Whether the robot is halted and every plugin of it has stopped."""
+        return self.halted and not self.not_halted
+
 
 class MapPatch(Message, frozen=True, kw_only=True):
     """Cells whose class changed by this robot's own sensing since its last patch.

@@ -34,7 +34,10 @@ EXAMPLES = [
         ),
         behavior="explore",
         task=messages.TaskStatus(id="task-7", epoch=12, state=TaskState.RUNNING, why=""),
-        halted=False,
+        halted=True,
+        halted_by=["operator"],
+        team_halt_ns=1_400_000_000,
+        not_halted=["arm"],
     ),
     messages.MapPatch(
         **STAMP,
@@ -68,6 +71,15 @@ EXAMPLES = [
         tasks_open=1,
         tasks_done=6,
         messages=1234,
+        halt=messages.HaltStatus(
+            halted=True,
+            by=["operator"],
+            reason="somebody walks there",
+            since_ns=1_400_000_000,
+            stamp_ns=1_400_000_000,
+            stopped=["r1"],
+            not_stopped=["r2"],
+        ),
     ),
     messages.MoteReading(
         **STAMP,
@@ -80,6 +92,7 @@ EXAMPLES = [
         via="r1",
     ),
     messages.Halt(**STAMP, halted=True, by="operator", reason="somebody walks there"),
+    messages.HaltAnswer(robot="r1", halted=True, by=["operator"], not_halted=["arm"]),
     messages.Scan(
         **STAMP,
         robot="r1",
