@@ -3,7 +3,7 @@
 `step()` is called by the owner of time: the lockstep runner once a tick, the live process about as often.
 """
 
-import logging
+import threading
 import zlib
 from importlib import resources
 from pathlib import Path
@@ -17,6 +17,7 @@ from robrain.agent.board import Board
 from robrain.agent.environment import Environment
 from robrain.agent.errors import PluginError, PluginMissing, RobotFileError
 from robrain.agent.foreign import ForeignPlugins
+from robrain.agent.halting import HaltDesk
 from robrain.agent.leases import Lease
 from robrain.agent.manager import PluginManager
 from robrain.agent.manifest import COMMAND
@@ -32,7 +33,6 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import HostRequest, PluginInfo, RobotState, TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.wire.topics import (
     COORDINATOR_STATE,
-    HALT,
     ROBOT_ALIVE,
     ROBOT_CALL,
     ROBOT_HOST,
@@ -41,8 +41,6 @@ from robrain.protocol.wire.topics import (
     ROBOT_STATE,
     ROBOT_WITHDRAW,
 )
-
-logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
@@ -87,9 +85,11 @@ class AgentHost:
         self._wires: list[Endpoint] = []
         self._wire = self._open_wire()
         self._inbox = Inbox()
-        self._halts = Inbox()
         self._state = self._wire.publisher(ROBOT_STATE, robot=self.name)
         self._state_due_ns = 0
+        self._telling = threading.Lock()
+        self._told = RobotState(robot=self.name)
+        self.halting = HaltDesk(self.manager, self._wire, self._publish_halt)
         self._door = OutsideDoor(self.manager)
         self._distributions = entry_point_places()
         own = [base / place for place in robot_file.robot.places]
@@ -112,13 +112,14 @@ class AgentHost:
             if name not in found:
                 known = ", ".join(found)
                 raise RobotFileError(f"{self.name}: [parameters.{name}]: no plugin of that name; there are: {known}")
+        self.halting.listen()  # before anything of the robot's can move
         self.manager.start()
+        self.halting.started()
         wire, robot = self._wire, self.name
-        wire.subscribe(self._halts, HALT)
         wire.subscribe(self._inbox, COORDINATOR_STATE)
         wire.answer(ROBOT_PLUGINS, self._tell_plugins, robot=robot)
         wire.answer(ROBOT_CALL, self._call, serve=Serve.POOL, robot=robot)
-        wire.answer(ROBOT_HOST, self._run, serve=Serve.POOL, robot=robot)
+        wire.answer(ROBOT_HOST, self._run, serve=Serve.POOL, at_once=("halt", "resume"), robot=robot)
         wire.answer(ROBOT_OFFER, self._offer, serve=Serve.IN_STEP, robot=robot)
         wire.answer(ROBOT_WITHDRAW, self._withdraw, serve=Serve.IN_STEP, robot=robot)
         wire.token(ROBOT_ALIVE, robot=robot)
@@ -127,7 +128,7 @@ class AgentHost:
         """What the host itself does, and in lockstep the steps of all plugins that are due."""
         now_ns = self.clock.now_ns()
         if self.drive is Drive.LOCKSTEP:
-            self.hear_halt()
+            self.halting.hear()
         self._hear(now_ns)
         for wire in self._wires:
             if wire.has_waiting:
@@ -144,18 +145,9 @@ class AgentHost:
             self._state_due_ns = max(self._state_due_ns + STATE_PERIOD_NS, now_ns)
             self._publish_state()
 
-    def hear_halt(self) -> None:
-        """Halt or resume as the team was told to; in live on a thread of its own, which no plugin can hold up."""
-        for received in self._halts.drain():
-            if received.message.halted:
-                logger.warning("%s: halted by %s: %s", self.name, received.message.by, received.message.reason)
-                self.manager.halt()
-            else:
-                logger.warning("%s: resumed by %s", self.name, received.message.by)
-                self.manager.resume()
-
     def close(self) -> None:
         """Stop the plugins and leave the wire."""
+        self.halting.close()
         self.manager.stop()
         self._wire.close()
 
@@ -177,8 +169,8 @@ class AgentHost:
 
     def _publish_state(self) -> None:
         board = self.board
-        self._state.put(
-            RobotState(
+        with self._telling:
+            self._told = RobotState(
                 robot=self.name,
                 pose=board.pose,
                 pose_covariance=board.pose_covariance,
@@ -187,9 +179,13 @@ class AgentHost:
                 battery=board.battery,
                 behavior=board.behavior,
                 task=self.desk.status,
-                halted=self.manager.halted,
             )
-        )
+            self._state.put(self.halting.mark(self._told))
+
+    def _publish_halt(self) -> None:
+        """At once, on the thread that halted or resumed the robot; the rest is as it was told last."""
+        with self._telling:
+            self._state.put(self.halting.mark(self._told))
 
     # -- being asked ----------------------------------------------------------------------------------------
 
@@ -220,6 +216,10 @@ class AgentHost:
         asked = _decode(request.payload, HostRequest)
         verb = request.names["verb"]
         try:
+            if verb == "halt":
+                return self.halting.halt(asked.by or request.by, asked.text)
+            if verb == "resume":
+                return self.halting.resume(asked.by or request.by)
             if verb == "load":
                 return [self._info(tag) for tag in self.manager.load(asked.plugin)]
             if verb == "unload":
@@ -236,7 +236,7 @@ class AgentHost:
         except PluginError as error:
             code = ErrorCode.REFUSED if error.code is ErrorCode.FAILED else error.code
             raise CallError(code, str(error), getattr(error, "holder", "")) from error
-        verbs = "load, unload, reload, command, hold, release"
+        verbs = "load, unload, reload, command, hold, release, halt, resume"
         raise CallError(ErrorCode.UNKNOWN_FUNCTION, f"the host cannot {verb}: it can {verbs}")
 
     def _hold(self, asked: HostRequest) -> Lease:

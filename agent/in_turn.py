@@ -1,13 +1,17 @@
-"""A behavior's dealings with the task desk, in the behavior's own turn."""
+"""What reaches a plugin from the task desk and from queries, in the plugin's own turn."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from robrain.agent.errors import PluginError
 from robrain.agent.plugin_state import PluginState
 from robrain.agent.task_desk import Accept, LetGo
 from robrain.protocol.model.task import Task
+from robrain.protocol.wire.endpoint import Handler, Request
+from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages import TaskAnswer
 
 if TYPE_CHECKING:
+    from robrain.agent.loading import Loaded
     from robrain.agent.tag import PluginTag
 
 
@@ -32,3 +36,18 @@ def in_turn(tag: "PluginTag", accept: Accept, let_go: LetGo) -> tuple[Accept, Le
             tag.blame(error)
 
     return accept_in_turn, let_go_in_turn
+
+
+def answer_in_turn(tag: "PluginTag", loaded: "Loaded", handler: Handler) -> Handler:
+    """The same handler, called with the plugin's lock held and only while this instance is there."""
+
+    def answer(request: Request) -> Any:
+        try:
+            with tag.turn:
+                if not tag.holds(loaded) or tag.state not in (PluginState.ACTIVE, PluginState.HALTED):
+                    raise CallError(ErrorCode.INACTIVE, f"{tag.name} is {tag.state}: {tag.why}")
+                return handler(request)
+        except PluginError as error:
+            raise CallError(error.code, str(error)) from error
+
+    return answer

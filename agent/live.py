@@ -1,5 +1,9 @@
-"""The live drive of one robot: a thread for each plugin, one for emergency halts, and the host's own loop."""
+"""The live drive of one robot: a thread for each plugin, and the host's own loop.
 
+Emergency halts are heard on a thread that is neither; see `robrain.agent.halting`.
+"""
+
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -9,6 +13,8 @@ from robrain.agent.tag import PluginTag
 
 HOST_PERIOD_S = 0.02
 JOIN_TIMEOUT_S = 2.0
+SWITCH_INTERVAL_S = 0.0002
+"""How long a thread that is busy in Python may keep the others waiting: a halt passes through several of them."""
 
 
 class PluginThread:
@@ -58,29 +64,6 @@ class PluginThread:
                 self._tag.deliver()
 
 
-class HaltThread:
-    """Hears the team's halts, so that a plugin that hangs cannot delay them."""
-
-    def __init__(self, host: AgentHost) -> None:
-        self._host = host
-        self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._run, name=f"halt-{host.name}", daemon=True)
-
-    def start(self) -> None:
-        """Begin."""
-        self._thread.start()
-
-    def stop(self) -> None:
-        """End; a plugin that hangs while it is halted is left behind."""
-        self._stopping.set()
-        if self._thread.ident is not None:  # it was started
-            self._thread.join(JOIN_TIMEOUT_S)
-
-    def _run(self) -> None:
-        while not self._stopping.wait(HOST_PERIOD_S):
-            self._host.hear_halt()
-
-
 class PluginThreads:
     """A thread for each plugin that is loaded; follows what is loaded and unloaded while the robot runs."""
 
@@ -114,10 +97,10 @@ def run_agent(host: AgentHost, should_stop: Callable[[], bool], on_ready: Callab
         RobrainError: the robot cannot start, in words.
 
     """
-    plugins, halts = PluginThreads(host), HaltThread(host)
+    sys.setswitchinterval(min(SWITCH_INTERVAL_S, sys.getswitchinterval()))
+    plugins = PluginThreads(host)
     try:
         host.start()
-        halts.start()
         plugins.follow()
         on_ready()
         while not should_stop():
@@ -126,5 +109,4 @@ def run_agent(host: AgentHost, should_stop: Callable[[], bool], on_ready: Callab
             time.sleep(HOST_PERIOD_S)
     finally:
         plugins.stop()
-        halts.stop()
         host.close()

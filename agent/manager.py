@@ -12,10 +12,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from robrain.agent.crew import Crew
 from robrain.agent.environment import Environment
 from robrain.agent.errors import HardwareAbsent, HostBusy, PluginError, PluginInactive, PluginInUse, PluginMissing
 from robrain.agent.faults import FaultDesk
 from robrain.agent.foreign import ForeignPlugins
+from robrain.agent.halt_order import halt_plugins
 from robrain.agent.handle import Handle
 from robrain.agent.leases import ExternalLeases
 from robrain.agent.manifest import Manifest, find_manifests, read_manifest
@@ -222,17 +224,10 @@ class PluginManager:
         if tag not in self._new_faults:
             self._new_faults.append(tag)
 
-    def halt(self) -> None:
-        """Emergency halt: all calls are refused, then devices stop, then upwards. Latches until `resume`."""
+    def halt(self, crew: Crew | None = None) -> list[str]:
+        """Emergency halt; latches until `resume`. The names of plugins that did not stop; see `halt_plugins`."""
         self.halted = True
-        for tag in self.tags.values():
-            tag.refuse_calls()
-        for tag in sorted(self.tags.values(), key=lambda tag: tag.level):
-            try:
-                tag.halt()
-            except Exception:
-                # Foreign plugin code; the others must be halted all the same.
-                logger.exception("%s: plugin %s failed while it was halted", self.robot, tag.name)
+        return halt_plugins(self.robot, list(self.tags.values()), crew)
 
     def resume(self) -> None:
         """End an emergency halt."""

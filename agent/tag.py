@@ -10,13 +10,14 @@ from robrain.agent.errors import (
     AccessDenied,
     PluginBusy,
     PluginError,
+    PluginHung,
     PluginInactive,
     PluginUnloaded,
 )
 from robrain.agent.event import Event, Mailbox
 from robrain.agent.external import ExternalFunction
 from robrain.agent.handle import Handle
-from robrain.agent.in_turn import in_turn
+from robrain.agent.in_turn import answer_in_turn, in_turn
 from robrain.agent.isolation.errors import PluginCrashed
 from robrain.agent.leases import Lease
 from robrain.agent.listing import plugin_info
@@ -27,8 +28,7 @@ from robrain.agent.plugin_state import PluginState
 from robrain.agent.task_desk import Accept, LetGo, TaskDesk
 from robrain.agent.turn import Turn
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.endpoint import Handler, Request, Serve
-from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.endpoint import Handler, Serve
 from robrain.protocol.wire.messages import PluginInfo
 from robrain.protocol.wire.topics import Topic
 
@@ -72,6 +72,7 @@ class PluginTag:
         self._code: PluginCode | None = None
         self._loaded: Loaded | None = None
         self._making: Loaded | None = None
+        self._in_halt: Loaded | None = None
         self._observed: list[Event[Any]] = []
         self._kinds: list[type] = []
 
@@ -103,6 +104,10 @@ class PluginTag:
     def period_s(self) -> float | None:
         """How often the plugin wants its step; None if it is passive or not there."""
         return self._loaded.plugin.period_s if self._loaded is not None else None
+
+    def holds(self, loaded: Loaded) -> bool:
+        """Whether this is the instance that is there now."""
+        return self._loaded is loaded
 
     @property
     def held_by(self) -> str:
@@ -226,14 +231,19 @@ class PluginTag:
         loaded.close()
 
     def halt(self) -> None:
-        """Refuse calls, then call the plugin's `emergency_halt`, without its lock."""
+        """Refuse calls, then call `emergency_halt` without the lock; PluginHung if it still hangs in an earlier one."""
         self.refuse_calls()
         loaded = self._loaded
-        if loaded is not None:
-            try:
-                loaded.plugin.emergency_halt()
-            finally:
-                loaded.environment.end_actions("emergency halt")
+        if loaded is None:
+            return
+        if self._in_halt is loaded:
+            raise PluginHung(self.name, f"{self.name} has not come back from an earlier emergency_halt")
+        self._in_halt = loaded
+        try:
+            loaded.plugin.emergency_halt()
+        finally:
+            self._in_halt = None
+            loaded.environment.end_actions("emergency halt")
 
     def refuse_calls(self) -> None:
         """The first half of a halt."""
@@ -331,10 +341,9 @@ class PluginTag:
             raise PluginError(self.name, f"{self.name}: expected period_s > 0 or None, got {period_s}")
         self.period_ns = to_ns(period_s) if period_s is not None else 0
         self.due_ns = 0 if self.period_ns else NEVER_NS
-        if self._manager.halted:
-            self._become(PluginState.HALTED, "emergency halt")
-        else:
-            self._become(PluginState.ACTIVE)
+        self._become(PluginState.ACTIVE)
+        if self._manager.halted:  # looked at last: a halt that comes now sees that it is active
+            self.refuse_calls()
         if self.mailbox.wake is not None:
             self.mailbox.wake()  # its thread sleeps while there is nothing to step
 
@@ -476,17 +485,7 @@ class PluginTag:
         loaded = self._making or self._loaded
         if loaded is None:
             return
-
-        def locked(request: Request) -> Any:
-            try:
-                with self.turn:
-                    if self._loaded is not loaded or self.state not in (PluginState.ACTIVE, PluginState.HALTED):
-                        raise CallError(ErrorCode.INACTIVE, f"{self.name} is {self.state}: {self.why}")
-                    return handler(request)
-            except PluginError as error:
-                raise CallError(error.code, str(error)) from error
-
-        loaded.environment.wire.answer(topic, locked, serve=Serve.AT_ONCE, **names)
+        loaded.environment.wire.answer(topic, answer_in_turn(self, loaded, handler), serve=Serve.AT_ONCE, **names)
 
     def do_tasks(self, desk: TaskDesk, kind: type, accept: Accept, let_go: LetGo) -> None:
         """Register the plugin at the desk; it is called with its lock held, and only while it is active."""

@@ -5,6 +5,7 @@ import logging
 import msgspec
 
 from robrain.coordinator.exploration.explorer import Explorer
+from robrain.coordinator.halts import HaltWatch
 from robrain.coordinator.roster import Robot, Roster
 from robrain.coordinator.task_book import TaskBook
 from robrain.coordinator.team_map import TeamMap
@@ -69,6 +70,7 @@ class Coordinator:
         self._presence = wire.watch(ROBOT_ALIVE)
         wire.subscribe(self._inbox, ROBOT_STATE)
         wire.subscribe(self._inbox, ROBOT_MAP)
+        self.halts = HaltWatch(wire, self.roster)
         self._summary = wire.publisher(COORDINATOR_STATE)
         self._task_events: dict[str, Publisher] = {}
         wire.token(COORDINATOR_ALIVE)
@@ -82,6 +84,8 @@ class Coordinator:
         now_ns = self._wire.clock.now_ns()
         self._wire.serve()
         self._hear(now_ns)
+        if self.halts.hear():
+            self._summary_due_ns = now_ns
         self._note_lost(now_ns)
         if now_ns >= self._decide_due_ns:
             self._decide_due_ns = now_ns + DECIDE_PERIOD_NS
@@ -104,6 +108,7 @@ class Coordinator:
                 continue
             state = received.message
             self.roster.note_state(state, now_ns)
+            self.halts.note_state(state)
             if state.task is not None:
                 ended = self.tasks.note_status(state.robot, state.task)
                 if ended is not None:
@@ -132,7 +137,8 @@ class Coordinator:
     # -- deciding -------------------------------------------------------------------------------------------
 
     def _hand_out_frontiers(self, now_ns: int) -> None:
-        up = [robot for robot in self.roster.up(now_ns) if robot.state is not None and not robot.state.halted]
+        there = [] if self.halts.is_halted else self.roster.up(now_ns)
+        up = [robot for robot in there if robot.state is not None and not robot.state.halted]
         bound = {record.robot: record.task.goal for record in self.tasks.open}
         idle = [robot for robot in up if robot.name not in bound]
         for robot in idle:
@@ -192,5 +198,6 @@ class Coordinator:
                 tasks_open=len(self.tasks.open),
                 tasks_done=self.tasks.done_count,
                 messages=self._inbox.received,
+                halt=self.halts.status(now_ns),
             )
         )

@@ -220,6 +220,36 @@ def replay(
     replay_command(recording, speed, loop=loop, dashboard=dashboard, port=port, connect=endpoints(connect), team=team)
 
 
+RobotOption = Annotated[str | None, typer.Option(help="This robot only; default is the whole team.")]
+ByOption = Annotated[str | None, typer.Option(help="Who says so; default is operator:$USER.")]
+
+
+@app.command()
+def halt(
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    robot: RobotOption = None,
+    by: ByOption = None,
+    reason: Annotated[str, typer.Option(help="Why.")] = "",
+) -> None:
+    """Emergency halt: stop all robots, and say who has not stopped."""
+    from robrain.deploy.halt_command import halt_command
+
+    if failed := halt_command(connect, check_name("team", team), robot, by, reason):
+        raise typer.Exit(failed)
+
+
+@app.command()
+def resume(
+    connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, robot: RobotOption = None, by: ByOption = None
+) -> None:
+    """End an emergency halt; who halted may, and operators."""
+    from robrain.deploy.halt_command import resume_command
+
+    if failed := resume_command(connect, check_name("team", team), robot, by):
+        raise typer.Exit(failed)
+
+
 @app.command()
 def shell(
     robot: Annotated[str, typer.Argument(help="Name of the robot.")],

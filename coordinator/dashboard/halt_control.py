@@ -17,7 +17,7 @@ from robrain.protocol.wire.topics import HALT
 
 WIDTH_PX = 280
 MARGIN_PX = 15
-BY = "dashboard"
+BY = "operator:dashboard"
 LABEL_HALT = "EMERGENCY HALT"
 LABEL_RESUME = "Resume after halt …"
 LABEL_CONFIRM = "Resume all robots"

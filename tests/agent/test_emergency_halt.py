@@ -1,11 +1,28 @@
+import msgspec
 import pytest
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import Explore
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import Halt, TaskOffer
-from robrain.protocol.wire.topics import HALT, ROBOT_OFFER, ROBOT_STATE
+from robrain.protocol.wire.messages import (
+    Halt,
+    HaltAnswer,
+    HaltStatus,
+    HostRequest,
+    RobotState,
+    TaskOffer,
+    TeamState,
+)
+from robrain.protocol.wire.topics import (
+    COORDINATOR_HALT,
+    COORDINATOR_STATE,
+    HALT,
+    ROBOT_HOST,
+    ROBOT_LOG,
+    ROBOT_OFFER,
+    ROBOT_STATE,
+)
 
 ROBOT = """
     DIARY = []
@@ -144,3 +161,160 @@ def test_a_halted_robot_says_so_and_takes_no_tasks(robot):
     assert inbox.drain()[-1].message.halted
     offer = TaskOffer(task=Explore(id="t", goal=Point2D(0.0, 0.0)), epoch=1, lease_s=1.0)
     assert b"the robot is halted" in robot.operator.ask(ROBOT_OFFER, offer, robot="r1")
+
+
+# -- who may end it -----------------------------------------------------------------------------------------
+
+
+def say(bench, *, halted, by):
+    bench.halts.put(Halt(halted=halted, by=by))
+    bench.tick()
+
+
+def is_halted(bench):
+    return set(states(bench).values()) == {"halted"}
+
+
+@pytest.fixture
+def log(robot):
+    inbox = Inbox()
+    robot.operator.subscribe(inbox, ROBOT_LOG)
+    return lambda: [(record.message.level, record.message.source, record.message.text) for record in inbox.drain()]
+
+
+@pytest.mark.parametrize("by", ["ann", "operator", "operator:bob"])
+def test_who_halted_or_an_operator_ends_a_halt(robot, by):
+    say(robot, halted=True, by="ann")
+    say(robot, halted=False, by=by)
+    assert not is_halted(robot)
+
+
+@pytest.mark.parametrize("by", ["bob", "", "the operator", "Ann"])
+def test_nobody_else_ends_a_halt(robot, log, by):
+    say(robot, halted=True, by="ann")
+    log()
+    say(robot, halted=False, by=by)
+    assert is_halted(robot)
+    assert [text for _, _, text in log() if "only ann may, or an operator" in text]
+
+
+def test_a_halt_of_two_is_over_when_both_have_ended_it(robot):
+    say(robot, halted=True, by="ann")
+    say(robot, halted=True, by="bob")
+    say(robot, halted=False, by="ann")
+    assert is_halted(robot)
+    say(robot, halted=False, by="bob")
+    assert not is_halted(robot)
+
+
+def test_a_halt_and_its_end_are_logged_with_who_and_why(robot, log):
+    robot.halts.put(Halt(halted=True, by="ann", reason="a cat"))
+    robot.tick()
+    say(robot, halted=False, by="ann")
+    assert log() == [
+        ("warning", "halt", "halted by ann: a cat"),
+        ("error", "halt", "not stopped in time: arm"),
+        ("warning", "halt", "resumed by ann"),
+    ]
+
+
+# -- asked alone --------------------------------------------------------------------------------------------
+
+
+def ask(bench, verb, by, reason=""):
+    reply = bench.operator.ask(ROBOT_HOST, HostRequest(by=by, text=reason), robot="r1", verb=verb)
+    return msgspec.json.decode(reply, type=HaltAnswer)
+
+
+def test_one_robot_is_halted_and_resumed_by_a_query_to_its_host(robot):
+    answer = ask(robot, "halt", "ann")
+    assert (answer.robot, answer.halted, answer.by) == ("r1", True, ["ann"])
+    assert is_halted(robot)
+    assert not ask(robot, "resume", "ann").halted
+    assert not is_halted(robot)
+
+
+def test_a_robot_that_may_not_be_resumed_says_why(robot):
+    ask(robot, "halt", "ann")
+    with pytest.raises(CallError, match="r1 stays halted: bob may not end the halt of ann") as refused:
+        ask(robot, "resume", "bob")
+    assert refused.value.code is ErrorCode.REFUSED
+    assert is_halted(robot)
+
+
+def test_a_robot_names_the_plugins_that_did_not_stop(robot):
+    assert ask(robot, "halt", "ann").not_halted == ["arm"]
+    inbox = Inbox()
+    robot.operator.subscribe(inbox, ROBOT_STATE)
+    robot.tick(6)
+    state = inbox.drain()[-1].message
+    assert (state.halted, state.not_halted, state.has_stopped) == (True, ["arm"], False)
+
+
+# -- hearing of it ------------------------------------------------------------------------------------------
+
+
+def test_a_robot_says_at_once_that_it_is_halted(robot):
+    robot.tick(6)
+    inbox = Inbox(every=True)
+    robot.operator.subscribe(inbox, ROBOT_STATE)
+    said = []
+    for _ in range(5):  # one of them is the state that is due anyway
+        halt(robot, halted=True)
+        said.append([received.message.halted for received in inbox.drain()])
+    assert all(said)
+
+
+def team_state(stamp_ns, *, halted=True, by=("ann",)):
+    return TeamState(robots=[], halt=HaltStatus(halted=halted, by=list(by), stamp_ns=stamp_ns))
+
+
+@pytest.fixture
+def summaries(robot):
+    return robot.operator.publisher(COORDINATOR_STATE)
+
+
+def test_a_robot_that_missed_a_halt_learns_of_it_from_the_coordinator(robot, summaries):
+    summaries.put(team_state(5))
+    robot.tick()
+    assert is_halted(robot)
+    assert robot.hosts[-1].halting.mark(RobotState(robot="r1")).halted_by == ["ann"]
+
+
+def test_word_of_a_halt_that_is_over_already_halts_nobody(robot, summaries):
+    halt(robot, halted=True)
+    halted_ns = robot.clock.now_ns()
+    halt(robot, halted=False)
+    summaries.put(team_state(halted_ns))
+    robot.tick()
+    assert not is_halted(robot)
+
+
+def test_the_coordinators_summary_resumes_nobody(robot, summaries):
+    halt(robot, halted=True)
+    summaries.put(team_state(1 << 60, halted=False))
+    robot.tick()
+    assert is_halted(robot)
+
+
+def test_a_robot_that_starts_during_a_halt_of_its_team_is_halted_before_its_first_step(robot):
+    status = HaltStatus(halted=True, by=["ann"], stamp_ns=7)
+    robot.operator.answer(COORDINATOR_HALT, lambda _request: status)
+    robot.start("wheels", robot="r2")
+    assert robot.infos("r2")["wheels"].state == "halted"
+    steps = diary(robot).count("step wheels")
+    robot.hosts[-1].step()
+    assert diary(robot).count("step wheels") == steps
+
+
+def test_a_halt_that_comes_while_a_robot_starts_holds_from_its_start(robot, monkeypatch):
+    late = robot.host("wheels", robot="r2")
+    start = late.manager.start
+
+    def start_and_be_halted():
+        robot.halts.put(Halt(halted=True, by="ann"))
+        start()
+
+    monkeypatch.setattr(late.manager, "start", start_and_be_halted)
+    late.start()
+    assert robot.infos("r2")["wheels"].state == "halted"

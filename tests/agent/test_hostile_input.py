@@ -147,20 +147,15 @@ def test_requests_to_the_host(lab, verb, monkeypatch, tmp_path_factory):
     seen = set()
 
     def attempt(data):
-        if (verb == "unload" and b'"lamp"' in data) or (verb == "halt" and _is_request(data)):
+        if verb == "unload" and b'"lamp"' in data:
             return  # a sound request, which would be obeyed
         answer = ask(lab, key, data)
+        if lab.hosts[-1].manager.halted:  # as was this one
+            lab.hosts[-1].manager.resume()
         seen.add(isinstance(answer, ErrorReply))
 
     try_all(lab, attempt, seed=2)
     assert True in seen
-
-
-def _is_request(data):
-    try:
-        return isinstance(msgspec.json.decode(data), dict)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-        return False
 
 
 def test_commands_in_text_form(lab):

@@ -183,7 +183,7 @@ def test_closing_leaves_no_thread_behind(start):
     robot.operator.ask(ROBOT_CALL, robot="r1", plugin="counter", function="count")
     until(lambda: robot.plugin("counter").steps > 0)
     names = {thread.name for thread in set(threading.enumerate()) - before}
-    assert {"plugin-counter", "plugin-listener", "plugin-slow", "halt-r1"} <= names
+    assert {"plugin-counter", "plugin-listener", "plugin-slow", "halt-r1-1"} <= names
     robot.stop()
     left = {thread.name for thread in set(threading.enumerate()) - before}
     assert not {name for name in left if name.startswith(("plugin-", "halt-", "robrain-"))}
@@ -214,7 +214,7 @@ def test_a_plugin_that_hangs_does_not_delay_an_emergency_halt(stuck_robot):
     counter = stuck_robot.plugin("counter")
     stuck_robot.operator.publisher(HALT).put(Halt(halted=True, by="operator"))
     until(lambda: stuck_robot.infos()["counter"].state == "halted")
-    until(lambda: counter.halts == 1)
+    until(lambda: counter.halts >= 1)
     assert stuck_robot.infos()["stuck"].state == "halted"
 
 

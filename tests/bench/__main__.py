@@ -3,7 +3,7 @@
 from rich.console import Console
 from rich.table import Table
 
-from tests.bench import plugin_host, real_time_factor
+from tests.bench import halt, plugin_host, real_time_factor
 
 
 def main() -> None:
@@ -25,6 +25,15 @@ def main() -> None:
         table.add_column(heading)
     for figure in plugin_host.measure():
         table.add_row(figure.what, figure.value, figure.beside, figure.bound, "yes" if figure.is_kept else "no")
+    Console(width=110).print(table)
+    table = Table(
+        title=f"Emergency halt: from its put in another process to the stop frame (p99 ≤ {halt.BOUND_MS:g} ms)"
+    )
+    for heading in ("in the robot", "median, ms", "p99, ms", "slowest, ms", "halts"):
+        table.add_column(heading, justify="left" if heading == "in the robot" else "right")
+    for took in halt.measure():
+        figures = (f"{took.median_ms:.1f}", f"{took.p99_ms:.1f}", f"{took.slowest_ms:.1f}", str(took.rounds))
+        table.add_row(took.case, *figures)
     Console(width=110).print(table)
 
 

@@ -55,6 +55,9 @@ class FakeRobot:
         self.pose = Pose2D(x_m, y_m, 0.0)
         self.speaks = True
         self.halted = False
+        self.halted_by: list[str] = []
+        self.team_halt_ns = 0
+        self.not_halted: list[str] = []
         self.accepts = True
         self.task: TaskStatus | None = None
         self.offers: list[TaskOffer] = []
@@ -77,7 +80,18 @@ class FakeRobot:
         self.wire.close()
 
     def say_state(self) -> None:
-        self._states.put(RobotState(robot=self.name, pose=self.pose, radius_m=0.2, task=self.task, halted=self.halted))
+        self._states.put(
+            RobotState(
+                robot=self.name,
+                pose=self.pose,
+                radius_m=0.2,
+                task=self.task,
+                halted=self.halted,
+                halted_by=self.halted_by,
+                team_halt_ns=self.team_halt_ns,
+                not_halted=self.not_halted,
+            )
+        )
 
     def say_map(self, geometry: GridGeometry, cells: PatchCells) -> None:
         self._maps.put(to_message(self.name, geometry, cells))
@@ -116,12 +130,12 @@ class Team:
         self.clock = VirtualClock()
         self.robots: list[FakeRobot] = []
         self._endpoints: list[Endpoint] = []
-        ears = self._endpoint()
+        ears = self.endpoint()
         self._events, self._summaries = Inbox(100_000, every=True), Inbox(100_000, every=True)
         ears.subscribe(self._events, TASK_EVENT)
         ears.subscribe(self._summaries, COORDINATOR_STATE)
         self.heard: list[TaskEvent] = []
-        self.coordinator = Coordinator(self._endpoint())
+        self.coordinator = Coordinator(self.endpoint())
         self._ticks = 0
         self._stamp_ms = 0
 
@@ -157,7 +171,7 @@ class Team:
     def why(self, task_id: str) -> str:
         return [event.why for event in self.heard if event.task.id == task_id][-1]
 
-    def _endpoint(self) -> Endpoint:
+    def endpoint(self) -> Endpoint:
         self._endpoints.append(Endpoint(self.session, "default", self.clock, Drive.LOCKSTEP))
         return self._endpoints[-1]
 

@@ -143,7 +143,7 @@ def test_a_coordinator_that_takes_over_offers_with_greater_epochs(team):
     team.run(5.0)
     before = robot.offers[-1].epoch
     robot.grid.merge_patch(20, 40, np.full((40, 40), FREE, np.int8), 5)
-    team.coordinator = Coordinator(team._endpoint())
+    team.coordinator = Coordinator(team.endpoint())
     # Zenoh tells of tokens that were there before on a thread of its own, a little later.
     for _ in range(100):
         team.run(0.5)

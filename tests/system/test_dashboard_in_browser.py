@@ -185,7 +185,7 @@ def test_team_is_seen_and_halted_in_a_browser(team: FakeTeam, page: Page) -> Non
     # One click halts; resuming is asked about.
     page.get_by_role("button", name="EMERGENCY HALT", exact=True).click()
     assert next_halt(team).halted
-    expect(page.get_by_test_id("halt-state")).to_contain_text("EMERGENCY HALT by dashboard")
+    expect(page.get_by_test_id("halt-state")).to_contain_text("EMERGENCY HALT by operator:dashboard")
     ARTIFACTS.mkdir(exist_ok=True)
     page.screenshot(path=ARTIFACTS / "dashboard.png")
     page.get_by_role("button", name="Resume after halt …", exact=True).click()
@@ -194,7 +194,7 @@ def test_team_is_seen_and_halted_in_a_browser(team: FakeTeam, page: Page) -> Non
     assert not len(team.heard)
     page.get_by_role("button", name="Resume all robots", exact=True).click()
     resumed = next_halt(team)
-    assert (resumed.halted, resumed.by) == (False, "dashboard")
+    assert (resumed.halted, resumed.by) == (False, "operator:dashboard")
     expect(page.get_by_test_id("halt-state")).to_have_count(0)
 
     # Every layer can be hidden and shown, and the camera moved, while all this goes on.

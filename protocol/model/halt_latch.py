@@ -1,0 +1,89 @@
+"""The latch of an emergency halt: who holds it, and who may open it.
+
+Whoever halts holds the latch and may let go of it; it opens when nobody holds it any more. An operator opens it for
+everybody. Who somebody is, is what they say: who may say it at all is for the access rules of the wire.
+"""
+
+OPERATOR = "operator"
+"""Identities that start with this may end anybody's halt: `operator`, `operator:dashboard`, `operator:ann`."""
+NAME_LENGTH = 64
+REASON_LENGTH = 200
+MOST_HOLDERS = 64
+
+
+class HaltLatch:
+    """Follows halts and resumes in the order in which they are heard.
+
+    Their stamps come from different clocks. `stamp_ns` only ever grows, so that those who have heard the same can say
+    whether what they are told of is news.
+    """
+
+    def __init__(self) -> None:
+        self.stamp_ns = 0
+        """Of the last halt or resume; greater than that of the one before, whatever its sender's clock says."""
+        self.since_ns = 0
+        """When it was closed, or opened, by its stamp."""
+        self.opened_by = ""
+        self._holders: dict[str, str] = {}
+
+    @property
+    def is_held(self) -> bool:
+        """Whether there is a halt."""
+        return bool(self._holders)
+
+    @property
+    def holders(self) -> list[str]:
+        """Who has halted, in that order."""
+        return list(self._holders)
+
+    @property
+    def reason(self) -> str:
+        """Why, by the last who has halted."""
+        return list(self._holders.values())[-1] if self._holders else ""
+
+    def hold(self, by: str, reason: str, stamp_ns: int = 0) -> None:
+        """Somebody halts; without a stamp it is the next after the last.
+
+        >>> latch = HaltLatch()
+        >>> latch.hold("ann", "somebody walks there")
+        >>> latch.release("bob")
+        'bob may not end the halt of ann: only ann may, or an operator'
+        >>> latch.release("operator:bob")
+        ''
+        """
+        self._advance(stamp_ns)
+        by = by[:NAME_LENGTH]
+        if not self._holders:
+            self.since_ns = self.stamp_ns
+        if by in self._holders or len(self._holders) < MOST_HOLDERS:
+            self._holders.pop(by, None)
+            self._holders[by] = reason[:REASON_LENGTH]
+
+    def release(self, by: str, stamp_ns: int = 0) -> str:
+        """Somebody resumes.
+
+        Returns:
+            Why the latch stays closed; empty if it is open.
+
+        """
+        by = by[:NAME_LENGTH]
+        if not self._holders:
+            if by.startswith(OPERATOR):  # it counts also for a halt that has not been heard of
+                self._advance(stamp_ns)
+            return ""
+        names = " and ".join(name or "nobody named" for name in self._holders)
+        if by.startswith(OPERATOR):
+            self._holders.clear()
+        elif by in self._holders:
+            del self._holders[by]
+        else:
+            return f"{by or 'nobody named'} may not end the halt of {names}: only {names} may, or an operator"
+        self._advance(stamp_ns)
+        if self._holders:
+            return f"it is still halted by {' and '.join(self._holders)}"
+        self.since_ns = self.stamp_ns
+        self.opened_by = by
+        return ""
+
+    def _advance(self, stamp_ns: int) -> None:
+        self.stamp_ns = max(stamp_ns, self.stamp_ns + 1)

@@ -1,0 +1,192 @@
+"""The emergency halt in live: nothing that a plugin does delays it."""
+
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from robrain.agent.crew import Crew
+from robrain.agent.host import AgentHost
+from robrain.agent.live import PluginThreads
+from robrain.agent.robot_file import RobotFile, RobotTable
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import CallError
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages import Halt, HaltAnswer, HostRequest
+from robrain.protocol.wire.session import open_session
+from robrain.protocol.wire.topics import HALT, ROBOT_CALL, ROBOT_HOST, ROBOT_STATE
+
+PATIENCE_S = 10.0
+
+ROBOT = """
+    import threading
+
+    RELEASE = threading.Event()
+    INSIDE = threading.Event()
+    HALTED = []
+
+    class Wheels(Device):
+        driven_by = ""
+        def emergency_halt(self):
+            HALTED.append("wheels")
+            self.driven_by = ""
+        @external
+        def drive(self) -> None:
+            INSIDE.set()
+            RELEASE.wait(10)
+            self.driven_by = "a call that was under way"
+
+    class Hanging(Device):
+        def emergency_halt(self):
+            HALTED.append("hanging")
+            RELEASE.wait(10)
+
+    class Raising(Device):
+        def emergency_halt(self): raise OSError("the bus is gone")
+
+    class Above(Behavior):
+        def emergency_halt(self): HALTED.append("above")
+
+    class Deaf(Device):
+        @external
+        def wait(self) -> None:
+            RELEASE.wait(10)
+"""
+
+
+class Robot:
+    """A host in live, and an operator beside it."""
+
+    def __init__(self, place: Path, *load: str) -> None:
+        self.session = open_session(mode="peer", listen=["tcp/127.0.0.1:0"])
+        robot_file = RobotFile(robot=RobotTable("r1", places=[str(place)], load=list(load)))
+        self.host = AgentHost(robot_file, Path(), self.session, WallClock(), Drive.LIVE)
+        self.operator = Endpoint(self.session, "default", WallClock(), Drive.LIVE, workers=8)
+        self.states = Inbox(every=True)
+        self.operator.subscribe(self.states, ROBOT_STATE)
+        self.threads = PluginThreads(self.host)
+        self.host.start()
+        self.threads.follow()
+        self.halts = self.operator.publisher(HALT)
+
+    @property
+    def code(self):
+        """The globals of the module that its plugins are in."""
+        plugin = next(tag.plugin for tag in self.host.manager.tags.values())
+        return vars(sys.modules[type(plugin).__module__])
+
+    def close(self) -> None:
+        self.threads.stop()
+        self.host.close()
+        self.operator.close()
+        self.session.close()
+
+
+@pytest.fixture
+def start(bench) -> Iterator[type[Robot]]:
+    robots = []
+    bench.code("robot", ROBOT)
+    for name in ("wheels", "hanging", "raising", "above", "deaf"):
+        bench.manifest(name, f"robot:{name.capitalize()}", visibility=["command"])
+
+    def start(*load):
+        robots.append(Robot(bench.place, *load))
+        return robots[-1]
+
+    yield start
+    for robot in robots:
+        robot.code["RELEASE"].set()
+        robot.close()
+
+
+def until(condition):
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        if time.monotonic() > deadline_s:
+            pytest.fail("it has not come to pass")
+        time.sleep(0.005)
+
+
+def ask(robot, verb, by="ann"):
+    reply = robot.operator.ask(ROBOT_HOST, HostRequest(by=by), robot="r1", verb=verb)
+    return msgspec.json.decode(reply, type=HaltAnswer)
+
+
+def test_plugins_that_hang_or_fail_while_they_are_halted_hold_up_no_other(start):
+    robot = start("hanging", "raising", "wheels", "above")
+    began_s = time.monotonic()
+    answer = ask(robot, "halt")
+    assert time.monotonic() - began_s < 2.0  # not the ten seconds that one of them takes
+    assert set(answer.not_halted) == {"hanging", "raising"}
+    halted = robot.code["HALTED"]
+    assert set(halted[:-1]) == {"hanging", "wheels"}
+    assert halted[-1] == "above"
+
+
+def test_a_plugin_that_still_hangs_from_the_last_halt_is_not_entered_again(start):
+    robot = start("hanging", "wheels")
+    for _ in range(3):
+        assert ask(robot, "halt").not_halted == ["hanging"]
+    assert robot.code["HALTED"].count("hanging") == 1
+    assert robot.code["HALTED"].count("wheels") == 3
+
+
+def test_a_call_that_was_under_way_does_not_undo_a_halt(start):
+    robot = start("wheels")
+    code = robot.code
+    call = threading.Thread(
+        target=lambda: robot.operator.ask(ROBOT_CALL, robot="r1", plugin="wheels", function="drive", timeout_s=10)
+    )
+    call.start()
+    assert code["INSIDE"].wait(PATIENCE_S)
+    ask(robot, "halt")
+    assert code["HALTED"] == ["wheels"]
+    code["RELEASE"].set()
+    call.join(PATIENCE_S)
+    until(lambda: code["HALTED"] == ["wheels", "wheels"])
+    until(lambda: robot.host.manager.get("wheels").plugin.driven_by == "")
+
+
+def test_the_robot_says_that_it_is_halted_without_a_step_of_its_host(start):
+    robot = start("wheels")
+    robot.halts.put(Halt(halted=True, by="ann"))
+    until(lambda: any(received.message.halted for received in robot.states.drain()))
+    robot.halts.put(Halt(halted=False, by="ann"))
+    until(lambda: any(not received.message.halted for received in robot.states.drain()))
+
+
+def test_a_robot_whose_every_answering_thread_is_stuck_is_halted_by_a_query_all_the_same(start):
+    robot = start("deaf", "wheels")
+
+    def wait():
+        with suppress(CallError):  # those that were not in the plugin yet are refused by the halt
+            request = HostRequest(text="call deaf wait()")
+            robot.operator.ask(ROBOT_HOST, request, robot="r1", verb="command", timeout_s=20)
+
+    calls = [threading.Thread(target=wait) for _ in range(6)]
+    for call in calls:
+        call.start()
+    until(lambda: robot.host.manager.get("deaf").turn.owner is not None)
+    began_s = time.monotonic()
+    assert ask(robot, "halt").halted
+    assert time.monotonic() - began_s < 2.0
+    robot.code["RELEASE"].set()
+    for call in calls:
+        call.join(PATIENCE_S)
+
+
+def test_a_crew_tells_what_failed_and_what_is_late():
+    crew = Crew("test", 0.05)
+    release = threading.Event()
+    failed = crew.run({"good": lambda: None, "bad": lambda: 1 / 0, "late": lambda: release.wait(10)})
+    assert {name: type(error) for name, error in failed.items()} == {"bad": ZeroDivisionError, "late": TimeoutError}
+    assert crew.run({"good": lambda: None}) == {}
+    release.set()
+    crew.close()
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("test-")]

@@ -1,0 +1,163 @@
+"""Emergency halt: from the put of `halt` in one process to the stop frame on the CAN bus of a robot in another.
+
+The robot is `robrain agent` with the stock motor controller and driver. The put and the listening are done here, so the
+figure holds two ways over TCP loopback: the halt's to the robot, and the frame's back.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+import textwrap
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import zenoh
+
+from robrain.protocol.can.frames import codec
+from robrain.protocol.can.zenoh_bus import ZenohBus
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages import Halt
+from robrain.protocol.wire.session import listening_at, open_session
+from robrain.protocol.wire.topics import HALT, ROBOT_STATE
+
+ROUNDS = 300
+PATIENCE_S = 30.0
+BOUND_MS = 20.0
+
+SPOILERS = """
+import threading
+from robrain.agent.plugin import Device
+
+class Spinning(Device):
+    period_s = 0.02
+
+    def step(self) -> None:
+        while True:
+            pass
+
+class Holding(Device):
+    period_s = 0.02
+
+    def step(self) -> None:
+        threading.Event().wait()
+
+class Stuck(Device):
+    def emergency_halt(self) -> None:
+        while True:
+            pass
+"""
+CASES = {
+    "nothing else": (),
+    "a plugin spins": ("spinning",),
+    "one spins, one holds its lock": ("spinning", "holding"),
+    "one spins, one holds its lock, one spins in emergency_halt": ("spinning", "holding", "stuck"),
+}
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What was measured while one thing went wrong in the robot."""
+
+    case: str
+    median_ms: float
+    p99_ms: float
+    slowest_ms: float
+    rounds: int
+
+
+def measure(rounds: int = ROUNDS) -> Iterator[Figures]:
+    """Halt and resume a robot so often, for each case."""
+    for case, spoilers in CASES.items():
+        with open_session(mode="router", listen=["tcp/127.0.0.1:0"]) as session, _robot(session, spoilers) as stopwatch:
+            stopwatch.halt_once()  # the first one loads code
+            took_ms = [1e3 * stopwatch.halt_once() for _ in range(rounds)]
+        median_ms, p99_ms = np.percentile(took_ms, (50, 99))
+        yield Figures(case, float(median_ms), float(p99_ms), max(took_ms), rounds)
+
+
+class Stopwatch:
+    """Halts a robot and hears its bus."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._wire = Endpoint(session, "default", WallClock(), Drive.LIVE)
+        self._halt = self._wire.publisher(HALT)
+        self._states = Inbox()
+        self._wire.subscribe(self._states, ROBOT_STATE)
+        self._bus = ZenohBus("r1/can0", session=session)
+        self._stop_id = codec("Stop").arbitration_id
+        self._pause = np.random.default_rng(1)
+
+    def halt_once(self) -> float:
+        """Halt, wait for the stop frame, resume; the seconds that it took."""
+        self.until(halted=False)
+        time.sleep(self._pause.uniform(0.005, 0.03))  # in no step with the robot's own periods
+        while self._bus.recv(timeout=0) is not None:
+            pass
+        began_s = time.perf_counter()
+        self._halt.put(Halt(halted=True, by="operator:bench"))
+        while (frame := self._bus.recv(timeout=PATIENCE_S)) is not None and frame.arbitration_id != self._stop_id:
+            pass
+        took_s = time.perf_counter() - began_s
+        if frame is None:
+            raise TimeoutError("the robot sent no stop frame")
+        self.until(halted=True)
+        self._halt.put(Halt(halted=False, by="operator:bench"))
+        return took_s
+
+    def until(self, *, halted: bool) -> None:
+        """Wait until the robot says so."""
+        deadline_s = time.monotonic() + PATIENCE_S
+        while not any(received.message.halted is halted for received in self._states.drain()):
+            if time.monotonic() > deadline_s:
+                raise TimeoutError(f"the robot never said halted={halted}")
+            time.sleep(0.001)
+
+    def close(self) -> None:
+        """Leave the wire."""
+        self._bus.shutdown()
+        self._wire.close()
+
+
+@contextmanager
+def _robot(session: zenoh.Session, spoilers: tuple[str, ...]) -> Iterator[Stopwatch]:
+    with tempfile.TemporaryDirectory() as name:
+        place = Path(name)
+        (place / "spoilers.py").write_text(SPOILERS, encoding="utf-8")
+        for spoiler in spoilers:
+            manifest = f'[plugin]\nclass = "spoilers:{spoiler.capitalize()}"\n[tag]\nhang_s = 3600.0\n'
+            (place / f"{spoiler}.toml").write_text(manifest, encoding="utf-8")
+        load = ", ".join(f'"{plugin}"' for plugin in ("driver", *spoilers))
+        robot_file = f"""
+            [robot]
+            name = "r1"
+            places = ["."]
+            load = [{load}]
+            [zenoh]
+            connect = ["{listening_at(session)[0]}"]
+            """
+        (place / "r1.toml").write_text(textwrap.dedent(robot_file), encoding="utf-8")
+        stopwatch = Stopwatch(session)
+        agent = subprocess.Popen(
+            [sys.executable, "-m", "robrain.cli", "agent", str(place / "r1.toml")],
+            env={name: value for name, value in os.environ.items() if not name.startswith("ROBRAIN_")},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            yield stopwatch
+        finally:
+            agent.kill()
+            agent.wait()
+            stopwatch.close()
+
+
+if __name__ == "__main__":
+    for figures in measure(int(sys.argv[1]) if len(sys.argv) > 1 else ROUNDS):
+        sys.stdout.write(f"{figures}\n")
