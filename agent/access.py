@@ -31,6 +31,16 @@ def check_use(callee: "PluginTag", caller: "PluginTag", interface: type) -> None
         raise AccessDenied(callee.name, f"{callee.name} offers {offered}, not {interface.__name__}")
 
 
+def must_merge(name: str, plugin_class: type[Plugin], required: str, required_class: type[Plugin]) -> PluginError:
+    """What to tell of a plugin that requires one that is not of a lower level."""
+    levels = plugin_class.level.name.lower(), required_class.level.name.lower()
+    return PluginError(
+        name,
+        f"{name} ({levels[0]}) requires {required} ({levels[1]}): "
+        f"merge {name} and {required}, calls go to lower levels only",
+    )
+
+
 def check_outside(callee: "PluginTag") -> None:
     """Whether a plugin is open to the outside (AccessDenied if not)."""
     if COMMAND not in callee.manifest.tag.visibility:

@@ -1,11 +1,21 @@
-"""A crew: threads that stand by to make foreign calls side by side, so that one that hangs holds up no other."""
+"""A crew: threads that stand by to make foreign calls side by side, so that one that hangs holds up no other.
+
+Of the live drive only, as are its waits by the wall's clock; in lockstep the same calls go by `run_in_turn`.
+"""
 
 import threading
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from queue import Empty, SimpleQueue
 
+from robrain.agent.errors import FOREIGN_ERRORS
+
 Call = Callable[[], object]
+
+
+class NotBack(TimeoutError):
+    """A call has not come back in time; it goes on by itself."""
 
 
 class Crew:
@@ -13,7 +23,7 @@ class Crew:
 
     Args:
         name: of the threads.
-        limit_s: how long a call is waited for; one that takes longer goes on by itself.
+        limit_s: how long a call is waited for, unless told otherwise; one that takes longer goes on by itself.
 
     """
 
@@ -35,19 +45,20 @@ class Crew:
             self._threads.append(thread)
             thread.start()
 
-    def run(self, calls: Mapping[str, Call]) -> dict[str, BaseException]:
+    def run(self, calls: Mapping[str, Call], limit_s: float | None = None) -> dict[str, BaseException]:
         """Make calls side by side, and wait for them as long as the limit says.
 
         Returns:
-            What those raised that failed; TimeoutError for those that have not come back.
+            What those raised that failed; NotBack for those that have not come back.
 
         """
+        limit_s = self._limit_s if limit_s is None else limit_s
         ended: SimpleQueue[tuple[str, BaseException | None]] = SimpleQueue()
         for name, call in calls.items():
-            self.begin(lambda name=name, call=call: ended.put((name, _outcome(call))))  # type: ignore[misc]
+            self.begin(partial(_report, ended, name, call))
         failed: dict[str, BaseException] = {}
         running = dict.fromkeys(calls)
-        deadline_s = time.monotonic() + self._limit_s
+        deadline_s = time.monotonic() + limit_s
         while running:
             try:
                 name, error = ended.get(timeout=max(deadline_s - time.monotonic(), 0.0))
@@ -56,7 +67,7 @@ class Crew:
             del running[name]
             if error is not None:
                 failed[name] = error
-        return failed | {name: TimeoutError(f"it has not come back for {self._limit_s:g} s") for name in running}
+        return failed | {name: NotBack(f"it has not come back for {limit_s:g} s") for name in running}
 
     def begin(self, call: Call) -> None:
         """Make a call, and do not wait for it."""
@@ -86,9 +97,13 @@ def run_in_turn(calls: Mapping[str, Call]) -> dict[str, BaseException]:
     return {name: error for name, error in outcomes.items() if error is not None}
 
 
+def _report(ended: SimpleQueue[tuple[str, BaseException | None]], name: str, call: Call) -> None:
+    ended.put((name, _outcome(call)))
+
+
 def _outcome(call: Call) -> BaseException | None:
     try:
         call()
-    except Exception as error:  # noqa: BLE001 - foreign plugin code; it must not keep the others from being called
+    except FOREIGN_ERRORS as error:  # foreign plugin code; it must not keep the others from being called
         return error
     return None

@@ -8,7 +8,7 @@ import can
 import numpy as np
 
 from robrain.agent.board import Board
-from robrain.agent.errors import HardwareAbsent
+from robrain.agent.errors import FOREIGN_ERRORS, HardwareAbsent
 from robrain.agent.event import Event
 from robrain.agent.events_outside import EventsOutside
 from robrain.agent.task_desk import Accept, LetGo, TaskDesk
@@ -57,6 +57,16 @@ class Environment:
         self._at_end: list[Callable[[str], None]] = []
         self._of_init: int | None = None
         self.__tag = tag
+        self.__has_gone = False
+
+    @property
+    def has_gone(self) -> bool:
+        """The instance was closed, or somebody is stuck in it: what it does from now on has no consequence."""
+        return self.__has_gone
+
+    def leave_behind(self) -> None:
+        """Nothing that the instance does has a consequence any more. Called by the tag."""
+        self.__has_gone = True
 
     @property
     def clock(self) -> Clock:
@@ -102,7 +112,7 @@ class Environment:
         for function in self._at_end:
             try:
                 function(why)
-            except Exception:  # foreign plugin code; the others must be told all the same
+            except FOREIGN_ERRORS:  # foreign plugin code; the others must be told all the same
                 logger.exception("%s: plugin %s failed while it was ended", self.robot, self.plugin)
 
     def end(self, why: str) -> None:
@@ -115,6 +125,7 @@ class Environment:
     def close(self) -> None:
         """The instance goes, and its place on the wire with it. Called by the tag."""
         self.end("the plugin has gone")
+        self.leave_behind()
         self.wire.close()
 
     def open_can(self, interface: str, channel: str, **options: Any) -> can.BusABC:

@@ -19,6 +19,10 @@ from pathlib import Path
 
 from robrain.protocol.wire.errors import ErrorCode, RobrainError
 
+ForeignError = Exception | SystemExit
+FOREIGN_ERRORS = (Exception, SystemExit)
+"""What plugin code may raise: `exit()` in a plugin is its fault as well, and does not end the robot."""
+
 
 class PluginError(RobrainError):
     """Something about one plugin."""

@@ -94,3 +94,20 @@ class Event(Generic[T]):
         leave = self.leave
         if leave is not None:
             leave(value)
+
+
+class EventView(Generic[T]):
+    """What a handle gives out in place of another plugin's event: it can be observed, and nothing else."""
+
+    __slots__ = ("__event",)
+
+    def __init__(self, event: Event[T]) -> None:
+        self.__event = event
+
+    def add(self, function: Callable[[T], None], mailbox: Mailbox) -> None:
+        """As that of the event."""
+        self.__event.add(function, mailbox)
+
+    def remove(self, mailbox: Mailbox) -> None:
+        """As that of the event."""
+        self.__event.remove(mailbox)

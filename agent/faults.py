@@ -1,11 +1,12 @@
 """Faults stay where they are: what becomes of a plugin that raises, hangs or floods, and of those that require it."""
 
 import logging
+from functools import partial
 from typing import TYPE_CHECKING
 
 import msgspec
 
-from robrain.agent.errors import PluginError, PluginHung
+from robrain.agent.errors import FOREIGN_ERRORS, PluginError, PluginHung
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ class FaultDesk:
                         user.abandon(why)
                     else:
                         user.deactivate(why)
-                except Exception as error:  # noqa: BLE001 - foreign plugin code; it may have called what has faulted
+                except FOREIGN_ERRORS as error:  # foreign plugin code; it may have called what has faulted
                     logger.debug("%s: %s while it was put aside: %s", self._manager.robot, user.name, error)
         tag.drop()
         policy = tag.manifest.tag
@@ -75,7 +76,8 @@ class FaultDesk:
         """Restart what is due; see who hangs and who floods."""
         for case in list(self._cases.values()):
             if case.again_ns is not None and now_ns >= case.again_ns and not self._manager.halted:
-                self._restart(case, now_ns)
+                case.again_ns = None
+                self._manager.later(partial(self._restart, case, now_ns))
             elif case.started_ns and now_ns - case.started_ns > to_ns(STEADY_S):
                 case.attempts = 0
         if now_ns - self._looked_hung_ns >= HUNG_PERIOD_NS:
@@ -85,7 +87,6 @@ class FaultDesk:
             self._look_for_floods(now_ns)
 
     def _restart(self, case: _Case, now_ns: int) -> None:
-        case.again_ns = None
         tag = case.tag
         if self._manager.tags.get(tag.name) is not tag or tag.state.value != "faulted":
             return

@@ -12,10 +12,11 @@ from typing import Any, Protocol, TypeVar, cast, get_type_hints
 
 import msgspec
 
-from robrain.agent.errors import AccessDenied, PluginMissing
+from robrain.agent.errors import AccessDenied, PluginInactive, PluginMissing, PluginUnloaded
 from robrain.agent.event import Event
 from robrain.agent.manifest import ANYBODY, COMMAND
 from robrain.agent.plugin import Level
+from robrain.agent.text_form import parse_argument, print_value
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
@@ -40,10 +41,12 @@ class ForeignPlugins:
     Args:
         wire: the host's; closing it ends this.
         robot: its name.
+        is_halted: whether the robot is; nobody is called then.
 
     """
 
-    def __init__(self, wire: Endpoint, robot: str) -> None:
+    def __init__(self, wire: Endpoint, robot: str, is_halted: Callable[[], bool] = lambda: False) -> None:
+        self._is_halted = is_halted
         self._wire = wire
         self._robot = robot
         self._inbox = Inbox()
@@ -51,8 +54,9 @@ class ForeignPlugins:
         self._due_ns: dict[str, int] = {}
         self._infos: dict[str, PluginInfo] = {}  # replaced, never changed: other threads read it
 
-    def follow(self) -> None:
-        """See who has come and gone; called by the host in its step."""
+    def follow(self) -> list[str]:
+        """See who has come and gone; called by the host in its step. The names of those that have come."""
+        came: list[str] = []
         now_ns = self._wire.clock.now_ns()
         infos = dict(self._infos)
         for change in self._presence.changes():
@@ -69,6 +73,7 @@ class ForeignPlugins:
             if name in self._due_ns and info is not None:
                 if name not in infos:
                     logger.info("%s: foreign plugin %s is here", self._robot, name)
+                    came.append(name)
                 infos[name] = info
                 self._due_ns[name] = now_ns + REFRESH_NS
         self._infos = infos
@@ -76,6 +81,7 @@ class ForeignPlugins:
             if now_ns >= due_ns:
                 self._due_ns[name] = now_ns + RETRY_NS
                 self._wire.ask_into(self._inbox, ROBOT_FOREIGN_INFO, ROBOT_FOREIGN_INFO, robot=self._robot, plugin=name)
+        return came
 
     def infos(self) -> list[PluginInfo]:
         """What is here, ordered by name."""
@@ -109,6 +115,8 @@ class ForeignPlugins:
         info = self._infos.get(name)
         if info is None:
             raise CallError(ErrorCode.UNKNOWN_PLUGIN, f"no foreign plugin {name}")
+        if self._is_halted():
+            raise CallError(ErrorCode.HALTED, f"{name} is not called while the robot is halted")
         if not _may_use(caller, info):
             who = "the outside" if caller == COMMAND else caller
             raise CallError(ErrorCode.FORBIDDEN, f"{name} is not open to {who}")
@@ -143,7 +151,24 @@ class ForeignPlugins:
     ) -> Any:
         """The same with Python values: `arguments` is a list by position, a dict by name, or None."""
         payload = b"" if arguments is None else msgspec.json.encode(arguments)
-        return msgspec.json.decode(self.relay(name, function, payload, caller=caller))
+        return msgspec.json.decode(self.relay(name, function, payload, caller=caller, timeout_s=timeout_s))
+
+    def call_text(self, name: str, function: str, words: list[str]) -> str:
+        """The same for the outside with arguments as text, each `VALUE` or `NAME=VALUE`; the result as text."""
+        known = next((each for each in self._infos[name].functions if each.name == function), None)
+        properties = known.parameters.get("properties", {}) if known is not None else {}
+        free = [each for each in properties if not any(parse_argument(word)[0] == each for word in words)]
+        arguments: dict[str, Any] = {}
+        for word in words:
+            parameter, text = parse_argument(word)
+            if parameter is None:
+                if not free:
+                    most = f"{function} takes at most {len(properties)} arguments, got {len(words)}"
+                    raise CallError(ErrorCode.BAD_ARGUMENTS, most)
+                parameter = free.pop(0)
+            arguments[parameter] = _value_of(text, properties.get(parameter, {}))
+        result = self.call(name, function, arguments)
+        return "" if result is None else print_value(result)
 
     def use(self, caller: str, level: Level, name: str, interface: type[InterfaceT]) -> InterfaceT:
         """A handle for a plugin of the robot; made by the caller's tag, which knows its name and level.
@@ -222,13 +247,29 @@ def _over_the_wire(
     def call(*args: Any, **kwargs: Any) -> Any:
         given = signature.bind(None, *args, **kwargs).arguments  # the None stands for `self`
         arguments = list(given.items())[1:]
-        reply = plugins.relay(name, function, msgspec.json.encode(dict(arguments)), caller=caller)
+        try:
+            reply = plugins.relay(name, function, msgspec.json.encode(dict(arguments)), caller=caller)
+        except CallError as error:  # what is no fault of the caller's, as with a plugin of the robot's own
+            if error.code is ErrorCode.HALTED:
+                raise PluginInactive(name, error.message) from error
+            if error.code in (ErrorCode.UNLOADED, ErrorCode.UNKNOWN_PLUGIN):
+                raise PluginUnloaded(name, f"{name} has gone") from error
+            raise
         try:
             return msgspec.json.decode(reply, type=returned)
         except msgspec.ValidationError as error:
             raise CallError(ErrorCode.FAILED, f"{name}.{function} has returned something else: {error}") from error
 
     return call
+
+
+def _value_of(text: str, schema: dict[str, Any]) -> Any:
+    """What a word of the text form stands for; the foreign plugin itself checks whether it fits."""
+    try:
+        value = msgspec.json.decode(text)
+    except msgspec.DecodeError:
+        return text
+    return text if schema.get("type") == "string" and not isinstance(value, str) else value
 
 
 def _may_use(caller: str, info: PluginInfo) -> bool:

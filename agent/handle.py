@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from robrain.agent.errors import AccessDenied, PluginUnloaded
-from robrain.agent.event import Event
+from robrain.agent.event import Event, EventView
 from robrain.agent.plugin import UNLOCKED_MARK
 
 if TYPE_CHECKING:
@@ -18,24 +18,29 @@ class Handle:
     reaches whatever instance the callee's tag holds by then.
     """
 
-    __slots__ = ("__caller", "__calls", "__generation", "__interface", "__tag")
+    __slots__ = ("__caller", "__calls", "__interface", "__tag", "__user")
 
     def __init__(self, tag: "PluginTag", interface: type, caller: "PluginTag") -> None:
         self.__tag = tag
+        self.__user = caller.environment
         self.__caller = caller
-        self.__generation = caller.generation
         self.__interface = interface
         self.__calls: dict[str, Callable[..., Any]] = {}
 
     def __getattr__(self, name: str) -> Any:
+        if name.startswith("_Handle__"):  # of a copy that was never made by a tag
+            raise AttributeError(name)
         calls = self.__calls
         if name in calls:
             return calls[name]
-        tag, interface, caller, generation = self.__tag, self.__interface, self.__caller, self.__generation
-        if name.startswith("_") or name not in _offered(interface):
+        tag, interface, user, caller = self.__tag, self.__interface, self.__user, self.__caller
+        own = tag.plugin_class.interface  # what the caller shows may be another one of the same name
+        if name.startswith("_") or name not in _offered(interface) or own is None or name not in _offered(own):
             raise AccessDenied(tag.name, f"{name} is not in {interface.__name__}, the interface of {tag.name}")
         value = getattr(tag.live_plugin(), name)
-        if isinstance(value, Event) or not callable(value):
+        if isinstance(value, Event):
+            return EventView(value)
+        if not callable(value):
             return value
 
         if getattr(value, UNLOCKED_MARK, False):
@@ -43,9 +48,13 @@ class Handle:
 
         def call(*args: Any, **kwargs: Any) -> Any:
             with tag.turn:
-                if caller.generation != generation:
-                    raise PluginUnloaded(caller.name, f"this instance of {caller.name} was left behind")
-                return getattr(tag.live_plugin(), name)(*args, **kwargs)
+                plugin = tag.live_plugin()
+                if user is not None:
+                    if user.has_gone:
+                        raise PluginUnloaded(caller.name, f"this instance of {caller.name} has gone")
+                    if not tag.manifest.tag.shared:
+                        tag.keep(caller)
+                return getattr(plugin, name)(*args, **kwargs)
 
         calls[name] = call
         return call

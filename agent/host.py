@@ -14,6 +14,7 @@ import numpy as np
 import zenoh
 
 from robrain.agent.board import Board
+from robrain.agent.crew import Crew
 from robrain.agent.environment import Environment
 from robrain.agent.errors import PluginError, PluginMissing, RobotFileError
 from robrain.agent.foreign import ForeignPlugins
@@ -45,6 +46,8 @@ from robrain.protocol.wire.topics import (
 T = TypeVar("T")
 
 STATE_PERIOD_NS = to_ns(1 / 10)
+CREW_TIMEOUT_S = 1.0
+"""How long the end waits for plugins that are being started."""
 
 
 class AgentHost:
@@ -106,7 +109,8 @@ class AgentHost:
 
         """
         if self.drive is Drive.LIVE:
-            self.manager.foreign = ForeignPlugins(self._wire, self.name)
+            self.manager.foreign = ForeignPlugins(self._wire, self.name, lambda: self.manager.halted)
+            self.manager.crew = Crew(f"start-{self.name}", CREW_TIMEOUT_S)
         found = self.manager.discover(self._places, self._load)
         for name in self._parameters:
             if name not in found:
@@ -137,7 +141,7 @@ class AgentHost:
             self.desk.halted()
         self.desk.check_lease(now_ns)
         if self.manager.foreign is not None:
-            self.manager.foreign.follow()
+            self.manager.came(self.manager.foreign.follow())
         self.manager.settle(now_ns)
         if self.drive is Drive.LOCKSTEP:
             self._step_plugins(now_ns)
@@ -149,6 +153,8 @@ class AgentHost:
         """Stop the plugins and leave the wire."""
         self.halting.close()
         self.manager.stop()
+        if self.manager.crew is not None:
+            self.manager.crew.close()
         self._wire.close()
 
     # -- its own work ---------------------------------------------------------------------------------------
@@ -190,9 +196,7 @@ class AgentHost:
     # -- being asked ----------------------------------------------------------------------------------------
 
     def _tell_plugins(self, request: Request) -> Any:
-        own = self.manager.tags
-        foreign = self.manager.foreign.infos() if self.manager.foreign is not None else []
-        return [*map(self._info, own.values()), *(info for info in foreign if info.name not in own)]
+        return [*map(self._info, self.manager.tags.values()), *self.manager.foreign_infos()]
 
     def _info(self, tag: PluginTag) -> PluginInfo:
         path = tag.manifest.path.resolve()
@@ -202,9 +206,7 @@ class AgentHost:
     def _call(self, request: Request) -> Any:
         plugin, function = request.names["plugin"], request.names["function"]
         foreign = self.manager.foreign
-        if foreign is not None and plugin not in self.manager.tags and plugin in foreign:
-            if self.manager.halted:
-                raise CallError(ErrorCode.HALTED, f"{plugin} is not called while the robot is halted")
+        if foreign is not None and self.manager.is_foreign(plugin):
             return foreign.relay(plugin, function, request.payload)
         try:
             tag = self.manager.get(plugin)

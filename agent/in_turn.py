@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from robrain.agent.errors import PluginError
+from robrain.agent.errors import FOREIGN_ERRORS, PluginError
 from robrain.agent.plugin_state import PluginState
 from robrain.agent.task_desk import Accept, LetGo
 from robrain.protocol.model.task import Task
@@ -11,7 +11,7 @@ from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages import TaskAnswer
 
 if TYPE_CHECKING:
-    from robrain.agent.loading import Loaded
+    from robrain.agent.environment import Environment
     from robrain.agent.tag import PluginTag
 
 
@@ -24,7 +24,7 @@ def in_turn(tag: "PluginTag", accept: Accept, let_go: LetGo) -> tuple[Accept, Le
                 if tag.state is not PluginState.ACTIVE:
                     return TaskAnswer(accepted=False, why=f"{tag.name} is {tag.state}")
                 return accept(task)
-        except Exception as error:  # noqa: BLE001 - foreign plugin code
+        except FOREIGN_ERRORS as error:  # foreign plugin code
             tag.blame(error)
             return TaskAnswer(accepted=False, why=f"{tag.name} is {tag.state}: {tag.why or error}")
 
@@ -32,19 +32,19 @@ def in_turn(tag: "PluginTag", accept: Accept, let_go: LetGo) -> tuple[Accept, Le
         try:
             with tag.turn:
                 let_go(why)
-        except Exception as error:  # noqa: BLE001 - foreign plugin code
+        except FOREIGN_ERRORS as error:  # foreign plugin code
             tag.blame(error)
 
     return accept_in_turn, let_go_in_turn
 
 
-def answer_in_turn(tag: "PluginTag", loaded: "Loaded", handler: Handler) -> Handler:
+def answer_in_turn(tag: "PluginTag", environment: "Environment", handler: Handler) -> Handler:
     """The same handler, called with the plugin's lock held and only while this instance is there."""
 
     def answer(request: Request) -> Any:
         try:
             with tag.turn:
-                if not tag.holds(loaded) or tag.state not in (PluginState.ACTIVE, PluginState.HALTED):
+                if not tag.holds(environment) or tag.state not in (PluginState.ACTIVE, PluginState.HALTED):
                     raise CallError(ErrorCode.INACTIVE, f"{tag.name} is {tag.state}: {tag.why}")
                 return handler(request)
         except PluginError as error:

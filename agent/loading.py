@@ -16,6 +16,7 @@ from robrain.agent.errors import ManifestError
 from robrain.agent.event import Event
 from robrain.agent.external import ExternalFunction, external_functions
 from robrain.agent.isolation import isolated_class
+from robrain.agent.isolation.trial import try_import
 from robrain.agent.manifest import Manifest, where_and_what
 from robrain.agent.plugin import Plugin
 from robrain.protocol.wire.endpoint import Endpoint
@@ -90,8 +91,15 @@ def import_code(manifest: Manifest, *, fresh: bool = False) -> PluginCode:
     """
     module_name, _, class_name = manifest.class_path.partition(":")
     beside = manifest.path.parent / f"{module_name}.py"
+    if manifest.tag.isolation == "process":
+        grief = try_import(module_name, beside if beside.is_file() else None, manifest.tag.start_s)
+        if grief:
+            why = f"cannot import {module_name}: a process for it {grief}"
+            raise ManifestError(manifest.path, "[plugin] class", why)
     try:
         module = _import_file(beside, fresh=fresh) if beside.is_file() else _import_module(module_name, fresh=fresh)
+    except SystemExit as error:
+        raise ManifestError(manifest.path, "[plugin] class", f"cannot import {module_name}: it calls exit()") from error
     except Exception as error:  # foreign code may raise anything while it is imported
         raise ManifestError(manifest.path, "[plugin] class", f"cannot import {module_name}: {error}") from error
     found = getattr(module, class_name, None)

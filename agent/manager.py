@@ -9,25 +9,38 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from robrain.agent.access import must_merge
 from robrain.agent.crew import Crew
 from robrain.agent.environment import Environment
-from robrain.agent.errors import HardwareAbsent, HostBusy, PluginError, PluginInactive, PluginInUse, PluginMissing
+from robrain.agent.errors import (
+    FOREIGN_ERRORS,
+    HardwareAbsent,
+    HostBusy,
+    PluginError,
+    PluginInactive,
+    PluginInUse,
+    PluginMissing,
+)
 from robrain.agent.faults import FaultDesk
 from robrain.agent.foreign import ForeignPlugins
 from robrain.agent.halt_order import halt_plugins
 from robrain.agent.handle import Handle
 from robrain.agent.leases import ExternalLeases
-from robrain.agent.manifest import Manifest, find_manifests, read_manifest
+from robrain.agent.manifest import Manifest, read_manifest
+from robrain.agent.places import Places
 from robrain.agent.plugin import Plugin
 from robrain.agent.plugin_state import PluginState
 from robrain.agent.requirements import branch_of, start_order, way_to_missing
+from robrain.agent.start_in_time import start_in_time
 from robrain.agent.tag import PluginTag
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.messages import PluginInfo
 
 logger = logging.getLogger(__name__)
 
@@ -64,10 +77,13 @@ class PluginManager:
         self.faults = FaultDesk(self)
         self.foreign: ForeignPlugins | None = None
         """Plugins that are processes of their own, in live."""
+        self.crew: Crew | None = None
+        """Starts plugins, in live; one that hangs while it is started is left behind."""
         self.leases = ExternalLeases(clock)
         self._parameters = parameters
-        self._places: list[Path] = []
+        self._places = Places([])
         self._under_way = threading.Lock()
+        self._stopped = False
         self._new_faults: deque[PluginTag] = deque()
 
     def parameters_of(self, name: str) -> Mapping[str, Any]:
@@ -91,8 +107,8 @@ class PluginManager:
             PluginMissing: a wanted plugin is in no place.
 
         """
-        self._places = list(places)
-        found = self._find()
+        self._places = Places(places)
+        found = self._places.find()
         names = sorted(found) if wanted is None else list(wanted)
         tags: dict[str, PluginTag] = {}
         while names:
@@ -120,10 +136,11 @@ class PluginManager:
 
     def stop(self) -> None:
         """Deactivate all, users before what they use, and close what they held."""
+        self._stopped = True
         for tag in reversed(self.tags.values()):
             try:
                 tag.deactivate()
-            except Exception as error:
+            except FOREIGN_ERRORS as error:
                 # Foreign plugin code; the others must be stopped all the same. In a halted robot plugins refuse each
                 # other, which is as it should be.
                 if not (isinstance(error, PluginInactive) and self.halted):
@@ -148,7 +165,7 @@ class PluginManager:
 
         """
         with self._alone():
-            wanted = {manifest.name: manifest for manifest in self._manifests_of(name_or_path)}
+            wanted = {manifest.name: manifest for manifest in self._places.manifests_of(name_or_path)}
             fresh: dict[str, PluginTag] = {}
             before = self.tags
             try:
@@ -198,10 +215,10 @@ class PluginManager:
             manifest = read_manifest(tag.manifest.path)
             before = tag.state
             try:
-                tag.replace(manifest)
+                self._in_time(tag, partial(tag.replace, manifest))
             except PluginError:
                 raise
-            except Exception as error:  # foreign plugin code
+            except FOREIGN_ERRORS as error:  # foreign plugin code
                 raise PluginError(name, f"{name} keeps running as it was: {type(error).__name__}: {error}") from error
             self._sort()
             if before not in (PluginState.ACTIVE, PluginState.HALTED):
@@ -223,6 +240,13 @@ class PluginManager:
         """A plugin has faulted; seen to at the next `settle`, for its users' locks must not be taken from below."""
         if tag not in self._new_faults:
             self._new_faults.append(tag)
+
+    def later(self, do: Callable[[], None]) -> None:
+        """Have something done alone that may take its time; in live not on the host's own thread."""
+        if self.crew is None:
+            do()
+        else:
+            self.crew.begin(partial(self._do_alone, do))
 
     def halt(self, crew: Crew | None = None) -> list[str]:
         """Emergency halt; latches until `resume`. The names of plugins that did not stop; see `halt_plugins`."""
@@ -246,9 +270,17 @@ class PluginManager:
 
     def request(self, caller: PluginTag, name: str, interface: type) -> Handle:
         """Pass a plugin's request for another on to the other's tag, or to a foreign process of that name."""
-        if self.foreign is not None and self._is_foreign(name):
+        if self.foreign is not None and self.is_foreign(name):
             return self.foreign.use(caller.name, caller.level, name, interface)
         return self.get(name).grant(caller, interface)
+
+    def is_foreign(self, name: str) -> bool:
+        """Whether it is a process of its own that goes by this name."""
+        return self.foreign is not None and name not in self.tags and name in self.foreign
+
+    def foreign_infos(self) -> list[PluginInfo]:
+        """Those plugins that are processes of their own; the robot's own come first where names are the same."""
+        return [info for info in self.foreign.infos() if info.name not in self.tags] if self.foreign else []
 
     def release(self, name: str) -> None:
         """A plugin goes: nothing is held by it any more."""
@@ -289,7 +321,7 @@ class PluginManager:
         self._check_branch(manifest, plugin_class)
         for user in self.tags.values():
             if manifest.name in user.manifest.tag.requires and user.plugin_class.level <= plugin_class.level:
-                raise _must_merge(user.name, user.plugin_class, manifest.name, plugin_class)
+                raise must_merge(user.name, user.plugin_class, manifest.name, plugin_class)
 
     # -- inside ---------------------------------------------------------------------------------------------
 
@@ -303,33 +335,14 @@ class PluginManager:
         finally:
             self._under_way.release()
 
+    def _do_alone(self, do: Callable[[], None]) -> None:
+        with self._under_way:
+            if not self._stopped:
+                do()
+
     def _see_to_faults(self, now_ns: int) -> None:
         while self._new_faults:
             self.faults.note(self._new_faults.popleft(), now_ns)
-
-    def _find(self) -> dict[str, Path]:
-        return {path.stem: path for place in self._places for path in find_manifests(place)}
-
-    def _manifests_of(self, name_or_path: str) -> list[Manifest]:
-        found_by_name = self._find()
-        if name_or_path in found_by_name:
-            return [read_manifest(found_by_name[name_or_path])]
-        path = Path(name_or_path)
-        try:
-            if name_or_path and path.is_dir():
-                found = find_manifests(path)
-                if not found:
-                    expected = "expected a TOML file with a [plugin] table"
-                    raise PluginMissing(name_or_path, f"no manifest in {path}: {expected}")
-                return [read_manifest(each) for each in found]
-            if path.suffix == ".toml" and path.is_file():
-                return [read_manifest(path)]
-        except OSError as error:  # a name that is too long for a path, a folder that may not be looked into
-            raise PluginMissing(name_or_path[:100], f"no plugin there: {error.strerror}") from error
-        known = ", ".join(sorted(found_by_name))
-        raise PluginMissing(
-            name_or_path, f"no plugin {name_or_path} in any place, and no such folder; there are: {known}"
-        )
 
     def _load_one(
         self, manifest: Manifest, fresh: dict[str, PluginTag], wanted: dict[str, Manifest], users: tuple[str, ...]
@@ -348,8 +361,8 @@ class PluginManager:
         tag = PluginTag(manifest, self)
         for required in manifest.tag.requires:
             other = self.tags.get(required)
-            if (other is None or other.state is PluginState.FAULTED) and not self._is_foreign(required):
-                there = wanted.get(required) or self._read(required)
+            if (other is None or other.state is PluginState.FAULTED) and not self.is_foreign(required):
+                there = wanted.get(required) or self._places.read(required)
                 if there is None:
                     way = " → ".join([*path, required])
                     raise PluginMissing(required, f"{name} requires {required}, which is in no place ({way})")
@@ -361,24 +374,20 @@ class PluginManager:
         if name in self.tags and tag.state is PluginState.FAULTED:
             raise PluginError(name, f"{name}: {tag.why}")
         try:
-            tag.load()
-            tag.activate()
+            self._in_time(tag, tag.load)
+            self._in_time(tag, tag.activate)
         except PluginError:
             raise
-        except Exception as error:  # foreign plugin code
+        except FOREIGN_ERRORS as error:  # foreign plugin code
             raise PluginError(name, f"{name} cannot be started: {type(error).__name__}: {error}") from error
-
-    def _read(self, name: str) -> Manifest | None:
-        path = self._find().get(name)
-        return read_manifest(path) if path is not None else None
 
     def _check_branch(self, manifest: Manifest, plugin_class: type[Plugin]) -> None:
         for required in manifest.tag.requires:
-            if self._is_foreign(required):
+            if self.is_foreign(required):
                 continue
             other = self.get(required)
             if other.plugin_class.level >= plugin_class.level:
-                raise _must_merge(manifest.name, plugin_class, required, other.plugin_class)
+                raise must_merge(manifest.name, plugin_class, required, other.plugin_class)
             if other.state not in (PluginState.ACTIVE, PluginState.HALTED):
                 raise PluginError(
                     manifest.name, f"{manifest.name} requires {required}, which is {other.state}: {other.why}"
@@ -388,10 +397,7 @@ class PluginManager:
         return {name: tag.manifest.tag.requires for name, tag in self.tags.items()}
 
     def _is_there(self, name: str) -> bool:
-        return name in self.tags or self._is_foreign(name)
-
-    def _is_foreign(self, name: str) -> bool:
-        return self.foreign is not None and name not in self.tags and name in self.foreign
+        return name in self.tags or self.is_foreign(name)
 
     def _take_back(self, fresh: dict[str, PluginTag], before: dict[str, PluginTag]) -> None:
         for tag in reversed(fresh.values()):
@@ -405,19 +411,27 @@ class PluginManager:
                 tag.deactivate("it is being unloaded")
             elif tag.state is not PluginState.INACTIVE:
                 tag.drop()
-        except Exception:
+        except FOREIGN_ERRORS:
             # Foreign plugin code; it goes all the same.
             logger.exception("%s: plugin %s failed while it was unloaded", self.robot, tag.name)
         tag.unloaded()
         self.tags = {name: other for name, other in self.tags.items() if other is not tag}
 
-    def _pick_up(self, fresh: dict[str, PluginTag]) -> None:
+    def came(self, foreign: Iterable[str]) -> None:
+        """Foreign plugins have come: start what was left out for want of them."""
+        names = dict.fromkeys(foreign)
+        if any(name in names for tag in self.tags.values() for name in tag.manifest.tag.requires):
+            self.later(partial(self._pick_up, names))
+
+    def _pick_up(self, fresh: dict[str, Any]) -> None:
         """Start what was left out, or put aside, for want of what is there now."""
         for tag in list(self.tags.values()):
             requires = tag.manifest.tag.requires
             waits = tag.state is PluginState.INACTIVE or (tag.state is PluginState.FAULTED and not tag.is_there)
             running = (PluginState.ACTIVE, PluginState.HALTED)
-            there = all(name in self.tags and self.tags[name].state in running for name in requires)
+            there = all(
+                self.is_foreign(name) or (name in self.tags and self.tags[name].state in running) for name in requires
+            )
             if waits and there and any(name in fresh for name in requires) and tag.name not in fresh:
                 self.begin(tag)
                 if tag.state in running:
@@ -442,7 +456,7 @@ class PluginManager:
 
     def _import_class(self, tag: PluginTag) -> None:
         try:
-            _ = tag.plugin_class
+            self._in_time(tag, lambda: tag.plugin_class)
         except PluginError as error:
             tag.leave_out(str(error))
             logger.error("%s: plugin %s is left out: %s", self.robot, tag.name, error)  # noqa: TRY400 - said in words
@@ -452,38 +466,35 @@ class PluginManager:
             return
         try:
             missing = way_to_missing(
-                tag.name, self._requires(), lambda name: name in self.tags or self._is_foreign(name)
+                tag.name, self._requires(), lambda name: name in self.tags or self.is_foreign(name)
             )
             if missing:
                 there = ", ".join(self.tags)
                 raise PluginMissing(missing[-1], f"no plugin {missing[-1]} ({' → '.join(missing)}); there are: {there}")
             for required in tag.manifest.tag.requires:
-                if self._is_foreign(required):
+                if self.is_foreign(required):
                     continue
                 other = self.get(required)
                 if other.state is PluginState.FAULTED:
                     raise PluginError(tag.name, f"requires {required}, which is left out: {other.why}")
                 if other.plugin_class.level >= tag.plugin_class.level:
-                    raise _must_merge(tag.name, tag.plugin_class, required, other.plugin_class)
-            do()
+                    raise must_merge(tag.name, tag.plugin_class, required, other.plugin_class)
+            self._in_time(tag, do)
         except HardwareAbsent as error:
             logger.warning("%s: plugin %s is left out: %s", self.robot, tag.name, error)
             self._leave_out(tag, f"hardware absent: {error}")
         except PluginError as error:
             logger.error("%s: plugin %s is left out: %s", self.robot, tag.name, error)  # noqa: TRY400 - said in words
             self._leave_out(tag, str(error))
-        except Exception as error:  # noqa: BLE001 - foreign plugin code
+        except FOREIGN_ERRORS as error:  # foreign plugin code
             tag.fault(error)
+
+    def _in_time(self, tag: PluginTag, do: Callable[[], object]) -> None:
+        if self.crew is None:
+            do()
+        else:
+            start_in_time(self.crew, tag, do)
 
     def _leave_out(self, tag: PluginTag, why: str) -> None:
         tag.leave_out(why)
         tag.drop()
-
-
-def _must_merge(name: str, plugin_class: type[Plugin], required: str, required_class: type[Plugin]) -> PluginError:
-    levels = plugin_class.level.name.lower(), required_class.level.name.lower()
-    return PluginError(
-        name,
-        f"{name} ({levels[0]}) requires {required} ({levels[1]}): "
-        f"merge {name} and {required}, calls go to lower levels only",
-    )

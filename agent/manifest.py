@@ -40,11 +40,13 @@ class TagTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Time before the first restart; it doubles with each one."""
     hang_s: float = 5.0
     """A step or call that takes longer is taken for hung, in live."""
+    start_s: float = 20.0
+    """To import it, its `init` and its `activate` may take so long each, in live."""
     isolation: Literal["none", "process"] = "none"
     """`process`: run it in a process of its own, in live."""
 
     def __post_init__(self) -> None:
-        for name in ("backoff_s", "hang_s"):
+        for name in ("backoff_s", "hang_s", "start_s"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
         if self.restart_limit < 0:

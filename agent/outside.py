@@ -29,7 +29,8 @@ class OutsideDoor:
 
     def plugins(self) -> list[PluginInfo]:
         """The plugins that are open to the outside."""
-        return visible_to_command([tag.info() for tag in list(self._manager.tags.values())])
+        own = [tag.info() for tag in list(self._manager.tags.values())]
+        return visible_to_command([*own, *self._manager.foreign_infos()])
 
     def call_text(self, text: str, *, by: str = "") -> str:
         """Execute `call PLUGIN FUNCTION(ARGUMENTS)`, `list` or `help [PLUGIN]`.
@@ -49,6 +50,9 @@ class OutsideDoor:
         command = parse_command(text)
         if isinstance(command, Question):
             return answer_question(command, self.plugins())
+        foreign = self._manager.foreign
+        if foreign is not None and self._manager.is_foreign(command.plugin):
+            return foreign.call_text(command.plugin, command.function, command.arguments)
         try:
             tag = self._manager.get(command.plugin)
             transform = Transform(tag.manifest.transform)

@@ -1,15 +1,20 @@
-"""Places that installed distributions bring: the entry-point group `robrain.plugins`.
+"""Places: folders in which a robot looks for plugins, its own and those that installed distributions bring.
 
-A distribution names a package of its own whose folder is a place, in its pyproject.toml:
+A distribution is found by the entry-point group `robrain.plugins`: it names a package of its own whose folder is a
+place, in its pyproject.toml:
 
     [project.entry-points."robrain.plugins"]
     lamps = "lamps.plugins"
 """
 
 import logging
+from collections.abc import Iterable
 from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
+
+from robrain.agent.errors import PluginMissing
+from robrain.agent.manifest import Manifest, find_manifests, read_manifest
 
 logger = logging.getLogger(__name__)
 
@@ -49,3 +54,52 @@ def _folders(point: metadata.EntryPoint) -> list[Path]:
 
 def _distribution(point: metadata.EntryPoint) -> str:
     return point.dist.name if point.dist is not None else "an unnamed distribution"
+
+
+class Places:
+    """The folders in which a robot looks for plugins.
+
+    Args:
+        folders: of two plugins with one name the one in the later folder wins.
+
+    """
+
+    def __init__(self, folders: Iterable[Path]) -> None:
+        self._folders = list(folders)
+
+    def find(self) -> dict[str, Path]:
+        """The manifests that there are, by the plugin's name."""
+        return {path.stem: path for folder in self._folders for path in find_manifests(folder)}
+
+    def read(self, name: str) -> Manifest | None:
+        """The manifest of a plugin, or None if there is none (ManifestError if it is wrong)."""
+        path = self.find().get(name)
+        return read_manifest(path) if path is not None else None
+
+    def manifests_of(self, name_or_path: str) -> list[Manifest]:
+        """What somebody means who names a plugin, a manifest, or a folder with some.
+
+        Raises:
+            PluginMissing: none of these.
+            ManifestError: a manifest is wrong.
+
+        """
+        found_by_name = self.find()
+        if name_or_path in found_by_name:
+            return [read_manifest(found_by_name[name_or_path])]
+        path = Path(name_or_path)
+        try:
+            if name_or_path and path.is_dir():
+                found = find_manifests(path)
+                if not found:
+                    expected = "expected a TOML file with a [plugin] table"
+                    raise PluginMissing(name_or_path, f"no manifest in {path}: {expected}")
+                return [read_manifest(each) for each in found]
+            if path.suffix == ".toml" and path.is_file():
+                return [read_manifest(path)]
+        except OSError as error:  # a name that is too long for a path, a folder that may not be looked into
+            raise PluginMissing(name_or_path[:100], f"no plugin there: {error.strerror}") from error
+        known = ", ".join(sorted(found_by_name))
+        raise PluginMissing(
+            name_or_path, f"no plugin {name_or_path} in any place, and no such folder; there are: {known}"
+        )

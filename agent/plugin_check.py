@@ -119,8 +119,6 @@ class _Check:
             code = import_code(manifest, fresh=is_fresh)
         except ManifestError as error:
             raise _with_line(error, self._folder) from error
-        except SystemExit as error:
-            raise ManifestError(manifest.path, "[plugin] class", "the module ends the program") from error
         self._codes[manifest.path] = code
         return code
 

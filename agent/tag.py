@@ -5,16 +5,11 @@ import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
+from robrain.agent import errors
 from robrain.agent.access import call_from_outside, check_outside, check_use, external_function
-from robrain.agent.errors import (
-    AccessDenied,
-    PluginBusy,
-    PluginError,
-    PluginHung,
-    PluginInactive,
-    PluginUnloaded,
-)
-from robrain.agent.event import Event, Mailbox
+from robrain.agent.environment import Environment
+from robrain.agent.errors import AccessDenied, PluginBusy, PluginError, PluginHung, PluginInactive, PluginUnloaded
+from robrain.agent.event import Event, EventView, Mailbox
 from robrain.agent.external import ExternalFunction
 from robrain.agent.handle import Handle
 from robrain.agent.in_turn import answer_in_turn, in_turn
@@ -25,6 +20,7 @@ from robrain.agent.loading import Loaded, PluginCode, check_parameters, import_c
 from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Level, Plugin
 from robrain.agent.plugin_state import PluginState
+from robrain.agent.replacement import Replacement
 from robrain.agent.task_desk import Accept, LetGo, TaskDesk
 from robrain.agent.turn import Turn
 from robrain.protocol.wire.clock import to_ns
@@ -71,9 +67,12 @@ class PluginTag:
         self._manager = manager
         self._code: PluginCode | None = None
         self._loaded: Loaded | None = None
-        self._making: Loaded | None = None
+        self.environment: Environment | None = None
+        """What the instance was given that is there, or is being made."""
+        self._making: Environment | None = None
+        self._replacement: Replacement | None = None
         self._in_halt: Loaded | None = None
-        self._observed: list[Event[Any]] = []
+        self._observed: list[Event[Any] | EventView[Any]] = []
         self._kinds: list[type] = []
 
     # -- what it holds --------------------------------------------------------------------------------------
@@ -105,9 +104,9 @@ class PluginTag:
         """How often the plugin wants its step; None if it is passive or not there."""
         return self._loaded.plugin.period_s if self._loaded is not None else None
 
-    def holds(self, loaded: Loaded) -> bool:
-        """Whether this is the instance that is there now."""
-        return self._loaded is loaded
+    def holds(self, environment: Environment) -> bool:
+        """Whether the instance that was given this is the one that is there now."""
+        return self._loaded is not None and self._loaded.environment is environment
 
     @property
     def held_by(self) -> str:
@@ -122,9 +121,12 @@ class PluginTag:
     @property
     def plugin(self) -> Plugin:
         """The instance, whatever its state (PluginInactive if there is none)."""
+        return self._there().plugin
+
+    def _there(self) -> Loaded:
         if self._loaded is None:
             raise PluginInactive(self.name, f"{self.name} is {self.state}{f': {self.why}' if self.why else ''}")
-        return self._loaded.plugin
+        return self._loaded
 
     def live_plugin(self) -> Plugin:
         """The instance, if it may be called now.
@@ -147,16 +149,13 @@ class PluginTag:
 
     def load(self) -> None:
         """Create the plugin with its checked parameters and environment, and call its `init`."""
-        self._loaded = self._create(self.manifest, self.code)
-        self._become(PluginState.LOADED)
+        self._loaded = self.create(self.manifest, self.code)
+        self.become(PluginState.LOADED)
 
     def activate(self) -> None:
         """Call the plugin's `activate`; it is callable from then on."""
         with self.turn:
-            plugin = self.plugin
-            self._begin()
-            plugin.activate()
-            self._started()
+            self.begin_with(self._there())
 
     def deactivate(self, why: str = "") -> None:
         """Call the plugin's `deactivate` and let go of all that its tag holds for it."""
@@ -167,53 +166,71 @@ class PluginTag:
         try:
             if self._loaded is None or self.state not in (PluginState.ACTIVE, PluginState.HALTED):
                 return
-            self._become(PluginState.INACTIVE, why)
+            self.become(PluginState.INACTIVE, why)
             loaded = self._loaded
             try:
                 loaded.plugin.deactivate()
             finally:
-                self._let_go()
+                self.let_go()
                 loaded.end_wire()
         finally:
             self.turn.release()
 
     def replace(self, manifest: Manifest) -> None:
-        """Take a new instance, made from the manifest and code as they are now on disk, in place of the old.
-
-        The new one is imported, created and initialised beside the old. If that or its activation fails, the old one
-        keeps running, and the error is raised. Handles and observers follow.
-        """
-        code = import_code(manifest, fresh=True)
-        self._manager.check_heir(manifest, code.plugin_class)
-        old = self._loaded
-        fresh = self._create(manifest, code, heir_of=old)
+        """Take a new instance, made from the manifest and code as they are now on disk, in place of the old."""
+        replacement = Replacement(self, manifest, self._loaded, self._code, self._manager.check_heir)
+        self._replacement = replacement
         try:
-            with self.turn:
-                self._hand_over(fresh, manifest)
-        except BaseException:
-            fresh.close()
-            raise
-        if old is not None:
-            old.close()
+            replacement.run()
+        finally:
+            if self._replacement is replacement:
+                self._replacement = None
 
-    def fault(self, error: Exception) -> None:
+    def fault(self, error: errors.ForeignError) -> None:
         """The plugin raised, hangs or floods: it is not called any more; the manager sees to the rest in its turn."""
         if self.state in (PluginState.FAULTED, PluginState.UNLOADED):
             return
         logger.error("%s: plugin %s faulted: %s", self._manager.robot, self.name, error, exc_info=error)
-        self._become(PluginState.FAULTED, f"{type(error).__name__}: {error}")
-        self._let_go()
+        self.become(PluginState.FAULTED, f"{type(error).__name__}: {error}")
+        self.let_go()
         self._manager.note_fault(self)
 
     def abandon(self, why: str) -> None:
         """Leave an instance behind that somebody is stuck in; what it does from now on has no consequence."""
+        self.become(PluginState.FAULTED, why)
+        self.leave_instance()
+
+    def leave_instance(self) -> None:
+        """Have no instance any more; who is stuck in it keeps the old turn."""
+        self.leave_making()
         loaded, self._loaded = self._loaded, None
         self.generation += 1
         self.turn = Turn(self.name, self.manifest.tag.hang_s, self._manager.clock)
-        self._become(PluginState.FAULTED, why)
-        self._let_go()
+        if loaded is not None:
+            loaded.environment.leave_behind()
+        self.let_go()
         if loaded is not None:
             loaded.close()
+
+    def leave_making(self) -> None:
+        """Have nothing to do with an instance any more that is being made."""
+        making, self._making = self._making, None
+        if making is not None:
+            making.leave_behind()
+            making.close()
+
+    def give_up_start(self, why: str) -> Callable[[], None] | None:
+        """Its `init` or `activate` does not come back: leave it behind; of a reload the old instance runs on.
+
+        Returns:
+            What is left to do for that, and may take its time.
+
+        """
+        replacement, self._replacement = self._replacement, None
+        left = replacement.give_up() if replacement is not None else None
+        if left is None:
+            self.abandon(why)
+        return left
 
     def drop(self) -> None:
         """Let a faulted instance clean up after itself as well as it can, and forget it."""
@@ -224,7 +241,7 @@ class PluginTag:
             self.abandon(self.why)
             return
         try:
-            self._clean_up(loaded)
+            self.clean_up(loaded)
         finally:
             self.turn.release()
         self._loaded = None
@@ -248,14 +265,14 @@ class PluginTag:
     def refuse_calls(self) -> None:
         """The first half of a halt."""
         if self.state is PluginState.ACTIVE:
-            self._become(PluginState.HALTED, "emergency halt")
+            self.become(PluginState.HALTED, "emergency halt")
 
     def resume(self) -> None:
         """Take calls again after a halt."""
         if self.state is PluginState.HALTED:
             if self._loaded is not None:  # a call that was under way may have begun one after the halt
                 self._loaded.environment.end_actions("emergency halt")
-            self._become(PluginState.ACTIVE)
+            self.become(PluginState.ACTIVE)
 
     def close(self) -> None:
         """Let go of the instance and its wire."""
@@ -265,75 +282,63 @@ class PluginTag:
 
     def unloaded(self) -> None:
         """The tag is of no use any more: handles on it say so."""
-        self._let_go()
+        self.let_go()
         self.close()
-        self._become(PluginState.UNLOADED, "it was unloaded")
+        self.become(PluginState.UNLOADED, "it was unloaded")
 
     def leave_out(self, why: str) -> None:
         """The plugin cannot be started; it stays listed with the reason."""
-        self._become(PluginState.FAULTED, why)
-        self._let_go()
+        self.become(PluginState.FAULTED, why)
+        self.let_go()
 
-    def _hand_over(self, fresh: Loaded, manifest: Manifest) -> None:
-        old, old_code, old_manifest, before, why = self._loaded, self._code, self.manifest, self.state, self.why
-        try:
-            self.deactivate("it is being reloaded")
-        except Exception:
-            # Foreign plugin code, which is about to be replaced.
-            logger.exception("%s: plugin %s failed while it was reloaded", self._manager.robot, self.name)
-        self._hold(fresh, manifest, fresh.code)
-        try:
-            self._begin()
-            fresh.plugin.activate()
-            self._started()
-        except BaseException:
-            self._let_go()
-            self._clean_up(fresh)
-            fresh.end_wire()
-            self._hold(old, old_manifest, old_code)
-            self._become(before, why)
-            if old is not None:
-                old.take_over(old)
-            if old is not None and before in (PluginState.ACTIVE, PluginState.HALTED):
-                self._again(old)
-            raise
-
-    def _hold(self, loaded: Loaded | None, manifest: Manifest, code: PluginCode | None) -> None:
+    def hold_instance(self, loaded: Loaded | None, manifest: Manifest, code: PluginCode | None) -> None:
+        """Have this instance, made from this manifest and code."""
         self.manifest, self._code, self._loaded = manifest, code, loaded
+        self.environment = loaded.environment if loaded is not None else None
         self.turn.set_limit(manifest.tag.hang_s)
 
-    def _again(self, old: Loaded) -> None:
-        try:
-            self._begin()
-            old.plugin.activate()
-            self._started()
-        except Exception as error:  # noqa: BLE001 - foreign plugin code
-            self.fault(error)
+    def begin_with(self, loaded: Loaded) -> None:
+        """Call an instance's `activate`, in the plugin's turn (PluginHung if it was given up meanwhile)."""
+        loaded.begin(self._manager.open_wire(self))
+        loaded.plugin.activate()
+        self._check_there(loaded.environment)
+        self._started()
 
-    def _clean_up(self, loaded: Loaded) -> None:
+    def clean_up(self, loaded: Loaded) -> None:
+        """Let an instance that has failed clean up after itself."""
         try:
             loaded.plugin.deactivate()
-        except Exception as error:  # noqa: BLE001 - foreign plugin code, and faulted at that
+        except errors.FOREIGN_ERRORS as error:  # foreign plugin code, and faulted at that
             logger.debug("%s: plugin %s could not clean up: %s", self._manager.robot, self.name, error)
+        finally:
+            self._manager.release(self.name)  # what it used once more for that
 
-    def _create(self, manifest: Manifest, code: PluginCode, *, heir_of: Loaded | None = None) -> Loaded:
+    def create(self, manifest: Manifest, code: PluginCode, *, heir_of: Loaded | None = None) -> Loaded:
+        """Make an instance and call its `init`; it takes over the observers of the one that it is the heir of."""
         parameters = check_parameters(manifest, code, self._manager.parameters_of(self.name))
-        environment = self._manager.make_environment(self)
+        self.environment = self._making = environment = self._manager.make_environment(self)
         try:
             plugin = code.plugin_class(environment, parameters)
             loaded = Loaded(code, plugin, environment, environment.wire)
             if heir_of is not None:
                 loaded.take_over(heir_of)
-            self._making = loaded
             plugin.init()
+            self._check_there(environment)
         except BaseException:
-            environment.close()
-            if heir_of is not None:
-                heir_of.take_over(heir_of)
+            if not environment.has_gone:
+                environment.close()
+                if heir_of is not None:
+                    heir_of.take_over(heir_of)
+                    self.environment = heir_of.environment
             raise
         finally:
-            self._making = None
+            if self._making is environment:
+                self._making = None
         return loaded
+
+    def _check_there(self, environment: Environment) -> None:
+        if environment.has_gone:
+            raise PluginHung(self.name, f"this instance of {self.name} was left behind")
 
     def _started(self) -> None:
         period_s = self.period_s
@@ -341,22 +346,19 @@ class PluginTag:
             raise PluginError(self.name, f"{self.name}: expected period_s > 0 or None, got {period_s}")
         self.period_ns = to_ns(period_s) if period_s is not None else 0
         self.due_ns = 0 if self.period_ns else NEVER_NS
-        self._become(PluginState.ACTIVE)
+        self.become(PluginState.ACTIVE)
         if self._manager.halted:  # looked at last: a halt that comes now sees that it is active
             self.refuse_calls()
         if self.mailbox.wake is not None:
             self.mailbox.wake()  # its thread sleeps while there is nothing to step
 
-    def _become(self, state: PluginState, why: str = "") -> None:
+    def become(self, state: PluginState, why: str = "") -> None:
+        """Be in another state."""
         self.state = state
         self.why = why
 
-    def _begin(self) -> None:
-        """Before the plugin's `activate`, which may notify already."""
-        if self._loaded is not None:
-            self._loaded.begin(self._manager.open_wire(self))
-
-    def _let_go(self) -> None:
+    def let_go(self) -> None:
+        """It is active no more: give back all that it holds, and hear no more events."""
         if self._loaded is not None:
             self._loaded.environment.end(self.why or f"{self.name} is {self.state}")
         for event in self._observed:
@@ -393,13 +395,13 @@ class PluginTag:
                 self.mailbox.deliver()
                 if steps and loaded.plugin.period_s is not None:
                     loaded.plugin.step()
-            except Exception as error:  # noqa: BLE001 - foreign plugin code
+            except errors.FOREIGN_ERRORS as error:  # foreign plugin code
                 if loaded is self._loaded:
                     self.blame(error)
         finally:
             turn.release()
 
-    def blame(self, error: Exception) -> None:
+    def blame(self, error: errors.ForeignError) -> None:
         """What the plugin raised is its fault, unless it ran into a halt or an end of what it calls."""
         if isinstance(error, PluginInactive) and self._manager.excuses(self, error.plugin):
             return
@@ -427,12 +429,18 @@ class PluginTag:
         """
         check_use(self, caller, interface)
         if not self.manifest.tag.shared:
-            with self._holding:
-                outside = self._manager.leases.holder(self.name)
-                if outside or (self.holder and self.holder != caller.name):
-                    raise PluginBusy(self.name, outside or self.holder)
-                self.holder = caller.name
+            self.keep(caller, granted=True)
         return Handle(self, interface, caller)
+
+    def keep(self, user: "PluginTag", *, granted: bool = False) -> None:
+        """Have a plugin that runs hold this one, or go on holding it (PluginBusy if somebody else does)."""
+        if self.holder == user.name:
+            return
+        with self._holding:
+            if self.held_by:
+                raise PluginBusy(self.name, self.held_by)
+            if granted or user.state is PluginState.ACTIVE:
+                self.holder = user.name
 
     def hold(self, by: str, lease_s: float) -> Lease:
         """Let somebody outside have the plugin for themselves for a time, or longer if they have it.
@@ -453,16 +461,10 @@ class PluginTag:
             return self._manager.leases.take(self.name, by, lease_s)
 
     def call_external(self, function: str, payload: bytes, *, by: str = "") -> Any:
-        """Call an external function with JSON arguments.
+        """Call an external function, known by its name or that of one signature, with JSON arguments.
 
-        Args:
-            function: its external name, or that of one signature.
-            payload: an array by position, an object by name, or nothing.
-            by: who calls; only that one may call a plugin that it holds.
-
-        Raises:
-            CallError: with the code that says why not.
-
+        `payload` is an array by position, an object by name, or nothing; `by` says who calls: only that one may call
+        a plugin that it holds (CallError with the code that says why not).
         """
         known = self._external(function, by)
         return call_from_outside(self, known, lambda plugin: known.call(plugin, payload))
@@ -475,17 +477,16 @@ class PluginTag:
     def _external(self, function: str, by: str) -> ExternalFunction:
         return external_function(self, function, lambda: self._manager.leases.holder(self.name), by)
 
-    def observe(self, event: Event[Any], function: Callable[[Any], None]) -> None:
+    def observe(self, event: Event[Any] | EventView[Any], function: Callable[[Any], None]) -> None:
         """Have the plugin told of an event, through the tag's mailbox."""
         event.add(function, self.mailbox)
         self._observed.append(event)
 
     def answer(self, topic: Topic, handler: Handler, names: dict[str, str]) -> None:
         """Answer queries for the plugin, with its lock held."""
-        loaded = self._making or self._loaded
-        if loaded is None:
-            return
-        loaded.environment.wire.answer(topic, answer_in_turn(self, loaded, handler), serve=Serve.AT_ONCE, **names)
+        environment = self._making or self.environment
+        if environment is not None:
+            environment.wire.answer(topic, answer_in_turn(self, environment, handler), serve=Serve.AT_ONCE, **names)
 
     def do_tasks(self, desk: TaskDesk, kind: type, accept: Accept, let_go: LetGo) -> None:
         """Register the plugin at the desk; it is called with its lock held, and only while it is active."""

@@ -18,6 +18,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args
 
 import msgspec
 
+from robrain.agent.errors import FOREIGN_ERRORS
 from robrain.protocol.wire.errors import CallError, ErrorCode
 
 T = TypeVar("T")
@@ -145,7 +146,7 @@ def _unknown(kind: Any) -> str:
 def _foreign(parse: Callable[[Any], Any], given: Any, kind: Any) -> Any:
     try:
         return parse(given)
-    except Exception as error:  # a plugin's own parser may raise anything
+    except FOREIGN_ERRORS as error:  # a plugin's own parser may raise anything
         raise ValueError(f"expected a {kind_name(kind)}, got {shown(given)}: {error}") from error
 
 

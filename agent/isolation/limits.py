@@ -6,6 +6,8 @@ from robrain.agent.manifest import Manifest
 
 CALL_SHARE = 0.8
 """Of the manifest's `hang_s`: the process is killed before the host takes the whole plugin for hung."""
+START_SHARE = 0.3
+"""Of the manifest's `start_s`, for its process, `init` and `activate`, which may come together."""
 
 
 class Limits(msgspec.Struct, frozen=True):
@@ -13,8 +15,8 @@ class Limits(msgspec.Struct, frozen=True):
 
     call_s: float = 4.0
     """A step, a call, a notification."""
-    start_s: float = 30.0
-    """From the start of the process to the end of `init`, and `activate`: code is imported, hardware looked for."""
+    start_s: float = 6.0
+    """The start of the process, its `init`, and its `activate`: code is imported, hardware looked for."""
     halt_s: float = 0.2
     """A process that has not acknowledged an emergency halt by then is killed."""
     memory_mb: int = 4096
@@ -23,4 +25,4 @@ class Limits(msgspec.Struct, frozen=True):
 
 def limits_of(manifest: Manifest) -> Limits:
     """The limits that a manifest sets."""
-    return Limits(call_s=CALL_SHARE * manifest.tag.hang_s)
+    return Limits(call_s=CALL_SHARE * manifest.tag.hang_s, start_s=START_SHARE * manifest.tag.start_s)

@@ -9,7 +9,6 @@ import logging
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from enum import StrEnum
 from typing import Any, NamedTuple
 
@@ -17,6 +16,7 @@ import msgspec
 import zenoh
 from zenoh import ext
 
+from robrain.protocol.wire.answering import Answering
 from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.errors import CallError, ErrorCode, ErrorReply, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
@@ -32,6 +32,8 @@ PENDING_QUERIES = 256
 NOTHING = b"null"
 BY = "by"
 HISTORY_TIMEOUT_S = 5.0
+STUCK_TIMEOUT_S = 2.0
+"""How long the end of an endpoint waits for answers that are being made."""
 ZENOH_TIMEOUT = b"Timeout"
 """What Zenoh itself replies with when nobody has replied in time."""
 
@@ -49,7 +51,7 @@ class Serve(StrEnum):
     AT_ONCE = "at_once"
     """On the thread that Zenoh gives the queryable; one after the other."""
     POOL = "pool"
-    """On a pool of threads, several at a time."""
+    """On threads of its own, several at a time; `busy` when there are too many."""
     IN_STEP = "in_step"
     """When the component calls `serve()`."""
 
@@ -78,6 +80,8 @@ class Endpoint:
         drive: who moves time.
         on_outside: told of what reached a lockstep run from another process and may have changed it (key, payload),
             as far as it is not on a recorded topic.
+        workers: how many queries to one queryable are answered at a time, with Serve.POOL.
+
     """
 
     def __init__(
@@ -88,7 +92,7 @@ class Endpoint:
         drive: Drive,
         *,
         on_outside: OnOutside | None = None,
-        workers: int = 4,
+        workers: int = 16,
     ) -> None:
         self.session = session
         self.team = team
@@ -104,7 +108,7 @@ class Endpoint:
         self._pending: deque[tuple[zenoh.Query, Topic, str | None, Handler]] = deque()
         self._closing = False
         self._workers = workers
-        self._pool: ThreadPoolExecutor | None = None
+        self._answering: list[Answering] = []
 
     # -- saying ---------------------------------------------------------------------------------------------
 
@@ -188,23 +192,40 @@ class Endpoint:
             topic: a query topic.
             handler: makes the answer.
             serve: where it does, in live.
-            at_once: last chunks of keys that are answered AT_ONCE all the same.
+            at_once: last chunks of keys that are answered even when too many others are.
             names: names in the key; those that are not given match any.
 
         """
         own_key = topic.key(self.team, **names) if set(names) == set(topic.fields) else None
+        selector = topic.selector(self.team, **names)
+        if self.drive is Drive.LIVE and serve is Serve.POOL:
+            self._answer_on_threads(selector, topic, own_key, handler, at_once)
+            return
 
         def take(query: zenoh.Query) -> None:
-            if self._closing:
-                self._reply(query, topic, own_key, handler)
-            elif serve is Serve.IN_STEP if self.drive is Drive.LIVE else self._from_outside():
+            if not self._closing and (serve is Serve.IN_STEP if self.drive is Drive.LIVE else self._from_outside()):
                 self._queue(query, topic, own_key, handler)
-            elif self.drive is Drive.LIVE and serve is Serve.POOL and str(query.key_expr).split("/")[-1] not in at_once:
-                self._threads().submit(self._reply, query, topic, own_key, handler)
             else:
                 self._reply(query, topic, own_key, handler)
 
-        self._entities.append(self.session.declare_queryable(topic.selector(self.team, **names), self._callback(take)))
+        self._entities.append(self.session.declare_queryable(selector, self._callback(take)))
+
+    def _answer_on_threads(
+        self, selector: str, topic: Topic, own_key: str | None, handler: Handler, at_once: Sequence[str]
+    ) -> None:
+        queryable: Any = self.session.declare_queryable(selector, zenoh.handlers.FifoChannel(PENDING_QUERIES))
+
+        def answer(query: zenoh.Query) -> None:
+            self._reply(query, topic, own_key, handler)
+
+        def refuse(query: zenoh.Query) -> None:
+            if self._closing or str(query.key_expr).rpartition("/")[2] in at_once:
+                answer(query)
+            else:
+                self._refuse(query, f"{self._workers} calls are being answered already")
+
+        self._entities.append(queryable)
+        self._answering.append(Answering(f"answer-{topic.name}", queryable.handler.recv, answer, refuse, self._workers))
 
     def serve(self) -> None:
         """Answer the queries that wait for this component's step."""
@@ -225,12 +246,15 @@ class Endpoint:
 
     def _queue(self, query: zenoh.Query, topic: Topic, own_key: str | None, handler: Handler) -> None:
         if len(self._pending) >= PENDING_QUERIES:
-            self.refused_queries += 1
-            with query:
-                _reply_error(query, CallError(ErrorCode.BUSY, f"{PENDING_QUERIES} queries wait already"))
+            self._refuse(query, f"{PENDING_QUERIES} queries wait already")
             return
         self._pending.append((query, topic, own_key, handler))
         self.has_waiting = True
+
+    def _refuse(self, query: zenoh.Query, why: str) -> None:
+        self.refused_queries += 1
+        with query:
+            _reply_error(query, CallError(ErrorCode.BUSY, why))
 
     def _reply(self, query: zenoh.Query, topic: Topic, own_key: str | None, handler: Handler) -> None:
         with query:
@@ -247,8 +271,9 @@ class Endpoint:
                 query.reply(own_key or key, encoded, encoding=JSON)
             except CallError as error:
                 _reply_error(query, error)
-            except Exception as error:
-                # A handler may run foreign plugin code; a query that is not answered reads as "nobody there".
+            except (Exception, SystemExit) as error:
+                # A handler may run foreign plugin code, which may even call exit(); a query that is not answered reads
+                # as "nobody there".
                 logger.exception("a handler of %s failed", topic.name)
                 _reply_error(query, CallError(ErrorCode.FAILED, f"{type(error).__name__}: {error}"))
 
@@ -311,9 +336,11 @@ class Endpoint:
         self._entities.clear()
         while self._pending:
             self._reply(*self._pending.popleft())
-        if self._pool is not None:
-            self._pool.shutdown(wait=True)  # what waits in it is answered `unloaded` as well
-            self._pool = None
+        for answering in self._answering:  # what waits there is answered `unloaded` as well
+            stuck = answering.join(STUCK_TIMEOUT_S)
+            if stuck:
+                logger.warning("answers that do not come back are left behind: %s", ", ".join(stuck))
+        self._answering.clear()
 
     @property
     def is_closed(self) -> bool:
@@ -327,11 +354,6 @@ class Endpoint:
     def _from_outside(self) -> bool:
         """In lockstep, whether what is being delivered comes from another process."""
         return self.drive is Drive.LOCKSTEP and threading.get_ident() != self._owner
-
-    def _threads(self) -> ThreadPoolExecutor:
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(self._workers, thread_name_prefix="robrain-answer")
-        return self._pool
 
     def _callback(self, function: Callable[[Any], None]) -> "zenoh.handlers.Callback[Any]":
         return zenoh.handlers.Callback(function, indirect=self.drive is Drive.LIVE)

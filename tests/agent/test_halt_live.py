@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from robrain.agent.crew import Crew
+from robrain.agent.crew import Crew, NotBack
 from robrain.agent.host import AgentHost
 from robrain.agent.live import PluginThreads
 from robrain.agent.robot_file import RobotFile, RobotTable
@@ -185,7 +185,7 @@ def test_a_crew_tells_what_failed_and_what_is_late():
     crew = Crew("test", 0.05)
     release = threading.Event()
     failed = crew.run({"good": lambda: None, "bad": lambda: 1 / 0, "late": lambda: release.wait(10)})
-    assert {name: type(error) for name, error in failed.items()} == {"bad": ZeroDivisionError, "late": TimeoutError}
+    assert {name: type(error) for name, error in failed.items()} == {"bad": ZeroDivisionError, "late": NotBack}
     assert crew.run({"good": lambda: None}) == {}
     release.set()
     crew.close()

@@ -60,6 +60,11 @@ class Tag:
 
 
 class Manager:
+    foreign = None
+
+    def foreign_infos(self):
+        return []
+
     def __init__(self, *tags):
         self.tags = {tag.name: tag for tag in tags}
 

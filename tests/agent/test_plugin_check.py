@@ -163,7 +163,7 @@ class Other(Unit):
         ("import no_such_module", "cannot import other: No module named 'no_such_module' (other.py, line "),
         ("def half():\n    return 1 / 0\nhalf()", "cannot import other: division by zero (other.py, line "),
         ("def Other(:", "cannot import other: invalid syntax (other.py, line "),
-        ("raise SystemExit(3)", "the module ends the program"),
+        ("raise SystemExit(3)", "cannot import other: it calls exit() (other.py, line "),
         ("class Another(Unit): pass", "expected a Device, Unit, Skill or Behavior named Other"),
         ("class Other: pass", "expected a Device, Unit, Skill or Behavior named Other"),
         (UNTOLD.replace("HINT", "'Nothing'"), "the external functions of Other: name 'Nothing' is not defined"),

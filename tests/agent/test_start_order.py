@@ -164,10 +164,10 @@ class Still(PluginTag):
     """A tag without code behind it: only its requirements matter."""
 
     def load(self):
-        self._become(PluginState.LOADED)
+        self.become(PluginState.LOADED)
 
     def activate(self):
-        self._become(PluginState.ACTIVE)
+        self.become(PluginState.ACTIVE)
 
     @property
     def plugin_class(self):

@@ -170,17 +170,20 @@ def test_the_pool_answers_several_at_a_time(team):
     assert replies == [b"true", b"true"]
 
 
-def test_what_waits_for_the_pool_at_the_end_is_answered_unloaded(team):
+@pytest.fixture
+def one_at_a_time(team):
+    """A robot that answers one call at a time, and a first one that takes until it is let go."""
     robot = Endpoint(team.router, "t", WallClock(), Drive.LIVE, workers=1)
-    operator = team.join()
     let_go, started = threading.Event(), threading.Event()
 
-    def hold(_):
-        started.set()
-        assert let_go.wait(PATIENCE_S)
-        return "done"
+    def hold(request):
+        if request.names["function"] == "first":
+            started.set()
+            assert let_go.wait(PATIENCE_S)
+        return request.names["function"]
 
-    robot.answer(ROBOT_CALL, hold, serve=Serve.POOL, robot="r1")
+    robot.answer(ROBOT_CALL, hold, serve=Serve.POOL, at_once=("urgent",), robot="r1")
+    operator = team.join()
     outcomes = {}
 
     def call(function):
@@ -189,16 +192,38 @@ def test_what_waits_for_the_pool_at_the_end_is_answered_unloaded(team):
         except CallError as error:
             outcomes[function] = error.code
 
-    running = threading.Thread(target=call, args=("first",))
-    running.start()
+    first = threading.Thread(target=call, args=("first",))
+    first.start()
     assert started.wait(PATIENCE_S)
-    waiting = threading.Thread(target=call, args=("second",))
-    waiting.start()
-    until(lambda: robot._pool._work_queue.qsize() == 1)
+    yield robot, call, outcomes, let_go
+    let_go.set()
+    robot.close()
+    first.join(PATIENCE_S)
+
+
+def test_when_all_threads_are_stuck_calls_are_refused_and_not_kept_waiting(one_at_a_time):
+    robot, call, outcomes, let_go = one_at_a_time
+    call("second")
+    call("urgent")
+    assert outcomes == {"second": ErrorCode.BUSY, "urgent": b'"urgent"'}
+    assert robot.refused_queries == 1
+    let_go.set()
+    until(lambda: outcomes.get("first") == b'"first"')
+    until(lambda: call("third") or outcomes["third"] == b'"third"')
+
+
+def test_the_end_waits_for_an_answer_that_is_being_made(one_at_a_time):
+    robot, _, outcomes, let_go = one_at_a_time
     closing = threading.Thread(target=robot.close)
     closing.start()
-    until(lambda: robot._closing)
+    until(lambda: robot.is_closed)
     let_go.set()
-    for thread in (running, waiting, closing):
-        thread.join(PATIENCE_S)
-    assert outcomes == {"first": b'"done"', "second": ErrorCode.UNLOADED}
+    closing.join(PATIENCE_S)
+    until(lambda: outcomes.get("first") == b'"first"')
+
+
+def test_the_end_does_not_wait_for_ever_for_an_answer_that_is_stuck(one_at_a_time, caplog):
+    robot, _, outcomes, _ = one_at_a_time
+    robot.close()
+    assert "answers that do not come back are left behind: answer-robot_call-1" in caplog.text
+    assert outcomes == {}

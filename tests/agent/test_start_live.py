@@ -1,0 +1,217 @@
+"""A plugin that hangs while it is started, live: it is left behind, and the robot goes on."""
+
+import threading
+import time
+
+import msgspec
+import pytest
+
+from robrain.agent.host import AgentHost
+from robrain.agent.live import run_agent
+from robrain.agent.robot_file import RobotFile, RobotTable
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages import HostRequest, PluginInfo
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_HOST, ROBOT_PLUGINS, ROBOT_STATE
+
+PATIENCE_S = 10.0
+START_S = 0.3
+
+SHOP = """
+    import threading
+    GO, WHERE, PRESSED, ENDED = threading.Event(), set(), [], []
+
+    class BellInterface(Protocol):
+        def press(self, who: str) -> None: ...
+
+    class Bell(Device):
+        interface = BellInterface
+        def press(self, who): PRESSED.append(who)
+
+    class Shop(Unit):
+        version = 1
+        def init(self):
+            self.bell = self.env.use("bell", BellInterface)
+            self.wait("init")
+        def activate(self): self.wait("activate")
+        def deactivate(self): self.wait("deactivate")
+        def wait(self, where):
+            if where in WHERE:
+                GO.wait(3)
+                try:
+                    self.bell.press("late")
+                except PluginUnloaded as error:
+                    PRESSED.append(str(error))
+                ENDED.append(where)
+        @external
+        def which(self) -> int: return self.version
+        @external
+        def leave(self, how: str) -> None: exit(how)
+
+    class Guard(Unit):
+        period_s = 0.01
+        fails = False
+        def activate(self):
+            if self.env.plugin in WHERE: GO.wait(3)
+        def step(self):
+            if self.fails: exit("I leave")
+"""
+
+
+def until(condition):
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        if time.monotonic() > deadline_s:
+            pytest.fail("it has not come to pass")
+        time.sleep(0.005)
+
+
+class LiveShop:
+    """A robot in live with a bell and a guard; `space` is the namespace of the plugins' module."""
+
+    def __init__(self, bench, *load):
+        self.session = open_lockstep_session()  # reaches nobody else
+        robot_file = RobotFile(robot=RobotTable("r1", places=[str(bench.place)], load=list(load)))
+        self.host = AgentHost(robot_file, bench.place, self.session, WallClock(), Drive.LIVE)
+        self.operator = Endpoint(self.session, "default", WallClock(), Drive.LIVE)
+        self._stopping, self.ready = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=run_agent, args=(self.host, self._stopping.is_set, self.ready.set))
+        self._thread.start()
+
+    @property
+    def space(self):
+        return self.host.manager.get("bell").plugin_class.press.__globals__
+
+    def infos(self):
+        infos = msgspec.json.decode(self.operator.ask(ROBOT_PLUGINS, robot="r1"), type=list[PluginInfo])
+        return {info.name: info for info in infos}
+
+    def ask(self, verb, plugin):
+        return self.operator.ask(ROBOT_HOST, HostRequest(plugin=plugin), robot="r1", verb=verb, timeout_s=PATIENCE_S)
+
+    def which(self):
+        return self.operator.ask(ROBOT_CALL, robot="r1", plugin="shop", function="which")
+
+    def close(self):
+        self.space["GO"].set()
+        self._stopping.set()
+        self._thread.join(PATIENCE_S)
+        assert not self._thread.is_alive()
+        self.operator.close()
+        self.session.close()
+        until(lambda: not any(thread.name.startswith("start-") for thread in threading.enumerate()))
+
+
+@pytest.fixture
+def shop(bench):
+    opened = []
+
+    def open_shop(*load, source=SHOP, **policy):
+        bench.code("shop_code", source)
+        bench.manifest("bell", "shop_code:Bell", visibility=["*"])
+        bench.manifest("shop", "shop_code:Shop", requires=["bell"], visibility=["command"], start_s=START_S)
+        bench.manifest("guard", "shop_code:Guard", start_s=START_S, **policy)
+        opened.append(LiveShop(bench, *(load or ("bell", "guard"))))
+        if not load:
+            assert opened[-1].ready.wait(PATIENCE_S)
+        return opened[-1]
+
+    yield open_shop
+    for each in opened:
+        each.close()
+
+
+WHY = f"shop has not come back from its start for {START_S} s"
+
+
+def test_a_plugin_that_hangs_at_the_robots_start_is_left_out_and_the_rest_starts(shop):
+    robot = shop("shop", "guard", source=SHOP.replace("set(), [], []", "{'init'}, [], []"))
+    assert robot.ready.wait(PATIENCE_S)
+    infos = robot.infos()
+    assert (infos["shop"].state, infos["shop"].why) == ("faulted", WHY)
+    assert infos["guard"].state == infos["bell"].state == "active"
+
+
+@pytest.mark.parametrize("where", ["init", "activate"])
+def test_a_load_that_hangs_is_refused_in_time_and_the_next_one_is_not_kept_waiting(shop, where):
+    robot = shop()
+    robot.space["WHERE"].add(where)
+    with pytest.raises(CallError, match=WHY) as refused:
+        robot.ask("load", "shop")
+    assert refused.value.code is ErrorCode.TIMEOUT
+    assert "shop" not in robot.infos()
+    robot.space["WHERE"].clear()
+    robot.ask("load", "shop")
+    assert robot.which() == b"1"
+
+
+@pytest.mark.parametrize("where", ["init", "activate"])
+def test_what_a_plugin_does_that_was_left_behind_in_its_start_has_no_consequence(shop, where):
+    robot = shop()
+    space = robot.space
+    space["WHERE"].add(where)
+    with pytest.raises(CallError):
+        robot.ask("load", "shop")
+    space["WHERE"].clear()
+    robot.ask("load", "shop")
+    space["GO"].set()
+    until(lambda: space["ENDED"] == [where])
+    assert space["PRESSED"] == ["this instance of shop has gone"]
+    assert robot.infos()["shop"].state == "active"
+    assert robot.which() == b"1"
+
+
+@pytest.mark.parametrize("where", ["init", "activate"])
+def test_a_reload_that_hangs_leaves_the_old_instance_running(shop, bench, where):
+    robot = shop()
+    robot.ask("load", "shop")
+    waits = f'WHERE.add("{where}"); self.wait("{where}")'
+    path = bench.place / "shop_code.py"
+    path.write_text(path.read_text().replace(f'self.wait("{where}")', waits).replace("version = 1", "version = 2"))
+    with pytest.raises(CallError, match=WHY):
+        robot.ask("reload", "shop")
+    assert robot.infos()["shop"].state == "active"
+    assert robot.which() == b"1"
+    path.write_text(path.read_text().replace(waits, f'self.wait("{where}")').replace("version = 2", "version = 3"))
+    robot.ask("reload", "shop")
+    assert robot.which() == b"3"
+
+
+def test_an_old_instance_that_hangs_while_it_is_replaced_is_faulted(shop):
+    robot = shop()
+    robot.ask("load", "shop")
+    robot.space["WHERE"].add("deactivate")
+    with pytest.raises(CallError, match=WHY):
+        robot.ask("reload", "shop")
+    assert robot.infos()["shop"].state == "faulted"
+    robot.space["WHERE"].clear()
+    robot.ask("reload", "shop")
+    assert robot.which() == b"1"
+
+
+def test_a_restart_that_hangs_does_not_silence_the_robot(shop):
+    robot = shop(restart="on-failure", backoff_s=0.01, restart_limit=1)
+    states = Inbox(every=True)
+    robot.operator.subscribe(states, ROBOT_STATE)
+    robot.space["WHERE"].add("guard")
+    robot.host.manager.get("guard").plugin.fails = True
+    until(lambda: robot.host.manager.get("guard").restarts == 1)
+    before = states.received
+    until(lambda: states.received > before)
+    assert robot.host.manager.get("guard").state == "loaded"  # it is still at it
+    until(lambda: "guard has not come back from its start" in robot.infos()["guard"].why)
+
+
+def test_a_plugin_that_exits_is_faulted_and_the_robot_does_not_end(shop):
+    robot = shop()
+    robot.host.manager.get("guard").plugin.fails = True
+    until(lambda: robot.infos()["guard"].why == "SystemExit: I leave")
+    robot.ask("load", "shop")
+    for _ in range(3):  # the answering threads do not end either
+        with pytest.raises(CallError, match="SystemExit: bye") as refused:
+            robot.operator.ask(ROBOT_CALL, ["bye"], robot="r1", plugin="shop", function="leave")
+        assert refused.value.code is ErrorCode.FAILED
+    assert robot.which() == b"1"
