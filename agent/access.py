@@ -60,10 +60,8 @@ def external_function(callee: "PluginTag", function: str, held_by: Callable[[], 
         CallError: with the code that says why not.
 
     """
-    try:
-        check_outside(callee)
-    except AccessDenied as error:
-        raise CallError(error.code, str(error)) from error
+    if COMMAND not in callee.manifest.tag.visibility:
+        raise CallError(ErrorCode.FORBIDDEN, f"{callee.name} is not open to the outside")
     if not callee.is_imported:
         raise CallError(ErrorCode.INACTIVE, f"{callee.name} is {callee.state}: {callee.why}")
     functions = callee.code.functions

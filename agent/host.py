@@ -24,6 +24,7 @@ from robrain.agent.manager import PluginManager
 from robrain.agent.manifest import COMMAND
 from robrain.agent.outside import OutsideDoor
 from robrain.agent.places import entry_point_places
+from robrain.agent.plugin_state import PluginState
 from robrain.agent.robot_file import RobotFile
 from robrain.agent.tag import PluginTag
 from robrain.agent.task_desk import TaskDesk
@@ -31,12 +32,22 @@ from robrain.protocol.wire.clock import Clock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint, OnOutside, Request, Serve
 from robrain.protocol.wire.errors import BadName, CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import HostRequest, PluginInfo, RobotState, TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.wire.messages import (
+    HostRequest,
+    LogRecord,
+    PluginFault,
+    PluginInfo,
+    RobotState,
+    TaskAnswer,
+    TaskOffer,
+    TaskWithdrawal,
+)
 from robrain.protocol.wire.topics import (
     COORDINATOR_STATE,
     ROBOT_ALIVE,
     ROBOT_CALL,
     ROBOT_HOST,
+    ROBOT_LOG,
     ROBOT_OFFER,
     ROBOT_PLUGINS,
     ROBOT_STATE,
@@ -90,6 +101,8 @@ class AgentHost:
         self._inbox = Inbox()
         self._state = self._wire.publisher(ROBOT_STATE, robot=self.name)
         self._state_due_ns = 0
+        self._log = self._wire.publisher(ROBOT_LOG, robot=self.name)
+        self._faulted: dict[str, str] = {}
         self._telling = threading.Lock()
         self._told = RobotState(robot=self.name)
         self.halting = HaltDesk(self.manager, self._wire, self._publish_halt)
@@ -175,6 +188,7 @@ class AgentHost:
 
     def _publish_state(self) -> None:
         board = self.board
+        self._tell_faults()
         with self._telling:
             self._told = RobotState(
                 robot=self.name,
@@ -185,8 +199,19 @@ class AgentHost:
                 battery=board.battery,
                 behavior=board.behavior,
                 task=self.desk.status,
+                faulted=[PluginFault(plugin=name, why=why) for name, why in self._faulted.items()],
             )
             self._state.put(self.halting.mark(self._told))
+
+    def _tell_faults(self) -> None:
+        before = self._faulted
+        tags = self.manager.tags.values()
+        self._faulted = {tag.name: tag.why for tag in tags if tag.state is PluginState.FAULTED}
+        for name, why in self._faulted.items():
+            if name not in before:
+                self._log.put(LogRecord(robot=self.name, level="error", source=name, text=f"does not run: {why}"))
+        for name in [name for name in before if name not in self._faulted]:
+            self._log.put(LogRecord(robot=self.name, level="warning", source=name, text="runs again, or has gone"))
 
     def _publish_halt(self) -> None:
         """At once, on the thread that halted or resumed the robot; the rest is as it was told last."""

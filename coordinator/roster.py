@@ -72,6 +72,7 @@ class Roster:
                     behavior=state.behavior if state is not None else "",
                     task=state.task.id if state is not None and state.task and not state.task.state.ended else "",
                     why=robot.why_not_up(now_ns),
+                    faulted=state.faulted if state is not None else [],
                 )
             )
         return summaries

@@ -261,14 +261,15 @@ class Endpoint:
             try:
                 if self._closing:
                     raise CallError(ErrorCode.UNLOADED, "the component has stopped")
-                key = str(query.key_expr)
-                names = topic.parse(own_key or key)
-                if names is None or ("*" in key and own_key is None):
+                key = own_key or str(query.key_expr)
+                names = topic.parse(key)
+                if names is None:
                     raise CallError(ErrorCode.BAD_ARGUMENTS, f"{key}: ask one concrete key")
-                payload = query.payload.to_bytes() if query.payload is not None else b""
+                given = query.payload
+                payload = given.to_bytes() if given is not None else b""
                 result = handler(Request(names, payload, query.parameters.get(BY) or ""))
                 encoded = result if isinstance(result, bytes) else msgspec.json.encode(result)
-                query.reply(own_key or key, encoded, encoding=JSON)
+                query.reply(key, encoded, encoding=JSON)
             except CallError as error:
                 _reply_error(query, error)
             except (Exception, SystemExit) as error:

@@ -39,6 +39,13 @@ class TaskStatus(msgspec.Struct, frozen=True, kw_only=True):
     why: str = ""
 
 
+class PluginFault(msgspec.Struct, frozen=True, kw_only=True):
+    """A plugin that does not run."""
+
+    plugin: str
+    why: str
+
+
 class RobotState(Message, frozen=True, kw_only=True):
     """A robot in one message: 10 Hz, only the latest counts."""
 
@@ -60,6 +67,8 @@ class RobotState(Message, frozen=True, kw_only=True):
     """Stamp of the team's halt, if the halt is the team's."""
     not_halted: list[str] = []
     """Plugins that failed to stop, or did not say in time that they have."""
+    faulted: list[PluginFault] = []
+    """Plugins that do not run."""
 
     @property
     def has_stopped(self) -> bool:
@@ -206,6 +215,8 @@ class RobotSummary(msgspec.Struct, frozen=True, kw_only=True):
     behavior: str = ""
     task: str = ""
     why: str = ""
+    faulted: list[PluginFault] = []
+    """Its plugins that do not run."""
 
 
 class FrontierSummary(msgspec.Struct, frozen=True, kw_only=True):

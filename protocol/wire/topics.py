@@ -4,10 +4,10 @@ Publishers, subscribers, recorder, replay, documentation and access rules are de
 in the project writes a key by hand.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import msgspec
@@ -56,6 +56,8 @@ class Urgency(StrEnum):
 JSON = "application/json"
 CAN_FRAME = "application/vnd.robrain.can-frame"
 TINYOS_PACKET = "application/vnd.robrain.tinyos-packet"
+PARSED_KEYS = 4096
+"""Keys of one topic whose names are kept at hand: there are few, and each comes many times."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,9 +109,19 @@ class Topic:
         return self._fill(team, {field: given.get(field, "*") for field in self.fields})
 
     def parse(self, key: str) -> dict[str, str] | None:
-        """The names in a concrete key with its team under `team`, or None if it is not of this topic."""
+        """The names in a concrete key with its team under `team`, or None if it is not one of this topic.
+
+        What is returned is shared with the next caller: do not write to it.
+        """
+        return self._parsed(key)
+
+    @cached_property
+    def _parsed(self) -> Callable[[str], dict[str, str] | None]:
+        return lru_cache(maxsize=PARSED_KEYS)(self._parse)
+
+    def _parse(self, key: str) -> dict[str, str] | None:
         parts = key.split("/")
-        if len(parts) != len(self.chunks) + 2 or parts[0] != ROOT:
+        if len(parts) != len(self.chunks) + 2 or parts[0] != ROOT or "*" in key:
             return None
         names = {"team": parts[1]}
         for chunk, part in zip(self.chunks, parts[2:], strict=True):

@@ -21,6 +21,7 @@ FUNCTION = messages.FunctionInfo(
     returns={"type": "null"},
 )
 
+FAULTED = [messages.PluginFault(plugin="scan", why="no lidar")]
 EXAMPLES = [
     messages.RobotState(
         **STAMP,
@@ -38,6 +39,7 @@ EXAMPLES = [
         halted_by=["operator"],
         team_halt_ns=1_400_000_000,
         not_halted=["arm"],
+        faulted=FAULTED,
     ),
     messages.MapPatch(
         **STAMP,
@@ -62,7 +64,15 @@ EXAMPLES = [
         **STAMP,
         robots=[
             messages.RobotSummary(
-                name="r1", up=True, age_s=0.1, halted=False, soc=0.75, behavior="explore", task="task-7", why=""
+                name="r1",
+                up=True,
+                age_s=0.1,
+                halted=False,
+                soc=0.75,
+                behavior="explore",
+                task="task-7",
+                why="",
+                faulted=FAULTED,
             )
         ],
         known_area_m2=12.5,
