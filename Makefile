@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 export CARGO_TARGET_DIR ?= $(CURDIR)/.cache/rust-target
 
-.PHONY: demo test test-rust check bench format install clean
+.PHONY: demo test test-rust check bench soak format install clean
 
 demo: install ## a team explores, seen in the browser, recorded
 	@$(BIN)/robrain demo $(ARGS)
@@ -42,6 +42,10 @@ format: install
 
 bench: install
 	$(BIN)/python -m tests.bench $(ARGS)
+
+soak: install ## kill -9, 200 times the coordinator and 100 times an agent of a live team: half an hour
+	$(BIN)/python -m tests.system.soak --of coordinator --kills 200 $(ARGS)
+	$(BIN)/python -m tests.system.soak --of agent --kills 100 $(ARGS)
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

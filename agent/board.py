@@ -1,6 +1,11 @@
 """The board: what a robot's plugins know of the robot, and the host tells the team."""
 
+from collections import deque
+
+from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Pose2D, Twist2D
+from robrain.protocol.model.occupancy_grid import OccupancyGrid
+from robrain.protocol.model.rssi_ranging import RssiSample
 from robrain.protocol.wire.messages import BatteryState
 
 
@@ -14,8 +19,23 @@ class Board:
         self.pose: Pose2D | None = None
         self.T_arena_odom: Pose2D | None = None
         """The frame of dead reckoning in the team's frame; localisation writes it."""
+        self.T_odom_robot: Pose2D | None = None
+        """Dead reckoning; mocdevice writes it, and goes on from it after a restart."""
+        self.wheel_ticks: tuple[int, int, int] | None = None
+        """Counts of the wheel encoders at that pose."""
+        self.has_scanned = False
+        """Whether the lidar has ever spoken; scan writes it."""
+        self.doubted_scan: list[int] | None = None
+        """Ranges (mm) of the turn in which the lidar froze; scan writes it, and hands on no such turn."""
         self.pose_covariance: tuple[float, ...] = ()
+        self.lost = ""
+        """Why the pose is not to be believed; empty while it is. Localisation writes it."""
+        self.mote_ranges: deque[RssiSample] = deque(maxlen=256)
+        """Signals of motes of known place; mote_ranges leaves them here for localisation."""
+        self.map: OccupancyGrid | None = None
+        """What the robot maps on, to be read only; mapper writes it."""
         self.velocity = Twist2D()
         self.radius_m = 0.0
         self.battery: BatteryState | None = None
+        self.energy: EnergyModel | None = None
         self.behavior = ""

@@ -132,7 +132,7 @@ class Environment:
         """Open a python-can bus; `interface = "zenoh"` is the simulator's.
 
         Raises:
-            HardwareAbsent: it cannot be opened.
+            HardwareAbsent: it cannot be opened, or the interface does not know an option.
 
         """
         if interface == "zenoh":
@@ -145,5 +145,5 @@ class Environment:
             channel = f"{self.robot}/{channel}"
         try:
             return can.Bus(interface=interface, channel=channel, **options)
-        except (can.CanError, OSError, ValueError) as error:
+        except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
             raise HardwareAbsent(self.plugin, f"no CAN bus at {interface}:{channel}: {error}") from error

@@ -24,26 +24,26 @@ class Mailbox:
         self.dropped = 0
         self.wake: Callable[[], None] | None = None
         """Called after each arrival, so that the observer's thread need not poll."""
-        self._waiting: deque[tuple[Callable[[Any], None], Any]] = deque(maxlen=capacity)
+        self.waiting: deque[tuple[Callable[[Any], None], Any]] = deque(maxlen=capacity)
 
     def post(self, function: Callable[[Any], None], value: Any) -> bool:
         """Leave a notification; False if an older one was dropped for it."""
         # The deque itself lets the oldest go: a popleft here could meet that of `deliver` on an empty deque.
-        is_full = len(self._waiting) == self.capacity
+        is_full = len(self.waiting) == self.capacity
         self.dropped += is_full
-        self._waiting.append((function, value))
+        self.waiting.append((function, value))
         if self.wake is not None:
             self.wake()
         return not is_full
 
     def deliver(self) -> None:
         """Call the observing functions, in order of arrival."""
-        for _ in range(len(self._waiting)):
-            function, value = self._waiting.popleft()
+        for _ in range(len(self.waiting)):
+            function, value = self.waiting.popleft()
             function(value)
 
     def __bool__(self) -> bool:
-        return bool(self._waiting)
+        return bool(self.waiting)
 
 
 class Event(Generic[T]):

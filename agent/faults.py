@@ -103,12 +103,12 @@ class FaultDesk:
                 self._manager.begin(user)
 
     def _look_for_hung(self, now_ns: int) -> None:
-        for tag in sorted(self._manager.tags.values(), key=lambda tag: tag.level):
-            if tag.turn.is_overdue(now_ns):
-                # The lowest one hangs; those above it are in a call to it, and are put aside as its users.
-                limit_s = tag.manifest.tag.hang_s
-                tag.fault(PluginHung(tag.name, f"{tag.name} has not come back for {limit_s:g} s"))
-                return
+        overdue = [tag for tag in self._manager.tags.values() if tag.turn.is_overdue(now_ns)]
+        if overdue:
+            # The lowest one hangs; those above it are in a call to it, and are put aside as its users.
+            tag = min(overdue, key=lambda tag: tag.level)
+            limit_s = tag.manifest.tag.hang_s
+            tag.fault(PluginHung(tag.name, f"{tag.name} has not come back for {limit_s:g} s"))
 
     def _look_for_floods(self, now_ns: int) -> None:
         elapsed_s = (now_ns - self._looked_ns) / NS_PER_S

@@ -178,7 +178,7 @@ class AgentHost:
 
     def _step_plugins(self, now_ns: int) -> None:
         for tag in self.manager.tags.values():
-            if tag.mailbox:
+            if tag.mailbox.waiting:
                 tag.deliver()
             if now_ns >= tag.due_ns:
                 tag.due_ns += tag.period_ns
@@ -197,8 +197,10 @@ class AgentHost:
                 velocity=board.velocity,
                 radius_m=board.radius_m,
                 battery=board.battery,
+                energy=board.energy,
                 behavior=board.behavior,
                 task=self.desk.status,
+                lost=board.lost,
                 faulted=[PluginFault(plugin=name, why=why) for name, why in self._faulted.items()],
             )
             self._state.put(self.halting.mark(self._told))

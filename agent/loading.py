@@ -30,6 +30,8 @@ class PluginCode(msgspec.Struct, frozen=True):
 
     plugin_class: type[Plugin]
     functions: dict[str, ExternalFunction]
+    events: list[str]
+    """Names of the events that the class declares."""
 
 
 class Loaded(msgspec.Struct, frozen=True, eq=False):
@@ -72,10 +74,7 @@ class Loaded(msgspec.Struct, frozen=True, eq=False):
 
     def events(self) -> dict[str, Event[Any]]:
         """The instance's own events, by name."""
-        declared = {
-            name for base in type(self.plugin).__mro__ for name, value in vars(base).items() if _is_event(value)
-        }
-        return {name: getattr(self.plugin, name) for name in sorted(declared)}
+        return {name: getattr(self.plugin, name) for name in self.code.events}
 
 
 def import_code(manifest: Manifest, *, fresh: bool = False) -> PluginCode:
@@ -112,7 +111,7 @@ def import_code(manifest: Manifest, *, fresh: bool = False) -> PluginCode:
     try:
         if manifest.tag.isolation == "process":
             found = isolated_class(found, manifest)
-        return PluginCode(found, external_functions(found))
+        return PluginCode(found, external_functions(found), _event_names(found))
     except Exception as error:  # hints are foreign code: msgspec or get_type_hints may not understand them
         raise ManifestError(
             manifest.path, "[plugin] class", f"the external functions of {class_name}: {error}"
@@ -134,6 +133,10 @@ def check_parameters(manifest: Manifest, code: PluginCode, overrides: Mapping[st
         if overrides:
             what = f"{what} (the robot's file sets {', '.join(sorted(overrides))})"
         raise ManifestError(manifest.path, key, what) from error
+
+
+def _event_names(plugin_class: type[Plugin]) -> list[str]:
+    return sorted({name for base in plugin_class.__mro__ for name, value in vars(base).items() if _is_event(value)})
 
 
 def _is_event(value: object) -> bool:

@@ -4,7 +4,7 @@ from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.messages import RobotState, RobotSummary
 from robrain.protocol.wire.presence import Change
 
-LOST_AFTER_S = 1.5
+LOST_AFTER_S = 1.0
 """A robot that has said nothing for this long is not counted on, whatever its token says."""
 
 

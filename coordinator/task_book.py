@@ -1,96 +1,197 @@
-"""The book of tasks: which there are, who does them, how they ended."""
+"""The book of tasks: which there are, who does them, how they ended.
+
+`queued → offered → running → done | failed | cancelled`, with `lost_contact` apart, and back to `queued` when a robot
+gives a task back. A change is in the journal first, then in the book, then told. An ended task changes no more, which
+the journal holds as well: however often robots and coordinators end and begin anew, a task ends once.
+"""
 
 from collections.abc import Callable
+from typing import Any
 
 import msgspec
 
+from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.model.task import Task, TaskState
 from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.messages import TaskEvent, TaskStatus
+from robrain.protocol.wire.task_messages import TaskRecord
+
+ATTEMPTS = 3
+"""So many robots may fail at a task that somebody asked for, until it counts as failed (chosen)."""
 
 KEPT_ENDED = 1000
+"""Ended tasks that are at hand without a look into the journal."""
 
-
-class TaskRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """A task as it stands."""
-
-    task: Task
-    state: TaskState
-    robot: str = ""
-    epoch: int = 0
-    why: str = ""
-    changed_ns: int = 0
-    """When it last changed, by the coordinator's clock."""
+_ENDS = frozenset({TaskState.DONE, TaskState.FAILED, TaskState.CANCELLED})
+LEGAL: dict[TaskState | None, frozenset[TaskState]] = {
+    None: frozenset({TaskState.QUEUED}),
+    # A queued task may be told again with another reason; one that an earlier robot finished after all is done.
+    TaskState.QUEUED: _ENDS | {TaskState.QUEUED, TaskState.OFFERED},
+    TaskState.OFFERED: _ENDS | {TaskState.QUEUED, TaskState.RUNNING},
+    TaskState.RUNNING: _ENDS | {TaskState.QUEUED, TaskState.LOST_CONTACT},
+    TaskState.LOST_CONTACT: _ENDS | {TaskState.QUEUED, TaskState.RUNNING},
+    TaskState.DONE: frozenset(),
+    TaskState.FAILED: frozenset(),
+    TaskState.CANCELLED: frozenset(),
+}
+"""What may follow each state; `None` is before the first."""
 
 
 class TaskBook:
     """Keeps the records and tells every change.
 
+    All that changes a task raises JournalUnwritable, and leaves the task as it was, if the journal cannot take it.
+
     Args:
         clock: of the run.
-        first_epoch: greater than any epoch of an earlier coordinator of the team.
-        tell: called with each change.
+        first_epoch: no epoch is less than this one or equal; the journal may demand greater ones.
+        tell: called with each change, once it is in the journal.
+        journal: the book's, from which it goes on; None begins an empty one in memory.
 
     """
 
-    def __init__(self, clock: Clock, first_epoch: int, tell: Callable[[TaskEvent], None]) -> None:
-        self.done_count = 0
+    def __init__(
+        self, clock: Clock, first_epoch: int, tell: Callable[[TaskEvent], None], journal: Journal | None = None
+    ) -> None:
+        self.journal = journal if journal is not None else Journal()
         self._clock = clock
-        self._epoch = first_epoch
+        self._first_epoch = first_epoch
         self._tell = tell
-        self._open: dict[str, TaskRecord] = {}
+        self._open = {record.task.id: record for record in self.journal.open_records()}
         self._ended: dict[str, TaskRecord] = {}
+        self._of_robot = {record.robot: record.task.id for record in self._open.values() if record.robot}
+        self.done_count = self.journal.count(TaskState.DONE)
+        self.version = 0
+        """Grows with each change."""
 
     @property
     def open(self) -> list[TaskRecord]:
         """Tasks that have not ended, in the order in which they were added."""
         return list(self._open.values())
 
+    def find(self, task_id: str) -> TaskRecord | None:
+        """A task as it stands, whether it has ended or not; None if there is none of that id."""
+        record = self._open.get(task_id) or self._ended.get(task_id)
+        if record is None and (record := self.journal.find(task_id)) is not None:
+            self._keep(record)
+        return record
+
     def of_robot(self, robot: str) -> TaskRecord | None:
         """The task that a robot is at."""
-        return next((record for record in self._open.values() if record.robot == robot), None)
+        return self._open.get(self._of_robot.get(robot, ""))
 
-    def add(self, task: Task) -> None:
-        """A new task, queued."""
-        self._change(TaskRecord(task=task, state=TaskState.QUEUED))
+    def tell_again(self, count: int) -> None:
+        """Tell the last change of each of the tasks that changed last: whoever was told before knows it by its number.
+
+        For a coordinator that begins anew: what its journal holds may not have been told.
+        """
+        for record in self.journal.last_changed(count):
+            self._tell(_event(record))
+
+    # -- changing -------------------------------------------------------------------------------------------
+
+    def add(self, task: Task, *, by: str = "", own: bool = False, asked: bytes = b"") -> TaskRecord:
+        """A new task, queued.
+
+        Args:
+            task: whose id no other task has.
+            by: who asks for it.
+            own: the coordinator made it for itself: it is not tried again.
+            asked: what was asked for, word by word.
+
+        """
+        now_ns = self._clock.now_ns()
+        record = TaskRecord(task=task, state=TaskState.QUEUED, changed_ns=now_ns, submitted_ns=now_ns, by=by, own=own)
+        return self._take(self.journal.accept(record, asked))
 
     def offered(self, task_id: str, robot: str) -> TaskRecord:
         """A task is about to be offered; the record has a new epoch."""
-        self._epoch += 1
-        record = self._open[task_id]
-        return self._change(
-            msgspec.structs.replace(record, state=TaskState.OFFERED, robot=robot, epoch=self._epoch, why="")
-        )
+        epoch = self.journal.new_epoch(self._first_epoch + 1)
+        return self._change(self._open[task_id], TaskState.OFFERED, robot=robot, epoch=epoch)
 
-    def move(self, task_id: str, state: TaskState, why: str = "") -> None:
+    def move(self, task_id: str, state: TaskState, why: str = "", result: dict[str, Any] | None = None) -> TaskRecord:
         """A task goes on to another state."""
-        self._change(msgspec.structs.replace(self._open[task_id], state=state, why=why))
+        record = self._open[task_id]
+        return self._change(record, state, why, robot=record.robot, result=result or record.result)
+
+    def give_back(self, task_id: str, why: str, *, failed: bool = False) -> TaskRecord:
+        """Its robot does not do it: it is queued again, or ends if it is the coordinator's own.
+
+        Args:
+            task_id: of an open task.
+            why: the robot's reason.
+            failed: the robot tried; after 3 of these the task has failed.
+
+        """
+        record = self._open[task_id]
+        attempts = record.attempts + failed
+        if record.own or attempts >= ATTEMPTS:
+            state = TaskState.FAILED if failed else TaskState.CANCELLED
+            return self._change(record, state, why, robot=record.robot, attempts=attempts)
+        if failed:
+            why = f"{record.robot} failed: {why}; attempt {attempts} of {ATTEMPTS}"
+        return self._change(record, TaskState.QUEUED, why, attempts=attempts)
 
     def note_status(self, robot: str, status: TaskStatus) -> TaskRecord | None:
         """What a robot says of a task; its word counts only for how the task ended.
 
+        What it has done counts, also with an older epoch, as long as nobody else has: to do it again would be wrong.
+
         Returns:
-            The record, if the robot's word has ended the task; stale epochs and other robots' tasks are ignored.
+            The record as it was, if the robot's word has changed it.
 
         """
         record = self._open.get(status.id)
-        if record is None or record.robot != robot or record.epoch != status.epoch or not status.state.ended:
+        if record is None or not status.state.ended:
             return None
-        self.move(status.id, status.state, status.why)
+        if record.robot != robot or record.epoch != status.epoch:
+            done = status.state is TaskState.DONE
+            if not done or not self.journal.was_offered(status.id, robot, status.epoch):
+                return None
+            why = f"{robot} had done it before it was given to another" if record.robot else status.why
+            self._change(record, TaskState.DONE, why, robot=robot, epoch=status.epoch, result=status.result)
+        elif status.state is TaskState.DONE:
+            self.move(status.id, TaskState.DONE, status.why, status.result)
+        else:
+            self.give_back(status.id, status.why, failed=status.state is TaskState.FAILED)
         return record
 
-    def _change(self, record: TaskRecord) -> TaskRecord:
-        record = msgspec.structs.replace(record, changed_ns=self._clock.now_ns())
-        task_id = record.task.id
+    def _change(self, record: TaskRecord, state: TaskState, why: str = "", **fields: Any) -> TaskRecord:
+        if state not in LEGAL[record.state]:
+            raise ValueError(f"task {record.task.id}: {state} cannot follow {record.state}")
+        fields = {"robot": "", **fields}  # a task that nobody is named for is nobody's
+        changed = msgspec.structs.replace(record, state=state, why=why, changed_ns=self._clock.now_ns(), **fields)
+        return self._take(self.journal.change(changed))
+
+    def _take(self, record: TaskRecord) -> TaskRecord:
+        self.version += 1
+        before = self._open.get(record.task.id)
+        if before is not None and self._of_robot.get(before.robot) == record.task.id:
+            del self._of_robot[before.robot]
+        if record.robot and not record.state.ended:
+            self._of_robot[record.robot] = record.task.id
         if record.state.ended:
-            self._open.pop(task_id, None)
-            self._ended[task_id] = record
+            del self._open[record.task.id]
+            self._keep(record)
             self.done_count += record.state is TaskState.DONE
-            while len(self._ended) > KEPT_ENDED:
-                del self._ended[next(iter(self._ended))]
         else:
-            self._open[task_id] = record
-        self._tell(
-            TaskEvent(task=record.task, state=record.state, robot=record.robot, epoch=record.epoch, why=record.why)
-        )
+            self._open[record.task.id] = record
+        self._tell(_event(record))
         return record
+
+    def _keep(self, ended: TaskRecord) -> None:
+        self._ended[ended.task.id] = ended
+        if len(self._ended) > KEPT_ENDED:
+            del self._ended[next(iter(self._ended))]
+
+
+def _event(record: TaskRecord) -> TaskEvent:
+    return TaskEvent(
+        task=record.task,
+        state=record.state,
+        robot=record.robot,
+        epoch=record.epoch,
+        why=record.why,
+        result=record.result,
+        change=record.change,
+    )

@@ -18,13 +18,18 @@ DEFAULT_DASHBOARD_PORT = 8080
 GATHER_S = 0.5
 
 
-def coordinator_command(connect: list[str], listen: str | None, team: str) -> None:
-    """Coordinate a team until Ctrl-C."""
+def coordinator_command(connect: list[str], listen: str | None, team: str, journal: Path | None) -> None:
+    """Coordinate a team until Ctrl-C; its tasks are kept in a journal, `TEAM.journal` if none is given."""
+    from robrain.coordinator.journal.journal import Journal
     from robrain.coordinator.live import run_coordinator
 
     should_stop = LiveStop()
     with session_of(connect, listen) as session, live_endpoint(session, team) as wire:
-        run_coordinator(wire, should_stop, lambda: tell(f"coordinator: of team {team}; Ctrl-C ends it"))
+        kept = Journal(journal if journal is not None else Path(f"{team}.journal"))
+        try:
+            run_coordinator(wire, should_stop, lambda: tell(f"coordinator: of team {team}; Ctrl-C ends it"), kept)
+        finally:
+            kept.close()
 
 
 def dashboard_command(connect: list[str], team: str, port: int | None) -> None:

@@ -10,6 +10,7 @@ from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
 from rich.table import Table
 from rich.text import Text
 
+from robrain.deploy.forwarders import said
 from robrain.deploy.team_found import TeamFound
 from robrain.deploy.up import TeamStatus, UpResult
 from robrain.sim.result import RunResult
@@ -96,6 +97,10 @@ class UpDisplay:
                 if self._before.get(name) != seen:
                     self._before[name] = seen
                     say(f"{name}: {seen}")
+            for robot, address in status.forwarders.items():
+                if self._before.get(address) != robot:
+                    self._before[address] = robot
+                    say(said(robot, address))
 
 
 @contextmanager
@@ -168,7 +173,7 @@ def _team_table(status: TeamStatus) -> Group:
     table = Table(box=None, pad_edge=False, show_header=False)
     table.add_row("coordinator", "[green]up[/]" if status.coordinator_up else "[yellow]starting[/]")
     for name, text in status.robots:
-        table.add_row(escape(name), escape(text))
+        table.add_row(escape(name), escape(text), f"[dim]base station {status.forwarders.get(name, '–')}[/]")
     for name, exit_status, line in status.exited:
         table.add_row(f"[red]{escape(name)}[/]", f"exited with {exit_status}: {escape(line)}")
     return Group(share, table)

@@ -14,6 +14,7 @@ from robrain.coordinator.recording.recorder import Recorder
 from robrain.coordinator.roster import Roster
 from robrain.deploy.children import Children
 from robrain.deploy.dashboard_process import start_dashboard
+from robrain.deploy.forwarders import read_said
 from robrain.deploy.robot_files import write_robot_files
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -37,6 +38,8 @@ class TeamStatus(NamedTuple):
     """Processes that ended by themselves: name, exit status, last line."""
     sim_time_s: float
     explored_fraction: float
+    forwarders: dict[str, str]
+    """`host:port` of the Serial Forwarder of each robot's base station."""
 
 
 class UpResult(msgspec.Struct, frozen=True, kw_only=True):
@@ -50,6 +53,8 @@ class UpResult(msgspec.Struct, frozen=True, kw_only=True):
     collisions: int
     recording: str | None
     messages: int
+    serial_forwarders: dict[str, str] = {}
+    """`host:port` at which each robot's base station could be reached."""
 
 
 class UpOptions(NamedTuple):
@@ -62,6 +67,7 @@ class UpOptions(NamedTuple):
     until_explored: float | None = None
     time_limit_s: float | None = None
     record: Path | None = None
+    journal: Path | None = None
 
 
 def run_up(
@@ -103,7 +109,8 @@ def run_up(
         with tempfile.TemporaryDirectory(prefix="robrain-") as folder, children:
             robot_files = write_robot_files(world, Path(folder), team=options.team, connect=endpoint)
             children.start("arena", ["arena", *scenario_argument, *common])
-            children.start("coordinator", ["coordinator", *common])
+            journal = options.journal if options.journal is not None else Path(folder) / "team.journal"
+            children.start("coordinator", ["coordinator", "--journal", str(journal), *common])
             for path in robot_files:
                 children.start(path.stem, ["agent", str(path)])
             url = (
@@ -134,6 +141,7 @@ class _Watch:
         self.robots_up = 0
         self._expected = expected
         self._children = children
+        self._forwarders: dict[str, str] = {}
         self._clock = wire.clock
         self._roster = Roster()
         self._presence = wire.watch(ROBOT_ALIVE)
@@ -177,7 +185,13 @@ class _Watch:
             exited,
             truth.sim_time_s if truth is not None else 0.0,
             truth.explored_fraction if truth is not None else 0.0,
+            self._forwarders_told(),
         )
+
+    def _forwarders_told(self) -> dict[str, str]:
+        if len(self._forwarders) < len(self._expected):
+            self._forwarders = read_said(list(self._children.all[0].lines)) if self._children.all else {}
+        return self._forwarders
 
 
 def _bound(hub: zenoh.Session) -> str:
@@ -216,4 +230,5 @@ def _result(
         collisions=sum(robot.collisions for robot in watch.truth.robots) if watch.truth is not None else 0,
         recording=str(options.record) if options.record is not None else None,
         messages=recorder.messages if recorder is not None else 0,
+        serial_forwarders=status.forwarders,
     )

@@ -4,16 +4,18 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from robrain.deploy.task_client import TaskClient
     from robrain.sim.result import RunResult
     from robrain.sim.scenario import Progress, Scenario
 
-__all__ = ["Progress", "RunResult", "Scenario"]
+__all__ = ["Progress", "RunResult", "Scenario", "TaskClient"]
 
 # Imported on first use: a robot has the plain install, without the simulator.
 _HOMES = {
     "Progress": "robrain.sim.scenario",
     "RunResult": "robrain.sim.result",
     "Scenario": "robrain.sim.scenario",
+    "TaskClient": "robrain.deploy.task_client",
 }
 
 

@@ -11,6 +11,7 @@ import msgspec
 import typer
 
 from robrain.deploy.plugin_commands import plugin_app
+from robrain.deploy.task_commands import task_app
 from robrain.protocol.wire.errors import RobrainError
 from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
 
@@ -31,6 +32,7 @@ app = typer.Typer(
 )
 
 app.add_typer(plugin_app, name="plugin")
+app.add_typer(task_app, name="task")
 
 ScenarioArgument = Annotated[str | None, typer.Argument(help="A built-in name (depot) or a scenario .toml file.")]
 MapOption = Annotated[Path | None, typer.Option("--map", help="A map.yaml in the ROS map_server format, instead.")]
@@ -46,6 +48,9 @@ ConnectOption = Annotated[
 ]
 ListenOption = Annotated[str | None, typer.Option(help="Endpoint to listen on, tcp/127.0.0.1:7447.")]
 TeamOption = Annotated[str, typer.Option(help="Name of the team.")]
+JournalOption = Annotated[
+    Path | None, typer.Option(help="File of the tasks; default is TEAM.journal here. With `up`: none is kept.")
+]
 PortOption = Annotated[int | None, typer.Option("--port", help="Port of the dashboard's page; 0 takes a free one.")]
 
 
@@ -118,6 +123,7 @@ def up(
     dashboard: Annotated[bool, typer.Option(help="Show the team in a browser page on 127.0.0.1.")] = True,
     port: PortOption = None,
     listen: Annotated[str, typer.Option(help="Endpoint of the team's hub.")] = "tcp/127.0.0.1:0",
+    journal: JournalOption = None,
     team: TeamOption = DEFAULT_TEAM,
     as_json: JsonOption = False,
 ) -> None:
@@ -137,6 +143,7 @@ def up(
         until_explored=until_explored(until),
         time_limit_s=above_zero("--time-limit", time_limit),
         record=new_recording(record),
+        journal=journal,
     )
     words = _scenario_words(scenario, map_file, robots, motes, seed)
     should_stop = LiveStop()
@@ -186,12 +193,17 @@ def agent(
 
 
 @app.command()
-def coordinator(connect: ConnectOption = None, listen: ListenOption = None, team: TeamOption = DEFAULT_TEAM) -> None:
-    """Coordinate a team: merge its maps, hand out its tasks."""
+def coordinator(
+    connect: ConnectOption = None,
+    listen: ListenOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    journal: JournalOption = None,
+) -> None:
+    """Coordinate a team: merge its maps, hand out its tasks, and go on where the journal ends."""
     from robrain.deploy.live_commands import coordinator_command
     from robrain.deploy.live_process import endpoints
 
-    coordinator_command(endpoints(connect), listen, check_name("team", team))
+    coordinator_command(endpoints(connect), listen, check_name("team", team), journal)
 
 
 @app.command()

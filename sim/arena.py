@@ -5,11 +5,12 @@ once a tick and moves the clock that stamps what is sent.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import msgspec
 import numpy as np
 import pymunk
+from numpy.typing import NDArray
 
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.geometry import Point2D, Pose2D
@@ -18,14 +19,22 @@ from robrain.protocol.model.omni_drive import OmniBase
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import ArenaClock, ArenaTruth, MoteTruth, RobotTruth
 from robrain.protocol.wire.topics import ARENA_CLOCK, ARENA_SCAN, ARENA_TRUTH
-from robrain.sim.firmware.battery import Battery
-from robrain.sim.firmware.battery_manager import BatteryManager
+from robrain.sim.camera import CameraSpec, SeenMote
+from robrain.sim.camera_desk import CameraDesk
+from robrain.sim.chargers import Chargers, ChargerSpec
+from robrain.sim.fault_injection import FaultSchedule, FaultSpec
+from robrain.sim.field import Field
+from robrain.sim.firmware.battery import Battery, BatterySpec
+from robrain.sim.firmware.battery_manager import STATUS_PERIOD_S, BatteryManager, Reading
+from robrain.sim.firmware.bus_line import BusLine, LineFault
 from robrain.sim.firmware.motor_controller import MotorController
 from robrain.sim.firmware.power_model import PowerModel
+from robrain.sim.firmware.range_sensors import RangeSensors, RangeSensorSpec
 from robrain.sim.lidar import Lidar, LidarSpec
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.wall_shapes import add_walls
-from robrain.sim.motes import ArenaMote, MoteField, TemperatureField
+from robrain.sim.mote import ArenaMote
+from robrain.sim.motes import MoteField, SensorNetwork
 from robrain.sim.referee import Referee, team_geometry
 from robrain.sim.robot_body import (
     COLLISION_SLOP_M,
@@ -35,6 +44,8 @@ from robrain.sim.robot_body import (
     CollisionCounter,
     RobotBody,
 )
+from robrain.sim.sensor_desk import SensorDesk
+from robrain.sim.wheels import Wheels, WheelSpec
 
 TICK_S = 0.02
 CLOCK_PERIOD_S = 0.1
@@ -42,24 +53,31 @@ TRUTH_PERIOD_S = 0.2
 CAN_CHANNEL = "can0"
 
 
-class ArenaRobot(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A robot to be simulated; its nodes sit on the bus `{name}/can0`.
+class RobotHardware(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What the robots of a scenario are built of: its table `[robot]`.
 
-    Raises ValueError where it is built with a radius or a battery that is not above 0.
+    Raises ValueError where it is built with a radius that is not above 0.
     """
+
+    base: OmniBase = OmniBase()
+    radius_m: float = 0.2
+    battery: BatterySpec = BatterySpec()
+    power: PowerModel = PowerModel()
+    lidar: LidarSpec = LidarSpec()
+    range_sensors: RangeSensorSpec = RangeSensorSpec()
+    wheels: WheelSpec = WheelSpec()
+    camera: CameraSpec = CameraSpec()
+
+    def __post_init__(self) -> None:
+        if not self.radius_m > 0:
+            raise ValueError(f"expected radius_m > 0, got {self.radius_m}")
+
+
+class ArenaRobot(RobotHardware, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A robot to be simulated; its nodes sit on the bus `{name}/can0`."""
 
     name: str
     start: Pose2D
-    base: OmniBase = OmniBase()
-    radius_m: float = 0.2
-    battery_wh: float = 20.0
-    power: PowerModel = PowerModel()
-    lidar: LidarSpec = LidarSpec()
-
-    def __post_init__(self) -> None:
-        for name in ("radius_m", "battery_wh"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"expected {name} > 0, got {getattr(self, name)} (robot {self.name})")
 
 
 class Arena:
@@ -74,7 +92,9 @@ class Arena:
         endpoint: says everything that the arena says; its owner closes it after the arena.
         rng: the source of all randomness.
         tick_s: how long a tick is.
-        field: what the motes sense; a plume about a place drawn from `rng` without it.
+        network: what motes and their radio are, and what they sense.
+        chargers: docks on the floor.
+        faults: what breaks, and when.
 
     Raises:
         ValueError: a name is there twice, or a robot's start is taken.
@@ -90,7 +110,9 @@ class Arena:
         rng: np.random.Generator,
         *,
         tick_s: float = TICK_S,
-        field: TemperatureField | None = None,
+        network: SensorNetwork = SensorNetwork(),  # noqa: B008 - frozen
+        chargers: Sequence[ChargerSpec] = (),
+        faults: Sequence[FaultSpec] = (),
     ) -> None:
         _check_names([robot.name for robot in robots], "robot")
         _check_names([mote.name for mote in motes], "mote")
@@ -108,27 +130,63 @@ class Arena:
         rows, columns = walls.shape
         geometry = GridGeometry(plan.resolution_m, plan.origin_x_m, plan.origin_y_m, columns, rows)
         self._robots = [
-            _Robot(spec, self._space, Lidar(spec.lidar, spec.name, walls, geometry, noise_rng), endpoint, index, tick_s)
+            _Robot(
+                spec,
+                self._space,
+                Lidar(spec.lidar, spec.name, walls, geometry, noise_rng),
+                endpoint,
+                index,
+                tick_s,
+                noise_rng.spawn(1)[0],
+                walls,
+                geometry,
+                noise_rng.spawn(2),
+            )
             for index, (spec, noise_rng) in enumerate(zip(robots, robots_rng.spawn(len(robots)), strict=True))
         ]
         self._bodies = [robot.body for robot in self._robots]
+        self.chargers = Chargers(chargers, tick_s)
+        self._charger_period_ticks = max(1, round(STATUS_PERIOD_S / tick_s))
         self._collisions = CollisionCounter(self._space, self._bodies, tick_s)
         self._hulls = np.zeros((len(robots), 3))
         """x, y, radius of each robot, arena frame; filled in when somebody scans."""
         self._hulls[:, 2] = [robot.radius_m for robot in robots]
 
+        field = Field.draw(network.field, plan, field_rng)
         self._motes = MoteField(
             motes,
             [robot.name for robot in robots],
-            field if field is not None else TemperatureField.draw(plan, field_rng),
+            network,
+            field,
             endpoint,
             motes_rng,
+            tick_s,
+        )
+        self.cameras = CameraDesk(
+            [robot.name for robot in robots],
+            [robot.camera for robot in robots],
+            self._bodies,
+            [SeenMote(mote.number, mote.place) for mote in motes],
+            walls,
+            geometry,
+            endpoint,
+            rng.spawn(1)[0],
+            lambda: self._ticks,
+        )
+        self.sensors = SensorDesk(
+            [robot.name for robot in robots],
+            self._bodies,
+            field,
+            endpoint,
+            rng.spawn(1)[0],
+            lambda: self._ticks,
             tick_s,
         )
         self._mote_truths = [MoteTruth(mote=mote.name, place=mote.place) for mote in motes]
         starts = [Point2D(robot.start.x_m, robot.start.y_m) for robot in robots]
         radius_m = min((robot.radius_m for robot in robots), default=0.0)
         self.referee = Referee(plan, starts, radius_m, team_geometry(plan), endpoint)
+        self._faults = FaultSchedule(faults, self, endpoint)
         self._clock_publisher = endpoint.publisher(ARENA_CLOCK)
         self._truth_publisher = endpoint.publisher(ARENA_TRUTH)
         self._clock_period_ticks = max(1, round(CLOCK_PERIOD_S / tick_s))
@@ -155,7 +213,7 @@ class Arena:
                     pose=robot.body.pose,
                     collisions=collisions,
                     distance_m=robot.body.distance_m,
-                    energy_j=robot.battery.used_j,
+                    energy_j=robot.battery.delivered_j,
                 )
                 for robot, collisions in zip(self._robots, self._collisions.count, strict=True)
             ],
@@ -165,13 +223,15 @@ class Arena:
 
     def step(self) -> None:
         """One tick: firmware hears its bus, bodies move, firmware and sensors speak."""
+        self._faults.step(self.sim_time_s)
         for robot in self._robots:
             robot.act()
         self._space.step(self.tick_s)
         self._collisions.step()
         self._ticks += 1
+        self._charge()
         for robot in self._robots:
-            robot.report()
+            robot.report(self._ticks)
         self._scan()
         self._motes.step(self._bodies)
         if self._ticks % self._clock_period_ticks == 0:
@@ -180,16 +240,44 @@ class Arena:
             self.referee.step()
             self._truth_publisher.put(self.truth)
 
+    def break_can(self, robot: str, fault: LineFault) -> None:
+        """Cut or short the line between a robot's nodes and its computer, or repair it (KeyError: no such robot)."""
+        self._named(robot).bus.break_down(fault)
+
+    def freeze_lidar(self, robot: str, *, frozen: bool = True) -> None:
+        """Have a robot's lidar send the same turn again and again, or let it go on (KeyError: no such robot)."""
+        self._named(robot).lidar.is_frozen = frozen
+
+    def fail_motors(self, robot: str, *, failed: bool = True) -> None:
+        """Have a robot's power stage fail, or take the cause away (KeyError: no such robot)."""
+        self._named(robot).controller.has_failed = failed
+
+    def lie_about_battery(self, robot: str, lie: Callable[[Reading], Reading] | None) -> None:
+        """Have a robot's battery gauge tell something else than it reads (KeyError: no such robot)."""
+        self._named(robot).manager.lie = lie
+
     def close(self) -> None:
         """Leave the robots' buses."""
         for robot in self._robots:
             robot.bus.shutdown()
 
+    def _charge(self) -> None:
+        if self.chargers.docked and self._ticks % self._charger_period_ticks == 0:
+            supplies_w = self.chargers.supplies_w(self._bodies)
+            for robot, supply_w in zip(self._robots, supplies_w, strict=True):
+                robot.manager.supply_w = supply_w
+
+    def _named(self, robot: str) -> "_Robot":
+        return {each.name: each for each in self._robots}[robot]
+
     def _scan(self) -> None:
         due = [robot for robot in self._robots if robot.scans_at(self._ticks)]
-        if not due:
+        ranging = [robot for robot in self._robots if robot.ranges.measures_at(self._ticks)]
+        if not due and not ranging:
             return
         self._hulls[:, :2] = [(body.x_m, body.y_m) for body in self._bodies]
+        for robot in ranging:
+            robot.ranges.measure(robot.body.pose, self._hulls)
         for robot in due:
             robot.scan_publisher.put(robot.lidar.scan(robot.body.pose, self._hulls))
 
@@ -198,41 +286,59 @@ class _Robot:
     """A body with its firmware and its lidar."""
 
     def __init__(
-        self, spec: ArenaRobot, space: pymunk.Space, lidar: Lidar, endpoint: Endpoint, index: int, tick_s: float
+        self,
+        spec: ArenaRobot,
+        space: pymunk.Space,
+        lidar: Lidar,
+        endpoint: Endpoint,
+        index: int,
+        tick_s: float,
+        battery_rng: np.random.Generator,
+        walls: NDArray[np.bool_],
+        geometry: GridGeometry,
+        motion_rngs: Sequence[np.random.Generator],
     ) -> None:
         self.name = spec.name
-        self.bus = ZenohBus(
-            f"{spec.name}/{CAN_CHANNEL}",
-            session=endpoint.session,
-            team=endpoint.team,
-            direct=endpoint.drive is Drive.LOCKSTEP,
-            now_ns=endpoint.clock.now_ns,
-            on_outside=endpoint.note_outside,
+        self.bus = BusLine(
+            ZenohBus(
+                f"{spec.name}/{CAN_CHANNEL}",
+                session=endpoint.session,
+                team=endpoint.team,
+                direct=endpoint.drive is Drive.LOCKSTEP,
+                now_ns=endpoint.clock.now_ns,
+                on_outside=endpoint.note_outside,
+            )
         )
-        self.body = RobotBody(space, spec.base, spec.start, spec.radius_m, tick_s)
-        self.battery = Battery(spec.battery_wh)
+        wheels_rng, ranges_rng = motion_rngs
+        wheels = Wheels.draw(spec.base, spec.wheels, wheels_rng)
+        self.body = RobotBody(space, wheels, spec.start, spec.radius_m, tick_s)
+        self.battery = Battery(spec.battery)
         self.lidar = lidar
         self.scan_publisher = endpoint.publisher(ARENA_SCAN, robot=spec.name)
         self._scan_period_ticks = max(1, round(1.0 / (spec.lidar.rate_hz * tick_s)))
         # Robots take turns, so that no tick has all the scans.
         self._scan_phase = index % self._scan_period_ticks
-        self._controller = MotorController(self.bus, spec.base, tick_s)
-        self._manager = BatteryManager(self.bus, self.battery, spec.power, MASS_KG, tick_s)
+        self.controller = MotorController(self.bus, spec.base, tick_s, lambda: self.bus.transmit_errors)
+        self.ranges = RangeSensors(
+            self.bus, spec.range_sensors, spec.radius_m, walls, geometry, ranges_rng, tick_s, index
+        )
+        self.manager = BatteryManager(self.bus, self.battery, spec.power, MASS_KG, tick_s, battery_rng)
         self._per_tick = 1.0 / tick_s
 
     def act(self) -> None:
         """Hear the bus, set the wheels."""
-        self._controller.receive()
-        self._controller.powered = not self.battery.is_empty
-        self.body.drive(*self._controller.wheel_speeds_rad_s)
+        self.controller.receive()
+        self.controller.powered = not self.battery.is_cut_off
+        self.body.drive(*self.controller.wheel_speeds_rad_s)
 
-    def report(self) -> None:
+    def report(self, tick: int) -> None:
         """Follow the body's motion and tell it on the bus."""
         body = self.body
         body.roll()
-        self._controller.report(body.wheel_turns_rad)
+        self.controller.report(body.wheel_turns_rad)
+        self.ranges.feel(tick, body.yaw_rad, body.contacts_rad)
         speed_m_s = math.hypot(body.forward_m, body.left_m) * self._per_tick
-        self._manager.report(speed_m_s, body.turned_rad * self._per_tick)
+        self.manager.report(speed_m_s, body.turned_rad * self._per_tick)
 
     def scans_at(self, tick: int) -> bool:
         """Whether its lidar completes a turn with this tick."""

@@ -57,6 +57,9 @@ class Lidar:
         self._geometry = geometry
         self._rng = rng
         self._increment_rad = math.tau / spec.rays
+        self.is_frozen = False
+        """A frozen lidar goes on sending the turn before, with new stamps: what a stuck driver or buffer does."""
+        self._last: Scan | None = None
         self._angles_rad = np.linspace(-math.pi, math.pi, spec.rays, endpoint=False)
 
     def scan(self, pose: Pose2D, robots: NDArray[np.float64]) -> Scan:
@@ -65,16 +68,19 @@ class Lidar:
         `robots` (K, 3) are the hulls of all robots, its own too: x, y, radius in metres, arena frame. What the noise
         carries past the maximum range is no return.
         """
+        if self.is_frozen and self._last is not None:
+            return self._last
         spec = self.spec
         ranges_m = cast_rays(self._walls, self._geometry, pose, self._angles_rad, spec.range_max_m, robots)
         noisy_m = ranges_m + spec.noise_m * self._rng.standard_normal(spec.rays)
         noisy_m[(ranges_m >= spec.range_max_m) | (noisy_m >= spec.range_max_m)] = 0.0
         ranges_mm = np.rint(1000.0 * noisy_m).astype(np.int64)
         ranges_mm[(ranges_mm < 1) & (noisy_m != 0.0)] = 1
-        return Scan(
+        self._last = Scan(
             robot=self._robot,
             angle_min_rad=-math.pi,
             angle_increment_rad=self._increment_rad,
             range_max_m=spec.range_max_m,
             ranges_mm=ranges_mm.tolist(),
         )
+        return self._last

@@ -1,15 +1,16 @@
 """The arena in the live drive: one tick after the other by the wall clock."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from robrain.sim.arena import Arena
+from robrain.sim.serial_forwarder import SerialForwarder
 
 CATCH_UP_S = 0.5
 
 
-def run_arena(arena: Arena, should_stop: Callable[[], bool]) -> None:
-    """Step an arena in real time until `should_stop()`.
+def run_arena(arena: Arena, should_stop: Callable[[], bool], forwarders: Sequence[SerialForwarder] = ()) -> None:
+    """Step an arena, and its base stations' forwarders, in real time until `should_stop()`.
 
     After a pause of the machine the arena makes up for at most half a second; the rest of the time is lost to the
     simulated world, so that it does not race.
@@ -17,6 +18,8 @@ def run_arena(arena: Arena, should_stop: Callable[[], bool]) -> None:
     due_s = time.monotonic()
     while not should_stop():
         arena.step()
+        for forwarder in forwarders:
+            forwarder.step()
         due_s += arena.tick_s
         ahead_s = due_s - time.monotonic()
         if ahead_s > 0:

@@ -18,7 +18,7 @@ from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.messages import ArenaTruth, OutsideInput
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, COORDINATOR_STATE, MOTE_READING
-from robrain.sim.arena import TICK_S, Arena
+from robrain.sim.arena import TICK_S
 from robrain.sim.world import World
 
 TRUTH_TICKS = 10
@@ -77,7 +77,7 @@ class LockstepRun:
         self._inbox = Inbox()
         self._watcher.subscribe(self._inbox, COORDINATOR_STATE)
         self._watcher.subscribe(self._inbox, MOTE_READING)
-        self.arena = Arena(world.plan, world.robots, world.motes, self._endpoint(team), world.arena_rng())
+        self.arena = world.arena(self._endpoint(team))
         self._closers.append(self.arena.close)
         self._coordinator_wire = self._endpoint(team)
         self.coordinator = Coordinator(self._coordinator_wire)

@@ -1,93 +1,49 @@
-"""The mote field: sensor motes on the floor that wake, sense a temperature and send it to whoever is near.
+"""The mote field: sensor motes on the floor, and the air between them and the robots' base stations.
 
-Currents are those of the Mica2 in Shnayder et al.: Simulating the Power Consumption of Large-Scale Sensor Network
-Applications, SenSys 2004, table 1. Durations, the batteries' curve and the temperatures are chosen.
+Packets meet path loss, shadowing and noise (`radio`), not each other: collisions on the air are not simulated.
 """
 
 import heapq
-import math
 from collections.abc import Sequence
 
 import msgspec
 import numpy as np
 
-from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tinyos import BROADCAST, READING_TYPE, ActiveMessage, ReadingPayload
+from robrain.protocol.tinyos.packet import BROADCAST, ActiveMessage, BadPacket
+from robrain.protocol.tinyos.payloads import Quantity, with_rssi
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.publisher import Publisher
-from robrain.protocol.wire.topics import ARENA_RADIO_RX
-from robrain.sim.maps.floor_plan import FloorPlan
-from robrain.sim.radio import RadioLink, RadioModel
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
+from robrain.sim.field import Field, FieldSpec
+from robrain.sim.mote import ArenaMote, Mote, MoteSpec
+from robrain.sim.radio import Floats, RadioCounters, RadioLink, RadioModel, ShadowField
 from robrain.sim.robot_body import RobotBody
 
-PERIOD_S = 4.0
-JITTER_S = 0.2
-"""A mote's oscillator and its random back-off before it sends: uniform, either way."""
-SENSOR_NOISE_C = 0.1
-
-SLEEP_MA = 0.1
-ACTIVE_MA = 8.0
-SEND_MA = 3.7
-"""The radio at −20 dBm, beside the active CPU (21.5 mA at its full 10 dBm)."""
-ACTIVE_S = 0.02
-SEND_S = 0.02
-"""About 45 bytes with preamble at 19.2 kbit/s."""
-CAPACITY_MAH = 2500.0
-"""Two AA cells in series."""
-FRESH_V, FLAT_V = 3.1, 2.1
-USED_AT_START_MAX = 0.5
-"""The batteries' used share at the start is drawn between 0 and this."""
+FAR_DEVIATIONS = 5.0
+"""A packet that would need so much luck is not even looked at."""
 
 
-class ArenaMote(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A mote to be simulated: its name, its number on the air, and where it lies in the arena frame.
+class SensorNetwork(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Motes, radio and field of a scenario."""
 
-    Raises ValueError where it is built with a number that does not fit 16 bits.
-    """
-
-    name: str
-    number: int
-    place: Point2D
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.number <= BROADCAST - 1:
-            raise ValueError(f"expected {self.name}'s number from 0 to {BROADCAST - 1}, got {self.number}")
-
-
-class TemperatureField(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Air temperature over the floor: a base and one warm plume of Gaussian shape."""
-
-    base_c: float = 20.0
-    plume_c: float = 9.0
-    """How much warmer the plume's middle is."""
-    plume_at: Point2D
-    plume_width_m: float = 3.0
-    """Standard deviation of its shape."""
-
-    def temperature_c(self, place: Point2D) -> float:
-        """Temperature at a place of the arena frame."""
-        distance = math.hypot(place.x_m - self.plume_at.x_m, place.y_m - self.plume_at.y_m) / self.plume_width_m
-        return self.base_c + self.plume_c * math.exp(-0.5 * distance * distance)
-
-    @classmethod
-    def draw(cls, plan: FloorPlan, rng: np.random.Generator) -> "TemperatureField":
-        """A field whose plume stands on a random free cell of the plan."""
-        rows, columns = np.nonzero(~plan.occupied)
-        cell = int(rng.integers(len(rows)))
-        return cls(plume_at=plan.centre_of(int(rows[cell]), int(columns[cell])))
+    motes: MoteSpec = MoteSpec()
+    radio: RadioModel = RadioModel()
+    field: FieldSpec = FieldSpec()
 
 
 class MoteField:
     """All motes, woken in order of time.
 
+    Each mote, and each pair of mote and robot, has randomness of its own: more motes or robots leave the others' alone.
+
     Args:
         motes: what lies where; the order decides who gets which randomness.
         robots: names of the robots with a base station, in the order in which `step()` gets their bodies.
+        network: what the motes and their radio are.
         field: what is sensed.
-        endpoint: where packets that are heard are put.
+        endpoint: where packets that are heard are put, and packets of base stations come from.
         rng: source of the motes' randomness.
         tick_s: how long a tick is.
-        radio: how far packets are heard.
 
     """
 
@@ -95,89 +51,123 @@ class MoteField:
         self,
         motes: Sequence[ArenaMote],
         robots: Sequence[str],
-        field: TemperatureField,
+        network: SensorNetwork,
+        field: Field,
         endpoint: Endpoint,
         rng: np.random.Generator,
         tick_s: float,
-        radio: RadioModel | None = None,
     ) -> None:
-        radio = radio if radio is not None else RadioModel()
+        quantities = [Quantity[name.upper()] for name in network.motes.quantities]
+        self.counters = RadioCounters()
+        self.motes: list[Mote] = []
+        self._air: list[_Air] = []
+        for index, (mote, both) in enumerate(zip(motes, rng.spawn(len(motes)), strict=True)):
+            own, air = both.spawn(2)
+            quantity = quantities[index % len(quantities)]
+            self.motes.append(Mote(mote, network.motes, quantity, network.radio.transmit_dbm, own, tick_s))
+            self._air.append(_Air(self.motes[-1], network.radio, air, self.counters))
+        self._field = field
         self._receivers = [endpoint.publisher(ARENA_RADIO_RX, robot=robot) for robot in robots]
-        self._motes = [
-            _Mote(mote, field.temperature_c(mote.place), len(robots), radio, mote_rng, tick_s)
-            for mote, mote_rng in zip(motes, rng.spawn(len(motes)), strict=True)
-        ]
+        self._robot_index = {robot: index for index, robot in enumerate(robots)}
+        self._mote_index = {mote.number: index for index, mote in enumerate(motes)}
+        self._xs_m, self._ys_m = np.zeros(len(robots)), np.zeros(len(robots))
+        self._places_tick = -1
+        self._inbox = Inbox()
+        if motes:
+            endpoint.subscribe(self._inbox, ARENA_RADIO_TX)
         self._tick = 0
-        self._wake_ticks = [(mote.first_tick, index) for index, mote in enumerate(self._motes)]
-        heapq.heapify(self._wake_ticks)
+        self._wakes = [(mote.next_tick, index) for index, mote in enumerate(self.motes)]
+        heapq.heapify(self._wakes)
 
     def step(self, robots: Sequence[RobotBody]) -> None:
-        """Go on by a tick: motes whose time has come sense and send to the robots in reach."""
+        """Go on by a tick: base stations' packets reach motes; motes whose time has come sense and send."""
         self._tick += 1
-        while self._wake_ticks and self._wake_ticks[0][0] <= self._tick:
-            tick, index = self._wake_ticks[0]
-            mote = self._motes[index]
-            if mote.is_flat:
-                heapq.heappop(self._wake_ticks)
+        if len(self._inbox):
+            self._look_where_robots_are(robots)
+            for received in self._inbox.drain():
+                self._from_robot(received.names["robot"], received.message)
+        while self._wakes and self._wakes[0][0] <= self._tick:
+            tick, index = heapq.heappop(self._wakes)
+            mote = self.motes[index]
+            if mote.battery.is_flat or mote.next_tick != tick:  # flat for good, or woken at another time instead
                 continue
-            mote.wake(tick, robots, self._receivers)
-            heapq.heapreplace(self._wake_ticks, (mote.next_tick(tick), index))
+            self._look_where_robots_are(robots)
+            self._send(index, mote.wake(tick, self._field))
+            heapq.heappush(self._wakes, (mote.next_tick, index))
+
+    def _send(self, index: int, message: ActiveMessage) -> None:
+        """To each robot that hears it, with its own signal strength."""
+        self.counters.sent += 1
+        packet = message.pack()
+        for robot, rssi_dbm in self._air[index].heard_by(self._xs_m, self._ys_m):
+            self._receivers[robot].put_bytes(with_rssi(packet, rssi_dbm))
+
+    def _from_robot(self, name: str, packet: bytes) -> None:
+        robot = self._robot_index.get(name)
+        try:
+            message = ActiveMessage.unpack(packet)
+        except BadPacket:
+            return
+        if robot is None:
+            return
+        self.counters.sent += 1
+        addressed = self._mote_index.get(message.destination)
+        wanted = range(len(self.motes)) if message.destination == BROADCAST else [addressed]
+        for index in wanted:
+            if index is None:
+                continue
+            mote = self.motes[index]
+            if mote.listens_at(self._tick) and self._air[index].hears(robot, self._xs_m, self._ys_m):
+                before = mote.next_tick
+                mote.hear(message, self._tick)
+                if mote.next_tick != before:
+                    heapq.heappush(self._wakes, (mote.next_tick, index))
+
+    def _look_where_robots_are(self, robots: Sequence[RobotBody]) -> None:
+        if self._places_tick != self._tick:
+            self._places_tick = self._tick
+            self._xs_m[:] = [robot.x_m for robot in robots]
+            self._ys_m[:] = [robot.y_m for robot in robots]
 
 
-class _Mote:
-    """One mote with its batteries and its links to the robots."""
+class _Air:
+    """What lies between one mote and all robots; both directions are alike."""
 
-    def __init__(
-        self,
-        spec: ArenaMote,
-        temperature_c: float,
-        robots: int,
-        radio: RadioModel,
-        rng: np.random.Generator,
-        tick_s: float,
-    ) -> None:
-        self._spec = spec
-        self._temperature_c = temperature_c
-        self._tick_s = tick_s
+    def __init__(self, mote: Mote, radio: RadioModel, rng: np.random.Generator, counters: RadioCounters) -> None:
+        self._place = mote.mote.place
+        self._radio = radio
         self._rng = rng
-        self._links = [RadioLink(radio, link_rng) for link_rng in rng.spawn(robots)]
-        self._used_mah = CAPACITY_MAH * self._rng.uniform(0.0, USED_AT_START_MAX)
-        self._slept_from_tick = 0
-        self._sequence = 0
-        self.first_tick = 1 + int(self._rng.uniform(0.0, PERIOD_S) / tick_s)
+        self._counters = counters
+        self._shadow = ShadowField(radio.static_db, radio.correlation_m, rng) if radio.static_db > 0 else None
+        self._links: dict[int, RadioLink] = {}
+        self._weakest_dbm = radio.sensitivity_dbm - FAR_DEVIATIONS * max(radio.per_packet_db, 1.0)
 
-    @property
-    def is_flat(self) -> bool:
-        """Whether its batteries are used up."""
-        return self._used_mah >= CAPACITY_MAH
+    def heard_by(self, xs_m: Floats, ys_m: Floats) -> list[tuple[int, float]]:
+        """Robots that one packet reaches, with its strength in dBm at each."""
+        expected_dbm = self._expected_dbm(xs_m, ys_m)
+        heard = []
+        for robot, strength_dbm in enumerate(expected_dbm.tolist()):
+            if strength_dbm >= self._weakest_dbm:
+                rssi_dbm = self._link(robot).receive_dbm(strength_dbm)
+                if rssi_dbm is not None:
+                    heard.append((robot, rssi_dbm))
+        return heard
 
-    def next_tick(self, tick: int) -> int:
-        """When it wakes again, having woken at `tick`."""
-        return tick + max(1, round((PERIOD_S + self._rng.uniform(-JITTER_S, JITTER_S)) / self._tick_s))
+    def hears(self, robot: int, xs_m: Floats, ys_m: Floats) -> bool:
+        """Whether one packet of a robot reaches the mote."""
+        strength_dbm = float(self._expected_dbm(xs_m[robot : robot + 1], ys_m[robot : robot + 1])[0])
+        return strength_dbm >= self._weakest_dbm and self._link(robot).receive_dbm(strength_dbm) is not None
 
-    def wake(self, tick: int, robots: Sequence[RobotBody], receivers: Sequence[Publisher]) -> None:
-        """Sense, and send one packet; each robot that hears it gets it with its own signal strength."""
-        self._use_energy(tick)
-        reading_c = self._temperature_c + SENSOR_NOISE_C * self._rng.standard_normal()
-        place = self._spec.place
-        reading = ReadingPayload(
-            mote=self._spec.number,
-            sequence=self._sequence & 0xFFFF,
-            voltage_mv=round(1000.0 * (FRESH_V + (FLAT_V - FRESH_V) * self._used_mah / CAPACITY_MAH)),
-            reading_centi=round(100.0 * reading_c),
-            x_dm=round(10.0 * place.x_m),
-            y_dm=round(10.0 * place.y_m),
-        )
-        self._sequence += 1
-        for robot, link, receiver in zip(robots, self._links, receivers, strict=True):
-            rssi_dbm = link.receive_dbm(math.hypot(robot.x_m - place.x_m, robot.y_m - place.y_m))
-            if rssi_dbm is not None:
-                heard = msgspec.structs.replace(reading, rssi_dbm=max(-128, min(127, round(rssi_dbm))))
-                message = ActiveMessage(type=READING_TYPE, payload=heard.pack(), source=self._spec.number)
-                receiver.put_bytes(message.pack())
+    def _expected_dbm(self, xs_m: Floats, ys_m: Floats) -> Floats:
+        distances_m = np.hypot(xs_m - self._place.x_m, ys_m - self._place.y_m)
+        mean_dbm = self._radio.mean_rssi_dbm_of(distances_m)
+        return mean_dbm if self._shadow is None else mean_dbm + self._shadow.at(xs_m, ys_m)
 
-    def _use_energy(self, tick: int) -> None:
-        slept_s = (tick - self._slept_from_tick) * self._tick_s
-        self._slept_from_tick = tick
-        charge_mas = SLEEP_MA * slept_s + ACTIVE_MA * (ACTIVE_S + SEND_S) + SEND_MA * SEND_S
-        self._used_mah += charge_mas / 3600.0
+    def _link(self, robot: int) -> RadioLink:
+        link = self._links.get(robot)
+        if link is None:
+            own = self._rng.bit_generator.seed_seq
+            assert isinstance(own, np.random.SeedSequence)
+            seed = np.random.SeedSequence(own.entropy, spawn_key=(*own.spawn_key, robot))
+            link = self._links[robot] = RadioLink(self._radio, np.random.default_rng(seed), self._counters)
+        return link

@@ -1,7 +1,7 @@
 """The body of a simulated robot: a round base on three omni wheels, pushed and stopped by what it meets.
 
-The wheels never slip against the floor in this version: they turn with the body's true motion, also when a wall
-holds it, so that encoders tell the truth up to their resolution.
+The wheels turn with the body's true motion, also when a wall holds it. Without errors and slip (`sim/wheels.py`) the
+encoders thus tell the truth up to their resolution.
 """
 
 import math
@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import pymunk
 
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.model.omni_drive import OmniBase
+from robrain.sim.wheels import Wheels
 
 ROBOT_COLLISION, WALL_COLLISION = 1, 2
 """Collision types of shapes in the arena's space."""
@@ -35,15 +35,15 @@ class RobotBody:
 
     Args:
         space: where its body and shape are added.
-        base: kinematics of the three wheels.
+        wheels: the three of them, as they truly are.
         start: pose in the arena frame.
         radius_m: of the round hull.
         tick_s: how long a tick is.
 
     """
 
-    def __init__(self, space: pymunk.Space, base: OmniBase, start: Pose2D, radius_m: float, tick_s: float) -> None:
-        self.base = base
+    def __init__(self, space: pymunk.Space, wheels: Wheels, start: Pose2D, radius_m: float, tick_s: float) -> None:
+        self.wheels = wheels
         self.radius_m = radius_m
         self.x_m, self.y_m, self.yaw_rad = start.x_m, start.y_m, start.yaw_rad
         """Pose in the arena frame; the yaw is not wrapped."""
@@ -51,6 +51,8 @@ class RobotBody:
         """Displacement of the last tick in the body frame, at the yaw halfway."""
         self.wheel_turns_rad = [0.0, 0.0, 0.0]
         """How far each wheel has turned since the start."""
+        self.contacts_rad: list[float] = []
+        """Where something has touched the hull in the last tick: directions in the arena frame, from the centre."""
         self.distance_m = 0.0
         """Length of the way since the start."""
         self._tick_s = tick_s
@@ -69,9 +71,16 @@ class RobotBody:
         """Where it is, arena frame; yaw in [−π, π]."""
         return Pose2D(self.x_m, self.y_m, math.remainder(self.yaw_rad, math.tau))
 
+    @property
+    def place_m(self) -> tuple[float, float]:
+        """Where it is now, also in the middle of a step of the space; arena frame."""
+        x_m, y_m = self._body.position
+        return x_m, y_m
+
     def drive(self, wheel_1_rad_s: float, wheel_2_rad_s: float, wheel_3_rad_s: float) -> None:
         """Bring the body's velocity as near to that of these wheel speeds as the acceleration allows in a tick."""
-        wanted = self.base.twist(wheel_1_rad_s, wheel_2_rad_s, wheel_3_rad_s)
+        self.contacts_rad.clear()
+        wanted = self.wheels.twist(wheel_1_rad_s, wheel_2_rad_s, wheel_3_rad_s)
         body = self._body
         yaw_rate_rad_s = body.angular_velocity
         limit = self._yaw_rate_change_rad_s
@@ -100,7 +109,7 @@ class RobotBody:
         self.forward_m = cos * dx_m + sin * dy_m
         self.left_m = cos * dy_m - sin * dx_m
         self.distance_m += math.hypot(dx_m, dy_m)
-        turns_rad = self.base.wheel_speeds_rad_s(Twist2D(self.forward_m, self.left_m, self.turned_rad))
+        turns_rad = self.wheels.turns_rad(Twist2D(self.forward_m, self.left_m, self.turned_rad))
         for wheel, turn_rad in enumerate(turns_rad):
             self.wheel_turns_rad[wheel] += turn_rad
 
@@ -108,19 +117,22 @@ class RobotBody:
 class CollisionCounter:
     """Counts for each robot how often it began to touch a wall or another robot.
 
-    All walls are one partner, thus sliding from one wall's shape to the next is no new collision. `count[i]` is that
-    of the i-th robot; `step()` is due once a tick.
+    It also notes on the bodies where they are touched. All walls are one partner, thus sliding from one wall's shape to
+    the next is no new collision. `count[i]` is that of the i-th robot; `step()` is due once a tick.
     """
 
     def __init__(self, space: pymunk.Space, robots: Sequence[RobotBody], tick_s: float) -> None:
         self.count = [0] * len(robots)
+        self._robots = robots
         self._index: dict[pymunk.Shape, int] = {robot.shape: index for index, robot in enumerate(robots)}
         self._touching: dict[tuple[int, int], int] = {}
         self._parted_tick: dict[tuple[int, int], int] = {}
         self._apart_ticks = round(APART_S / tick_s)
         self._tick = 0
         for other in (ROBOT_COLLISION, WALL_COLLISION):
-            space.on_collision(ROBOT_COLLISION, other, begin=self._begin, separate=self._separate)
+            space.on_collision(
+                ROBOT_COLLISION, other, begin=self._begin, separate=self._separate, post_solve=self._touch
+            )
 
     def step(self) -> None:
         """Go on by a tick."""
@@ -140,6 +152,16 @@ class CollisionCounter:
         pair = self._pair(arbiter)
         self._touching[pair] -= 1
         self._parted_tick[pair] = self._tick
+
+    def _touch(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
+        for shape in arbiter.shapes:
+            index = self._index.get(shape, _WALL)
+            if index != _WALL:
+                robot = self._robots[index]
+                x_m, y_m = robot.place_m
+                for contact in arbiter.contact_point_set.points:
+                    point = contact.point_a
+                    robot.contacts_rad.append(math.atan2(point.y - y_m, point.x - x_m))
 
     def _pair(self, arbiter: pymunk.Arbiter) -> tuple[int, int]:
         one, other = (self._index.get(shape, _WALL) for shape in arbiter.shapes)

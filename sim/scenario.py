@@ -8,6 +8,7 @@ print(f"{result.explored_fraction:.0%} explored in {result.sim_time_s:.0f} s")
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
@@ -15,12 +16,16 @@ import msgspec
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.warm_up import warm_up
+from robrain.sim.arena import RobotHardware
+from robrain.sim.chargers import ChargerSpec
 from robrain.sim.errors import ScenarioError
+from robrain.sim.fault_injection import FaultSpec
 from robrain.sim.lockstep import LockstepRun
 from robrain.sim.maps.drawing import FloorDrawing, rasterise
 from robrain.sim.maps.errors import MapError
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.map_server import load_map
+from robrain.sim.motes import SensorNetwork
 from robrain.sim.pacing import Pacer, StopOnInterrupt
 from robrain.sim.result import RobotResult, RunResult
 from robrain.sim.scenario_file import MAX_MOTES, MAX_ROBOTS, ScenarioTables, read_builtin, read_scenario_file
@@ -49,6 +54,13 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     motes: int = 0
     near: Point2D | None = None
     """The robots start about here; where there is most room if None."""
+    hardware: RobotHardware = RobotHardware()
+    """What each robot is built of."""
+    network: SensorNetwork = SensorNetwork()
+    """What the motes and their radio are, and what they sense."""
+    chargers: tuple[ChargerSpec, ...] = ()
+    faults: tuple[FaultSpec, ...] = ()
+    """What breaks, and when."""
     seed: int = 1
     until_explored: float = 0.98
     time_limit_s: float = 900.0
@@ -97,6 +109,10 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             robots=tables.team.robots,
             motes=tables.motes.count,
             near=Point2D(*tables.team.near_m) if tables.team.near_m is not None else None,
+            hardware=tables.robot,
+            network=tables.network,
+            chargers=tables.chargers,
+            faults=tables.faults,
             seed=tables.scenario.seed,
             until_explored=tables.scenario.until_explored,
             time_limit_s=tables.scenario.time_limit_s,
@@ -121,9 +137,17 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     def world(self) -> World:
         """The floor with robots and motes in their places (ScenarioError if they do not fit)."""
         try:
-            return build_world(self.plan(), self.robots, self.motes, self.near, self.seed)
+            plan, chargers = self.plan(), self.chargers
+            world = build_world(
+                plan, self.robots, self.motes, self.near, self.seed, self.hardware, self.network, chargers
+            )
         except MapError as error:
             raise ScenarioError(str(error)) from error
+        for fault in self.faults:
+            if fault.robot not in (robot.name for robot in world.robots):
+                names = f"r1 to r{self.robots}"
+                raise ScenarioError(f"{self.name}: faults: no robot {fault.robot!r}; there are {names}")
+        return replace(world, faults=self.faults)
 
     def run(
         self,

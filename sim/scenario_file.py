@@ -6,8 +6,15 @@ from pathlib import Path
 
 import msgspec
 
+from robrain.sim.arena import RobotHardware
+from robrain.sim.chargers import ChargerSpec
 from robrain.sim.errors import ScenarioError
+from robrain.sim.fault_injection import FaultSpec
+from robrain.sim.field import FieldSpec
 from robrain.sim.maps.drawing import FloorDrawing
+from robrain.sim.mote import MoteSpec
+from robrain.sim.motes import SensorNetwork
+from robrain.sim.radio import RadioModel
 
 MAX_ROBOTS = 1000
 MAX_MOTES = 10000
@@ -49,28 +56,40 @@ class TeamTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError(f"expected robots from 1 to {MAX_ROBOTS}, got {self.robots}")
 
 
-class MotesTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """`[motes]`."""
+class MotesTable(MoteSpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[motes]`: how many, and what they are."""
 
     count: int = 0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not 0 <= self.count <= MAX_MOTES:
             raise ValueError(f"expected count from 0 to {MAX_MOTES}, got {self.count}")
 
 
 class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The whole file: either `[floor]`, a drawing, or `[map]`, a map_server file."""
+    """The whole file: either `[floor]`, a drawing, or `[map]`, a map_server file; `[robot]` is what all robots are."""
 
     scenario: ScenarioTable
     floor: FloorDrawing | None = None
     map: MapTable | None = None
     team: TeamTable = TeamTable()
     motes: MotesTable = MotesTable()
+    radio: RadioModel = RadioModel()
+    field: FieldSpec = FieldSpec()
+    robot: RobotHardware = RobotHardware()
+    chargers: tuple[ChargerSpec, ...] = ()
+    faults: tuple[FaultSpec, ...] = ()
 
     def __post_init__(self) -> None:
         if (self.floor is None) == (self.map is None):
             raise ValueError("expected either [floor] or [map]")
+
+    @property
+    def network(self) -> SensorNetwork:
+        """What `[motes]`, `[radio]` and `[field]` say."""
+        spec = MoteSpec(**{name: getattr(self.motes, name) for name in MoteSpec.__struct_fields__})
+        return SensorNetwork(motes=spec, radio=self.radio, field=self.field)
 
 
 def builtin_names() -> list[str]:

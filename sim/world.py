@@ -2,21 +2,27 @@
 
 import io
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 from PIL import Image
 
 from robrain.agent.robot_file import RobotFile, RobotTable, ZenohTable
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.keys import DEFAULT_TEAM
-from robrain.sim.arena import ArenaRobot
+from robrain.sim.arena import Arena, ArenaRobot, RobotHardware
+from robrain.sim.chargers import ChargerSpec
+from robrain.sim.fault_injection import FaultSpec
+from robrain.sim.maps.errors import PlacementError
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.placement import scatter_points, spawn_poses
-from robrain.sim.motes import ArenaMote
+from robrain.sim.mote import ArenaMote
+from robrain.sim.motes import SensorNetwork
 from robrain.sim.referee import team_geometry
 
-ROBOT_RADIUS_M = 0.20
 ROBOT_SPACING_M = 0.7
 MOTE_CLEARANCE_M = 0.1
 
@@ -29,6 +35,23 @@ class World:
     robots: list[ArenaRobot]
     motes: list[ArenaMote]
     seed: int
+    network: SensorNetwork = SensorNetwork()  # noqa: RUF009 - frozen
+    """What the motes and their radio are, and what they sense."""
+    chargers: tuple[ChargerSpec, ...] = ()
+    faults: tuple[FaultSpec, ...] = ()
+
+    def arena(self, endpoint: Endpoint) -> Arena:
+        """An arena with all of it, that speaks by this endpoint."""
+        return Arena(
+            self.plan,
+            self.robots,
+            self.motes,
+            endpoint,
+            self.arena_rng(),
+            network=self.network,
+            chargers=self.chargers,
+            faults=self.faults,
+        )
 
     def arena_rng(self) -> np.random.Generator:
         """The randomness of the arena."""
@@ -45,6 +68,8 @@ class World:
                     "x_m": robot.start.x_m,
                     "y_m": robot.start.y_m,
                     "yaw_rad": robot.start.yaw_rad,
+                    # An exact odometry is better than cells of 0.1 m can tell.
+                    "wall_slack_cells": 0.5 if robot.wheels.is_exact else 0.1,
                 },
                 "mapper": {
                     "resolution_m": geometry.resolution_m,
@@ -53,7 +78,11 @@ class World:
                     "width_m": geometry.width * geometry.resolution_m,
                     "height_m": geometry.height * geometry.resolution_m,
                 },
-                "battery": {"capacity_wh": robot.battery_wh},
+                "battery": {"capacity_wh": robot.battery.capacity_wh},
+                "mocdevice": {"radius_m": robot.radius_m, "base": msgspec.structs.asdict(robot.base)},
+                **_range_sensors(robot),
+                **_home(self.chargers),
+                "obstacle_distance": {"radius_m": robot.radius_m},
             },
         )
 
@@ -65,7 +94,16 @@ class World:
         return buffer.getvalue()
 
 
-def build_world(plan: FloorPlan, robots: int, motes: int, near: Point2D | None, seed: int) -> World:
+def build_world(
+    plan: FloorPlan,
+    robots: int,
+    motes: int,
+    near: Point2D | None,
+    seed: int,
+    hardware: RobotHardware = RobotHardware(),  # noqa: B008 - frozen
+    network: SensorNetwork = SensorNetwork(),  # noqa: B008 - frozen
+    chargers: Sequence[ChargerSpec] = (),
+) -> World:
     """Put robots and motes on a floor.
 
     Raises:
@@ -73,15 +111,54 @@ def build_world(plan: FloorPlan, robots: int, motes: int, near: Point2D | None, 
 
     """
     rng = np.random.default_rng([seed, 0])
-    poses = spawn_poses(plan, robots, ROBOT_RADIUS_M, near=near, rng=rng, spacing_m=ROBOT_SPACING_M)
+    poses = spawn_poses(plan, robots, hardware.radius_m, near=near, rng=rng, spacing_m=ROBOT_SPACING_M)
     arena_robots = [
-        ArenaRobot(name=f"r{number}", start=pose, radius_m=ROBOT_RADIUS_M) for number, pose in enumerate(poses, 1)
+        ArenaRobot(name=f"r{number}", start=pose, **msgspec.structs.asdict(hardware))
+        for number, pose in enumerate(poses, 1)
     ]
-    reachable = plan.reachable([Point2D(pose.x_m, pose.y_m) for pose in poses], ROBOT_RADIUS_M)
+    reachable = plan.reachable([Point2D(pose.x_m, pose.y_m) for pose in poses], hardware.radius_m)
+    for charger in chargers:
+        _check_charger(charger, plan, hardware.radius_m)
     places: list[Point2D] = []
     if motes:
         area_m2 = float(reachable.sum()) * plan.resolution_m**2
         spacing_m = 0.7 * math.sqrt(area_m2 / motes)
         places = scatter_points(plan, motes, reachable, rng=rng, min_clearance_m=MOTE_CLEARANCE_M, spacing_m=spacing_m)
     arena_motes = [ArenaMote(name=f"m{number}", number=number, place=place) for number, place in enumerate(places, 1)]
-    return World(plan, arena_robots, arena_motes, seed)
+    return World(plan, arena_robots, arena_motes, seed, network, tuple(chargers))
+
+
+def _check_charger(charger: ChargerSpec, plan: FloorPlan, radius_m: float) -> None:
+    row, column = plan.cell_of(*charger.place_m)
+    clearance_m = float(plan.clearance_m[row, column]) if plan.holds_cell(row, column) else 0.0
+    if clearance_m < radius_m:
+        x_m, y_m = charger.place_m
+        raise PlacementError(
+            f"expected room for a robot of radius {radius_m:g} m at the charger at x {x_m:g}, y {y_m:g} on "
+            f"{plan.name}, got {clearance_m:.2f} m to the next wall; move it in [[chargers]]",
+            asked=1,
+            found=0,
+        )
+
+
+def _home(chargers: Sequence[ChargerSpec]) -> dict[str, dict[str, object]]:
+    """What the agent has to know of the docks; nothing if there are none."""
+    places = []
+    for charger in chargers:
+        place = dict(zip(("x_m", "y_m"), charger.place_m, strict=True))
+        places.append(place if charger.yaw_rad is None else place | {"yaw_rad": charger.yaw_rad})
+    return {"home": {"chargers": places}} if places else {}
+
+
+def _range_sensors(robot: ArenaRobot) -> dict[str, dict[str, object]]:
+    """What the agent has to know of the ring; nothing of one that is not there."""
+    ring = robot.range_sensors
+    if not ring.angles_rad:
+        return {}
+    return {
+        "range_sensors": {
+            "angles_rad": list(ring.angles_rad),
+            "range_max_m": ring.range_max_m,
+            "mounted_m": robot.radius_m,
+        }
+    }

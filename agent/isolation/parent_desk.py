@@ -24,9 +24,13 @@ logger = logging.getLogger(__name__)
 Hear = Callable[[int, Any], None]
 
 BOARD_TYPES: dict[str, Any] = {field.name: field.type for field in msgspec.structs.fields(RobotState)} | {
-    "T_arena_odom": Pose2D | None
+    "T_arena_odom": Pose2D | None,
+    "T_odom_robot": Pose2D | None,
+    "wheel_ticks": tuple[int, int, int] | None,
+    "has_scanned": bool,
+    "doubted_scan": list[int] | None,
 }
-"""The board's facts are those of the state, and the frame of dead reckoning."""
+"""The board's facts are those of the state, the frames of dead reckoning, and what devices keep over a restart."""
 
 
 class _Held(NamedTuple):

@@ -9,6 +9,7 @@ from enum import StrEnum
 from robrain.coordinator.dashboard.map_view import FAR_M, MapView
 from robrain.coordinator.dashboard.rate_meter import RateMeter
 from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.task import place_of
 from robrain.protocol.wire.inbox import Received
 from robrain.protocol.wire.messages import (
     ArenaClock,
@@ -209,7 +210,7 @@ class TeamView:
         status = robot.state.task if robot.state is not None else None
         event = self.tasks.get(status.id) if status is not None and not status.state.ended else None
         if event is not None:
-            return event.task.goal
+            return place_of(event.task)
         return robot.path[-1] if robot.path else None
 
     # -- one topic each -------------------------------------------------------------------------------------
@@ -263,7 +264,7 @@ class TeamView:
 
     def _take_task(self, received: Received, now_s: float) -> None:
         event: TaskEvent = received.message
-        _check_place(event.task.goal)
+        _check_place(place_of(event.task))
         self.tasks.pop(event.task.id, None)
         if not event.state.ended:
             self.tasks[event.task.id] = event

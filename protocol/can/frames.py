@@ -36,6 +36,7 @@ class FrameCodec:
         self.name: str = message.name
         self.arbitration_id: int = message.frame_id
         self._message = message
+        self._length: int = message.length
         self._crc_start = _crc8(_CRC8_START, self.arbitration_id.to_bytes(2, "big"))
 
     def pack(self, counter: int, **values: float) -> can.Message:
@@ -57,8 +58,8 @@ class FrameCodec:
 
         """
         data = frame.data
-        if len(data) != self._message.length:
-            raise BadFrame(f"{self.name}: expected {self._message.length} bytes, got {len(data)}")
+        if len(data) != self._length:
+            raise BadFrame(f"{self.name}: expected {self._length} bytes, got {len(data)}")
         if data[-1] != self._checksum(data):
             raise BadFrame(f"{self.name}: wrong checksum")
         signals: dict[str, float] = self._message.decode(data, decode_choices=False)
@@ -79,6 +80,12 @@ def database() -> Any:
 def codec(name: str) -> FrameCodec:
     """The codec of the frame with that name in the DBC file."""
     return FrameCodec(database().get_message_by_name(name))
+
+
+@cache
+def known_identifiers() -> frozenset[int]:
+    """The identifiers of all frames in the DBC file."""
+    return frozenset(message.frame_id for message in database().messages)
 
 
 @cache

@@ -1,21 +1,29 @@
 """Where a round robot may drive on a known map, how dear each place is, and the paths that follow from it.
 
-Unknown floor is not driven on. A cell is traversable if it is known to be free and its clearance from known
-obstacles is at least the robot's radius plus a margin; near obstacles it costs more, so that paths keep away from
-walls where there is room.
+A cell is traversable if its clearance from known obstacles is at least the robot's radius plus a margin and, unless
+the grid is told otherwise, if it is known to be free; near obstacles it costs more, so that paths keep away from walls
+where there is room.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.inflation import clearance_m
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, GridGeometry
-from robrain.protocol.model.path_planning import distance_field, nearest_traversable, plan_path, shorten_path
+from robrain.protocol.model.path_planning import (
+    distance_field,
+    nearest_traversable,
+    plan_path,
+    round_corners,
+    shorten_path,
+)
 
 COMFORT_M = 0.4
 """Clearance beyond the needed one from which on a place costs no more."""
@@ -23,6 +31,20 @@ DISCOMFORT = 3.0
 """Cost of the tightest place, over 1."""
 COARSE = 2
 """Pitch of the grid on which ways are compared, in cells."""
+DEAR = 5.0
+"""What a cell of a zone costs more, chosen: more than the tightest place, so that the width of a corridor is used."""
+
+
+CENTRED_M = 0.5
+"""Places with less clearance are moved to the middle between the walls, by half a cell at the most: in a corridor as
+narrow as a robot can go that is half of the room that there is."""
+
+
+class Zone(NamedTuple):
+    """Floor that is better left to somebody else: all within `radius_m` of positions (N, 2), metres, arena frame."""
+
+    positions: NDArray[np.float64]
+    radius_m: float
 
 
 class NavigationGrid:
@@ -32,16 +54,56 @@ class NavigationGrid:
         classes: (H, W) int8, classes of an OccupancyGrid.
         geometry: of the grid.
         needed_m: radius of the robot plus margin.
+        unknown_cost: what unknown floor costs over known floor, at least 1; None if it is not driven on.
 
     """
 
-    def __init__(self, classes: NDArray[np.int8], geometry: GridGeometry, needed_m: float) -> None:
+    def __init__(
+        self, classes: NDArray[np.int8], geometry: GridGeometry, needed_m: float, unknown_cost: float | None = None
+    ) -> None:
         self.geometry = geometry
         self.needed_m = needed_m
-        clearance = clearance_m(classes == OCCUPIED, geometry.resolution_m, needed_m + COMFORT_M)
-        self.traversable: NDArray[np.bool_] = (classes == FREE) & (clearance >= needed_m)
-        spare = np.clip((clearance - needed_m) / COMFORT_M, 0.0, 1.0)
-        self.cost: NDArray[np.float32] = (1.0 + DISCOMFORT * (1.0 - spare) ** 2).astype(np.float32)
+        self.unknown_cost = unknown_cost
+        self.traversable: NDArray[np.bool_] = np.empty(classes.shape, np.bool_)
+        self.cost: NDArray[np.float32] = np.empty(classes.shape, np.float32)
+        self._classes = classes
+        everything = np.s_[:, :]
+        self._look(everything, everything, everything)
+
+    def update(self, classes: NDArray[np.int8]) -> None:
+        """Look at the map again: only where it has changed, and as far around as that can be felt."""
+        changed = classes != self._classes
+        rows = np.flatnonzero(changed.any(axis=1))
+        self._classes = classes
+        if rows.size == 0:
+            return
+        columns = np.flatnonzero(changed[rows[0] : rows[-1] + 1].any(axis=0))
+        reach = math.ceil((self.needed_m + COMFORT_M) / self.geometry.resolution_m)
+        low_row, low_column = max(0, rows[0] - reach), max(0, columns[0] - reach)
+        inner = np.s_[low_row : rows[-1] + reach + 1, low_column : columns[-1] + reach + 1]
+        # Twice as far around, so that what counts as an obstacle beyond this box's edge is out of reach of the inner.
+        top, left = max(0, rows[0] - 2 * reach), max(0, columns[0] - 2 * reach)
+        outer = np.s_[top : rows[-1] + 2 * reach + 1, left : columns[-1] + 2 * reach + 1]
+        height, width = classes[inner].shape
+        row, column = low_row - top, low_column - left
+        self._look(outer, np.s_[row : row + height, column : column + width], inner)
+        self.__dict__.pop("_coarse", None)
+
+    def _look(self, outer: tuple[slice, slice], within: tuple[slice, slice], inner: tuple[slice, slice]) -> None:
+        """Fill in the cells `inner`; `outer` is the part of the map looked at, `within` where they lie in it."""
+        near_m = clearance_m(self._classes[outer] == OCCUPIED, self.geometry.resolution_m, self.needed_m + COMFORT_M)[
+            within
+        ]
+        classes = self._classes[inner]
+        enough = near_m >= self.needed_m
+        spare = np.clip((near_m - self.needed_m) / COMFORT_M, 0.0, 1.0)
+        cost = (1.0 + DISCOMFORT * (1.0 - spare) ** 2).astype(np.float32)
+        if self.unknown_cost is None:
+            self.traversable[inner] = (classes == FREE) & enough
+        else:
+            self.traversable[inner] = (classes != OCCUPIED) & enough
+            cost[classes != FREE] *= np.float32(self.unknown_cost)
+        self.cost[inner] = cost
 
     def snap(self, place: Point2D, radius_m: float) -> tuple[int, int] | None:
         """The nearest traversable cell within a radius of a place."""
@@ -55,6 +117,7 @@ class NavigationGrid:
         *,
         snap_m: float,
         avoid: Iterable[tuple[float, float, float]] = (),
+        dear: Sequence[Zone] = (),
     ) -> list[Point2D] | None:
         """A cheapest path from start to as near to the goal as the robot can stand, within `snap_m`.
 
@@ -63,9 +126,10 @@ class NavigationGrid:
             goal: where it wants to be.
             snap_m: how far start and goal may be from the ends of the path.
             avoid: circles (x, y, radius) in metres that must not be driven through.
+            dear: zones in which each cell costs `DEAR` more.
 
         Returns:
-            Waypoints, the start's cell left out; None if there is no path.
+            Waypoints, the start's cell left out, corners rounded where there is room; None if there is no path.
 
         """
         traversable = self.without(avoid)
@@ -79,12 +143,47 @@ class NavigationGrid:
         ]
         if ends[0] is None or ends[1] is None:
             return None
-        cells = plan_path(traversable, self.cost, ends[0], ends[1])
+        cost = self._with_zones(dear)
+        cells = plan_path(traversable, cost, ends[0], ends[1])
         if cells is None:
             return None
-        comfortable = traversable & (self.cost < 1.0 + DISCOMFORT / 4)
-        waypoints = [self.geometry.center_of(int(row), int(column)) for row, column in shorten_path(cells, comfortable)]
-        return waypoints[1:] or waypoints
+        comfortable = traversable & (cost < 1.0 + DISCOMFORT / 4)
+        return self.waypoints(shorten_path(cells, comfortable), traversable)
+
+    def waypoints(self, cells: NDArray[np.int32], traversable: NDArray[np.bool_] | None = None) -> list[Point2D]:
+        """Cells (N, 2) as points in metres: the first left out, corners rounded where the mask has room for it."""
+        if cells.shape[0] < 2:
+            return [self.geometry.center_of(int(row), int(column)) for row, column in cells]
+        rounded = round_corners(cells, self.traversable if traversable is None else traversable)
+        _centre(rounded, self._classes == OCCUPIED, CENTRED_M / self.geometry.resolution_m)
+        return [self._point(float(row), float(column)) for row, column in rounded[1:]]
+
+    def clear_positions(self, classes: NDArray[np.int8], positions: NDArray[np.float64]) -> int:
+        """How many of positions (N, 2), metres, arena frame, come before the first that is not traversable.
+
+        That is by the map as it is in `classes`; the grid itself need not have been updated to it, which costs more.
+        """
+        geometry = self.geometry
+        cells = (positions - (geometry.origin_x_m, geometry.origin_y_m)) / geometry.resolution_m
+        needed_cells = self.needed_m / geometry.resolution_m
+        return int(_count_clear(classes, cells, needed_cells, self.unknown_cost is not None))
+
+    def _point(self, row: float, column: float) -> Point2D:
+        geometry = self.geometry
+        return Point2D(
+            geometry.origin_x_m + (column + 0.5) * geometry.resolution_m,
+            geometry.origin_y_m + (row + 0.5) * geometry.resolution_m,
+        )
+
+    def _with_zones(self, zones: Sequence[Zone]) -> NDArray[np.float32]:
+        if not zones:
+            return self.cost
+        geometry = self.geometry
+        inside = np.zeros(geometry.shape, np.bool_)
+        for zone in zones:
+            cells = (zone.positions - (geometry.origin_x_m, geometry.origin_y_m)) / geometry.resolution_m - 0.5
+            _sweep(inside, cells, zone.radius_m / geometry.resolution_m)
+        return np.where(inside, self.cost + np.float32(DEAR), self.cost)
 
     def ways_m(self, place: Point2D, cells: list[tuple[int, int]], *, snap_m: float) -> list[float]:
         """Cost of the way from a place to each of these cells, as metres on open floor; inf where there is none.
@@ -134,3 +233,63 @@ class NavigationGrid:
         center_x = geometry.origin_x_m + (np.arange(columns.start, columns.stop) + 0.5) * geometry.resolution_m
         distance_squared = (center_y[:, None] - y_m) ** 2 + (center_x[None, :] - x_m) ** 2
         return rows, columns, distance_squared <= radius_m**2
+
+
+@njit(cache=True, nogil=True)
+def _sweep(inside: NDArray[np.bool_], cells: NDArray[np.float64], reach_cells: float) -> None:
+    """Mark what is within reach of positions (N, 2; x, y in cells)."""
+    height, width = inside.shape
+    for k in range(cells.shape[0]):
+        x, y = cells[k, 0], cells[k, 1]
+        for row in range(max(0, math.ceil(y - reach_cells)), min(height, math.floor(y + reach_cells) + 1)):
+            half = math.sqrt(max(0.0, reach_cells**2 - (row - y) ** 2))
+            for column in range(max(0, math.ceil(x - half)), min(width, math.floor(x + half) + 1)):
+                inside[row, column] = True
+
+
+@njit(cache=True, nogil=True)
+def _centre(path: NDArray[np.float64], occupied: NDArray[np.bool_], reach_cells: float) -> None:
+    """Move each place of a path (N, 2; row, column) to where, within half a cell, it is farthest from obstacles."""
+    height, width = occupied.shape
+    reach = math.ceil(reach_cells)
+    distance_2 = np.empty((3, 3))
+    for k in range(path.shape[0]):
+        row, column = path[k, 0], path[k, 1]
+        distance_2[:] = reach_cells * reach_cells
+        for near_row in range(max(0, round(row) - reach), min(height, round(row) + reach + 1)):
+            for near_column in range(max(0, round(column) - reach), min(width, round(column) + reach + 1)):
+                if occupied[near_row, near_column]:
+                    for i in range(3):
+                        for j in range(3):
+                            d_row, d_column = near_row - row - 0.5 * (i - 1), near_column - column - 0.5 * (j - 1)
+                            distance_2[i, j] = min(distance_2[i, j], d_row * d_row + d_column * d_column)
+        best_i, best_j = 1, 1
+        for i in range(3):
+            for j in range(3):
+                if distance_2[i, j] > distance_2[best_i, best_j] + 1e-9:
+                    best_i, best_j = i, j
+        path[k, 0] += 0.5 * (best_i - 1)
+        path[k, 1] += 0.5 * (best_j - 1)
+
+
+@njit(cache=True, nogil=True)
+def _count_clear(
+    classes: NDArray[np.int8], cells: NDArray[np.float64], needed_cells: float, unknown_is_free: bool
+) -> int:
+    height, width = classes.shape
+    reach = math.ceil(needed_cells)
+    for k in range(cells.shape[0]):
+        row, column = math.floor(cells[k, 1]), math.floor(cells[k, 0])
+        if not (0 <= row < height and 0 <= column < width):
+            return k
+        if not (classes[row, column] == FREE or (unknown_is_free and classes[row, column] != OCCUPIED)):
+            return k
+        for near_row in range(row - reach, row + reach + 1):
+            for near_column in range(column - reach, column + reach + 1):
+                apart_2 = (near_row - row) ** 2 + (near_column - column) ** 2
+                if apart_2 >= needed_cells * needed_cells:
+                    continue
+                beyond = not (0 <= near_row < height and 0 <= near_column < width)
+                if beyond or classes[near_row, near_column] == OCCUPIED:
+                    return k
+    return len(cells)

@@ -19,3 +19,22 @@ def moved(pose: Pose2D, displacement: Twist2D) -> Pose2D:
     dx, dy = sine * forward - cosine * left, cosine * forward + sine * left
     cos, sin = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
     return Pose2D(pose.x_m + cos * dx - sin * dy, pose.y_m + sin * dx + cos * dy, wrap_angle_rad(pose.yaw_rad + turn))
+
+
+def chord(before: Pose2D, after: Pose2D) -> Twist2D:
+    """The displacement (m, m, rad) between two poses, its way in the frame that faces halfway between their yaws."""
+    dx, dy = after.x_m - before.x_m, after.y_m - before.y_m
+    turn = wrap_angle_rad(after.yaw_rad - before.yaw_rad)
+    cos, sin = math.cos(before.yaw_rad + turn / 2), math.sin(before.yaw_rad + turn / 2)
+    return Twist2D(cos * dx + sin * dy, cos * dy - sin * dx, turn)
+
+
+def moved_along(pose: Pose2D, displacement: Twist2D) -> Pose2D:
+    """A pose after a displacement as `chord` gives it."""
+    forward, left, turn = displacement.forward_m_s, displacement.left_m_s, displacement.yaw_rad_s
+    cos, sin = math.cos(pose.yaw_rad + turn / 2), math.sin(pose.yaw_rad + turn / 2)
+    return Pose2D(
+        pose.x_m + cos * forward - sin * left,
+        pose.y_m + sin * forward + cos * left,
+        wrap_angle_rad(pose.yaw_rad + turn),
+    )

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 _ROW_STEPS = (-1, 0, 0, 1, -1, -1, 1, 1)
 _COLUMN_STEPS = (0, -1, 1, 0, -1, 1, -1, 1)
 _DIAGONAL = 2.0**0.5
+CUT_CELLS = 4.0
+"""The most that is cut off each side of a corner, chosen: two radii of a robot at 0.1 m a cell."""
 
 
 def plan_path(
@@ -84,6 +86,21 @@ def shorten_path(cells: NDArray[np.int32], traversable: NDArray[np.bool_]) -> ND
     if path.shape[0] < 3:
         return path.copy()
     return _shorten(path, mask)
+
+
+def round_corners(cells: NDArray[np.int32], traversable: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """The corners of a path (N, 2) rounded where the mask allows: rows and columns (M, 2), whole at a cell's middle.
+
+    Twice each corner is cut, at a quarter of its shorter side and `CUT_CELLS` at most, in the manner of Chaikin (*An
+    Algorithm for High-Speed Curve Generation*, Computer Graphics and Image Processing 3, 1974). A cut that would touch
+    an untraversable cell is not made. First and last cell stay.
+    """
+    mask = np.require(traversable, np.bool_, ("C", "A", "W"))
+    path = np.require(cells, np.float64, ("C", "A", "W"))
+    for _ in range(2):
+        if path.shape[0] > 2:
+            path = _round(path, mask)
+    return path
 
 
 def nearest_traversable(
@@ -302,6 +319,44 @@ def _shorten(path: NDArray[np.int32], traversable: NDArray[np.bool_]) -> NDArray
             count += 1
     kept[count] = path[path.shape[0] - 1]
     return kept[: count + 1].copy()
+
+
+@njit(cache=True, nogil=True)
+def _round(path: NDArray[np.float64], traversable: NDArray[np.bool_]) -> NDArray[np.float64]:
+    rounded = np.empty((2 * path.shape[0], 2))
+    rounded[0] = path[0]
+    count = 1
+    for k in range(1, path.shape[0] - 1):
+        before_row, before_column = path[k - 1, 0] - path[k, 0], path[k - 1, 1] - path[k, 1]
+        after_row, after_column = path[k + 1, 0] - path[k, 0], path[k + 1, 1] - path[k, 1]
+        before = np.hypot(before_row, before_column)
+        after = np.hypot(after_row, after_column)
+        cut = min(CUT_CELLS, 0.25 * min(before, after))
+        row, column = path[k, 0] + cut / before * before_row, path[k, 1] + cut / before * before_column
+        to_row, to_column = path[k, 0] + cut / after * after_row, path[k, 1] + cut / after * after_column
+        if cut > 0.5 and _is_chord_clear(traversable, row, column, to_row, to_column):
+            rounded[count, 0], rounded[count, 1] = row, column
+            rounded[count + 1, 0], rounded[count + 1, 1] = to_row, to_column
+            count += 2
+        else:
+            rounded[count] = path[k]
+            count += 1
+    rounded[count] = path[path.shape[0] - 1]
+    return rounded[: count + 1].copy()
+
+
+@njit(cache=True, nogil=True)
+def _is_chord_clear(traversable: NDArray[np.bool_], row: float, column: float, to_row: float, to_column: float) -> bool:
+    """Whether a short line between two places, in cells, touches traversable cells only; looked at every 0.1 cell."""
+    height, width = traversable.shape
+    steps = int(10.0 * np.hypot(to_row - row, to_column - column)) + 1
+    for k in range(steps + 1):
+        share = k / steps
+        at_row = int(np.floor(row + share * (to_row - row) + 0.5))
+        at_column = int(np.floor(column + share * (to_column - column) + 0.5))
+        if not (0 <= at_row < height and 0 <= at_column < width and traversable[at_row, at_column]):
+            return False
+    return True
 
 
 @njit(cache=True, nogil=True)

@@ -2,9 +2,14 @@
 
 import numpy as np
 
+from robrain.protocol.model.escape import escape_cells
 from robrain.protocol.model.frontier import find_frontiers
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.inflation import clearance_m
+from robrain.protocol.model.localiser import Localiser, LocaliserSpec
+from robrain.protocol.model.mote_relocalisation import find_robot
+from robrain.protocol.model.navigation import NavigationGrid, Zone
+from robrain.protocol.model.obstacles import contact_distance_m, sector_distances_m
 from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
 from robrain.protocol.model.path_planning import (
     descend,
@@ -14,6 +19,10 @@ from robrain.protocol.model.path_planning import (
     shorten_path,
 )
 from robrain.protocol.model.ray_cast import cast_rays
+from robrain.protocol.model.right_of_way import Margins, Track, meet, release, sample_way
+from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
+from robrain.protocol.model.scan_match import beam_ends, match_scan, search_scan
+from robrain.protocol.model.soc_filter import PackModel, SocFilter
 
 
 def warm_up() -> None:
@@ -22,6 +31,12 @@ def warm_up() -> None:
     The first call on a computer compiles and stores the machine code beside the sources (some seconds); later
     processes load it (tenths of a second). Calling it again costs next to nothing.
     """
+    battery = SocFilter(PackModel())
+    battery.start_from(16.0, 0.5)
+    battery.count(0.5, 0.2)
+    battery.fuse(16.0, 0.5)
+    battery.interval_j()
+
     geometry = GridGeometry(0.1, 0.0, 0.0, 8, 8)
     grid = OccupancyGrid(geometry)
     sensor = Pose2D(0.35, 0.35, 0.0)
@@ -31,6 +46,9 @@ def warm_up() -> None:
     walls[:, 7] = True
 
     ranges_m = cast_rays(walls, geometry, sensor, angles_rad, 1.0, circles)
+    points_m = np.stack((ranges_m, ranges_m))
+    contact_distance_m(points_m, 0.0, 0.0, 0.0, 0.2)
+    sector_distances_m(points_m, 0.0, 0.0, 0.0, 8)
     grid.integrate_scan(sensor, angles_rad, ranges_m, 1.0, 0, circles)
     patch = grid.take_patch()
     if patch is not None:
@@ -44,3 +62,28 @@ def warm_up() -> None:
     if path is not None:
         shorten_path(path, traversable)
     descend(distance_field(traversable, cost, np.array([[3, 0]])), traversable, start)
+    _warm_up_localisation(grid)
+    _warm_up_giving_way(geometry)
+
+
+def _warm_up_giving_way(geometry: GridGeometry) -> None:
+    free = np.zeros(geometry.shape, np.int8)
+    navigation = NavigationGrid(free, geometry, 0.1)
+    positions = sample_way(np.array([[0.35, 0.35], [0.35, 0.6]]), 10.0)
+    mate = Track(positions, 0.6, positions.shape[0] - 1, 0.1, goes_first=True)
+    release(positions, 0.6, [mate], Margins())
+    meet(positions, mate, 0.1)
+    escape_cells(navigation.traversable, geometry, (3, 3), 0.6, [mate], 0.1)
+    navigation.path(Point2D(0.15, 0.15), Point2D(0.65, 0.45), snap_m=0.5, dear=[Zone(positions, 0.1)])
+    navigation.clear_positions(free, positions)
+
+
+def _warm_up_localisation(grid: OccupancyGrid) -> None:
+    localiser = Localiser(Pose2D(0.4, 0.4, 0.0), 0.1, 0.1, LocaliserSpec())
+    localiser.move(Twist2D(0.01, 0.0, 0.01))
+    localiser.hear(RssiSample("m", Point2D(0.7, 0.7), -60.0))
+    localiser.filter.correct((1.0, 0.0, 0.0), 0.0, 1.0)
+    ends = beam_ends(np.linspace(-3.0, 3.0, 30), np.full(30, 0.2), 1.0)
+    match_scan(grid.log_odds, grid.geometry, localiser.pose, ends)
+    search_scan(grid.log_odds, grid.geometry, localiser.pose, ends, within_m=0.1, within_rad=0.05)
+    find_robot(np.zeros((1, 2)), np.zeros(1, np.int64), np.zeros((1, 2)), np.zeros(1), PathLoss())

@@ -269,7 +269,7 @@ class Endpoint:
                 payload = given.to_bytes() if given is not None else b""
                 result = handler(Request(names, payload, query.parameters.get(BY) or ""))
                 encoded = result if isinstance(result, bytes) else msgspec.json.encode(result)
-                query.reply(key, encoded, encoding=JSON)
+                query.reply(key, encoded, encoding=topic.encoding)
             except CallError as error:
                 _reply_error(query, error)
             except (Exception, SystemExit) as error:

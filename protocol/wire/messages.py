@@ -8,6 +8,8 @@ from typing import Any
 
 import msgspec
 
+from robrain.protocol.model.claim import Claim
+from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.task import Task, TaskState
 
@@ -28,6 +30,15 @@ class BatteryState(msgspec.Struct, frozen=True, kw_only=True):
     soc: float
     """State of charge, 0 to 1."""
     remaining_j: float
+    """At the terminals, above the cut-off; the next two are its 95 % interval."""
+    remaining_low_j: float = 0.0
+    remaining_high_j: float = 0.0
+    soc_sd: float = 0.0
+    health: float = 1.0
+    """Capacity as a share of the rated one."""
+    charging: bool = False
+    implausible: str = ""
+    """Why the measurements are not believed; the estimate then goes on without them."""
 
 
 class TaskStatus(msgspec.Struct, frozen=True, kw_only=True):
@@ -37,6 +48,8 @@ class TaskStatus(msgspec.Struct, frozen=True, kw_only=True):
     epoch: int
     state: TaskState
     why: str = ""
+    result: dict[str, Any] = {}
+    """What it was for, once it has ended: a few numbers, the key of an image; `energy_j` is what it took."""
 
 
 class PluginFault(msgspec.Struct, frozen=True, kw_only=True):
@@ -57,6 +70,8 @@ class RobotState(Message, frozen=True, kw_only=True):
     radius_m: float = 0.0
     """Radius of the round footprint."""
     battery: BatteryState | None = None
+    energy: EnergyModel | None = None
+    """What the robot knows of its own consumption."""
     behavior: str = ""
     task: TaskStatus | None = None
     halted: bool = False
@@ -69,6 +84,8 @@ class RobotState(Message, frozen=True, kw_only=True):
     """Plugins that failed to stop, or did not say in time that they have."""
     faulted: list[PluginFault] = []
     """Plugins that do not run."""
+    lost: str = ""
+    """Why the robot does not know any more where it is; empty as long as it does."""
 
     @property
     def has_stopped(self) -> bool:
@@ -100,10 +117,16 @@ class MapPatch(Message, frozen=True, kw_only=True):
 
 
 class PlannedPath(Message, frozen=True, kw_only=True):
-    """The path a robot means to follow, arena frame; empty when it stands."""
+    """The path a robot means to follow, arena frame, from where it is; empty when it stands."""
 
     robot: str
     points: list[Point2D]
+    claim: Claim = Claim()
+    """What its right of way is decided by."""
+    speed_m_s: float = 0.0
+    """How fast it goes where nothing hinders it; 0 if it does not say."""
+    held_at_m: float | None = None
+    """It goes this far along the path for now, and waits for others there; None if it waits for nobody."""
 
 
 class Event(Message, frozen=True, kw_only=True):
@@ -202,6 +225,10 @@ class TaskEvent(Message, frozen=True, kw_only=True):
     robot: str = ""
     epoch: int = 0
     why: str = ""
+    result: dict[str, Any] = {}
+    """As the robot told it in its `TaskStatus`."""
+    change: int = 0
+    """Number of the change in the coordinator's journal; the same number again is the same change, told again."""
 
 
 class RobotSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -269,6 +296,23 @@ class MoteReading(Message, frozen=True, kw_only=True):
     rssi_dbm: float
     via: str
     """The robot or gateway that heard it."""
+    sequence: int | None = None
+    """Number of the reading, counted by the mote and wrapping at 65536: mote and number name a reading."""
+    taken_ns: int = 0
+    """When it was sensed, as well as the mote's clock can tell; 0 if that is not known."""
+    period_s: float = 0.0
+    """How often the mote senses; 0 if that is not known."""
+    stored: int = 0
+    """Readings before the mote's latest that it still keeps, because nobody has acknowledged them."""
+
+
+class MoteDuty(Message, frozen=True, kw_only=True):
+    """How often a mote is to sense; whoever meets it tells it."""
+
+    mote: str
+    period_s: float
+    by: str = ""
+    """Who wants it so."""
 
 
 class Halt(Message, frozen=True, kw_only=True):

@@ -12,7 +12,7 @@ from typing import Any
 
 import msgspec
 
-from robrain.protocol.wire import messages
+from robrain.protocol.wire import messages, task_messages
 from robrain.protocol.wire.keys import ROOT, check_name
 
 
@@ -56,6 +56,7 @@ class Urgency(StrEnum):
 JSON = "application/json"
 CAN_FRAME = "application/vnd.robrain.can-frame"
 TINYOS_PACKET = "application/vnd.robrain.tinyos-packet"
+PNG = "image/png"
 PARSED_KEYS = 4096
 """Keys of one topic whose names are kept at hand: there are few, and each comes many times."""
 
@@ -273,6 +274,17 @@ ROBOT_FOREIGN_CALL = Topic(
     kind=Kind.QUERY,
     urgency=Urgency.INTERACTIVE_HIGH,
 )
+ROBOT_IMAGE = Topic(
+    name="robot_image",
+    pattern="robot/{robot}/image/{image}",
+    doc="A picture that was taken for a task; the task's result names its key",
+    by=Role.ROBOT,
+    delivery=Delivery.LOSSLESS,
+    urgency=Urgency.DATA_LOW,
+    recorded=True,
+    encoding=PNG,
+    cache=1,
+)
 MOTE_READING = Topic(
     name="mote_reading",
     pattern="mote/{mote}/reading",
@@ -283,6 +295,16 @@ MOTE_READING = Topic(
     urgency=Urgency.DATA_LOW,
     recorded=True,
 )
+MOTE_DUTY = Topic(
+    name="mote_duty",
+    pattern="mote/{mote}/duty",
+    doc="How often a mote is to sense; a robot that meets it tells it",
+    by=Role.COORDINATOR,
+    message=messages.MoteDuty,
+    delivery=Delivery.LOSSLESS,
+    recorded=True,
+    cache=1,
+)
 TASK_EVENT = Topic(
     name="task_event",
     pattern="task/event/{task}",
@@ -292,6 +314,19 @@ TASK_EVENT = Topic(
     delivery=Delivery.LOSSLESS,
     recorded=True,
 )
+
+
+def _task_query(verb: str, message: Any, doc: str, *, reads_only: bool = False) -> Topic:
+    name, pattern = f"task_{verb}", f"task/{verb}"
+    return Topic(name=name, pattern=pattern, doc=doc, by=Role.COORDINATOR, kind=Kind.QUERY, message=message,
+                 urgency=Urgency.INTERACTIVE_HIGH, reads_only=reads_only)  # fmt: skip
+
+
+TASK_SUBMIT = _task_query("submit", task_messages.TaskSubmission, "Do this: replies its `TaskRecord`, or why not")
+TASK_CANCEL = _task_query("cancel", task_messages.TaskRequest, "End a task unfinished: replies its `TaskRecord`")
+TASK_LIST = _task_query("list", task_messages.TaskFilter, "Which tasks there are: `TaskRecord`s", reads_only=True)
+TASK_GET = _task_query("get", task_messages.TaskRequest, "How a task stands: its `TaskRecord`", reads_only=True)
+TASK_WHY = _task_query("why", task_messages.TaskRequest, "Why it stands so: a `TaskWhy`", reads_only=True)
 COORDINATOR_ALIVE = Topic(
     name="coordinator_alive",
     pattern="coordinator/alive",
@@ -343,6 +378,13 @@ ARENA_RADIO_RX = Topic(
     by=Role.ARENA,
     encoding=TINYOS_PACKET,
 )
+ARENA_RADIO_TX = Topic(
+    name="arena_radio_tx",
+    pattern="arena/{robot}/radio/tx",
+    doc="A TinyOS packet that the robot's base station sends",
+    by=Role.ROBOT,
+    encoding=TINYOS_PACKET,
+)
 ARENA_SCAN = Topic(
     name="arena_scan",
     pattern="arena/{robot}/scan",
@@ -352,6 +394,23 @@ ARENA_SCAN = Topic(
     rate_hz=5,
     delivery=Delivery.LATEST,
     recorded=True,
+)
+ARENA_CAMERA = Topic(
+    name="arena_camera",
+    pattern="arena/{robot}/camera",
+    doc="A picture of what a simulated robot has in view now: replies a PNG",
+    by=Role.ARENA,
+    kind=Kind.QUERY,
+    reads_only=True,
+    encoding=PNG,
+)
+ARENA_SENSE = Topic(
+    name="arena_sense",
+    pattern="arena/{robot}/sense",
+    doc="What the board on a simulated robot senses where it is now: replies an object of numbers, named as readings",
+    by=Role.ARENA,
+    kind=Kind.QUERY,
+    reads_only=True,
 )
 ARENA_CLOCK = Topic(
     name="arena_clock",
@@ -397,15 +456,25 @@ TOPICS: tuple[Topic, ...] = (
     ROBOT_FOREIGN,
     ROBOT_FOREIGN_INFO,
     ROBOT_FOREIGN_CALL,
+    ROBOT_IMAGE,
     MOTE_READING,
+    MOTE_DUTY,
     TASK_EVENT,
+    TASK_SUBMIT,
+    TASK_CANCEL,
+    TASK_LIST,
+    TASK_GET,
+    TASK_WHY,
     COORDINATOR_ALIVE,
     COORDINATOR_STATE,
     COORDINATOR_HALT,
     HALT,
     ARENA_CAN,
     ARENA_RADIO_RX,
+    ARENA_RADIO_TX,
     ARENA_SCAN,
+    ARENA_CAMERA,
+    ARENA_SENSE,
     ARENA_CLOCK,
     ARENA_TRUTH,
     ARENA_OUTSIDE,

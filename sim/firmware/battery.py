@@ -1,81 +1,218 @@
-"""A battery: open-circuit voltage over the state of charge behind an internal resistance, with its own warmth.
+"""A battery that is richer than what robots believe of it: four lithium-ion cells in series.
 
-The equivalent circuit "Rint" of Johnson: Battery performance models in ADVISOR, Journal of Power Sources 110
-(2002). The table has the shape of four lithium-ion cells in series; its values, the resistance and the thermal ones
-are chosen, not measured.
+- Two wells of charge (KiBaM): Manwell & McGowan, Lead acid battery storage model for hybrid energy systems, Solar
+  Energy 50 (1993). What is bound follows what is available only slowly: high loads find less, a rest gives some back.
+- Open-circuit voltage over the *available* charge: the curve of Chen & Rincón-Mora, Accurate electrical battery
+  model, IEEE Transactions on Energy Conversion 21 (2006), times four.
+- A resistance and one RC pair (Thevenin's circuit, same paper), and a one-state hysteresis (Plett, Extended Kalman
+  filtering for battery management systems, part 2, Journal of Power Sources 134, 2004).
+- Resistance and the flow between the wells follow the temperature (Arrhenius), which the battery's own losses raise.
+- Age: less capacity, more resistance.
+
+The curve is published; the other figures are chosen for a pack of this size, not measured on one.
 """
 
 import math
-from bisect import bisect_right
+
+import msgspec
 
 J_PER_WH = 3600.0
+CELLS = 4
+NOMINAL_V = 15.22
+"""Mean of the open-circuit voltage over the charge: what makes watt hours of ampere hours."""
+REFERENCE_C = 25.0
+KELVIN = 273.15
+ACTIVATION_K = 2500.0
+"""Activation energy over the gas constant, for resistance and diffusion: twice the resistance at about 0 °C."""
+CUT_OFF_AFTER_S = 1.0
+"""The protection waits that long below the cut-off voltage, so that no peak of the motors trips it."""
+BACK_AT_SOC = 0.05
+"""A battery that has cut off gives power again from this charge on."""
+TAPER = 0.05
+"""Charging has ended when the current at full voltage is this share of the capacity per hour."""
 
-SOC = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
-OPEN_CIRCUIT_V = (12.00, 13.20, 13.80, 14.24, 14.48, 14.64, 14.80, 15.04, 15.36, 15.76, 16.20, 16.72)
-RESISTANCE_OHM = 0.12
-AMBIENT_C = 22.0
-HEAT_CAPACITY_J_PER_K = 400.0
-HEAT_LOSS_W_PER_K = 0.3
+
+class GaugeSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How wrongly the battery manager measures. Raises ValueError where it is built with a negative one."""
+
+    voltage_noise_v: float = 0.008
+    voltage_offset_v: float = 0.005
+    """Standard deviation; drawn once for each robot, like the other offsets."""
+    voltage_step_v: float = 0.004
+    """Of its analogue-to-digital converter: 12 bits over 16.4 V."""
+    current_noise_a: float = 0.01
+    current_offset_a: float = 0.003
+    current_gain: float = 0.005
+    """Standard deviation of the relative error of the shunt."""
+    current_step_a: float = 0.002
+    temperature_noise_c: float = 0.2
+
+    def __post_init__(self) -> None:
+        for name in self.__struct_fields__:
+            if not 0 <= getattr(self, name) < math.inf:
+                raise ValueError(f"expected {name} >= 0, got {getattr(self, name)}")
+
+
+class BatterySpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One battery: `[robot.battery]`. Raises ValueError where it is built with an impossible figure."""
+
+    capacity_wh: float = 20.0
+    """Rated, when new: at the cells, from full to empty, very slowly."""
+    soc_at_start: float = 1.0
+    capacity_fade: float = 0.0
+    """Share of the rated capacity that age has taken."""
+    resistance_growth: float = 0.0
+    """Share by which age has raised the resistances."""
+    resistance_ohm: float = 0.10
+    """At 25 °C, when new."""
+    relaxation_ohm: float = 0.04
+    relaxation_s: float = 30.0
+    """The RC pair."""
+    available_share: float = 0.9
+    """Of the charge, in the well that the load draws from: KiBaM's c."""
+    flow_per_s: float = 1.0 / 600.0
+    """Rate at which the wells level out at 25 °C: KiBaM's k′."""
+    hysteresis_v: float = 0.008
+    """Half the distance between the curves of charging and discharging."""
+    curve_shift_v: float = 0.0
+    """By which this pack's curve lies above the published one."""
+    ambient_c: float = 22.0
+    heat_capacity_j_per_k: float = 400.0
+    heat_loss_w_per_k: float = 0.3
+    cut_off_v: float = 12.0
+    """At the terminals; below it the protection opens."""
+    charge_v: float = 16.4
+    """At the terminals; the charger holds it (constant voltage)."""
+    charge_a: float = 1.5
+    """More is never charged (constant current)."""
+    gauge: GaugeSpec = GaugeSpec()
+
+    def __post_init__(self) -> None:
+        for name in ("capacity_wh", "relaxation_s", "flow_per_s", "heat_capacity_j_per_k", "cut_off_v", "charge_a"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+        for name in ("resistance_ohm", "relaxation_ohm"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+        for name in ("resistance_growth", "hysteresis_v", "heat_loss_w_per_k"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise ValueError(f"expected {name} >= 0, got {getattr(self, name)}")
+        if not 0 <= self.soc_at_start <= 1:
+            raise ValueError(f"expected soc_at_start from 0 to 1, got {self.soc_at_start}")
+        if not 0 <= self.capacity_fade < 1:
+            raise ValueError(f"expected capacity_fade from 0 to below 1, got {self.capacity_fade}")
+        if not 0 < self.available_share < 1:
+            raise ValueError(f"expected available_share above 0 and below 1, got {self.available_share}")
+        if not self.cut_off_v < self.charge_v < math.inf:
+            raise ValueError(f"expected charge_v above cut_off_v, got {self.charge_v} and {self.cut_off_v}")
+        for name in ("curve_shift_v", "ambient_c"):
+            if not math.isfinite(getattr(self, name)):
+                raise ValueError(f"expected a finite {name}, got {getattr(self, name)}")
 
 
 class Battery:
-    """State of one battery; full when it is made.
+    """State of one battery, moved on by `step`."""
 
-    Args:
-        capacity_wh: energy between full and empty, at the cells (the loss in the resistance included).
-
-    Raises:
-        ValueError: the capacity is not above 0.
-
-    """
-
-    def __init__(self, capacity_wh: float) -> None:
-        if not (capacity_wh > 0 and math.isfinite(capacity_wh)):
-            raise ValueError(f"expected battery_wh > 0, got {capacity_wh}")
-        self.capacity_j = capacity_wh * J_PER_WH
-        self.used_j = 0.0
-        """Energy taken from the cells since full, never more than the capacity."""
+    def __init__(self, spec: BatterySpec) -> None:
+        self.spec = spec
+        self.capacity_c = spec.capacity_wh * J_PER_WH / NOMINAL_V * (1.0 - spec.capacity_fade)
+        """Charge between full and empty, at its age."""
+        share = spec.available_share
+        self._available_c = share * spec.soc_at_start * self.capacity_c
+        self._bound_c = (1.0 - share) * spec.soc_at_start * self.capacity_c
+        self._relaxation_v = 0.0
+        self._hysteresis = 0.0
+        self._below_s = 0.0
         self.current_a = 0.0
         """Positive while discharging."""
-        self.voltage_v = OPEN_CIRCUIT_V[-1]
+        self.voltage_v = self._open_v()
         """At the terminals."""
-        self.temperature_c = AMBIENT_C
+        self.temperature_c = spec.ambient_c
+        self.delivered_j = 0.0
+        """What the load has drawn from the terminals so far; what is charged does not count against it."""
+        self.is_cut_off = spec.soc_at_start <= 0.0
+        """The protection is open: the load gets nothing."""
 
     @property
     def soc(self) -> float:
-        """State of charge by energy, 0 to 1."""
-        return 1.0 - self.used_j / self.capacity_j
+        """State of charge: both wells over the capacity at this age, 0 to 1."""
+        return (self._available_c + self._bound_c) / self.capacity_c
 
-    @property
-    def is_empty(self) -> bool:
-        """Whether there is nothing left to take."""
-        return self.used_j >= self.capacity_j
+    def step(self, load_w: float, supply_w: float, duration_s: float) -> None:
+        """Feed a constant load for a while, with the help of a charger that gives up to `supply_w`."""
+        spec = self.spec
+        warmth = math.exp(ACTIVATION_K * (1.0 / (self.temperature_c + KELVIN) - 1.0 / (REFERENCE_C + KELVIN)))
+        growth = (1.0 + spec.resistance_growth) * warmth
+        resistance_ohm, relaxation_ohm = spec.resistance_ohm * growth, spec.relaxation_ohm * growth
+        behind_v = self._open_v() - self._relaxation_v
+        if self.is_cut_off:
+            load_w = 0.0
+        lacking_w = load_w - supply_w
+        if lacking_w > 0:
+            # P = (E - I·R)·I; the smaller root is the working point. Past E²/4R the load pulls the voltage down to E/2.
+            room = max(0.0, behind_v * behind_v - 4.0 * resistance_ohm * lacking_w)
+            current_a = (behind_v - math.sqrt(room)) / (2.0 * resistance_ohm)
+            self.delivered_j += (behind_v - current_a * resistance_ohm) * current_a * duration_s
+        else:
+            current_a = -self._charging_a(-lacking_w, behind_v, resistance_ohm)
+        self.delivered_j += min(load_w, supply_w) * duration_s
+        self.current_a = current_a
+        self.voltage_v = behind_v - current_a * resistance_ohm
 
-    def draw(self, power_w: float, duration_s: float) -> None:
-        """Deliver a constant power at the terminals for a while; an empty battery delivers nothing."""
-        open_v = open_circuit_v(self.soc)
-        if self.is_empty:
-            power_w = 0.0
-        # P = (E − I·R)·I; the smaller root is the working point. Past E²/4R the load pulls the voltage down to E/2.
-        room = max(0.0, open_v * open_v - 4.0 * RESISTANCE_OHM * power_w)
-        self.current_a = (open_v - math.sqrt(room)) / (2.0 * RESISTANCE_OHM)
-        self.voltage_v = open_v - self.current_a * RESISTANCE_OHM
-        self.used_j = min(self.capacity_j, self.used_j + open_v * self.current_a * duration_s)
-        loss_w = self.current_a * self.current_a * RESISTANCE_OHM
-        cooling_w = HEAT_LOSS_W_PER_K * (self.temperature_c - AMBIENT_C)
-        self.temperature_c += (loss_w - cooling_w) * duration_s / HEAT_CAPACITY_J_PER_K
+        self._flow(current_a, duration_s, spec.flow_per_s / warmth)
+        decay = math.exp(-duration_s / spec.relaxation_s)
+        self._relaxation_v = decay * self._relaxation_v + (1.0 - decay) * current_a * relaxation_ohm
+        turned = math.exp(-HYSTERESIS_RATE * abs(current_a) * duration_s / self.capacity_c)
+        self._hysteresis = turned * self._hysteresis - (1.0 - turned) * math.copysign(1.0, current_a)
+        loss_w = current_a * (current_a * resistance_ohm + self._relaxation_v)
+        cooling_w = spec.heat_loss_w_per_k * (self.temperature_c - spec.ambient_c)
+        self.temperature_c += (loss_w - cooling_w) * duration_s / spec.heat_capacity_j_per_k
+        self._protect(duration_s)
+
+    def _open_v(self) -> float:
+        available = self._available_c / (self.spec.available_share * self.capacity_c)
+        return open_circuit_v(available) + self.spec.curve_shift_v + self.spec.hysteresis_v * self._hysteresis
+
+    def _charging_a(self, power_w: float, behind_v: float, resistance_ohm: float) -> float:
+        spec = self.spec
+        room = math.sqrt(behind_v * behind_v + 4.0 * resistance_ohm * power_w)
+        by_power_a = (room - behind_v) / (2.0 * resistance_ohm)
+        by_voltage_a = max(0.0, (spec.charge_v - behind_v) / resistance_ohm)
+        if by_voltage_a < TAPER * self.capacity_c / 3600.0:
+            return 0.0
+        return min(by_power_a, by_voltage_a, spec.charge_a)
+
+    def _flow(self, current_a: float, duration_s: float, rate_per_s: float) -> None:
+        # Manwell & McGowan's solution for a constant current, with q0 = available + bound.
+        share, grown = self.spec.available_share, rate_per_s * duration_s
+        left = math.exp(-grown)
+        total_c = self._available_c + self._bound_c
+        available_c = self._available_c * left
+        available_c += (total_c * rate_per_s * share - current_a) * (1.0 - left) / rate_per_s
+        available_c -= current_a * share * (grown - 1.0 + left) / rate_per_s
+        self._available_c = max(0.0, available_c)
+        self._bound_c = max(0.0, total_c - current_a * duration_s - available_c)
+
+    def _protect(self, duration_s: float) -> None:
+        if self.is_cut_off:
+            self.is_cut_off = self.current_a >= 0 or self.soc < BACK_AT_SOC
+            return
+        self._below_s = self._below_s + duration_s if self.voltage_v < self.spec.cut_off_v else 0.0
+        if self._below_s >= CUT_OFF_AFTER_S or self._available_c <= 0:
+            self.is_cut_off = True
+            self._below_s = 0.0
 
 
-def open_circuit_v(soc: float) -> float:
-    """Voltage at rest, linear between the entries of the table; `soc` outside 0 to 1 counts as the nearer end.
+HYSTERESIS_RATE = 50.0
+"""Two per cent of the capacity turn most of the hysteresis over."""
 
-    >>> open_circuit_v(1.0)
-    16.72
+
+def open_circuit_v(available: float) -> float:
+    """Voltage of the pack at rest over the share of the charge that is available; a little beyond 0 and 1 as well.
+
+    >>> round(open_circuit_v(1.0), 2)
+    16.41
     """
-    if soc <= SOC[0]:
-        return OPEN_CIRCUIT_V[0]
-    if soc >= SOC[-1]:
-        return OPEN_CIRCUIT_V[-1]
-    upper = bisect_right(SOC, soc)
-    share = (soc - SOC[upper - 1]) / (SOC[upper] - SOC[upper - 1])
-    return OPEN_CIRCUIT_V[upper - 1] + share * (OPEN_CIRCUIT_V[upper] - OPEN_CIRCUIT_V[upper - 1])
+    cell_v = 3.685 - 1.031 * math.exp(-35.0 * available)
+    cell_v += available * (0.2156 + available * (-0.1178 + available * 0.3201))
+    return CELLS * cell_v

@@ -1,15 +1,18 @@
 """The motor controller: a node on the robot's CAN bus that turns commands into wheel speeds and counts the wheels.
 
-It believes no frame whose length or checksum is wrong, and stops the wheels when commands cease.
+It believes no frame whose length or checksum is wrong, counts those that are missing by the gaps in their counter, and
+stops the wheels when commands cease.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import IntEnum
 
 import can
 
+from robrain.protocol.can.bus_state import MOST_ERRORS, BusState, state_of
 from robrain.protocol.can.frames import BadFrame, codec
+from robrain.protocol.can.sequence import SequenceWatch
 from robrain.protocol.model.omni_drive import OmniBase
 
 WATCHDOG_S = 0.2
@@ -26,6 +29,8 @@ class MotorState(IntEnum):
     """No command in time: before the first one, after a stop, or 200 ms after the last."""
     LATCHED = 2
     """A latched stop refuses commands until a stop frame releases it."""
+    ERROR = 3
+    """The motors' power stage has failed; a stop frame that does not latch acknowledges it, once the cause has gone."""
 
 
 class MotorController:
@@ -37,15 +42,24 @@ class MotorController:
         bus: the robot's bus; other nodes of the same robot may send on it too.
         base: what its encoders count in.
         tick_s: how long a tick is.
+        transmit_errors: tells the error counter of the node's CAN controller; none without it.
 
     """
 
-    def __init__(self, bus: can.BusABC, base: OmniBase, tick_s: float) -> None:
+    def __init__(
+        self, bus: can.BusABC, base: OmniBase, tick_s: float, transmit_errors: Callable[[], int] = lambda: 0
+    ) -> None:
         self.state = MotorState.WATCHDOG
         self.rejected_frames = 0
         """Frames with a wrong length or checksum; MotorStatus carries the lowest 8 bits."""
         self.powered = True
         """Without power the wheels stand; the controller's logic goes on."""
+        self.has_failed = False
+        """The power stage, while the cause of its failure lasts."""
+        self._commands = SequenceWatch()
+        self._transmit_errors = transmit_errors
+        self._worst = BusState.ACTIVE
+        """The worst state of the CAN controller since the last status."""
         self._wanted_rad_s = STANDING
         self._bus = bus
         self._ticks_per_rad = 1.0 / base.rad_per_tick
@@ -58,7 +72,7 @@ class MotorController:
         self._tick = 0
         self._encoders_sent = 0
         self._status_sent = 0
-        self._told: tuple[MotorState, int] | None = None
+        self._told: tuple[MotorState, int, int] | None = None
 
     @property
     def wheel_speeds_rad_s(self) -> tuple[float, float, float]:
@@ -68,6 +82,8 @@ class MotorController:
     def receive(self) -> None:
         """Take the frames that have arrived; then let the watchdog have its say."""
         self._ticks_since_command += 1
+        if self.has_failed:
+            self._stand(MotorState.ERROR)
         while (frame := self._bus.recv(timeout=0)) is not None:
             try:
                 self._obey(frame)
@@ -86,13 +102,26 @@ class MotorController:
                 )
             )
             self._encoders_sent += 1
-        status = self.state, self.rejected_frames
+        errors = self._transmit_errors()
+        if errors:
+            self._worst = max(self._worst, state_of(errors, 0))
+        status = self.state, self.rejected_frames, self._commands.lost
         if status != self._told or self._tick % self._status_period_ticks == 0:
             self._told = status
             self._bus.send(
-                self._status.pack(self._status_sent, state=self.state, rejected_frames=self.rejected_frames & 0xFF)
+                self._status.pack(
+                    self._status_sent,
+                    state=self.state,
+                    rejected_frames=self.rejected_frames & 0xFF,
+                    lost_commands=self._commands.lost & 0xFF,
+                    bus_state=self._worst,
+                    transmit_errors=min(errors, MOST_ERRORS),
+                    receive_errors=0,
+                )
             )
             self._status_sent += 1
+            if state_of(self._transmit_errors(), 0) is BusState.ACTIVE:
+                self._worst = BusState.ACTIVE
         self._tick += 1
 
     def _obey(self, frame: can.Message) -> None:
@@ -100,13 +129,16 @@ class MotorController:
             return
         if frame.arbitration_id == self._command.arbitration_id:
             signals = self._command.unpack(frame)
-            if self.state is not MotorState.LATCHED:
+            self._commands.note(int(signals["counter"]))
+            if self.state not in (MotorState.LATCHED, MotorState.ERROR):
                 self._wanted_rad_s = signals["wheel_1_rad_s"], signals["wheel_2_rad_s"], signals["wheel_3_rad_s"]
                 self._ticks_since_command = 0
                 self.state = MotorState.RUNNING
         elif frame.arbitration_id == self._stop.arbitration_id:
-            latched = self._stop.unpack(frame)["latched"] != 0
-            self._stand(MotorState.LATCHED if latched else MotorState.WATCHDOG)
+            signals = self._stop.unpack(frame)
+            self._commands.note(int(signals["counter"]))  # a host counts its commands and stops together
+            if not self.has_failed:
+                self._stand(MotorState.LATCHED if signals["latched"] else MotorState.WATCHDOG)
 
     def _stand(self, state: MotorState) -> None:
         self._wanted_rad_s = STANDING

@@ -1,11 +1,16 @@
 """What a robot draws from its battery, by what it does.
 
 Mei, Lu, Hu, Lee: Energy-Efficient Motion Planning for Mobile Robots, ICRA 2004, fit polynomials to the power of a
-robot's motors over their speed and add the energy of acceleration and turns. At walking pace the first-order term
-is most of it, and it is what is kept here. The values are chosen for a base of 4 kg, not measured on one.
+robot's motors over their speed; the same authors' A Case Study of Mobile Robot's Energy Consumption and Conservation
+Techniques, ICAR 2005, give it as a loss plus m(a + gμ)v, beside constants for sensing, control and computing. Kept
+here: the constants, the loss, the first order in speed (it grows with the mass), a second order, turning, and the
+energy of speeding up. The values are chosen for a base of 4 kg, not measured on one.
 """
 
 import msgspec
+
+_STANDING = 1e-3
+"""Below a millimetre (milliradian) a second nothing moves."""
 
 
 class PowerModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -15,34 +20,49 @@ class PowerModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """Controllers, sensors and radio."""
     compute_w: float = 6.0
     """The on-board computer."""
+    burst_w: float = 0.0
+    """More than that while the computer has a burst of work; bursts come at random."""
+    burst_s: float = 4.0
+    """Mean length of a burst."""
+    between_bursts_s: float = 12.0
+    """Mean time between two."""
     moving_w: float = 0.3
     """Motor drivers while anything moves."""
     speed_w_per_m_s: float = 7.5
-    """Rolling, at each m/s."""
+    """Rolling, at each m/s, without payload."""
+    speed2_w_per_m2_s2: float = 0.0
+    """What grows with the square of the speed: copper and eddy losses."""
     yaw_w_per_rad_s: float = 1.2
-    """Turning, at each rad/s."""
+    """Turning, at each rad/s, without payload."""
+    payload_kg: float = 0.0
+    """Carried; counts for rolling, turning and speeding up."""
     drive_efficiency: float = 0.6
     """Share of the motors' power that becomes kinetic energy when the robot speeds up; none comes back."""
 
     def __post_init__(self) -> None:
-        for name in ("idle_w", "compute_w", "moving_w", "speed_w_per_m_s", "yaw_w_per_rad_s"):
+        for name in self.__struct_fields__:
             if not getattr(self, name) >= 0:
                 raise ValueError(f"expected {name} >= 0, got {getattr(self, name)}")
+        for name in ("burst_s", "between_bursts_s"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
         if not 0 < self.drive_efficiency <= 1:
             raise ValueError(f"expected drive_efficiency in (0, 1], got {self.drive_efficiency}")
 
-    def motion_w(self, speed_m_s: float, yaw_rate_rad_s: float) -> float:
-        """Power of going on like this, beyond idle and compute; both speeds may have either sign."""
+    def standing_w(self, *, bursting: bool) -> float:
+        """Power of doing nothing."""
+        return self.idle_w + self.compute_w + (self.burst_w if bursting else 0.0)
+
+    def motion_w(self, speed_m_s: float, yaw_rate_rad_s: float, mass_kg: float) -> float:
+        """Power of going on like this, beyond standing; both speeds may have either sign, the mass is the base's."""
         speed_m_s, yaw_rate_rad_s = abs(speed_m_s), abs(yaw_rate_rad_s)
         if speed_m_s < _STANDING and yaw_rate_rad_s < _STANDING:
             return 0.0
-        return self.moving_w + self.speed_w_per_m_s * speed_m_s + self.yaw_w_per_rad_s * yaw_rate_rad_s
+        rolling_w = self.speed_w_per_m_s * speed_m_s + self.yaw_w_per_rad_s * yaw_rate_rad_s
+        loaded = 1.0 + self.payload_kg / mass_kg
+        return self.moving_w + loaded * rolling_w + self.speed2_w_per_m2_s2 * speed_m_s * speed_m_s
 
     def acceleration_j(self, mass_kg: float, before_m_s: float, after_m_s: float) -> float:
-        """Energy of a change of speed; braking costs and returns nothing."""
-        gained_j = 0.5 * mass_kg * (after_m_s * after_m_s - before_m_s * before_m_s)
+        """Energy of a change of speed of a base of this mass with its payload; braking costs and returns nothing."""
+        gained_j = 0.5 * (mass_kg + self.payload_kg) * (after_m_s * after_m_s - before_m_s * before_m_s)
         return max(0.0, gained_j) / self.drive_efficiency
-
-
-_STANDING = 1e-3
-"""Below a millimetre (milliradian) a second nothing moves."""

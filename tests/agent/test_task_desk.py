@@ -5,7 +5,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import Explore, TaskState
+from robrain.protocol.model.task import Explore, Recharge, TaskState, Visit
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import TaskAnswer, TaskOffer, TaskWithdrawal, TeamState
@@ -361,3 +361,104 @@ def test_the_task_of_a_behavior_that_breaks_has_failed(seeker):
 def test_a_deactivated_behavior_takes_no_tasks(seeker):
     seeker.hosts[-1].manager.get("seeker").deactivate()
     assert b"no behavior does Explore tasks" in send(seeker, ROBOT_OFFER, offer())
+
+
+# -- one drives at a time -----------------------------------------------------------------------------------------
+
+
+def visit(task_id="v1", epoch=2):
+    return TaskOffer(task=Visit(id=task_id, place=GOAL), epoch=epoch, lease_s=5.0)
+
+
+def test_a_task_of_another_kind_takes_the_place_of_the_one_that_runs(desk, explorer):
+    begun = []
+
+    def accept(task):
+        begun.append(desk.may_begin(task.id))
+        return YES
+
+    desk.register(Visit, accept, lambda why: None)
+    desk.offer(offer("t1"), 0)
+    assert desk.may_begin("t1")
+    assert desk.offer(visit("v1"), 0) == YES
+    assert begun == [False]  # not before the other has let go
+    assert explorer.let_go_of == ["v1 has taken its place"]
+    assert desk.may_begin("v1")
+    assert not desk.may_begin("t1")
+
+
+def test_a_task_that_is_refused_leaves_the_one_that_runs_in_its_place(desk, explorer):
+    desk.register(Visit, lambda task: NO, lambda why: None)
+    desk.offer(offer("t1"), 0)
+    assert desk.offer(visit(), 0) == NO
+    assert explorer.let_go_of == []
+    assert desk.may_begin("t1")
+
+
+def test_what_a_behavior_does_of_its_own_accord_gives_way_to_a_task(desk, explorer):
+    assert desk.occupy("wander")
+    assert desk.occupies("wander")
+    desk.offer(offer(), 0)
+    assert not desk.occupies("wander")
+    assert not desk.occupy("wander")
+    desk.end("t1", TaskState.DONE)
+    assert desk.status.state is TaskState.DONE
+    assert not desk.occupies("wander")  # it does not begin again by itself
+    assert desk.occupy("wander")
+
+
+def test_what_is_firm_gives_way_to_nothing_but_recharging(desk, explorer):
+    recharged = []
+    desk.register(Recharge, lambda task: recharged.append(task.id) or YES, lambda why: None)
+    assert desk.occupy("recharge", firm="r1 goes home: needs 9 J of 8 J usable")
+    assert not desk.occupy("wander")
+    assert desk.offer(offer(), 0) == TaskAnswer(accepted=False, why="r1 goes home: needs 9 J of 8 J usable")
+    assert desk.occupies("recharge")
+    home = TaskOffer(task=Recharge(id="c1", place=GOAL), epoch=3, lease_s=5.0)
+    assert desk.offer(home, 0) == YES
+    assert recharged == ["c1"]
+    assert not desk.occupies("recharge")
+
+
+def test_who_vacates_what_another_does_changes_nothing(desk):
+    desk.occupy("wander")
+    desk.vacate("idle")
+    assert desk.occupies("wander")
+    desk.vacate("wander")
+    assert not desk.occupies("wander")
+
+
+def test_a_halt_ends_what_is_done_of_ones_own_accord(desk):
+    desk.occupy("wander")
+    desk.halted()
+    assert not desk.occupies("wander")
+
+
+def test_a_task_that_is_recalled_has_failed_with_why(desk, explorer):
+    desk.offer(offer(), 0)
+    desk.recall("the way home needs 9 J of 8 J usable")
+    assert desk.status.state is TaskState.RUNNING
+    desk.check_lease(0)
+    assert (desk.status.state, desk.status.why) == (TaskState.FAILED, "the way home needs 9 J of 8 J usable")
+    assert explorer.let_go_of == ["the way home needs 9 J of 8 J usable"]
+
+
+def test_a_recall_without_a_task_does_not_meet_the_next_one(desk, explorer):
+    desk.recall("too late")
+    desk.offer(offer(), 0)
+    desk.check_lease(0)
+    assert desk.status.state is TaskState.RUNNING
+
+
+def test_what_came_of_a_task_is_told_with_its_end(desk, explorer):
+    desk.offer(offer(), 0)
+    desk.end("t1", TaskState.DONE, "", {"readings": 3, "energy_j": 12.5})
+    assert desk.status.result == {"readings": 3, "energy_j": 12.5}
+
+
+@pytest.mark.parametrize("result", [{"image": b"x" * 2000}, {"list": list(range(600))}, {"what": object()}])
+def test_a_result_that_is_no_small_json_is_refused_where_it_is_told(desk, explorer, result):
+    desk.offer(offer(), 0)
+    with pytest.raises(ValueError, match="expected a result of t1"):
+        desk.end("t1", TaskState.DONE, "", result)
+    assert desk.status.state is TaskState.RUNNING

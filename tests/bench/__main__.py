@@ -3,7 +3,18 @@
 from rich.console import Console
 from rich.table import Table
 
-from tests.bench import halt, plugin_host, real_time_factor
+from tests.bench import (
+    behaviors,
+    energy,
+    halt,
+    localisation,
+    motes,
+    motion,
+    plugin_host,
+    real_time_factor,
+    robot_cost,
+    tasks,
+)
 
 
 def main() -> None:
@@ -20,11 +31,28 @@ def main() -> None:
             f"{row.ratio:.0f}",
         )
     Console(width=110).print(table)
-    table = Table(title="The plugin host, each figure beside what it is compared with and the bound that it is to keep")
-    for heading in ("what", "measured", "beside", "bound", "kept"):
-        table.add_column(heading)
-    for figure in plugin_host.measure():
-        table.add_row(figure.what, figure.value, figure.beside, figure.bound, "yes" if figure.is_kept else "no")
+    for what, measure in (
+        ("The plugin host", plugin_host.measure),
+        ("Motion on CAN", motion.measure),
+        ("Battery and energy", energy.measure),
+        ("Motes", motes.measure),
+        ("Localisation", localisation.measure),
+        ("Behaviors", behaviors.measure),
+        ("Tasks", tasks.measure),
+    ):
+        table = Table(title=f"{what}, each figure beside what it is compared with and the bound that it is to keep")
+        for heading in ("what", "measured", "beside", "bound", "kept"):
+            table.add_column(heading)
+        for figure in measure():
+            table.add_row(figure.what, figure.value, figure.beside, figure.bound, "yes" if figure.is_kept else "no")
+        Console(width=110).print(table)
+    table = Table(title="One robot's whole stack, by part, for each robot and simulated second (depot)")
+    for heading in ("part", "CPU, ms", "calls", "bound, ms", "kept"):
+        table.add_column(heading, justify="left" if heading == "part" else "right")
+    for cost in robot_cost.measure():
+        kept = {True: "yes", False: "no", None: ""}[cost.is_kept]
+        bound = "" if cost.bound_ms is None else f"{cost.bound_ms:g}"
+        table.add_row(cost.part, f"{cost.ms:.2f}", f"{cost.calls:.1f}" if cost.calls else "", bound, kept)
     Console(width=110).print(table)
     table = Table(
         title=f"Emergency halt: from its put in another process to the stop frame (p99 ≤ {halt.BOUND_MS:g} ms)"

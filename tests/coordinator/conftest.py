@@ -1,6 +1,7 @@
 """A team as the coordinator hears it: fake robots on a lockstep session."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -8,14 +9,18 @@ import pytest
 import zenoh
 
 from robrain.coordinator.coordinator import Coordinator
+from robrain.coordinator.journal.journal import Journal
+from robrain.coordinator.task_book import LEGAL
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, GridGeometry, OccupancyGrid, PatchCells
-from robrain.protocol.model.task import TaskState
+from robrain.protocol.model.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.map_patch import to_message
 from robrain.protocol.wire.messages import (
+    PluginInfo,
     RobotState,
     TaskAnswer,
     TaskEvent,
@@ -25,26 +30,23 @@ from robrain.protocol.wire.messages import (
     TeamState,
 )
 from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord, TaskSubmission
 from robrain.protocol.wire.topics import (
     COORDINATOR_STATE,
     ROBOT_ALIVE,
     ROBOT_MAP,
     ROBOT_MAP_WHOLE,
     ROBOT_OFFER,
+    ROBOT_PLUGINS,
     ROBOT_STATE,
     ROBOT_WITHDRAW,
     TASK_EVENT,
+    TASK_SUBMIT,
+    Topic,
 )
 
 TICK_S = 0.02
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 120, 80)
-NEXT = {
-    None: {TaskState.QUEUED},
-    TaskState.QUEUED: {TaskState.OFFERED},
-    TaskState.OFFERED: {TaskState.RUNNING, TaskState.CANCELLED},
-    TaskState.RUNNING: {TaskState.DONE, TaskState.FAILED, TaskState.CANCELLED, TaskState.LOST_CONTACT},
-    TaskState.LOST_CONTACT: {TaskState.RUNNING, TaskState.DONE, TaskState.FAILED, TaskState.CANCELLED},
-}
 
 
 class FakeRobot:
@@ -59,6 +61,9 @@ class FakeRobot:
         self.team_halt_ns = 0
         self.not_halted: list[str] = []
         self.accepts = True
+        self.answers = True
+        """False: a query finds it, and never gets an answer in time."""
+        self.plugins = ["explore", "visit"]
         self.task: TaskStatus | None = None
         self.offers: list[TaskOffer] = []
         self.withdrawals: list[TaskWithdrawal] = []
@@ -74,6 +79,7 @@ class FakeRobot:
         self.wire.answer(ROBOT_OFFER, self._offered, robot=self.name)
         self.wire.answer(ROBOT_WITHDRAW, self._withdrawn, robot=self.name)
         self.wire.answer(ROBOT_MAP_WHOLE, lambda _request: self._whole(), robot=self.name)
+        self.wire.answer(ROBOT_PLUGINS, lambda _request: self._plugins(), robot=self.name)
         self.wire.token(ROBOT_ALIVE, robot=self.name)
 
     def leave(self) -> None:
@@ -96,8 +102,8 @@ class FakeRobot:
     def say_map(self, geometry: GridGeometry, cells: PatchCells) -> None:
         self._maps.put(to_message(self.name, geometry, cells))
 
-    def end(self, state: TaskState, why: str = "") -> None:
-        self.task = msgspec.structs.replace(self.task, state=state, why=why)
+    def end(self, state: TaskState, why: str = "", **result: float) -> None:
+        self.task = msgspec.structs.replace(self.task, state=state, why=why, result=result)
 
     @property
     def goal(self) -> Point2D:
@@ -106,6 +112,8 @@ class FakeRobot:
     def _offered(self, request) -> TaskAnswer:
         offer = msgspec.json.decode(request.payload, type=TaskOffer)
         self.offers.append(offer)
+        if not self.answers:
+            raise CallError(ErrorCode.TIMEOUT, "no reply in time")
         if not self.accepts:
             return TaskAnswer(accepted=False, why="no way there")
         self.task = TaskStatus(id=offer.task.id, epoch=offer.epoch, state=TaskState.RUNNING)
@@ -116,6 +124,9 @@ class FakeRobot:
         if self.task is not None and self.task.id == self.withdrawals[-1].id:
             self.end(TaskState.CANCELLED, "withdrawn")
         return TaskAnswer(accepted=True)
+
+    def _plugins(self) -> list[PluginInfo]:
+        return [PluginInfo(name=name, level="behavior", state="active") for name in self.plugins]
 
     def _whole(self):
         patch = self.grid.full_patch()
@@ -130,14 +141,37 @@ class Team:
         self.clock = VirtualClock()
         self.robots: list[FakeRobot] = []
         self._endpoints: list[Endpoint] = []
+        self._coordinator_wire: Endpoint | None = None
         ears = self.endpoint()
+        self._told: dict[int, TaskEvent] = {}
         self._events, self._summaries = Inbox(100_000, every=True), Inbox(100_000, every=True)
         ears.subscribe(self._events, TASK_EVENT)
         ears.subscribe(self._summaries, COORDINATOR_STATE)
         self.heard: list[TaskEvent] = []
-        self.coordinator = Coordinator(self.endpoint())
+        self.asker = self.endpoint()
+        self.begin(None)
         self._ticks = 0
         self._stamp_ms = 0
+
+    def begin(self, journal: Journal | None) -> None:
+        """A coordinator takes over; the one before has ended, as by a kill: it never says another word."""
+        if self._coordinator_wire is not None:
+            self._coordinator_wire.close()
+        if journal is None:  # one that remembers nothing counts its changes anew
+            self._told.clear()
+        self._coordinator_wire = self.endpoint()
+        self.coordinator = Coordinator(self._coordinator_wire, journal)
+
+    def submit(self, task: Task, **fields: Any) -> TaskRecord:
+        return self.ask(TASK_SUBMIT, TaskSubmission(task=task, **fields))
+
+    def ask(self, topic: Topic, payload: Any, kind: Any = TaskRecord) -> Any:
+        return msgspec.json.decode(self.asker.ask(topic, payload), type=kind)
+
+    def states(self) -> dict[str, TaskState]:
+        """Of the tasks that somebody asked for, as the journal has them."""
+        records = self.coordinator.tasks.journal.select(TaskFilter())
+        return {record.task.id: record.state for record in records}
 
     def robot(self, name: str, x_m: float = 6.0, y_m: float = 4.0) -> FakeRobot:
         self.robots.append(FakeRobot(self, name, x_m, y_m))
@@ -158,7 +192,11 @@ class Team:
                 if robot.speaks and self._ticks % 5 == 0:
                     robot.say_state()
             self.coordinator.step()
-            self.heard += [received.message for received in self._events.drain()]
+            for received in self._events.drain():
+                event = received.message
+                if event.change not in self._told:  # a coordinator that begins anew tells the last ones again
+                    self._told[event.change] = event
+                    self.heard.append(event)
 
     @property
     def summary(self) -> TeamState:
@@ -213,5 +251,5 @@ def team() -> Iterator[Team]:
         # Whatever the test was about: tasks only ever change in legal order.
         states: dict[str, TaskState] = {}
         for event in team.heard:
-            assert event.state in NEXT[states.get(event.task.id)], (event, states.get(event.task.id))
+            assert event.state in LEGAL[states.get(event.task.id)], (event, states.get(event.task.id))
             states[event.task.id] = event.state

@@ -6,7 +6,7 @@ import logging
 import numpy as np
 import pytest
 
-from robrain.coordinator.coordinator import LEASE_S
+from robrain.coordinator.reconcile import LEASE_S
 from robrain.protocol.model.occupancy_grid import FREE, GridGeometry, PatchCells
 from robrain.protocol.model.task import TaskState
 from robrain.protocol.wire.clock import to_ns

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from robrain.coordinator.coordinator import LEASE_S, Coordinator
+from robrain.coordinator.coordinator import Coordinator
+from robrain.coordinator.reconcile import FREE_AFTER_S
 from robrain.protocol.model.occupancy_grid import FREE
 from robrain.protocol.model.task import TaskState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -22,15 +23,15 @@ def test_a_lost_robots_task_is_lost_contact_then_cancelled_and_its_frontier_goes
     other.end(TaskState.DONE)
     team.run(0.5)
     lost.speaks = False
-    team.run(2.0)
+    team.run(1.2)
     assert team.history(task)[-1] is TaskState.LOST_CONTACT
     assert team.why(task).startswith("lost contact")
     other.end(TaskState.FAILED, "elsewhere, then")
-    team.run(2.0)
+    team.run(0.5)
     assert team.history(task)[-1] is TaskState.LOST_CONTACT
-    team.run(2.0)
+    team.run(0.5)
     assert team.history(task)[-2:] == [TaskState.LOST_CONTACT, TaskState.CANCELLED]
-    assert team.why(task) == "the lease ran out"
+    assert team.why(task) == "r1 is silent, and the lease ran out"
     assert team.history(task).count(TaskState.LOST_CONTACT) == 1
     team.run(1.0)
     assert other.goal == west
@@ -46,7 +47,7 @@ def test_a_robot_that_left_is_gone_and_its_task_is_cancelled_after_the_lease(tea
     team.run(0.1)
     assert team.history(task)[-1] is TaskState.LOST_CONTACT
     assert team.why(task) == "gone"
-    team.run(LEASE_S)
+    team.run(FREE_AFTER_S)
     assert team.history(task)[-1] is TaskState.CANCELLED
     robot.come()
 
@@ -57,7 +58,7 @@ def test_a_robot_that_returns_within_its_lease_goes_on(team):
     team.run(1.0)
     task = robot.task.id
     robot.speaks = False
-    team.run(3.0)
+    team.run(1.5)
     robot.speaks = True
     team.run(1.0)
     assert team.history(task)[-2:] == [TaskState.LOST_CONTACT, TaskState.RUNNING]
@@ -73,7 +74,7 @@ def test_a_robot_that_ended_its_task_while_it_was_out_of_reach_is_believed(team)
     team.run(1.0)
     task = robot.task.id
     robot.speaks = False
-    team.run(3.0)
+    team.run(1.5)
     robot.end(TaskState.DONE)
     robot.speaks = True
     team.run(0.2)
@@ -119,9 +120,7 @@ def test_a_robot_that_forgot_its_task_in_a_restart_gets_another(team):
     robot.task = None
     robot.leave()
     robot.come()
-    team.run(0.5)
-    assert team.history(forgotten)[-1] is TaskState.RUNNING
-    team.run(1.0)
+    team.run(1.5)
     assert team.history(forgotten)[-1] is TaskState.CANCELLED
     assert team.why(forgotten) == "r1 knows nothing of it"
     assert robot.offers[-1].task.id != forgotten

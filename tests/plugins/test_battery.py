@@ -1,11 +1,11 @@
-import itertools
-
+import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from robrain.protocol.can.frames import codec
-from robrain.protocol.wire.topics import ROBOT_STATE
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.wire.topics import ROBOT_EVENT, ROBOT_STATE
+from robrain.sim.firmware.battery import Battery, BatterySpec, GaugeSpec
+from robrain.sim.firmware.battery_manager import Gauge
 
 WH_J = 3600.0
 
@@ -27,18 +27,42 @@ class BatteryManager:
         self.bus.send(self.frame(voltage_v, current_a, temperature_c))
 
 
-def discharge(stage, measurements, **battery):
-    """State of a battery after these (volts, amperes), one every 0.2 s."""
-    one = stage()
-    host = one.host("battery", battery=battery)
-    manager = BatteryManager(one)
-    for voltage_v, current_a in measurements:
-        manager.measure(voltage_v, current_a)
-        one.run(0.2)
-    state = one.call("battery", "state")
-    one.hosts.remove(host)
-    host.close()
-    return state
+class Pack:
+    """A simulated battery on a robot's bus, behind a gauge that can be made to lie."""
+
+    def __init__(self, stage, **spec):
+        self.stage = stage
+        self.battery = Battery(BatterySpec(**spec))
+        self.gauge = Gauge(GaugeSpec(), np.random.default_rng(1))
+        self.manager = BatteryManager(stage)
+
+    def run(self, seconds, load_w=10.0, supply_w=0.0, lie=lambda *reading: reading, step_s=0.2):
+        battery = self.battery
+        for _ in range(round(seconds / step_s)):
+            battery.step(load_w, supply_w, step_s)
+            reading = lie(*self.gauge.read(battery.voltage_v, battery.current_a, battery.temperature_c))
+            if reading is not None:
+                self.manager.measure(*reading)
+            self.stage.run(step_s)
+        return self.state()
+
+    def state(self):
+        return self.stage.call("battery", "state")
+
+
+@pytest.fixture
+def pack(stage):
+    """A robot with this battery; what its plugin is told besides comes as `told`."""
+
+    def build(told=None, **spec):
+        one = stage()
+        one.host("battery", battery=told or {})
+        return Pack(one, **spec)
+
+    return build
+
+
+# -- what is measured -------------------------------------------------------------------------------------------
 
 
 def test_a_battery_that_was_never_measured_has_no_state(stage):
@@ -60,67 +84,54 @@ def test_a_measurement_is_told_as_it_was_on_the_bus(stage):
         "voltage_v": pytest.approx(14.321),
         "current_a": pytest.approx(1.234),
         "temperature_c": pytest.approx(-7.5),
+        "charge_c": 0.0,
+        "energy_j": 0.0,
+        "counted_from_ns": 0,
     }
 
 
 def test_a_minute_at_24_w_takes_1440_j_out_of_the_battery(stage):
-    state = discharge(stage, [(12.0, 2.0)] * 301, capacity_wh=20.0)
-    assert state["remaining_j"] == pytest.approx(20.0 * WH_J - 1440.0)
-    assert state["soc"] == pytest.approx(1.0 - 1440.0 / (20.0 * WH_J))
-
-
-def test_what_is_left_travels_in_the_robots_state(stage):
-    one = stage()
-    one.host("battery", battery={"capacity_wh": 10.0, "soc_at_start": 0.5})
-    states = one.inbox(ROBOT_STATE)
-    BatteryManager(one).measure(12.0, 1.0)
-    one.run(0.5)
-    battery = states.drain()[-1].message.battery
-    assert (battery.soc, battery.remaining_j) == (0.5, 5.0 * WH_J)
-    assert (battery.voltage_v, battery.current_a, battery.temperature_c) == (12.0, 1.0, 25.0)
-
-
-def test_counting_does_not_depend_on_how_often_the_battery_is_measured(stage):
-    often = discharge(stage, [(12.0, 2.0)] * 51)
     one = stage()
     one.host("battery")
+    manager = BatteryManager(one)
+    for _ in range(301):
+        manager.measure(15.0, 1.6)
+        one.run(0.2)
+    assert one.call("bm2", "latest")["energy_j"] == pytest.approx(1440.0)
+    assert one.call("bm2", "latest")["charge_c"] == pytest.approx(96.0)
+
+
+def test_counting_does_not_depend_on_how_often_the_battery_is_looked_at(stage):
+    one = stage()
+    one.host("battery", "bm2")
     manager = BatteryManager(one)
     for _ in range(6):
         manager.measure(12.0, 2.0)
         one.run(2.0)
-    assert one.call("battery", "state")["remaining_j"] == pytest.approx(often["remaining_j"])
+    assert one.call("bm2", "latest")["energy_j"] == pytest.approx(5 * 2.0 * 24.0)
 
 
-def test_an_empty_battery_is_empty_and_no_less(stage):
-    state = discharge(stage, [(12.0, 30.0)] * 20, capacity_wh=0.1)
-    assert (state["remaining_j"], state["soc"]) == (0.0, 0.0)
+def test_what_happened_in_a_gap_is_not_made_up(stage):
+    one = stage()
+    one.host("bm2")
+    manager = BatteryManager(one)
+    for _ in range(3):
+        manager.measure(12.0, 2.0)
+        one.run(30.0)
+    assert one.call("bm2", "latest")["energy_j"] == 0.0
 
 
-def test_a_charged_battery_is_full_and_no_more(stage):
-    state = discharge(stage, [(14.0, -5.0)] * 20, capacity_wh=1.0, soc_at_start=0.99)
-    assert (state["remaining_j"], state["soc"]) == (WH_J, 1.0)
-
-
-@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.lists(st.tuples(st.floats(10.0, 16.0), st.floats(-30.0, 30.0)), min_size=2, max_size=12))
-def test_energy_is_counted_between_each_two_measurements(stage, measurements):
-    told = [(round(volts, 3), round(amperes, 3)) for volts, amperes in measurements]
-    state = discharge(stage, told, capacity_wh=100.0, soc_at_start=0.5)
-    powers_w = [volts * amperes for volts, amperes in told]
-    used_j = sum(0.2 * (before + after) / 2 for before, after in itertools.pairwise(powers_w))
-    assert state["remaining_j"] == pytest.approx(50.0 * WH_J - used_j, abs=0.5)
-
-
-def test_a_corrupt_measurement_is_not_believed(stage):
+def test_a_corrupt_measurement_is_counted_and_not_believed(stage):
     one = stage()
     one.host("battery")
     manager = BatteryManager(one)
-    manager.measure(12.0, 1.0)
+    manager.measure(15.0, 1.0)
     corrupt = manager.frame(3.0, 30.0)
     corrupt.data[0] ^= 1
     manager.bus.send(corrupt)
     one.run(0.4)
-    assert one.call("battery", "state")["voltage_v"] == 12.0
+    assert one.call("battery", "state")["voltage_v"] == 15.0
+    assert one.call("bm2", "rejected") == 1
 
 
 def test_a_frame_of_another_identifier_space_is_no_measurement(stage):
@@ -144,11 +155,164 @@ def test_a_robot_whose_battery_bus_is_absent_tells_no_battery_and_why(stage):
     assert "nonexistent0" in infos["battery"].why
 
 
+def test_a_battery_manager_that_is_loaded_anew_does_not_disturb_the_count(pack):
+    one = pack(soc_at_start=0.8)
+    one.run(60.0)
+    before = one.state()
+    one.stage.hosts[0].manager.reload("bm2")
+    after = one.run(20.0)
+    assert after["implausible"] == ""
+    assert after["soc"] == pytest.approx(before["soc"], abs=0.01)
+    drawn = one.stage.hosts[0].manager.get("battery").live_plugin().drawn()
+    assert drawn.energy_j == pytest.approx(one.battery.delivered_j, rel=0.03)
+
+
+# -- what is left -----------------------------------------------------------------------------------------------
+
+
+def test_what_is_left_travels_in_the_robots_state(pack):
+    one = pack()
+    states = one.stage.inbox(ROBOT_STATE)
+    one.run(5.0)
+    battery = states.drain()[-1].message.battery
+    assert battery.soc == pytest.approx(1.0, abs=0.05)
+    assert 0.7 * 20.0 * WH_J < battery.remaining_low_j < battery.remaining_j < battery.remaining_high_j
+    assert (battery.charging, battery.implausible) == (False, "")
+
+
+def test_the_state_of_charge_follows_the_battery_to_its_end(pack):
+    one = pack(
+        told={"capacity_wh": 2.0, "rate_loss_s": 30.0, "drive_current_a": 0.3}, capacity_wh=2.0, capacity_fade=0.1
+    )
+    errors, covered = [], []
+    while not one.battery.is_cut_off:
+        state = one.run(20.0, load_w=6.0 if len(errors) % 2 else 2.0)
+        if not one.battery.is_cut_off:
+            errors.append(state["soc"] - one.battery.soc)
+            covered.append((one.battery.delivered_j, state["remaining_low_j"], state["remaining_high_j"]))
+    assert np.sqrt(np.mean(np.square(errors))) < 0.03
+    end_j = one.battery.delivered_j
+    inside = [low_j <= end_j - given_j <= high_j for given_j, low_j, high_j in covered]
+    assert np.mean(inside) > 0.9
+
+
+def test_a_known_charge_at_the_start_is_taken_and_then_held_against_the_voltage(pack):
+    one = pack(told={"soc_at_start": 0.5}, soc_at_start=0.5)
+    assert one.run(0.4)["soc"] == pytest.approx(0.5, abs=0.01)
+    assert one.run(30.0)["soc"] == pytest.approx(one.battery.soc, abs=0.03)
+
+
+def test_a_battery_that_is_charged_says_so_and_fills(pack):
+    one = pack(soc_at_start=0.5)
+    before = one.run(5.0)
+    after = one.run(300.0, supply_w=40.0)
+    assert (before["charging"], after["charging"]) == (False, True)
+    assert after["soc"] > before["soc"] + 0.05
+    assert after["implausible"] == ""
+
+
+def test_low_and_cut_off_are_told_once_each_and_again_after_a_charge(pack):
+    one = pack(told={"capacity_wh": 1.0}, capacity_wh=1.0, soc_at_start=0.4)
+    low, cut_off = (one.stage.inbox(ROBOT_EVENT, plugin="battery", event=name) for name in ("low", "cut_off"))
+    while not one.battery.is_cut_off:
+        one.run(2.0, load_w=5.0)
+    alarms = [[received.message.value for received in box.drain()] for box in (low, cut_off)]
+    assert [len(each) for each in alarms] == [1, 1]
+    assert alarms[0][0]["soc"] == pytest.approx(0.25, abs=0.02)
+    assert "low is 25 %" in alarms[0][0]["why"]
+    assert alarms[1][0]["remaining_j"] < 0.1 * WH_J
+    while one.battery.soc < 0.45:
+        one.run(10.0, load_w=0.0, supply_w=10.0)
+    while not one.battery.is_cut_off:
+        one.run(2.0, load_w=5.0)
+    assert (len(low.drain()), len(cut_off.drain())) == (1, 1)
+
+
+# -- a battery that lies ----------------------------------------------------------------------------------------
+
+
+class Drift:
+    """Voltage and current leave the truth slowly, and against each other."""
+
+    def __init__(self):
+        self.steps = 0
+
+    def __call__(self, volts, amperes, celsius):
+        self.steps += 1
+        return volts - min(0.8, 0.03 * self.steps), amperes - min(3.0, 0.1 * self.steps), celsius
+
+
+LIES = {
+    "out of range": lambda volts, amperes, celsius: (2.0, amperes, celsius),
+    "31.00 A": lambda volts, amperes, celsius: (volts, 31.0, celsius),
+    "jumped": lambda volts, amperes, celsius: (volts - 1.0, amperes, celsius),
+    "frozen": lambda volts, amperes, celsius: (15.5, 0.7, celsius),
+    "the computer runs": lambda volts, amperes, celsius: (volts, 0.0, celsius),
+    "contradicts": Drift(),
+    "no measurement": lambda volts, amperes, celsius: None,
+}
+
+
+@pytest.mark.parametrize("name", LIES)
+def test_a_lie_is_named_told_outside_and_makes_the_robot_less_sure(pack, name):
+    one = pack(soc_at_start=0.8)
+    told = one.stage.inbox(ROBOT_EVENT, plugin="battery", event="implausible")
+    honest = one.run(20.0)
+    lied = one.run(15.0, lie=LIES[name])
+    alarms = [received.message.value for received in told.drain()]
+    assert any(name in alarm["why"] for alarm in alarms)
+    assert lied["implausible"]
+    assert lied["remaining_low_j"] < honest["remaining_low_j"] - 0.05 * 20.0 * WH_J
+    assert lied["soc_sd"] > honest["soc_sd"] + 0.04
+    assert abs(lied["soc"] - one.battery.soc) < 0.05  # the lie itself was not followed
+    worse = one.run(60.0, lie=LIES[name])
+    assert worse["soc_sd"] > lied["soc_sd"]
+
+
+def test_a_battery_that_tells_the_truth_again_is_believed_again(pack):
+    one = pack(soc_at_start=0.8)
+    one.run(20.0)
+    one.run(30.0, lie=LIES["jumped"])
+    assert one.run(5.0)["implausible"]
+    assert one.run(60.0)["implausible"] == ""
+    assert one.state()["soc"] == pytest.approx(one.battery.soc, abs=0.04)
+
+
+def test_a_minute_of_silence_is_counted_once_and_one_word_does_not_end_the_doubt(pack):
+    one = pack(soc_at_start=0.8)
+    one.run(240.0)  # what is usual has to be known
+    before = one.state()["soc"]
+    one.run(60.0, lie=LIES["no measurement"])
+    state = one.run(2.0)
+    assert state["implausible"].startswith("no measurement for")
+    assert before - state["soc"] == pytest.approx(62.0 / 7200.0, rel=0.5)  # 10 W empty 20 Wh in two hours
+    assert one.run(15.0)["implausible"] == ""
+
+
+def test_a_robot_whose_first_measurement_is_a_lie_knows_nothing_and_says_so(pack):
+    one = pack()
+    state = one.run(0.4, lie=LIES["out of range"])
+    assert state["implausible"]
+    assert (state["soc"], state["soc_sd"] > 0.25) == (pytest.approx(0.5, abs=0.01), True)
+    assert state["remaining_low_j"] == 0.0
+
+
+def test_a_gauge_that_lies_in_the_arena_is_noticed_over_the_real_bus(stage, room):
+    one = stage(room(), r1=Pose2D(2.0, 2.0, 0.0))
+    one.host("battery")
+    one.run(10.0)
+    assert one.call("battery", "state")["implausible"] == ""
+    one.arena._robots[0].manager.lie = lambda reading: (16.0, 0.5, reading[2])
+    one.run(6.0)
+    assert "frozen" in one.call("battery", "state")["implausible"]
+
+
 @pytest.mark.parametrize(
     ("battery", "expected"),
     [
         ({"capacity_wh": 0.0}, "expected capacity_wh > 0, got 0.0"),
         ({"soc_at_start": 1.5}, "expected soc_at_start from 0 to 1, got 1.5"),
+        ({"low_soc": -0.5}, "expected low_soc from 0 to 1, got -0.5"),
         ({"capacity": 3.0}, "unknown field `capacity`"),
     ],
 )

@@ -7,6 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from robrain.plugins.unit.driver.interface import Motion
+from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Point2D, Pose2D
 
 OPEN = [3.0] * 180
@@ -139,25 +140,69 @@ def test_a_robot_without_a_scan_stands(stage, frames):
     assert one.call("driver", "motion") == Motion.BLOCKED
 
 
-def test_a_robot_whose_scan_is_stale_stands(stage, frames):
+@pytest.fixture
+def wheels(stage):
+    """A stage with a motor controller that says that it stands, and no arena; call it with each tick's scan."""
     one = stage()
+    controller = one.bus()
+    count = itertools.count()
+
+    def tick(scan=None):
+        standing = {f"wheel_{number}_ticks": 0 for number in (1, 2, 3)}
+        controller.send(codec("WheelEncoders").pack(next(count), **standing))
+        if scan is not None:
+            one.scan(scan)
+
+    return one, tick
+
+
+def test_a_robot_whose_scan_is_stale_stands(wheels, frames):
+    one, tick = wheels
     host = one.host("driver")
     bus = one.bus()
     driver(host).follow([Point2D(2.0, 0.0)])
-    one.run(0.5, lambda: one.scan(OPEN))
+    one.run(0.5, lambda: tick(OPEN))
     assert max(map(abs, wheel_speeds(frames(bus, "WheelCommand")[-1]))) > 1.0
-    one.run(0.9)
+    one.run(0.5, tick)
     assert max(map(abs, wheel_speeds(frames(bus, "WheelCommand")[-1]))) > 1.0
-    one.run(0.2)
+    one.run(0.2, tick)
     frames(bus, "WheelCommand")
-    one.run(1.0)
+    one.run(1.0, tick)
     commands = frames(bus, "WheelCommand")
     assert commands
     assert all(speed == 0.0 for frame in commands for speed in wheel_speeds(frame))
+    assert one.call("driver", "blocked_why") == "there has been no fresh scan"
     assert driver(host).blocked_s() > 0.9
-    one.run(0.5, lambda: one.scan(OPEN))
+    one.run(0.5, lambda: tick(OPEN))
     assert max(map(abs, wheel_speeds(frames(bus, "WheelCommand")[-1]))) > 1.0
     assert one.call("driver", "motion") == Motion.DRIVING
+
+
+@pytest.mark.parametrize("motion", [("drive", 2.0), ("turn", 2.0), ("go_to", 1.0, 0.0, 1.0)])
+def test_a_robot_whose_wheels_have_never_spoken_stands(stage, frames, motion):
+    one = stage()
+    one.host("driver")
+    bus = one.bus()
+    one.call("driver", *motion)
+    one.run(2.0, lambda: one.scan(OPEN))
+    commands = frames(bus, "WheelCommand")
+    assert commands
+    assert all(speed == 0.0 for frame in commands for speed in wheel_speeds(frame))
+    assert one.call("driver", "blocked_why") == "the wheel encoders have said nothing"
+
+
+def test_an_empty_path_is_no_way_to_go(stage, room):
+    one = stage(room(), r1=Pose2D(1.0, 2.0, 0.0))
+    host = one.host("localisation")
+    one.run(0.4)
+    drive(host, (3.0, 2.0))
+    one.run(1.0)
+    driver(host).follow([])
+    one.run(1.0)
+    before = one.truth().pose
+    one.run(1.0)
+    assert one.truth().pose == before
+    assert stands(one)
 
 
 def test_stop_ends_the_path(stage, room):

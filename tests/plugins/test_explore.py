@@ -177,6 +177,18 @@ def test_a_robot_whose_coordinator_falls_silent_goes_on_alone(explorer):
     assert one.truth().distance_m > 1.0
 
 
+def test_what_the_robot_chose_for_itself_gives_way_to_another_behavior(explorer):
+    one, host = explorer
+    one.coordinator_speaks = False
+    one.run_until(lambda: host.board.behavior == "explore alone", 5.0)
+    assert host.desk.occupy("wander")
+    host.board.behavior = "wander"
+    one.run(0.4)
+    assert one.call("explore", "goal") is None
+    one.run(5.0)
+    assert (one.call("explore", "goal"), host.board.behavior) == (None, "wander")
+
+
 def test_an_offer_takes_the_place_of_what_the_robot_chose_for_itself(explorer):
     one, host = explorer
     one.coordinator_speaks = False

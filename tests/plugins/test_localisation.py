@@ -4,13 +4,16 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from robrain.plugins.unit.snw_exploration.interface import RssiMeasurement
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.omni_drive import OmniBase
-from robrain.protocol.wire.topics import ROBOT_STATE
+from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
+from robrain.protocol.wire.topics import ROBOT_EVENT, ROBOT_STATE
 
 BASE = OmniBase()
 WHEELS = ("wheel_1_ticks", "wheel_2_ticks", "wheel_3_ticks")
+MOTES = [Point2D(x, y) for x in (-2.0, 3.0, 9.0, 15.0) for y in (-5.0, 4.0)]
 COORDINATE_M = st.floats(-50.0, 50.0)
 
 
@@ -64,3 +67,151 @@ def test_a_point_in_the_odom_frame_is_the_same_place(stage, x_m, y_m, yaw_rad, p
     assert (back.x_m, back.y_m) == pytest.approx(point, abs=1e-9)
     one.hosts.remove(host)
     host.close()
+
+
+def biased(one, bus, metres, *, each=None):
+    """Encoder frames of a robot that drives straight, and whose third wheel counts 2 % too much."""
+    turns = BASE.wheel_speeds_rad_s(Twist2D(0.01))
+    state = {"x_m": 0.0, "counts": [0.0, 0.0, 0.0], "frame": 0}
+    for _ in range(round(metres / 0.01)):
+        state["x_m"] += 0.01
+        state["frame"] = (state["frame"] + 1) % 256
+        for wheel, turn_rad in enumerate(turns):
+            state["counts"][wheel] += turn_rad * (1.02 if wheel == 2 else 1.0) / BASE.rad_per_tick
+        counts = [round(count) % 65536 for count in state["counts"]]
+        bus.send(codec("WheelEncoders").pack(state["frame"], **dict(zip(WHEELS, counts, strict=True))))
+        one.run(0.02, None if each is None else lambda: each(state["x_m"]))
+
+
+def heard(one, host, x_m, step):
+    """A mote's signal at a true place on the x axis, put where mote_ranges leaves it."""
+    mote = MOTES[step % len(MOTES)]
+    rssi_dbm = PathLoss().mean_dbm(math.hypot(x_m - mote.x_m, mote.y_m))
+    host.board.mote_ranges.append(RssiSample(f"m{step % len(MOTES)}", mote, rssi_dbm))
+
+
+def test_motes_correct_what_the_wheels_get_wrong(stage):
+    errors_m = {}
+    for motes in (False, True):
+        one = stage()
+        host = one.host("localisation", localisation={"motes": motes})
+        steps = iter(range(1_000_000))
+
+        def each(x_m, one=one, host=host, steps=steps):
+            step = next(steps)
+            if step % 10 == 0:
+                heard(one, host, x_m, step // 10)
+
+        biased(one, one.bus(), 12.0, each=each)
+        pose = host.manager.get("localisation").plugin.pose()
+        errors_m[motes] = math.hypot(pose.x_m - 12.0, pose.y_m)
+        one.hosts.remove(host)
+        host.close()
+    assert errors_m[False] > 1.5
+    assert errors_m[True] < 0.4 * errors_m[False]
+
+
+def test_odometry_stays_continuous_and_the_correction_is_in_its_frame(stage):
+    one = stage()
+    host = one.host("localisation")
+    steps = iter(range(1_000_000))
+    before = []
+
+    def each(x_m):
+        heard(one, host, x_m, next(steps))
+        before.append(host.board.T_arena_odom)
+
+    biased(one, one.bus(), 4.0, each=each)
+    localisation = host.manager.get("localisation").plugin
+    odometry = host.manager.get("driver").plugin.pose()
+    assert len(set(before)) > 10
+    assert host.board.T_arena_odom.compose(odometry).distance_m(localisation.pose()) < 1e-9
+    (point,) = localisation.to_odom([Point2D(1.0, 2.0)])
+    back = host.board.T_arena_odom.compose(Pose2D(point.x_m, point.y_m, 0.0))
+    assert (back.x_m, back.y_m) == pytest.approx((1.0, 2.0))
+
+
+def test_the_state_carries_a_covariance_that_grows_with_the_way(stage):
+    one = stage()
+    one.host("localisation")
+    states = one.inbox(ROBOT_STATE)
+    roll(one, one.bus(), Twist2D(3.0))
+    covariances = [received.message.pose_covariance for received in states.drain()]
+    assert all(len(covariance) == 9 for covariance in covariances)
+    assert covariances[-1][0] > 10 * covariances[0][0]
+
+
+def test_a_robot_whose_motes_contradict_its_wheels_says_that_it_is_lost_and_the_map_stops(stage):
+    one = stage()
+    host = one.host("localisation", "mapper")
+    lost = one.inbox(ROBOT_EVENT, robot="r1", plugin="localisation", event="diverged")
+    paused = one.inbox(ROBOT_EVENT, robot="r1", plugin="mapper", event="paused")
+    steps = iter(range(1_000_000))
+
+    def each(x_m):
+        step = next(steps)
+        one.scan([0.0] * 90)
+        if step % 5 == 0:
+            heard(one, host, x_m + (9.0 if step > 200 else 0.0), step // 5)
+
+    biased(one, one.bus(), 8.0, each=each)
+    said = [received.message.value for received in lost.drain()]
+    assert said[0]["is_lost"]
+    assert said[0]["why"]
+    assert "does not know where it is" in paused.drain()[0].message.value
+    assert one.call("mapper", "counters")["scans_left_out"] > 0
+
+
+def test_a_robot_without_a_base_station_is_localised_all_the_same(stage):
+    one = stage()
+    host = one.host("localisation")
+    assert "mote_ranges" not in host.manager.tags
+    assert one.infos()["localisation"].state == "active"
+
+
+def test_signals_reach_localisation_through_the_sensor_network(stage):
+    one = stage()
+    host = one.host("localisation", "mote_ranges", "snw_exploration")
+    network = host.manager.get("snw_exploration").plugin
+    for place in (Point2D(4.0, 0.0), None):
+        network.measured.notify(RssiMeasurement(mote="m1", place=place, rssi_dbm=-78.0, stamp_ns=0))
+    one.run(0.3)
+    assert one.call("localisation", "health")["signals"] == 1
+
+
+def test_signals_that_nobody_takes_are_bounded_and_counted(stage):
+    one = stage()
+    host = one.host("mote_ranges")
+    network = host.manager.get("snw_exploration").plugin
+    for number in range(300):
+        network.measured.notify(RssiMeasurement(mote="m1", place=Point2D(4.0, 0.0), rssi_dbm=-78.0, stamp_ns=number))
+        one.run(0.02)
+    assert len(host.board.mote_ranges) == 256
+    assert one.call("mote_ranges", "dropped") == 44
+
+
+def test_walls_hold_a_robot_whose_wheels_are_wrong(stage, room):
+    plan = room(9.0, 5.0, (2.8, 2.2, 3.6, 2.8), (5.6, 2.1, 6.2, 2.6))
+    errors_m = {}
+    for scan_matching in (False, True):
+        start = Pose2D(1.0, 1.0, 0.0)
+        one = stage(plan, r1=start)
+        base = {"wheel_radius_m": 0.0404}  # its wheels are 1 % smaller than it takes them for
+        host = one.host(
+            "mapper",
+            "localisation",
+            localisation={"x_m": 1.0, "y_m": 1.0, "scan_matching": scan_matching},
+            mocdevice={"base": base},
+        )
+        localisation, driver = (host.manager.get(name).plugin for name in ("localisation", "driver"))
+        worst_m = 0.0
+        for goal in [(7.5, 1.0), (7.5, 4.0), (1.0, 4.0), (1.0, 1.0)] * 2:
+            driver.follow(localisation.to_odom([Point2D(*goal)]))
+            for _ in range(16):
+                one.run(1.0)
+                worst_m = max(worst_m, one.truth().pose.distance_m(localisation.pose()))
+        errors_m[scan_matching] = worst_m
+        one.hosts.remove(host)
+        host.close()
+    assert errors_m[True] < 0.15
+    assert errors_m[True] < 0.5 * errors_m[False]

@@ -9,7 +9,7 @@ from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
 from robrain.protocol.wire.map_patch import merge_message, to_message
 from robrain.protocol.wire.messages import MapPatch, Scan
-from robrain.protocol.wire.topics import ARENA_SCAN, ROBOT_MAP, ROBOT_MAP_WHOLE
+from robrain.protocol.wire.topics import ARENA_SCAN, ROBOT_EVENT, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 GRID = {"resolution_m": 0.1, "origin_x_m": -8.0, "origin_y_m": -8.0, "width_m": 16.0, "height_m": 16.0}
 
@@ -233,3 +233,54 @@ def test_its_own_patches_do_not_come_back_to_it(stage):
     one.publisher(ROBOT_MAP, robot="r1").put(to_message("r1", grid, other.full_patch()))
     one.run(0.6)
     assert np.array_equal(view(host).classes, own)
+
+
+def test_scans_are_left_out_while_the_place_is_not_sure_and_taken_in_again_later(stage):
+    one = stage()
+    host = one.host("mapper", mapper=GRID)
+    paused = one.inbox(ROBOT_EVENT, robot="r1", plugin="mapper", event="paused")
+    board = host.board
+    board.T_arena_odom = Pose2D(0.0, 0.0, 0.0)
+    board.pose_covariance = (9.0, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01)
+    one.run(1.0, lambda: one.scan([2.0] * 90))
+    assert not np.any(view(host).classes != UNKNOWN)
+    assert one.call("mapper", "counters")["scans_left_out"] > 10
+    board.pose_covariance = (0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01)
+    one.run(1.0, lambda: one.scan([2.0] * 90))
+    assert np.any(view(host).classes == OCCUPIED)
+    said = [received.message.value for received in paused.drain()]
+    assert len(said) == 2
+    assert "not sure enough" in said[0]
+    assert said[1] == ""
+
+
+def test_after_a_correction_walls_are_put_where_they_are_in_the_arena(stage):
+    """Cells are the arena's: what is mapped after T_arena_odom has jumped is not shifted with the odometry's frame."""
+    one = stage()
+    host = one.host("mapper", mapper=GRID)
+    patches = one.inbox(ROBOT_MAP)
+    host.board.T_arena_odom = Pose2D(0.0, 0.0, 0.0)
+    one.run(1.0, lambda: one.scan([3.0]))  # one ray, backwards
+    host.board.T_arena_odom = Pose2D(0.0, 1.0, math.pi)
+    one.run(1.0, lambda: one.scan([3.0]))
+    seen = view(host)
+    assert class_at(seen, -3.02, 0.0) == OCCUPIED
+    assert class_at(seen, 3.02, 1.0) == OCCUPIED
+    elsewhere = OccupancyGrid(seen.geometry)
+    for received in patches.drain():
+        merge_message(elsewhere, received.message)
+    assert np.array_equal(elsewhere.classes(), seen.classes)
+
+
+def test_memory_is_bounded_whatever_the_others_send_and_drops_are_counted(stage):
+    one = stage()
+    host = one.host("mapper", "localisation", mapper=GRID)
+    grid = GridGeometry(0.1, -8.0, -8.0, 160, 160)
+    other = OccupancyGrid(grid)
+    other.merge_patch(0, 0, np.full((2, 2), FREE, np.int8), 1)
+    patch, publisher = to_message("r2", grid, other.full_patch()), one.publisher(ROBOT_MAP, robot="r2")
+    for _ in range(4096 + 100):
+        publisher.put(patch)
+    one.run(0.6)
+    assert one.call("mapper", "counters")["patches_dropped"] == 100
+    assert view(host).classes.shape == grid.shape

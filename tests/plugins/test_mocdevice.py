@@ -40,6 +40,11 @@ def device(host):
     return host.manager.get("mocdevice").plugin
 
 
+def counted(one, *names):
+    counters = one.call("mocdevice", "counters")
+    return [counters[name] for name in names]
+
+
 def ticks_for(displacement):
     """Encoder ticks of a displacement (m, m, rad)."""
     return [turn_rad / BASE.rad_per_tick for turn_rad in BASE.wheel_speeds_rad_s(displacement)]
@@ -55,7 +60,7 @@ def test_encoder_frames_of_a_metre_forward_are_a_metre_of_odometry(stage):
     pose = device(host).pose()
     assert (pose.x_m, pose.y_m, pose.yaw_rad) == pytest.approx((1.0, 0.0, 0.0), abs=0.01)
     assert device(host).velocity().forward_m_s == pytest.approx(0.5, rel=0.01)
-    assert one.call("mocdevice", "counters") == {"believed": 101, "rejected": 0, "foreign": 0}
+    assert counted(one, "believed", "rejected", "foreign") == [101, 0, 0]
 
 
 def test_a_turn_on_the_spot_turns_the_odometry_alone(stage):
@@ -114,7 +119,7 @@ def test_a_corrupt_encoder_frame_is_counted_and_not_believed(stage, byte):
     controller.bus.send(frame)
     one.run(0.02)
     assert device(host).pose() == Pose2D(0.0, 0.0, 0.0)
-    assert one.call("mocdevice", "counters") == {"believed": 1, "rejected": 1, "foreign": 0}
+    assert counted(one, "believed", "rejected", "foreign") == [1, 1, 0]
 
 
 def test_a_frame_that_is_too_short_is_counted_and_not_believed(stage):
@@ -124,7 +129,7 @@ def test_a_frame_that_is_too_short_is_counted_and_not_believed(stage):
     frame.data, frame.dlc = frame.data[:5], 5
     one.bus().send(frame)
     one.run(0.02)
-    assert one.call("mocdevice", "counters") == {"believed": 0, "rejected": 1, "foreign": 0}
+    assert counted(one, "believed", "rejected", "foreign") == [0, 1, 0]
 
 
 def test_the_next_good_frame_makes_up_for_a_corrupt_one(stage):
@@ -154,7 +159,7 @@ def test_frames_of_others_are_counted_as_foreign(stage):
     stranger.send(can.Message(arbitration_id=encoders.arbitration_id, data=encoders.data, is_extended_id=True))
     stranger.send(can.Message(arbitration_id=encoders.arbitration_id, is_extended_id=False, is_remote_frame=True))
     one.run(0.02)
-    assert one.call("mocdevice", "counters") == {"believed": 1, "rejected": 0, "foreign": 3}
+    assert counted(one, "believed", "rejected", "foreign") == [1, 0, 3]
     assert device(host).pose() == Pose2D(0.0, 0.0, 0.0)
 
 
@@ -250,7 +255,8 @@ def test_a_robot_without_its_bus_goes_on_without_that_branch_and_says_why(stage,
     one.host("explore", "teammates", mocdevice={"interface": interface, "channel": channel})
     one.run(1.0)
     infos = one.infos()
-    assert {name for name, info in infos.items() if info.state == "active"} == {"planner", "scan", "teammates"}
+    active = {name for name, info in infos.items() if info.state == "active"}
+    assert {"range_sensors", "scan", "teammates"} <= active
     for name in ("mocdevice", "driver", "localisation", "mapper", "explore"):
         assert infos[name].state == "faulted"
         assert f"no CAN bus at {interface}:{channel}" in infos[name].why

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from robrain.plugins.skill.mapper.interface import MapView
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.navigation import NavigationGrid, Zone
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
 
 RESOLUTION_M = 0.1
@@ -136,8 +137,90 @@ def test_no_path_ever_comes_closer_to_a_known_obstacle_than_the_robot_needs(stag
     assert clearance_m(one, path, start=path[0]) > NEEDED_M - 0.5 * RESOLUTION_M
 
 
-@pytest.mark.parametrize("name", ["radius_m", "margin_m", "snap_m"])
+@pytest.mark.parametrize("name", ["margin_m", "snap_m"])
 def test_a_planner_with_a_size_that_is_none_is_left_out_with_the_reason(stage, name):
     one = stage()
     one.host("planner", planner={name: 0.0})
     assert f"expected {name} > 0, got 0.0" in one.infos()["planner"].why
+
+
+def test_a_cost_of_unknown_floor_below_that_of_known_floor_is_refused(stage):
+    one = stage()
+    one.host("planner", planner={"unknown_cost": 0.5})
+    assert "expected unknown_cost >= 1, got 0.5" in one.infos()["planner"].why
+
+
+@pytest.mark.parametrize(("unknown", "is_straight"), [("free", True), ("dear", False)])
+def test_unknown_floor_may_be_driven_on_if_the_manifest_says_so(stage, unknown, is_straight):
+    """A strip of unknown floor lies across the way; around it, it is 1.3 m farther."""
+    one = view()
+    draw(one, 1.0, -1.0, 3.0, 1.0, UNKNOWN)
+    host = stage().host("planner", planner={"unknown": unknown, "unknown_cost": 10.0})
+    path = host.manager.get("planner").plugin.plan(one, START, GOAL, [])
+    assert (length_m(START, path) < 4.2) == is_straight
+
+
+def test_the_radius_is_that_of_the_driver(stage):
+    one = view()
+    draw(one, 1.9, -2.0, 2.1, 2.0, OCCUPIED)
+    draw(one, 1.9, -0.4, 2.1, 0.4, FREE)
+    for radius_m, has_way in ((0.2, True), (0.35, False)):
+        host = stage().host("planner", mocdevice={"radius_m": radius_m})
+        path = host.manager.get("planner").plugin.plan(one, START, GOAL, [])
+        assert (path is not None) == has_way
+
+
+def test_zones_are_left_to_others_where_there_is_room(planner):
+    zone = Zone(np.array([(x, 0.0) for x in np.arange(0.5, 3.6, 0.1)]), 0.5)
+    path = planner.plan(view(), START, GOAL, [], [zone])
+    assert max(abs(point.y_m) for point in path) > 0.4
+    narrow = view()
+    draw(narrow, 1.0, -2.0, 3.0, -0.4, OCCUPIED)
+    draw(narrow, 1.0, 0.4, 3.0, 2.0, OCCUPIED)
+    assert planner.plan(narrow, START, GOAL, [], [zone])
+
+
+def test_a_wall_that_turns_up_on_the_way_is_noticed_before_the_map_is_planned_on_again(planner):
+    positions = np.array([(x, 0.0) for x in np.arange(0.0, 4.0, 0.1)])
+    planner.plan(view(1), START, GOAL, [])
+    assert planner.safe_positions(view(1), positions) == len(positions)
+    changed = view(2)
+    draw(changed, 1.9, -0.5, 2.1, 0.5, OCCUPIED)
+    safe = planner.safe_positions(changed, positions)
+    assert 1.4 < positions[safe - 1][0] < 1.8
+
+
+def test_in_a_corridor_the_path_keeps_to_its_middle(planner):
+    one = view()
+    draw(one, 0.5, -2.0, 3.5, -0.3, OCCUPIED)
+    draw(one, 0.5, 0.3, 3.5, 2.0, OCCUPIED)
+    path = planner.plan(one, START, GOAL, [])
+    rows = np.flatnonzero(one.classes[:, GEOMETRY.cell_of(2.0, 0.0)[1]] == FREE)
+    middle_m = GEOMETRY.origin_y_m + (rows.mean() + 0.5) * RESOLUTION_M
+    assert all(abs(y - middle_m) < 0.03 for x, y in sampled(START, path) if 0.8 < x < 3.2)
+
+
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    changes=st.lists(
+        st.lists(
+            st.tuples(
+                st.integers(0, 59), st.integers(0, 39), st.integers(1, 6), st.sampled_from([FREE, OCCUPIED, UNKNOWN])
+            ),
+            max_size=3,
+        ),
+        min_size=1,
+        max_size=4,
+    )
+)
+def test_looking_only_where_the_map_has_changed_is_as_good_as_looking_everywhere(changes):
+    classes = view().classes
+    grid = NavigationGrid(classes, GEOMETRY, NEEDED_M)
+    for boxes in changes:
+        classes = classes.copy()
+        for column, row, size, kind in boxes:
+            classes[row : row + size, column : column + size] = kind
+        grid.update(classes)
+        fresh = NavigationGrid(classes, GEOMETRY, NEEDED_M)
+        assert np.array_equal(grid.traversable, fresh.traversable)
+        assert np.array_equal(grid.cost, fresh.cost)

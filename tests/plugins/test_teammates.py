@@ -1,4 +1,8 @@
-from robrain.protocol.model.geometry import Pose2D
+from robrain.plugins.unit.teammates.interface import Doing
+from robrain.protocol.model.claim import Claim
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.wire.messages import PlannedPath, RobotState
+from robrain.protocol.wire.topics import ROBOT_PATH, ROBOT_STATE
 
 POSE = Pose2D(1.0, 2.0, 0.5)
 
@@ -60,3 +64,87 @@ def test_only_the_latest_word_of_a_teammate_counts(stage):
     one.run(0.3)
     (mate,) = one.call("teammates", "others")
     assert mate["pose"]["x_m"] == 3.0
+
+
+HERE = Point2D(1.0, 2.0)
+PATH = [Point2D(1.0, 2.0), Point2D(4.0, 2.0)]
+
+
+def mates(host, place=HERE, within_m=8.0):
+    return host.manager.get("teammates").plugin.mates(place, within_m)
+
+
+def say_path(one, name, points, **more):
+    one.publisher(ROBOT_PATH, robot=name).put(PlannedPath(robot=name, points=points, **more))
+
+
+def test_a_mate_with_a_path_is_under_way_along_what_is_left_of_it(stage):
+    one = stage()
+    host = one.host("teammates")
+    say_path(one, "r2", PATH, claim=Claim(priority=3), speed_m_s=0.4)
+    one.say_state("r2", Pose2D(2.0, 2.0, 0.0))
+    (mate,) = mates(host)
+    assert (mate.doing, mate.claim.priority, mate.track.speed_m_s) == (Doing.UNDER_WAY, 3, 0.4)
+    assert tuple(mate.track.positions[0]) == (2.0, 2.0)
+    assert abs(mate.track.positions[-1][0] - 4.0) < 0.05
+    assert mate.track.positions.shape[0] in (21, 22)
+
+
+def test_a_mate_that_waits_is_held_where_it_says(stage):
+    one = stage()
+    host = one.host("teammates")
+    say_path(one, "r2", PATH, held_at_m=1.5)
+    one.say_state("r2", Pose2D(2.0, 2.0, 0.0))
+    assert mates(host)[0].track.held_at == 5
+
+
+def test_a_mate_without_a_path_only_stands(stage):
+    one = stage()
+    host = one.host("teammates")
+    one.say_state("r2", POSE)
+    assert mates(host)[0].doing is Doing.STANDING
+
+
+def test_a_lost_mate_is_an_obstacle_where_it_was_last_seen_and_forgotten_much_later(stage):
+    one = stage()
+    host = one.host("teammates")
+    say_path(one, "r2", PATH)
+    one.say_state("r2", POSE)
+    one.run(2.5)
+    (mate,) = mates(host)
+    assert mate.doing is Doing.OBSTACLE
+    assert mate.track.positions.tolist() == [[1.0, 2.0]]
+    assert names(one) == []
+    one.run(60.0)
+    assert mates(host) == []
+
+
+def test_a_halted_mate_is_an_obstacle_although_it_speaks(stage):
+    one = stage()
+    host = one.host("teammates")
+    say_path(one, "r2", PATH)
+    one.publisher(ROBOT_STATE, robot="r2").put(RobotState(robot="r2", pose=POSE, radius_m=0.2, halted=True))
+    assert mates(host)[0].doing is Doing.OBSTACLE
+
+
+def test_a_mate_that_should_move_and_does_not_is_an_obstacle_unless_it_waits_for_others(stage):
+    one = stage()
+    host = one.host("teammates")
+    say_path(one, "r2", PATH)
+    say_path(one, "r3", PATH, held_at_m=0.0)
+
+    def speak():
+        one.say_state("r2", POSE)
+        one.say_state("r3", POSE)
+
+    one.run(5.0, speak)
+    assert [mate.doing for mate in mates(host)] == [Doing.OBSTACLE, Doing.UNDER_WAY]
+
+
+def test_mates_that_are_far_and_go_elsewhere_are_left_out(stage):
+    one = stage()
+    host = one.host("teammates")
+    one.say_state("r2", Pose2D(20.0, 2.0, 0.0))
+    one.say_state("r3", Pose2D(20.0, 2.0, 0.0))
+    say_path(one, "r3", [Point2D(20.0, 2.0), Point2D(4.0, 2.0)])
+    assert [mate.name for mate in mates(host)] == ["r3"]

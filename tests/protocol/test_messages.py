@@ -4,6 +4,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from robrain.protocol.model.claim import Claim
+from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.task import Explore, TaskState
 from robrain.protocol.wire import errors, messages
@@ -31,15 +33,40 @@ EXAMPLES = [
         velocity=Twist2D(0.5, 0.0, -0.1),
         radius_m=0.2,
         battery=messages.BatteryState(
-            voltage_v=24.5, current_a=1.25, temperature_c=31.5, soc=0.75, remaining_j=250000.0
+            voltage_v=24.5,
+            current_a=1.25,
+            temperature_c=31.5,
+            soc=0.75,
+            remaining_j=250000.0,
+            remaining_low_j=240000.0,
+            remaining_high_j=260000.0,
+            soc_sd=0.015,
+            health=0.9,
+            charging=True,
+            implausible="frozen at 24.500 V and 1.250 A",
+        ),
+        energy=EnergyModel(
+            coefficients=(8.0, 0.5, 7.5, 1.25, 8.0),
+            covariance=(0.25, 0.0, 0.25, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.25, 0.0, 0.0, 0.0, 0.0, 4.0),
+            residual_w2_s=4.0,
+            drift_w2_per_s=0.0003,
+            relative_sd=0.03,
+            way_ratio=1.02,
+            pace_m_s=0.5,
+            turn_rate_rad_s=1.2,
+            packet_j=0.0008,
+            usable_j=240000.0,
+            power_w=12.5,
+            usual_power_w=11.0,
         ),
         behavior="explore",
-        task=messages.TaskStatus(id="task-7", epoch=12, state=TaskState.RUNNING, why=""),
+        task=messages.TaskStatus(id="task-7", epoch=12, state=TaskState.RUNNING, why="", result={}),
         halted=True,
         halted_by=["operator"],
         team_halt_ns=1_400_000_000,
         not_halted=["arm"],
         faulted=FAULTED,
+        lost="no wall where the map has one",
     ),
     messages.MapPatch(
         **STAMP,
@@ -56,10 +83,26 @@ EXAMPLES = [
         observed_ms=1400,
         cells=b"\x00\x01\xff",
     ),
-    messages.PlannedPath(**STAMP, robot="r1", points=[Point2D(0.0, 0.0), Point2D(1.0, 0.5)]),
+    messages.PlannedPath(
+        **STAMP,
+        robot="r1",
+        points=[Point2D(0.0, 0.0), Point2D(1.0, 0.5)],
+        claim=Claim(cornered=1, priority=2, waited=1, way_m=12.5, lent_by="r2", lent=1),
+        speed_m_s=0.6,
+        held_at_m=0.75,
+    ),
     messages.Event(**STAMP, robot="r1", plugin="driver", event="arrived", value={"x_m": 1.0, "y_m": 0.5}),
     messages.LogRecord(**STAMP, robot="r1", level="warning", source="driver", text="blocked – für 3 s"),
-    messages.TaskEvent(**STAMP, task=TASK, state=TaskState.FAILED, robot="r1", epoch=12, why="no way there"),
+    messages.TaskEvent(
+        **STAMP,
+        task=TASK,
+        state=TaskState.FAILED,
+        robot="r1",
+        epoch=12,
+        why="no way there",
+        result={"energy_j": 12.5},
+        change=41,
+    ),
     messages.TeamState(
         **STAMP,
         robots=[
@@ -100,7 +143,12 @@ EXAMPLES = [
         voltage_v=2.9,
         rssi_dbm=-75.0,
         via="r1",
+        sequence=258,
+        taken_ns=1_400_000_000,
+        period_s=4.0,
+        stored=12,
     ),
+    messages.MoteDuty(**STAMP, mote="m3", period_s=30.0, by="operator"),
     messages.Halt(**STAMP, halted=True, by="operator", reason="somebody walks there"),
     messages.HaltAnswer(robot="r1", halted=True, by=["operator"], not_halted=["arm"]),
     messages.Scan(
@@ -152,7 +200,9 @@ def golden(message):
 
 def with_unknown_fields(value):
     if isinstance(value, dict):
-        return {"from_a_newer_peer": [1], **{name: with_unknown_fields(field) for name, field in value.items()}}
+        # A task's result is free JSON, which keeps what it is given.
+        known = {name: with_unknown_fields(field) for name, field in value.items() if name != "result"}
+        return {"from_a_newer_peer": [1], **value, **known}
     if isinstance(value, list):
         return [with_unknown_fields(item) for item in value]
     return value

@@ -2,20 +2,31 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.model.tinyos import (
-    MAX_PAYLOAD_BYTES,
+from robrain.protocol.tinyos.packet import MAX_PAYLOAD_BYTES, ActiveMessage, BadPacket
+from robrain.protocol.tinyos.payloads import (
     READING_TYPE,
-    ActiveMessage,
-    BadPacket,
+    REQUEST_TYPE,
+    SEQUENCES,
+    DutyPayload,
+    Quantity,
     ReadingPayload,
+    RequestPayload,
+    SequenceRange,
+    sequences_after,
+    with_rssi,
 )
 
 U8, U16, I16 = st.integers(0, 0xFF), st.integers(0, 0xFFFF), st.integers(-0x8000, 0x7FFF)
 
 READING = ReadingPayload(
-    mote=3, sequence=258, voltage_mv=2900, reading_centi=2150, x_dm=50, y_dm=-20, rssi_dbm=-75
+    mote=3, sequence=258, oldest=250, age_ds=15, period_ds=40, voltage_mv=2900, quantity=Quantity.TEMPERATURE,
+    value_centi=2150, x_dm=50, y_dm=-20, rssi_dbm=-75,
 )  # fmt: skip
-GOLDEN = bytes.fromhex("00 ffff 0003 0d 22 52  0003 0102 0b54 0866 0032 ffec b5")
+GOLDEN = bytes.fromhex("00 ffff 0003 18 22 52  0003 0102 00fa 0000000f 0028 0b54 01 00000866 0032 ffec b5")
+ON_THE_AIR = GOLDEN[:-1] + b"\x00"
+
+# What a mote of TinyOS 2 sent, as printed in "TinyOS 2.x serial packet structure" (renesto.blogspot.com, June 2008).
+FOREIGN = bytes.fromhex("00 FF FF 00 00 08 00 09 19 77 02 07 00 13 00 00")
 
 
 def test_a_reading_has_the_bytes_that_are_written_here():
@@ -27,6 +38,27 @@ def test_the_bytes_that_are_written_here_are_that_reading():
     message = ActiveMessage.unpack(GOLDEN)
     assert (message.destination, message.source, message.group, message.type) == (0xFFFF, 3, 0x22, 0x52)
     assert ReadingPayload.unpack(message.payload) == READING
+
+
+def test_a_packet_that_somebody_else_s_mote_sent_is_understood():
+    message = ActiveMessage.unpack(FOREIGN)
+    assert (message.destination, message.source, message.group, message.type) == (0xFFFF, 0, 0, 9)
+    assert message.payload == bytes.fromhex("19 77 02 07 00 13 00 00")
+    assert message.pack() == FOREIGN
+
+
+@pytest.mark.parametrize(
+    ("kind", "payload", "written"),
+    [
+        (REQUEST_TYPE, RequestPayload(250, 0b1011), "00 0003 0000 06 22 54  00fa 0000000b"),
+        (0x55, SequenceRange(65530, 2), "00 0003 0000 04 22 55  fffa 0002"),
+        (0x56, DutyPayload.of_seconds(30.0), "00 0003 0000 02 22 56  012c"),
+    ],
+)
+def test_what_a_robot_says_to_a_mote_has_the_bytes_that_are_written_here(kind, payload, written):
+    message = ActiveMessage(type=kind, payload=payload.pack(), source=0, destination=3)
+    assert message.pack() == bytes.fromhex(written)
+    assert type(payload).unpack(message.payload) == payload
 
 
 @given(
@@ -43,20 +75,36 @@ def test_every_packet_survives_the_way_there_and_back(message):
     assert ActiveMessage.unpack(message.pack()) == message
 
 
-@given(
-    st.builds(
-        ReadingPayload,
-        mote=U16,
-        sequence=U16,
-        voltage_mv=U16,
-        reading_centi=I16,
-        x_dm=I16,
-        y_dm=I16,
-        rssi_dbm=st.integers(-128, 127),
-    )
+readings = st.builds(
+    ReadingPayload,
+    mote=U16,
+    sequence=U16,
+    oldest=U16,
+    age_ds=st.integers(0, 0xFFFFFFFF),
+    period_ds=U16,
+    voltage_mv=U16,
+    quantity=U8,
+    value_centi=st.integers(-(1 << 31), (1 << 31) - 1),
+    x_dm=I16,
+    y_dm=I16,
+    rssi_dbm=st.integers(-128, 127),
 )
+
+
+@given(readings)
 def test_every_reading_survives_the_way_there_and_back(reading):
     assert ReadingPayload.unpack(reading.pack()) == reading
+
+
+@given(readings, st.floats(-500.0, 500.0))
+def test_a_base_station_writes_the_strength_and_nothing_else(reading, rssi_dbm):
+    heard = ReadingPayload.unpack(with_rssi(reading.pack(), rssi_dbm))
+    assert heard.rssi_dbm == max(-128, min(127, round(rssi_dbm)))
+    assert with_rssi(heard.pack(), reading.rssi_dbm) == reading.pack()
+
+
+def test_the_strength_is_the_packet_s_last_byte():
+    assert with_rssi(ON_THE_AIR, -75.0) == GOLDEN
 
 
 @given(st.binary(max_size=48))
@@ -72,9 +120,9 @@ def test_bytes_are_a_packet_or_refused_and_nothing_else(data):
     ("packet", "sentence"),
     [
         (GOLDEN[:7], "at least 8 bytes, got 7"),  # cut within the header
-        (GOLDEN[:-1], "expected 13 bytes of payload as the header says, got 12"),  # cut within the payload
-        (GOLDEN + b"\x00", "got 14"),  # a byte too many
-        (b"\x01" + GOLDEN[1:], "dispatch byte 0x00"),  # another protocol of the serial line
+        (GOLDEN[:-1], "expected 24 bytes of payload as the header says, got 23"),  # cut within the payload
+        (GOLDEN + b"\x00", "got 25"),  # a byte too many
+        (b"\x01" + GOLDEN[1:], "dispatch byte 0x00"),  # a CC1000 packet of the serial line
         (GOLDEN[:5] + b"\x1d" + GOLDEN[6:8] + bytes(29), "at most 28 bytes, got length 29"),  # longer than TinyOS sends
     ],
 )
@@ -83,9 +131,19 @@ def test_a_broken_packet_is_refused_in_words(packet, sentence):
         ActiveMessage.unpack(packet)
 
 
-def test_a_payload_of_another_length_is_no_reading():
-    with pytest.raises(BadPacket, match="expected a reading of 13 bytes, got 12"):
-        ReadingPayload.unpack(READING.pack()[:-1])
+@pytest.mark.parametrize(
+    ("kind", "payload", "sentence"),
+    [
+        (ReadingPayload, READING.pack()[:-1], "expected a reading of 24 bytes, got 23"),
+        (SequenceRange, b"\x00" * 5, "expected a range of sequence numbers of 4 bytes, got 5"),
+        (RequestPayload, b"\x00" * 4, "expected a request of 6 bytes, got 4"),
+        (DutyPayload, b"\x00", "expected a duty of 2 bytes, got 1"),
+        (DutyPayload, b"\x00\x00", "expected a period above 0, got 0"),
+    ],
+)
+def test_a_payload_of_another_length_is_none(kind, payload, sentence):
+    with pytest.raises(BadPacket, match=sentence):
+        kind.unpack(payload)
 
 
 @pytest.mark.parametrize(
@@ -101,7 +159,24 @@ def test_what_no_packet_holds_is_not_packed(message):
         message.pack()
 
 
-def test_a_value_that_does_not_fit_its_field_is_not_packed():
-    reading = ReadingPayload(mote=1, sequence=0, voltage_mv=2900, reading_centi=40000, x_dm=0, y_dm=0)
-    with pytest.raises(BadPacket, match="does not fit"):
-        reading.pack()
+@pytest.mark.parametrize("payload", [SequenceRange(0, 1 << 16), RequestPayload(0, 1 << 32), DutyPayload(1 << 16)])
+def test_a_number_that_does_not_fit_its_field_is_not_packed(payload):
+    with pytest.raises(BadPacket, match=r"16 .*bits"):
+        payload.pack()
+
+
+@pytest.mark.parametrize("period_s", [0.0, -1.0, 6554.0, float("nan")])
+def test_a_period_that_no_mote_can_have_is_no_duty(period_s):
+    with pytest.raises(ValueError, match="expected a period"):
+        DutyPayload.of_seconds(period_s)
+
+
+@given(U16, st.integers(-0x8000, 0x7FFF))
+def test_the_later_of_two_sequence_numbers_is_known_across_the_wrap(sequence, ahead):
+    assert sequences_after((sequence + ahead) % SEQUENCES, sequence) == ahead
+
+
+@given(U16, st.integers(0, 0x7FFF), U16)
+def test_a_range_holds_what_lies_between_its_ends_across_the_wrap(first, length, sequence):
+    wanted = SequenceRange(first, (first + length) % SEQUENCES)
+    assert wanted.holds(sequence) == (sequence in {(first + step) % SEQUENCES for step in range(length + 1)})

@@ -103,6 +103,8 @@ def test_bad_names_never_reach_a_key():
 @pytest.mark.parametrize("topic", [topic for topic in TOPICS if topic.recorded], ids=lambda topic: topic.name)
 def test_what_is_recorded_has_a_message_type_with_a_schema(topic):
     assert topic.kind is Kind.PUT
+    if topic.encoding == "image/png":
+        return  # says itself what it is
     assert issubclass(topic.message, Message)
     schema = topic.json_schema()
     assert {"stamp_ns", "seq"} <= set(schema["$defs"][topic.message.__name__]["properties"])

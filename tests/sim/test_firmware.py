@@ -7,10 +7,7 @@ from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.omni_drive import OmniBase
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.sim.firmware.battery import OPEN_CIRCUIT_V, Battery, open_circuit_v
-from robrain.sim.firmware.battery_manager import BatteryManager
 from robrain.sim.firmware.motor_controller import MotorController, MotorState
-from robrain.sim.firmware.power_model import PowerModel
 
 TICK_S = 0.02
 COMMAND = {"wheel_1_rad_s": 1.0, "wheel_2_rad_s": -2.0, "wheel_3_rad_s": 3.5}
@@ -155,69 +152,3 @@ def test_encoders_wrap_at_65536_in_both_directions(desk):
     desk.tick()
     counts = desk.heard("WheelEncoders")[0]
     assert [counts[f"wheel_{wheel}_ticks"] for wheel in (1, 2, 3)] == [0, 65535, 10]
-
-
-def test_a_battery_delivers_its_energy_and_no_more():
-    battery = Battery(1.0)
-    delivered_j = 0.0
-    while not battery.is_empty:
-        battery.draw(20.0, 1.0)
-        delivered_j += battery.voltage_v * battery.current_a
-    assert battery.used_j == 3600.0
-    assert battery.soc == 0.0
-    assert 0.97 * 3600 < delivered_j < 3600  # the rest warmed the battery
-    assert battery.temperature_c > 22.0
-
-
-def test_voltage_falls_with_the_charge_and_with_the_load():
-    battery = Battery(20.0)
-    voltages = []
-    for _ in range(160):
-        battery.draw(20.0, 20.0)
-        voltages.append(battery.voltage_v)
-    assert voltages == sorted(voltages, reverse=True)
-    loaded_v = battery.voltage_v
-    battery.draw(0.0, 1.0)
-    assert battery.voltage_v > loaded_v
-    assert [open_circuit_v(soc) for soc in (-1.0, 0.0, 1.0, 2.0)] == [OPEN_CIRCUIT_V[0]] * 2 + [OPEN_CIRCUIT_V[-1]] * 2
-
-
-def test_a_load_beyond_what_the_battery_can_give_does_not_break_it():
-    battery = Battery(20.0)
-    battery.draw(10_000.0, 0.1)
-    assert battery.voltage_v == pytest.approx(OPEN_CIRCUIT_V[-1] / 2)
-
-
-@pytest.mark.parametrize("capacity_wh", [0.0, -1.0, float("nan"), float("inf")])
-def test_a_battery_without_a_capacity_is_refused(capacity_wh):
-    with pytest.raises(ValueError, match="expected battery_wh > 0"):
-        Battery(capacity_wh)
-
-
-def test_the_battery_manager_reports_at_5_hz_what_the_motion_costs(desk):
-    manager = BatteryManager(desk.board, Battery(20.0), PowerModel(), 4.0, TICK_S)
-    for _ in range(50):
-        manager.report(0.0, 0.0)
-    standing = desk.heard("BatteryStatus")
-    for _ in range(50):
-        manager.report(0.5, 0.0)
-    moving = desk.heard("BatteryStatus")
-    assert len(standing) == len(moving) == 5
-    assert standing[-1]["voltage_v"] * standing[-1]["current_a"] == pytest.approx(8.0, rel=1e-2)
-    assert moving[-1]["voltage_v"] * moving[-1]["current_a"] == pytest.approx(8.0 + 0.3 + 7.5 * 0.5, rel=1e-2)
-    # Half a square of 0.5 m/s for 4 kg over 60 %, within 0.2 s.
-    assert moving[0]["voltage_v"] * moving[0]["current_a"] == pytest.approx(12.05 + 0.5 / 0.6 / 0.2, rel=1e-2)
-
-
-def test_power_grows_with_speed_and_braking_gives_nothing_back():
-    power = PowerModel()
-    assert power.motion_w(0.0, 0.0) == 0.0
-    assert power.motion_w(-0.4, 0.0) == power.motion_w(0.4, 0.0) > power.motion_w(0.2, 0.0)
-    assert power.motion_w(0.0, 1.0) > 0.0
-    assert power.acceleration_j(4.0, 0.5, 0.0) == 0.0
-
-
-@pytest.mark.parametrize("values", [{"idle_w": -1.0}, {"drive_efficiency": 0.0}, {"compute_w": float("nan")}])
-def test_a_power_model_that_gives_energy_is_refused(values):
-    with pytest.raises(ValueError, match="expected"):
-        PowerModel(**values)

@@ -6,10 +6,10 @@ from PIL import Image
 
 from robrain import Scenario
 from robrain.protocol.model.geometry import Point2D
+from robrain.sim.arena import RobotHardware
 from robrain.sim.errors import ScenarioError
 from robrain.sim.maps.drawing import FloorDrawing
 from robrain.sim.scenario_file import builtin_names
-from robrain.sim.world import ROBOT_RADIUS_M
 
 TINY = '[scenario]\nname = "tiny"\nseed = 3\n[floor]\nsize_m = [1.5, 1.5]\n[team]\nrobots = 9\n'
 SMALL = Scenario.builtin("arena_small")
@@ -19,7 +19,7 @@ SMALL = Scenario.builtin("arena_small")
 def test_of_each_built_in_floor_the_robots_can_reach_nearly_everything(name):
     world = Scenario.builtin(name).world()
     starts = [Point2D(robot.start.x_m, robot.start.y_m) for robot in world.robots]
-    reachable = world.plan.reachable(starts, ROBOT_RADIUS_M)
+    reachable = world.plan.reachable(starts, RobotHardware().radius_m)
     free = np.count_nonzero(~world.plan.occupied)
     assert np.count_nonzero(reachable) / free >= 0.97
 

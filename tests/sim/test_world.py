@@ -6,10 +6,11 @@ import pytest
 from PIL import Image
 
 from robrain.protocol.model.geometry import Point2D
+from robrain.sim.arena import RobotHardware
 from robrain.sim.maps.errors import PlacementError
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.referee import team_geometry
-from robrain.sim.world import ROBOT_RADIUS_M, ROBOT_SPACING_M, build_world
+from robrain.sim.world import ROBOT_SPACING_M, build_world
 
 RESOLUTION_M = 0.05
 
@@ -32,7 +33,7 @@ def test_robots_start_clear_of_walls_and_of_each_other():
     world = build_world(plan(), 5, 0, None, 1)
     assert [robot.name for robot in world.robots] == ["r1", "r2", "r3", "r4", "r5"]
     for robot in world.robots:
-        assert world.plan.clearance_m[world.plan.cell_of(robot.start.x_m, robot.start.y_m)] > ROBOT_RADIUS_M
+        assert world.plan.clearance_m[world.plan.cell_of(robot.start.x_m, robot.start.y_m)] > RobotHardware().radius_m
     for one, other in itertools.combinations(world.robots, 2):
         assert one.start.distance_m(other.start) >= ROBOT_SPACING_M - 1e-6
 
@@ -73,7 +74,7 @@ def test_a_robots_file_says_where_it_starts_and_which_grid_the_team_maps_on():
         assert (grid["origin_x_m"], grid["origin_y_m"]) == (-2.0, 3.0)
         assert round(grid["width_m"] / grid["resolution_m"]) == expected.width
         assert round(grid["height_m"] / grid["resolution_m"]) == expected.height
-        assert robot_file.parameters["battery"]["capacity_wh"] == robot.battery_wh
+        assert robot_file.parameters["battery"]["capacity_wh"] == robot.battery.capacity_wh
 
 
 def test_the_picture_of_the_floor_has_north_up_and_walls_black():

@@ -1,22 +1,29 @@
 """Battery manager node: voltage, current and temperature over CAN."""
 
+from typing import Any
+
 import can
 import msgspec
 
-from robrain.agent.plugin import Device, external
+from robrain.agent.plugin import Device, external, unlocked
 from robrain.plugins.device.bm2.interface import BatteryMeasurement, Bm2Interface
 from robrain.protocol.can.frames import BadFrame, codec
 from robrain.protocol.wire.clock import NS_PER_S
 
+GAP_S = 2.0
+"""A longer time between two frames is not counted: nobody knows what was drawn meanwhile."""
+
 
 class Bm2(Device):
-    """Reads what the battery manager measures."""
+    """Reads what the battery manager measures, and adds it up."""
 
     class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """python-can's interface and channel."""
 
         interface: str = "zenoh"
         channel: str = "can0"
+        options: dict[str, Any] = {}
+        """What else the interface takes."""
 
     interface = Bm2Interface
     period_s = 0.2
@@ -32,7 +39,8 @@ class Bm2(Device):
         filters: can.typechecking.CanFilters = [
             {"can_id": self._status.arbitration_id, "can_mask": 0x7FF, "extended": False}
         ]
-        self._bus = self.env.open_can(self.parameters.interface, self.parameters.channel, can_filters=filters)
+        wanted = self.parameters
+        self._bus = self.env.open_can(wanted.interface, wanted.channel, can_filters=filters, **wanted.options)
 
     def step(self) -> None:
         if self._bus is None:
@@ -43,12 +51,7 @@ class Bm2(Device):
             except BadFrame:
                 self._rejected += 1
                 continue
-            self._latest = BatteryMeasurement(
-                round(frame.timestamp * NS_PER_S),
-                signals["voltage_v"],
-                signals["current_a"],
-                signals["temperature_c"],
-            )
+            self._take(round(frame.timestamp * NS_PER_S), signals)
 
     def deactivate(self) -> None:
         if self._bus is not None:
@@ -56,6 +59,27 @@ class Bm2(Device):
             self._bus = None
 
     @external
+    @unlocked
     def latest(self) -> BatteryMeasurement | None:
         """The last measurement; null before the first."""
         return self._latest
+
+    @external
+    def rejected(self) -> int:
+        """Frames that were not believed: wrong length or checksum."""
+        return self._rejected
+
+    def _take(self, stamp_ns: int, signals: dict[str, float]) -> None:
+        voltage_v, current_a = signals["voltage_v"], signals["current_a"]
+        charge_c, energy_j, from_ns = 0.0, 0.0, stamp_ns
+        before = self._latest
+        if before is not None:
+            elapsed_s = (stamp_ns - before.stamp_ns) / NS_PER_S
+            # The manager tells the mean of the time since the frame before.
+            counted_s = elapsed_s if 0 < elapsed_s <= GAP_S else 0.0
+            charge_c = before.charge_c + current_a * counted_s
+            energy_j = before.energy_j + voltage_v * current_a * counted_s
+            from_ns = before.counted_from_ns
+        self._latest = BatteryMeasurement(
+            stamp_ns, voltage_v, current_a, signals["temperature_c"], charge_c, energy_j, from_ns
+        )

@@ -12,6 +12,12 @@ class BatteryMeasurement(msgspec.Struct, frozen=True):
     voltage_v: float
     current_a: float
     temperature_c: float
+    charge_c: float = 0.0
+    """Charge drawn since `counted_from_ns`: nothing is lost to whoever looks less often than frames come."""
+    energy_j: float = 0.0
+    """The same for energy at the terminals."""
+    counted_from_ns: int = 0
+    """Stamp of the first frame; another one means that the count began anew."""
 
 
 class Bm2Interface(Protocol):
@@ -19,3 +25,4 @@ class Bm2Interface(Protocol):
 
     def latest(self) -> BatteryMeasurement | None:
         """The last measurement; None before the first."""
+        ...

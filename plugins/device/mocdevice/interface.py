@@ -2,7 +2,34 @@
 
 from typing import Protocol
 
+import msgspec
+
 from robrain.protocol.model.geometry import Pose2D, Twist2D
+
+
+class Counters(msgspec.Struct, frozen=True):
+    """What the device has seen on its bus."""
+
+    believed: int
+    rejected: int
+    """Wrong length or checksum, or counts that wheels cannot have made."""
+    foreign: int
+    """Frames that nobody on this robot's bus sends, and commands that another has given."""
+    lost: int
+    """Encoder frames that never came, by the gaps in their counter."""
+    errors: int
+    """Error frames of the computer's own CAN controller."""
+
+
+class ControllerStatus(msgspec.Struct, frozen=True):
+    """The controller's last word on itself; see MotorStatus in the DBC file."""
+
+    state: int
+    rejected_frames: int
+    lost_commands: int
+    bus_state: int
+    transmit_errors: int
+    receive_errors: int
 
 
 class MocDeviceInterface(Protocol):
@@ -14,8 +41,16 @@ class MocDeviceInterface(Protocol):
     def stop(self) -> None:
         """Stop the wheels at once."""
 
+    def is_fresh(self) -> bool:
+        """Whether the wheel encoders speak: without them nobody knows where the robot goes."""
+        ...
+
     def pose(self) -> Pose2D:
         """T_odom_robot from the wheel encoders; the robot starts at the origin of odom."""
+        ...
+
+    def pose_if_fresh(self) -> tuple[Pose2D, bool]:
+        """`pose` and `is_fresh` in one call, for who asks many times a second."""
         ...
 
     def pose_at(self, stamp_ns: int) -> Pose2D:
@@ -28,4 +63,12 @@ class MocDeviceInterface(Protocol):
 
     def radius_m(self) -> float:
         """Radius of the round footprint."""
+        ...
+
+    def counters(self) -> Counters:
+        """Frames believed, rejected, foreign and lost, and error frames."""
+        ...
+
+    def status(self) -> ControllerStatus | None:
+        """The controller's last word on itself; None before the first."""
         ...

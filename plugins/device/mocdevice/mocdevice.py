@@ -1,32 +1,47 @@
-"""Motor controller of a base with three omni wheels: commands and encoder odometry over CAN."""
+"""Motor controller of a base with three omni wheels: commands and encoder odometry over CAN.
 
+What goes wrong on the bus is a fault of this device: a controller that falls silent, a bus that is off or cannot be
+read, a power stage that has failed. The fault is told to the team, whoever requires the device is set aside, and the
+manifest's restart policy opens the bus again until it answers. The odometry goes on where it was.
+"""
+
+import logging
 import math
-from bisect import bisect_left
 from collections import deque
+from typing import Any
 
 import can
 import msgspec
 
+from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
-from robrain.plugins.device.mocdevice.interface import MocDeviceInterface
-from robrain.protocol.can.frames import BadFrame, codec
+from robrain.plugins.device.mocdevice.errors import BusFault, MotionFault, MotorFault
+from robrain.plugins.device.mocdevice.interface import ControllerStatus, Counters, MocDeviceInterface
+from robrain.plugins.device.mocdevice.odometry import WheelOdometry
+from robrain.protocol.can.bus_state import BusState, state_in
+from robrain.protocol.can.frames import BadFrame, codec, known_identifiers
+from robrain.protocol.can.sequence import SequenceWatch
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.model.odometry import moved
 from robrain.protocol.model.omni_drive import OmniBase
-from robrain.protocol.wire.clock import NS_PER_S
+from robrain.protocol.wire.clock import NS_PER_S, to_ns
 
-ENCODER_MODULUS = 1 << 16
+logger = logging.getLogger(__name__)
+
 WHEEL_SPEED_MAX_RAD_S = 32.0
 """The most that a WheelCommand frame can say."""
-HISTORY_FRAMES = 64
+MOTOR_ERROR = 3
+"""MotorStatus' state for a power stage that has failed."""
+ACKNOWLEDGE_NS = to_ns(0.1)
+"""A status that left the controller before it heard an acknowledgement is not held against it."""
+ECHOES = 64
+"""Own frames that are remembered: some interfaces give them back."""
 
 
-class Counters(msgspec.Struct, frozen=True):
-    """What the device has seen on its bus."""
+class Condition(msgspec.Struct, frozen=True):
+    """Whether the robot can be driven, when that changes."""
 
-    believed: int
-    rejected: int
-    foreign: int
+    ok: bool
+    why: str = ""
 
 
 class MocDevice(Device):
@@ -37,41 +52,57 @@ class MocDevice(Device):
 
         interface: str = "zenoh"
         channel: str = "can0"
+        options: dict[str, Any] = {}
+        """What else python-can's interface takes, such as `bitrate` or `port`."""
         radius_m: float = 0.20
         base: OmniBase = OmniBase()
-        wheel_speed_limit_rad_s: float = 30.0
+        silent_s: float = 0.4
+        """Without an encoder frame for so long, the bus counts as cut; they come every 20 ms."""
+
+        def __post_init__(self) -> None:
+            for name in ("radius_m", "silent_s"):
+                if not getattr(self, name) > 0:
+                    raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
 
     interface = MocDeviceInterface
     period_s = 0.02
     parameters: Parameters
+    condition = Event[Condition](outside=True)
 
     def init(self) -> None:
         self._bus: can.BusABC | None = None
-        self._command = codec("WheelCommand")
-        self._stop = codec("Stop")
-        self._encoders = codec("WheelEncoders")
-        self._status_id = codec("MotorStatus").arbitration_id
+        self._command, self._stop = codec("WheelCommand"), codec("Stop")
+        self._encoders, self._motor_status = codec("WheelEncoders"), codec("MotorStatus")
+        self._own = (self._command.arbitration_id, self._stop.arbitration_id)
         self._counter = 0
-        self._ticks: tuple[int, int, int] | None = None
-        self._stamp_ns = 0
-        self._pose = Pose2D(0.0, 0.0, 0.0)
-        self._velocity = Twist2D()
-        self._history: deque[tuple[int, Pose2D]] = deque(maxlen=HISTORY_FRAMES)
-        self._believed = self._rejected = self._foreign = 0
+        self._sent: deque[bytes] = deque(maxlen=ECHOES)
+        self._sequence = SequenceWatch()
+        self._status: ControllerStatus | None = None
+        self._believed = self._rejected = self._foreign = self._errors = 0
 
     def activate(self) -> None:
-        self._bus = self.env.open_can(self.parameters.interface, self.parameters.channel)
+        board, silent_ns = self.env.board, to_ns(self.parameters.silent_s)
+        self._silent_ns = silent_ns
+        self._is_again = board.T_odom_robot is not None
+        """The controller has spoken before: this is a restart, or a reload."""
+        self._odometry = WheelOdometry(
+            self.parameters.base, WHEEL_SPEED_MAX_RAD_S, board.T_odom_robot or Pose2D(0.0, 0.0, 0.0), board.wheel_ticks
+        )
+        self._broken: BusFault | None = None
+        self._acknowledged_ns: int | None = None
+        self._heard_ns: int | None = None
+        self._since_ns = self.env.clock.now_ns()
+        self._bus = self._open()
 
     def step(self) -> None:
         if self._bus is None:
             return
-        while (frame := self._bus.recv(timeout=0)) is not None:
-            if frame.is_extended_id or frame.is_remote_frame or frame.is_error_frame:
-                self._foreign += 1
-            elif frame.arbitration_id == self._encoders.arbitration_id:
-                self._read_encoders(frame)
-            elif frame.arbitration_id != self._status_id:
-                self._foreign += 1
+        try:
+            self._listen(self._bus)
+            self._check()
+        except MotionFault as fault:
+            self.condition.notify(Condition(False, str(fault)))
+            raise
 
     def deactivate(self) -> None:
         if self._bus is not None:
@@ -84,7 +115,11 @@ class MocDevice(Device):
 
     def drive(self, twist: Twist2D) -> None:
         """Command a velocity, body frame. It holds for 200 ms; beyond the wheels' limit its direction is kept."""
+        if self._is_again and self._heard_ns is None:
+            return  # it may hear and not be heard: no motion before it has spoken
         wanted = self.parameters.base.wheel_speeds_rad_s(twist)
+        if not all(map(math.isfinite, wanted)):
+            raise ValueError(f"expected a finite velocity, got {twist}")
         share = WHEEL_SPEED_MAX_RAD_S / max(WHEEL_SPEED_MAX_RAD_S, *map(abs, wanted))
         first, second, third = (share * speed_rad_s for speed_rad_s in wanted)
         self._counter = (self._counter + 1) & 0xFF
@@ -96,23 +131,26 @@ class MocDevice(Device):
         self._counter = (self._counter + 1) & 0xFF
         self._send(self._stop.pack(self._counter, latched=0))
 
+    @external
+    def is_fresh(self) -> bool:
+        """Whether the wheel encoders speak."""
+        return self._heard_ns is not None and self.env.clock.now_ns() - self._heard_ns <= self._silent_ns
+
     def pose(self) -> Pose2D:
         """T_odom_robot from the wheel encoders."""
-        return self._pose
+        return self._odometry.pose
+
+    def pose_if_fresh(self) -> tuple[Pose2D, bool]:
+        """`pose` and `is_fresh` in one call, for who asks many times a second."""
+        return self._odometry.pose, self.is_fresh()
 
     def pose_at(self, stamp_ns: int) -> Pose2D:
         """T_odom_robot at a time within the last second: of the encoder frame nearest to it."""
-        history = self._history
-        if not history or stamp_ns >= history[-1][0]:
-            return self._pose
-        index = bisect_left(history, stamp_ns, key=lambda entry: entry[0])
-        if index > 0 and stamp_ns - history[index - 1][0] < history[index][0] - stamp_ns:
-            index -= 1
-        return history[index][1]
+        return self._odometry.pose_at(stamp_ns)
 
     def velocity(self) -> Twist2D:
         """Velocity in the body frame, from the encoders."""
-        return self._velocity
+        return self._odometry.velocity
 
     def radius_m(self) -> float:
         """Radius of the round footprint."""
@@ -120,23 +158,92 @@ class MocDevice(Device):
 
     @external
     def counters(self) -> Counters:
-        """Frames believed, rejected (length or checksum) and foreign."""
-        return Counters(self._believed, self._rejected, self._foreign)
+        """Frames believed, rejected, foreign and lost, and error frames."""
+        return Counters(self._believed, self._rejected, self._foreign, self._sequence.lost, self._errors)
 
-    def _within_limits(self, speeds_rad_s: tuple[float, float, float]) -> tuple[float, float, float]:
-        """Slower in the same direction, if a wheel could not turn as fast."""
-        fastest_rad_s = max(abs(speed) for speed in speeds_rad_s)
-        limit_rad_s = self.parameters.wheel_speed_limit_rad_s
-        if fastest_rad_s <= limit_rad_s:
-            return speeds_rad_s
-        if not math.isfinite(fastest_rad_s):
-            raise ValueError(f"expected a finite velocity, got wheel speeds of {speeds_rad_s} rad/s")
-        share = limit_rad_s / fastest_rad_s
-        return speeds_rad_s[0] * share, speeds_rad_s[1] * share, speeds_rad_s[2] * share
+    @external
+    def status(self) -> ControllerStatus | None:
+        """The controller's last word on itself; null before the first."""
+        return self._status
+
+    # -- the bus --------------------------------------------------------------------------------------------
+
+    def _open(self) -> can.BusABC:
+        wanted = self.parameters
+        return self.env.open_can(wanted.interface, wanted.channel, **wanted.options)
 
     def _send(self, frame: can.Message) -> None:
-        if self._bus is not None:
+        if self._bus is None:
+            return
+        self._sent.append(bytes(frame.data))
+        try:
             self._bus.send(frame)
+        except (can.CanError, OSError) as error:
+            # The caller is not to blame, and may be a halt: the device's own step tells of it.
+            self._broken = BusFault(self.env.plugin, f"the CAN bus takes no frames: {error}")
+
+    def _listen(self, bus: can.BusABC) -> None:
+        try:
+            while (frame := bus.recv(timeout=0)) is not None:
+                if frame.arbitration_id == self._encoders.arbitration_id and _is_plain(frame):
+                    self._read_encoders(frame)
+                elif frame.is_error_frame:
+                    self._read_error(frame)
+                elif frame.arbitration_id == self._motor_status.arbitration_id and _is_plain(frame):
+                    self._read_status(frame)
+                elif not self._belongs(frame):
+                    self._foreign += 1
+        except (can.CanError, OSError) as error:
+            raise BusFault(self.env.plugin, f"the CAN bus cannot be read: {error}") from error
+
+    def _belongs(self, frame: can.Message) -> bool:
+        if not _is_plain(frame):
+            return False
+        if frame.arbitration_id in self._own:
+            return bytes(frame.data) in self._sent
+        return frame.arbitration_id in known_identifiers()
+
+    def _check(self) -> None:
+        if self._broken is not None:
+            raise self._broken
+        since_ns = self._heard_ns
+        if since_ns is None:
+            if not self._is_again:
+                return  # it has never spoken: it may still be starting, and the driver stands until it does
+            since_ns = self._since_ns
+        silent_ns = self.env.clock.now_ns() - since_ns
+        if silent_ns > self._silent_ns:
+            where = f"{self.parameters.interface}:{self.parameters.channel}"
+            raise BusFault(
+                self.env.plugin,
+                f"no encoder frame for {silent_ns / NS_PER_S:.2f} s: the CAN bus {where} is cut or its controller gone",
+            )
+
+    def _read_error(self, frame: can.Message) -> None:
+        self._errors += 1
+        state = state_in(frame)
+        if state is BusState.OFF:
+            raise BusFault(self.env.plugin, "the computer's CAN controller is bus off")
+        if state is BusState.PASSIVE:
+            logger.warning("%s: the CAN bus is error passive: is anybody there to acknowledge?", self.env.robot)
+
+    def _read_status(self, frame: can.Message) -> None:
+        try:
+            signals = self._motor_status.unpack(frame)
+        except BadFrame:
+            self._rejected += 1
+            return
+        self._status = status = ControllerStatus(
+            **{name: int(signals[name]) for name in ControllerStatus.__struct_fields__}
+        )
+        if status.state != MOTOR_ERROR:
+            return
+        now_ns = self.env.clock.now_ns()
+        if self._is_again and self._acknowledged_ns is None:
+            self._acknowledged_ns = now_ns
+            self.stop()
+        elif self._acknowledged_ns is None or now_ns - self._acknowledged_ns > ACKNOWLEDGE_NS:
+            raise MotorFault(self.env.plugin, "the motor controller reports that its power stage has failed")
 
     def _read_encoders(self, frame: can.Message) -> None:
         try:
@@ -144,30 +251,22 @@ class MocDevice(Device):
         except BadFrame:
             self._rejected += 1
             return
-        self._believed += 1
+        missing = self._sequence.note(int(signals["counter"]))
         ticks = (int(signals["wheel_1_ticks"]), int(signals["wheel_2_ticks"]), int(signals["wheel_3_ticks"]))
+        now_ns = self.env.clock.now_ns()
         stamp_ns = round(frame.timestamp * NS_PER_S)
-        before, self._ticks = self._ticks, ticks
-        elapsed_s = (stamp_ns - self._stamp_ns) / NS_PER_S
-        self._stamp_ns = stamp_ns
-        if before is not None and ticks != before:
-            turns = [
-                _wrapped(now - then) * self.parameters.base.rad_per_tick
-                for now, then in zip(ticks, before, strict=True)
-            ]
-            displacement = self.parameters.base.twist(*turns)
-            self._pose = moved(self._pose, displacement)
-            if elapsed_s > 0:
-                self._velocity = Twist2D(
-                    displacement.forward_m_s / elapsed_s,
-                    displacement.left_m_s / elapsed_s,
-                    displacement.yaw_rad_s / elapsed_s,
-                )
+        if abs(now_ns - stamp_ns) > NS_PER_S:
+            stamp_ns = now_ns  # some interfaces stamp by a clock of their own, or not at all
+        if self._odometry.take(ticks, stamp_ns, missing):
+            self._believed += 1
         else:
-            self._velocity = Twist2D()
-        self._history.append((stamp_ns, self._pose))
+            self._rejected += 1
+        if self._heard_ns is None and self._is_again:
+            self.condition.notify(Condition(True, "the motor controller speaks again"))
+        self._heard_ns = now_ns
+        board = self.env.board
+        board.T_odom_robot, board.wheel_ticks = self._odometry.pose, ticks
 
 
-def _wrapped(ticks: int) -> int:
-    """The shortest way round a 16-bit counter."""
-    return (ticks + ENCODER_MODULUS // 2) % ENCODER_MODULUS - ENCODER_MODULUS // 2
+def _is_plain(frame: can.Message) -> bool:
+    return not (frame.is_extended_id or frame.is_remote_frame or frame.is_error_frame)

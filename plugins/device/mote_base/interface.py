@@ -1,12 +1,33 @@
 """What the base station offers."""
 
-from typing import Protocol
+from typing import Literal, Protocol
+
+import msgspec
 
 from robrain.agent.event import Event
-from robrain.protocol.model.tinyos import ActiveMessage
+from robrain.protocol.tinyos.packet import ActiveMessage
+
+
+class HeardPacket(msgspec.Struct, frozen=True):
+    """A packet that the radio has heard."""
+
+    message: ActiveMessage
+    stamp_ns: int
+    """When it was taken off the line, by the robot's clock."""
+
+
+class Trouble(msgspec.Struct, frozen=True):
+    """Something is wrong with the base station, or is no more."""
+
+    kind: Literal["flood", "flood_over", "lost", "back"]
+    """It says more than the robot listens to; its line is lost; and the ends of both."""
+    why: str
 
 
 class MoteBaseInterface(Protocol):
-    """TinyOS active messages as they are heard."""
+    """TinyOS active messages, heard and sent."""
 
-    heard: Event[ActiveMessage]
+    heard: Event[HeardPacket]
+    trouble: Event[Trouble]
+
+    def send(self, destination: int, kind: int, payload: bytes) -> None: ...

@@ -1,48 +1,215 @@
-"""Base station of the mote network: TinyOS packets that come over the wire."""
+"""Base station of the mote network: TinyOS packets from the air and to it, over whatever line it hangs on."""
+
+from collections.abc import Callable
+from typing import Literal
 
 import msgspec
 
+from robrain.agent.errors import HardwareAbsent, PluginError
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
-from robrain.plugins.device.mote_base.interface import MoteBaseInterface
-from robrain.protocol.model.tinyos import ActiveMessage, BadPacket
-from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.topics import ARENA_RADIO_RX
+from robrain.plugins.device.mote_base.flood_guard import FloodGuard
+from robrain.plugins.device.mote_base.interface import HeardPacket, MoteBaseInterface, Trouble
+from robrain.plugins.device.mote_base.link import Backoff, Link
+from robrain.plugins.device.mote_base.serial_line_link import SerialLineLink
+from robrain.plugins.device.mote_base.sf_link import SfLink
+from robrain.plugins.device.mote_base.zenoh_link import ZenohLink
+from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
+from robrain.protocol.tinyos.serial_forwarder import DEFAULT_PORT, BadGreeting
+from robrain.protocol.wire.clock import NS_PER_S, to_ns
 
 
 class PacketCounters(msgspec.Struct, frozen=True):
-    """What the base station has heard."""
+    """What the base station has heard and said."""
 
     packets: int
     malformed: int
     dropped: int
+    """Came while too many waited already."""
+    muted: int
+    """Not listened to, because there were too many in a second."""
+    floods: int
+    sent: int
+    flooding: bool
+    why_down: str
+    line: dict[str, int]
+    """What the kind of line counts beside these."""
 
 
 class MoteBase(Device):
-    """Hands on each packet that the radio hears."""
+    """Hands on each packet that the radio hears, and sends what it is given.
+
+    A base station that floods, or whose line is lost, is told to the team by `trouble`. The robot listens to as many
+    packets a second as the manifest allows, and seeks the line again; a flood that does not end is a fault.
+    """
+
+    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """The line, and how much may come over it. Raises ValueError where a value is without sense."""
+
+        interface: Literal["zenoh", "sf", "serial"] = "zenoh"
+        host: str = "127.0.0.1"
+        port: int = DEFAULT_PORT
+        device: str = "/dev/ttyUSB0"
+        baud: int = 57_600
+        address: int = 0
+        """Of the base station on the air; source of what the robot sends."""
+        inbox_packets: int = 256
+        flood_packets_s: int = 200
+        flood_fault_s: float = 5.0
+        ack_timeout_s: float = 0.3
+        resends: int = 3
+        connect_timeout_s: float = 2.0
+        reconnect_first_s: float = 0.5
+        reconnect_longest_s: float = 10.0
+
+        def __post_init__(self) -> None:
+            names = ("inbox_packets", "flood_packets_s", "ack_timeout_s", "connect_timeout_s", "reconnect_first_s")
+            for name in (*names, "baud", "port"):
+                if not getattr(self, name) > 0:
+                    raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+            for name in ("flood_fault_s", "resends"):
+                if not getattr(self, name) >= 0:
+                    raise ValueError(f"expected {name} >= 0, got {getattr(self, name)}")
+            if not self.reconnect_longest_s >= self.reconnect_first_s:
+                raise ValueError(f"expected reconnect_longest_s >= reconnect_first_s, got {self.reconnect_longest_s}")
+            if not 0 <= self.address < 0xFFFF:
+                raise ValueError(f"expected address from 0 to 65534, got {self.address}")
 
     interface = MoteBaseInterface
-    period_s = 0.1
-    heard = Event[ActiveMessage]()
+    period_s = 0.05
+    heard = Event[HeardPacket]()
+    trouble = Event[Trouble](outside=True)
+    parameters: Parameters
 
     def init(self) -> None:
-        self._inbox = Inbox()
-        self._packets = self._malformed = 0
+        self._link: Link | None = None
+        self._guard = FloodGuard(self.parameters.flood_packets_s)
+        self._packets = self._malformed = self._muted = self._floods = self._sent = 0
+        self._dropped_before = 0
+        self._told_down = ""
+        self._told_flood = False
 
     def activate(self) -> None:
-        self.env.wire.subscribe(self._inbox, ARENA_RADIO_RX, robot=self.env.robot)
+        openers: dict[str, Callable[[], Link]] = {
+            "zenoh": self._open_zenoh,
+            "sf": self._open_sf,
+            "serial": self._open_serial,
+        }
+        self._link = openers[self.parameters.interface]()
+        self._dropped_before = 0
 
     def step(self) -> None:
-        for received in self._inbox.drain():
+        if self._link is None:
+            return
+        now_ns = self.env.clock.now_ns()
+        packets = self._link.receive(now_ns)
+        if packets or self._guard.since_ns is not None:
+            self._take(packets, self._link.dropped, now_ns)
+        self._tell_of_line(self._link.why_down())
+
+    def deactivate(self) -> None:
+        if self._link is not None:
+            self._link.close()
+            self._link = None
+
+    def send(self, destination: int, kind: int, payload: bytes) -> None:
+        """Send one packet on the air (BadPacket if it is none); whether anybody hears it is not known."""
+        message = ActiveMessage(
+            type=kind, payload=payload, source=self.parameters.address, destination=destination
+        )  # fmt: skip
+        packet = message.pack()
+        if self._link is not None:
+            self._link.send(packet, self.env.clock.now_ns())
+            self._sent += 1
+
+    @external
+    def counters(self) -> PacketCounters:
+        """Packets heard and sent, and what was wrong with those that were not handed on."""
+        link = self._link
+        return PacketCounters(
+            packets=self._packets,
+            malformed=self._malformed,
+            dropped=link.dropped if link is not None else 0,
+            muted=self._muted,
+            floods=self._floods,
+            sent=self._sent,
+            flooding=self._guard.since_ns is not None,
+            why_down=link.why_down() if link is not None else "",
+            line=link.counters() if link is not None else {},
+        )
+
+    # -- hearing ------------------------------------------------------------------------------------------------
+
+    def _take(self, packets: list[bytes], dropped: int, now_ns: int) -> None:
+        arrived = len(packets) + dropped - self._dropped_before
+        self._dropped_before = dropped
+        admitted = min(self._guard.admit(arrived, now_ns), len(packets))
+        self._muted += len(packets) - admitted
+        self._tell_of_flood(arrived, now_ns)
+        for packet in packets[:admitted]:
             try:
-                message = ActiveMessage.unpack(received.message)
+                message = ActiveMessage.unpack(packet)
             except BadPacket:
                 self._malformed += 1
                 continue
             self._packets += 1
-            self.heard.notify(message)
+            self.heard.notify(HeardPacket(message, now_ns))
 
-    @external
-    def counters(self) -> PacketCounters:
-        """Packets heard, malformed ones, and those dropped because too many came at once."""
-        return PacketCounters(self._packets, self._malformed, self._inbox.dropped)
+    def _tell_of_flood(self, arrived: int, now_ns: int) -> None:
+        since_ns = self._guard.since_ns
+        if since_ns is None:
+            if self._told_flood:
+                self._told_flood = False
+                self.trouble.notify(Trouble("flood_over", f"{self.env.plugin} is quiet again"))
+            return
+        limit = self._guard.limit
+        if not self._told_flood:
+            self._told_flood = True
+            self._floods += 1
+            why = f"{self.env.plugin} floods: more than {limit} packets in a second, {arrived} of them at once"
+            self.trouble.notify(Trouble("flood", why))
+        fault_s = self.parameters.flood_fault_s
+        if fault_s > 0 and now_ns - since_ns >= to_ns(fault_s):
+            lasted_s = (now_ns - since_ns) / NS_PER_S
+            why = f"{self.env.plugin} has flooded for {lasted_s:.0f} s: more than {limit} packets in a second"
+            raise PluginError(self.env.plugin, why)
+
+    def _tell_of_line(self, why_down: str) -> None:
+        if bool(why_down) != bool(self._told_down):
+            self._told_down = why_down
+            self.trouble.notify(Trouble("lost", why_down) if why_down else Trouble("back", "the line is back"))
+
+    # -- lines --------------------------------------------------------------------------------------------------
+
+    def _open_zenoh(self) -> Link:
+        return ZenohLink(self.env.wire, self.env.robot, self.parameters.inbox_packets)
+
+    def _open_sf(self) -> Link:
+        wanted = self.parameters
+        try:
+            return SfLink(
+                wanted.host,
+                wanted.port,
+                capacity=wanted.inbox_packets,
+                backoff=self._backoff(),
+                timeout_s=wanted.connect_timeout_s,
+            )
+        except (OSError, BadGreeting) as error:
+            why = f"no Serial Forwarder at {wanted.host}:{wanted.port}: {error}"
+            raise HardwareAbsent(self.env.plugin, why) from error
+
+    def _open_serial(self) -> Link:
+        wanted = self.parameters
+        try:
+            return SerialLineLink(
+                wanted.device,
+                wanted.baud,
+                ack_timeout_ns=to_ns(wanted.ack_timeout_s),
+                resends=wanted.resends,
+                backoff=self._backoff(),
+            )
+        except (OSError, ValueError) as error:
+            raise HardwareAbsent(self.env.plugin, f"no base station at {wanted.device}: {error}") from error
+
+    def _backoff(self) -> Backoff:
+        return Backoff(self.parameters.reconnect_first_s, self.parameters.reconnect_longest_s)

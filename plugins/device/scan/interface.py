@@ -28,3 +28,6 @@ class ScanInterface(Protocol):
 
     def latest(self) -> LaserScan | None:
         """The last scan; None before the first."""
+
+    def doubt(self, why: str) -> None:
+        """Say that the last scan cannot be true: the lidar is at fault until it sends another."""

@@ -1,40 +1,118 @@
-"""Localisation by dead reckoning from a known start: T_arena_robot = T_arena_odom · T_odom_robot."""
+"""Localisation: dead reckoning from a known start, corrected by motes of known place and by the walls of the map.
 
+What odometry says stays continuous in the frame odom; corrections move that frame in the arena, T_arena_odom (REP 105).
+"""
+
+import logging
 import math
 
 import msgspec
+import numpy as np
 
+from robrain.agent.event import Event
 from robrain.agent.plugin import Skill, external
-from robrain.plugins.skill.localisation.interface import LocalisationInterface
-from robrain.plugins.unit.driver.interface import DriverInterface
-from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
+from robrain.plugins.skill.localisation.interface import Divergence, LocalisationHealth, LocalisationInterface
+from robrain.plugins.unit.driver.interface import DriverInterface, OdometryNoise
+from robrain.protocol.model.divergence_watch import WatchSpec
+from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.localiser import Localiser, LocaliserSpec
+from robrain.protocol.model.odometry import chord
+from robrain.protocol.model.pose_filter import DriftModel
+from robrain.protocol.model.rssi_ranging import PathLoss
+from robrain.protocol.wire.clock import to_ns
+
+logger = logging.getLogger(__name__)
+
+STILL = Twist2D()
+
+PAUSE_M, PAUSE_RAD = 0.1, 0.05
+"""How far a robot may have been pushed while its localisation paused; chosen."""
+
+
+class OdometryErrors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Errors of the odometry that stay: standard deviations before anything is known. All chosen."""
+
+    scale: float = 0.03
+    curve_rad_per_m: float = 0.03
+    turn: float = 0.03
 
 
 class Localisation(Skill):
-    """Tells the team where the robot is."""
+    """Tells the team where the robot is, how sure that is, and when it does not know any more."""
 
     class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-        """Where the robot starts, arena frame."""
+        """Where the robot starts, arena frame, and what it is corrected by. Values that are no place are chosen."""
 
         x_m: float = 0.0
         y_m: float = 0.0
         yaw_rad: float = 0.0
+        start_sigma_m: float = 0.02
+        start_sigma_rad: float = 0.01
+        motes: bool = True
+        """Whether to use the signals of motes that know their place; needs the plugin mote_ranges."""
+        scan_matching: bool = True
+        """Whether to lay scans on the map; needs the plugin mapper."""
+        scan_period_s: float = 0.5
+        wall_slack_cells: float = 0.1
+        """Offsets of a scan below this many cells of the map are taken for none: more for a base whose odometry is
+        better than the map's cells, as an exact one is."""
+        errors: OdometryErrors = OdometryErrors()
+        path_loss: PathLoss = PathLoss()
+        watch: WatchSpec = WatchSpec()
+
+        def __post_init__(self) -> None:
+            for name in ("start_sigma_m", "start_sigma_rad", "scan_period_s"):
+                if not getattr(self, name) > 0:
+                    raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+            if not 0 <= self.wall_slack_cells <= 1:
+                raise ValueError(f"expected wall_slack_cells from 0 to 1, got {self.wall_slack_cells}")
+
+        def spec(self, noise: OdometryNoise) -> LocaliserSpec:
+            """For a base with such an odometry."""
+            drift = DriftModel(
+                sigma_m_per_sqrt_m=noise.sigma_m_per_sqrt_m,
+                sigma_rad_per_sqrt_m=noise.sigma_rad_per_sqrt_m,
+                sigma_rad_per_sqrt_rad=noise.sigma_rad_per_sqrt_rad,
+                scale=self.errors.scale,
+                curve_rad_per_m=self.errors.curve_rad_per_m,
+                turn=self.errors.turn,
+            )
+            return LocaliserSpec(
+                drift=drift, path_loss=self.path_loss, watch=self.watch, slack_cells=self.wall_slack_cells
+            )
 
     interface = LocalisationInterface
     period_s = 0.1
     parameters: Parameters
+    diverged = Event[Divergence](outside=True)
 
     def activate(self) -> None:
         self._driver = self.env.use("driver", DriverInterface)
         start = self.parameters
-        self._T_arena_odom = Pose2D(start.x_m, start.y_m, start.yaw_rad)
-        self.env.board.T_arena_odom = self._T_arena_odom
+        self._odometry = self._driver.pose()
+        self._T_arena_odom, sigma_m, sigma_rad = self._where_it_was()
+        self._localiser = Localiser(
+            self._T_arena_odom.compose(self._odometry),
+            sigma_m,
+            sigma_rad,
+            start.spec(self._driver.odometry_noise()),
+        )
+        self._lost = ""
+        self._signals = self._matches = 0
+        self._last_fit = 0.0
+        self._scan_due_ns = 0
+        if start.scan_matching:
+            self.env.observe(self.env.use("scan", ScanInterface).scanned, self._see)
         self.env.board.radius_m = self._driver.radius_m()
+        self._tell()
 
     def step(self) -> None:
-        board = self.env.board
-        board.pose = self.pose()
-        board.velocity = self._driver.velocity()
+        self._move()
+        self._hear()
+        self._tell()
+        self.env.board.pose = self.pose()
+        self.env.board.velocity = self._driver.velocity()
 
     @external
     def pose(self) -> Pose2D:
@@ -52,3 +130,72 @@ class Localisation(Skill):
             )
             for point in points
         ]
+
+    @external
+    def health(self) -> LocalisationHealth:
+        """How much the estimate is worth, and what it rests on."""
+        localiser = self._localiser
+        scale, curve, turn = localiser.filter.biases
+        return LocalisationHealth(
+            lost=localiser.lost,
+            sigma_m=localiser.sigma_m,
+            sigma_rad=float(np.sqrt(localiser.covariance[2, 2])),
+            mean_nis=localiser.watch.mean_nis,
+            signals=self._signals,
+            signals_refused=localiser.watch.refused,
+            matches=self._matches,
+            last_fit=self._last_fit,
+            scale_error=scale,
+            curve_rad_per_m=curve,
+            turn_error=turn,
+        )
+
+    def _where_it_was(self) -> tuple[Pose2D, float, float]:
+        """T_arena_odom with the sigmas of place and yaw: the start, or, after a pause, what was known, less surely."""
+        start, board = self.parameters, self.env.board
+        if board.T_arena_odom is None or len(board.pose_covariance) != 9:
+            return Pose2D(start.x_m, start.y_m, start.yaw_rad), start.start_sigma_m, start.start_sigma_rad
+        var_x, var_y, var_yaw = board.pose_covariance[0], board.pose_covariance[4], board.pose_covariance[8]
+        return board.T_arena_odom, math.sqrt(max(var_x, var_y)) + PAUSE_M, math.sqrt(var_yaw) + PAUSE_RAD
+
+    def _move(self) -> None:
+        before, self._odometry = self._odometry, self._driver.pose()
+        displacement = chord(before, self._odometry)
+        if displacement != STILL:
+            self._localiser.move(displacement)
+
+    def _hear(self) -> None:
+        heard = self.env.board.mote_ranges
+        while heard:
+            sample = heard.popleft()
+            if self.parameters.motes:
+                self._localiser.hear(sample)
+                self._signals += 1
+
+    def _see(self, scan: LaserScan) -> None:
+        now_ns, grid = self.env.clock.now_ns(), self.env.board.map
+        if grid is None or now_ns < self._scan_due_ns:
+            return
+        self._scan_due_ns = now_ns + to_ns(self.parameters.scan_period_s)
+        self._move()
+        T_robot_sensor = self._odometry.inverse().compose(self._driver.pose_at(scan.stamp_ns))
+        fit = self._localiser.see(
+            grid.log_odds, grid.geometry, scan.angles_rad, scan.ranges_m, scan.range_max_m, T_robot_sensor
+        )
+        if fit.directions:
+            self._matches += 1
+            self._last_fit = fit.fit
+        self._tell()
+
+    def _tell(self) -> None:
+        localiser, board = self._localiser, self.env.board
+        if self._signals or self._matches:
+            self._T_arena_odom = localiser.pose.compose(self._odometry.inverse())
+        board.T_arena_odom = self._T_arena_odom
+        board.pose_covariance = tuple(localiser.covariance.ravel().tolist())
+        board.lost = localiser.lost
+        if localiser.lost != self._lost:
+            is_lost, self._lost = bool(localiser.lost), localiser.lost
+            why = localiser.lost or "found again"
+            logger.warning("%s: localisation %s", self.env.robot, f"has diverged: {why}" if is_lost else why)
+            self.diverged.notify(Divergence(is_lost=is_lost, why=why, pose=localiser.pose, sigma_m=localiser.sigma_m))

@@ -17,6 +17,19 @@ class MapView(msgspec.Struct, frozen=True, eq=False):
     classes: NDArray[np.int8]
 
 
+class MapperCounters(msgspec.Struct, frozen=True, kw_only=True):
+    """What became of what the mapper was told."""
+
+    scans: int
+    """Put into the map."""
+    scans_left_out: int
+    """Left out because the robot did not know well enough where it was."""
+    why_left_out: str
+    """Why they are left out now; empty if they are not."""
+    patches_dropped: int
+    """Patches of others that came faster than they could be merged."""
+
+
 class MapperInterface(Protocol):
     """The map that the robot and its team have made."""
 

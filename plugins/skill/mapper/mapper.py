@@ -1,14 +1,16 @@
 """Mapper: an occupancy grid from the robot's own scans and from the patches of the others."""
 
 import logging
+import math
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from robrain.agent.event import Event
 from robrain.agent.plugin import Skill, external
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
-from robrain.plugins.skill.mapper.interface import MapperInterface, MapView
+from robrain.plugins.skill.mapper.interface import MapperCounters, MapperInterface, MapView
 from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates.interface import TeammatesInterface
 from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
@@ -34,9 +36,11 @@ class Mapper(Skill):
         origin_y_m: float = -20.0
         width_m: float = 40.0
         height_m: float = 40.0
+        sigma_max_m: float = 2.0
+        """Scans are left out while the robot's place is less sure than this; chosen."""
 
         def __post_init__(self) -> None:
-            for name in ("resolution_m", "width_m", "height_m"):
+            for name in ("resolution_m", "width_m", "height_m", "sigma_max_m"):
                 if getattr(self, name) <= 0:
                     raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
 
@@ -53,8 +57,12 @@ class Mapper(Skill):
     interface = MapperInterface
     period_s = 0.5
     parameters: Parameters
+    paused = Event[str](outside=True)
+    """Why scans are left out, from now on; empty when they are taken in again."""
 
     def init(self) -> None:
+        self._why_paused = ""
+        self._taken = self._left_out = 0
         self._grid = OccupancyGrid(self.parameters.geometry())
         self._view: MapView | None = None
         self._inbox = Inbox(capacity=4096)
@@ -62,6 +70,7 @@ class Mapper(Skill):
 
     def activate(self) -> None:
         wire, robot = self.env.wire, self.env.robot
+        self.env.board.map = self._grid
         self._driver = self.env.use("driver", DriverInterface)
         self._teammates = self.env.use("teammates", TeammatesInterface)
         self.env.observe(self.env.use("scan", ScanInterface).scanned, self._integrate)
@@ -87,14 +96,48 @@ class Mapper(Skill):
         """Area of the floor and walls that are known."""
         return self._grid.known_count * self._grid.geometry.resolution_m**2
 
+    @external
+    def counters(self) -> MapperCounters:
+        """What became of scans and patches so far."""
+        return MapperCounters(
+            scans=self._taken,
+            scans_left_out=self._left_out,
+            why_left_out=self._why_paused,
+            patches_dropped=self._inbox.dropped,
+        )
+
     def _integrate(self, scan: LaserScan) -> None:
         T_arena_odom = self.env.board.T_arena_odom
         if T_arena_odom is None:
             return
+        self._pause(self._why_not())
+        if self._why_paused:
+            self._left_out += 1
+            return
+        self._taken += 1
         sensor = T_arena_odom.compose(self._driver.pose_at(scan.stamp_ns))
         self._grid.integrate_scan(
             sensor, scan.angles_rad, scan.ranges_m, scan.range_max_m, map_stamp_ms(scan.stamp_ns), self._team_circles()
         )
+
+    def _why_not(self) -> str:
+        """Why a scan must not be put into the map now; walls in the wrong place are worse than none."""
+        board = self.env.board
+        if board.lost:
+            return f"the robot does not know where it is: {board.lost}"
+        covariance = board.pose_covariance
+        sigma_m = math.sqrt(max(covariance[0], covariance[4])) if covariance else 0.0
+        # With some slack, so that it does not go on and off.
+        limit_m = self.parameters.sigma_max_m * (0.8 if self._why_paused else 1.0)
+        if sigma_m > limit_m:
+            return f"the robot's place is not sure enough, above {limit_m:g} m"
+        return ""
+
+    def _pause(self, why: str) -> None:
+        if bool(why) != bool(self._why_paused):
+            logger.warning("%s: the mapper %s", self.env.robot, f"leaves scans out: {why}" if why else "goes on")
+            self.paused.notify(why)
+        self._why_paused = why
 
     def _team_circles(self) -> NDArray[np.float64]:
         others = self._teammates.others()

@@ -1,9 +1,15 @@
 """What the planner offers."""
 
+from collections.abc import Sequence
 from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from robrain.plugins.skill.mapper.interface import MapView
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.navigation import Zone
+from robrain.protocol.model.right_of_way import Track
 
 Circle = tuple[float, float, float]
 """x, y, radius: metres, arena frame."""
@@ -12,6 +18,21 @@ Circle = tuple[float, float, float]
 class PlannerInterface(Protocol):
     """Shortest safe paths, arena frame."""
 
-    def plan(self, view: MapView, start: Point2D, goal: Point2D, avoid: list[Circle]) -> list[Point2D] | None:
-        """Waypoints from start to as near to goal as the robot can stand; None if there is no way."""
+    def plan(
+        self, view: MapView, start: Point2D, goal: Point2D, avoid: Sequence[Circle], dear: Sequence[Zone] = ()
+    ) -> list[Point2D] | None:
+        """Waypoints from start to as near to goal as the robot can stand; None if there is no way.
+
+        Circles are not driven through; zones only if the way around is much longer.
+        """
+        ...
+
+    def escape(
+        self, view: MapView, start: Point2D, speed_m_s: float, tracks: Sequence[Track], apart_m: float
+    ) -> list[Point2D] | None:
+        """Waypoints to the nearest place out of the way of all tracks that go first; None if there is none."""
+        ...
+
+    def safe_positions(self, view: MapView, positions: NDArray[np.float64]) -> int:
+        """How many of positions (N, 2) on a path come before the first that is too near to a known obstacle."""
         ...

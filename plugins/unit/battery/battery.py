@@ -1,59 +1,139 @@
-"""Battery: state of charge by coulomb counting, remaining energy at the voltage of the moment."""
+"""Battery: state of charge and energy left, with an interval, from measurements that are doubted first."""
 
-import msgspec
-
+from robrain.agent.event import Event
 from robrain.agent.plugin import Unit, external
 from robrain.plugins.device.bm2.interface import BatteryMeasurement, Bm2Interface
+from robrain.plugins.unit.battery.interface import BatteryAlarm, BatteryInterface
+from robrain.protocol.model.battery_tracker import BatteryTracker, Measured
+from robrain.protocol.model.consumption import Drawn
+from robrain.protocol.model.gauge_check import GaugeLimits
+from robrain.protocol.model.soc_filter import PackModel
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.messages import BatteryState
 
-J_PER_WH = 3600.0
+CHARGING_BELOW_A = -0.05
 
 
 class Battery(Unit):
-    """Counts energy out of the battery and tells what is left."""
+    """Tells what is left, and warns when it is little or cannot be known."""
 
-    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-        """Values are chosen; set the capacity of the battery that is fitted."""
+    class Parameters(PackModel, frozen=True, kw_only=True, forbid_unknown_fields=True):
+        """The pack's datasheet, when to warn, and what is not believed. Chosen; set those of your battery."""
 
-        capacity_wh: float = 20.0
-        soc_at_start: float = 1.0
+        soc_at_start: float | None = None
+        """Taken from the voltage if there is none."""
+        low_soc: float = 0.25
+        cut_off_soc: float = 0.05
+        hysteresis_soc: float = 0.05
+        """A warning is given again only after the charge has been that much above its threshold."""
+        gauge: GaugeLimits = GaugeLimits()
 
         def __post_init__(self) -> None:
-            if self.capacity_wh <= 0:
-                raise ValueError(f"expected capacity_wh > 0, got {self.capacity_wh}")
-            if not 0 <= self.soc_at_start <= 1:
+            super().__post_init__()
+            if self.soc_at_start is not None and not 0 <= self.soc_at_start <= 1:
                 raise ValueError(f"expected soc_at_start from 0 to 1, got {self.soc_at_start}")
+            for name in ("low_soc", "cut_off_soc", "hysteresis_soc"):
+                if not 0 <= getattr(self, name) <= 1:
+                    raise ValueError(f"expected {name} from 0 to 1, got {getattr(self, name)}")
 
+    low = Event[BatteryAlarm](outside=True)
+    cut_off = Event[BatteryAlarm](outside=True)
+    implausible = Event[BatteryAlarm](outside=True)
+
+    interface = BatteryInterface
     period_s = 0.2
     parameters: Parameters
 
     def init(self) -> None:
-        self._capacity_j = self.parameters.capacity_wh * J_PER_WH
-        self._remaining_j = self._capacity_j * self.parameters.soc_at_start
+        self._tracker = BatteryTracker(self.parameters, self.parameters.gauge, self.parameters.soc_at_start)
         self._last: BatteryMeasurement | None = None
+        self._told_ns = self._heard_ns = 0
+        self._energy_j = 0.0
+        self._drawn: Drawn | None = None
+        self._is_low = self._is_cut_off = self._is_doubted = False
 
     def activate(self) -> None:
         self._bm2 = self.env.use("bm2", Bm2Interface)
 
     def step(self) -> None:
-        measured = self._bm2.latest()
-        if measured is None or measured == self._last:
+        measured, last, now_ns = self._bm2.latest() or self._last, self._last, self.env.clock.now_ns()
+        if measured is None:
             return
-        if self._last is not None:
-            elapsed_s = to_seconds(measured.stamp_ns - self._last.stamp_ns)
-            power_w = (measured.voltage_v * measured.current_a + self._last.voltage_v * self._last.current_a) / 2
-            self._remaining_j = min(self._capacity_j, max(0.0, self._remaining_j - power_w * elapsed_s))
+        if last is None:
+            self._tracker.begin(_values(measured))
+            self._heard_ns = now_ns
+        elif measured.stamp_ns != last.stamp_ns:
+            self._follow(last, measured)
+            self._heard_ns = now_ns
+        else:
+            # By the robot's own clock: that of the frames may be another one.
+            self._tracker.hear_nothing(to_seconds(now_ns - self._heard_ns), to_seconds(now_ns - self._told_ns))
+        self._told_ns = now_ns
         self._last = measured
+        self._tell(measured)
+
+    @external
+    def state(self) -> BatteryState | None:
+        """Voltage, current, temperature, state of charge and energy left with its interval; null before the first."""
+        return self.env.board.battery
+
+    def drawn(self) -> Drawn | None:
+        """Energy drawn so far, as of the last measurement; None before the first."""
+        return self._drawn
+
+    def _follow(self, last: BatteryMeasurement, measured: BatteryMeasurement) -> None:
+        elapsed_s = to_seconds(measured.stamp_ns - last.stamp_ns)
+        if elapsed_s <= 0:  # the clock of whoever stamps frames was set back
+            return
+        charge_c, energy_j = measured.charge_c - last.charge_c, measured.energy_j - last.energy_j
+        if measured.counted_from_ns != last.counted_from_ns:
+            charge_c = measured.current_a * elapsed_s
+            energy_j = measured.voltage_v * charge_c
+        self._energy_j += energy_j
+        self._tracker.follow(_values(measured), charge_c, elapsed_s)
+
+    def _tell(self, measured: BatteryMeasurement) -> None:
+        believed = self._tracker.filter
+        why, soc = self._tracker.why_doubted, believed.soc
+        charging = measured.current_a < CHARGING_BELOW_A
+        remaining_j, low_j, high_j = believed.interval_j()
         self.env.board.battery = BatteryState(
             voltage_v=measured.voltage_v,
             current_a=measured.current_a,
             temperature_c=measured.temperature_c,
-            soc=self._remaining_j / self._capacity_j,
-            remaining_j=self._remaining_j,
+            # More digits than are known would only travel.
+            soc=round(soc, 5),
+            remaining_j=round(remaining_j, 1),
+            remaining_low_j=round(low_j, 1),
+            remaining_high_j=round(high_j, 1),
+            soc_sd=round(believed.soc_sd, 5),
+            health=round(believed.health, 4),
+            charging=charging and not why,
+            implausible=why,
         )
+        is_own = not why and measured.current_a > 0
+        self._drawn = Drawn(measured.stamp_ns, self._energy_j, is_own)
+        self._warn(why, soc, remaining_j, measured.voltage_v)
 
-    @external
-    def state(self) -> BatteryState | None:
-        """Voltage, current, temperature, state of charge and remaining energy; null before the first measurement."""
-        return self.env.board.battery
+    def _warn(self, why: str, soc: float, remaining_j: float, voltage_v: float) -> None:
+        parameters = self.parameters
+        if why and not self._is_doubted:
+            self.implausible.notify(BatteryAlarm(why, soc, remaining_j, voltage_v))
+        self._is_doubted = bool(why)
+        if soc <= parameters.low_soc and not self._is_low:
+            self._is_low = True
+            why_low = f"{100 * soc:.0f} % left, low is {100 * parameters.low_soc:g} %"
+            self.low.notify(BatteryAlarm(why_low, soc, remaining_j, voltage_v))
+        elif soc > parameters.low_soc + parameters.hysteresis_soc:
+            self._is_low = False
+        is_under = not why and voltage_v < parameters.cut_off_v
+        if (soc <= parameters.cut_off_soc or is_under) and not self._is_cut_off:
+            self._is_cut_off = True
+            why_off = f"{voltage_v:.2f} V and {100 * soc:.0f} % left"
+            self.cut_off.notify(BatteryAlarm(why_off, soc, remaining_j, voltage_v))
+        elif soc > parameters.cut_off_soc + parameters.hysteresis_soc and not is_under:
+            self._is_cut_off = False
+
+
+def _values(measured: BatteryMeasurement) -> Measured:
+    return Measured(measured.voltage_v, measured.current_a, measured.temperature_c)

@@ -1,36 +1,50 @@
-"""Driver: follows paths with an omnidirectional base and stops in front of what the lidar sees.
+"""Driver: moves an omnidirectional base smoothly, and stops in front of what lidar and range sensors see.
 
-`follow` is for plugins that plan anew all the time. `drive_path`, `drive` and `turn` are long actions: they return an
-id, and end as done, as cancelled by whatever moves the robot next, or as failed when the way stays blocked.
+`follow` is for plugins that plan anew all the time. `drive_path`, `drive`, `turn` and `go_to` are long actions: they
+return an id, and end as done, as cancelled by whatever moves the robot next, or as failed when the way stays blocked.
+
+The robot stands whenever it does not know what is ahead or where it goes: without a fresh scan, with a frozen lidar,
+without word from its wheels; and after a bump it does not press on.
 """
 
-import itertools
 import math
 
 import msgspec
-import numpy as np
 
 from robrain.agent.action import Action, ActionDesk, ActionEnd, ActionProgress
 from robrain.agent.event import Event
 from robrain.agent.plugin import Unit, external
-from robrain.plugins.device.mocdevice.interface import MocDeviceInterface
+from robrain.plugins.device.mocdevice.interface import ControllerStatus, Counters, MocDeviceInterface
+from robrain.plugins.device.range_sensors.interface import Bump, RangeSensorsInterface
 from robrain.plugins.device.scan.interface import ScanInterface
-from robrain.plugins.unit.driver.interface import DriverInterface, Motion
+from robrain.plugins.unit.driver.interface import DriverInterface, Motion, OdometryNoise
+from robrain.plugins.unit.driver.lookout import Lookout
+from robrain.plugins.unit.driver.path import Path
+from robrain.plugins.unit.driver.ramp import Ramp, RampLimits, speed_to_stop
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D, wrap_angle_rad
-from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.errors import CallError, ErrorCode
 
+PERIOD_S = 0.06
+DELAY_S = PERIOD_S + 0.02
+"""From the pose that a command is decided on until the wheels obey, at the most."""
 ARRIVED_M = 0.08
-TURNED_RAD = 0.02
-SLOWEST_TURN_RAD_S = 0.1
-"""What the wheels still do evenly; the last bit of a turn is done with it."""
-CORNER_M = 0.25
-"""A waypoint that is not the last counts as passed within this."""
-SCAN_FRESH_NS = to_ns(1.0)
+"""Of paths; who plans anew all the time needs no more."""
+PLACED_M = 0.01
+"""Of actions that go to a place."""
+TURNED_RAD = 0.008
+BLOCKED_M = 0.02
+"""Less room than this ahead is none."""
+SLOW_M_S = 0.05
+"""Below this it does not matter where the robot still drifts."""
+SPARE_M = 0.04
+"""So much of the stop distance may be used up before it brakes hard."""
+NO_ODOMETRY = "the wheel encoders have said nothing"
+IN_THE_WAY = "something has stood in the way"
 
 
 class Driver(Unit):
-    """Follows paths; slows down before the end and before obstacles."""
+    """Follows paths; slows down before corners, obstacles and the end."""
 
     class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Limits of the motion. Values are chosen for a robot in the style of the Robertino."""
@@ -38,66 +52,61 @@ class Driver(Unit):
         speed_m_s: float = 0.6
         turn_rate_rad_s: float = 1.5
         acceleration_m_s2: float = 0.8
+        jerk_m_s3: float = 4.0
+        turn_acceleration_rad_s2: float = 3.0
+        turn_jerk_rad_s3: float = 20.0
+        braking_m_s2: float = 1.2
+        """For what turns up too near to stop smoothly; the floor holds a little more."""
         stop_distance_m: float = 0.12
         """The robot's edge stays this far from what it sees ahead."""
         patience_s: float = 10.0
         """An action fails when something has stood in its way for so long."""
+        odometry: OdometryNoise = OdometryNoise(
+            sigma_m_per_sqrt_m=0.01, sigma_rad_per_sqrt_m=0.005, sigma_rad_per_sqrt_rad=0.01
+        )
 
         def __post_init__(self) -> None:
             for name in self.__struct_fields__:
-                if getattr(self, name) <= 0:
+                if name != "odometry" and getattr(self, name) <= 0:
                     raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
 
     interface = DriverInterface
-    period_s = 0.06
+    period_s = PERIOD_S
     parameters: Parameters
     arrived = Event[Point2D](outside=True)
     progress = Event[ActionProgress](outside=True)
     finished = Event[ActionEnd](outside=True)
 
     def init(self) -> None:
+        limits = self.parameters
+        self._way = Ramp(RampLimits(limits.acceleration_m_s2, limits.jerk_m_s3), PERIOD_S)
+        """Velocity of the body, frame odom."""
+        self._turn = Ramp(RampLimits(limits.turn_acceleration_rad_s2, limits.turn_jerk_rad_s3), PERIOD_S)
         self._actions = ActionDesk(self.env, self.progress, self.finished)
         self._action: Action | None = None
-        self._path: list[Point2D] = []
-        self._yaw_rad: float | None = None
-        """Kept while the robot drives straight ahead or back; None if it looks where it goes."""
+        self._path: Path | None = None
         self._to_turn_rad = 0.0
         self._length = 0.0
         """Of the whole action, in metres or radians."""
         self._last_yaw_rad = 0.0
         self._motion = Motion.STANDING
         self._blocked_since_ns: int | None = None
-        self._points_m = np.empty((2, 0))
-        self._scan_stamp_ns = -1
+        self._why = ""
 
     def activate(self) -> None:
         self._moc = self.env.use("mocdevice", MocDeviceInterface)
-        self._scan = self.env.use("scan", ScanInterface)
+        scan = self.env.use("scan", ScanInterface)
+        ranges = self.env.use("range_sensors", RangeSensorsInterface)
+        self.env.observe(ranges.bumped, self._bump)
+        self._lookout = Lookout(self._moc, scan, ranges, self.parameters.stop_distance_m)
 
     def step(self) -> None:
-        pose = self._moc.pose()
         if self._action is not None and not self._action.is_running:  # ended from elsewhere, as by a halt
             self._stand()
         if self._to_turn_rad:
-            self._step_turn(pose)
-            return
-        while len(self._path) > 1 and pose.distance_m(self._path[0]) < CORNER_M:
-            self._path.pop(0)
-        if not self._path:
-            return
-        if len(self._path) == 1 and pose.distance_m(self._path[0]) < ARRIVED_M:
-            goal, action = self._path[0], self._action
-            self._stand()
-            self.arrived.notify(goal)
-            if action is not None:
-                action.done(pose)
-            return
-        self._moc.drive(self._command(pose))
-        self._tell(self._way_left_m(pose))
-        if self._action is not None and self.blocked_s() > self.parameters.patience_s:
-            action = self._action
-            self._stand()
-            action.fail(f"something has stood in the way for {self.parameters.patience_s:g} s")
+            self._step_turn(*self._moc.pose_if_fresh())
+        elif self._path is not None:
+            self._step_path(self._path, *self._moc.pose_if_fresh())
 
     def deactivate(self) -> None:
         self._forget()
@@ -109,7 +118,10 @@ class Driver(Unit):
     def follow(self, path: list[Point2D]) -> None:
         """Drive along these points to the last one."""
         self._actions.cancel_all("another path was given")
-        self._set_out(path)
+        if path:
+            self._set_out(Path(path, ARRIVED_M))
+        else:
+            self._stand()
 
     @external
     def drive_path(self, points: list[Point2D]) -> str:
@@ -117,7 +129,7 @@ class Driver(Unit):
         if not points:
             raise CallError(ErrorCode.BAD_ARGUMENTS, "drive_path: expected at least one point, got none")
         _check_finite("drive_path", *(number for point in points for number in (point.x_m, point.y_m)))
-        return self._start_path("drive_path", points)
+        return self._start_path("drive_path", Path(points, ARRIVED_M))
 
     @external
     def drive(self, distance_m: float) -> str:
@@ -125,7 +137,13 @@ class Driver(Unit):
         _check_finite("drive", distance_m)
         pose = self._moc.pose()
         goal = Point2D(pose.x_m + distance_m * math.cos(pose.yaw_rad), pose.y_m + distance_m * math.sin(pose.yaw_rad))
-        return self._start_path("drive", [goal], pose.yaw_rad)
+        return self._start_path("drive", Path([goal], PLACED_M, pose.yaw_rad))
+
+    @external
+    def go_to(self, x_m: float, y_m: float, yaw_rad: float) -> str:
+        """Drive straight to a pose, frame odom, turning on the way; the action's id."""
+        _check_finite("go_to", x_m, y_m, yaw_rad)
+        return self._start_path("go_to", Path([Point2D(x_m, y_m)], PLACED_M, wrap_angle_rad(yaw_rad), TURNED_RAD))
 
     @external
     def turn(self, angle_rad: float) -> str:
@@ -167,6 +185,11 @@ class Driver(Unit):
         return to_seconds(self.env.clock.now_ns() - self._blocked_since_ns)
 
     @external
+    def blocked_why(self) -> str:
+        """What keeps the robot from going on; nothing if it is not blocked."""
+        return self._why if self._motion is Motion.BLOCKED else ""
+
+    @external
     def pose(self) -> Pose2D:
         """T_odom_robot now."""
         return self._moc.pose()
@@ -175,114 +198,168 @@ class Driver(Unit):
         """T_odom_robot at a time within the last second."""
         return self._moc.pose_at(stamp_ns)
 
+    @external
     def velocity(self) -> Twist2D:
         """Velocity in the body frame."""
         return self._moc.velocity()
+
+    @external
+    def odometry_noise(self) -> OdometryNoise:
+        """How uncertain `pose` grows with the way; from the manifest."""
+        return self.parameters.odometry
+
+    @external
+    def bus_counters(self) -> Counters:
+        """What the motor controller's device has seen on its bus; held by the driver, it cannot be asked itself."""
+        return self._moc.counters()
+
+    @external
+    def controller_status(self) -> ControllerStatus | None:
+        """The motor controller's last word on itself; null before the first."""
+        return self._moc.status()
 
     def radius_m(self) -> float:
         """Radius of the round footprint."""
         return self._moc.radius_m()
 
-    def _start_path(self, name: str, points: list[Point2D], yaw_rad: float | None = None) -> str:
+    # -- starting and ending --------------------------------------------------------------------------------
+
+    def _start_path(self, name: str, path: Path) -> str:
         pose = self._moc.pose()
         action = self._actions.start(name)
-        self._set_out(points)
-        self._yaw_rad = yaw_rad
+        self._set_out(path)
         self._action = action
-        self._length = self._way_left_m(pose)
+        self._length = path.way_left_m(pose)
         return action.id
 
-    def _set_out(self, path: list[Point2D]) -> None:
+    def _set_out(self, path: Path) -> None:
         self._action = None
         self._to_turn_rad = 0.0
-        self._yaw_rad = None
-        self._path = list(path)
+        self._path = path
         if self._motion is Motion.STANDING:
             self._motion = Motion.DRIVING
 
     def _forget(self) -> None:
         self._action = None
-        self._path = []
+        self._path = None
         self._to_turn_rad = 0.0
         self._motion = Motion.STANDING
         self._blocked_since_ns = None
+        self._way.stand()
+        self._turn.stand()
 
     def _stand(self) -> None:
-        if self._path or self._motion is not Motion.STANDING:
+        if self._path is not None or self._motion is not Motion.STANDING:
             self._moc.stop()
         self._forget()
+
+    def _end(self, pose: Pose2D) -> None:
+        action = self._action
+        self._stand()
+        if action is not None:
+            action.done(pose)
 
     def _tell(self, left: float) -> None:
         if self._action is not None and self._length > 0.0:
             self._action.progress(1.0 - left / self._length)
 
-    def _step_turn(self, pose: Pose2D) -> None:
+    def _bump(self, bump: Bump) -> None:
+        self._lookout.feel(bump)
+        # Whatever it drives to: it stands first, and goes on only away from what it has touched.
+        if bump.directions_rad and self._path is not None:
+            self._moc.stop()
+            self._way.stand()
+            self._turn.stand()
+
+    # -- turning --------------------------------------------------------------------------------------------
+
+    def _step_turn(self, pose: Pose2D, is_fresh: bool) -> None:
         before_rad, self._last_yaw_rad = self._last_yaw_rad, pose.yaw_rad
         left_rad = self._to_turn_rad - wrap_angle_rad(pose.yaw_rad - before_rad)
         if abs(left_rad) < TURNED_RAD:
-            action = self._action
-            self._stand()
-            if action is not None:
-                action.done(pose)
+            self._end(pose)
             return
         self._to_turn_rad = left_rad
-        rate_rad_s = max(SLOWEST_TURN_RAD_S, min(self.parameters.turn_rate_rad_s, 2.0 * abs(left_rad)))
-        self._moc.drive(Twist2D(0.0, 0.0, math.copysign(rate_rad_s, left_rad)))
-        self._tell(abs(left_rad))
+        if is_fresh:
+            self._note("")
+            self._turn_by(left_rad)
+            self._tell(abs(left_rad))
+        else:
+            self._note(NO_ODOMETRY)
+            self._turn.stand()
+        self._moc.drive(Twist2D(0.0, 0.0, self._turn.x))
+        self._give_up_if_blocked()
 
-    def _way_left_m(self, pose: Pose2D) -> float:
-        return pose.distance_m(self._path[0]) + sum(
-            math.hypot(b.x_m - a.x_m, b.y_m - a.y_m) for a, b in itertools.pairwise(self._path)
-        )
-
-    def _command(self, pose: Pose2D) -> Twist2D:
-        target = self._path[0]
-        bearing_rad = wrap_angle_rad(math.atan2(target.y_m - pose.y_m, target.x_m - pose.x_m) - pose.yaw_rad)
-        free_m = self._free_ahead_m(pose, bearing_rad)
+    def _turn_by(self, angle_rad: float) -> None:
         limits = self.parameters
-        to_end_m = self._way_left_m(pose)
-        # v² = 2·a·s: as fast as still allows to stop in the free distance.
-        speed_m_s = min(limits.speed_m_s, math.sqrt(2 * limits.acceleration_m_s2 * min(max(free_m, 0.0), to_end_m)))
-        self._note(free_m)
-        aside_rad = bearing_rad if self._yaw_rad is None else wrap_angle_rad(self._yaw_rad - pose.yaw_rad)
-        turn_rad_s = max(-limits.turn_rate_rad_s, min(limits.turn_rate_rad_s, 2.0 * aside_rad))
-        return Twist2D(speed_m_s * math.cos(bearing_rad), speed_m_s * math.sin(bearing_rad), turn_rad_s)
+        left_rad = abs(angle_rad) - self._turn.ahead(math.copysign(1.0, angle_rad), 0.0)
+        rate_rad_s = min(limits.turn_rate_rad_s, speed_to_stop(left_rad, limits.turn_acceleration_rad_s2, DELAY_S))
+        self._turn.follow(math.copysign(rate_rad_s, angle_rad), 0.0)
 
-    def _note(self, free_m: float) -> None:
-        if free_m > 0.02:
+    # -- following a path -----------------------------------------------------------------------------------
+
+    def _step_path(self, path: Path, pose: Pose2D, is_fresh: bool) -> None:
+        path.pass_points(pose)
+        if path.is_done(pose):
+            self._end(pose)
+            self.arrived.notify(path.goal)
+            return
+        blind_why = self._lookout.look(self.env.clock.now_ns()) if is_fresh else NO_ODOMETRY
+        if blind_why:
+            self._note(blind_why)
+            self._way.stand()
+            self._turn.stand()
+            self._moc.drive(Twist2D())
+        else:
+            self._moc.drive(self._command(path, pose))
+            self._tell(path.way_left_m(pose))
+        self._give_up_if_blocked()
+
+    def _command(self, path: Path, pose: Pose2D) -> Twist2D:
+        target, way, limits = path.target, self._way, self.parameters
+        heading_rad = math.atan2(target.y_m - pose.y_m, target.x_m - pose.x_m)
+        free_m = self._lookout.free_m(pose, heading_rad)
+        self._note(IN_THE_WAY if free_m < BLOCKED_M and not path.is_at_goal(pose) else "")
+        if self._goes_too_fast(pose):
+            way.brake(limits.braking_m_s2)
+        else:
+            cos, sin = math.cos(heading_rad), math.sin(heading_rad)
+            ahead_m = way.ahead(cos, sin)
+            speed_m_s = min(
+                limits.speed_m_s,
+                path.speed_m_s(pose, limits.acceleration_m_s2, ahead_m, DELAY_S),
+                speed_to_stop(free_m - ahead_m, limits.acceleration_m_s2, DELAY_S),
+            )
+            way.follow(speed_m_s * cos, speed_m_s * sin)
+        self._turn_by(path.to_turn_rad(pose, wrap_angle_rad(heading_rad - pose.yaw_rad)))
+        # The command holds for a period, in which the body turns: it is meant for the middle of it.
+        yaw_rad = pose.yaw_rad + 0.5 * PERIOD_S * self._turn.x
+        cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+        return Twist2D(cos * way.x + sin * way.y, cos * way.y - sin * way.x, self._turn.x)
+
+    def _goes_too_fast(self, pose: Pose2D) -> bool:
+        """Whether it cannot stop as smoothly as it should before what lies where it really goes, as past a corner."""
+        way = self._way
+        if way.speed < SLOW_M_S:
+            return False
+        free_m = self._lookout.free_m(pose, math.atan2(way.y, way.x))
+        return way.stopping(DELAY_S) > free_m + SPARE_M
+
+    def _note(self, blocked_why: str) -> None:
+        self._why = blocked_why
+        if not blocked_why:
             self._motion = Motion.DRIVING
             self._blocked_since_ns = None
         elif self._motion is not Motion.BLOCKED:
             self._motion = Motion.BLOCKED
             self._blocked_since_ns = self.env.clock.now_ns()
 
-    def _free_ahead_m(self, pose: Pose2D, bearing_rad: float) -> float:
-        """How far the round robot can go straight in a direction of its own frame before it touches something."""
-        scan = self._scan.latest()
-        if scan is None or self.env.clock.now_ns() - scan.stamp_ns > SCAN_FRESH_NS:
-            return 0.0  # blind robots stand
-        if scan.stamp_ns != self._scan_stamp_ns:
-            self._scan_stamp_ns = scan.stamp_ns
-            hit = scan.ranges_m < scan.range_max_m
-            angles_rad, ranges_m = scan.angles_rad[hit], scan.ranges_m[hit]
-            seen_from = self._moc.pose_at(scan.stamp_ns)
-            angles_rad = angles_rad + seen_from.yaw_rad
-            self._points_m = np.stack(
-                (seen_from.x_m + ranges_m * np.cos(angles_rad), seen_from.y_m + ranges_m * np.sin(angles_rad))
-            )
-        if not self._points_m.size:
-            return math.inf
-        heading_rad = pose.yaw_rad + bearing_rad
-        cos, sin = math.cos(heading_rad), math.sin(heading_rad)
-        dx, dy = self._points_m[0] - pose.x_m, self._points_m[1] - pose.y_m
-        ahead_m, aside_m = cos * dx + sin * dy, np.abs(cos * dy - sin * dx)
-        # What the swept disc, a little wider than the robot, would touch; what lies beside or behind is passed.
-        reach_m = self._moc.radius_m() + 0.25 * self.parameters.stop_distance_m
-        in_way = (aside_m < reach_m) & (ahead_m > 0)
-        if not in_way.any():
-            return math.inf
-        contact_m = ahead_m[in_way] - np.sqrt(reach_m**2 - aside_m[in_way] ** 2)
-        return float(contact_m.min()) - 0.75 * self.parameters.stop_distance_m
+    def _give_up_if_blocked(self) -> None:
+        action = self._action
+        if action is not None and self.blocked_s() > self.parameters.patience_s:
+            why = self._why
+            self._stand()
+            action.fail(f"{why} for {self.parameters.patience_s:g} s")
 
 
 def _check_finite(function: str, *numbers: float) -> None:

@@ -3,6 +3,8 @@
 from enum import StrEnum
 from typing import Protocol
 
+import msgspec
+
 from robrain.agent.action import ActionEnd, ActionProgress
 from robrain.agent.event import Event
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
@@ -14,7 +16,21 @@ class Motion(StrEnum):
     STANDING = "standing"
     DRIVING = "driving"
     BLOCKED = "blocked"
-    """Something stands in the way; the driver waits in front of it."""
+    """Something stands in the way, or the robot does not know what does; the driver waits."""
+
+
+class OdometryNoise(msgspec.Struct, frozen=True, kw_only=True):
+    """How uncertain the odometry grows with the way, as standard deviations of independent white noise.
+
+    After `s` metres of way and `t` radians of turning, both added up without sign, the distance is known to
+    `sigma_m_per_sqrt_m`·√s and the yaw to √(`sigma_rad_per_sqrt_m`²·s + `sigma_rad_per_sqrt_rad`²·t): the covariance
+    grows linearly with the way, as in Thrun, Burgard, Fox: Probabilistic Robotics, section 5.4. Systematic errors, such
+    as wrong wheel radii, are not in it.
+    """
+
+    sigma_m_per_sqrt_m: float
+    sigma_rad_per_sqrt_m: float
+    sigma_rad_per_sqrt_rad: float
 
 
 class DriverInterface(Protocol):
@@ -37,6 +53,10 @@ class DriverInterface(Protocol):
         """Drive straight ahead, or back if negative, without turning; the action's id."""
         ...
 
+    def go_to(self, x_m: float, y_m: float, yaw_rad: float) -> str:
+        """Drive straight to a pose, turning on the way; the action's id."""
+        ...
+
     def turn(self, angle_rad: float) -> str:
         """Turn on the spot, to the left if positive; the action's id."""
         ...
@@ -56,6 +76,10 @@ class DriverInterface(Protocol):
         """For how long something has stood in the way; 0 if nothing does."""
         ...
 
+    def blocked_why(self) -> str:
+        """What keeps the robot from going on; nothing if it is not blocked."""
+        ...
+
     def pose(self) -> Pose2D:
         """T_odom_robot now."""
         ...
@@ -66,6 +90,10 @@ class DriverInterface(Protocol):
 
     def velocity(self) -> Twist2D:
         """Velocity in the body frame."""
+        ...
+
+    def odometry_noise(self) -> OdometryNoise:
+        """How uncertain `pose` grows with the way; from the manifest."""
         ...
 
     def radius_m(self) -> float:

@@ -2,73 +2,301 @@
 
 import msgspec
 
+from robrain.agent.event import Event
 from robrain.agent.plugin import Unit, external
-from robrain.plugins.device.mote_base.interface import MoteBaseInterface
+from robrain.plugins.device.mote_base.interface import HeardPacket, MoteBaseInterface
+from robrain.plugins.unit.snw_exploration.interface import HeardMote, RssiMeasurement, SnwInterface
+from robrain.plugins.unit.snw_exploration.mote_record import MoteRecord, place_of
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tinyos import READING_TYPE, ActiveMessage, BadPacket, ReadingPayload
-from robrain.protocol.wire.messages import MoteReading
-from robrain.protocol.wire.publisher import Publisher
-from robrain.protocol.wire.topics import MOTE_READING
+from robrain.protocol.tinyos.packet import BROADCAST, BadPacket
+from robrain.protocol.tinyos.payloads import (
+    ACKNOWLEDGE_TYPE,
+    CENTI,
+    DECI,
+    DUTY_TYPE,
+    READING_TYPE,
+    REQUEST_SPAN,
+    REQUEST_TYPE,
+    STORED_TYPE,
+    DutyPayload,
+    Quantity,
+    ReadingPayload,
+    sequences_after,
+)
+from robrain.protocol.wire.clock import NS_PER_S, to_ns
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages import MoteDuty, MoteReading
+from robrain.protocol.wire.topics import MOTE_DUTY, MOTE_READING
 
-MAX_MOTES = 4096
-DM_PER_M = 10
-CENTI = 100
+PREFIX = "m"
+"""A mote's name on the wire is this and its number."""
+QUANTITIES = {int(quantity): quantity.wire_name for quantity in Quantity}
 
 
-class HeardMote(msgspec.Struct, frozen=True):
-    """A mote as it was last heard."""
+class SnwCounters(msgspec.Struct, frozen=True):
+    """What came of the packets heard."""
 
-    mote: str
     readings: int
-    rssi_dbm: float
-    last_value: float
+    """Put on the wire."""
+    repeated: int
+    """Had arrived before, from the mote or by another robot."""
+    unreadable: int
+    """Said to be readings and were none."""
+    requests: int
+    acknowledgements: int
+    duties: int
+    """Duty commands sent."""
+    duties_given_up: int
+    refused: int
+    """Wishes and readings on the wire that cannot be, and motes beyond the most."""
 
 
 class SNwExploration(Unit):
-    """Collects readings from the motes in reach and puts them on the team's wire."""
+    """Collects readings from the motes in reach, puts each on the team's wire once, and tells motes what is wanted.
+
+    A mote listens only for a moment after it has sent: whatever is to be said to it is said when it is heard.
+    """
+
+    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """How eagerly motes are asked. Raises ValueError where a value is without sense."""
+
+        collect: bool = True
+        max_motes: int = 4096
+        window: int = 4096
+        request_span: int = 16
+        request_patience_s: float = 1.5
+        repeat_after_s: float = 0.12
+        acknowledge_every: int = 8
+        duty_tries: int = 20
+
+        def __post_init__(self) -> None:
+            for name in self.__struct_fields__[1:]:
+                if not getattr(self, name) > 0:
+                    raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+            if self.request_span > REQUEST_SPAN:
+                raise ValueError(f"expected request_span of at most {REQUEST_SPAN}, got {self.request_span}")
+            if self.window > 1 << 15:
+                raise ValueError(f"expected window of at most {1 << 15}, half of the numbers, got {self.window}")
+
+    interface = SnwInterface
+    period_s = 0.05
+    measured = Event[RssiMeasurement]()
+    parameters: Parameters
 
     def init(self) -> None:
-        self._heard: dict[str, HeardMote] = {}
-        self._publishers: dict[str, Publisher] = {}
-        self._unreadable = 0
+        self._records: dict[int, MoteRecord] = {}
+        self._asked: dict[int, MoteRecord] = {}
+        """Those that have been asked for something and have not said all of it."""
+        self._readings = self._repeated = self._unreadable = 0
+        self._requests = self._acknowledgements = self._duties = self._given_up = self._refused = 0
 
     def activate(self) -> None:
-        self.env.observe(self.env.use("mote_base", MoteBaseInterface).heard, self._take)
+        self._inbox = Inbox()
+        self._base = self.env.use("mote_base", MoteBaseInterface)
+        self.env.observe(self._base.heard, self._take)
+        self.env.wire.subscribe(self._inbox, MOTE_READING)
+        self.env.wire.subscribe(self._inbox, MOTE_DUTY)
+
+    def step(self) -> None:
+        self._hear_team()
+        if self._asked:
+            self._ask_again(self.env.clock.now_ns())
+
+    def deactivate(self) -> None:
+        for record in self._records.values():
+            record.publisher = None  # it ends with the plugin's place on the wire
+
+    # -- what others may ask ------------------------------------------------------------------------------------
 
     @external
-    def motes(self) -> list[HeardMote]:
-        """The motes heard so far, by name."""
-        return [self._heard[name] for name in sorted(self._heard)]
+    def heard(self) -> list[HeardMote]:
+        """The motes that this robot has heard, in order of their numbers."""
+        rows = (self._records[number].as_heard() for number in sorted(self._records))
+        return [row for row in rows if row is not None]
 
     @external
-    def unreadable(self) -> int:
-        """Packets that said to be readings and were none."""
-        return self._unreadable
+    def request_stored(self, mote: str) -> None:
+        """Ask a mote for the readings that are missing, as soon as it is heard again.
 
-    def _take(self, message: ActiveMessage) -> None:
-        if message.type != READING_TYPE:
+        Raises:
+            ValueError: that is no mote's name.
+
+        """
+        self._wanted(mote).is_asked_for = True
+
+    @external
+    def set_duty(self, mote: str, period_s: float) -> None:
+        """Tell a mote how often to sense, as soon as it is heard again.
+
+        Raises:
+            ValueError: that is no mote's name, or no period that a mote can have.
+
+        """
+        period_ds = DutyPayload.of_seconds(period_s).period_ds
+        self._wanted(mote).want_period(period_ds, self.env.clock.now_ns())
+
+    @external
+    def counters(self) -> SnwCounters:
+        """What came of the packets heard."""
+        return SnwCounters(
+            readings=self._readings,
+            repeated=self._repeated,
+            unreadable=self._unreadable,
+            requests=self._requests,
+            acknowledgements=self._acknowledgements,
+            duties=self._duties,
+            duties_given_up=self._given_up,
+            refused=self._refused,
+        )
+
+    # -- from the motes -----------------------------------------------------------------------------------------
+
+    def _take(self, packet: HeardPacket) -> None:
+        message = packet.message
+        if message.type not in (READING_TYPE, STORED_TYPE):
             return
         try:
             reading = ReadingPayload.unpack(message.payload)
         except BadPacket:
             self._unreadable += 1
             return
-        name = f"m{reading.mote}"
-        if name not in self._publishers:
-            if len(self._publishers) >= MAX_MOTES:
-                return
-            self._publishers[name] = self.env.wire.publisher(MOTE_READING, mote=name)
-        before = self._heard.get(name)
-        value = reading.reading_centi / CENTI
-        self._heard[name] = HeardMote(name, 1 + (before.readings if before is not None else 0), reading.rssi_dbm, value)
-        self._publishers[name].put(
+        record = self._record(reading.mote)
+        if record is None:
+            return
+        self._hear_team()  # somebody may have put it on the wire a moment ago
+        record.note_heard(reading, packet.stamp_ns, self._place())
+        is_new = record.window.add(reading.sequence, is_live=message.type == READING_TYPE)
+        if message.type == READING_TYPE:  # of a stored reading it is told how things were before that one
+            record.window.mote_holds_from(reading.oldest)
+        if is_new:
+            record.readings += 1
+            self._readings += 1
+            self._tell_team(record, reading, packet.stamp_ns)
+        else:
+            self._repeated += 1
+        self.measured.notify(
+            RssiMeasurement(
+                mote=record.name, place=place_of(reading), rssi_dbm=reading.rssi_dbm, stamp_ns=packet.stamp_ns
+            )
+        )
+        if message.type == STORED_TYPE:
+            record.note_answer(reading.sequence)
+        self._answer(record, packet.stamp_ns)
+
+    def _tell_team(self, record: MoteRecord, reading: ReadingPayload, stamp_ns: int) -> None:
+        if record.publisher is None:
+            record.publisher = self.env.wire.publisher(MOTE_READING, mote=record.name)
+        record.publisher.put(
             MoteReading(
-                mote=name,
-                place=Point2D(reading.x_dm / DM_PER_M, reading.y_dm / DM_PER_M),
-                quantity="temperature_c",
-                value=value,
+                mote=record.name,
+                place=place_of(reading),
+                quantity=QUANTITIES.get(reading.quantity, f"quantity_{reading.quantity}"),
+                value=reading.value_centi / CENTI,
                 voltage_v=reading.voltage_mv / 1000,
                 rssi_dbm=reading.rssi_dbm,
                 via=self.env.robot,
+                sequence=reading.sequence,
+                taken_ns=stamp_ns - reading.age_ds * (NS_PER_S // DECI),
+                period_s=reading.period_ds / DECI,
+                stored=max(0, sequences_after(reading.sequence, reading.oldest)),
             )
         )
+
+    # -- to the motes -------------------------------------------------------------------------------------------
+
+    def _answer(self, record: MoteRecord, now_ns: int) -> None:
+        """Say what there is to say, while the mote listens."""
+        self._answer_duty(record)
+        window = record.window
+        if record.asked is not None and (now_ns >= record.asked_until_ns or not window.lacks(record.asked)):
+            record.asked = None
+        if record.asked is not None:  # it is still answering
+            return
+        if self.parameters.collect or record.is_asked_for:
+            record.asked = window.request(self.parameters.request_span)
+            record.is_asked_for = record.is_asked_for and record.asked is not None
+        if record.asked is not None:
+            record.asked_until_ns = now_ns + to_ns(self.parameters.request_patience_s)
+            self._ask(record)
+        complete = window.complete()
+        if complete is not None and complete[1] >= self.parameters.acknowledge_every:
+            self._acknowledgements += 1
+            self._base.send(record.number, ACKNOWLEDGE_TYPE, complete[0].pack())
+
+    def _ask(self, record: MoteRecord) -> None:
+        assert record.asked is not None
+        self._asked[record.number] = record
+        self._requests += 1
+        self._base.send(record.number, REQUEST_TYPE, record.asked.pack())
+
+    def _ask_again(self, now_ns: int) -> None:
+        """Once more for what a mote owes that has fallen silent: the request was lost, or the end of the answer."""
+        for number, record in list(self._asked.items()):
+            if record.asked is None or record.was_asked_again:
+                del self._asked[number]
+            elif now_ns - record.stamp_ns >= to_ns(self.parameters.repeat_after_s):
+                record.was_asked_again = True
+                record.asked = record.window.request(self.parameters.request_span)
+                if record.asked is not None:
+                    self._ask(record)
+
+    def _answer_duty(self, record: MoteRecord) -> None:
+        if record.wanted_period_ds is None or record.latest is None:
+            return
+        if record.latest.period_ds == record.wanted_period_ds:
+            record.wanted_period_ds = None
+        elif record.duty_tries >= self.parameters.duty_tries:
+            record.wanted_period_ds = None
+            self._given_up += 1
+        else:
+            record.duty_tries += 1
+            self._duties += 1
+            self._base.send(record.number, DUTY_TYPE, DutyPayload(record.wanted_period_ds).pack())
+
+    # -- from the team ------------------------------------------------------------------------------------------
+
+    def _hear_team(self) -> None:
+        if not len(self._inbox):
+            return
+        for received in self._inbox.drain():
+            message = received.message
+            if isinstance(message, MoteReading) and (message.via == self.env.robot or message.sequence is None):
+                continue
+            try:
+                record = self._record(_number_of(message.mote))
+                if record is None:
+                    continue
+                if isinstance(message, MoteReading):
+                    # Another robot's word tells nothing of order: it may be a stored reading.
+                    record.window.add((message.sequence or 0) & 0xFFFF, is_live=False)
+                elif isinstance(message, MoteDuty):
+                    record.want_period(DutyPayload.of_seconds(message.period_s).period_ds, message.stamp_ns)
+            except ValueError:
+                self._refused += 1
+
+    def _wanted(self, mote: str) -> MoteRecord:
+        record = self._record(_number_of(mote))
+        if record is None:
+            raise ValueError(f"expected one of the {self.parameters.max_motes} motes that are known, got {mote!r}")
+        return record
+
+    def _record(self, number: int) -> MoteRecord | None:
+        """What is known of a mote; None if it is one too many."""
+        record = self._records.get(number)
+        if record is None:
+            if len(self._records) >= self.parameters.max_motes:
+                self._refused += 1
+                return None
+            record = self._records[number] = MoteRecord(f"{PREFIX}{number}", number, self.parameters.window)
+        return record
+
+    def _place(self) -> Point2D | None:
+        pose = self.env.board.pose
+        return Point2D(pose.x_m, pose.y_m) if pose is not None else None
+
+
+def _number_of(mote: str) -> int:
+    digits = mote.removeprefix(PREFIX)
+    if not (mote.startswith(PREFIX) and digits.isascii() and digits.isdigit() and int(digits) < BROADCAST):
+        raise ValueError(f"expected a mote's name, {PREFIX} and its number, got {mote!r}")
+    return int(digits)

@@ -1,10 +1,13 @@
 """What is known of the other robots."""
 
+from enum import StrEnum
 from typing import Protocol
 
 import msgspec
 
-from robrain.protocol.model.geometry import Pose2D, Twist2D
+from robrain.protocol.model.claim import Claim
+from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.right_of_way import Track
 
 
 class Teammate(msgspec.Struct, frozen=True):
@@ -16,9 +19,38 @@ class Teammate(msgspec.Struct, frozen=True):
     radius_m: float
 
 
+class Doing(StrEnum):
+    """What is to be expected of a mate."""
+
+    UNDER_WAY = "under way"
+    """It follows its path, or waits on it for others."""
+    STANDING = "standing"
+    """It has no path, and may be given one at any time."""
+    OBSTACLE = "obstacle"
+    """It is halted, lost, or does not move although nobody holds it up: it stays where it was seen last."""
+
+
+class Mate(msgspec.Struct, frozen=True, eq=False):
+    """Another robot as one that drives has to reckon with it."""
+
+    name: str
+    pose: Pose2D
+    radius_m: float
+    doing: Doing
+    claim: Claim
+    track: Track
+    """Its way still to go; its `keep_m` is this mate's radius alone, and `goes_first` is for the asker to fill in."""
+    task: str
+    """The id of the task that it is at; empty if none."""
+
+
 class TeammatesInterface(Protocol):
     """The other robots."""
 
     def others(self) -> list[Teammate]:
         """Those heard within the last two seconds, by name."""
+        ...
+
+    def mates(self, place: Point2D, within_m: float) -> list[Mate]:
+        """Those that are, or are bound, within a distance of a place, by name; also those that have fallen silent."""
         ...

@@ -1,42 +1,92 @@
-"""Teammates: follows the states that the other robots publish."""
+"""Teammates: follows the states and paths that the other robots publish."""
+
+import msgspec
 
 from robrain.agent.plugin import Unit, external
-from robrain.plugins.unit.teammates.interface import Teammate, TeammatesInterface
+from robrain.plugins.unit.teammates.interface import Mate, Teammate, TeammatesInterface
+from robrain.plugins.unit.teammates.known_mate import KnownMate, is_near
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.topics import ROBOT_STATE
+from robrain.protocol.wire.topics import ROBOT_PATH, ROBOT_STATE
 
-FRESH_NS = to_ns(2.0)
+HEAR_NS = to_ns(0.15)
+"""States come ten times a second from each mate; every second one is enough, and decoding them is what costs."""
 
 
 class Teammates(Unit):
-    """Knows where the other robots are."""
+    """Knows where the other robots are, and where they go."""
+
+    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """When a mate counts as lost, and for how long. All are chosen."""
+
+        fresh_s: float = 2.0
+        """Who has not been heard for so long is lost: an obstacle where it was last seen."""
+        remember_s: float = 60.0
+        """A lost one is forgotten after this; if it is still there, the lidar has put it into the map by then."""
+        stalled_s: float = 4.0
+        """Who is under way, waits for nobody and has not moved for so long is an obstacle as well."""
+        speed_m_s: float = 0.6
+        """Taken for a mate that does not say how fast it goes."""
+
+        def __post_init__(self) -> None:
+            for name in self.__struct_fields__:
+                if not getattr(self, name) > 0:
+                    raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
 
     interface = TeammatesInterface
     period_s = 0.2
+    parameters: Parameters
 
     def init(self) -> None:
         self._inbox = Inbox()
-        self._heard: dict[str, tuple[int, Teammate]] = {}
-        self._others: list[Teammate] = []
+        self._next_ns = 0
+        self._known: dict[str, KnownMate] = {}
+        self._fresh_ns = to_ns(self.parameters.fresh_s)
 
     def activate(self) -> None:
         self.env.wire.subscribe(self._inbox, ROBOT_STATE)
+        self.env.wire.subscribe(self._inbox, ROBOT_PATH)
 
     def step(self) -> None:
-        now_ns = self.env.clock.now_ns()
-        for received in self._inbox.drain():
-            state = received.message
-            if state.robot != self.env.robot and state.pose is not None:
-                self._heard[state.robot] = (
-                    now_ns,
-                    Teammate(state.robot, state.pose, state.velocity, state.radius_m),
-                )
-        for name in [name for name, (heard_ns, _) in self._heard.items() if now_ns - heard_ns > FRESH_NS]:
-            del self._heard[name]
-        self._others = [self._heard[name][1] for name in sorted(self._heard)]
+        self._hear()
 
     @external
     def others(self) -> list[Teammate]:
         """Those heard within the last two seconds, by name."""
-        return self._others
+        now_ns = self._hear()
+        return [
+            known.teammate
+            for known in self._known.values()
+            if known.teammate is not None and now_ns - known.heard_ns <= self._fresh_ns
+        ]
+
+    def mates(self, place: Point2D, within_m: float) -> list[Mate]:
+        """Those that are, or are bound, within a distance of a place, by name; also those that have fallen silent."""
+        now_ns = self._hear()
+        mates = [known.mate(now_ns, self._fresh_ns) for known in self._known.values()]
+        return [mate for mate in mates if mate is not None and is_near(mate, place, within_m)]
+
+    def _hear(self) -> int:
+        now_ns = self.env.clock.now_ns()
+        if now_ns < self._next_ns or not len(self._inbox):
+            return now_ns
+        self._next_ns = now_ns + HEAR_NS
+        count = len(self._known)
+        for received in self._inbox.drain():
+            message = received.message
+            if message.robot == self.env.robot:
+                continue
+            known = self._known.get(message.robot)
+            if known is None:
+                stalled_ns = to_ns(self.parameters.stalled_s)
+                known = self._known[message.robot] = KnownMate(message.robot, stalled_ns, self.parameters.speed_m_s)
+            if received.topic is ROBOT_STATE:
+                known.hear_state(message, now_ns)
+            else:
+                known.hear_path(message, now_ns)
+        too_old_ns = now_ns - to_ns(self.parameters.remember_s)
+        if len(self._known) != count or any(known.spoke_ns < too_old_ns for known in self._known.values()):
+            by_name = sorted(self._known.items())
+            self._known = {name: known for name, known in by_name if known.spoke_ns >= too_old_ns}
+        return now_ns

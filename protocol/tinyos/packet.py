@@ -1,8 +1,8 @@
-"""TinyOS active messages as they pass between a mote's base station and its host, and the reading that ours carry.
+"""TinyOS active messages as they pass between a mote's base station and its host.
 
 A packet is the serial format of TinyOS 2: a dispatch byte, then destination, source, payload length, group, AM type
-and the payload, all big-endian (TEP 113, Serial Communication; TEP 111, message_t). Framing and CRC of the serial
-line belong to the serial forwarder, which has taken them off.
+and the payload, all big-endian (TEP 113, Serial Communication; `serial_header_t` in tos/lib/serial/Serial.h of
+tinyos-main). How packets are told apart on a line is `serial_forwarder` for TCP and `hdlc` for a serial line.
 """
 
 import struct
@@ -10,15 +10,16 @@ import struct
 import msgspec
 
 AM_DISPATCH = 0x00
-"""The packet is a serial active message."""
+"""TOS_SERIAL_ACTIVE_MESSAGE_ID: the packet is a serial active message."""
 BROADCAST = 0xFFFF
+"""TOS_BCAST_ADDR."""
 DEFAULT_GROUP = 0x22
+"""TinyOS' own TOS_AM_GROUP."""
 MAX_PAYLOAD_BYTES = 28
 """TinyOS' own TOSH_DATA_LENGTH."""
-READING_TYPE = 0x52
 
 _HEADER = struct.Struct(">BHHBBB")
-_READING = struct.Struct(">HHHhhhb")
+MAX_PACKET_BYTES = _HEADER.size + MAX_PAYLOAD_BYTES
 
 
 class BadPacket(ValueError):
@@ -69,61 +70,3 @@ class ActiveMessage(msgspec.Struct, frozen=True, kw_only=True):
         if len(payload) != length:
             raise BadPacket(f"expected {length} bytes of payload as the header says, got {len(payload)}")
         return cls(type=kind, payload=payload, source=source, destination=destination, group=group)
-
-
-class ReadingPayload(msgspec.Struct, frozen=True, kw_only=True):
-    """Payload of AM type 0x52: what a mote senses, and how well the base station heard it."""
-
-    mote: int
-    """The mote's number."""
-    sequence: int
-    """Counts the mote's readings, wrapping at 65536."""
-    voltage_mv: int
-    reading_centi: int
-    """Temperature, 0.01 °C."""
-    x_dm: int
-    """Where the mote was put, 0.1 m, arena frame."""
-    y_dm: int
-    rssi_dbm: int = 0
-    """Written by the base station that heard the packet, as in TinyOS' RssiDemo; 0 on the air."""
-
-    def pack(self) -> bytes:
-        """The payload's 13 bytes.
-
-        Raises:
-            BadPacket: a value does not fit its field.
-
-        """
-        try:
-            return _READING.pack(
-                self.mote,
-                self.sequence,
-                self.voltage_mv,
-                self.reading_centi,
-                self.x_dm,
-                self.y_dm,
-                self.rssi_dbm,
-            )
-        except struct.error as error:
-            raise BadPacket(f"a value does not fit its field in {self}: {error}") from error
-
-    @classmethod
-    def unpack(cls, payload: bytes) -> "ReadingPayload":
-        """The reading in a payload.
-
-        Raises:
-            BadPacket: it is not 13 bytes long.
-
-        """
-        if len(payload) != _READING.size:
-            raise BadPacket(f"expected a reading of {_READING.size} bytes, got {len(payload)}")
-        mote, sequence, voltage_mv, reading_centi, x_dm, y_dm, rssi_dbm = _READING.unpack(payload)
-        return cls(
-            mote=mote,
-            sequence=sequence,
-            voltage_mv=voltage_mv,
-            reading_centi=reading_centi,
-            x_dm=x_dm,
-            y_dm=y_dm,
-            rssi_dbm=rssi_dbm,
-        )

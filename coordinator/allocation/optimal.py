@@ -1,0 +1,224 @@
+"""The allocator that searches: first an auction, then PyVRP for the time that is left.
+
+What PyVRP's model cannot hold is dealt with around it:
+
+- what comes after what and k robots at once: time windows from the best plan so far (`coupling.py`), made anew some
+  times with more and with less room;
+- the makespan and the least energy left: neither is an objective there, so a limit is tightened step by step, each
+  search starting from the best plan so far, which breaks the new limit a little;
+- energy that waiting takes (`Worker.wait_w`): plans are made without it and put right by leaving jobs out;
+- recharging: a plan ends at the charger. The next plan begins there.
+
+Whatever comes out is scheduled and checked in floats before it counts.
+"""
+
+import math
+
+import numpy as np
+
+from robrain.coordinator.allocation.allocator import Effort, Monotonic
+from robrain.coordinator.allocation.arrays import ProblemArrays, make_arrays
+from robrain.coordinator.allocation.auction import ROUNDS, AuctionAllocator
+from robrain.coordinator.allocation.coupling import HORIZON_SHARE, Windows, coupled_jobs, windows_of
+from robrain.coordinator.allocation.plan import Plan
+from robrain.coordinator.allocation.problem import Objective, Problem
+from robrain.coordinator.allocation.refusal import reasons
+from robrain.coordinator.allocation.repair import repaired
+from robrain.coordinator.allocation.search import Search
+from robrain.coordinator.allocation.vrp_model import VrpModel
+
+SHARES = (0.5, 0.2, 0.8, 0.35, 0.65, 0.1)
+"""How far into its room each coupled job is set, one round after another; chosen to try early and late."""
+STEP = 0.1
+"""A limit is first tightened by this share of the makespan, or of the room for energy left."""
+LEAST_STEP = 0.005
+PATIENCE = 100
+PATIENCE_PER_VISIT = 6
+"""A search ends after so many iterations without anything better. Chosen by trying: late acceptance is then stuck."""
+FRUITLESS = 12
+"""After so many such searches one after another there is nothing more to be expected."""
+RANDOM_S_PER_CELL = 2e-6
+"""Making a random start good enough to begin with took 0.05 s for 400 visits; six times that, for a busy machine."""
+COUPLED_FRUITLESS = 60
+"""The same where jobs wait for each other, and other times for them are tried."""
+MODEL_S_PER_CELL = 1e-7
+"""Making a model took 0.07 s for 4 profiles of 1,100² ways; doubled, and doubled again for a busy machine."""
+CHECK_S_PER_JOB = 4e-5
+"""Turning a solution into a plan and checking it took 6 ms for 1,000 jobs; many times that, for a busy machine."""
+
+
+class OptimalAllocator:
+    """Plans by search. It always answers within its deadline, and never worse than the auction or its warm start.
+
+    Args:
+        objective: what its plans are to be good at.
+        monotonic: the clock that deadlines are measured by.
+
+    """
+
+    def __init__(self, objective: Objective, monotonic: Monotonic) -> None:
+        self.objective = objective
+        self._monotonic = monotonic
+        self._auction = AuctionAllocator(objective)
+
+    def plan(
+        self,
+        problem: Problem,
+        *,
+        deadline_s: float | None = None,
+        iterations: int | None = None,
+        seed: int = 0,
+        warm_start: Plan | None = None,
+    ) -> Plan:
+        """See `Allocator`. Raises ValueError if neither deadline nor iterations are given."""
+        effort = Effort(self._monotonic, deadline_s, iterations)
+        left_s = effort.left_s
+        first = self._auction.plan(problem, warm_start=warm_start)
+        auction_s = left_s - effort.left_s if math.isfinite(left_s) else 0.0
+        best = _Improvement(problem, first, effort, seed, auction_s).run()
+        return best if best is first else reasons(problem, make_arrays(problem), best, {})
+
+
+class _Improvement:
+    """One problem's best plan on its way."""
+
+    def __init__(self, problem: Problem, first: Plan, effort: Effort, seed: int, auction_s: float) -> None:
+        self.best = first
+        self._problem = problem
+        self._effort = effort
+        self._seed = seed
+        self._arrays: ProblemArrays = make_arrays(problem)
+        self._is_coupled = bool(coupled_jobs(problem))
+        self._check_s = CHECK_S_PER_JOB * len(problem.jobs)
+        self._auction_s = auction_s
+        self._searches = 0
+        self._auction = AuctionAllocator(first.objective)
+        self._kept_model: tuple[Windows, VrpModel, Search] | None = None
+
+    def run(self) -> Plan:
+        """Search until the effort is spent."""
+        places = len(self._arrays.visits.job) + len(self._problem.workers)
+        self._model_s = MODEL_S_PER_CELL * places**2 * self._problem.energy_j.shape[0]
+        if len(self._arrays.visits.job) and max(self._arrays.team.usable_j, default=-1.0) >= 0:
+            match self.best.objective:
+                case Objective.ENERGY:
+                    self._save_energy()
+                case Objective.MAKESPAN:
+                    if self.best.lost_prize_j > 0:
+                        self._search(0.2)
+                    self._shorten()
+                case Objective.LIFETIME:
+                    if self.best.lost_prize_j > 0:
+                        self._search(0.2)
+                    self._level()
+        return self.best
+
+    @property
+    def _has_time(self) -> bool:
+        return self._effort.left_iterations > 0 and self._effort.left_s > self._model_s + 2 * self._check_s
+
+    def _save_energy(self) -> None:
+        """Search from the best plan and from random ones in turn, until nothing comes of it or the effort is spent."""
+        fruitless = attempt = 0
+        random_start_s = RANDOM_S_PER_CELL * len(self._arrays.visits.job) ** 2
+        while fruitless < (COUPLED_FRUITLESS if self._is_coupled else FRUITLESS) and self._has_time:
+            is_random = attempt % 2 == 1 and self._effort.left_s > random_start_s
+            if is_random and self._is_coupled and self._effort.left_s > 2 * self._auction_s + self._model_s:
+                # Times are not found by the search, so other times are drawn.
+                is_better = self._search(1.0, base=self._drawn())
+            else:
+                is_better = self._search(1.0, is_random=is_random and not self._is_coupled)
+            fruitless = 0 if is_better else fruitless + 1
+            attempt += 1
+
+    def _drawn(self) -> Plan:
+        """An auction's plan in which chance had a hand in when and by whom coupled jobs are done."""
+        rule, choice = ROUNDS[self.best.objective][self._searches % 3]
+        rng = np.random.default_rng((self._seed, self._searches))
+        return self._auction.hold(self._problem, rule, choice, rng)[0]
+
+    def _model(self, base: Plan, room_s: float) -> tuple[Windows, VrpModel, Search]:
+        """Of the best plan so far. Without coupled jobs there is one for all plans."""
+        if self._kept_model is not None:
+            return self._kept_model
+        share = SHARES[self._searches % len(SHARES)]
+        windows = windows_of(self._problem, self._arrays, base, share, room_s)
+        model = VrpModel(self._problem, self._arrays, windows.visits, windows.required, self.best.objective)
+        made = windows, model, Search(model.data)
+        if not self._is_coupled:
+            self._kept_model = made
+        return made
+
+    def _search(
+        self,
+        share: float,
+        end_s: float = math.inf,
+        left_j: float = 0.0,
+        *,
+        is_random: bool = False,
+        base: Plan | None = None,
+    ) -> bool:
+        """One search with a share of the effort, from the base if there is one, otherwise from the best plan so far.
+
+        Returns:
+            Whether there is a better plan, and within the limits.
+
+        """
+        if not self._has_time:
+            return False
+        effort = self._effort
+        is_limited = math.isfinite(end_s) or left_j > 0
+        base = base or self.best
+        windows, model, search = self._model(base, end_s if math.isfinite(end_s) else base.makespan_s * HORIZON_SHARE)
+        data = model.limited(end_s, left_j) if is_limited else model.data
+        start = model.solution(data, self._visits_of(base, windows.rows.tolist()))
+        lost = start.uncollected_prizes()
+        found = search.run(
+            data,
+            None if is_random else start,
+            effort,
+            self._seed + 1000 * self._searches,
+            patience=PATIENCE + PATIENCE_PER_VISIT * len(windows.rows),
+            end_left_s=max(self._check_s, effort.left_s * (1 - share)) if math.isfinite(effort.left_s) else 0.0,
+            iterations=math.ceil(effort.left_iterations * share) if math.isfinite(effort.left_iterations) else math.inf,
+            is_enough=(lambda solution: solution.uncollected_prizes() <= lost) if is_limited else None,
+        )
+        self._searches += 1
+        if found is None:
+            return False
+        jobs = self._arrays.visits.job
+        orders = [
+            [self._problem.jobs[index].id for index in pinned]
+            + [self._problem.jobs[jobs[windows.rows[visit]]].id for visit in visits]
+            for pinned, visits in zip(self._arrays.pinned, model.orders(found), strict=True)
+        ]
+        plan = repaired(self._problem, orders, self.best.objective)
+        if plan is None or not plan.rank < self.best.rank:
+            return False
+        self.best = plan
+        return True
+
+    def _shorten(self) -> None:
+        """The makespan: ask for ever less."""
+        step, fruitless = STEP, 0
+        while fruitless < FRUITLESS and self._has_time and self.best.makespan_s > 0:
+            is_better = self._search(0.25, end_s=self.best.makespan_s * (1 - step))
+            fruitless = 0 if is_better else fruitless + 1
+            if not is_better:
+                step = max(step / 2, LEAST_STEP)
+
+    def _level(self) -> None:
+        """The least energy left: ask for ever more, up to what the weakest has."""
+        most_j = min(float(worker.usable_j) for worker in self._problem.workers)
+        step = 0.5
+        while self._has_time and step >= LEAST_STEP:
+            room_j = most_j - self.best.least_left_j
+            if room_j <= 1e-3 or not self._search(0.25, left_j=max(0.0, self.best.least_left_j + step * room_j)):
+                step /= 2
+
+    def _visits_of(self, plan: Plan, index: list[int]) -> list[list[int]]:
+        """The plan's orders as rows of the windows' visits; what is pinned is none."""
+        rows: dict[str, list[int]] = {}
+        for row, visit in enumerate(index):
+            rows.setdefault(self._problem.jobs[self._arrays.visits.job[visit]].id, []).append(row)
+        return [[rows[stop.job].pop(0) for stop in route.stops if stop.job in rows] for route in plan.routes]

@@ -1,0 +1,92 @@
+"""Making the most of orders that were good once: what cannot be kept is left out until the rest can."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from robrain.coordinator.allocation.arrays import make_arrays
+from robrain.coordinator.allocation.plan import Plan, Route
+from robrain.coordinator.allocation.problem import Objective, Problem, Worker
+from robrain.coordinator.allocation.schedule import make_plan
+from robrain.coordinator.allocation.validate import SLACK, validate
+
+
+def keep(problem: Problem, plan: Plan | None, objective: Objective) -> Plan | None:
+    """An earlier plan's orders in this problem, as far as they can be kept; None if there is no such plan."""
+    if plan is None:
+        return None
+    orders_of = {route.worker: route.jobs for route in plan.routes}
+    orders = [orders_of.get(worker.name, ()) for worker in problem.workers]
+    return repaired(problem, orders, objective)
+
+
+def repaired(problem: Problem, orders: Sequence[Sequence[str]], objective: Objective) -> Plan | None:
+    """A plan with as much of these orders as passes `validate`; None if none of it does."""
+    pinned = [[problem.jobs[index].id for index in jobs] for jobs in make_arrays(problem).pinned]
+    kept = []
+    for worker, order, first in zip(problem.workers, orders, pinned, strict=True):
+        fit = [name for name in order if name in problem.job_index and _may(problem, worker, name)]
+        kept.append([*first, *fit])
+    for _ in range(len(problem.jobs) + 2):
+        _drop_incomplete(problem, kept)
+        plan = make_plan(problem, kept, objective)
+        if plan is None:
+            # They wait for each other: what waits for others goes.
+            dropped = {job.id for job in problem.jobs if problem.predecessors(job) or job.robots > 1}
+        else:
+            dropped = {
+                name
+                for worker, route in zip(problem.workers, plan.routes, strict=True)
+                if (name := _misfit(problem, worker, route))
+            }
+        dropped -= {name for names in pinned for name in names}
+        if not dropped:
+            break
+        kept = [[name for name in order if name not in dropped] for order in kept]
+    return plan if plan is not None and not validate(problem, plan) else None
+
+
+def _may(problem: Problem, worker: Worker, name: str) -> bool:
+    job = problem.jobs[problem.job_index[name]]
+    return not job.pinned_to and job.needs <= worker.offers
+
+
+def _drop_incomplete(problem: Problem, orders: list[list[str]]) -> None:
+    """Leave out what has too few robots or comes after what nobody does; in place."""
+    while True:
+        count: dict[str, int] = {}
+        for order in orders:
+            for name in order:
+                count[name] = count.get(name, 0) + 1
+        bad = {
+            name
+            for name, robots in count.items()
+            if robots != (job := problem.jobs[problem.job_index[name]]).robots
+            or any(other not in count for other in problem.predecessors(job))
+        }
+        if not bad:
+            return
+        orders[:] = [[name for name in order if name not in bad] for order in orders]
+
+
+def _misfit(problem: Problem, worker: Worker, route: Route) -> str:
+    """A job of the route to leave out; empty if the route can be kept.
+
+    The first job that is too late; if energy or horizon do not suffice, the job that saves most for its prize.
+    """
+    for stop in route.stops:
+        if stop.end_s > problem.jobs[problem.job_index[stop.job]].latest_s + SLACK:
+            return stop.job
+    if not route.stops or (route.left_j >= -SLACK and route.end_s <= problem.horizon_s + SLACK):
+        return ""
+    energy_j = problem.energy_j[worker.profile]
+    jobs = [problem.jobs[problem.job_index[stop.job]] for stop in route.stops]
+    places = [worker.start, *(job.place for job in jobs), route.end_place]
+    best, best_ratio = route.stops[-1].job, -np.inf
+    for position, job in enumerate(jobs):
+        before, here, after = places[position : position + 3]
+        saved_j = float(energy_j[before, here] + energy_j[here, after] - energy_j[before, after]) + job.service_j
+        ratio = saved_j / max(job.prize_j, 1e-9)
+        if not job.pinned_to and ratio > best_ratio:
+            best, best_ratio = job.id, ratio
+    return best

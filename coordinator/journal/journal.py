@@ -1,0 +1,327 @@
+"""The journal of one coordinator: tasks, every change of them, and the epochs that were given out, in SQLite.
+
+A change is one transaction. The acceptance of a task is on the disk when it returns (`synchronous=FULL`); later changes
+are in the file and survive the end of the process at any instant, but a power cut may take the last ones back
+(`NORMAL`; https://sqlite.org/pragma.html#pragma_synchronous), from where the robots' own word makes them good. Measured
+on an ext4 disk: 4 to 6 ms a change with FULL, 0.01 ms with NORMAL. Epochs are set aside on the disk by the thousand
+before the first of them is used, so that no power cut gives one out twice.
+
+The file is locked for as long as the journal is open. Stamps come with the records; nothing here reads a clock.
+"""
+
+import logging
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import msgspec
+
+from robrain.coordinator.journal.errors import JournalError, JournalLocked, JournalUnwritable
+from robrain.coordinator.journal.salvage import (
+    CHANGE_COLUMNS,
+    TASK_COLUMNS,
+    Salvaged,
+    anew_path,
+    is_damage,
+    move_aside,
+    read_what_can_be_read,
+    take_its_place,
+)
+from robrain.coordinator.journal.schema import ENDED, migrate
+from robrain.protocol.model.task import TaskState, kind_of
+from robrain.protocol.wire.task_messages import TaskChange, TaskFilter, TaskRecord
+
+logger = logging.getLogger(__name__)
+
+LOCK_TIMEOUT_S = 2.0
+"""How long is waited for another coordinator, which may be just ending, to leave the file."""
+EPOCH_BLOCK = 1000
+KEPT_OWN = 1000
+KEPT_ASKED = 100_000
+"""Ended tasks that stay in the journal: those of the coordinator's own making, and those that were asked for."""
+PRUNE_EVERY = 500
+
+
+class Journal:
+    """Where a coordinator writes down what must not be lost.
+
+    Args:
+        path: of the file, made if there is none; None keeps the journal in memory, for lockstep.
+        factory: makes the connection.
+
+    Raises:
+        JournalLocked: another coordinator writes it.
+        JournalError: it cannot be opened, is none of ours, or was written by a newer robrain.
+
+    """
+
+    def __init__(self, path: Path | None = None, *, factory: type[sqlite3.Connection] = sqlite3.Connection) -> None:
+        self.path = path
+        self.told: list[str] = []
+        """What there is to tell of the opening: a damaged file, and what of it was read."""
+        self._factory = factory
+        self._ends = 0
+        self._db = self._open_or_salvage()
+        self._epoch = self._epoch_ceiling = int(self._db.execute("SELECT ceiling FROM epoch").fetchone()[0])
+        for text in self.told:
+            logger.warning("%s", text)
+
+    # -- writing --------------------------------------------------------------------------------------------
+
+    def accept(self, record: TaskRecord, asked: bytes = b"") -> TaskRecord:
+        """A new task; on the disk when this returns.
+
+        Args:
+            record: as it begins.
+            asked: what was asked for, word by word.
+
+        Returns:
+            The record with the number of its change.
+
+        Raises:
+            JournalUnwritable: it is not in the journal.
+            sqlite3.IntegrityError: there is a task of that id.
+
+        """
+        with self._transaction(durable=not record.own):
+            self._db.execute(
+                "INSERT INTO task (id, state, robot, record, kind, own, asked) VALUES (?, ?, ?, '', ?, ?, ?)",
+                (record.task.id, record.state, record.robot, kind_of(record.task), record.own, asked.decode()),
+            )
+            return self._write(record)
+
+    def change(self, record: TaskRecord) -> TaskRecord:
+        """A task is from now on as `record` says; returns it with the number of the change.
+
+        Raises:
+            JournalUnwritable: it is not in the journal, the task is as it was.
+            sqlite3.IntegrityError: the task has ended already.
+
+        """
+        with self._transaction():
+            written = self._write(record)
+        self._ends += record.state.ended
+        if self._ends >= PRUNE_EVERY:
+            self._ends = 0
+            try:
+                self._prune()
+            except JournalUnwritable as error:  # the change itself is in; there is another time for this
+                logger.warning("%s", error)
+        return written
+
+    def new_epoch(self, at_least: int = 0) -> int:
+        """An epoch that was never given out before, greater than all others of this journal.
+
+        Args:
+            at_least: and not less than this.
+
+        Raises:
+            JournalUnwritable: no more can be given out.
+
+        """
+        epoch = max(self._epoch + 1, at_least)
+        if epoch > self._epoch_ceiling:
+            ceiling = epoch + EPOCH_BLOCK
+            with self._transaction(durable=True):
+                self._db.execute("UPDATE epoch SET ceiling = ?", (ceiling,))
+            self._epoch_ceiling = ceiling
+        self._epoch = epoch
+        return epoch
+
+    def close(self) -> None:
+        """Leave the file."""
+        self._db.close()
+
+    # -- reading --------------------------------------------------------------------------------------------
+
+    def open_records(self) -> list[TaskRecord]:
+        """The tasks that have not ended, in the order in which they were accepted."""
+        return self._records(f"SELECT record FROM task WHERE state NOT IN {ENDED} ORDER BY number")
+
+    def find(self, task_id: str) -> TaskRecord | None:
+        """A task as it stands; None if there is none of that id."""
+        return next(iter(self._records("SELECT record FROM task WHERE id = ?", task_id)), None)
+
+    def asked(self, task_id: str) -> bytes:
+        """What was asked for when the task was accepted, word by word."""
+        row = self._db.execute("SELECT asked FROM task WHERE id = ?", (task_id,)).fetchone()
+        return b"" if row is None else str(row[0]).encode()
+
+    def select(self, wanted: TaskFilter) -> list[TaskRecord]:
+        """The last tasks that match, in the order in which they were accepted."""
+        where, values = ["1"], list[str]()
+        for column, given in (("state", wanted.states), ("kind", wanted.kinds), ("robot", [wanted.robot])):
+            texts = [str(text) for text in given if text]
+            if texts:
+                where.append(f"{column} IN ({', '.join('?' * len(texts))})")
+                values += texts
+        if wanted.by:
+            where.append("json_extract(record, '$.by') = ?")
+            values.append(wanted.by)
+        if not wanted.own:
+            where.append("own = 0")
+        text = f"SELECT record FROM task WHERE {' AND '.join(where)} ORDER BY number DESC LIMIT {max(0, wanted.limit)}"
+        return self._records(text, *values)[::-1]
+
+    def history(self, task_id: str, limit: int = 100) -> list[TaskChange]:
+        """The last changes of a task, oldest first."""
+        rows = self._db.execute(
+            "SELECT number, stamp_ns, state, robot, epoch, why FROM change WHERE task = ? ORDER BY number DESC LIMIT ?",
+            (task_id, limit),
+        ).fetchall()
+        names = ("number", "stamp_ns", "state", "robot", "epoch", "why")
+        return [msgspec.convert(dict(zip(names, row, strict=True)), TaskChange) for row in reversed(rows)]
+
+    def was_offered(self, task_id: str, robot: str, epoch: int) -> bool:
+        """Whether this task was ever offered to that robot with that epoch."""
+        found = self._db.execute(
+            "SELECT 1 FROM change WHERE task = ? AND robot = ? AND epoch = ? AND state = ?",
+            (task_id, robot, epoch, TaskState.OFFERED),
+        ).fetchone()
+        return found is not None
+
+    def last_changed(self, count: int) -> list[TaskRecord]:
+        """The tasks that changed last, each as it stands, the latest change at the end."""
+        rows = self._db.execute(
+            "SELECT task FROM change GROUP BY task ORDER BY max(number) DESC LIMIT ?", (count,)
+        ).fetchall()
+        return [record for (task_id,) in reversed(rows) if (record := self.find(task_id)) is not None]
+
+    def count(self, state: TaskState) -> int:
+        """How many tasks are in a state."""
+        (found,) = self._db.execute("SELECT count(*) FROM task WHERE state = ?", (state,)).fetchone()
+        return int(found)
+
+    def _records(self, statement: str, *values: str) -> list[TaskRecord]:
+        records = []
+        for (text,) in self._db.execute(statement, values):
+            try:
+                records.append(msgspec.json.decode(text, type=TaskRecord))
+            except (msgspec.DecodeError, UnicodeDecodeError) as error:
+                logger.warning("%s: a task in it cannot be read and is left as it is: %s: %.200s",
+                               self.path, error, text)  # fmt: skip
+        return records
+
+    # -- within ---------------------------------------------------------------------------------------------
+
+    def _write(self, record: TaskRecord) -> TaskRecord:
+        task_id = record.task.id
+        cursor = self._db.execute(
+            "INSERT INTO change (task, stamp_ns, state, robot, epoch, why) VALUES (?, ?, ?, ?, ?, ?)",
+            (task_id, record.changed_ns, record.state, record.robot, record.epoch, record.why),
+        )
+        written = msgspec.structs.replace(record, change=cursor.lastrowid or 0)
+        self._db.execute(
+            "UPDATE task SET state = ?, robot = ?, record = ? WHERE id = ?",
+            (record.state, record.robot, msgspec.json.encode(written).decode(), task_id),
+        )
+        return written
+
+    @contextmanager
+    def _transaction(self, *, durable: bool = False) -> Iterator[None]:
+        try:
+            self._db.execute(f"PRAGMA synchronous = {'FULL' if durable else 'NORMAL'}")
+            self._db.execute("BEGIN IMMEDIATE")
+            yield
+            self._db.execute("COMMIT")
+        except sqlite3.OperationalError as error:
+            self._roll_back()
+            raise JournalUnwritable(self.path, f"cannot be written: {error}") from error
+        except BaseException:
+            self._roll_back()
+            raise
+
+    def _roll_back(self) -> None:
+        if self._db.in_transaction:
+            self._db.execute("ROLLBACK")
+
+    def _prune(self) -> None:
+        with self._transaction():
+            for own, kept in ((1, KEPT_OWN), (0, KEPT_ASKED)):
+                self._db.execute(
+                    f"CREATE TEMP TABLE old AS SELECT id FROM task WHERE own = ? AND state IN {ENDED}"
+                    " ORDER BY number DESC LIMIT -1 OFFSET ?",
+                    (own, kept),
+                )
+                self._db.execute("DELETE FROM change WHERE task IN (SELECT id FROM old)")
+                self._db.execute("DELETE FROM task WHERE id IN (SELECT id FROM old)")
+                self._db.execute("DROP TABLE old")
+
+    # -- opening --------------------------------------------------------------------------------------------
+
+    def _open_or_salvage(self) -> sqlite3.Connection:
+        try:
+            return self._open()
+        except sqlite3.DatabaseError as error:
+            if self.path is None or not is_damage(error):
+                raise JournalError(self.path, f"cannot be opened: {error}") from error
+            why = str(error)
+        salvaged = read_what_can_be_read(self.path)
+        _write_anew(salvaged, anew_path(self.path))
+        aside = move_aside(self.path)
+        take_its_place(self.path)
+        self.told.append(f"{self.path} was damaged ({why}) and is now {aside}; {salvaged.told()}")
+        return self._open()
+
+    def _open(self) -> sqlite3.Connection:
+        where = ":memory:" if self.path is None else str(self.path)
+        try:
+            if self.path is not None:
+                self.path.parent.mkdir(parents=True, exist_ok=True)
+                if not self.path.exists():
+                    take_its_place(self.path)
+            connection = sqlite3.connect(where, timeout=LOCK_TIMEOUT_S, isolation_level=None, factory=self._factory)
+        except (OSError, sqlite3.OperationalError) as error:
+            text = f"cannot be opened: {error}; is the folder there, and may it be written?"
+            raise JournalError(self.path, text) from error
+        try:
+            connection.execute("PRAGMA locking_mode = EXCLUSIVE")
+            connection.execute("PRAGMA journal_mode = WAL")
+            connection.execute("PRAGMA synchronous = FULL")
+            migrate(connection, self.path)
+            connection.execute("BEGIN IMMEDIATE")  # from here on the lock is held
+            connection.execute("COMMIT")
+            (verdict,) = connection.execute("PRAGMA quick_check(1)").fetchone()
+            if verdict != "ok":
+                raise sqlite3.DatabaseError(f"malformed: {verdict}")
+            connection.execute("SELECT ceiling FROM epoch").fetchone()[0]
+        except sqlite3.OperationalError as error:
+            connection.close()
+            if error.sqlite_errorcode & 0xFF in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
+                text = "is locked: another coordinator writes it; stop that one, or give another file with --journal"
+                raise JournalLocked(self.path, text) from error
+            raise
+        except (sqlite3.Error, TypeError) as error:
+            connection.close()
+            if isinstance(error, TypeError):  # the row of the epochs has gone
+                raise sqlite3.DatabaseError("malformed: it has lost its epochs") from error
+            raise
+        except JournalError:
+            connection.close()
+            raise
+        return connection
+
+
+def _write_anew(salvaged: Salvaged, path: Path) -> None:
+    """A new journal with what was salvaged, whole and closed, so that it may take the place of the old one."""
+    path.unlink(missing_ok=True)
+    connection = sqlite3.connect(path, isolation_level=None)
+    try:
+        connection.execute("PRAGMA synchronous = FULL")
+        migrate(connection, path)
+        connection.execute("BEGIN IMMEDIATE")
+        connection.execute("UPDATE epoch SET ceiling = ?", (salvaged.epoch_ceiling,))
+        columns = f"number, {TASK_COLUMNS}"
+        for number, task in salvaged.tasks.items():
+            connection.execute(f"INSERT INTO task ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)", (number, *task))
+        columns = f"number, {CHANGE_COLUMNS}"
+        for (
+            number,
+            change,
+        ) in salvaged.changes.items():  # of two ends of one task, which only damage can make, the first
+            values = (number, *change)
+            connection.execute(f"INSERT OR IGNORE INTO change ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?)", values)
+        connection.execute("COMMIT")
+    finally:
+        connection.close()

@@ -1,0 +1,166 @@
+"""A damaged journal: it is put aside under another name, and what can be read of it is read, row by row."""
+
+import logging
+import shutil
+import sqlite3
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+
+from robrain.coordinator.journal.schema import migrate
+from robrain.protocol.wire.task_messages import TaskRecord
+
+logger = logging.getLogger(__name__)
+
+COMPANIONS = ("", "-wal", "-shm")
+MISSES_MAX = 5000
+"""So many numbers in a row without a row that can be read: there is nothing more (chosen). Only where the highest
+number itself cannot be read."""
+TASK_COLUMNS = "id, state, robot, record, kind, own, asked"
+CHANGE_COLUMNS = "task, stamp_ns, state, robot, epoch, why"
+
+
+class Salvaged(NamedTuple):
+    """What was read of a damaged journal; rows by their numbers."""
+
+    tasks: dict[int, Sequence[object]]
+    """TASK_COLUMNS."""
+    changes: dict[int, Sequence[object]]
+    """CHANGE_COLUMNS."""
+    epoch_ceiling: int
+    lost: tuple[str, ...]
+    """Ids of tasks that are known by their changes only."""
+    open: int
+
+    def told(self) -> str:
+        """In words."""
+        if not self.tasks and not self.changes:
+            return "nothing of it could be read"
+        text = f"{len(self.tasks)} tasks were read from it, {self.open} of them open"
+        if self.lost:
+            names = ", ".join(self.lost[:20]) + (" …" if len(self.lost) > 20 else "")
+            text += f"; lost: {names}"
+        return text
+
+
+def is_damage(error: sqlite3.DatabaseError) -> bool:
+    """Whether an error speaks of a broken file, and not of a full disk, a lock or missing rights."""
+    code = getattr(error, "sqlite_errorcode", None)
+    if code is None:
+        return str(error).startswith("malformed")
+    # SQLITE_ERROR: a table or column that should be there is not.
+    return code & 0xFF in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR)
+
+
+def anew_path(path: Path) -> Path:
+    """Where the journal that is to take a damaged one's place is written first."""
+    return path.with_name(f"{path.name}.salvaged")
+
+
+def move_aside(path: Path) -> Path:
+    """Rename a journal with all that belongs to it to `….damaged-<n>`, the first number that is free."""
+    aside = path.with_name(f"{path.name}.damaged-{_last_aside(path) + 1}")
+    path.rename(aside)
+    _move_companions(path, aside)
+    return aside
+
+
+def take_its_place(path: Path) -> None:
+    """There is no journal at `path`: put there what was salvaged of it, if anything was.
+
+    Comes after `move_aside`, and after an end of the process at whatever instant between the two.
+    """
+    last = _last_aside(path)
+    # A write-ahead log that was left behind would be played into whatever file stands beside it.
+    _move_companions(path, path.with_name(f"{path.name}.damaged-{max(last, 1)}"))
+    anew = anew_path(path)
+    if last and anew.exists():
+        anew.rename(path)
+
+
+def _last_aside(path: Path) -> int:
+    number = 0
+    while path.with_name(f"{path.name}.damaged-{number + 1}").exists():
+        number += 1
+    return number
+
+
+def _move_companions(path: Path, aside: Path) -> None:
+    for ending in COMPANIONS[1:]:
+        companion = path.with_name(path.name + ending)
+        if companion.exists():
+            companion.rename(aside.with_name(aside.name + ending))
+
+
+def read_what_can_be_read(path: Path) -> Salvaged:
+    """Rows of a damaged journal. It is not written to: a copy is read, for SQLite may change what it opens."""
+    with tempfile.TemporaryDirectory(prefix="robrain-journal-") as folder:
+        copy = Path(folder) / "journal"
+        for ending in COMPANIONS[:2]:
+            companion = path.with_name(path.name + ending)
+            if companion.exists():
+                shutil.copyfile(companion, copy.with_name(copy.name + ending))
+        connection = sqlite3.connect(copy, isolation_level=None)
+        try:
+            try:
+                migrate(connection, path)
+            except sqlite3.DatabaseError as error:
+                logger.warning("%s: not brought to the schema of today: %s", path, error)
+            return _read(connection)
+        finally:
+            connection.close()
+
+
+def _read(connection: sqlite3.Connection) -> Salvaged:
+    tasks: dict[int, Sequence[object]] = {}
+    seen: set[str] = set()
+    still_open, highest = 0, 0
+    for number, row in _rows(connection, "task", TASK_COLUMNS):
+        try:
+            record = msgspec.json.decode(str(row[3]), type=TaskRecord)
+        except (msgspec.DecodeError, UnicodeDecodeError):
+            continue
+        if record.task.id != row[0] or record.task.id in seen:
+            continue
+        seen.add(record.task.id)
+        # The record is the truth; the other columns are there to be searched.
+        tasks[number] = (row[0], record.state, record.robot, *row[3:])
+        still_open += not record.state.ended
+        highest = max(highest, record.epoch)
+    changes: dict[int, Sequence[object]] = {}
+    lost: dict[str, None] = {}
+    for number, row in _rows(connection, "change", CHANGE_COLUMNS):
+        highest = max(highest, int(str(row[4])))
+        if row[0] in seen:
+            changes[number] = row
+        else:
+            lost[str(row[0])] = None
+    try:
+        (ceiling,) = connection.execute("SELECT ceiling FROM epoch").fetchone()
+    except (sqlite3.DatabaseError, TypeError):
+        ceiling = 0
+    return Salvaged(tasks, changes, max(int(ceiling), highest), tuple(lost), still_open)
+
+
+def _rows(connection: sqlite3.Connection, table: str, columns: str) -> Iterator[tuple[int, Sequence[object]]]:
+    """Each row that can be read: asked for one by one, because one that is broken ends a whole query."""
+    number, misses = 0, 0
+    try:
+        found = connection.execute("SELECT seq FROM sqlite_sequence WHERE name = ?", (table,)).fetchone()
+    except sqlite3.DatabaseError:
+        found = None
+    last = int(found[0]) if found is not None else None
+    while misses < MISSES_MAX if last is None else number < last:
+        number += 1
+        try:
+            row = connection.execute(f"SELECT {columns} FROM {table} WHERE number = ?", (number,)).fetchone()
+        except sqlite3.DatabaseError as error:
+            if error.sqlite_errorcode == sqlite3.SQLITE_NOTADB:
+                return
+            row = None
+        misses = 0 if row is not None else misses + 1
+        if row is not None:
+            yield number, row

@@ -1,0 +1,86 @@
+"""The tables of a journal, and how older ones become those of today.
+
+`PRAGMA user_version` is the schema's number. A new file goes through all migrations, so that there is one way only by
+which today's tables come about; each migration is one transaction, hence all or nothing.
+"""
+
+import sqlite3
+from pathlib import Path
+
+from robrain.coordinator.journal.errors import JournalError
+
+APPLICATION_ID = 0x726F6272
+"""`robr` in ASCII: by this a file is known to be a journal (https://sqlite.org/fileformat.html#application_id)."""
+
+ENDED = "('done', 'failed', 'cancelled')"
+
+MIGRATIONS: tuple[str, ...] = (
+    # 1: tasks as they stand, every change of them, and the epochs that may have been given out.
+    f"""
+    CREATE TABLE task (
+        number INTEGER PRIMARY KEY AUTOINCREMENT,
+        id TEXT NOT NULL UNIQUE,
+        state TEXT NOT NULL,
+        robot TEXT NOT NULL,
+        record TEXT NOT NULL
+    );
+    CREATE TABLE change (
+        number INTEGER PRIMARY KEY AUTOINCREMENT,
+        task TEXT NOT NULL,
+        stamp_ns INTEGER NOT NULL,
+        state TEXT NOT NULL,
+        robot TEXT NOT NULL,
+        epoch INTEGER NOT NULL,
+        why TEXT NOT NULL
+    );
+    CREATE INDEX change_of_task ON change (task);
+    CREATE UNIQUE INDEX one_end_of_task ON change (task) WHERE state IN {ENDED};
+    CREATE TABLE epoch (only_row INTEGER PRIMARY KEY CHECK (only_row = 1), ceiling INTEGER NOT NULL);
+    INSERT INTO epoch VALUES (1, 0);
+    """,
+    # 2: what was asked for word by word, so that a second submission can be compared; own tasks are told apart.
+    f"""
+    ALTER TABLE task ADD COLUMN kind TEXT NOT NULL DEFAULT '';
+    ALTER TABLE task ADD COLUMN own INTEGER NOT NULL DEFAULT 0;
+    ALTER TABLE task ADD COLUMN asked TEXT NOT NULL DEFAULT '';
+    UPDATE task SET
+        kind = coalesce(json_extract(record, '$.task.type'), ''),
+        own = coalesce(json_extract(record, '$.own'), 0),
+        asked = json_object('task', json_extract(record, '$.task'));
+    CREATE INDEX open_task ON task (number) WHERE state NOT IN {ENDED};
+    """,
+)
+
+VERSION = len(MIGRATIONS)
+
+
+def migrate(connection: sqlite3.Connection, path: Path | None, migrations: tuple[str, ...] = MIGRATIONS) -> int:
+    """Bring a journal to the schema of today; returns which it had (0 for a new file).
+
+    Raises:
+        JournalError: it is a database of something else, or of a newer robrain; it is left as it is.
+        sqlite3.Error: it is damaged, locked, or cannot be written.
+
+    """
+    (application,) = connection.execute("PRAGMA application_id").fetchone()
+    (version,) = connection.execute("PRAGMA user_version").fetchone()
+    (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    if application != APPLICATION_ID and (tables or version or application):
+        raise JournalError(path, "is a database, but no journal of robrain; give another file with --journal")
+    if version > len(migrations):
+        text = f"was written by a newer robrain (schema {version}, this one knows {len(migrations)}); use that one"
+        raise JournalError(path, text)
+    for number, script in enumerate(migrations[version:], start=version + 1):
+        connection.execute("BEGIN IMMEDIATE")
+        try:
+            for statement in script.split(";"):
+                if statement.strip():
+                    connection.execute(statement)
+            connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+            connection.execute(f"PRAGMA user_version = {number}")
+            connection.execute("COMMIT")
+        except BaseException:
+            if connection.in_transaction:
+                connection.execute("ROLLBACK")
+            raise
+    return int(version)

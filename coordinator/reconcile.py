@@ -1,0 +1,90 @@
+"""Does what the robots say agree with the book? Pure: of a record, a robot and the time, what follows.
+
+A robot tells with each state which task it was last at, with its epoch and how that stands; the journal tells what the
+book knew at any moment. Between the two, whatever ended and began anew meanwhile:
+
+| the book says | the robot | then |
+|---|---|---|
+| anything open | has ended it, same epoch | its word counts (`TaskBook.note_status`) |
+| offered, lost contact | is at it, same epoch | running |
+| running | silent for 1 s, or its token has gone | lost contact |
+| lost contact | silent for the lease and a guard | given back |
+| running | there, and does not speak of it for 1 s | given back: it has lost it in a restart |
+| offered | has not said that it took it, for the lease and a guard | given back |
+| another task, or none | is at a task | that one is withdrawn |
+"""
+
+from typing import NamedTuple
+
+from robrain.coordinator.roster import LOST_AFTER_S, Robot
+from robrain.protocol.model.task import TaskState
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.messages import TaskStatus
+from robrain.protocol.wire.task_messages import TaskRecord
+
+LEASE_S = 1.5
+"""A robot lets go of its task after so long without a word of its coordinator (chosen: three summaries)."""
+FREE_AFTER_S = 2.0
+"""The task of a robot that is silent is free after this. What is more than the lease is the guard: the robot's host
+steps each 20 ms, its last state may be 100 ms old, and a summary may be on its way (chosen)."""
+FORGOTTEN_S = 1.0
+"""A robot that for this long does not speak of the task it was given has lost it, by a restart for instance."""
+
+
+class Move(NamedTuple):
+    """What a record is to become."""
+
+    state: TaskState
+    """QUEUED: given back."""
+    why: str
+
+
+def reconcile(record: TaskRecord, robot: Robot | None, now_ns: int, since_ns: int) -> Move | None:
+    """What the silence or the word of a record's robot makes of the record; None if it may stay as it is.
+
+    Args:
+        record: an open one that has a robot.
+        robot: as the roster knows it; None if it was never heard of.
+        now_ns: the time.
+        since_ns: since when this coordinator listens. Nobody counts as silent for longer.
+
+    """
+    name = record.robot
+    heard_ns = max(since_ns, robot.heard_ns if robot is not None and robot.heard_ns is not None else since_ns)
+    silent_ns = now_ns - heard_ns
+    held_ns = now_ns - max(record.changed_ns, since_ns)
+    if robot is not None and robot.is_up(now_ns):
+        status = robot.state.task if robot.state is not None else None
+        if status is not None and (status.id, status.epoch) == (record.task.id, record.epoch):
+            return None if status.state.ended else _confirmed(record)
+        if record.state is TaskState.OFFERED:
+            waits = held_ns <= to_ns(FREE_AFTER_S)
+            return None if waits else Move(TaskState.QUEUED, f"{name} never said that it took it")
+        return Move(TaskState.QUEUED, f"{name} knows nothing of it") if held_ns > to_ns(FORGOTTEN_S) else None
+    if silent_ns > to_ns(FREE_AFTER_S) and (record.state is not TaskState.OFFERED or held_ns > to_ns(FREE_AFTER_S)):
+        return Move(TaskState.QUEUED, f"{name} is silent, and the lease ran out")
+    # A coordinator that begins anew has to have listened for a while before it can miss anybody.
+    if record.state is not TaskState.RUNNING or now_ns - since_ns <= to_ns(LOST_AFTER_S):
+        return None
+    return Move(TaskState.LOST_CONTACT, "nothing heard yet" if robot is None else robot.why_not_up(now_ns))
+
+
+def _confirmed(record: TaskRecord) -> Move | None:
+    if record.state is TaskState.OFFERED:
+        return Move(TaskState.RUNNING, "")
+    return Move(TaskState.RUNNING, "it is back") if record.state is TaskState.LOST_CONTACT else None
+
+
+def stray(robot: Robot, record: TaskRecord | None) -> TaskStatus | None:
+    """A task that a robot is at and should not be; None if all is as it should be.
+
+    Args:
+        robot: one that is there.
+        record: the open task that the book has for it, if any.
+
+    """
+    status = robot.state.task if robot.state is not None else None
+    if status is None or status.state.ended:
+        return None
+    # A robot that was offered another task is about to leave this one: the offer itself takes its place.
+    return status if record is None else None

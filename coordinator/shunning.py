@@ -1,0 +1,46 @@
+"""Who is not to be offered what for a while: a robot that refused a task, or failed at it, is asked again later."""
+
+from typing import NamedTuple
+
+from robrain.protocol.wire.clock import to_ns
+
+FIRST_PAUSE_S = 2.0
+LONGEST_PAUSE_S = 60.0
+"""Each refusal doubles the pause from the first up to the longest (chosen): a map grows, a battery fills, and what can
+never be done is not asked for all the time."""
+REFUSALS_MAX = 6
+"""After so many refusals, a minute by these pauses, a robot's no to a task is taken for good (chosen)."""
+KEPT = 4096
+
+
+class _Shunned(NamedTuple):
+    until_ns: int
+    pause_s: float
+    times: int
+    why: str
+
+
+class Shunning:
+    """Remembers refusals and failures, task by task and robot by robot; the oldest go when there are too many."""
+
+    def __init__(self) -> None:
+        self._shunned: dict[tuple[str, str], _Shunned] = {}
+
+    def note(self, task_id: str, robot: str, why: str, now_ns: int) -> None:
+        """A robot refused a task or failed at it."""
+        before = self._shunned.pop((task_id, robot), None)
+        pause_s = FIRST_PAUSE_S if before is None else min(2.0 * before.pause_s, LONGEST_PAUSE_S)
+        times = 1 if before is None else before.times + 1
+        self._shunned[task_id, robot] = _Shunned(now_ns + to_ns(pause_s), pause_s, times, why)
+        if len(self._shunned) > KEPT:
+            del self._shunned[next(iter(self._shunned))]
+
+    def why(self, task_id: str, robot: str, now_ns: int) -> str:
+        """Why a robot is not to be offered a task now; empty if it may be."""
+        shunned = self._shunned.get((task_id, robot))
+        return shunned.why if shunned is not None and now_ns < shunned.until_ns else ""
+
+    def last_word(self, task_id: str, robot: str) -> str:
+        """What a robot said that is not asked again; empty if it may be."""
+        shunned = self._shunned.get((task_id, robot))
+        return shunned.why if shunned is not None and shunned.times >= REFUSALS_MAX else ""

@@ -1,0 +1,204 @@
+"""The Python client of a team's tasks.
+
+from robrain import TaskClient
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.task import Visit
+
+with TaskClient(connect="tcp/127.0.0.1:7447") as tasks:
+    tasks.submit(Visit(id="look-1", place=Point2D(3.0, 4.0)))
+    print(tasks.wait("look-1").state)
+"""
+
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack
+from typing import Any, Self, TypeVar
+
+import msgspec
+
+from robrain.deploy.live_process import endpoints, live_endpoint, session_of
+from robrain.protocol.model.task import Task, TaskState
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere, WireError
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
+from robrain.protocol.wire.messages import TaskEvent
+from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
+from robrain.protocol.wire.topics import (
+    TASK_CANCEL,
+    TASK_EVENT,
+    TASK_GET,
+    TASK_LIST,
+    TASK_SUBMIT,
+    TASK_WHY,
+    Topic,
+)
+
+T = TypeVar("T")
+
+ASK_TIMEOUT_S = 2.0
+AGAIN_S = 0.25
+POLL_S = 0.02
+LOOK_S = 1.0
+"""Changes are heard as they are told; so often is also asked, for what was missed."""
+_NOT_NOW = (ErrorCode.TIMEOUT, ErrorCode.UNLOADED, ErrorCode.BUSY)
+
+
+class TaskClient:
+    """Asks a team's coordinator for tasks; use it in a `with` block.
+
+    While the coordinator is away, a restart for instance, each question is asked again until it is answered or the
+    patience ends. That is safe: a task's id makes a submission count once, however often it arrives.
+
+    Args:
+        connect: endpoint of the team; None is $ROBRAIN_CONNECT.
+        team: its name.
+        by: who asks, for the records.
+        patience_s: how long to wait for a coordinator.
+
+    Raises:
+        NobodyThere: nothing answers at the endpoint.
+        WireError: it is none.
+        BadName: the team's name cannot be one.
+
+    """
+
+    def __init__(
+        self, connect: str | None = None, *, team: str = DEFAULT_TEAM, by: str = "", patience_s: float = 5.0
+    ) -> None:
+        self._by = by
+        self._patience_s = patience_s
+        self._open = ExitStack()
+        check_name("team", team)
+        session = self._open.enter_context(session_of(endpoints(connect), None))
+        self._wire: Endpoint = self._open.enter_context(live_endpoint(session, team))
+
+    def submit(
+        self, task: Task, *, earliest_in_s: float | None = None, deadline_in_s: float | None = None
+    ) -> TaskRecord:
+        """Have a task done; the same task again has the same answer.
+
+        Args:
+            task: its id is its name; no other task may have it.
+            earliest_in_s: counted from its acceptance, in place of `earliest_ns`.
+            deadline_in_s: counted from its acceptance, in place of `deadline_ns`.
+
+        Raises:
+            CallError: it is refused, with the reason (`refused`), or is no task (`bad_arguments`).
+            NobodyThere: no coordinator answers.
+
+        """
+        asked = TaskSubmission(task=task, by=self._by, earliest_in_s=earliest_in_s, deadline_in_s=deadline_in_s)
+        return self._ask(TASK_SUBMIT, asked, TaskRecord)
+
+    def cancel(self, task_id: str, why: str = "") -> TaskRecord:
+        """End a task unfinished; its robot is told to stop (CallError if it has ended otherwise)."""
+        return self._ask(TASK_CANCEL, TaskRequest(id=task_id, by=self._by, why=why), TaskRecord)
+
+    def get(self, task_id: str) -> TaskRecord:
+        """How a task stands (CallError if there is none of that id)."""
+        return self._ask(TASK_GET, TaskRequest(id=task_id), TaskRecord)
+
+    def why(self, task_id: str) -> TaskWhy:
+        """Why a task stands as it does (CallError if there is none of that id)."""
+        return self._ask(TASK_WHY, TaskRequest(id=task_id), TaskWhy)
+
+    def list(self, wanted: TaskFilter | None = None) -> list[TaskRecord]:
+        """The tasks that match, in the order in which they were accepted."""
+        return self._ask(TASK_LIST, wanted or TaskFilter(), list[TaskRecord])
+
+    def wait(self, task_id: str, *, timeout_s: float | None = None) -> TaskRecord:
+        """Wait until a task has ended (TimeoutError if it has not in time), and return how."""
+        for _ in self.events([task_id], timeout_s=timeout_s):
+            pass
+        return self.get(task_id)
+
+    def events(self, task_ids: Iterable[str] = (), *, timeout_s: float | None = None) -> Iterator[TaskEvent]:
+        """Each change of some tasks, beginning with how they stand, until all of them have ended.
+
+        A change that happens while nobody can be heard may be missed; how a task ends never is.
+
+        Args:
+            task_ids: of which; without any, of all tasks, without end.
+            timeout_s: how long to go on at most; None is for ever.
+
+        Raises:
+            CallError: there is no task of an id.
+            NobodyThere: no coordinator answers.
+            TimeoutError: they have not all ended in time.
+
+        """
+        wanted = list(dict.fromkeys(task_ids))
+        inbox = Inbox(4096)
+        for task_id in wanted:
+            self._wire.subscribe(inbox, TASK_EVENT, task=task_id)
+        if not wanted:
+            self._wire.subscribe(inbox, TASK_EVENT)
+        return self._events(inbox, wanted, timeout_s)
+
+    def close(self) -> None:
+        """Leave the team."""
+        self._open.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _events(self, inbox: Inbox, wanted: Sequence[str], timeout_s: float | None) -> Iterator[TaskEvent]:
+        last: dict[str, int] = {}
+        running = set(wanted)
+        ends_s = None if timeout_s is None else time.monotonic() + timeout_s
+        look_s = time.monotonic()
+        while True:
+            events = [received.message for received in inbox.drain()]
+            if wanted and time.monotonic() >= look_s:
+                events += [_as_event(self.get(task_id)) for task_id in sorted(running)]
+                look_s = time.monotonic() + LOOK_S
+            for event in events:
+                if event.change > last.get(event.task.id, 0):
+                    last[event.task.id] = event.change
+                    yield event
+                if event.state.ended:
+                    running.discard(event.task.id)
+            if wanted and not running:
+                return
+            if ends_s is not None and time.monotonic() > ends_s:
+                raise TimeoutError(f"not ended after {timeout_s:g} s: {', '.join(sorted(running)) or 'all tasks'}")
+            time.sleep(POLL_S)
+
+    def _ask(self, topic: Topic, asked: Any, kind: type[T]) -> T:
+        gives_up_s = time.monotonic() + self._patience_s
+        while True:
+            try:
+                reply = self._wire.ask(topic, asked, timeout_s=ASK_TIMEOUT_S)
+                return msgspec.json.decode(reply, type=kind)
+            except NobodyThere as error:
+                if time.monotonic() > gives_up_s:
+                    text = f"no coordinator of team {self._wire.team} answers; `robrain coordinator` starts one"
+                    raise NobodyThere(text) from error
+            except CallError as error:
+                if error.code not in _NOT_NOW or time.monotonic() > gives_up_s:
+                    raise
+            except msgspec.DecodeError as error:
+                raise WireError(f"the coordinator answered {topic.name} with something else: {error}") from error
+            time.sleep(AGAIN_S)
+
+
+def _as_event(record: TaskRecord) -> TaskEvent:
+    return TaskEvent(
+        stamp_ns=record.changed_ns,
+        task=record.task,
+        state=record.state,
+        robot=record.robot,
+        epoch=record.epoch,
+        why=record.why,
+        result=record.result,
+        change=record.change,
+    )
+
+
+def open_states() -> list[TaskState]:
+    """The states of tasks that have not ended, for filters."""
+    return [state for state in TaskState if not state.ended]

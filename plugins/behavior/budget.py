@@ -1,0 +1,110 @@
+"""Budget: whether a robot can afford what it is asked to do and still get home.
+
+A task is begun, and gone on with, only as long as what the battery surely gives covers what is left of the task and
+the way home from its place, both at the 95 % bound of the robot's own estimate.
+"""
+
+import itertools
+import math
+from collections.abc import Sequence
+
+import msgspec
+
+from robrain.agent.environment import Environment
+from robrain.plugins.behavior.travel import Travel
+from robrain.plugins.skill.energy.interface import EnergyInterface, Work
+from robrain.plugins.skill.home.interface import ChargerPlace, HomeInterface
+from robrain.plugins.skill.planner.interface import PlannerInterface
+from robrain.protocol.model.geometry import Point2D
+
+CONFIDENCE = 0.95
+NEAREST = 3
+"""So many chargers, nearest as the crow flies, are compared by their way."""
+DETOUR = 1.5
+"""How much longer than a straight line a way is taken to be that is not known. Chosen."""
+REQUIRES = ("energy", "home", "planner")
+"""What a behavior with a budget names in its manifest, beside what travel needs."""
+
+
+class Verdict(msgspec.Struct, frozen=True):
+    """What something needs, and what there is, in joules at the battery's terminals."""
+
+    needed_j: float
+    """95 % bound of the task and the way home."""
+    usable_j: float
+    duration_s: float
+    """Of the task, without the way home."""
+
+    @property
+    def is_affordable(self) -> bool:
+        """Whether there is enough."""
+        return self.usable_j >= self.needed_j
+
+    @property
+    def words(self) -> str:
+        """The numbers in words.
+
+        >>> Verdict(5200.4, 4800.0, 60.0).words
+        'needs 5200 J of 4800 J usable'
+        """
+        return f"needs {self.needed_j:.0f} J of {self.usable_j:.0f} J usable"
+
+
+class Budget:
+    """What a behavior can afford; made in its `init`, connected in its `activate`.
+
+    Args:
+        env: the behavior's.
+        travel: the behavior's, for the map as it is.
+
+    """
+
+    def __init__(self, env: Environment, travel: Travel) -> None:
+        self._env = env
+        self._travel = travel
+
+    def connect(self) -> None:
+        """Get what it needs.
+
+        Raises:
+            PluginMissing, AccessDenied, PluginBusy: it is not to be had.
+
+        """
+        self._energy = self._env.use("energy", EnergyInterface)
+        self.home = self._env.use("home", HomeInterface)
+        self._planner = self._env.use("planner", PlannerInterface)
+
+    def judge(self, work: Work, home_m: float) -> Verdict:
+        """Whether this work and then so long a way home can be afforded now."""
+        bound_j = self._energy.estimate(work + Work(path_m=home_m)).high_j(CONFIDENCE)
+        return Verdict(bound_j, self._energy.usable_j(), self._energy.estimate(work).duration_s)
+
+    def way_home(self, place: Point2D) -> tuple[ChargerPlace | None, float]:
+        """The nearest charger and the length of the way to it from a place; without one, to where the robot started.
+
+        Where the map knows no way, a straight line and half as much again; 0 before the robot knows where it is.
+        """
+        chargers = sorted(self.home.chargers(), key=lambda charger: _away_m(place, charger.place))[:NEAREST]
+        if chargers:
+            ways = [(charger, self._way_m(place, charger.place)) for charger in chargers]
+            return min(ways, key=lambda way: way[1])
+        start = self.home.start()
+        return None, 0.0 if start is None else self._way_m(place, start)
+
+    def _way_m(self, start: Point2D, goal: Point2D) -> float:
+        path = self._planner.plan(self._travel.view(), start, goal, [])
+        # The end of a path is as near to its goal as the robot can stand.
+        return length_m([start, *path]) if path else DETOUR * _away_m(start, goal)
+
+
+def length_m(points: Sequence[Point2D]) -> float:
+    """Length of a polyline.
+
+    >>> length_m([Point2D(0.0, 0.0), Point2D(3.0, 4.0), Point2D(3.0, 5.0)])
+    6.0
+    """
+    return sum(_away_m(one, other) for one, other in itertools.pairwise(points))
+
+
+def _away_m(one: Point2D, other: Point2D) -> float:
+    return math.hypot(one.x_m - other.x_m, one.y_m - other.y_m)

@@ -1,0 +1,1 @@
+"""Collect: the robot fetches what a mote has stored."""

@@ -1,0 +1,51 @@
+"""Collect: a data mule. Goes near a mote, asks for what it has stored, and stays until that has come or time is up."""
+
+from robrain.plugins.behavior.errand import Errand, Failed, Script
+from robrain.plugins.skill.energy.interface import Work
+from robrain.plugins.unit.snw_exploration.interface import HeardMote, SnwInterface
+from robrain.protocol.model.task import Collect
+from robrain.protocol.wire.clock import to_ns
+
+LOOK_S = 0.6
+"""How often it is looked whether more has come."""
+ASK_AGAIN_S = 8.0
+"""A request may be lost, and a mote sends so many readings at the most for one."""
+PACKETS = 64
+"""That much radio is reckoned with."""
+
+
+class CollectBehavior(Errand):
+    """Fetches what a mote has stored."""
+
+    kind = Collect
+
+    def activate(self) -> None:
+        self._snw = self.env.use("snw_exploration", SnwInterface)
+        super().activate()
+
+    def work(self, task: Collect) -> Work:
+        """All of the time that it may take."""
+        return Work(wait_s=task.timeout_s, radio_packets=PACKETS)
+
+    def do(self, task: Collect) -> Script:
+        """Ask and wait. Result: `readings` that came, and how many are still `missing`."""
+        before = self._heard(task.mote)
+        had = before.readings if before is not None else 0
+        until_ns = self.env.clock.now_ns() + to_ns(task.timeout_s)
+        ask_ns = 0
+        while (now_ns := self.env.clock.now_ns()) < until_ns:
+            if now_ns >= ask_ns:
+                self._snw.request_stored(task.mote)
+                ask_ns = now_ns + to_ns(ASK_AGAIN_S)
+            yield from self.wait(LOOK_S)
+            mote = self._heard(task.mote)
+            # It must have been heard here: what it had said before tells nothing of what it has stored since.
+            if mote is not None and mote.missing == 0 and mote.stamp_ns > until_ns - to_ns(task.timeout_s):
+                break
+        mote = self._heard(task.mote)
+        if mote is None or mote.readings == had:
+            raise Failed(f"nothing came from {task.mote} in {task.timeout_s:g} s")
+        return {"readings": mote.readings - had, "missing": mote.missing}
+
+    def _heard(self, mote: str) -> HeardMote | None:
+        return next((heard for heard in self._snw.heard() if heard.mote == mote), None)

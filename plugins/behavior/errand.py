@@ -1,0 +1,333 @@
+"""Errand: what all behaviors have in common that do one kind of task at a place.
+
+A behavior says which kind, what is to be done at the place, and what that takes; the errand accepts or refuses offers,
+goes there, watches energy and deadline, and tells how it ended:
+
+class Visit(Errand):
+    kind = task.Visit
+
+    def do(self, task):
+        yield from self.wait(task.service_s)
+        return {}
+
+`do` is a script: each `yield` gives the turn back until the next step, its return value is the task's result, and
+`raise Failed(why)` ends the task as failed. The same script runs in both drives, for it never waits by itself.
+"""
+
+import math
+from collections.abc import Generator
+from typing import Any, ClassVar
+
+import msgspec
+
+from robrain.agent.event import Event
+from robrain.agent.plugin import Behavior, external
+from robrain.plugins.behavior.budget import Budget, length_m
+from robrain.plugins.behavior.travel import Progress, Travel, TravelParameters
+from robrain.plugins.skill.energy.interface import Work
+from robrain.plugins.unit.driver.interface import Motion
+from robrain.protocol.model.geometry import Point2D, wrap_angle_rad
+from robrain.protocol.model.task import PlacedTask, TaskState, kind_of
+from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.protocol.wire.errors import CallError
+from robrain.protocol.wire.messages import TaskAnswer
+
+STEP_S = 0.25
+CHECK_NS = to_ns(2.0)
+"""How often a running task's energy is judged anew."""
+SETTLE_S = 4.0
+"""Having arrived, the robot rolls on to the very end of its path for at most so long."""
+ACTION_LIMIT_S = 20.0
+PRIORITY_MAX = 100.0
+"""Where robots meet, a task's priority counts up to this."""
+FACED_RAD = 0.05
+
+Script = Generator[None, None, dict[str, Any]]
+Part = Generator[None, None, None]
+"""A piece of a script, for `yield from`."""
+
+TROUBLE = {Progress.BLOCKED: "the way is blocked", Progress.NO_WAY: "no way there"}
+
+
+class Failed(Exception):
+    """A script cannot do what it was to do; the text says why."""
+
+
+class Run:
+    """A task that was accepted, and how far it is."""
+
+    def __init__(self, task: Any, script: Script, goal: Point2D, way_m: float, home_m: float, *, own: str = "") -> None:
+        self.task = task
+        self.own = own
+        """What the robot does, if it does so of its own accord and the task desk knows of no task."""
+        self.script = script
+        self.goal = goal
+        self.way_m = way_m
+        """Length of the way to the place, as planned."""
+        self.home_m = home_m
+        """From the place to the nearest charger."""
+        self.gone_m = 0.0
+        self.at: Point2D | None = None
+        self.has_begun = False
+        self.there_ns: int | None = None
+        """When it was at the place."""
+        self.check_ns = 0
+        self.energy_j = 0.0
+        self.measured_ns = 0
+
+
+class Errand(Behavior):
+    """Does tasks of one kind, one at a time; derive from it."""
+
+    Parameters: ClassVar[type[msgspec.Struct]] = TravelParameters
+    kind: ClassVar[type[PlacedTask]]
+    """The member of the Task union."""
+    period_s: float | None = STEP_S
+    idle_period_s: ClassVar[float | None] = None
+    """Its period while it has nothing to do."""
+    accepted = Event[str]()
+    """Heard by the errand itself: the way begins in its own turn, right after the offer was answered."""
+
+    # -- what a behavior says -------------------------------------------------------------------------------
+
+    def do(self, task: Any) -> Script:
+        """What is to be done at the place; see the module."""
+        raise NotImplementedError
+
+    def work(self, task: Any) -> Work:
+        """What `do` takes; while it runs, waiting that has been done is counted off."""
+        return Work(wait_s=task.service_s)
+
+    def place(self, task: Any) -> Point2D:
+        """Where the robot goes for it, arena frame."""
+        at: Point2D = task.place
+        return at
+
+    # -- what a script may use ------------------------------------------------------------------------------
+
+    def go(self, goal: Point2D) -> Part:
+        """Go to a place, arena frame, and stand there."""
+        priority = 0.0 if self.run is None else self.run.task.priority
+        if not self.travel.set_out(goal, priority=round(min(priority, PRIORITY_MAX))):
+            raise Failed("no way there")
+        while (progress := self.travel.step()) is not Progress.ARRIVED:
+            if progress in TROUBLE:
+                raise Failed(TROUBLE[progress])
+            yield
+        until_ns = self._now_ns() + to_ns(SETTLE_S)
+        while self.travel.driver.motion() is Motion.DRIVING and self._now_ns() < until_ns:
+            yield
+        self.travel.stand()
+
+    def wait(self, seconds: float) -> Part:
+        """Stand for so long."""
+        until_ns = self._now_ns() + to_ns(seconds)
+        while self._now_ns() < until_ns:
+            yield
+
+    def face(self, yaw_rad: float) -> Part:
+        """Turn on the spot until the robot faces so, arena frame."""
+        turn_rad = wrap_angle_rad(yaw_rad - self.travel.pose().yaw_rad)
+        if abs(turn_rad) < FACED_RAD:
+            return
+        self.travel.driver.turn(turn_rad)
+        yield from self.stand("the robot does not turn")
+
+    def stand(self, trouble: str) -> Part:
+        """Let the driver finish what it was told; Failed if it takes too long."""
+        until_ns = self._now_ns() + to_ns(ACTION_LIMIT_S)
+        yield
+        while self.travel.driver.motion() is not Motion.STANDING:
+            if self._now_ns() > until_ns:
+                self.travel.stand()
+                raise Failed(trouble)
+            yield
+
+    def away_m(self, place: Point2D) -> float:
+        """How far the robot is from a place."""
+        return self.travel.pose().distance_m(place)
+
+    # -- lifecycle ------------------------------------------------------------------------------------------
+
+    def init(self) -> None:
+        self.travel = Travel(self.env, self.parameters)
+        self.budget = Budget(self.env, self.travel)
+        self.run: Run | None = None
+
+    def activate(self) -> None:
+        self.period_s = STEP_S
+        self.travel.connect()
+        self.budget.connect()
+        self.env.observe(self.accepted, lambda _task_id: self.step())
+        self.env.do_tasks(self.kind, self.accept, self._let_go)
+
+    def deactivate(self) -> None:
+        self._let_go("deactivated")
+
+    def emergency_halt(self) -> None:
+        self.run = None
+        self.travel.forget()
+
+    @external
+    def doing(self) -> str:
+        """Id of the task that the robot is at; empty if it is none of this kind."""
+        run = self.run
+        return "" if run is None else str(run.task.id)
+
+    def step(self) -> None:
+        run = self.run
+        if run is None:
+            self.period_s = self.idle_period_s  # None: in live its thread sleeps, in lockstep no step is called
+            return
+        if run.own and run.has_begun and not self.may_drive(run):  # a task has come: the wheels are its own
+            self.drop()
+            self.travel.forget()
+            return
+        if not run.has_begun:
+            if not self.may_drive(run):
+                return
+            self._begin(run)
+        self._measure(run)
+        why = self._why_stop(run)
+        if why:
+            self.finish(TaskState.FAILED, why)
+            return
+        try:
+            next(run.script)
+        except StopIteration as end:
+            self.finish(TaskState.DONE, "", end.value)
+        except Failed as failed:
+            self.finish(TaskState.FAILED, str(failed))
+        except CallError as error:  # a device that a script asked gives no answer
+            self.finish(TaskState.FAILED, error.message)
+
+    # -- one task -------------------------------------------------------------------------------------------
+
+    def accept(self, task: Any) -> TaskAnswer:
+        """Take a task on, or say why not; the way begins in the errand's own turn."""
+        goal = self.place(task)
+        path = self.travel.plan(goal)
+        if path is None:
+            return TaskAnswer(accepted=False, why="no way there")
+        pose = self.travel.pose()
+        way_m = length_m([Point2D(pose.x_m, pose.y_m), *path])
+        _, home_m = self.budget.way_home(path[-1] if path else goal)
+        run = Run(task, self.play(task, goal), goal, way_m, home_m)
+        why = self.why_not(run)
+        if why:
+            return TaskAnswer(accepted=False, why=why)
+        self.drop()
+        self.take_on(run)
+        return TaskAnswer(accepted=True)
+
+    def why_not(self, run: Run) -> str:
+        """Why a task cannot be taken on, before it is begun; empty if it can."""
+        verdict = self.budget.judge(self._left(run), run.home_m)
+        if not verdict.is_affordable:
+            return verdict.words
+        deadline_ns = run.task.deadline_ns
+        if deadline_ns is not None and self._now_ns() + to_ns(verdict.duration_s) > deadline_ns:
+            left_s = to_seconds(deadline_ns - self._now_ns())
+            return f"needs {verdict.duration_s:.0f} s, and the deadline is in {left_s:.0f} s"
+        return ""
+
+    def ended_own(self, state: TaskState, why: str) -> None:
+        """What it did of its own accord has ended."""
+
+    def take_on(self, run: Run) -> None:
+        """Have this to do from now on."""
+        self.run = run
+        self.period_s = STEP_S
+        self.accepted.notify(run.task.id)
+
+    def may_drive(self, run: Run) -> bool:
+        """Whether nobody else moves the robot."""
+        tasks = self.env.tasks
+        return tasks.occupies(self.env.plugin) if run.own else tasks.may_begin(run.task.id)
+
+    def _begin(self, run: Run) -> None:
+        run.has_begun = True
+        run.check_ns = self._now_ns() + CHECK_NS
+        run.measured_ns = self._now_ns()
+        self.env.board.behavior = run.own or kind_of(run.task)
+
+    def play(self, task: Any, goal: Point2D) -> Script:
+        """The whole of a task: the way there, what is not to begin yet, what is to be done."""
+        yield from self.go(goal)
+        while self._now_ns() < task.earliest_ns:
+            yield
+        if self.run is not None:
+            self.run.there_ns = self._now_ns()
+        result = yield from self.do(task)
+        return result
+
+    def finish(self, state: TaskState, why: str, result: dict[str, Any] | None = None) -> None:
+        """The task has ended."""
+        run = self.run
+        self.drop()
+        self.env.board.behavior = "idle"
+        self.travel.stand()
+        if run is not None and run.own:
+            self.env.tasks.vacate(self.env.plugin)
+            self.ended_own(state, why)
+        elif run is not None:
+            told = {**(result or {}), "energy_j": round(run.energy_j, 1), "way_m": round(run.gone_m, 2)}
+            self.env.tasks.end(run.task.id, state, why, told)
+
+    def _let_go(self, _why: str) -> None:
+        if self.run is None:
+            return
+        self.drop()
+        if self.env.tasks.is_busy:  # another behavior's task has taken the place of this one: the wheels are its own
+            self.travel.forget()
+        else:
+            self.env.board.behavior = "idle"  # first: what it drives with may have gone
+            self.travel.stand()
+
+    def drop(self) -> None:
+        """Have nothing to do any more; scripts clean up after themselves."""
+        run, self.run = self.run, None
+        if run is not None:
+            run.script.close()
+
+    # -- what it takes --------------------------------------------------------------------------------------
+
+    def _measure(self, run: Run) -> None:
+        now_ns, pose = self._now_ns(), self.travel.pose()
+        at = Point2D(pose.x_m, pose.y_m)
+        if run.at is not None:
+            run.gone_m += pose.distance_m(run.at)
+        run.at = at
+        battery = self.env.board.battery
+        if battery is not None:
+            run.energy_j += battery.voltage_v * battery.current_a * to_seconds(now_ns - run.measured_ns)
+        run.measured_ns = now_ns
+
+    def _left(self, run: Run) -> Work:
+        work = self.work(run.task)
+        if run.there_ns is None:
+            straight_m = 0.0 if run.at is None else math.hypot(run.at.x_m - run.goal.x_m, run.at.y_m - run.goal.y_m)
+            early_s = max(0.0, to_seconds(run.task.earliest_ns - self._now_ns()))
+            return work + Work(path_m=max(straight_m, run.way_m - run.gone_m), wait_s=early_s)
+        stood_s = to_seconds(self._now_ns() - run.there_ns)
+        return msgspec.structs.replace(work, wait_s=max(0.0, work.wait_s - stood_s))
+
+    def _why_stop(self, run: Run) -> str:
+        now_ns = self._now_ns()
+        if run.task.deadline_ns is not None and now_ns > run.task.deadline_ns:
+            return "the deadline has passed"
+        if now_ns < run.check_ns:
+            return ""
+        run.check_ns = now_ns + CHECK_NS
+        return self.why_go_home(run)
+
+    def why_go_home(self, run: Run) -> str:
+        """Why a running task cannot be gone on with, in joules; the robot is sent home then. Empty if it can."""
+        verdict = self.budget.judge(self._left(run), run.home_m)
+        if verdict.is_affordable:
+            return ""
+        self.budget.home.ask(f"{run.task.id} {verdict.words}")
+        return verdict.words
+
+    def _now_ns(self) -> int:
+        return self.env.clock.now_ns()

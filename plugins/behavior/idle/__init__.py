@@ -1,0 +1,1 @@
+"""Idle: what the robot does with nothing to do."""

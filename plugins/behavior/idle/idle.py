@@ -1,0 +1,103 @@
+"""Idle: what a robot does with nothing to do. It stands, or goes back to a place of its own after a while."""
+
+import math
+
+from robrain.agent.plugin import Behavior, external
+from robrain.plugins.behavior.travel import Progress, Travel, TravelParameters
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.protocol.wire.errors import CallError, ErrorCode
+
+NEAR_M = 0.5
+"""So near to its place a robot stays where it is."""
+RETRY_S = 30.0
+"""After a way home that ended before it, the next try comes this much later."""
+
+
+class IdleBehavior(Behavior):
+    """Stands; with a home, returns there."""
+
+    class Parameters(TravelParameters, frozen=True, forbid_unknown_fields=True):
+        """Where to wait, and when to go there."""
+
+        home: tuple[float, ...] = ()
+        """x and y in metres, arena frame; empty if the robot stays where it is."""
+        return_after_s: float = 10.0
+
+        def __post_init__(self) -> None:
+            super().__post_init__()
+            if len(self.home) not in (0, 2) or not all(map(math.isfinite, self.home)):
+                raise ValueError(f"expected home to be empty or two finite numbers, x and y, got {self.home}")
+            if not self.return_after_s >= 0:
+                raise ValueError(f"expected return_after_s >= 0, got {self.return_after_s}")
+
+    period_s: float | None = 1.0
+    parameters: Parameters
+
+    def init(self) -> None:
+        self._travel = Travel(self.env, self.parameters)
+        self._home = Point2D(*self.parameters.home) if self.parameters.home else None
+        self._is_going = False
+        self._since_ns: int | None = None
+
+    def activate(self) -> None:
+        self._travel.connect()
+
+    def deactivate(self) -> None:
+        self._end()
+
+    def emergency_halt(self) -> None:
+        self._is_going = False
+        self._since_ns = None
+        self._travel.forget()
+
+    @external
+    def wait_at(self, x_m: float, y_m: float) -> None:
+        """Have the robot wait there whenever it has nothing to do, arena frame."""
+        if not (math.isfinite(x_m) and math.isfinite(y_m)):
+            raise CallError(ErrorCode.BAD_ARGUMENTS, f"expected a finite place, got {x_m}, {y_m}")
+        self._home = Point2D(x_m, y_m)
+
+    @external
+    def idle_s(self) -> float:
+        """For how long the robot has had nothing to do, not counting the way home; 0 if it has."""
+        return 0.0 if self._since_ns is None else to_seconds(self.env.clock.now_ns() - self._since_ns)
+
+    def step(self) -> None:
+        if self._is_going:
+            self._go()
+            return
+        now_ns = self.env.clock.now_ns()
+        if self.env.board.behavior not in ("idle", ""):
+            self._since_ns = None
+        elif self._since_ns is None:
+            self._since_ns = now_ns
+        elif self._home is not None and now_ns - self._since_ns >= to_ns(self.parameters.return_after_s):
+            self._set_out(self._home, now_ns)
+
+    def _set_out(self, home: Point2D, now_ns: int) -> None:
+        if self._travel.pose().distance_m(home) < NEAR_M:
+            return
+        self._since_ns = now_ns + to_ns(RETRY_S)
+        if not self.env.tasks.occupy(self.env.plugin):
+            return
+        if self._travel.set_out(home):
+            self._is_going = True
+            self.env.board.behavior = "return"
+        else:
+            self.env.tasks.vacate(self.env.plugin)
+
+    def _go(self) -> None:
+        if not self.env.tasks.occupies(self.env.plugin):  # something to do has come: the wheels are its own
+            self._is_going = False
+            self._since_ns = None
+            self._travel.forget()
+        elif self._travel.step() in (Progress.ARRIVED, Progress.BLOCKED, Progress.NO_WAY):
+            self._end()
+
+    def _end(self) -> None:
+        if self._is_going and self.env.tasks.occupies(self.env.plugin):
+            self._travel.stand()
+            self.env.board.behavior = "idle"
+        self._is_going = False
+        self.env.tasks.vacate(self.env.plugin)

@@ -1,0 +1,1 @@
+"""Inspect: the robot goes to a place and takes a picture."""

@@ -1,0 +1,1 @@
+"""Monitor: the robot watches a room."""

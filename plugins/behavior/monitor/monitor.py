@@ -1,0 +1,98 @@
+"""Monitor: watches a room, the paper's example. Looks around at intervals and tells what is not as it was."""
+
+import math
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from robrain.agent.errors import HardwareAbsent
+from robrain.agent.event import Event
+from robrain.plugins.behavior.errand import Errand, Script
+from robrain.plugins.behavior.image_out import ImageOut
+from robrain.plugins.behavior.monitor.picture_change import changed_share, colors_of
+from robrain.plugins.behavior.travel import TravelParameters
+from robrain.plugins.device.camera.interface import CameraInterface
+from robrain.plugins.skill.energy.interface import Work
+from robrain.protocol.model.task import Monitor
+from robrain.protocol.wire.clock import to_ns, to_seconds
+
+TOLD_IMAGES = 6
+"""A result names so many pictures; all have been told as events."""
+
+
+class RoomChange(msgspec.Struct, frozen=True, kw_only=True):
+    """Something in a room is not as it was when the robot last looked that way."""
+
+    task: str
+    image: str
+    """Key of the picture."""
+    yaw_rad: float
+    """Where the robot looked, arena frame."""
+    share: float
+    """Of the picture that has changed."""
+
+
+class MonitorBehavior(Errand):
+    """Watches a room."""
+
+    class Parameters(TravelParameters, frozen=True, forbid_unknown_fields=True):
+        """When a picture counts as changed; chosen."""
+
+        settle_s: float = 0.4
+        """Having turned, the robot stands for so long before it looks."""
+        changed_share: float = 0.002
+
+        def __post_init__(self) -> None:
+            super().__post_init__()
+            if not self.settle_s > 0:
+                raise ValueError(f"expected settle_s > 0, got {self.settle_s}")
+            if not 0 < self.changed_share < 1:
+                raise ValueError(f"expected changed_share above 0 and below 1, got {self.changed_share}")
+
+    kind = Monitor
+    parameters: Parameters
+    changed = Event[RoomChange](outside=True)
+
+    def activate(self) -> None:
+        try:
+            import PIL  # noqa: F401 - a robot without a camera does without it
+        except ModuleNotFoundError as error:
+            why = "pictures cannot be compared without pillow: pip install 'robrain[camera]'"
+            raise HardwareAbsent(self.env.plugin, why) from error
+        self._camera = self.env.use("camera", CameraInterface)
+        self._images = ImageOut(self.env)
+        super().activate()
+
+    def work(self, task: Monitor) -> Work:
+        """A full turn each round, and standing."""
+        rounds = math.ceil(task.duration_s / task.interval_s)
+        return Work(turn_rad=rounds * math.tau, wait_s=task.duration_s)
+
+    def do(self, task: Monitor) -> Script:
+        """Look around, again and again. Result: `rounds`, `changes`, `images`."""
+        yaws_rad = [view * math.tau / task.views for view in range(task.views)]
+        seen: dict[float, NDArray[np.float64]] = {}
+        images: list[str] = []
+        rounds = changes = 0
+        next_ns = self.env.clock.now_ns()
+        until_ns = next_ns + to_ns(task.duration_s)
+        while next_ns < until_ns:
+            yield from self.wait(to_seconds(next_ns - self.env.clock.now_ns()))
+            for yaw_rad in yaws_rad:
+                yield from self.face(yaw_rad)
+                yield from self.wait(self.parameters.settle_s)
+                picture = self._camera.snapshot()
+                colors = colors_of(picture.png)
+                share = changed_share(seen[yaw_rad], colors) if yaw_rad in seen else 0.0
+                seen[yaw_rad] = colors
+                if share >= self.parameters.changed_share:
+                    changes += 1
+                    image = self._images.put(picture)
+                    images = [*images, image][-TOLD_IMAGES:]
+                    yaw_now_rad = self.travel.pose().yaw_rad
+                    self.changed.notify(RoomChange(task=task.id, image=image, yaw_rad=yaw_now_rad, share=share))
+            rounds += 1
+            next_ns = max(next_ns + to_ns(task.interval_s), self.env.clock.now_ns())
+        yield from self.wait(to_seconds(until_ns - self.env.clock.now_ns()))
+        return {"rounds": rounds, "changes": changes, "images": images}

@@ -1,0 +1,1 @@
+"""Recharge: the robot docks at a charger, when told and when it must."""

@@ -1,0 +1,1 @@
+"""Relay: the robot is the link to a mote."""

@@ -1,0 +1,1 @@
+"""Replace: the robot stands in for a mote."""

@@ -1,0 +1,1 @@
+"""Sense: the robot brings one reading from a place."""

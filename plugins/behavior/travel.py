@@ -1,0 +1,369 @@
+"""Travel: how a behavior gets to a place. It plans, follows, plans anew, gives way, and tells the team its path."""
+
+from enum import Enum, auto
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from robrain.agent.environment import Environment
+from robrain.plugins.behavior.encounter import ROOM_S, Encounter, circles, zones
+from robrain.plugins.behavior.leg import Leg, Outlet
+from robrain.plugins.behavior.standing import Standing
+from robrain.plugins.skill.localisation.interface import LocalisationInterface
+from robrain.plugins.skill.mapper.interface import MapperInterface, MapView
+from robrain.plugins.skill.planner.interface import PlannerInterface
+from robrain.plugins.unit.driver.interface import DriverInterface
+from robrain.plugins.unit.teammates.interface import Doing, Mate, TeammatesInterface
+from robrain.protocol.model.claim import Claim
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.right_of_way import LONGEST_M, LOOK_AHEAD_M, STEP_M, Release
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.messages import PlannedPath
+from robrain.protocol.wire.topics import ROBOT_PATH
+
+REQUIRES = ("driver", "teammates", "localisation", "mapper", "planner")
+"""What a behavior that travels names in its manifest."""
+NEXT_LOOK_M = 0.4
+"""How far beyond the robot the path is looked at for changes of the map: its start may be nearer to a wall than it
+should be, and leads away from there."""
+CREEP_S = 2.0
+CREEP_POSITIONS = 3
+"""After the driver was blocked it is sent this far at a time for `CREEP_S`: it takes no short cut then, which is what
+gets a robot stuck at the corner of a narrow place."""
+DETOUR_GAIN_M = 1.0
+"""Another way on which the robot has to wait as well has to lead it so much farther before that."""
+IDLE = Claim(priority=-1)
+"""Who has nothing to do goes after everybody who has."""
+
+
+class TravelParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """When a place counts as reached, and how long the robot bears with obstacles; a base for a behavior's own."""
+
+    arrived_m: float = 0.3
+    replan_s: float = 2.0
+    replan_blocked_s: float = 0.5
+    """As long as something stands in the way, or others hold the robot up, another way is looked for this often."""
+    patience_s: float = 3.0
+    """After standing before an obstacle this long the robot gives up."""
+    mate_margin_m: float = 0.15
+    """Kept from mates that stand, beyond both radii."""
+    mate_near_m: float = 8.0
+    """Mates that are, or are bound, within this distance are reckoned with."""
+    speed_m_s: float = 0.6
+    """The driver's, by which meetings are foreseen."""
+    detour_m: float = 3.0
+    """A way that is longer by this is taken rather than to wait for somebody to pass."""
+    ageing_s: float = 20.0
+    """After waiting for others this long the robot's claim counts for one more."""
+    mate_patience_s: float = 30.0
+    """After waiting for others this long at one stretch the robot gives up."""
+
+    def __post_init__(self) -> None:
+        for name in TravelParameters.__struct_fields__:
+            if not getattr(self, name) > 0:
+                raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+
+
+class Progress(Enum):
+    """How a travel stands."""
+
+    UNDER_WAY = auto()
+    WAITING = auto()
+    """Under way, but standing or out of the way until others have passed."""
+    ARRIVED = auto()
+    BLOCKED = auto()
+    """Something has stood in the way for too long."""
+    NO_WAY = auto()
+    """The planner finds none any more."""
+
+
+class Travel:
+    """The way of one behavior; made in its `init`, connected in its `activate`, stepped by its `step`.
+
+    Args:
+        env: the behavior's.
+        parameters: the behavior's.
+
+    """
+
+    def __init__(self, env: Environment, parameters: TravelParameters) -> None:
+        self._env = env
+        self._parameters = parameters
+        self._goal: Point2D | None = None
+        self._end: Point2D | None = None
+        """As near to the goal as the planner leads."""
+        self._leg: Leg | None = None
+        self._standing = Standing(parameters.ageing_s)
+        self._planned_ns = 0
+        self._looked_ns = 0
+        """When another way, or one out of the way, was last looked for."""
+        self._contested_ns: int | None = None
+        """When others last held the robot up."""
+        self._creep_until_ns = 0
+        self._lost_ns: int | None = None
+        """Since when the planner has found no way any more."""
+        self._version = -1
+        """Of the map on which the way was last found safe."""
+
+    def connect(self) -> None:
+        """Get what it needs.
+
+        Raises:
+            PluginMissing, AccessDenied, PluginBusy: it is not to be had.
+
+        """
+        env = self._env
+        self.driver = env.use("driver", DriverInterface)
+        self._teammates = env.use("teammates", TeammatesInterface)
+        self._localisation = env.use("localisation", LocalisationInterface)
+        self._mapper = env.use("mapper", MapperInterface)
+        self._planner = env.use("planner", PlannerInterface)
+        self._paths = env.wire.publisher(ROBOT_PATH, robot=env.robot)
+        speed_m_s = self._parameters.speed_m_s
+        self._outlet = Outlet(env.robot, speed_m_s, self.driver, self._localisation, self._paths.put)
+
+    def view(self) -> MapView:
+        """The map as it is now."""
+        return self._mapper.view()
+
+    def pose(self) -> Pose2D:
+        """T_arena_robot now."""
+        return self._localisation.pose()
+
+    def plan(self, goal: Point2D) -> list[Point2D] | None:
+        """A way from here to a place, arena frame; None if there is none."""
+        pose = self.pose()
+        return self._plan(self._meet(pose), goal)
+
+    def set_out(self, goal: Point2D, *, priority: int = 0) -> bool:
+        """Go to a place, arena frame; False, and all stays as it was, if there is no way.
+
+        Args:
+            goal: the place.
+            priority: of the task; where ways meet, the higher goes first.
+
+        """
+        pose = self.pose()
+        encounter = self._meet(pose)
+        path = self._plan(encounter, goal)
+        if path is None:
+            return False
+        self._goal = goal
+        self._contested_ns = None
+        leg = self._take(path, pose)
+        self._standing.set_out(priority, leg.way.length_m)
+        self._go(leg, self._meet(pose), pose)
+        return True
+
+    def step(self) -> Progress:
+        """Go on; the driver is told of a new path where one is due. Standing still counts as arrived."""
+        if self._goal is None:
+            return Progress.ARRIVED
+        pose, now_ns = self.pose(), self._env.clock.now_ns()
+        if self._end is not None and pose.distance_m(self._end) < self._parameters.arrived_m:
+            return Progress.ARRIVED
+        if self.driver.blocked_s() > self._parameters.patience_s:
+            return Progress.BLOCKED
+        encounter = self._meet(pose)
+        if self._must_replan(pose, now_ns):
+            path = self._plan(encounter, self._goal)
+            if path is not None:
+                self._take(path, pose)
+            elif self._is_hopeless(now_ns):
+                return Progress.NO_WAY
+        leg = self._leg
+        return Progress.WAITING if leg is None else self._go(leg, encounter, pose)
+
+    def make_room(self) -> bool:
+        """Step aside while there is nothing to do and somebody is to pass here; whether the robot is at it."""
+        if self._goal is not None:
+            return False
+        pose, now_ns = self.pose(), self._env.clock.now_ns()
+        encounter = self._meet(pose, IDLE)
+        leg = self._leg
+        if leg is not None:
+            if leg.way.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M).shape[0] > 2:
+                leg.drive(leg.guard(encounter, pose), IDLE)
+                return True
+            self.stand()
+        is_due = now_ns - self._looked_ns > to_ns(self._parameters.replan_blocked_s)
+        if is_due and encounter.in_the_way_of(_here(pose), ROOM_S):
+            self._looked_ns = now_ns
+            path = self._planner.escape(self.view(), Point2D(pose.x_m, pose.y_m), *encounter.to_escape())
+            if path is not None:
+                leg = self._leg = Leg(self._outlet, pose, path, is_escape=True)
+                leg.drive(leg.guard(encounter, pose), IDLE)
+                return True
+        return False
+
+    def coast(self) -> None:
+        """Go nowhere any more, but let the robot roll on for about a second, for the next goal may come before."""
+        leg = self._leg
+        self.forget()
+        if leg is None:
+            return
+        rest = leg.cut(self.pose(), self._parameters.speed_m_s)
+        if rest is None:
+            self.stand()
+            return
+        self._leg = rest
+        rest.drive(Release(2, is_whole=True, must_leave=False, by=-1), IDLE)
+
+    def forget(self) -> None:
+        """Go nowhere any more; the driver keeps to its last path."""
+        self._goal = None
+        self._end = None
+        self._leg = None
+
+    def stand(self) -> None:
+        """Stand still, and tell the team."""
+        self.forget()
+        self.driver.stop()
+        self._paths.put(PlannedPath(robot=self._env.robot, points=[]))
+
+    # -- planning -------------------------------------------------------------------------------------------
+
+    def _meet(self, pose: Pose2D, claim: Claim | None = None) -> Encounter:
+        mates = self._teammates.mates(Point2D(pose.x_m, pose.y_m), self._parameters.mate_near_m)
+        radius_m = self.driver.radius_m() if mates else 0.0
+        own = claim or self._standing.claim
+        return Encounter(self._env.robot, own, radius_m, mates, self._parameters.speed_m_s)
+
+    def _plan(self, encounter: Encounter, goal: Point2D) -> list[Point2D] | None:
+        pose, view, mates = self.pose(), self.view(), encounter.mates
+        start = Point2D(pose.x_m, pose.y_m)
+        margin_m = encounter.radius_m + self._parameters.mate_margin_m
+        dear = zones(mates, encounter, margin_m) if self._is_contested() else []
+        standing = circles(mates, margin_m, Doing.STANDING)
+        lasting = circles(mates, margin_m, Doing.OBSTACLE)
+        path = self._planner.plan(view, start, goal, lasting + standing, dear)
+        if path is None and standing:  # who only stands may make room
+            path = self._planner.plan(view, start, goal, lasting, dear)
+        return path
+
+    def _must_replan(self, pose: Pose2D, now_ns: int) -> bool:
+        since_ns = now_ns - self._planned_ns
+        leg = self._leg
+        if leg is None:
+            return True
+        if leg.is_escape or self._lost_ns is not None:
+            return since_ns > to_ns(self._parameters.replan_blocked_s)
+        if since_ns > to_ns(self._parameters.replan_s):
+            return True
+        if since_ns <= to_ns(self._parameters.replan_blocked_s):
+            return False
+        if self.driver.blocked_s() > 0:
+            # It has stopped before something that was not on the map when the path was planned, or too near to a wall.
+            self._creep_until_ns = now_ns + to_ns(CREEP_S)
+            return True
+        return not self._is_safe(leg, pose)
+
+    def _is_safe(self, leg: Leg, pose: Pose2D) -> bool:
+        """Whether the map, if it has changed, still has room for the way ahead."""
+        if self.view().version == self._version:
+            return True
+        self._version = self.view().version
+        ahead = leg.way.ahead(pose.x_m, pose.y_m, LONGEST_M)
+        return self._safe_positions(ahead) == len(ahead)
+
+    def _safe_positions(self, ahead: NDArray[np.float64]) -> int:
+        skipped = round(NEXT_LOOK_M / STEP_M)
+        return min(len(ahead), skipped + self._planner.safe_positions(self.view(), ahead[skipped:]))
+
+    def _is_hopeless(self, now_ns: int) -> bool:
+        """No way was found, and not for the first time: a reading or two may be wrong and closes narrow places."""
+        self._planned_ns = now_ns
+        if self._lost_ns is None:
+            self._lost_ns = now_ns
+        return now_ns - self._lost_ns > to_ns(self._parameters.patience_s)
+
+    def _is_contested(self) -> bool:
+        since = self._contested_ns
+        return since is not None and self._env.clock.now_ns() - since < to_ns(self._parameters.replan_s)
+
+    # -- driving --------------------------------------------------------------------------------------------
+
+    def _take(self, path: list[Point2D], pose: Pose2D) -> Leg:
+        """The way to the goal is this one."""
+        self._leg = leg = Leg(self._outlet, pose, path)
+        self._end = leg.end
+        self._planned_ns = self._env.clock.now_ns()
+        self._lost_ns = None
+        self._standing.take_back()
+        return leg
+
+    def _go(self, leg: Leg, encounter: Encounter, pose: Pose2D) -> Progress:
+        """As far as others let it, or out of their way."""
+        if leg.is_escape:
+            leg.drive(leg.guard(encounter, pose), self._standing.claim)
+            return self._wait()
+        now_ns = self._env.clock.now_ns()
+        ahead = leg.way.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M)
+        self._standing.relieve(encounter, ahead)
+        allowed = encounter.release(ahead)
+        if not allowed.is_whole:
+            self._contested_ns = now_ns
+            if now_ns - self._looked_ns > to_ns(self._parameters.replan_blocked_s):
+                self._looked_ns = now_ns
+                if self._detour(leg, encounter, pose, allowed):
+                    return Progress.UNDER_WAY
+                if allowed.must_leave:
+                    self._escape(leg, encounter, pose, encounter.mates[allowed.by])
+                    return self._wait()
+        leg.drive(self._careful(allowed, ahead, now_ns), self._standing.claim)
+        if allowed.is_whole or allowed.positions > 2:
+            self._standing.go_on()
+            return Progress.UNDER_WAY
+        return self._wait()
+
+    def _careful(self, allowed: Release, ahead: NDArray[np.float64], now_ns: int) -> Release:
+        """Not farther than the map allows, and by small steps after the driver was blocked."""
+        if self._lost_ns is not None:
+            allowed = _at_most(allowed, self._safe_positions(ahead) - round(NEXT_LOOK_M / STEP_M))
+            if allowed.positions > CREEP_POSITIONS:
+                self._lost_ns = now_ns  # it may look different from nearer by
+        return _at_most(allowed, CREEP_POSITIONS) if now_ns < self._creep_until_ns else allowed
+
+    def _detour(self, leg: Leg, encounter: Encounter, pose: Pose2D, allowed: Release) -> bool:
+        """Take another way, if there is one on which nobody is to be waited for."""
+        path = None if self._goal is None else self._plan(encounter, self._goal)
+        if path is None:
+            return False
+        other = Leg(self._outlet, pose, path)
+        if other.way.length_m > leg.way.left_m + self._parameters.detour_m:
+            return False
+        allowed_there = encounter.release(other.way.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M))
+        if not allowed_there.is_whole and allowed_there.positions < allowed.positions + round(DETOUR_GAIN_M / STEP_M):
+            return False
+        self._take(path, pose).drive(allowed_there, self._standing.claim)
+        return True
+
+    def _escape(self, leg: Leg, encounter: Encounter, pose: Pose2D, mate: Mate) -> None:
+        """Leave the way of a mate that goes first, or claim to have nowhere to go."""
+        view, place = self.view(), Point2D(pose.x_m, pose.y_m)
+        path = self._planner.escape(view, place, *encounter.to_escape())
+        if path is None:
+            path = self._planner.escape(view, place, *encounter.to_escape(push=True))
+        if path is None:
+            self._standing.has_no_refuge(encounter, _here(pose), self._env.clock.now_ns())
+            leg.stop(self._standing.claim)
+            return
+        self._planned_ns = self._env.clock.now_ns()
+        self._standing.make_room_for(mate)
+        self._leg = out = Leg(self._outlet, pose, path, is_escape=True)
+        out.drive(out.guard(encounter, pose), self._standing.claim)
+
+    def _wait(self) -> Progress:
+        held_ns = self._standing.wait(self._env.clock.now_ns())
+        return Progress.BLOCKED if held_ns > to_ns(self._parameters.mate_patience_s) else Progress.WAITING
+
+
+def _here(pose: Pose2D) -> NDArray[np.float64]:
+    return np.array([(pose.x_m, pose.y_m)])
+
+
+def _at_most(allowed: Release, positions: int) -> Release:
+    if positions >= allowed.positions:
+        return allowed
+    return allowed._replace(positions=max(1, positions), is_whole=False)

@@ -1,0 +1,1 @@
+"""Visit: the robot goes to a place."""

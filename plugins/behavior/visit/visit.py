@@ -1,0 +1,16 @@
+"""Visit: goes to a place and stays there for the task's service time."""
+
+from robrain.plugins.behavior.errand import Errand, Script
+from robrain.protocol.model.task import Visit
+
+
+class VisitBehavior(Errand):
+    """Goes to a place."""
+
+    kind = Visit
+
+    def do(self, task: Visit) -> Script:
+        """Stay. Result: `off_m`, how far from the place the robot stood."""
+        off_m = self.away_m(task.place)
+        yield from self.wait(task.service_s)
+        return {"off_m": round(off_m, 3)}

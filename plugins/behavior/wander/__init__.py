@@ -1,0 +1,1 @@
+"""Wander: the robot goes about at random."""

@@ -1,0 +1,134 @@
+"""Wander: goes about at random, off what is in the way; begun and ended from outside, and gives way to every task."""
+
+import math
+
+import msgspec
+
+from robrain.agent.event import Event
+from robrain.agent.plugin import Behavior, external
+from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
+from robrain.plugins.unit.driver.interface import DriverInterface, Motion
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.errors import CallError, ErrorCode
+
+STEP_S = 0.25
+TRIES = 8
+"""So many directions are drawn; the first with room for a whole leg is taken, else the one with the most."""
+BESIDE_RAD = math.radians(25.0)
+"""The room ahead is that of the nearest thing within this of the direction."""
+BLOCKED_S = 0.6
+
+
+class WanderBehavior(Behavior):
+    """A random walk."""
+
+    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """Chosen."""
+
+        leg_m: float = 3.0
+        """The longest way in one direction."""
+        clear_m: float = 0.6
+        """A leg ends so far before what is ahead."""
+
+        def __post_init__(self) -> None:
+            for name in self.__struct_fields__:
+                if not getattr(self, name) > 0:
+                    raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+
+    period_s: float | None = STEP_S
+    parameters: Parameters
+    started = Event[float]()
+    """Heard by itself: in live its thread sleeps while the robot does not wander."""
+
+    def init(self) -> None:
+        self._until_ns: int | None = None
+        self._is_driving = False
+
+    def activate(self) -> None:
+        self._driver = self.env.use("driver", DriverInterface)
+        self._scan = self.env.use("scan", ScanInterface)
+        self.env.observe(self.started, lambda _duration_s: self.step())
+        self.period_s = STEP_S
+
+    def deactivate(self) -> None:
+        self._end()
+
+    def emergency_halt(self) -> None:
+        self._until_ns = None
+        self._is_driving = False
+
+    @external
+    def start(self, duration_s: float = 60.0) -> bool:
+        """Wander for so long; False if the robot has a task, or is at something that cannot wait."""
+        if not 0 < duration_s < math.inf:
+            raise CallError(ErrorCode.BAD_ARGUMENTS, f"expected duration_s > 0, got {duration_s}")
+        if not self.env.tasks.occupy(self.env.plugin):
+            return False
+        self._until_ns = self.env.clock.now_ns() + to_ns(duration_s)
+        self.env.board.behavior = "wander"
+        self.period_s = STEP_S
+        self.started.notify(duration_s)
+        return True
+
+    @external
+    def stop(self) -> None:
+        """Wander no more."""
+        self._end()
+
+    @external
+    def wandering(self) -> bool:
+        """Whether the robot wanders."""
+        return self._until_ns is not None
+
+    def step(self) -> None:
+        if self._until_ns is None:
+            self.period_s = None
+            return
+        if not self.env.tasks.occupies(self.env.plugin):  # a task has come: the wheels are its own
+            self._until_ns = None
+            self._is_driving = False
+            return
+        if self.env.clock.now_ns() >= self._until_ns:
+            self._end()
+        elif not self._is_driving or self._driver.motion() is Motion.STANDING or self._driver.blocked_s() > BLOCKED_S:
+            self._next_leg()
+
+    def _next_leg(self) -> None:
+        scan = self._scan.latest()
+        if scan is None:
+            return
+        best_rad, best_m = 0.0, 0.0
+        for turn_rad in self.env.rng.uniform(-math.pi, math.pi, TRIES).tolist():
+            room_m = _room_m(scan, turn_rad) - self.parameters.clear_m
+            if room_m > best_m:
+                best_rad, best_m = turn_rad, room_m
+            if room_m >= self.parameters.leg_m:
+                break
+        if best_m <= 0.0:
+            self._driver.turn(float(self.env.rng.uniform(-math.pi, math.pi)))  # boxed in: look elsewhere
+            self._is_driving = True
+            return
+        leg_m = min(best_m, self.parameters.leg_m)
+        pose = self._driver.pose()
+        heading_rad = pose.yaw_rad + best_rad
+        self._driver.follow(
+            [Point2D(pose.x_m + leg_m * math.cos(heading_rad), pose.y_m + leg_m * math.sin(heading_rad))]
+        )
+        self._is_driving = True
+
+    def _end(self) -> None:
+        if self._until_ns is None:
+            return
+        self._until_ns = None
+        self._is_driving = False
+        if self.env.tasks.occupies(self.env.plugin):
+            self._driver.stop()
+            self.env.board.behavior = "idle"
+        self.env.tasks.vacate(self.env.plugin)
+
+
+def _room_m(scan: LaserScan, turn_rad: float) -> float:
+    """Range of the nearest thing about a direction of the robot's frame."""
+    ranges_m = scan.ranges_m[abs((scan.angles_rad - turn_rad + math.pi) % math.tau - math.pi) < BESIDE_RAD]
+    return float(ranges_m.min(initial=scan.range_max_m))

@@ -1,0 +1,85 @@
+"""Dead reckoning from the counts of the three wheels, with a second of it kept."""
+
+from bisect import bisect_left
+from collections import deque
+
+from robrain.protocol.model.geometry import Pose2D, Twist2D
+from robrain.protocol.model.odometry import moved
+from robrain.protocol.model.omni_drive import OmniBase
+from robrain.protocol.wire.clock import NS_PER_S
+
+ENCODER_MODULUS = 1 << 16
+ENCODER_PERIOD_S = 0.02
+HISTORY_FRAMES = 64
+JUMP_SLACK = 2.0
+"""Wheels that seem to have turned this many times as far as they can have not: the counter has."""
+
+Ticks = tuple[int, int, int]
+
+
+class WheelOdometry:
+    """Adds up encoder counts to T_odom_robot.
+
+    Args:
+        base: what the robot takes its base for.
+        wheel_speed_max_rad_s: what the wheels can do.
+        pose: where the odometry goes on from.
+        ticks: counts at that pose, if they are known; else the first counts are taken as standing there.
+
+    """
+
+    def __init__(self, base: OmniBase, wheel_speed_max_rad_s: float, pose: Pose2D, ticks: Ticks | None) -> None:
+        self.pose = pose
+        self.ticks = ticks
+        self.velocity = Twist2D()
+        self.jumps = 0
+        """How often the counts have jumped, as after a restart of the controller; the pose stays as it was then."""
+        self._base = base
+        self._rad_per_tick = base.rad_per_tick
+        self._stamp_ns: int | None = None
+        self._ticks_per_frame = JUMP_SLACK * wheel_speed_max_rad_s * ENCODER_PERIOD_S / base.rad_per_tick
+        self._history: deque[tuple[int, Pose2D]] = deque(maxlen=HISTORY_FRAMES)
+
+    def take(self, ticks: Ticks, stamp_ns: int, missing: int) -> bool:
+        """The counts of one frame, before which so many are missing; False if they have jumped."""
+        before, self.ticks = self.ticks, ticks
+        since_ns, self._stamp_ns = self._stamp_ns, stamp_ns
+        has_jumped = False
+        self.velocity = Twist2D()
+        if before is not None and ticks != before:
+            turned = [_wrapped(now - then) for now, then in zip(ticks, before, strict=True)]
+            # After a silence nobody knows how many frames are missing; the watchdog stops the wheels within a second.
+            frames = missing + 1 if since_ns is not None else 1.0 / ENCODER_PERIOD_S
+            if max(map(abs, turned)) > frames * self._ticks_per_frame:
+                self.jumps += 1
+                has_jumped = True
+            else:
+                self._move([count * self._rad_per_tick for count in turned], stamp_ns, since_ns)
+        self._history.append((stamp_ns, self.pose))
+        return not has_jumped
+
+    def pose_at(self, stamp_ns: int) -> Pose2D:
+        """T_odom_robot of the frame nearest to a time within the last second."""
+        history = self._history
+        if not history or stamp_ns >= history[-1][0]:
+            return self.pose
+        index = bisect_left(history, stamp_ns, key=lambda entry: entry[0])
+        if index > 0 and stamp_ns - history[index - 1][0] < history[index][0] - stamp_ns:
+            index -= 1
+        return history[index][1]
+
+    def _move(self, turns_rad: list[float], stamp_ns: int, since_ns: int | None) -> None:
+        displacement = self._base.twist(*turns_rad)
+        self.pose = moved(self.pose, displacement)
+        if since_ns is not None and stamp_ns > since_ns:
+            elapsed_s = (stamp_ns - since_ns) / NS_PER_S
+            self.velocity = Twist2D(
+                displacement.forward_m_s / elapsed_s,
+                displacement.left_m_s / elapsed_s,
+                displacement.yaw_rad_s / elapsed_s,
+            )
+
+
+def _wrapped(ticks: int) -> int:
+    """The shortest way round a 16-bit counter."""
+    return (ticks + ENCODER_MODULUS // 2) % ENCODER_MODULUS - ENCODER_MODULUS // 2

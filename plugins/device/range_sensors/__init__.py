@@ -1,0 +1,1 @@
+"""The ring of range sensors and the bump ring."""

@@ -1,0 +1,188 @@
+"""Range sensors and bump ring: a node on the robot's CAN bus.
+
+A robot may be without it: as long as the node has never spoken there are no ranges and no fault. One that falls silent
+is a fault, told to the team.
+"""
+
+from typing import Any
+
+import can
+import msgspec
+
+from robrain.agent.errors import PluginError
+from robrain.agent.event import Event
+from robrain.agent.plugin import Device, external
+from robrain.plugins.device.range_sensors.interface import Bump, RangeRing, RangeSensorsInterface
+from robrain.protocol.can.frames import BadFrame, FrameCodec, codec
+from robrain.protocol.can.sequence import SequenceWatch
+from robrain.protocol.model.range_ring import (
+    RING_ANGLES_RAD,
+    SENSORS_A_FRAME,
+    SENSORS_MAX,
+    bump_directions_rad,
+)
+from robrain.protocol.wire.clock import NS_PER_S, to_ns
+
+FRAMES_ID, FRAMES_MASK = 0x280, 0x7FC
+"""The node's frames are 0x280 to 0x283."""
+
+
+class RangeSensorFault(PluginError):
+    """The node has fallen silent, or its bus cannot be read."""
+
+
+class RangeCounters(msgspec.Struct, frozen=True):
+    """What the device has seen of its node."""
+
+    believed: int
+    rejected: int
+    lost: int
+
+
+class RangeSensorsDevice(Device):
+    """Hands on each measurement of the ring, and each change of the bump contacts."""
+
+    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """`interface`, `channel` and `options` as for mocdevice. No data sheet was found: the values are chosen."""
+
+        interface: str = "zenoh"
+        channel: str = "can0"
+        options: dict[str, Any] = {}
+        angles_rad: tuple[float, ...] = RING_ANGLES_RAD
+        """Where the sensors look, robot's frame, in the order of the frames' signals."""
+        range_max_m: float = 2.0
+        mounted_m: float = 0.20
+        """How far from the robot's centre the sensors sit."""
+        silent_s: float = 1.0
+        """Without a frame for so long, a node that has spoken counts as gone; it speaks ten times a second."""
+
+        def __post_init__(self) -> None:
+            if not 1 <= len(self.angles_rad) <= SENSORS_MAX:
+                raise ValueError(f"expected 1 to {SENSORS_MAX} angles_rad, got {len(self.angles_rad)}")
+            for name in ("range_max_m", "mounted_m", "silent_s"):
+                if not getattr(self, name) > 0:
+                    raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+
+    interface = RangeSensorsInterface
+    period_s = 0.04
+    parameters: Parameters
+    measured = Event[RangeRing]()
+    bumped = Event[Bump](outside=True)
+    silent = Event[str](outside=True)
+
+    def init(self) -> None:
+        self._bus: can.BusABC | None = None
+        sensors = len(self.parameters.angles_rad)
+        self._rings = {
+            (frame := codec(f"RangeRing{number + 1}")).arbitration_id: (
+                frame,
+                first,
+                min(SENSORS_A_FRAME, sensors - first),
+            )
+            for number, first in enumerate(range(0, sensors, SENSORS_A_FRAME))
+        }
+        self._last_id = max(self._rings)
+        self._bumps = codec("Bumps")
+        self._sequences = {identifier: SequenceWatch() for identifier in (*self._rings, self._bumps.arbitration_id)}
+        self._ranges_m = [self.parameters.range_max_m] * sensors
+        self._latest: RangeRing | None = None
+        self._pressed_rad: tuple[float, ...] = ()
+        self._believed = self._rejected = 0
+
+    def activate(self) -> None:
+        wanted = self.parameters
+        self._heard_ns: int | None = None
+        filters: can.typechecking.CanFilters = [{"can_id": FRAMES_ID, "can_mask": FRAMES_MASK, "extended": False}]
+        self._bus = self.env.open_can(wanted.interface, wanted.channel, can_filters=filters, **wanted.options)
+
+    def step(self) -> None:
+        if self._bus is None:
+            return
+        try:
+            self._listen(self._bus)
+            self._check()
+        except RangeSensorFault as fault:
+            self.silent.notify(str(fault))
+            raise
+
+    def deactivate(self) -> None:
+        if self._bus is not None:
+            self._bus.shutdown()
+            self._bus = None
+
+    @external
+    def latest(self) -> RangeRing | None:
+        """The last measurement; null before the first, as on a robot without the sensors."""
+        return self._latest
+
+    @external
+    def pressed_rad(self) -> tuple[float, ...]:
+        """Where the hull is touched now, robot's frame."""
+        return self._pressed_rad
+
+    @external
+    def counters(self) -> RangeCounters:
+        """The node's frames that were believed, rejected (length or checksum) and lost (gaps in their counters)."""
+        return RangeCounters(self._believed, self._rejected, sum(watch.lost for watch in self._sequences.values()))
+
+    def _listen(self, bus: can.BusABC) -> None:
+        try:
+            while (frame := bus.recv(timeout=0)) is not None:
+                if frame.is_remote_frame or frame.is_error_frame:
+                    continue
+                ring = self._rings.get(frame.arbitration_id)
+                if ring is not None:
+                    self._read_ring(frame, *ring)
+                elif frame.arbitration_id == self._bumps.arbitration_id:
+                    self._read_bumps(frame)
+        except (can.CanError, OSError) as error:
+            raise RangeSensorFault(self.env.plugin, f"the CAN bus cannot be read: {error}") from error
+
+    def _check(self) -> None:
+        if self._heard_ns is None:
+            return
+        silent_ns = self.env.clock.now_ns() - self._heard_ns
+        if silent_ns > to_ns(self.parameters.silent_s):
+            raise RangeSensorFault(
+                self.env.plugin,
+                f"the range sensors have been silent for {silent_ns / NS_PER_S:.1f} s: "
+                "their node or the CAN bus is gone",
+            )
+
+    def _read_ring(self, frame: can.Message, ring: FrameCodec, first: int, count: int) -> None:
+        signals = self._believe(frame, ring)
+        if signals is None:
+            return
+        range_max_m = self.parameters.range_max_m
+        for sensor in range(first, first + count):
+            range_m = signals[f"range_{sensor + 1}_m"]
+            self._ranges_m[sensor] = range_m if range_m < range_max_m else range_max_m
+        if frame.arbitration_id == self._last_id:
+            self._latest = RangeRing(
+                self.env.clock.now_ns(),
+                self.parameters.angles_rad,
+                tuple(self._ranges_m),
+                range_max_m,
+                self.parameters.mounted_m,
+            )
+            self.measured.notify(self._latest)
+
+    def _read_bumps(self, frame: can.Message) -> None:
+        signals = self._believe(frame, self._bumps)
+        if signals is None:
+            return
+        pressed_rad = tuple(bump_directions_rad(int(signals["contacts"])))
+        if pressed_rad != self._pressed_rad:
+            self._pressed_rad = pressed_rad
+            self.bumped.notify(Bump(self.env.clock.now_ns(), pressed_rad))
+
+    def _believe(self, frame: can.Message, ring: FrameCodec) -> dict[str, float] | None:
+        try:
+            signals = ring.unpack(frame)
+        except BadFrame:
+            self._rejected += 1
+            return None
+        self._believed += 1
+        self._heard_ns = self.env.clock.now_ns()
+        self._sequences[frame.arbitration_id].note(int(signals["counter"]))
+        return signals

@@ -1,0 +1,45 @@
+"""Sensor board: what a mote senses, sensed by the robot itself; asked when wanted.
+
+Only the simulator's is there: another board is another class with the same interface.
+"""
+
+import msgspec
+
+from robrain.agent.errors import HardwareAbsent
+from robrain.agent.plugin import Device, external
+from robrain.plugins.device.sensor_board.interface import Sensed, SensorBoardInterface
+from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.wire.topics import ARENA_SENSE
+
+
+class SensorBoard(Device):
+    """Measures at the robot's place. Costs nothing while nobody asks."""
+
+    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """`interface` is `zenoh`, the simulator."""
+
+        interface: str = "zenoh"
+        timeout_s: float = 1.0
+
+        def __post_init__(self) -> None:
+            if not self.timeout_s > 0:
+                raise ValueError(f"expected timeout_s > 0, got {self.timeout_s}")
+
+    interface = SensorBoardInterface
+    parameters: Parameters
+
+    def activate(self) -> None:
+        if self.parameters.interface != "zenoh":
+            raise HardwareAbsent(self.env.plugin, f"expected interface zenoh, got {self.parameters.interface!r}")
+
+    @external
+    def measure(self) -> Sensed:
+        """Measure now."""
+        try:
+            reply = self.env.wire.ask(ARENA_SENSE, robot=self.env.robot, timeout_s=self.parameters.timeout_s)
+            values = msgspec.json.decode(reply, type=dict[str, float])
+        except NobodyThere as error:
+            raise CallError(ErrorCode.FAILED, f"no sensor board answers: {error}") from error
+        except msgspec.DecodeError as error:
+            raise CallError(ErrorCode.FAILED, f"the sensor board says what is no measurement: {error}") from error
+        return Sensed(values=values, stamp_ns=self.env.clock.now_ns())

@@ -1,0 +1,1 @@
+"""Counter: the paper's example of a skill that needs no hardware."""

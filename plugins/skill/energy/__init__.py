@@ -1,0 +1,1 @@
+"""Energy: what work will cost, learned from what it did cost."""

@@ -1,0 +1,27 @@
+"""What the energy skill offers."""
+
+from typing import Protocol
+
+from robrain.protocol.model.energy_model import EnergyEstimate, EnergyModel, Work
+
+__all__ = ["EnergyEstimate", "EnergyInterface", "EnergyModel", "Work"]
+
+
+class EnergyInterface(Protocol):
+    """What things cost this robot, in joules at the battery's terminals."""
+
+    def estimate(self, work: Work) -> EnergyEstimate:
+        """What this work will cost; ask for `high_j(0.95)` before promising anything."""
+        ...
+
+    def usable_j(self) -> float:
+        """Lower 95 % bound of what the battery gives before it cuts off; 0 while the battery is unknown."""
+        ...
+
+    def outcome(self, work: Work, cost_j: float) -> None:
+        """Tell what a work has cost that went as planned; later estimates of ways heed it."""
+        ...
+
+    def power_w(self) -> float:
+        """Power drawn, averaged over some seconds; the manifest's standing power before the first measurement."""
+        ...

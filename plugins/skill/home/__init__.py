@@ -1,0 +1,1 @@
+"""Home: where the robot goes when it has to."""

@@ -1,0 +1,1 @@
+"""What motes' signals say of where the robot is."""

@@ -1,0 +1,31 @@
+"""Mote ranges: hands the signals of motes that know their place to localisation, by the board.
+
+A plugin of its own, so that a robot without a mote base station is localised all the same: a plugin whose requirements
+do not start is left out, and localisation does not require this one.
+"""
+
+from robrain.agent.plugin import Skill, external
+from robrain.plugins.unit.snw_exploration.interface import RssiMeasurement, SnwInterface
+from robrain.protocol.model.rssi_ranging import RssiSample
+
+
+class MoteRanges(Skill):
+    """Puts what was measured on the board."""
+
+    def init(self) -> None:
+        self._dropped = 0
+
+    def activate(self) -> None:
+        self.env.observe(self.env.use("snw_exploration", SnwInterface).measured, self._take)
+
+    @external
+    def dropped(self) -> int:
+        """Signals that localisation was too slow for."""
+        return self._dropped
+
+    def _take(self, measured: RssiMeasurement) -> None:
+        if measured.place is None:
+            return
+        board = self.env.board.mote_ranges
+        self._dropped += len(board) == board.maxlen
+        board.append(RssiSample(measured.mote, measured.place, measured.rssi_dbm, measured.stamp_ns))

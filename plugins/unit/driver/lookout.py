@@ -1,0 +1,55 @@
+"""What lies where the driver wants to go: by lidar, range sensors and bump contacts."""
+
+import math
+
+from robrain.plugins.device.mocdevice.interface import MocDeviceInterface
+from robrain.plugins.device.range_sensors.interface import Bump, RangeSensorsInterface
+from robrain.plugins.device.scan.interface import ScanInterface
+from robrain.plugins.unit.obstacle_points import ObstaclePoints
+from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
+from robrain.protocol.model.obstacles import contact_distance_m
+
+BUMPED_RAD = math.radians(80.0)
+"""What is touched there is not driven towards within this."""
+
+
+class Lookout:
+    """Keeps what the sensors say, and answers for a direction.
+
+    Args:
+        moc: tells where the robot was when something was seen, and how large it is.
+        scan: the lidar; told if it is frozen.
+        ranges: the range sensors and bump contacts.
+        stop_distance_m: the robot's edge is to stay this far from what is ahead.
+
+    """
+
+    def __init__(
+        self, moc: MocDeviceInterface, scan: ScanInterface, ranges: RangeSensorsInterface, stop_distance_m: float
+    ) -> None:
+        self._scan = scan
+        self._ranges = ranges
+        self._obstacles = ObstaclePoints(moc.pose_at)
+        self._touched_rad = ranges.pressed_rad()
+        # What the swept disc, a little wider than the robot, would touch.
+        self._reach_m = moc.radius_m() + 0.25 * stop_distance_m
+        self._gap_m = 0.75 * stop_distance_m
+
+    def feel(self, bump: Bump) -> None:
+        """Take a change of the bump contacts."""
+        self._touched_rad = bump.directions_rad
+
+    def look(self, now_ns: int) -> str:
+        """Take in what the sensors say; why the robot is blind, nothing if it sees."""
+        blind_why = self._obstacles.update(self._scan.latest(), self._ranges.latest(), now_ns)
+        if self._obstacles.is_frozen:
+            self._scan.doubt("the lidar is frozen: its ranges stay equal to the millimetre while the robot moves")
+        return blind_why
+
+    def free_m(self, pose: Pose2D, heading_rad: float) -> float:
+        """How far the round robot can go straight in this direction of odom, to its stop distance before something."""
+        for touched_rad in self._touched_rad:
+            if abs(wrap_angle_rad(pose.yaw_rad + touched_rad - heading_rad)) < BUMPED_RAD:
+                return 0.0
+        points_m = self._obstacles.points_m
+        return contact_distance_m(points_m, pose.x_m, pose.y_m, heading_rad, self._reach_m) - self._gap_m

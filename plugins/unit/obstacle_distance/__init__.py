@@ -1,0 +1,1 @@
+"""The nearest obstacle in each direction."""

@@ -1,0 +1,76 @@
+"""Obstacle distance: the nearest obstacle in each direction, by lidar and range sensors together.
+
+It is worked out when somebody asks, so that it costs nothing otherwise. Sensors that are not fresh are left out and not
+named in the answer. The robot's own motion since the measurement (some centimetres) is not made up for.
+"""
+
+import math
+
+import msgspec
+import numpy as np
+
+from robrain.agent.plugin import Unit, external
+from robrain.plugins.device.range_sensors.interface import RangeSensorsInterface
+from robrain.plugins.device.scan.interface import ScanInterface
+from robrain.plugins.unit.obstacle_distance.interface import ObstacleDistanceInterface, ObstacleView
+from robrain.plugins.unit.obstacle_points import RING_FRESH_NS, SCAN_FRESH_NS, ring_points_m, scan_points_m
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.obstacles import sector_distances_m
+from robrain.protocol.wire.errors import CallError, ErrorCode
+
+SECTORS_MAX = 360
+HERE = Pose2D(0.0, 0.0, 0.0)
+
+
+class ObstacleDistance(Unit):
+    """Tells what is near."""
+
+    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """The robot's hull."""
+
+        radius_m: float = 0.20
+
+        def __post_init__(self) -> None:
+            if not self.radius_m > 0:
+                raise ValueError(f"expected radius_m > 0, got {self.radius_m}")
+
+    interface = ObstacleDistanceInterface
+    parameters: Parameters
+
+    def activate(self) -> None:
+        self._scan = self.env.use("scan", ScanInterface)
+        self._ranges = self.env.use("range_sensors", RangeSensorsInterface)
+
+    @external
+    def view(self, sectors: int = 12) -> ObstacleView:
+        """The nearest obstacle in each of so many sectors, by the sensors that are fresh."""
+        if not 1 <= sectors <= SECTORS_MAX:
+            raise CallError(ErrorCode.BAD_ARGUMENTS, f"view: expected 1 to {SECTORS_MAX} sectors, got {sectors}")
+        now_ns = self.env.clock.now_ns()
+        scan, ring = self._scan.latest(), self._ranges.latest()
+        seen, sees = [], []
+        if scan is not None and now_ns - scan.stamp_ns <= SCAN_FRESH_NS:
+            seen.append(scan_points_m(scan, HERE))
+            sees.append("scan")
+        if ring is not None and now_ns - ring.stamp_ns <= RING_FRESH_NS:
+            seen.append(ring_points_m(ring, None, HERE))
+            sees.append("range_sensors")
+        touched_rad = list(self._ranges.pressed_rad())
+        if not seen:
+            return ObstacleView(distances_m=[None] * sectors, sees=[], touched_rad=touched_rad)
+        nearest_m = sector_distances_m(np.concatenate(seen, axis=1), 0.0, 0.0, 0.0, sectors)
+        distances_m = [
+            round(max(0.0, distance_m - self.parameters.radius_m), 3) if math.isfinite(distance_m) else None
+            for distance_m in nearest_m.tolist()
+        ]
+        found = [(distance_m, sector) for sector, distance_m in enumerate(distances_m) if distance_m is not None]
+        if not found:
+            return ObstacleView(distances_m=distances_m, sees=sees, touched_rad=touched_rad)
+        closest_m, sector = min(found)
+        return ObstacleView(
+            distances_m=distances_m,
+            sees=sees,
+            nearest_m=closest_m,
+            nearest_rad=math.remainder(math.tau * sector / sectors, math.tau),
+            touched_rad=touched_rad,
+        )

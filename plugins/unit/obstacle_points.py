@@ -1,0 +1,118 @@
+"""What lidar and range sensors see around the robot, as points; and whether the lidar can be believed.
+
+Used by the units that have to know what is near. A scan counts for `SCAN_FRESH_NS`, a ring of ranges for
+`RING_FRESH_NS`.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robrain.plugins.device.range_sensors.interface import RangeRing
+from robrain.plugins.device.scan.interface import LaserScan
+from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
+from robrain.protocol.wire.clock import to_ns
+
+SCAN_FRESH_NS = to_ns(0.6)
+"""Three turns of a lidar at 5 Hz."""
+RING_FRESH_NS = to_ns(0.3)
+FROZEN_M, FROZEN_RAD = 0.08, 0.08
+"""A robot that has moved so far cannot see the very same ranges, to the millimetre."""
+
+NOTHING: NDArray[np.float64] = np.empty((2, 0))
+
+
+def scan_points_m(scan: LaserScan, seen_from: Pose2D) -> NDArray[np.float64]:
+    """What a scan has hit (2, N), in the frame of the pose that it was taken from."""
+    hit = scan.ranges_m < scan.range_max_m
+    angles_rad, ranges_m = scan.angles_rad[hit] + seen_from.yaw_rad, scan.ranges_m[hit]
+    return np.stack((seen_from.x_m + ranges_m * np.cos(angles_rad), seen_from.y_m + ranges_m * np.sin(angles_rad)))
+
+
+def ring_points_m(ring: RangeRing, before: RangeRing | None, seen_from: Pose2D) -> NDArray[np.float64]:
+    """What the range sensors hear (2, N), on their axes, in the frame of the pose that they heard it from.
+
+    `before` is the measurement before: an echo that is missing once does not open the way.
+    """
+    points = []
+    for sensor, (angle_rad, range_m) in enumerate(zip(ring.angles_rad, ring.ranges_m, strict=True)):
+        nearest_m = range_m
+        if before is not None and nearest_m >= ring.range_max_m:
+            nearest_m = before.ranges_m[sensor]
+        if nearest_m < ring.range_max_m:
+            direction_rad = seen_from.yaw_rad + angle_rad
+            reach_m = ring.mounted_m + nearest_m
+            points.append(
+                (seen_from.x_m + reach_m * math.cos(direction_rad), seen_from.y_m + reach_m * math.sin(direction_rad))
+            )
+    return np.array(points).T.copy() if points else NOTHING
+
+
+class LidarWatch:
+    """Sees that a lidar is frozen: its ranges stay equal to the millimetre while the robot moves."""
+
+    def __init__(self) -> None:
+        self._ranges_m: NDArray[np.float64] | None = None
+        self._before: Pose2D | None = None
+        self._moved_m = self._turned_rad = 0.0
+        """Since the first scan with these ranges."""
+
+    def is_frozen(self, scan: LaserScan, seen_from: Pose2D) -> bool:
+        """Take the next scan, and where the robot was by its odometry."""
+        before, self._before = self._before, seen_from
+        has_hit = bool((scan.ranges_m < scan.range_max_m).any())  # out of sight of everything all scans are equal
+        is_same = self._ranges_m is not None and np.array_equal(scan.ranges_m, self._ranges_m)
+        if before is None or not has_hit or not is_same:
+            self._ranges_m = scan.ranges_m
+            self._moved_m = self._turned_rad = 0.0
+            return False
+        self._moved_m += before.distance_m(seen_from)
+        self._turned_rad += abs(wrap_angle_rad(seen_from.yaw_rad - before.yaw_rad))
+        return self._moved_m > FROZEN_M or self._turned_rad > FROZEN_RAD
+
+
+class ObstaclePoints:
+    """The points of the last scan and the last ring, in the frame odom, kept up to date.
+
+    Args:
+        pose_at: T_odom_robot at a time within the last second.
+
+    """
+
+    def __init__(self, pose_at: Callable[[int], Pose2D]) -> None:
+        self.points_m = NOTHING
+        """(2, N), frame odom."""
+        self.is_frozen = False
+        """The lidar is, by the last scan."""
+        self._pose_at = pose_at
+        self._watch = LidarWatch()
+        self._scan_ns = self._ring_ns = -1
+        self._scan_m = self._ring_m = NOTHING
+        self._before: RangeRing | None = None
+
+    def update(self, scan: LaserScan | None, ring: RangeRing | None, now_ns: int) -> str:
+        """Take what is new; why the robot is blind, nothing if it sees."""
+        has_changed = False
+        if scan is not None and scan.stamp_ns != self._scan_ns:
+            self._scan_ns = scan.stamp_ns
+            seen_from = self._pose_at(scan.stamp_ns)
+            self._scan_m = scan_points_m(scan, seen_from)
+            self.is_frozen = self._watch.is_frozen(scan, seen_from)
+            has_changed = True
+        if ring is not None and ring.stamp_ns != self._ring_ns:
+            self._ring_ns = ring.stamp_ns
+            self._ring_m = ring_points_m(ring, self._before, self._pose_at(ring.stamp_ns))
+            self._before = ring
+            has_changed = True
+        elif self._ring_m.size and now_ns - self._ring_ns > RING_FRESH_NS:
+            self._ring_m, self._before = NOTHING, None
+            has_changed = True
+        if has_changed:
+            self.points_m = np.concatenate((self._scan_m, self._ring_m), axis=1) if self._ring_m.size else self._scan_m
+        if self.is_frozen:
+            return "the lidar has been frozen"
+        if scan is None or now_ns - scan.stamp_ns > SCAN_FRESH_NS:
+            return "there has been no fresh scan"
+        return ""

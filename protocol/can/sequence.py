@@ -1,0 +1,33 @@
+"""Gaps in the counters of received frames: what was lost on the way."""
+
+MODULUS = 256
+LONGEST_GAP = 64
+"""A step beyond this, or backwards, is a sender that has started anew rather than a loss."""
+
+
+class SequenceWatch:
+    """Follows the 8-bit counter of one kind of frame.
+
+    Attributes:
+        lost: frames that never came, by the gaps between those that did.
+        repeated: frames with the counter of the one before: sent twice, or by two senders.
+
+    """
+
+    def __init__(self) -> None:
+        self.lost = 0
+        self.repeated = 0
+        self._last: int | None = None
+
+    def note(self, counter: int) -> int:
+        """Take the counter of a frame that is believed; how many frames are missing before it."""
+        last, self._last = self._last, counter
+        if last is None:
+            return 0
+        step = (counter - last) % MODULUS
+        if step == 0:
+            self.repeated += 1
+            return 0
+        missing = step - 1 if step <= LONGEST_GAP else 0
+        self.lost += missing
+        return missing

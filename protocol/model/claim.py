@@ -1,0 +1,34 @@
+"""What decides which of two robots goes first; told together with each robot's path and compared alike by both."""
+
+import msgspec
+
+
+class Claim(msgspec.Struct, frozen=True, kw_only=True):
+    """What a robot's right of way is decided by."""
+
+    cornered: int = 0
+    """Above 0 if it has nowhere to give way to, and one more than those have who press it: the last to be cornered goes
+    first, for the others may have found a refuge by now."""
+    priority: int = 0
+    """Of its task; the higher goes first."""
+    waited: int = 0
+    """Counts up while it yields: each one is as good as a priority higher, so that nobody waits for ever."""
+    way_m: float = 0.0
+    """Its way when it set out; who has less goes first."""
+    lent_by: str = ""
+    """Who makes room for somebody does so with that one's claim, so that others make room in their turn: priority
+    inheritance (Okumura et al., *Priority Inheritance with Backtracking for Iterative Multi-agent Path Finding*, IJCAI
+    2019). Empty if the claim is the robot's own."""
+    lent: int = 0
+    """How many have handed the claim on."""
+
+    def beats(self, name: str, other: "Claim", other_name: str) -> bool:
+        """Whether the robot `name` with this claim goes before another; of any two one does, and never both."""
+        return self._rank(name) < other._rank(other_name)
+
+    def lend(self, name: str) -> "Claim":
+        """The claim of a robot that makes room for the robot `name`, whose claim this is: next after it."""
+        return msgspec.structs.replace(self, lent_by=self.lent_by or name, lent=self.lent + 1)
+
+    def _rank(self, name: str) -> tuple[int, int, float, str, int, str]:
+        return -self.cornered, -(self.priority + self.waited), self.way_m, self.lent_by or name, self.lent, name

@@ -1,0 +1,151 @@
+"""What work costs a robot, from the model that it has learned of itself.
+
+Power is a sum of terms: standing (idle and compute), moving, speed, turning, speeding up. The terms are those of Mei,
+Lu, Hu, Lee: Energy-Efficient Motion Planning for Mobile Robots, ICRA 2004, and A Case Study of Mobile Robot's Energy
+Consumption and Conservation Techniques, ICAR 2005: sensing, control and computing draw a constant, the motors a loss
+when they turn and m(a + gμ)v. All joules are at the battery's terminals. Pure functions: the robot and the coordinator
+get the same figures from the same published model.
+"""
+
+import math
+from statistics import NormalDist
+
+import msgspec
+
+TERMS = ("standing_w", "moving_w", "speed_w_per_m_s", "yaw_w_per_rad_s", "acceleration_kg")
+"""Names of the coefficients, in order. The last is a mass: what a change of v²/2 takes."""
+STANDING_BELOW = 0.01
+"""Below this many m/s and rad/s the robot stands; chosen above the noise of encoders."""
+
+
+class Work(msgspec.Struct, frozen=True):
+    """Something a robot may do: a way, turns on the spot, waiting, packets sent.
+
+    Raises ValueError where it is built with a negative or infinite amount, or a speed that is not above 0.
+    """
+
+    path_m: float = 0.0
+    turn_rad: float = 0.0
+    """Sum of the turns on the spot; an omni base need not turn to follow a path."""
+    wait_s: float = 0.0
+    radio_packets: int = 0
+    speed_m_s: float | None = None
+    """The robot's usual pace if None."""
+
+    def __post_init__(self) -> None:
+        for name in ("path_m", "turn_rad", "wait_s", "radio_packets"):
+            if not (getattr(self, name) >= 0 and math.isfinite(getattr(self, name))):
+                raise ValueError(f"expected {name} >= 0, got {getattr(self, name)}")
+        if self.speed_m_s is not None and not (self.speed_m_s > 0 and math.isfinite(self.speed_m_s)):
+            raise ValueError(f"expected speed_m_s > 0, got {self.speed_m_s}")
+
+    def __add__(self, other: "Work") -> "Work":
+        """Both, one after the other, the ways at their mean speed.
+
+        Raises:
+            ValueError: one way has a speed and the other goes at the usual pace, which only a model knows.
+
+        """
+        ways = [work for work in (self, other) if work.path_m > 0] or [self]
+        speeds_m_s = [work.speed_m_s for work in ways if work.speed_m_s is not None]
+        if speeds_m_s and len(speeds_m_s) < len(ways):
+            raise ValueError("expected two ways with a speed, or two without; estimate each by itself")
+        speed_m_s = speeds_m_s[0] if speeds_m_s else None
+        if len(speeds_m_s) == 2 and speeds_m_s[0] != speeds_m_s[1]:
+            durations_s = [work.path_m / speed for work, speed in zip(ways, speeds_m_s, strict=True)]
+            speed_m_s = (self.path_m + other.path_m) / sum(durations_s)
+        return Work(
+            self.path_m + other.path_m,
+            self.turn_rad + other.turn_rad,
+            self.wait_s + other.wait_s,
+            self.radio_packets + other.radio_packets,
+            speed_m_s,
+        )
+
+
+class EnergyEstimate(msgspec.Struct, frozen=True):
+    """What work will cost, as a normal distribution."""
+
+    mean_j: float
+    sigma_j: float
+    duration_s: float
+
+    def low_j(self, confidence: float) -> float:
+        """It will cost at least this, with this confidence (one-sided, above 0 and below 1)."""
+        return max(0.0, self.mean_j - NormalDist().inv_cdf(confidence) * self.sigma_j)
+
+    def high_j(self, confidence: float) -> float:
+        """It will cost at most this, with this confidence.
+
+        The 90 % interval goes from `low_j(0.95)` to `high_j(0.95)`.
+        """
+        return max(0.0, self.mean_j + NormalDist().inv_cdf(confidence) * self.sigma_j)
+
+
+class EnergyModel(msgspec.Struct, frozen=True, kw_only=True):
+    """What a robot knows of its own consumption, as it tells it in its state."""
+
+    coefficients: tuple[float, float, float, float, float]
+    """In the order of `TERMS`."""
+    covariance: tuple[float, ...]
+    """Of the coefficients: the lower triangle row by row, 15 numbers."""
+    residual_w2_s: float
+    """What the terms do not explain: variance of its integral, for each second (W²·s)."""
+    drift_w2_per_s: float
+    """Variance that the standing power gains in each second: it wanders while the work is done."""
+    relative_sd: float
+    """Share of the cost by which the way itself turns out other than planned."""
+    way_ratio: float
+    """What ways cost, on the average, against their plan: stops and detours that no plan tells."""
+    pace_m_s: float
+    """Usual speed on the way, stops and corners included."""
+    turn_rate_rad_s: float
+    """Usual rate of turns on the spot."""
+    packet_j: float
+    """For one packet by radio."""
+    usable_j: float
+    """Lower 95 % bound of what the battery gives before it cuts off."""
+    power_w: float
+    """Drawn now, averaged over some seconds."""
+    usual_power_w: float
+    """Drawn over the last minutes."""
+
+
+def estimate(model: EnergyModel, work: Work) -> EnergyEstimate:
+    """What this work will cost a robot of this model."""
+    standing, moving, speed, yaw, acceleration = integrals(model, work)
+    amounts = (standing, moving, speed, yaw, acceleration)
+    mean_j = sum(amount * coefficient for amount, coefficient in zip(amounts, model.coefficients, strict=True))
+    waiting_j = work.wait_s * model.coefficients[0]
+    on_the_way_j = model.way_ratio * (mean_j - waiting_j)
+    mean_j = waiting_j + on_the_way_j + work.radio_packets * model.packet_j
+    variance_j2 = quadratic_form(model.covariance, amounts)
+    variance_j2 += standing * model.residual_w2_s + model.drift_w2_per_s * standing**3 / 3.0
+    variance_j2 += (model.relative_sd * on_the_way_j) ** 2
+    return EnergyEstimate(max(0.0, mean_j), math.sqrt(max(0.0, variance_j2)), standing)
+
+
+def integrals(model: EnergyModel, work: Work) -> tuple[float, float, float, float, float]:
+    """The integrals of the terms' factors over the work, in the order of `TERMS`; the first is its duration, s.
+
+    A way is taken to be sped up for once.
+    """
+    speed_m_s = work.speed_m_s if work.speed_m_s is not None else model.pace_m_s
+    moving_s = work.path_m / speed_m_s + work.turn_rad / model.turn_rate_rad_s
+    started = 0.5 * speed_m_s * speed_m_s if work.path_m > 0 else 0.0
+    return moving_s + work.wait_s, moving_s, work.path_m, work.turn_rad, started
+
+
+def quadratic_form(lower: tuple[float, ...], vector: tuple[float, ...]) -> float:
+    """vᵀ·M·v of a symmetric matrix given by its lower triangle, row by row.
+
+    >>> quadratic_form((4.0, 1.0, 9.0), (1.0, 2.0))
+    44.0
+    """
+    total, position = 0.0, 0
+    for row, value in enumerate(vector):
+        for column in range(row):
+            total += 2.0 * value * vector[column] * lower[position + column]
+        total += value * value * lower[position + row]
+        position += row + 1
+    return total

@@ -1,0 +1,275 @@
+"""Keeping a robot found: the pose filter, the watch over it, and the way back when it has diverged."""
+
+import math
+from collections import deque
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from robrain.protocol.model.divergence_watch import DivergenceWatch, WatchSpec
+from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
+from robrain.protocol.model.map_anchors import NONE, MapAnchors
+from robrain.protocol.model.mote_relocalisation import better_elsewhere, find_robot
+from robrain.protocol.model.occupancy_grid import GridGeometry
+from robrain.protocol.model.odometry import moved_along
+from robrain.protocol.model.pose_filter import GATE, DriftModel, PoseFilter
+from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
+from robrain.protocol.model.scan_match import ScanFit, beam_ends, match_scan, search_scan
+
+RECORDS = 64
+RECORDS_TO_FIND = 24
+MOTES_TO_FIND = 4
+WAY_TO_FIND_M = 2.0
+"""A robot that has not moved cannot tell its yaw from signals."""
+COMPARE_EVERY = 24
+"""After so many signals the estimate is held against all other places."""
+ELSEWHERE_MAX = 8.0
+"""Logarithm of the likelihood by which another place may be better; chosen: no false alarm in the benchmark."""
+FIND_EVERY = 8
+"""After so many further signals it is tried again."""
+FOUND_SIGMA_M, FOUND_SIGMA_RAD = 1.5, 0.5
+"""An answer that is less sure than this is none."""
+SEARCH_WITHIN_RAD = 0.6
+TURN_M_PER_RAD = 0.3
+"""A turn shows as much of new as this way."""
+LET_GO_M = 1.5
+"""After this way without a match the robot goes by the map no more."""
+WALL_BEAMS = 20.0
+"""So many beams on one wall err together: it is one wall, drawn in one row of cells; chosen."""
+SCAN_GATES = (10.83, 13.82, 16.27)
+"""99.9 % of a chi-square variable, by the number of directions in which walls hold the robot."""
+NO_FIT = ScanFit([], 0.0, 0)
+
+
+class LocaliserSpec(msgspec.Struct, frozen=True, kw_only=True):
+    """All that a localiser is told of its sensors."""
+
+    drift: DriftModel = DriftModel()
+    path_loss: PathLoss = PathLoss()
+    watch: WatchSpec = WatchSpec()
+    motes_max: int = 32
+    slack_cells: float = 0.1
+    """Where in its cell a wall lies is not known: offsets below this many cells are taken for none. Much slack leaves
+    a good odometry alone and lets a bad one drag the map along."""
+    wall_sigma_m: float = 0.03
+    """Standard deviation of what a match says beyond that."""
+    floor_m: float = 0.03
+    """By matching, the place on the map is never taken to be surer than this …"""
+    floor_rad: float = 0.005
+    """… nor the yaw."""
+    step_m: float = 0.07
+    """With every 2 m of floor that is mapped the map goes wrong by so much more …"""
+    step_rad: float = 0.015
+    """… and turns."""
+    search_m: float = 0.2
+    search_rad: float = 0.06
+    """A place or a yaw less sure than this is looked for before it is refined."""
+    search_within_m: float = 2.5
+    lost_sigma_m: float = 5.0
+    """Added to the place's uncertainty when the estimate has diverged."""
+
+
+class Localiser:
+    """Estimates a robot's pose in the arena frame and says when it cannot.
+
+    Args:
+        start: where the robot is believed to begin.
+        sigma_m: standard deviation of that place in x and in y.
+        sigma_rad: standard deviation of that yaw.
+        spec: its sensors.
+
+    """
+
+    def __init__(self, start: Pose2D, sigma_m: float, sigma_rad: float, spec: LocaliserSpec) -> None:
+        self.spec = spec
+        self.filter = PoseFilter(start, sigma_m, sigma_rad, spec.drift, spec.path_loss, motes=spec.motes_max)
+        self.watch = DivergenceWatch(spec.watch, GATE)
+        self.lost = ""
+        """Why the estimate is not to be believed; nothing while it is."""
+        self._anchors = MapAnchors(spec.step_m, spec.step_rad)
+        self._of_map = NONE
+        """Variances of the place in the arena of the walls that hold the robot; none while no walls do."""
+        self._matched_way_m = 0.0
+        self._reckoned = Pose2D(0.0, 0.0, 0.0)
+        self._way_m = 0.0
+        self._records: deque[tuple[RssiSample, Pose2D]] = deque(maxlen=RECORDS)
+        self._since_tried = 0
+
+    @property
+    def pose(self) -> Pose2D:
+        """The estimate of T_arena_robot."""
+        return self.filter.pose
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """(3, 3) of x, y, yaw in the arena frame: m², m·rad, rad². Errors of the map that the robot goes by count."""
+        return self.filter.covariance + np.diag(self._of_map)
+
+    @property
+    def sigma_m(self) -> float:
+        """Standard deviation of the place in the arena frame, no less than along the worst direction."""
+        return math.sqrt(self.filter.sigma_m**2 + max(self._of_map[:2]))
+
+    def move(self, displacement: Twist2D) -> None:
+        """The odometry measured this displacement since the last call, as `odometry.chord` gives it."""
+        self.filter.move(displacement)
+        scale, curve, turn = self.filter.biases
+        forward_m, left_m = displacement.forward_m_s, displacement.left_m_s
+        turned_rad = displacement.yaw_rad_s * (1.0 + turn) + curve * forward_m
+        self._reckoned = moved_along(
+            self._reckoned, Twist2D((1.0 + scale) * forward_m, (1.0 + scale) * left_m, turned_rad)
+        )
+        self._way_m += math.hypot(forward_m, left_m) + TURN_M_PER_RAD * abs(turned_rad)
+        if self._of_map != NONE and self._way_m - self._matched_way_m > LET_GO_M:
+            self._let_go_of_map()
+
+    def hear(self, sample: RssiSample) -> None:
+        """A mote of known place was heard."""
+        self._records.append((sample, self._reckoned))
+        if self.lost:
+            self._since_tried += 1
+            if self._since_tried >= FIND_EVERY:
+                self._since_tried = 0
+                self._find_by_motes()
+            return
+        why = self.watch.heard(self.filter.hear(sample, map_variance_m2=max(self._of_map[:2])).nis)
+        self._since_tried += 1
+        if not why and self._since_tried >= COMPARE_EVERY and self._can_find():
+            self._since_tried = 0
+            odds = better_elsewhere(self.pose, *self._signals(), self.spec.path_loss)
+            if odds > ELSEWHERE_MAX:
+                why = f"the last {len(self._records)} signals of motes speak for another place (by {odds:.0f} nat)"
+        if why:
+            self._lose(why)
+
+    def see(
+        self,
+        log_odds: NDArray[np.int8],
+        geometry: GridGeometry,
+        angles_rad: NDArray[np.float64],
+        ranges_m: NDArray[np.float64],
+        range_max_m: float,
+        T_robot_sensor: Pose2D = Pose2D(0.0, 0.0, 0.0),  # noqa: B008 - frozen
+    ) -> ScanFit:
+        """A scan was made; the map is an `OccupancyGrid`'s.
+
+        `T_robot_sensor` is where the sensor was when it scanned, seen from where the robot is now.
+        """
+        points = beam_ends(angles_rad, ranges_m, range_max_m)
+        believed = guess = self.pose.compose(T_robot_sensor)
+        if self.lost and self._records:
+            return NO_FIT  # motes can tell from afar; walls look alike
+        is_vague = self.filter.sigma_m > self.spec.search_m or self.filter.sigma_rad > self.spec.search_rad
+        if self.lost or is_vague:
+            found = self._search(log_odds, geometry, guess, points)
+            if found is None:
+                return NO_FIT
+            guess = found
+        fit = match_scan(log_odds, geometry, guess, points)
+        if self.lost and fit.fit > self.spec.watch.fit_min:
+            self._found(guess.compose(T_robot_sensor.inverse()), np.diag(np.square((0.2, 0.2, 0.1))))
+            believed = guess
+        if not self.lost:
+            is_believed = self._correct(fit, believed, guess, geometry.resolution_m)
+            why = self.watch.saw(fit.fit if is_believed else 0.0) if fit.beams else ""
+            if why:
+                self._lose(why)
+        return fit
+
+    def _correct(self, fit: ScanFit, believed: Pose2D, guess: Pose2D, resolution_m: float) -> bool:
+        """The scan lies as `fit` says about `guess`, where the filter believed the sensor to be; False if it cannot."""
+        if not fit.directions:
+            return True
+        ahead = (guess.x_m - believed.x_m, guess.y_m - believed.y_m, wrap_angle_rad(guess.yaw_rad - believed.yaw_rad))
+        rows = np.array([direction.row for direction in fit.directions])
+        offsets_m = rows @ ahead + [direction.offset_m for direction in fit.directions]
+        slack_m = resolution_m * self.spec.slack_cells
+        offsets_m = np.copysign(np.maximum(np.abs(offsets_m) - slack_m, 0.0), offsets_m)
+        start = self.pose
+        self._enter(start)
+        variances = [self.spec.wall_sigma_m**2 * (1.0 + WALL_BEAMS / each.information) for each in fit.directions]
+        expected = rows @ self.covariance @ rows.T + np.diag(variances)
+        if float(offsets_m @ np.linalg.solve(expected, offsets_m)) > SCAN_GATES[len(rows) - 1]:
+            return False
+        for row, offset_m, variance in zip(rows, offsets_m.tolist(), variances, strict=True):
+            # The directions are at right angles, the filter's errors are not: each sees what those before it did.
+            now = self.pose
+            done = (now.x_m - start.x_m, now.y_m - start.y_m, wrap_angle_rad(now.yaw_rad - start.yaw_rad))
+            self.filter.correct((row[0], row[1], row[2]), offset_m - float(row @ done), variance)
+        floor_m2 = self.spec.floor_m**2
+        self.filter.at_least((floor_m2, floor_m2, self.spec.floor_rad**2))
+        self._matched_way_m = self._way_m
+        return True
+
+    def _enter(self, pose: Pose2D) -> None:
+        """Walls hold the robot from here on; the filter's own covariance is now that of the place *on the map*."""
+        known = self._anchors.at(pose)
+        if known is None:
+            x, y, yaw = np.diag(self.covariance).tolist()
+            self._of_map = self._anchors.enter(pose, (x, y, yaw))
+        elif known != self._of_map:
+            # Against walls that were mapped when the robot knew better, it may be off by what it has lost since.
+            x, y, yaw = (max(was - here, 0.0) for was, here in zip(self._of_map, known, strict=True))
+            self.filter.add((x, y, yaw))
+            self._of_map = known
+
+    def _let_go_of_map(self) -> None:
+        self.filter.add(self._of_map)
+        self._of_map = NONE
+
+    def _lose(self, why: str) -> None:
+        self.lost = why
+        self._let_go_of_map()
+        self.filter.doubt(self.spec.lost_sigma_m, math.pi / 2)
+        self.watch.begin_anew()
+        # What was heard before may have been heard elsewhere.
+        self._records.clear()
+        self._way_m = 0.0
+        self._since_tried = 0
+
+    def _can_find(self) -> bool:
+        names = {sample.mote for sample, _ in self._records}
+        return len(self._records) >= RECORDS_TO_FIND and len(names) >= MOTES_TO_FIND and self._way_m > WAY_TO_FIND_M
+
+    def _signals(
+        self,
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """The records as `find_robot` wants them."""
+        samples = [sample for sample, _ in self._records]
+        places = {sample.mote: sample.place for sample in samples}
+        index = {mote: number for number, mote in enumerate(places)}
+        back = self._reckoned.inverse()
+        seen_from = [back.compose(at) for _, at in self._records]
+        return (
+            np.array([(at.x_m, at.y_m) for at in seen_from]),
+            np.array([index[sample.mote] for sample in samples], np.int64),
+            np.array([(place.x_m, place.y_m) for place in places.values()]),
+            np.array([sample.rssi_dbm for sample in samples], np.float64),
+        )
+
+    def _find_by_motes(self) -> None:
+        found = find_robot(*self._signals(), self.spec.path_loss) if self._can_find() else None
+        if found is None:
+            return
+        pose, covariance = found
+        if max(covariance[0, 0], covariance[1, 1]) < FOUND_SIGMA_M**2 and covariance[2, 2] < FOUND_SIGMA_RAD**2:
+            self._found(pose, covariance)
+
+    def _search(
+        self,
+        log_odds: NDArray[np.int8],
+        geometry: GridGeometry,
+        guess: Pose2D,
+        points: NDArray[np.float64],
+    ) -> Pose2D | None:
+        """Where the scan fits about the guess, if it fits well and in one place only."""
+        within_m = min(3.0 * self.filter.sigma_m, self.spec.search_within_m)
+        within_rad = min(3.0 * self.filter.sigma_rad, SEARCH_WITHIN_RAD)
+        return search_scan(log_odds, geometry, guess, points, within_m=within_m, within_rad=within_rad)
+
+    def _found(self, pose: Pose2D, covariance: NDArray[np.float64]) -> None:
+        self.lost = ""
+        self._of_map = NONE
+        self.filter.place(pose, covariance)
+        self.watch.begin_anew()

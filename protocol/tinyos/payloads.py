@@ -1,0 +1,275 @@
+"""What our motes and robots say to each other in active messages; big-endian, as nx_ types of nesC are.
+
+| AM type | from → to | payload |
+|---|---|---|
+| 0x52 reading | mote → anybody | `ReadingPayload`, just sensed |
+| 0x53 stored reading | mote → who asked | `ReadingPayload`, out of the mote's log |
+| 0x54 request | robot → mote | `RequestPayload`: send what you have of these |
+| 0x55 acknowledgement | robot → mote | `SequenceRange`: arrived, forget it |
+| 0x56 duty | robot → mote | `DutyPayload`: sense that often; the next reading's period confirms it |
+
+A mote listens for a moment after each packet that it sends, so robots speak when they are spoken to. Sequence numbers
+count a mote's readings and wrap at 65536; which of two is the later is decided as in RFC 1982.
+"""
+
+import struct
+from enum import IntEnum
+
+import msgspec
+
+from robrain.protocol.tinyos.packet import BadPacket
+
+READING_TYPE = 0x52
+STORED_TYPE = 0x53
+REQUEST_TYPE = 0x54
+ACKNOWLEDGE_TYPE = 0x55
+DUTY_TYPE = 0x56
+
+SEQUENCES = 1 << 16
+CENTI = 100
+DECI = 10
+RSSI_MIN_DBM, RSSI_MAX_DBM = -128, 127
+PERIOD_MIN_S, PERIOD_MAX_S = 0.1, 6553.5
+REQUEST_SPAN = 32
+"""Sequence numbers that one request can ask for."""
+NO_PLACE = -0x8000
+"""Both coordinates of a mote that does not know where it lies."""
+
+_READING = struct.Struct(">HHHIHHBihhb")
+_RANGE = struct.Struct(">HH")
+_REQUEST = struct.Struct(">HI")
+_DUTY = struct.Struct(">H")
+
+
+class Quantity(IntEnum):
+    """What is sensed, and in hundredths of what."""
+
+    TEMPERATURE = 1
+    LIGHT = 2
+    HUMIDITY = 3
+
+    @property
+    def wire_name(self) -> str:
+        """The quantity with its unit, as `MoteReading` has it."""
+        return _WIRE_NAMES[self]
+
+
+_WIRE_NAMES = {
+    Quantity.TEMPERATURE: "temperature_c",
+    Quantity.LIGHT: "light_lx",
+    Quantity.HUMIDITY: "humidity_pct",
+}
+
+
+def sequences_after(sequence: int, other: int) -> int:
+    """How many readings `sequence` comes after `other`, negative if before; across the wrap.
+
+    >>> sequences_after(2, 65535)
+    3
+    """
+    return (sequence - other + SEQUENCES // 2) % SEQUENCES - SEQUENCES // 2
+
+
+class ReadingPayload(msgspec.Struct, frozen=True, kw_only=True):
+    """What a mote has sensed, and how well the base station heard it: 24 bytes."""
+
+    mote: int
+    """The mote's number."""
+    sequence: int
+    """Counts the mote's readings, wrapping at 65536."""
+    oldest: int
+    """The oldest reading that the mote's log still holds, not yet acknowledged; `sequence` if there is no older one."""
+    age_ds: int = 0
+    """Tenths of a second since it was sensed, by the mote's clock."""
+    period_ds: int
+    """How often the mote senses now, tenths of a second."""
+    voltage_mv: int
+    quantity: int
+    """One of `Quantity`; others are for newer motes."""
+    value_centi: int
+    """Hundredths of the quantity's unit."""
+    x_dm: int
+    """Where the mote was put, 0.1 m, arena frame; NO_PLACE in both if it does not know."""
+    y_dm: int
+    rssi_dbm: int = 0
+    """Written by the base station that heard the packet, as in TinyOS' RssiDemo; 0 on the air."""
+
+    def pack(self) -> bytes:
+        """The payload's 24 bytes.
+
+        Raises:
+            BadPacket: a value does not fit its field.
+
+        """
+        try:
+            return _READING.pack(
+                self.mote,
+                self.sequence,
+                self.oldest,
+                self.age_ds,
+                self.period_ds,
+                self.voltage_mv,
+                self.quantity,
+                self.value_centi,
+                self.x_dm,
+                self.y_dm,
+                self.rssi_dbm,
+            )
+        except struct.error as error:
+            raise BadPacket(f"a value does not fit its field in {self}: {error}") from error
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> "ReadingPayload":
+        """The reading in a payload.
+
+        Raises:
+            BadPacket: it is not 24 bytes long.
+
+        """
+        values = _unpack(_READING, payload, "a reading")
+        return cls(
+            mote=values[0],
+            sequence=values[1],
+            oldest=values[2],
+            age_ds=values[3],
+            period_ds=values[4],
+            voltage_mv=values[5],
+            quantity=values[6],
+            value_centi=values[7],
+            x_dm=values[8],
+            y_dm=values[9],
+            rssi_dbm=values[10],
+        )
+
+
+def with_rssi(payload: bytes, rssi_dbm: float) -> bytes:
+    """A reading's bytes with the strength that it was heard at, which is its last byte."""
+    whole_dbm = max(RSSI_MIN_DBM, min(RSSI_MAX_DBM, round(rssi_dbm)))
+    return payload[:-1] + (whole_dbm & 0xFF).to_bytes()
+
+
+class SequenceRange(msgspec.Struct, frozen=True):
+    """Readings from `first` to `last`, both included: payload of AM type 0x55, 4 bytes."""
+
+    first: int
+    last: int
+
+    def pack(self) -> bytes:
+        """The payload's 4 bytes.
+
+        Raises:
+            BadPacket: a number has more than 16 bits.
+
+        """
+        try:
+            return _RANGE.pack(self.first, self.last)
+        except struct.error as error:
+            raise BadPacket(f"expected sequence numbers of 16 bits, got {self}: {error}") from error
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> "SequenceRange":
+        """The range in a payload.
+
+        Raises:
+            BadPacket: it is not 4 bytes long.
+
+        """
+        return cls(*_unpack(_RANGE, payload, "a range of sequence numbers"))
+
+    def holds(self, sequence: int) -> bool:
+        """Whether a reading is in the range, across the wrap.
+
+        >>> SequenceRange(65534, 1).holds(0)
+        True
+        """
+        return (sequence - self.first) % SEQUENCES <= (self.last - self.first) % SEQUENCES
+
+
+class RequestPayload(msgspec.Struct, frozen=True):
+    """Readings of the range from `first` to 31 after it: payload of AM type 0x54, 6 bytes.
+
+    So what the air has taken out of an answer is asked for again in one packet.
+    """
+
+    first: int
+    wanted: int
+    """Bit i: whether `first` + i is wanted."""
+
+    def pack(self) -> bytes:
+        """The payload's 6 bytes.
+
+        Raises:
+            BadPacket: a number has too many bits.
+
+        """
+        try:
+            return _REQUEST.pack(self.first, self.wanted)
+        except struct.error as error:
+            raise BadPacket(f"expected 16 and 32 bits, got {self}: {error}") from error
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> "RequestPayload":
+        """The request in a payload.
+
+        Raises:
+            BadPacket: it is not 6 bytes long.
+
+        """
+        return cls(*_unpack(_REQUEST, payload, "a request"))
+
+    def sequences(self) -> list[int]:
+        """The numbers that are wanted, across the wrap.
+
+        >>> RequestPayload(65535, 0b101).sequences()
+        [65535, 1]
+        """
+        return [(self.first + bit) % SEQUENCES for bit in range(REQUEST_SPAN) if self.wanted >> bit & 1]
+
+
+class DutyPayload(msgspec.Struct, frozen=True):
+    """How often a mote is to sense: payload of AM type 0x56, 2 bytes."""
+
+    period_ds: int
+
+    @classmethod
+    def of_seconds(cls, period_s: float) -> "DutyPayload":
+        """The duty of a period, to a tenth of a second.
+
+        Raises:
+            ValueError: it is not between 0.1 and 6553.5 s.
+
+        """
+        if not PERIOD_MIN_S <= period_s <= PERIOD_MAX_S:
+            raise ValueError(f"expected a period from {PERIOD_MIN_S} to {PERIOD_MAX_S} s, got {period_s}")
+        return cls(round(DECI * period_s))
+
+    def pack(self) -> bytes:
+        """The payload's 2 bytes.
+
+        Raises:
+            BadPacket: the period has more than 16 bits.
+
+        """
+        try:
+            return _DUTY.pack(self.period_ds)
+        except struct.error as error:
+            raise BadPacket(f"expected a period of 16 bits, got {self}: {error}") from error
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> "DutyPayload":
+        """The duty in a payload.
+
+        Raises:
+            BadPacket: it is not 2 bytes long, or the period is 0.
+
+        """
+        (period_ds,) = _unpack(_DUTY, payload, "a duty")
+        if period_ds == 0:
+            raise BadPacket("expected a period above 0, got 0")
+        return cls(period_ds)
+
+
+def _unpack(layout: struct.Struct, payload: bytes, what: str) -> tuple[int, ...]:
+    if len(payload) != layout.size:
+        raise BadPacket(f"expected {what} of {layout.size} bytes, got {len(payload)}")
+    return layout.unpack(payload)

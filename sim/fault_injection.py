@@ -1,0 +1,114 @@
+"""Faults of a scenario: at a time that is set, a robot's hardware breaks, and may be whole again later.
+
+What breaks is the simulated hardware. The robot's plugins must find out for themselves.
+"""
+
+from collections.abc import Sequence
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from robrain.protocol.tinyos.packet import ActiveMessage
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.topics import ARENA_RADIO_RX
+from robrain.sim.firmware.bus_line import LineFault
+
+if TYPE_CHECKING:
+    from robrain.sim.arena import Arena
+
+FLOOD_PACKETS_A_TICK = 40
+"""2,000 a second at 50 ticks; a Mica2's radio brings some 40."""
+FLOOD_TYPE = 0xEE
+LIE_V, LIE_A, LIE_C = 16.7, 0.0, 22.0
+"""A battery that says to be full and to give nothing, whatever the robot does."""
+
+
+class FaultKind(StrEnum):
+    """What breaks."""
+
+    CAN_CUT = "can_cut"
+    """Nothing passes on the CAN bus any more, and nobody is told."""
+    CAN_SHORTED = "can_shorted"
+    """The same, and the controllers go bus off."""
+    MOTORS_FAIL = "motors_fail"
+    """The motor controller's power stage fails, which it tells in its status."""
+    LIDAR_FREEZES = "lidar_freezes"
+    """The lidar sends its last turn again and again."""
+    BATTERY_LIES = "battery_lies"
+    """The battery manager says that the battery is full and at rest."""
+    MOTE_BASE_FLOODS = "mote_base_floods"
+    """The base station of the mote network hands in thousands of packets a second."""
+
+
+class FaultSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One `[[faults]]` of a scenario. Raises ValueError where its times are not in order."""
+
+    robot: str
+    kind: FaultKind
+    at_s: float
+    until_s: float | None = None
+    """When it is whole again; never if absent."""
+
+    def __post_init__(self) -> None:
+        if not self.at_s >= 0:
+            raise ValueError(f"expected at_s >= 0, got {self.at_s}")
+        if self.until_s is not None and not self.until_s > self.at_s:
+            raise ValueError(f"expected until_s > at_s = {self.at_s:g}, got {self.until_s}")
+
+
+class FaultSchedule:
+    """Breaks and mends, tick by tick.
+
+    Args:
+        faults: of the scenario.
+        arena: whose robots they are of.
+        endpoint: what floods is put there.
+
+    Raises:
+        ValueError: a fault names a robot that there is not.
+
+    """
+
+    def __init__(self, faults: Sequence[FaultSpec], arena: "Arena", endpoint: Endpoint) -> None:
+        self._arena = arena
+        self._waiting: list[tuple[float, int, FaultSpec, bool]] = []
+        for number, fault in enumerate(faults):
+            self._waiting.append((fault.at_s, number, fault, True))
+            if fault.until_s is not None:
+                self._waiting.append((fault.until_s, number, fault, False))
+        self._waiting.sort(key=lambda due: due[:2])
+        self._floods = {
+            fault.robot: endpoint.publisher(ARENA_RADIO_RX, robot=fault.robot)
+            for fault in faults
+            if fault.kind is FaultKind.MOTE_BASE_FLOODS
+        }
+        self._flooding: list[str] = []
+        self._noise = ActiveMessage(type=FLOOD_TYPE, payload=bytes(16), source=0).pack()
+
+    def step(self, sim_time_s: float) -> None:
+        """Break and mend what is due, and flood."""
+        while self._waiting and self._waiting[0][0] <= sim_time_s + 1e-9:
+            _, _, fault, breaks = self._waiting.pop(0)
+            self._set(fault, breaks=breaks)
+        for robot in self._flooding:
+            for _ in range(FLOOD_PACKETS_A_TICK):
+                self._floods[robot].put_bytes(self._noise)
+
+    def _set(self, fault: FaultSpec, *, breaks: bool) -> None:
+        arena, robot = self._arena, fault.robot
+        match fault.kind:
+            case FaultKind.CAN_CUT:
+                arena.break_can(robot, LineFault.CUT if breaks else LineFault.NONE)
+            case FaultKind.CAN_SHORTED:
+                arena.break_can(robot, LineFault.SHORTED if breaks else LineFault.NONE)
+            case FaultKind.MOTORS_FAIL:
+                arena.fail_motors(robot, failed=breaks)
+            case FaultKind.LIDAR_FREEZES:
+                arena.freeze_lidar(robot, frozen=breaks)
+            case FaultKind.BATTERY_LIES:
+                arena.lie_about_battery(robot, (lambda _: (LIE_V, LIE_A, LIE_C)) if breaks else None)
+            case FaultKind.MOTE_BASE_FLOODS if breaks:
+                self._flooding.append(robot)
+            case FaultKind.MOTE_BASE_FLOODS:
+                self._flooding.remove(robot)

@@ -1,0 +1,264 @@
+"""Behaviors: what they cost while nobody needs them, how well they dock and watch, and whether anybody is stranded.
+
+`STRANDED_SEEDS = 100` and `DOCKINGS = 100` are the full size; the default keeps it below a minute on one core.
+"""
+
+import math
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from robrain.agent.host import AgentHost, stock_place
+from robrain.agent.manifest import find_manifests
+from robrain.agent.robot_file import RobotTable
+from robrain.plugins.behavior.monitor.picture_change import changed_share, colors_of
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.occupancy_grid import GridGeometry
+from robrain.protocol.model.task import Recharge, TaskState, Visit
+from robrain.protocol.model.warm_up import warm_up
+from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.messages import TeamState
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.topics import COORDINATOR_STATE
+from robrain.sim.camera import Camera, CameraSpec, SeenRobot
+from robrain.sim.firmware.battery import BatterySpec
+from robrain.sim.scenario import Scenario
+from tests.plugins.errands import CHARGER, Errands, room
+
+ROUNDS = 5
+IDLE_S = 20.0
+TICK_S = 0.02
+STRANDED_SEEDS = 6
+STRANDED_S = 500.0
+DOCKINGS = 12
+PICTURES = 120
+CHANGED = 0.002
+"""As in the monitor's manifest."""
+OURS = {
+    *("visit", "inspect", "collect", "relay", "monitor", "sense", "replace", "recharge", "wander", "idle"),
+    *("camera", "sensor_board", "home", "counter"),
+}
+KNOWN = {"home": {"chargers": [{"x_m": CHARGER.x_m, "y_m": CHARGER.y_m, "yaw_rad": 0.0}]}}
+
+
+class Row(NamedTuple):
+    """One figure."""
+
+    what: str
+    value: str
+    beside: str
+    bound: str
+    is_kept: bool
+
+
+def measure() -> list[Row]:
+    """All figures of the behaviors."""
+    warm_up()
+    return [*_idle(), _picture(), *_monitor(), _docking(), _stranded()]
+
+
+def _idle() -> list[Row]:
+    names = [path.stem for path in find_manifests(stock_place())]
+    _one_idle(names)
+    runs = [_one_idle(names) for _ in range(ROUNDS)]
+    start_ms, whole_start_ms, cost_ms, whole_ms = (min(figures) for figures in zip(*runs, strict=True))
+    return [
+        Row(
+            f"CPU of {len(OURS)} plugins with nothing to do, for a simulated second",
+            f"{cost_ms:.2f} ms",
+            f"{whole_ms:.2f} ms the whole idle robot",
+            "≤ 0.3 ms",
+            cost_ms <= 0.3,
+        ),
+        Row(
+            "a robot's start, once imported",
+            f"{whole_start_ms:.0f} ms",
+            f"{start_ms:.0f} ms without them",
+            "≤ 100 ms",
+            whole_start_ms <= 100.0,
+        ),
+    ]
+
+
+def _one_idle(load: list[str]) -> tuple[float, float, float, float]:
+    """Milliseconds: the start without ours and with all; for a simulated second of standing about, ours and all."""
+    others = _Standing([name for name in load if name not in OURS])
+    others.close()
+    run = _Standing(load)
+    used = [0.0]
+
+    def timed(do: Callable[[], None]) -> Callable[[], None]:
+        def do_timed() -> None:
+            before_s = time.process_time()
+            do()
+            used[0] += time.process_time() - before_s
+
+        return do_timed
+
+    for name, tag in run.host.manager.tags.items():
+        if name in OURS:
+            tag.run_step = timed(tag.run_step)  # type: ignore[method-assign]
+            tag.deliver = timed(tag.deliver)  # type: ignore[method-assign]
+    whole_s = 0.0
+    for tick in range(1, round(IDLE_S / TICK_S)):
+        run.clock.advance_to(to_ns(tick * TICK_S))
+        run.arena.step()
+        if tick % 25 == 1:
+            run.speaks.put(TeamState(robots=[]))
+        before_s = time.process_time()
+        run.host.step()
+        whole_s += time.process_time() - before_s
+    run.close()
+    return others.start_ms, run.start_ms, 1000.0 * used[0] / IDLE_S, 1000.0 * whole_s / IDLE_S
+
+
+class _Standing:
+    """One robot of the small arena with some of its plugins, and a coordinator that says that it is there."""
+
+    def __init__(self, load: list[str]) -> None:
+        world = Scenario.builtin("arena_small").replace(robots=1).world()
+        self.clock, self._session = VirtualClock(), open_lockstep_session()
+        self._wire = Endpoint(self._session, "default", self.clock, Drive.LOCKSTEP)
+        self.arena = world.arena(self._wire)
+        robot_file = world.robot_file(world.robots[0])
+        parameters = {name: values for name, values in robot_file.parameters.items() if name in load}
+        robot_file = msgspec.structs.replace(robot_file, robot=RobotTable("r1", load=load), parameters=parameters)
+        begun_s = time.perf_counter()
+        self.host = AgentHost(robot_file, Path(), self._session, self.clock, Drive.LOCKSTEP, seed=1)
+        self.host.start()
+        self.start_ms = 1000.0 * (time.perf_counter() - begun_s)
+        self.speaks = self._wire.publisher(COORDINATOR_STATE)
+
+    def close(self) -> None:
+        """End it."""
+        self.host.close()
+        self.arena.close()
+        self._wire.close()
+        self._session.close()
+
+
+def _camera(noise_levels: float = 1.0) -> Camera:
+    plan = room()
+    rows, columns = plan.occupied.shape
+    geometry = GridGeometry(plan.resolution_m, 0.0, 0.0, columns, rows)
+    return Camera(CameraSpec(noise_levels=noise_levels), plan.occupied, geometry, seed=1)
+
+
+def _picture() -> Row:
+    camera, rng = _camera(), np.random.default_rng(1)
+    took_ms, sizes = [], []
+    for moment in range(PICTURES):
+        pose = Pose2D(rng.uniform(0.5, 2.5), rng.uniform(0.5, 3.5), rng.uniform(-math.pi, math.pi))
+        begun_s = time.perf_counter()
+        sizes.append(len(camera.png(pose, [SeenRobot(1, Pose2D(4.5, 2.0, 0.0), 0.2)], [], moment)))
+        took_ms.append(1000.0 * (time.perf_counter() - begun_s))
+    middle_ms, size = statistics.median(took_ms), statistics.mean(sizes)
+    value = f"{middle_ms:.1f} ms, {size / 1000:.0f} kB"
+    return Row(
+        "a picture drawn and encoded, 160 x 120", value, "only when asked for", "≤ 20 ms, 30 kB", middle_ms <= 20.0
+    )
+
+
+def _monitor() -> list[Row]:
+    """A robot looks again, turned by up to 4° and up to 2 cm aside; sometimes another robot has come."""
+    camera, rng = _camera(2.0), np.random.default_rng(2)
+    alarms = 0
+    seen: dict[str, list[bool]] = {"1 to 2 m": [], "2 to 3 m": [], "3 to 4 m": []}
+    for moment in range(PICTURES):
+        at = Pose2D(rng.uniform(0.8, 1.4), rng.uniform(1.2, 2.8), rng.uniform(-0.3, 0.3))
+        again = Pose2D(
+            at.x_m + rng.uniform(-0.02, 0.02), at.y_m + rng.uniform(-0.02, 0.02), at.yaw_rad + rng.uniform(-0.07, 0.07)
+        )
+        before = colors_of(camera.png(at, [], [], 2 * moment))
+        alarms += changed_share(before, colors_of(camera.png(again, [], [], 2 * moment + 1))) >= CHANGED
+        for number, where in enumerate(seen, 1):
+            away_m, bearing_rad = rng.uniform(number, number + 1), at.yaw_rad + rng.uniform(-0.4, 0.4)
+            come = Pose2D(at.x_m + away_m * math.cos(bearing_rad), at.y_m + away_m * math.sin(bearing_rad), 0.0)
+            robots = [SeenRobot(int(rng.integers(8)), come, 0.2)]
+            alone = camera.picture(again, [], [], 2 * moment + 1)
+            if np.mean(np.any(camera.picture(again, robots, [], 2 * moment + 1) != alone, axis=2)) < 0.002:
+                continue  # behind the pillar or the wall
+            now = colors_of(camera.png(again, robots, [], 2 * moment + 1))
+            seen[where].append(changed_share(before, now) >= CHANGED)
+    rows = [
+        Row(
+            "false alarms of the room's watch",
+            f"{alarms} of {PICTURES}",
+            "turned ≤ 4°, 2 cm aside",
+            "≤ 2 %",
+            alarms <= 0.02 * PICTURES,
+        )
+    ]
+    for where, found in seen.items():
+        share = sum(found) / len(found)
+        rows.append(
+            Row(
+                f"a robot that has come is told, {where} away",
+                f"{share:.0%}",
+                f"{len(found)} pictures",
+                "≥ 90 %",
+                share >= 0.9,
+            )
+        )
+    return rows
+
+
+def _docking() -> Row:
+    off_m = []
+    for seed in range(DOCKINGS):
+        run = Errands("recharge", "visit", seed=seed, parameters=KNOWN)
+        run.run(1.0)
+        rng = np.random.default_rng(seed)
+        run.finish(Visit(id="v", place=Point2D(rng.uniform(3.6, 5.4), rng.uniform(0.6, 3.4))))
+        yaw_rad = rng.uniform(-math.pi, math.pi)
+        status = run.finish(Recharge(id="c", place=CHARGER, yaw_rad=yaw_rad, until_soc=0.5))
+        off_m.append(run.pose().distance_m(CHARGER) if status.state is TaskState.DONE else math.inf)
+        run.close()
+    worst_m = max(off_m)
+    return Row(
+        "docked so far from the charger's place, worst",
+        f"{100 * worst_m:.1f} cm",
+        f"{DOCKINGS} dockings",
+        "≤ 5 cm",
+        worst_m <= 0.05,
+    )
+
+
+def _stranded() -> Row:
+    """One robot with a small battery is offered one visit after the other, for as long as it takes them."""
+    stranded = refused = done = charged = 0
+    for seed in range(STRANDED_SEEDS):
+        battery = BatterySpec(capacity_wh=1.5)
+        parameters = {**KNOWN, "battery": {"capacity_wh": 1.5}}
+        run = Errands("visit", "recharge", seed=seed, parameters=parameters, hardware={"battery": battery})
+        run.run(1.0)
+        rng = np.random.default_rng(seed)
+        for number in range(10_000):
+            if run.clock.now_ns() > to_ns(STRANDED_S):
+                break
+            task = Visit(id=f"v{number}", place=Point2D(rng.uniform(0.6, 5.4), rng.uniform(0.6, 3.4)), service_s=5.0)
+            if not run.offer(task).accepted:
+                refused += 1
+                charged += run.hosts["r1"].board.behavior == "recharge"
+                run.run(5.0)
+                continue
+            while not run.status().state.ended:
+                run.run(0.5)
+            done += run.status().state is TaskState.DONE
+        stranded += run.is_cut_off()
+        run.close()
+    value = f"{stranded} of {STRANDED_SEEDS}"
+    beside = f"{done} visits done, {refused} offers refused, {charged} of them while it charged"
+    return Row(f"robots stranded in {STRANDED_S:.0f} s of visits on 1.5 Wh", value, beside, "0", stranded == 0)
+
+
+if __name__ == "__main__":
+    for figure in measure():
+        sys.stdout.write(f"{figure}\n")

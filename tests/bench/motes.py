@@ -1,0 +1,276 @@
+"""Motes: what they cost, what a data mule's visit brings in, and what a base station that floods does to its robot.
+
+CPU figures are process time of one core, of whole lockstep runs on the built-in depot.
+"""
+
+import logging
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from robrain import Scenario
+from robrain.agent.host import AgentHost
+from robrain.agent.robot_file import RobotFile, RobotTable
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.warm_up import warm_up
+from robrain.protocol.tinyos.hdlc import Deframer, frame
+from robrain.protocol.tinyos.packet import ActiveMessage
+from robrain.protocol.tinyos.payloads import READING_TYPE, ReadingPayload
+from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.topics import ARENA_RADIO_RX, MOTE_READING, ROBOT_EVENT, ROBOT_STATE
+from robrain.sim.arena import TICK_S
+from robrain.sim.field import Field
+from robrain.sim.lockstep import LockstepRun
+from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.mote import ArenaMote
+from robrain.sim.motes import MoteField, SensorNetwork
+
+SIMULATED_S = 20.0
+FIELDS = ((4, 24), (8, 400))
+"""Robots and motes."""
+VISITS = 20
+"""Seeds."""
+VISIT_AFTER_S = 1000.0
+VISIT_SPEED_M_S = 0.5
+VISIT_DISTANCES_M = (2.0, 6.0, 9.0)
+"""The last is near the end of the radio's reach of 10 m."""
+FLOOD_PACKETS_S = 5000
+FLOOD_S = 20.0
+ROBOT_BOUND_MS = 1.0
+"""Of the 10 ms that a robot's whole stack may take; chosen."""
+FIELD_BOUND_MS = 20.0
+"""Chosen: a fiftieth of real time for 400 motes and 8 robots."""
+PLUGINS = ("mote_base", "snw_exploration")
+
+
+class Row(NamedTuple):
+    """One figure."""
+
+    what: str
+    value: str
+    beside: str
+    """What it is compared with, in the same run."""
+    bound: str
+    is_kept: bool
+
+
+def measure() -> list[Row]:
+    """All figures of the motes."""
+    warm_up()
+    return [*(row for robots, motes in FIELDS for row in _costs(robots, motes)), *_visits(), *_flood(), _codec()]
+
+
+def _costs(robots: int, motes: int) -> Iterator[Row]:
+    run = LockstepRun(Scenario.builtin("depot").replace(robots=robots, motes=motes).world())
+    spent_s = {"field": 0.0, "plugins": 0.0}
+    try:
+        _count(run.arena._motes, "step", spent_s, "field")
+        for host in run.hosts:
+            for name in PLUGINS:
+                _count(host.manager.tags[name], "_run", spent_s, "plugins")
+        began_s = time.process_time()
+        for _ in range(round(SIMULATED_S / TICK_S)):
+            run.tick()
+        whole_ms = 1000.0 * (time.process_time() - began_s) / SIMULATED_S
+        field_ms = 1000.0 * spent_s["field"] / SIMULATED_S
+        robot_ms = 1000.0 * spent_s["plugins"] / SIMULATED_S / robots
+        counters = run.arena._motes.counters
+    finally:
+        run.close()
+    case = f"{motes} motes, {robots} robots"
+    beside = f"whole run {whole_ms:.1f}; {counters.heard / SIMULATED_S:.0f} packets/s heard"
+    yield Row(
+        f"{case}: the field, CPU ms / sim s",
+        f"{field_ms:.2f}",
+        beside,
+        f"≤ {FIELD_BOUND_MS:g} (chosen)",
+        field_ms <= FIELD_BOUND_MS,
+    )
+    bound_ms = ROBOT_BOUND_MS if motes < 100 else 3 * ROBOT_BOUND_MS
+    yield Row(
+        f"{case}: both plugins of a robot, CPU ms / sim s",
+        f"{robot_ms:.2f}",
+        f"whole run {whole_ms / robots:.1f} a robot",
+        f"≤ {bound_ms:g} (chosen)",
+        robot_ms <= bound_ms,
+    )
+
+
+def _count(owner: object, method: str, spent_s: dict[str, float], name: str) -> None:
+    """Have the process time of a method's calls added up."""
+    real: Callable[..., object] = getattr(owner, method)
+
+    def counted(*arguments: object, **named: object) -> object:
+        began_s = time.process_time()
+        try:
+            return real(*arguments, **named)
+        finally:
+            spent_s[name] += time.process_time() - began_s
+
+    setattr(owner, method, counted)
+
+
+# -- one robot without a body -----------------------------------------------------------------------------------
+
+
+class _Robot:
+    """A robot's host with the two plugins, moved on by the benchmark."""
+
+    def __init__(self) -> None:
+        self._session = open_lockstep_session()
+        self.clock = VirtualClock()
+        self.wire = Endpoint(self._session, "bench", self.clock, Drive.LOCKSTEP)
+        robot_file = RobotFile(robot=RobotTable("r1", "bench", load=["snw_exploration"]))
+        self.host = AgentHost(robot_file, Path(), self._session, self.clock, Drive.LOCKSTEP)
+        self.host.start()
+        self.ticks = 0
+
+    def tick(self) -> None:
+        self.ticks += 1
+        self.clock.advance_to(to_ns(self.ticks * TICK_S))
+        self.host.step()
+
+    def close(self) -> None:
+        self.host.close()
+        self.wire.close()
+        self._session.close()
+
+
+@contextmanager
+def _robot() -> Iterator[_Robot]:
+    robot = _Robot()
+    try:
+        yield robot
+    finally:
+        robot.close()
+
+
+class _Body(NamedTuple):
+    x_m: float
+    y_m: float
+
+
+def _visits() -> Iterator[Row]:
+    for distance_m in VISIT_DISTANCES_M:
+        shares, seconds = [], []
+        for seed in range(VISITS):
+            share, in_reach_s = _visit(distance_m, seed)
+            shares.append(share)
+            seconds.append(in_reach_s)
+        yield Row(
+            f"drive by a mote at {distance_m:g} m, {VISIT_SPEED_M_S:g} m/s: share of {VISIT_AFTER_S / 4:.0f} stored "
+            "readings brought in",
+            f"mean {np.mean(shares):.1%}, worst {np.min(shares):.1%}",
+            f"within earshot {np.mean(seconds):.0f} s",
+            "mean ≥ 99 % (chosen)",
+            bool(np.mean(shares) >= 0.99),
+        )
+
+
+def _visit(distance_m: float, seed: int) -> tuple[float, float]:
+    """Share of what was sensed before the visit that is on the wire after it, and how long the mote was heard."""
+    network = SensorNetwork()
+    rng = np.random.default_rng([seed, 7])
+    plan = FloorPlan(np.zeros((10, 10), np.bool_), 1.0, 0.0, 0.0, "open")
+    with _robot() as robot:
+        readings = Inbox(100_000)
+        robot.wire.subscribe(readings, MOTE_READING)
+        mote = ArenaMote(name="m1", number=1, place=Point2D(0.0, 0.0))
+        field = MoteField([mote], ["r1"], network, Field.draw(network.field, plan, rng), robot.wire, rng, TICK_S)
+        half_s = 40.0
+        first_s = None
+        for tick in range(round((VISIT_AFTER_S + 2 * half_s) / TICK_S)):
+            time_s = tick * TICK_S - VISIT_AFTER_S
+            field.step([_Body(VISIT_SPEED_M_S * (time_s - half_s), distance_m) if time_s > 0 else _Body(1e6, 0.0)])  # type: ignore[list-item] # a place is all that is asked of a body
+            if time_s > 0:
+                robot.tick()
+                if len(readings) and first_s is None:
+                    first_s = time_s
+        got = {received.message.sequence for received in readings.drain()}
+        stored = set(range(int(VISIT_AFTER_S / network.motes.period_s) - 1))
+        table = robot.host.manager.get("snw_exploration").live_plugin().heard()
+    heard_s = table[0].stamp_ns / 1e9 - (first_s or 0.0) if table else 0.0
+    return len(got & stored) / len(stored), heard_s
+
+
+def _flood() -> Iterator[Row]:
+    packet = ActiveMessage(type=0xEE, payload=bytes(16), source=1).pack()
+    with _robot() as robot:
+        events, states = Inbox(1000), Inbox(10_000, every=True)
+        robot.wire.subscribe(events, ROBOT_EVENT)
+        robot.wire.subscribe(states, ROBOT_STATE)
+        air = robot.wire.publisher(ARENA_RADIO_RX, robot="r1")
+        logging.disable(logging.CRITICAL)  # its faults are meant
+        quiet_s = _ticks_s(robot, FLOOD_S, lambda: None)
+        states.drain()
+        flooded_at_s = robot.ticks * TICK_S
+        per_tick = round(FLOOD_PACKETS_S * TICK_S)
+        flooded_s = _ticks_s(robot, FLOOD_S, lambda: [air.put_bytes(packet) for _ in range(per_tick)])
+        logging.disable(logging.NOTSET)
+        put_s = _puts_s(robot, packet, FLOOD_PACKETS_S * round(FLOOD_S))
+        told = [each.message for each in events.drain() if each.message.event == "trouble"]
+        rate_hz = len(states.drain()) / FLOOD_S
+    named_s = told[0].stamp_ns / 1e9 - flooded_at_s if told else float("inf")
+    cost_ms = 1000.0 * (flooded_s - quiet_s - put_s) / FLOOD_S
+    yield Row(
+        f"a base that says {FLOOD_PACKETS_S} packets/s: named to the team after",
+        f"{named_s:.2f} s",
+        told[0].value["why"] if told else "–",
+        "≤ 1 s (chosen)",
+        named_s <= 1.0,
+    )
+    yield Row(
+        "the same: CPU that the flood costs the robot, ms / sim s",
+        f"{cost_ms:.1f}",
+        f"states go on at {rate_hz:.1f} Hz",
+        "≤ 10, at 10 Hz",
+        cost_ms <= 10.0 and rate_hz >= 9.9,
+    )
+
+
+def _ticks_s(robot: _Robot, seconds: float, each: Callable[[], object]) -> float:
+    began_s = time.process_time()
+    for _ in range(round(seconds / TICK_S)):
+        each()
+        robot.tick()
+    return time.process_time() - began_s
+
+
+def _puts_s(robot: _Robot, packet: bytes, count: int) -> float:
+    """What it costs to put as many packets where nobody listens: that is the sender's, not the robot's."""
+    nowhere = robot.wire.publisher(ARENA_RADIO_RX, robot="nobody")
+    began_s = time.process_time()
+    for _ in range(count):
+        nowhere.put_bytes(packet)
+    return time.process_time() - began_s
+
+
+def _codec() -> Row:
+    reading = ReadingPayload(
+        mote=3, sequence=1, oldest=1, period_ds=40, voltage_mv=2900, quantity=1, value_centi=2150, x_dm=1, y_dm=2
+    )
+    body = b"\x45" + ActiveMessage(type=READING_TYPE, payload=reading.pack(), source=3).pack()
+    line = frame(body) * 1000
+    began_s = time.process_time()
+    for received in Deframer().feed(line):
+        ReadingPayload.unpack(ActiveMessage.unpack(received[1:]).payload)
+    each_us = 1e6 * (time.process_time() - began_s) / 1000
+    return Row(
+        "a reading off a serial line: frame, CRC, packet, payload",
+        f"{each_us:.1f} µs",
+        "57,600 baud brings one each 8 ms",
+        "≤ 100 µs (chosen)",
+        each_us <= 100.0,
+    )
+
+
+if __name__ == "__main__":
+    for row in measure():
+        print(*row, sep=" | ")  # noqa: T201 - a table for whoever runs this file alone

@@ -1,0 +1,178 @@
+"""What one robot's whole stack costs: CPU time per simulated second, by part, in a lockstep run.
+
+The bound is 10 ms: a hundred robots in real time on one core. The total is measured on an untouched run; the parts on a
+second, equal one, in which the calls named in `PARTS` are timed with the thread's CPU clock. The time of a call that is
+made within another belongs to the inner one alone, so the parts add up; what the timing itself costs is spread over
+them by scaling their sum to the untouched total.
+"""
+
+import contextlib
+import functools
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+from unittest import mock
+
+from robrain import Scenario
+from robrain.agent.host import AgentHost
+from robrain.agent.tag import PluginTag
+from robrain.coordinator.coordinator import Coordinator
+from robrain.coordinator.recording.recorder import Recorder
+from robrain.plugins.skill.planner.planner import Planner
+from robrain.protocol.can.zenoh_bus import ZenohBus
+from robrain.protocol.model.warm_up import warm_up
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.publisher import Publisher
+from robrain.sim.arena import TICK_S, Arena
+from robrain.sim.lockstep import LockstepRun
+
+BOUND_MS = 10.0
+ROBOTS = 8
+SETTLING_S = 3.0
+"""Robots start and begin to move."""
+SIMULATED_S = 15.0
+
+OWN = "robot: "
+"""What the parts that run on the robot itself begin with."""
+PARTS: list[tuple[type, str, str]] = [
+    (Arena, "step", "arena: bodies, firmware, lidar"),
+    (Coordinator, "step", "coordinator"),
+    (Recorder, "step", "recorder and digest"),
+    (AgentHost, "step", OWN + "host"),
+    (Planner, "plan", OWN + "planner, plans"),
+    (Planner, "escape", OWN + "planner, refuges"),
+    (Planner, "safe_positions", OWN + "planner, map changes"),
+    (Publisher, "put", "wire: encode, put, deliver"),
+    (Publisher, "put_bytes", "wire: encode, put, deliver"),
+    (Inbox, "drain", "wire: decode"),
+    (ZenohBus, "send", "CAN: send and deliver"),
+    (ZenohBus, "recv", "CAN: receive"),
+]
+"""Class, method, part."""
+
+
+class Row(NamedTuple):
+    """One line of the table; times are CPU milliseconds for each robot and simulated second."""
+
+    part: str
+    ms: float
+    calls: float
+    """For each robot and simulated second."""
+    bound_ms: float | None = None
+
+    @property
+    def is_kept(self) -> bool | None:
+        """Whether the bound is kept; None where there is none."""
+        return None if self.bound_ms is None else self.ms <= self.bound_ms
+
+
+class Meter:
+    """Exclusive times of nested parts."""
+
+    def __init__(self) -> None:
+        self.ns: Counter[str] = Counter()
+        self.calls: Counter[str] = Counter()
+        self._open: list[str] = ["elsewhere"]
+        self._since_ns = 0
+
+    def begin(self, part: str) -> None:
+        """What runs from now on belongs to this part."""
+        now_ns = time.thread_time_ns()
+        self.ns[self._open[-1]] += now_ns - self._since_ns
+        self._open.append(part)
+        self.calls[part] += 1
+        self._since_ns = time.thread_time_ns()
+
+    def end(self) -> None:
+        """What runs from now on belongs again to the part before."""
+        now_ns = time.thread_time_ns()
+        self.ns[self._open.pop()] += now_ns - self._since_ns
+        self._since_ns = time.thread_time_ns()
+
+
+def measure(robots: int = ROBOTS) -> list[Row]:
+    """The parts, dearest first, then the sums with their bound."""
+    warm_up()
+    whole_ms = _run(robots, contextlib.nullcontext())
+    meter = Meter()
+    _run(robots, _timed(meter), meter)
+    del meter.ns["elsewhere"]
+    scale = whole_ms / (sum(meter.ns.values()) / 1e6 / robots / SIMULATED_S)
+    per_robot = robots * SIMULATED_S
+    rows = [
+        Row(part, scale * ns / 1e6 / per_robot, meter.calls[part] / per_robot) for part, ns in meter.ns.most_common()
+    ]
+    own = sum(row.ms for row in rows if row.part.startswith(OWN))
+    shared = sum(row.ms for row in rows if row.part.startswith(("wire", "CAN")))
+    return [
+        *rows,
+        Row("the robot's own parts", own, 0.0),
+        Row("its own, all of wire and CAN", own + shared, 0.0, BOUND_MS),
+        Row("whole run, arena, coordinator and recorder too", whole_ms, 0.0, BOUND_MS),
+    ]
+
+
+def _run(robots: int, timing: contextlib.AbstractContextManager[Any], meter: Meter | None = None) -> float:
+    """CPU milliseconds for each robot and simulated second, once everybody has started."""
+    run = LockstepRun(Scenario.builtin("depot").replace(robots=robots).world())
+    try:
+        with timing:
+            for _ in range(round(SETTLING_S / TICK_S)):
+                run.tick()
+            if meter is not None:
+                meter.ns.clear()
+                meter.calls.clear()
+            begun_ns = time.thread_time_ns()
+            for _ in range(round(SIMULATED_S / TICK_S)):
+                run.tick()
+            return (time.thread_time_ns() - begun_ns) / 1e6 / robots / SIMULATED_S
+    finally:
+        run.close()
+
+
+@contextlib.contextmanager
+def _timed(meter: Meter) -> Iterator[None]:
+    with contextlib.ExitStack() as patches:
+        for owner, name, part in PARTS:
+            patches.enter_context(mock.patch.object(owner, name, _wrapped(getattr(owner, name), meter, part)))
+        for name in ("run_step", "deliver"):
+            patches.enter_context(mock.patch.object(PluginTag, name, _of_plugin(getattr(PluginTag, name), meter)))
+        yield
+
+
+def _wrapped(function: Callable[..., Any], meter: Meter, part: str) -> Callable[..., Any]:
+    @functools.wraps(function)
+    def timed(*args: Any, **kwargs: Any) -> Any:
+        meter.begin(part)
+        try:
+            return function(*args, **kwargs)
+        finally:
+            meter.end()
+
+    return timed
+
+
+def _of_plugin(function: Callable[..., Any], meter: Meter) -> Callable[..., Any]:
+    """Steps and events of a plugin, with what it asks of those below it."""
+
+    @functools.wraps(function)
+    def timed(tag: PluginTag, *args: Any, **kwargs: Any) -> Any:
+        meter.begin(OWN + tag.name)
+        try:
+            return function(tag, *args, **kwargs)
+        finally:
+            meter.end()
+
+    return timed
+
+
+def main() -> None:
+    """Print the table."""
+    for row in measure():
+        bound = "" if row.bound_ms is None else f"  <= {row.bound_ms:g} ms: {'kept' if row.is_kept else 'not kept'}"
+        print(f"{row.part:50s} {row.ms:7.3f} ms {row.calls:8.1f} calls{bound}")  # noqa: T201 - a table to look at
+
+
+if __name__ == "__main__":
+    main()

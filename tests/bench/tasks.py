@@ -1,0 +1,136 @@
+"""Tasks: what the journal takes for each change, and what many tasks cost a coordinator."""
+
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from statistics import median
+
+from robrain.coordinator.capabilities import Capabilities
+from robrain.coordinator.journal.journal import Journal
+from robrain.coordinator.roster import Roster
+from robrain.coordinator.task_book import TaskBook
+from robrain.coordinator.task_lifecycle import TaskLifecycle
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.messages import RobotState, TaskStatus
+from robrain.protocol.wire.presence import Change
+from robrain.protocol.wire.session import open_lockstep_session
+from tests.bench.plugin_host import Row
+
+ACCEPTED = 100
+ROBOTS, TASKS = 100, 1000
+STEP_S = 0.02
+RESTARTS = 5
+
+
+def measure() -> list[Row]:
+    """All figures; seconds of wall time, of one core."""
+    with tempfile.TemporaryDirectory(prefix="robrain-bench-") as folder:
+        return [*_journal(Path(folder)), *_restart(Path(folder)), *_steps()]
+
+
+def _journal(folder: Path) -> list[Row]:
+    journal = Journal(folder / "changes.journal")
+    book = TaskBook(VirtualClock(), 0, lambda _event: None, journal)
+    accept_ms = median(
+        _took_ms(lambda name=f"t{number}": book.add(_visit(name), asked=b"{}")) for number in range(ACCEPTED)
+    )
+    own_ms = median(_took_ms(lambda name=f"o{number}": book.add(_visit(name), own=True)) for number in range(ACCEPTED))
+    changes = []
+    for number in range(ACCEPTED):
+        name = f"t{number}"
+        changes.append(_took_ms(lambda name=name: book.offered(name, "r1")))
+        changes.append(_took_ms(lambda name=name: book.move(name, TaskState.RUNNING)))
+        changes.append(_took_ms(lambda name=name: book.move(name, TaskState.DONE)))
+    journal.close()
+    change_ms = median(changes)
+    return [
+        Row(
+            "a task accepted, on the disk",
+            f"{accept_ms:.1f} ms",
+            f"not waiting for the disk {own_ms:.2f} ms",
+            "–",
+            True,
+        ),
+        Row("any other change", f"{1e3 * change_ms:.0f} µs", f"accepted {accept_ms:.1f} ms", "≤ 1 ms", change_ms <= 1),
+    ]
+
+
+def _restart(folder: Path) -> list[Row]:
+    path = folder / "many.journal"
+    journal = Journal(path)
+    book = TaskBook(VirtualClock(), 0, lambda _event: None, journal)
+    for number in range(TASKS):
+        book.add(_visit(f"t{number}"), own=number >= ACCEPTED)  # not all wait for the disk
+    journal.close()
+
+    def begin() -> None:
+        again = Journal(path)
+        TaskBook(VirtualClock(), 0, lambda _event: None, again).tell_again(256)
+        again.close()
+
+    took_ms = min(_took_ms(begin) for _ in range(RESTARTS))
+    return [Row(f"a book with {TASKS} open tasks opened", f"{took_ms:.0f} ms", "–", "≤ 500 ms", took_ms <= 500)]
+
+
+def _steps() -> list[Row]:
+    clock = VirtualClock()
+    with open_lockstep_session() as session:
+        wire = Endpoint(session, "default", clock, Drive.LOCKSTEP)
+        roster = Roster()
+        book = TaskBook(clock, 0, lambda _event: None)
+        capabilities = Capabilities(wire)
+        lifecycle = TaskLifecycle(wire, book, roster, capabilities)
+        for number in range(TASKS):
+            book.add(_visit(f"t{number}", after=(f"t{number - 1}",) if number % 3 == 2 else ()))
+        for number in range(ROBOTS):
+            name = f"r{number}"
+            roster.note_presence(Change({"robot": name}, True))
+            capabilities.plugins[name] = frozenset({"visit"})
+            record = book.offered(f"t{number * 3}", name)
+            book.move(record.task.id, TaskState.RUNNING)
+
+        def speak() -> None:
+            for record in book.open[: 3 * ROBOTS]:
+                if record.robot:
+                    status = TaskStatus(id=record.task.id, epoch=record.epoch, state=TaskState.RUNNING)
+                    pose = Pose2D(1.0, 1.0, 0.0)
+                    roster.note_state(RobotState(robot=record.robot, pose=pose, task=status), clock.now_ns())
+
+        def step() -> None:
+            now_ns = clock.now_ns()
+            lifecycle.settle(now_ns)
+            lifecycle.withdraw_strays(now_ns)
+
+        speak()
+        steps = []
+        for _ in range(20):
+            clock.advance_to(clock.now_ns() + to_ns(STEP_S))
+            steps.append(_took_ms(step))
+        decide_ms = median(_took_ms(lambda: lifecycle.dispatch([], clock.now_ns())) for _ in range(10))
+        wire.close()
+    step_ms = median(steps)
+    beside = f"a step every {1e3 * STEP_S:.0f} ms"
+    return [
+        Row(f"{TASKS} tasks, {ROBOTS} robots: a step", f"{step_ms:.2f} ms", beside, "≤ 2 ms", step_ms <= 2),
+        Row(
+            f"{TASKS} tasks, {ROBOTS} robots: a decision",
+            f"{decide_ms:.2f} ms",
+            "twice a second",
+            "≤ 20 ms",
+            decide_ms <= 20,
+        ),
+    ]
+
+
+def _visit(name: str, **fields: tuple[str, ...]) -> Visit:
+    return Visit(id=name, place=Point2D(1.0, 2.0), **fields)
+
+
+def _took_ms(do: Callable[[], object]) -> float:
+    began_s = time.perf_counter()
+    do()
+    return 1e3 * (time.perf_counter() - began_s)

@@ -1,0 +1,83 @@
+import msgspec
+from hypothesis import HealthCheck, given, settings
+
+from robrain.coordinator.allocation.auction import AuctionAllocator
+from robrain.coordinator.allocation.explain import Decision, explain
+from robrain.coordinator.allocation.problem import Worker
+from robrain.coordinator.allocation.validate import validate
+from tests.coordinator.allocation.instances import team_problem
+from tests.coordinator.allocation.test_allocators import problems
+from tests.coordinator.allocation.test_validate import job, line, worker
+
+
+def only_decision(problem):
+    plan = AuctionAllocator().plan(problem)
+    assert validate(problem, plan) == []
+    (decision,) = explain(problem, plan)
+    return decision
+
+
+def test_robot_that_takes_least_and_what_the_others_would_take_are_told():
+    decision = only_decision(line([job("a", 2)], [worker("r1"), worker("r2", start=1), worker("r3", start=3)]))
+    assert decision.robots == ("r2",)
+    assert [option.energy_j for option in decision.options] == [4.0, 3.0, 3.0]
+    assert [option.time_s for option in decision.options] == [4.0, 3.0, 3.0]
+    assert decision.why == "r2 takes least; the next would take 3 J"
+
+
+def test_each_reason_to_be_out_is_in_words():
+    # 10 J full, 1.5 J of it reserve: what is left is counted with the reserve, as on the robot's own gauge.
+    low = Worker(
+        name="low", start=0, ends=(0,), usable_j=2.8, capacity_j=10.0, reserve_j=1.5, offers=frozenset({"camera"})
+    )
+    bare = worker("bare")
+    late = worker("late", ready_s=118.0, offers=frozenset({"camera"}))
+    poor = worker("poor", usable_j=3.0, offers=frozenset({"camera"}))
+    good = worker("good", offers=frozenset({"camera"}))
+    decision = only_decision(
+        line([job("a", 2, needs=frozenset({"camera"}), latest_s=100.0)], [low, bare, late, poor, good])
+    )
+    assert decision.robots == ("good",)
+    assert [option.why_not for option in decision.options] == [
+        "would leave 3 % < 15 % reserve",
+        "no camera",
+        "cannot be there before 120 s, must end it by 100 s",
+        "lacks 1 J",
+        "",
+    ]
+    assert decision.why == "good can, and nobody else"
+
+
+def test_job_that_nobody_does_says_why_for_each_robot():
+    decision = only_decision(line([job("a", 5)], [worker("r1", usable_j=4.0), worker("r2", usable_j=8.0)]))
+    assert decision.robots == ()
+    assert decision.why == "r2, which comes nearest: lacks 2 J"
+    assert [option.why_not for option in decision.options] == ["lacks 6 J", "lacks 2 J"]
+
+
+def test_job_that_a_robot_is_at_stays_with_it():
+    decision = only_decision(line([job("a", 2, pinned_to="r2")], [worker("r1"), worker("r2", start=5)]))
+    assert (decision.robots, decision.why) == (("r2",), "r2 is at it")
+
+
+def test_explaining_changes_nothing_for_the_next_job():
+    problem = team_problem(4, 20, 3, tightness=0.8)
+    plan = AuctionAllocator().plan(problem)
+    together = explain(problem, plan)
+    alone = [explain(problem, plan, [one.id])[0] for one in problem.jobs]
+    assert together == alone
+    assert msgspec.json.decode(msgspec.json.encode(together), type=list[Decision]) == together
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(problem=problems())
+def test_who_does_a_job_never_is_out_and_who_is_out_has_a_reason(problem):
+    plan = AuctionAllocator().plan(problem)
+    for decision in explain(problem, plan):
+        for option in decision.options:
+            assert (option.energy_j is None) == bool(option.why_not)
+            assert problem.jobs[problem.job_index[decision.job]].robots > 1 or not (
+                option.worker in decision.robots and option.why_not
+            ), (decision, plan)
+        if not decision.robots:
+            assert decision.why

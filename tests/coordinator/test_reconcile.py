@@ -1,0 +1,122 @@
+"""What silence, restarts and old epochs make of a task: pure, with times of our choosing."""
+
+import pytest
+
+from robrain.coordinator.reconcile import FORGOTTEN_S, FREE_AFTER_S, LEASE_S, Move, reconcile, stray
+from robrain.coordinator.roster import LOST_AFTER_S, Robot
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.messages import RobotState, TaskStatus
+from robrain.protocol.wire.task_messages import TaskRecord
+
+TASK = Visit(id="t1", place=Point2D(1.0, 2.0))
+LONG_AGO_S = -100.0
+
+
+def record(state: TaskState, changed_s: float = 0.0) -> TaskRecord:
+    return TaskRecord(task=TASK, state=state, robot="r1", epoch=7, changed_ns=to_ns(changed_s))
+
+
+def robot(heard_s: float, task: TaskStatus | None = None, *, has_token: bool = True) -> Robot:
+    found = Robot("r1")
+    found.has_token = has_token
+    found.heard_ns = to_ns(heard_s)
+    found.state = RobotState(robot="r1", task=task)
+    return found
+
+
+def status(state: TaskState = TaskState.RUNNING, epoch: int = 7, task_id: str = "t1") -> TaskStatus:
+    return TaskStatus(id=task_id, epoch=epoch, state=state)
+
+
+def judge(one: TaskRecord, other: Robot | None, now_s: float, since_s: float = LONG_AGO_S) -> Move | None:
+    return reconcile(one, other, to_ns(now_s), to_ns(since_s))
+
+
+def test_the_lease_ends_on_the_robots_side_before_the_task_is_given_to_another() -> None:
+    assert LOST_AFTER_S == 1.0
+    assert LEASE_S + 0.4 < FREE_AFTER_S <= 2.0
+
+
+def test_a_task_that_its_robot_is_at_stays() -> None:
+    assert judge(record(TaskState.RUNNING), robot(9.9, status()), 10.0) is None
+
+
+@pytest.mark.parametrize(("state", "why"), [(TaskState.OFFERED, ""), (TaskState.LOST_CONTACT, "it is back")])
+def test_a_robot_that_says_that_it_is_at_its_task_is(state: TaskState, why: str) -> None:
+    assert judge(record(state), robot(9.9, status()), 10.0) == Move(TaskState.RUNNING, why)
+
+
+@pytest.mark.parametrize("state", [TaskState.OFFERED, TaskState.RUNNING, TaskState.LOST_CONTACT])
+def test_how_a_task_ended_is_left_to_the_robots_own_word(state: TaskState) -> None:
+    assert judge(record(state), robot(9.9, status(TaskState.DONE)), 10.0) is None
+
+
+def test_a_robot_is_lost_after_a_second_of_silence_though_its_token_is_there() -> None:
+    """A process that is stopped (SIGSTOP) keeps its token for many seconds."""
+    assert judge(record(TaskState.RUNNING), robot(10.0, status()), 11.0) is None
+    lost = judge(record(TaskState.RUNNING), robot(10.0, status()), 11.05)
+    assert lost is not None
+    assert lost.state is TaskState.LOST_CONTACT
+    assert lost.why.startswith("lost contact 1.1 s ago") or lost.why.startswith("lost contact 1.0 s ago")
+
+
+def test_a_robot_without_its_token_is_lost_at_once_and_its_task_free_after_the_lease() -> None:
+    gone = robot(10.0, status(), has_token=False)
+    assert judge(record(TaskState.RUNNING), gone, 10.1) == Move(TaskState.LOST_CONTACT, "gone")
+    assert judge(record(TaskState.LOST_CONTACT), gone, 12.0) is None
+    assert judge(record(TaskState.LOST_CONTACT), gone, 12.05) == Move(
+        TaskState.QUEUED, "r1 is silent, and the lease ran out"
+    )
+
+
+def test_a_robot_that_has_lost_its_task_in_a_restart_gives_it_back() -> None:
+    for said in (None, status(epoch=6), status(task_id="t2"), status(TaskState.DONE, epoch=6)):
+        assert judge(record(TaskState.RUNNING, 9.5), robot(9.9, said), 10.0) is None
+        assert judge(record(TaskState.RUNNING, 8.5), robot(9.9, said), 10.0) == Move(
+            TaskState.QUEUED, "r1 knows nothing of it"
+        )
+
+
+def test_an_offer_that_was_never_confirmed_is_given_back_after_its_lease() -> None:
+    offered = record(TaskState.OFFERED, 10.0)
+    for told in (robot(11.9, None), robot(11.9, status(epoch=3))):
+        assert judge(offered, told, 12.0) is None
+        told.heard_ns = to_ns(12.0)
+        assert judge(offered, told, 12.1) == Move(TaskState.QUEUED, "r1 never said that it took it")
+    silent = robot(9.0)
+    assert judge(offered, silent, 11.5) is None  # the offer may have reached it: it has a lease of its own
+    assert judge(offered, silent, 12.1) == Move(TaskState.QUEUED, "r1 is silent, and the lease ran out")
+
+
+def test_a_coordinator_that_begins_anew_listens_before_it_misses_anybody() -> None:
+    """Its journal says that r1 was at a task long ago; r1 has not spoken to this coordinator yet."""
+    for unheard in (None, robot(0.0, has_token=False)):
+        old = record(TaskState.RUNNING, LONG_AGO_S)
+        assert judge(old, unheard, 10.9, since_s=10.0) is None
+        lost = judge(old, unheard, 11.1, since_s=10.0)
+        assert lost is not None
+        assert lost.state is TaskState.LOST_CONTACT
+        waiting = record(TaskState.LOST_CONTACT, LONG_AGO_S)
+        assert judge(waiting, unheard, 11.9, since_s=10.0) is None
+        freed = judge(waiting, unheard, 12.1, since_s=10.0)
+        assert freed is not None
+        assert freed.state is TaskState.QUEUED
+
+
+def test_a_coordinator_that_begins_anew_does_not_take_a_running_task_for_forgotten_too_early() -> None:
+    fresh = robot(10.2, None)
+    assert judge(record(TaskState.RUNNING, LONG_AGO_S), fresh, 10.3, since_s=10.0) is None
+    fresh.heard_ns = to_ns(10.0 + FORGOTTEN_S)
+    assert judge(record(TaskState.RUNNING, LONG_AGO_S), fresh, 10.1 + FORGOTTEN_S, since_s=10.0) is not None
+
+
+def test_a_robot_is_told_to_stop_what_nobody_wants_of_it() -> None:
+    assert stray(robot(0.0, None), None) is None
+    assert stray(robot(0.0, status(TaskState.DONE)), None) is None
+    old = status(epoch=3)
+    assert stray(robot(0.0, old), None) is old
+    assert stray(robot(0.0, status()), record(TaskState.RUNNING)) is None
+    # The book has just given it another task: that offer takes the place of what it is at.
+    assert stray(robot(0.0, old), record(TaskState.OFFERED)) is None

@@ -1,0 +1,80 @@
+import io
+import re
+
+import pytest
+from PIL import Image
+
+from robrain.agent.testing import PluginBench
+from robrain.plugins.device.camera.camera import png_size
+from robrain.protocol.wire.errors import CallError
+from tests.plugins.errands import Errands
+
+
+def png(width=4, height=3, color=(1, 2, 3)):
+    buffer = io.BytesIO()
+    Image.new("RGB", (width, height), color).save(buffer, format="PNG")
+    return buffer.getvalue()
+
+
+def test_a_simulated_camera_sees_what_the_arena_draws():
+    run = Errands("camera")
+    run.run(0.1)
+    info = run.call("camera", "look")
+    assert (info["width"], info["height"], info["stamp_ns"]) == (160, 120, run.clock.now_ns())
+    picture = run.hosts["r1"].manager.get("camera").live_plugin().snapshot()
+    assert picture.png == run.arena.cameras.png("r1")
+    run.close()
+
+
+def test_a_camera_that_nobody_answers_for_says_so():
+    with PluginBench(load=["camera"]) as bench:
+        with pytest.raises(CallError, match="no camera answers"):
+            bench.call("camera", "look")
+        assert bench.info("camera").state == "active"  # the next picture may come
+
+
+def test_pictures_of_a_folder_come_in_order_and_from_the_beginning(tmp_path):
+    for number, width in enumerate((5, 6)):
+        (tmp_path / f"{number}.png").write_bytes(png(width))
+    parameters = {"camera": {"interface": "file", "channel": str(tmp_path)}}
+    with PluginBench(load=["camera"], parameters=parameters) as bench:
+        assert [bench.call("camera", "look")["width"] for _ in range(3)] == [5, 6, 5]
+
+
+def test_one_file_is_the_picture_whenever_it_is_asked_for(tmp_path):
+    path = tmp_path / "one.png"
+    path.write_bytes(png(7))
+    with PluginBench(load=["camera"], parameters={"camera": {"interface": "file", "channel": str(path)}}) as bench:
+        assert [bench.call("camera", "look")["width"] for _ in range(2)] == [7, 7]
+        path.unlink()
+        with pytest.raises(CallError, match="cannot be read"):
+            bench.call("camera", "look")
+
+
+@pytest.mark.parametrize(
+    ("parameters", "why"),
+    [
+        ({"interface": "telepathy"}, "expected interface to be one of zenoh, file, v4l, got 'telepathy'"),
+        ({"interface": "file"}, "a PNG or a folder with some, got ''"),
+        ({"interface": "file", "channel": "/no/such/folder"}, "a PNG or a folder with some"),
+        ({"interface": "v4l", "channel": "7"}, "OpenCV|no video device 7"),
+        ({"timeout_s": 0.0}, "timeout_s > 0"),
+        ({"view_rad": 4.0}, "view_rad above 0 and below 3.1"),
+    ],
+)
+def test_a_camera_that_is_not_there_is_left_out_with_the_reason(parameters, why):
+    with PluginBench(load=["camera"], parameters={"camera": parameters}) as bench:
+        info = bench.info("camera")
+    assert info.state == "faulted"
+    assert re.search(why, info.why), info.why
+
+
+@pytest.mark.parametrize("broken", [b"", b"no picture", png()[:20], b"GIF89a" + bytes(40)])
+def test_what_is_no_png_is_not_taken_for_a_picture(broken):
+    with pytest.raises(CallError, match="expected a PNG"):
+        png_size(broken)
+
+
+def test_a_picture_that_is_too_large_is_refused():
+    with pytest.raises(CallError, match="at most 4194304 bytes"):
+        png_size(png() + bytes(5 << 20))

@@ -1,0 +1,222 @@
+"""What the driver does about what it meets, and about sensors that lie."""
+
+import math
+
+import numpy as np
+import pytest
+
+from robrain.plugins.unit.driver.interface import Motion
+from robrain.protocol.can.frames import codec
+from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.omni_drive import OmniBase
+from robrain.protocol.wire.topics import ROBOT_EVENT
+
+
+@pytest.fixture
+def robot(stage, room):
+    """A robot that looks along a room of 6 × 4 m."""
+    one = stage(room(6.0, 4.0), r1=Pose2D(1.0, 2.0, 0.0))
+    one.told = one.inbox(ROBOT_EVENT, robot="r1", plugin="scan")
+    one.host("mapper", mapper={"origin_x_m": 0.0, "origin_y_m": 0.0, "width_m": 6.0, "height_m": 4.0})
+    one.run(0.4)
+    return one
+
+
+def end(one, action, events):
+    ends = [each.message.value for each in events.drain() if each.message.event == "finished"]
+    return next(found for found in ends if found["action"] == action)
+
+
+# -- a lidar that lies ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("motion", [("drive", 4.0), ("go_to", 1.0, 1.0, 2.0)])
+def test_a_frozen_lidar_is_named_and_told_and_the_robot_stands(robot, motion):
+    robot.call("driver", *motion)
+    robot.run(0.8)
+    robot.arena.freeze_lidar("r1")
+    took_s = robot.run_until(lambda: robot.infos()["scan"].state == "faulted", 1.0)
+    assert took_s < 0.8
+    (told,) = robot.told.drain()
+    assert "the lidar is frozen: its ranges stay equal" in told.message.value
+    robot.run(0.5)
+    place = robot.truth().pose
+    robot.run(5.0)
+    assert robot.truth().pose == place
+    assert robot.truth().collisions == 0
+
+
+def test_of_the_turn_in_which_the_lidar_froze_no_map_is_made_and_when_it_speaks_again_all_goes_on(robot):
+    robot.call("driver", "drive", 4.0)
+    robot.run(0.8)
+    robot.arena.freeze_lidar("r1")
+    robot.run(2.0)
+    assert robot.infos()["scan"].state == "active"  # it was restarted, and hands nothing on
+    assert robot.call("scan", "nearest_m") is None
+    known_m2 = robot.call("mapper", "known_area_m2")
+    robot.call("driver", "drive", 1.0)
+    robot.run(1.0)
+    assert robot.call("driver", "blocked_why") == "there has been no fresh scan"
+    assert robot.call("mapper", "known_area_m2") == known_m2
+    robot.run(4.0)
+    assert "nothing but the turn that it froze in" in robot.told.drain()[-1].message.value
+    robot.arena.freeze_lidar("r1", frozen=False)
+    robot.run(3.0)
+    x_m = robot.truth().pose.x_m
+    robot.call("driver", "drive", 0.5)
+    robot.run(3.0)
+    assert robot.truth().pose.x_m == pytest.approx(x_m + 0.5, abs=0.05)
+
+
+def test_a_robot_that_stands_does_not_take_equal_scans_for_a_frozen_lidar(robot):
+    robot.arena.freeze_lidar("r1")
+    robot.run(10.0)
+    assert robot.infos()["scan"].state == "active"
+    assert robot.told.drain() == []
+
+
+def test_a_robot_that_sees_nothing_at_all_does_not_take_its_lidar_for_frozen(stage, room):
+    one = stage(room(16.0, 16.0), r1=Pose2D(6.8, 8.0, 0.0))
+    one.host("driver")
+    one.run(0.4)
+    one.call("driver", "drive", 2.0)
+    one.run(6.0)
+    assert one.call("driver", "pose")["x_m"] == pytest.approx(2.0, abs=0.03)
+    assert one.infos()["scan"].state == "active"
+
+
+def test_a_lidar_that_falls_silent_is_a_fault_and_the_robot_stands_before(robot, monkeypatch):
+    robot.call("driver", "drive", 4.0)
+    robot.run(0.8)
+    monkeypatch.setattr(robot.arena._robots[0], "scans_at", lambda _tick: False)
+    robot.run(1.2)
+    assert robot.call("driver", "motion") == Motion.BLOCKED
+    place = robot.truth().pose
+    robot.run(3.0)
+    assert robot.truth().pose == place
+    assert "the lidar has sent no turn for 3.0 s" in robot.told.drain()[-1].message.value
+    monkeypatch.undo()
+    robot.run(2.0)
+    assert robot.call("scan", "nearest_m") is not None
+
+
+# -- what the lidar does not see --------------------------------------------------------------------------------
+
+
+def test_what_only_the_range_sensors_hear_is_stopped_at(stage, room):
+    one = stage(room(6.0, 4.0, (3.0, 0.0, 3.1, 4.0)), r1=Pose2D(1.0, 2.0, 0.0))
+    one.host("driver")
+    see_through(one, 3.0)
+    one.run(0.4)
+    one.call("driver", "drive", 4.0)
+    one.run(6.0)
+    assert one.call("driver", "blocked_why") == "something has stood in the way"
+    assert one.truth().collisions == 0
+    assert 0.03 < 3.0 - 0.2 - one.truth().pose.x_m < 0.25
+
+
+def test_what_nothing_sees_is_bumped_into_once_and_not_pressed_against(stage, room):
+    one = stage(room(6.0, 4.0, (3.0, 0.0, 3.1, 4.0)), r1=Pose2D(1.0, 2.0, 0.0))
+    one.told = one.inbox(ROBOT_EVENT, robot="r1", plugin="range_sensors")
+    one.host("driver", range_sensors={"range_max_m": 0.01})
+    see_through(one, 3.0)
+    one.run(0.4)
+    one.call("driver", "drive", 4.0)
+    one.run(6.0)
+    assert one.truth().collisions == 1
+    assert one.call("driver", "motion") == Motion.BLOCKED
+    (told,) = one.told.drain()
+    assert told.message.value["directions_rad"] == [0.0]
+    # It goes away from what it has touched.
+    one.call("driver", "drive", -0.5)
+    one.run(3.0)
+    assert one.truth().pose.x_m == pytest.approx(2.3, abs=0.03)
+    assert one.truth().collisions == 1
+
+
+def test_a_robot_that_is_bumped_into_from_behind_drives_on(stage, room):
+    one = stage(room(6.0, 4.0), r1=Pose2D(2.0, 2.0, 0.0), r2=Pose2D(1.5, 2.0, 0.0))
+    one.host("driver")
+    bus = one.bus("r2")
+    wheels = dict(
+        zip(
+            ("wheel_1_rad_s", "wheel_2_rad_s", "wheel_3_rad_s"),
+            OmniBase().wheel_speeds_rad_s(Twist2D(0.3)),
+            strict=True,
+        )
+    )
+    one.run(0.4)
+    one.call("driver", "drive", 2.0)
+    one.run(8.0, lambda: bus.send(codec("WheelCommand").pack(0, **wheels)))
+    assert one.truth().pose.x_m > 3.9
+
+
+def see_through(one, from_x_m):
+    """Have the lidar not see the wall that begins there."""
+    robot = one.arena._robots[0]
+    walls = robot.lidar._walls.copy()
+    column = round(from_x_m / 0.05)
+    walls[2:-2, column : column + 2] = False
+    robot.lidar._walls = walls
+
+
+# -- going to a pose --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("goal", "yaw_rad"),
+    [((1.5, -1.0), 0.0), ((2.0, -1.0), math.pi), ((0.0, 0.0), 1.0), ((1.0, 0.0), -2.5), ((0.5, 1.0), 7.0)],
+)
+def test_go_to_ends_at_the_pose(stage, room, goal, yaw_rad):
+    start = Pose2D(1.5, 2.0, 0.7)
+    one = stage(room(6.0, 4.0), r1=start)
+    events = one.inbox(ROBOT_EVENT, robot="r1", plugin="driver")
+    one.host("localisation")
+    one.run(0.4)
+    action = one.call("driver", "go_to", *goal, yaw_rad)
+    one.run_until(lambda: one.call("driver", "motion") == Motion.STANDING, 20.0)
+    one.run(0.5)
+    assert end(one, action, events)["outcome"] == "done"
+    truth = start.inverse().compose(one.truth().pose)
+    assert truth.distance_m(Point2D(*goal)) < 0.025
+    assert abs(math.remainder(truth.yaw_rad - yaw_rad, math.tau)) < 0.03
+    assert one.truth().collisions == 0
+
+
+def test_go_to_can_be_cancelled_and_tells_progress(stage, room):
+    one = stage(room(6.0, 4.0), r1=Pose2D(1.0, 2.0, 0.0))
+    events = one.inbox(ROBOT_EVENT, robot="r1", plugin="driver")
+    one.host("localisation")
+    one.run(0.4)
+    action = one.call("driver", "go_to", 3.0, 0.0, 0.0)
+    one.run(3.0)
+    shares = [each.message.value["share"] for each in events.drain() if each.message.event == "progress"]
+    assert shares == sorted(shares)
+    assert len(shares) >= 4
+    assert one.call("driver", "cancel", action) is True
+    assert end(one, action, events)["outcome"] == "cancelled"
+    one.run(1.0)
+    place = one.truth().pose
+    one.run(1.0)
+    assert one.truth().pose == place
+
+
+def test_the_noise_of_the_odometry_is_that_of_the_manifest(stage):
+    one = stage()
+    noise = {"sigma_m_per_sqrt_m": 0.02, "sigma_rad_per_sqrt_m": 0.01, "sigma_rad_per_sqrt_rad": 0.03}
+    one.host("driver", driver={"odometry": noise})
+    assert one.call("driver", "odometry_noise") == noise
+
+
+def test_a_wall_across_the_path_is_stopped_at_smoothly(stage, room):
+    one = stage(room(6.0, 4.0, (4.0, 0.0, 4.2, 4.0)), r1=Pose2D(1.0, 2.0, 0.0))
+    one.host("driver")
+    one.run(0.4)
+    one.call("driver", "drive", 4.5)
+    ways_m = []
+    one.run(10.0, lambda: ways_m.append(one.truth().distance_m))
+    speeds_m_s = np.diff(ways_m) / 0.02
+    assert one.truth().collisions == 0
+    assert 0.02 < 4.0 - 0.2 - one.truth().pose.x_m < 0.2
+    decelerations = -(speeds_m_s[3:] - speeds_m_s[:-3]) / 0.06
+    assert decelerations.max() < 1.3

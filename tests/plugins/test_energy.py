@@ -1,0 +1,118 @@
+import msgspec
+import pytest
+
+from robrain.protocol.can.frames import codec
+from robrain.protocol.model.battery_tracker import BatteryTracker, Measured
+from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
+from robrain.protocol.model.gauge_check import GaugeLimits
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.soc_filter import PackModel
+from robrain.protocol.wire.topics import ROBOT_STATE
+
+
+@pytest.fixture
+def robot(stage, room):
+    """A robot with a body in a room of 10 × 4 m, its energy skill loaded."""
+    one = stage(room(10.0, 4.0), r1=Pose2D(1.0, 2.0, 0.0))
+    one.host("energy")
+    one.run(0.4)
+    return one
+
+
+def drive(one, distance_m):
+    one.call("driver", "drive", distance_m)
+    one.run(0.5)
+    one.run_until(lambda: one.call("driver", "motion") != "driving", 60.0)
+
+
+def shuttle(one, times):
+    for _ in range(times):
+        drive(one, 7.0)
+        one.run(5.0)
+        drive(one, -7.0)
+        one.run(5.0)
+
+
+def cost_j(one, doing):
+    before_j = one.truth().energy_j
+    doing()
+    return one.truth().energy_j - before_j
+
+
+def test_what_a_way_costs_is_learned_over_the_bus_and_told_in_the_state(robot):
+    states = robot.inbox(ROBOT_STATE)
+    before = robot.call("energy", "estimate", {"path_m": 7.0})
+    shuttle(robot, 4)
+    after = robot.call("energy", "estimate", {"path_m": 7.0})
+    assert after["sigma_j"] < before["sigma_j"]
+    true_j = cost_j(robot, lambda: drive(robot, 7.0))
+    assert after["mean_j"] == pytest.approx(true_j, rel=0.06)
+    assert abs(after["mean_j"] - true_j) < 2.0 * after["sigma_j"] + 0.02 * true_j
+    model = states.drain()[-1].message.energy
+    assert model.coefficients[0] == pytest.approx(8.0, abs=0.5)
+    assert model.usable_j > 0.5 * 20.0 * 3600.0
+    # The coordinator computes the same from what the robot says.
+    work = {"path_m": 3.0, "wait_s": 20.0}
+    own = robot.call("energy", "estimate", work)
+    said = robot.call("energy", "model")
+    told = estimate(msgspec.convert(said, EnergyModel), Work(**work))
+    assert (told.mean_j, told.sigma_j) == pytest.approx((own["mean_j"], own["sigma_j"]))
+
+
+def test_a_wait_costs_what_standing_costs(robot):
+    robot.run(60.0)
+    told = robot.call("energy", "estimate", {"wait_s": 60.0})
+    assert told["mean_j"] == pytest.approx(cost_j(robot, lambda: robot.run(60.0)), rel=0.03)
+    assert robot.call("energy", "power_w") == pytest.approx(8.0, rel=0.03)
+
+
+def test_the_plugins_give_the_same_over_the_bus_as_the_estimators_they_are_made_of(stage, room):
+    one = stage(room(10.0, 4.0), r1=Pose2D(1.0, 2.0, 0.0))
+    one.host("energy")
+    bus, heard = one.bus(), []
+    one.run(1.0)
+    one.call("driver", "drive", 6.0)
+    one.run(30.0)
+    status = codec("BatteryStatus")
+    for frame in iter(lambda: bus.recv(timeout=0), None):
+        if frame.arbitration_id == status.arbitration_id:
+            signals = status.unpack(frame)
+            heard.append(Measured(signals["voltage_v"], signals["current_a"], signals["temperature_c"]))
+    assert len(heard) == 155
+    tracker = BatteryTracker(PackModel(), GaugeLimits())
+    tracker.begin(heard[0])
+    for measured in heard[1:]:
+        tracker.follow(measured, 0.2 * measured.current_a, 0.2)
+    told = one.call("battery", "state")
+    assert told["soc"] == pytest.approx(tracker.filter.soc, abs=1e-5)
+    assert told["remaining_low_j"] == pytest.approx(tracker.filter.interval_j()[1], abs=0.1)
+
+
+def test_what_is_usable_is_the_low_end_of_what_the_battery_believes(robot):
+    robot.run(5.0)
+    assert robot.call("energy", "usable_j") == robot.call("battery", "state")["remaining_low_j"]
+
+
+def test_a_battery_that_lies_teaches_nothing_and_leaves_less_to_use(robot):
+    shuttle(robot, 1)
+    before = robot.call("energy", "model")
+    robot.arena._robots[0].manager.lie = lambda reading: (reading[0], 12.0, reading[2])
+    robot.run(30.0)
+    after = robot.call("energy", "model")
+    assert after["coefficients"] == pytest.approx(before["coefficients"], abs=0.3)
+    assert after["usable_j"] < before["usable_j"] - 2000.0
+
+
+def test_a_robot_without_a_battery_offers_nothing_to_use(stage):
+    one = stage()
+    one.host("energy")
+    states = one.inbox(ROBOT_STATE)
+    one.run(1.0)
+    assert one.call("energy", "usable_j") == 0.0
+    assert one.call("energy", "estimate", {"wait_s": 10.0})["mean_j"] == pytest.approx(80.0)
+    assert states.drain()[-1].message.energy is None
+
+
+def test_an_operator_is_told_which_work_makes_no_sense(robot):
+    with pytest.raises(Exception, match="path_m"):
+        robot.call("energy", "estimate", {"path_m": -1.0})

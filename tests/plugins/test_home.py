@@ -1,0 +1,35 @@
+import pytest
+
+from robrain.agent.testing import PluginBench
+from robrain.protocol.model.geometry import Point2D, Pose2D
+
+A, B = {"x_m": 1.0, "y_m": 2.0, "yaw_rad": 0.5}, {"x_m": 4.0, "y_m": 2.0, "yaw_rad": None}
+
+
+def test_chargers_of_the_manifest_are_known_and_more_are_learned():
+    with PluginBench(load=["home"], parameters={"home": {"chargers": [A]}}) as bench:
+        assert bench.call("home", "chargers") == [A]
+        bench.call("home", "learn", B)
+        bench.call("home", "learn", {"x_m": 1.1, "y_m": 2.1})  # the first one again
+        assert bench.call("home", "chargers") == [A, B]
+
+
+def test_no_more_chargers_are_learned_than_fit():
+    with PluginBench(load=["home"]) as bench:
+        for number in range(300):
+            bench.call("home", "learn", {"x_m": float(number), "y_m": 0.0})
+        assert len(bench.call("home", "chargers")) == 256
+
+
+def test_the_start_is_known_once_the_robot_knows_where_it_is():
+    with PluginBench(load=["home"]) as bench:
+        assert bench.call("home", "start") is None
+        bench.host.board.T_arena_odom = Pose2D(3.0, 4.0, 1.0)
+        assert bench.plugin("home").start() == Point2D(3.0, 4.0)
+
+
+@pytest.mark.parametrize("charger", [{"x_m": float("inf"), "y_m": 0.0}, {"x_m": 1.0}, {"x_m": 1.0, "y_m": 0.0, "z": 1}])
+def test_a_charger_that_is_nowhere_is_refused(charger):
+    with PluginBench(load=["home"], parameters={"home": {"chargers": [charger]}}) as bench:
+        assert bench.info("home").state == "faulted"
+        assert "chargers" in bench.info("home").why

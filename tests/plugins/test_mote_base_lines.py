@@ -1,0 +1,267 @@
+"""The base station over TCP and over a serial line, against other ends that are written from the protocol alone."""
+
+import os
+import socket
+import time
+import tty
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from robrain.protocol.tinyos.hdlc import Deframer, frame
+from robrain.protocol.wire.topics import ROBOT_EVENT
+
+PACKET = bytes.fromhex("00 FF FF 00 00 08 00 09 19 77 02 07 00 13 00 00")
+SENT = bytes.fromhex("00 0003 0000 04 22 54 00010002")
+PATIENCE_S = 10.0
+
+
+def until(one, is_so):
+    """Let the robot's time pass, and as little of ours as it takes."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not is_so():
+        assert time.monotonic() < deadline_s
+        one.run(0.02)
+        time.sleep(0.001)
+
+
+def counters(one):
+    return one.call("mote_base", "counters")
+
+
+def send(host):
+    host.manager.get("mote_base").live_plugin().send(3, 0x54, b"\x00\x01\x00\x02")
+
+
+# -- TCP ------------------------------------------------------------------------------------------------------
+
+
+class Forwarder:
+    """A Serial Forwarder for one client."""
+
+    def __init__(self, greeting=b"U ", port=0):
+        self._greeting = greeting
+        self._server = socket.create_server(("127.0.0.1", port))
+        self.port = self._server.getsockname()[1]
+        self._client = None
+
+    def accept(self):
+        self._server.settimeout(PATIENCE_S)
+        self._client, _ = self._server.accept()
+        self._client.settimeout(PATIENCE_S)
+        self._client.sendall(self._greeting)
+
+    def say(self, stream):
+        self._client.sendall(stream)
+
+    def read(self, count):
+        data = b""
+        while len(data) < count:
+            data += self._client.recv(count - len(data))
+        return data
+
+    def hang_up(self):
+        self._client.close()
+
+    def close(self):
+        if self._client is not None:
+            self._client.close()
+        self._server.close()
+
+
+@pytest.fixture
+def forwarders():
+    opened = []
+
+    def build(**options):
+        opened.append(Forwarder(**options))
+        return opened[-1]
+
+    yield build
+    for each in opened:
+        each.close()
+
+
+def start_with(stage, forwarder):
+    """A robot that finds the forwarder: it greets from another thread while the robot starts."""
+    one = stage()
+    with ThreadPoolExecutor(1) as pool:
+        accepted = pool.submit(forwarder.accept)
+        host = one.host(
+            "snw_exploration",
+            mote_base={"interface": "sf", "port": forwarder.port, "reconnect_first_s": 0.2, "connect_timeout_s": 1.0},
+        )
+        accepted.result(PATIENCE_S)
+    return one, host
+
+
+def test_over_tcp_packets_go_both_ways(stage, forwarders):
+    forwarder = forwarders()
+    one, host = start_with(stage, forwarder)
+    assert forwarder.read(2) == b"U "
+    forwarder.say(b"\x10" + PACKET[:5])
+    one.run(0.2)
+    forwarder.say(PACKET[5:] + b"\x10" + PACKET)
+    until(one, lambda: counters(one)["packets"] == 2)
+    send(host)
+    assert forwarder.read(1 + len(SENT)) == bytes([len(SENT)]) + SENT
+
+
+def test_a_forwarder_that_hangs_up_is_told_and_found_again(stage, forwarders):
+    forwarder = forwarders()
+    one, host = start_with(stage, forwarder)
+    events = one.inbox(ROBOT_EVENT)
+    forwarder.hang_up()
+    until(one, lambda: counters(one)["why_down"])
+    assert "hung up" in counters(one)["why_down"] or "reset" in counters(one)["why_down"]
+    send(host)
+    assert counters(one)["line"]["unsent"] == 1
+    one.run(0.5)
+    forwarder.accept()
+    until(one, lambda: not counters(one)["why_down"])
+    assert [received.message.value["kind"] for received in events.drain()] == ["lost", "back"]
+    forwarder.say(b"\x10" + PACKET)
+    until(one, lambda: counters(one)["packets"] == 1)
+    assert counters(one)["line"]["reconnects"] == 1
+    assert one.infos()["mote_base"].state == "active"
+
+
+def test_a_forwarder_that_has_gone_is_sought_less_and_less_often(stage, forwarders):
+    forwarder = forwarders()
+    one, _ = start_with(stage, forwarder)
+    forwarder.close()
+    until(one, lambda: counters(one)["why_down"])
+    one.run(60.0)
+    assert one.infos()["mote_base"].state == "active"
+    again = forwarders(port=forwarder.port)
+    one.run(11.0)  # the longest that it waits
+    again.accept()
+    until(one, lambda: not counters(one)["why_down"])
+
+
+def test_a_server_that_is_no_forwarder_is_told_at_the_start(stage, forwarders):
+    one, _ = start_with(stage, forwarders(greeting=b"SSH-2.0-x\r\n"))
+    assert "expected a Serial Forwarder's greeting b'U '" in one.infos()["mote_base"].why
+
+
+def test_malformed_packets_over_tcp_are_counted(stage, forwarders):
+    forwarder = forwarders()
+    one, _ = start_with(stage, forwarder)
+    forwarder.say(b"\x03abc\x00\x10" + PACKET)
+    until(one, lambda: counters(one)["packets"] == 1)
+    assert counters(one)["malformed"] == 1
+
+
+# -- a serial line --------------------------------------------------------------------------------------------
+
+
+class SerialMote:
+    """The mote's end of a pseudo-terminal: it acknowledges as tos/lib/serial/SerialP.nc does."""
+
+    def __init__(self):
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        self.device = os.ttyname(self._slave)
+        os.set_blocking(self._master, False)
+        self._deframer = Deframer()
+        self.taken = []
+        self.deaf_for = 0
+        """So many frames are not acknowledged."""
+
+    def write(self, data):
+        os.write(self._master, data)
+
+    def read(self):
+        try:
+            data = os.read(self._master, 4096)
+        except BlockingIOError:
+            return
+        for body in self._deframer.feed(data):
+            if self.deaf_for:
+                self.deaf_for -= 1
+            else:
+                self.taken.append(body)
+                self.write(frame(bytes([67, body[1]])))
+
+    def unplug(self):
+        os.close(self._master)
+        self._master = -1
+
+    def close(self):
+        for descriptor in (self._master, self._slave):
+            if descriptor >= 0:
+                os.close(descriptor)
+
+
+@pytest.fixture
+def mote():
+    opened = SerialMote()
+    yield opened
+    opened.close()
+
+
+def start_on(stage, mote):
+    one = stage()
+    host = one.host(
+        "snw_exploration",
+        mote_base={"interface": "serial", "device": mote.device, "ack_timeout_s": 0.2, "reconnect_first_s": 0.2},
+    )
+    assert one.infos()["mote_base"].state == "active", one.infos()["mote_base"].why
+    return one, host
+
+
+def test_over_a_serial_line_packets_of_motes_are_heard_between_noise(stage, mote):
+    one, _ = start_on(stage, mote)
+    good = frame(b"\x45" + PACKET)
+    mote.write(b"\x00noise" + good + good[:9] + good + good[:7] + b"\xff" + good[8:] + good)
+    until(one, lambda: counters(one)["packets"] == 3)
+    line = counters(one)["line"]
+    assert line["stray_bytes"] == 6
+    assert line["bad_crc"] + line["bad_length"] + line["bad_escape"] == 2
+
+
+def test_over_a_serial_line_packets_are_acknowledged(stage, mote):
+    one, host = start_on(stage, mote)
+    send(host)
+    until(one, lambda: mote.read() or mote.taken)
+    assert [body[2:] for body in mote.taken] == [SENT]
+    assert mote.taken[0][0] == 68
+    one.run(2.0)
+    mote.read()
+    assert len(mote.taken) == 1
+
+
+def test_a_packet_that_is_not_acknowledged_is_sent_again(stage, mote):
+    one, host = start_on(stage, mote)
+    mote.deaf_for = 2
+    send(host)
+    until(one, lambda: mote.read() or mote.taken)
+    assert [body[2:] for body in mote.taken] == [SENT]
+    assert counters(one)["line"]["resent"] == 2
+
+
+def test_a_packet_that_is_never_acknowledged_is_given_up_and_the_next_gets_its_turn(stage, mote):
+    one, host = start_on(stage, mote)
+    mote.deaf_for = 4
+    send(host)
+    send(host)
+    until(one, lambda: mote.read() or mote.taken)
+    assert (counters(one)["line"]["unsent"], len(mote.taken)) == (1, 1)
+
+
+def test_a_packet_that_the_mote_sends_twice_is_acknowledged_twice_and_taken_once(stage, mote):
+    one, _ = start_on(stage, mote)
+    acknowledged = frame(b"\x44\x09" + PACKET)
+    mote.write(acknowledged + acknowledged)
+    until(one, lambda: counters(one)["line"]["duplicates"] == 1)
+    assert counters(one)["packets"] == 1
+
+
+def test_a_line_that_is_pulled_out_is_told_and_the_robot_goes_on(stage, mote):
+    one, _ = start_on(stage, mote)
+    events = one.inbox(ROBOT_EVENT)
+    mote.unplug()
+    until(one, lambda: counters(one)["why_down"])
+    assert [received.message.value["kind"] for received in events.drain()] == ["lost"]
+    one.run(5.0)
+    assert one.infos()["mote_base"].state == "active"

@@ -1,0 +1,84 @@
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robrain.plugins.unit.snw_exploration.sequence_window import SequenceWindow
+from robrain.protocol.tinyos.payloads import SEQUENCES, SequenceRange
+
+
+def window(*sequences, oldest=None, size=64):
+    one = SequenceWindow(size)
+    for sequence in sequences:
+        one.add(sequence)
+    if oldest is not None:
+        one.mote_holds_from(oldest)
+    return one
+
+
+def test_nothing_is_missing_of_a_mote_that_was_never_heard():
+    one = SequenceWindow(64)
+    assert (one.missing, one.request(16), one.complete()) == (0, None, None)
+
+
+def test_what_is_missing_is_asked_for_oldest_first_out_of_so_many_in_a_row():
+    one = window(3, 10, oldest=0)
+    assert one.missing == 9
+    assert one.request(16).sequences() == [0, 1, 2, 4, 5, 6, 7, 8, 9]
+    assert one.request(2).sequences() == [0, 1]
+    for sequence in (0, 1, 2):
+        one.add(sequence, is_live=False)
+    assert one.request(4).sequences() == [4, 5, 6, 7]
+
+
+def test_what_the_mote_has_no_more_is_not_missing():
+    one = window(3, 10, oldest=0)
+    one.mote_holds_from(8)
+    assert (one.missing, one.request(16).sequences()) == (2, [8, 9])
+
+
+def test_the_first_in_a_row_are_complete():
+    one = window(5, 6, 7, 10, oldest=5)
+    assert one.complete() == (SequenceRange(5, 7), 3)
+    one.mote_holds_from(8)
+    assert one.complete() is None
+
+
+def test_only_the_last_ones_are_followed():
+    one = window(0, 1000, oldest=0, size=64)
+    assert one.missing == 63
+    assert one.request(1000).sequences() == list(range(937, 969))
+
+
+def test_a_live_reading_far_back_is_a_new_beginning_and_one_just_back_is_late():
+    one = window(100, 101, 102)
+    assert not one.add(101)
+    assert one.add(0)
+    assert (one.missing, one.complete()) == (0, (SequenceRange(0, 0), 1))
+
+
+@given(
+    st.integers(0, SEQUENCES - 1),
+    st.lists(st.integers(0, 60), min_size=1, max_size=80),
+    st.integers(0, 60),
+    st.integers(1, 32),
+)
+def test_it_tells_what_a_set_would_tell(start, steps, oldest, span):
+    one, have = SequenceWindow(64), set()
+    for step in steps:
+        assert one.add((start + step) % SEQUENCES, is_live=False) == (step not in have)
+        have.add(step)
+    newest = max(have)
+    oldest = min(oldest, newest)
+    one.mote_holds_from((start + oldest) % SEQUENCES)
+    lacking = [step for step in range(oldest, newest + 1) if step not in have]
+    assert one.missing == len(lacking)
+    assert one.arrived == len(have)
+    request = one.request(span)
+    if not lacking:
+        assert request is None
+    else:
+        wanted = [step for step in lacking if step < lacking[0] + span]
+        assert request.sequences() == [(start + step) % SEQUENCES for step in wanted]
+        for sequence in request.sequences():
+            assert one.lacks(request)
+            one.add(sequence, is_live=False)
+        assert not one.lacks(request)

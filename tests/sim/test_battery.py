@@ -1,0 +1,288 @@
+from collections.abc import Iterator
+
+import can
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robrain.protocol.can.frames import codec
+from robrain.protocol.can.zenoh_bus import ZenohBus
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.sim.firmware.battery import Battery, BatterySpec, GaugeSpec, open_circuit_v
+from robrain.sim.firmware.battery_manager import BatteryManager, Gauge, Load
+from robrain.sim.firmware.power_model import PowerModel
+
+TICK_S = 0.02
+EXACT = GaugeSpec(
+    voltage_noise_v=0.0,
+    voltage_offset_v=0.0,
+    voltage_step_v=0.0,
+    current_noise_a=0.0,
+    current_offset_a=0.0,
+    current_gain=0.0,
+    current_step_a=0.0,
+    temperature_noise_c=0.0,
+)
+
+
+def drain(power_w: float, **spec: float) -> Battery:
+    """A battery that this load has emptied."""
+    battery = Battery(BatterySpec(**spec))
+    while not battery.is_cut_off:
+        battery.step(power_w, 0.0, 1.0)
+    return battery
+
+
+def run(battery: Battery, load_w: float, supply_w: float, duration_s: float) -> None:
+    for _ in range(round(duration_s)):
+        battery.step(load_w, supply_w, 1.0)
+
+
+# -- the battery ------------------------------------------------------------------------------------------------
+
+
+def test_a_battery_delivers_no_more_than_its_capacity_and_most_of_it():
+    battery = drain(10.0, capacity_wh=20.0)
+    assert 0.9 * 20.0 * 3600.0 < battery.delivered_j < 20.0 * 3600.0
+    assert battery.temperature_c > 22.0
+
+
+def test_the_higher_the_load_the_less_energy_is_found():
+    found_j = [drain(power_w, capacity_wh=20.0).delivered_j for power_w in (5.0, 15.0, 30.0, 60.0)]
+    assert found_j == sorted(found_j, reverse=True)
+    assert found_j[-1] < 0.95 * found_j[0]
+
+
+def test_an_old_battery_delivers_less_and_sags_more():
+    young, old = (drain(15.0, capacity_fade=fade, resistance_growth=2.5 * fade) for fade in (0.0, 0.2))
+    assert 0.75 < old.delivered_j / young.delivered_j < 0.8
+    sag_v = []
+    for growth in (0.0, 0.5):
+        battery = Battery(BatterySpec(resistance_growth=growth))
+        battery.step(30.0, 0.0, 0.2)
+        sag_v.append(open_circuit_v(1.0) - battery.voltage_v)
+    assert sag_v[1] == pytest.approx(1.5 * sag_v[0], rel=0.02)
+
+
+def test_a_cold_battery_delivers_less():
+    cold, warm = (drain(25.0, ambient_c=ambient_c) for ambient_c in (-10.0, 25.0))
+    assert cold.delivered_j < 0.99 * warm.delivered_j
+
+
+def test_the_voltage_relaxes_after_a_load_and_the_bound_charge_comes_back():
+    battery = Battery(BatterySpec())
+    run(battery, 40.0, 0.0, 600.0)
+    loaded_v = battery.voltage_v
+    battery.step(0.0, 0.0, 0.2)
+    at_once_v = battery.voltage_v
+    run(battery, 0.0, 0.0, 100.0)
+    relaxed_v = battery.voltage_v
+    run(battery, 0.0, 0.0, 1500.0)
+    assert loaded_v < at_once_v < relaxed_v < battery.voltage_v
+
+
+def test_the_voltage_at_rest_depends_on_whether_it_was_charged_or_discharged():
+    battery = Battery(BatterySpec(soc_at_start=0.6, hysteresis_v=0.02))
+    run(battery, 15.0, 0.0, 600.0)
+    run(battery, 0.0, 0.0, 6000.0)
+    after_discharge_v, soc = battery.voltage_v, battery.soc
+    run(battery, 0.0, 15.0, 600.0)
+    while battery.soc > soc:
+        battery.step(1.0, 0.0, 1.0)
+    charged = Battery(BatterySpec(soc_at_start=battery.soc - 0.1, hysteresis_v=0.02))
+    while charged.soc < soc:
+        charged.step(0.0, 10.0, 1.0)
+    run(charged, 0.0, 0.0, 6000.0)
+    assert charged.voltage_v - after_discharge_v == pytest.approx(0.04, abs=0.008)
+
+
+def test_a_battery_below_its_voltage_cuts_off_under_load_and_holds_it():
+    battery = drain(15.0)
+    assert battery.voltage_v < 12.0
+    run(battery, 15.0, 0.0, 60.0)
+    assert battery.voltage_v > 12.1  # it has recovered, and gives nothing all the same
+    assert (battery.is_cut_off, battery.current_a) == (True, 0.0)
+
+
+def test_a_short_peak_does_not_trip_the_protection():
+    battery = Battery(BatterySpec(soc_at_start=0.15))
+    battery.step(400.0, 0.0, 0.2)
+    assert battery.voltage_v < 12.0
+    run(battery, 10.0, 0.0, 5.0)
+    assert not battery.is_cut_off
+
+
+def test_a_load_beyond_what_the_battery_can_give_does_not_break_it():
+    battery = Battery(BatterySpec())
+    battery.step(10_000.0, 0.0, 0.1)
+    assert battery.voltage_v == pytest.approx(open_circuit_v(1.0) / 2)
+
+
+def test_an_empty_battery_gives_power_again_once_it_is_charged():
+    battery = drain(15.0)
+    run(battery, 8.0, 40.0, 30.0)
+    assert battery.is_cut_off
+    run(battery, 8.0, 40.0, 300.0)
+    assert not battery.is_cut_off
+
+
+def test_charging_is_by_constant_current_then_by_constant_voltage_and_ends():
+    battery = Battery(BatterySpec(soc_at_start=0.5))
+    currents_a, voltages_v = [], []
+    for _ in range(7200):
+        battery.step(0.0, 40.0, 1.0)
+        currents_a.append(battery.current_a)
+        voltages_v.append(battery.voltage_v)
+    assert currents_a[60] == -1.5
+    assert max(voltages_v) < 16.42
+    tapering = [-current_a for current_a in currents_a if -1.5 < current_a < 0.0]
+    assert tapering[len(tapering) // 2] < tapering[0]
+    assert currents_a[-1] == 0.0
+    assert 0.97 < battery.soc <= 1.0
+
+
+def test_a_charger_feeds_the_load_first():
+    battery = Battery(BatterySpec(soc_at_start=0.5))
+    battery.step(10.0, 18.0, 1.0)
+    assert -battery.current_a * battery.voltage_v == pytest.approx(8.0)
+    battery.step(10.0, 4.0, 1.0)
+    assert battery.current_a * battery.voltage_v == pytest.approx(6.0)
+    assert battery.delivered_j == pytest.approx(20.0)
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    st.lists(st.tuples(st.floats(0.0, 200.0), st.floats(0.0, 100.0), st.floats(0.02, 30.0)), max_size=60),
+    st.floats(0.0, 1.0),
+)
+def test_no_history_takes_charge_out_of_nowhere_or_makes_nonsense(steps, soc):
+    battery = Battery(BatterySpec(capacity_wh=1.0, soc_at_start=soc))
+    before_j = 0.0
+    for load_w, supply_w, duration_s in steps:
+        battery.step(load_w, supply_w, duration_s)
+        assert 0.0 <= battery.soc < 1.1
+        assert 0.0 < battery.voltage_v < 20.0
+        assert battery.delivered_j >= before_j
+        before_j = battery.delivered_j
+
+
+@pytest.mark.parametrize(
+    ("spec", "expected"),
+    [
+        ({"capacity_wh": 0.0}, "expected capacity_wh > 0"),
+        ({"capacity_wh": float("nan")}, "expected capacity_wh > 0"),
+        ({"capacity_fade": 1.0}, "expected capacity_fade from 0"),
+        ({"resistance_growth": -0.1}, "expected resistance_growth >= 0"),
+        ({"available_share": 1.0}, "expected available_share"),
+        ({"charge_v": 11.0}, "expected charge_v above cut_off_v"),
+        ({"soc_at_start": 2.0}, "expected soc_at_start from 0 to 1"),
+        ({"ambient_c": float("inf")}, "expected a finite ambient_c"),
+    ],
+)
+def test_an_impossible_battery_is_refused(spec, expected):
+    with pytest.raises(ValueError, match=expected):
+        BatterySpec(**spec)
+
+
+# -- the manager ------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def buses() -> Iterator[tuple[can.BusABC, can.BusABC]]:
+    session = open_lockstep_session()
+    board = ZenohBus("r1/can0", session=session, direct=True)
+    host = ZenohBus("r1/can0", session=session, direct=True)
+    yield board, host
+    host.shutdown()
+    board.shutdown()
+    session.close()
+
+
+def heard(host: can.BusABC) -> list[dict[str, float]]:
+    return [codec("BatteryStatus").unpack(frame) for frame in iter(lambda: host.recv(timeout=0), None)]
+
+
+def manager(board: can.BusABC, gauge: GaugeSpec = EXACT, **spec: float) -> BatteryManager:
+    battery = Battery(BatterySpec(gauge=gauge, **spec))
+    return BatteryManager(board, battery, PowerModel(), 4.0, TICK_S, np.random.default_rng(1))
+
+
+def test_the_manager_reports_at_5_hz_what_the_motion_costs(buses):
+    board, host = buses
+    one = manager(board)
+    for _ in range(50):
+        one.report(0.0, 0.0)
+    standing = heard(host)
+    for _ in range(50):
+        one.report(0.5, 0.0)
+    moving = heard(host)
+    assert len(standing) == len(moving) == 5
+    assert standing[-1]["voltage_v"] * standing[-1]["current_a"] == pytest.approx(8.0, rel=1e-2)
+    assert moving[-1]["voltage_v"] * moving[-1]["current_a"] == pytest.approx(8.0 + 0.3 + 7.5 * 0.5, rel=1e-2)
+    # Half a square of 0.5 m/s for 4 kg over 60 %, within 0.2 s.
+    assert moving[0]["voltage_v"] * moving[0]["current_a"] == pytest.approx(12.05 + 0.5 / 0.6 / 0.2, rel=1e-2)
+
+
+def test_a_charger_shows_as_negative_current(buses):
+    board, host = buses
+    one = manager(board, soc_at_start=0.5)
+    one.supply_w = 40.0
+    for _ in range(50):
+        one.report(0.0, 0.0)
+    assert heard(host)[-1]["current_a"] == pytest.approx(-1.5)
+
+
+def test_a_gauge_that_lies_tells_what_it_was_made_to(buses):
+    board, host = buses
+    one = manager(board)
+    one.lie = lambda reading: (9.0, *reading[1:])
+    for _ in range(10):
+        one.report(0.0, 0.0)
+    assert heard(host)[-1]["voltage_v"] == 9.0
+
+
+def test_a_gauge_is_off_by_what_its_spec_says():
+    gauges = [Gauge(GaugeSpec(), np.random.default_rng(seed)) for seed in range(200)]
+    readings = np.array([[gauge.read(15.0, 1.0, 20.0) for _ in range(50)] for gauge in gauges])
+    offsets_v, offsets_a = readings[:, :, 0].mean(axis=1) - 15.0, readings[:, :, 1].mean(axis=1) - 1.0
+    assert np.std(offsets_v) == pytest.approx(0.005, rel=0.2)
+    assert np.std(offsets_a) == pytest.approx(np.hypot(0.003, 0.005), rel=0.2)
+    assert np.std(readings[0, :, 0]) == pytest.approx(0.008, rel=0.4)
+    steps = readings[:, :, 0] / 0.004
+    assert np.allclose(steps, np.round(steps), atol=1e-6)
+
+
+def test_equal_seeds_measure_alike():
+    one, same = (Gauge(GaugeSpec(), np.random.default_rng(7)) for _ in range(2))
+    assert [one.read(15.0, 1.0, 20.0) for _ in range(5)] == [same.read(15.0, 1.0, 20.0) for _ in range(5)]
+
+
+# -- the load ---------------------------------------------------------------------------------------------------
+
+
+def test_power_grows_with_speed_and_payload_and_braking_gives_nothing_back():
+    power = PowerModel()
+    assert power.motion_w(0.0, 0.0, 4.0) == 0.0
+    assert power.motion_w(-0.4, 0.0, 4.0) == power.motion_w(0.4, 0.0, 4.0) > power.motion_w(0.2, 0.0, 4.0)
+    assert power.motion_w(0.0, 1.0, 4.0) > 0.0
+    loaded = PowerModel(payload_kg=4.0)
+    assert loaded.motion_w(0.4, 0.0, 4.0) == pytest.approx(0.3 + 2.0 * 7.5 * 0.4)
+    assert loaded.acceleration_j(4.0, 0.0, 0.5) == 2.0 * power.acceleration_j(4.0, 0.0, 0.5)
+    assert power.acceleration_j(4.0, 0.5, 0.0) == 0.0
+
+
+def test_bursts_of_computing_come_as_often_as_their_times_say():
+    power = PowerModel(burst_w=2.0, burst_s=4.0, between_bursts_s=12.0)
+    load = Load(power, 4.0, np.random.default_rng(1))
+    drawn_w = [load.take_w(0.2) for _ in range(50_000)]
+    assert set(drawn_w) == {8.0, 10.0}
+    assert np.mean(drawn_w) == pytest.approx(8.0 + 2.0 * 0.25, abs=0.08)
+
+
+@pytest.mark.parametrize(
+    "values", [{"idle_w": -1.0}, {"drive_efficiency": 0.0}, {"compute_w": float("nan")}, {"burst_s": 0.0}]
+)
+def test_a_power_model_that_gives_energy_is_refused(values):
+    with pytest.raises(ValueError, match="expected"):
+        PowerModel(**values)
