@@ -4,6 +4,7 @@ from rich.console import Console
 from rich.table import Table
 
 from tests.bench import (
+    allocation,
     behaviors,
     energy,
     halt,
@@ -38,6 +39,7 @@ def main() -> None:
         ("Motes", motes.measure),
         ("Localisation", localisation.measure),
         ("Behaviors", behaviors.measure),
+        ("Allocation", allocation.measure),
         ("Tasks", tasks.measure),
     ):
         table = Table(title=f"{what}, each figure beside what it is compared with and the bound that it is to keep")

@@ -61,6 +61,7 @@ class History:
             reason = ""
             self.accepted.add(name)
         assert not reason or before or "wait" in reason
+        return reason
 
     def run(self, duration_s):
         self.team.run(duration_s)
@@ -116,7 +117,9 @@ class History:
                 self.end(robot, TaskState.DONE)
             waited_for = {name for record in self.journal.open_records() for name in record.task.after}
             for name in sorted(waited_for - set(states)):  # it must be asked for some day
-                self.submit(name, None)
+                if self.submit(name, None):  # what it waits for has failed: people take back what waits for it
+                    for waiting in sorted(one for one in AFTER if name in AFTER[one]):
+                        self.cancel(waiting)
         assert {name: state for name, state in self.team.states().items() if not state.ended} == {}
         self.check()
 
