@@ -2,24 +2,16 @@
 
 import threading
 import time
-from pathlib import Path
 
 import msgspec
 import pytest
 
 from robrain.agent.errors import PluginHung, PluginInactive
-from robrain.agent.host import AgentHost
-from robrain.agent.live import run_agent
-from robrain.agent.robot_file import RobotFile, RobotTable
-from robrain.protocol.wire.clock import WallClock
-from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import PluginInfo
-from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_PLUGINS, ROBOT_STATE
+from robrain.protocol.wire.topics import ROBOT_STATE
+from tests.agent.live_robot import PATIENCE_S, LiveRobot, until
 
-PATIENCE_S = 10.0
 HANG_S = 0.3
 
 MINE = """
@@ -73,44 +65,8 @@ MINE = """
 """
 
 
-def until(condition):
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        if time.monotonic() > deadline_s:
-            pytest.fail("it has not come to pass")
-        time.sleep(0.005)
-
-
-class LiveMine:
-    def __init__(self, place: Path) -> None:
-        self.session = open_lockstep_session()  # reaches nobody else
-        robot_file = RobotFile(robot=RobotTable("r1", places=[str(place)], load=["miner", "watch"]))
-        self.host = AgentHost(robot_file, Path(), self.session, WallClock(), Drive.LIVE)
-        self.operator = Endpoint(self.session, "default", WallClock(), Drive.LIVE)
-        self._stopping, ready = threading.Event(), threading.Event()
-        self._thread = threading.Thread(target=run_agent, args=(self.host, self._stopping.is_set, ready.set))
-        self._thread.start()
-        assert ready.wait(PATIENCE_S)
-        self.space = self.tag("mule").plugin_class.step.__globals__
-
-    def tag(self, name):
-        return self.host.manager.get(name)
-
-    def states(self):
-        infos = msgspec.json.decode(self.operator.ask(ROBOT_PLUGINS, robot="r1"), type=list[PluginInfo])
-        return {info.name: (info.state, info.why) for info in infos}
-
-    def call(self, plugin, function):
-        return self.operator.ask(ROBOT_CALL, robot="r1", plugin=plugin, function=function)
-
-    def close(self):
-        self.space["GO"].set()
-        self._stopping.set()
-        self._thread.join(PATIENCE_S)
-        assert not self._thread.is_alive()
-        self.operator.close()
-        self.session.close()
-        until(lambda: not any(thread.name.startswith("plugin-") for thread in threading.enumerate()))
+def states(robot):
+    return {name: (info.state, info.why) for name, info in robot.infos().items()}
 
 
 @pytest.fixture
@@ -123,7 +79,8 @@ def mine(bench):
         bench.manifest("mule", "mine:Mule", requires=["door"], visibility=["*", "command"], hang_s=HANG_S, **policy)
         bench.manifest("miner", "mine:Miner", requires=["mule"])
         bench.manifest("watch", "mine:Watch")
-        opened.append(LiveMine(bench.place))
+        opened.append(LiveRobot(bench.place, ["miner", "watch"], space_of="door", threads="plugin-"))
+        assert opened[-1].ready.wait(PATIENCE_S)
         return opened[-1]
 
     yield start
@@ -140,11 +97,11 @@ def test_a_plugin_that_hangs_is_faulted_its_users_put_aside_and_the_rest_goes_on
     robot.space["HANG"].set()
     until(lambda: robot.tag("mule").turn.is_overdue(time.time_ns() + 1) or robot.tag("mule").state == "faulted")
     why = f"PluginHung: mule has not come back for {HANG_S} s"
-    until(lambda: robot.states()["mule"] == ("faulted", why))
-    until(lambda: robot.states()["miner"] == ("inactive", f"requires mule, which is faulted: {why}"))
-    steps, states = watch.steps, inbox.received
-    until(lambda: watch.steps > steps + 5 and inbox.received > states)
-    assert robot.states()["door"][0] == robot.states()["watch"][0] == "active"
+    until(lambda: states(robot)["mule"] == ("faulted", why))
+    until(lambda: states(robot)["miner"] == ("inactive", f"requires mule, which is faulted: {why}"))
+    steps, told = watch.steps, inbox.received
+    until(lambda: watch.steps > steps + 5 and inbox.received > told)
+    assert states(robot)["door"][0] == states(robot)["watch"][0] == "active"
     with pytest.raises(PluginInactive, match="mule is faulted: PluginHung"):
         handle.push()
     with pytest.raises(CallError) as refused:
@@ -170,11 +127,11 @@ def test_who_is_stuck_in_a_call_to_what_hangs_is_put_aside_with_it_and_started_a
     miner, space = robot.tag("miner").plugin, robot.space
     space["HANG_CALL"].set()
     miner.pushing = True
-    until(lambda: robot.states()["miner"][0] == "faulted")
+    until(lambda: states(robot)["miner"][0] == "faulted")
     assert not miner.pushed
-    assert robot.states()["miner"][1].startswith("requires mule, which is faulted: PluginHung: mule has not come back")
+    assert states(robot)["miner"][1].startswith("requires mule, which is faulted: PluginHung: mule has not come back")
     space["HANG_CALL"].clear()
-    until(lambda: robot.states()["mule"][0] == robot.states()["miner"][0] == "active")
+    until(lambda: states(robot)["mule"][0] == states(robot)["miner"][0] == "active")
     fresh = robot.tag("miner").plugin
     assert fresh is not miner
     fresh.pushing = True
@@ -183,7 +140,7 @@ def test_who_is_stuck_in_a_call_to_what_hangs_is_put_aside_with_it_and_started_a
     until(lambda: miner.pushed == 1)
     pushed = fresh.pushed
     until(lambda: fresh.pushed > pushed + 3)
-    assert (miner.pushed, robot.states()["miner"][0]) == (1, "active")
+    assert (miner.pushed, states(robot)["miner"][0]) == (1, "active")
 
 
 def test_a_restart_is_on_a_fresh_thread_and_the_late_return_has_no_effect(mine):
@@ -194,7 +151,7 @@ def test_a_restart_is_on_a_fresh_thread_and_the_late_return_has_no_effect(mine):
     old_thread = space["STEPS"][-1][1]
     until(lambda: robot.tag("mule").state == "faulted")
     space["HANG"].clear()
-    until(lambda: robot.states()["mule"][0] == robot.states()["miner"][0] == "active")
+    until(lambda: states(robot)["mule"][0] == states(robot)["miner"][0] == "active")
     fresh = robot.tag("mule").plugin
     assert fresh is not old
     assert robot.tag("mule").restarts == 1
@@ -205,17 +162,17 @@ def test_a_restart_is_on_a_fresh_thread_and_the_late_return_has_no_effect(mine):
     count = len([step for step in space["STEPS"] if step[0] == id(old)])
     until(lambda: not any(thread.ident == old_thread for thread in threading.enumerate()))
     assert len([step for step in space["STEPS"] if step[0] == id(old)]) == count
-    assert robot.states()["mule"][0] == "active"
+    assert states(robot)["mule"][0] == "active"
     assert msgspec.json.decode(robot.call("mule", "push")) == "pushed"
 
 
 def test_a_restart_after_a_raise_steps_again(mine):
     robot = mine(restart="on-failure", backoff_s=0.05)
     robot.tag("mule").plugin.broken = True
-    until(lambda: robot.tag("mule").restarts == 1 and robot.states()["mule"][0] == "active")
+    until(lambda: robot.tag("mule").restarts == 1 and states(robot)["mule"][0] == "active")
     fresh = robot.tag("mule").plugin
     until(lambda: [step for step in robot.space["STEPS"] if step[0] == id(fresh)])
-    until(lambda: robot.states()["miner"][0] == "active")
+    until(lambda: states(robot)["miner"][0] == "active")
 
 
 def test_a_plugin_loaded_later_steps_even_if_its_start_takes_long(mine, bench):

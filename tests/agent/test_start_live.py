@@ -1,23 +1,13 @@
 """A plugin that hangs while it is started, live: it is left behind, and the robot goes on."""
 
-import threading
-import time
-
-import msgspec
 import pytest
 
-from robrain.agent.host import AgentHost
-from robrain.agent.live import run_agent
-from robrain.agent.robot_file import RobotFile, RobotTable
-from robrain.protocol.wire.clock import WallClock
-from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import HostRequest, PluginInfo
-from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_HOST, ROBOT_PLUGINS, ROBOT_STATE
+from robrain.protocol.wire.messages import HostRequest
+from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_HOST, ROBOT_STATE
+from tests.agent.live_robot import PATIENCE_S, LiveRobot, until
 
-PATIENCE_S = 10.0
 START_S = 0.3
 
 SHOP = """
@@ -61,48 +51,14 @@ SHOP = """
 """
 
 
-def until(condition):
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        if time.monotonic() > deadline_s:
-            pytest.fail("it has not come to pass")
-        time.sleep(0.005)
-
-
-class LiveShop:
-    """A robot in live with a bell and a guard; `space` is the namespace of the plugins' module."""
-
-    def __init__(self, bench, *load):
-        self.session = open_lockstep_session()  # reaches nobody else
-        robot_file = RobotFile(robot=RobotTable("r1", places=[str(bench.place)], load=list(load)))
-        self.host = AgentHost(robot_file, bench.place, self.session, WallClock(), Drive.LIVE)
-        self.operator = Endpoint(self.session, "default", WallClock(), Drive.LIVE)
-        self._stopping, self.ready = threading.Event(), threading.Event()
-        self._thread = threading.Thread(target=run_agent, args=(self.host, self._stopping.is_set, self.ready.set))
-        self._thread.start()
-
-    @property
-    def space(self):
-        return self.host.manager.get("bell").plugin_class.press.__globals__
-
-    def infos(self):
-        infos = msgspec.json.decode(self.operator.ask(ROBOT_PLUGINS, robot="r1"), type=list[PluginInfo])
-        return {info.name: info for info in infos}
+class LiveShop(LiveRobot):
+    """A robot with a bell and a guard, into which a shop is loaded."""
 
     def ask(self, verb, plugin):
         return self.operator.ask(ROBOT_HOST, HostRequest(plugin=plugin), robot="r1", verb=verb, timeout_s=PATIENCE_S)
 
     def which(self):
-        return self.operator.ask(ROBOT_CALL, robot="r1", plugin="shop", function="which")
-
-    def close(self):
-        self.space["GO"].set()
-        self._stopping.set()
-        self._thread.join(PATIENCE_S)
-        assert not self._thread.is_alive()
-        self.operator.close()
-        self.session.close()
-        until(lambda: not any(thread.name.startswith("start-") for thread in threading.enumerate()))
+        return self.call("shop", "which")
 
 
 @pytest.fixture
@@ -114,7 +70,7 @@ def shop(bench):
         bench.manifest("bell", "shop_code:Bell", visibility=["*"])
         bench.manifest("shop", "shop_code:Shop", requires=["bell"], visibility=["command"], start_s=START_S)
         bench.manifest("guard", "shop_code:Guard", start_s=START_S, **policy)
-        opened.append(LiveShop(bench, *(load or ("bell", "guard"))))
+        opened.append(LiveShop(bench.place, load or ("bell", "guard"), space_of="bell", threads="start-"))
         if not load:
             assert opened[-1].ready.wait(PATIENCE_S)
         return opened[-1]
