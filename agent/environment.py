@@ -14,7 +14,7 @@ from robrain.agent.events_outside import EventsOutside
 from robrain.agent.task_desk import Accept, LetGo, TaskDesk
 from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Handler
-from robrain.protocol.wire.topics import Topic
+from robrain.protocol.wire.topic import Topic
 
 if TYPE_CHECKING:
     from robrain.agent.outside import OutsideDoor

@@ -19,7 +19,8 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import HaltAnswer, HaltStatus, LogRecord, RobotState, TeamState
-from robrain.protocol.wire.topics import COORDINATOR_HALT, COORDINATOR_STATE, HALT, ROBOT_LOG, Topic
+from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topics import COORDINATOR_HALT, COORDINATOR_STATE, HALT, ROBOT_LOG
 
 logger = logging.getLogger(__name__)
 

@@ -26,7 +26,7 @@ from robrain.agent.turn import Turn
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Handler, Serve
 from robrain.protocol.wire.messages import PluginInfo
-from robrain.protocol.wire.topics import Topic
+from robrain.protocol.wire.topic import Topic
 
 if TYPE_CHECKING:
     from robrain.agent.manager import PluginManager

@@ -11,7 +11,7 @@ from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
 
 if TYPE_CHECKING:
     from robrain.protocol.wire.messages import HostRequest, PluginInfo
-    from robrain.protocol.wire.topics import Topic
+    from robrain.protocol.wire.topic import Topic
 
 LIST_TIMEOUT_S = 5.0
 WORK_TIMEOUT_S = 60.0

@@ -24,15 +24,8 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
 from robrain.protocol.wire.messages import TaskEvent
 from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
-from robrain.protocol.wire.topics import (
-    TASK_CANCEL,
-    TASK_EVENT,
-    TASK_GET,
-    TASK_LIST,
-    TASK_SUBMIT,
-    TASK_WHY,
-    Topic,
-)
+from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topics import TASK_CANCEL, TASK_EVENT, TASK_GET, TASK_LIST, TASK_SUBMIT, TASK_WHY
 
 T = TypeVar("T")
 

@@ -17,7 +17,8 @@ from robrain.protocol.can.frames import database
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topics import JSON, ROBOT_CALL, TOPICS, Delivery, Kind, Topic
+from robrain.protocol.wire.topic import JSON, Delivery, Kind, Topic
+from robrain.protocol.wire.topics import ROBOT_CALL, TOPICS
 
 ROOT = Path(__file__).parent.parent
 TOPICS_PAGE = ROOT / "docs" / "topics.md"

@@ -22,7 +22,7 @@ from robrain.protocol.wire.clock import Clock, WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Handler, Serve
 from robrain.protocol.wire.endpoint import Request as WireRequest
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.topics import Topic
+from robrain.protocol.wire.topic import Topic
 
 T = TypeVar("T")
 InterfaceT = TypeVar("InterfaceT")

@@ -26,6 +26,7 @@ from robrain.protocol.wire.messages import (
     TeamState,
 )
 from robrain.protocol.wire.presence import Change
+from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (
     ARENA_CLOCK,
     ARENA_SCAN,
@@ -37,7 +38,6 @@ from robrain.protocol.wire.topics import (
     ROBOT_PATH,
     ROBOT_STATE,
     TASK_EVENT,
-    Topic,
 )
 
 SILENT_AFTER_S = 3.0

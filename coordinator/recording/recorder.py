@@ -11,7 +11,8 @@ from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.provenance import Provenance
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.topics import ARENA_OUTSIDE, JSON, TOPICS, Kind
+from robrain.protocol.wire.topic import JSON, Kind
+from robrain.protocol.wire.topics import ARENA_OUTSIDE, TOPICS
 
 if TYPE_CHECKING:
     from robrain.coordinator.recording.recording_file import RecordingFile

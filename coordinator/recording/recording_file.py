@@ -25,7 +25,7 @@ from robrain.coordinator.recording.provenance import (
     software_versions,
 )
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.topics import JSON, Topic
+from robrain.protocol.wire.topic import JSON, Topic
 
 logger = logging.getLogger(__name__)
 

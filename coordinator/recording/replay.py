@@ -9,7 +9,8 @@ from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import BadName
 from robrain.protocol.wire.publisher import Publisher
-from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_ALIVE, Kind, Role, topic_of
+from robrain.protocol.wire.topic import Kind, Role
+from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_ALIVE, topic_of
 
 
 class Replay:

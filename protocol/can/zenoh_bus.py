@@ -17,7 +17,8 @@ import zenoh
 from robrain.protocol.wire.errors import BadName, WireError
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.topics import ARENA_CAN, CAN_FRAME
+from robrain.protocol.wire.topic import CAN_FRAME
+from robrain.protocol.wire.topics import ARENA_CAN
 
 QUEUE_FRAMES = 4096
 

@@ -23,7 +23,7 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.presence import Presence
 from robrain.protocol.wire.publisher import PRIORITY, Publisher
-from robrain.protocol.wire.topics import JSON, Delivery, Topic
+from robrain.protocol.wire.topic import JSON, Delivery, Topic
 
 logger = logging.getLogger(__name__)
 

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from robrain.protocol.wire.topics import Delivery, Topic
+from robrain.protocol.wire.topic import Delivery, Topic
 
 
 class Received(NamedTuple):

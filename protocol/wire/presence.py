@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import zenoh
 
-from robrain.protocol.wire.topics import Topic
+from robrain.protocol.wire.topic import Topic
 
 
 class Change(NamedTuple):

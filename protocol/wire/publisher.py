@@ -8,7 +8,7 @@ import zenoh
 
 from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.messages import Message
-from robrain.protocol.wire.topics import Topic, Urgency
+from robrain.protocol.wire.topic import Topic, Urgency
 
 PRIORITY = {
     Urgency.REAL_TIME: zenoh.Priority.REAL_TIME,

@@ -24,7 +24,8 @@ from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import HostRequest
 from robrain.protocol.wire.session import open_lockstep_session, open_session
-from robrain.protocol.wire.topics import JSON, ROBOT_CALL, ROBOT_HOST
+from robrain.protocol.wire.topic import JSON
+from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_HOST
 
 CALLS = 3000
 """Of each kind; interleaved."""

@@ -31,6 +31,7 @@ from robrain.protocol.wire.messages import (
 )
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord, TaskSubmission
+from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (
     COORDINATOR_STATE,
     ROBOT_ALIVE,
@@ -42,7 +43,6 @@ from robrain.protocol.wire.topics import (
     ROBOT_WITHDRAW,
     TASK_EVENT,
     TASK_SUBMIT,
-    Topic,
 )
 
 TICK_S = 0.02

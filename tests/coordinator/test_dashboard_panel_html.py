@@ -15,7 +15,8 @@ from robrain.protocol.wire.messages import (
     RobotState,
     TaskStatus,
 )
-from robrain.protocol.wire.topics import ARENA_TRUTH, HALT, ROBOT_STATE, Topic
+from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topics import ARENA_TRUTH, HALT, ROBOT_STATE
 
 EVIL = "</b><script>alert(1)</script><img src=x onerror='alert(2)'>\" onclick=\"alert(3)"
 

@@ -32,6 +32,7 @@ from robrain.protocol.wire.messages import (
     TeamState,
 )
 from robrain.protocol.wire.presence import Change
+from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (
     ARENA_CLOCK,
     ARENA_SCAN,
@@ -44,7 +45,6 @@ from robrain.protocol.wire.topics import (
     ROBOT_PATH,
     ROBOT_STATE,
     TASK_EVENT,
-    Topic,
 )
 
 

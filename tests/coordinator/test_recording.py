@@ -22,16 +22,8 @@ from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import Event, Halt, LogRecord, Message, RobotState
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topics import (
-    ARENA_CLOCK,
-    HALT,
-    ROBOT_EVENT,
-    ROBOT_LOG,
-    ROBOT_STATE,
-    TOPICS,
-    Topic,
-    topic_of,
-)
+from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topics import ARENA_CLOCK, HALT, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE, TOPICS, topic_of
 
 PROVENANCE = Provenance(
     scenario="office",

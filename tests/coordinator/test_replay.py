@@ -16,6 +16,7 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import LogRecord, RobotState, TeamState
 from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.topic import Kind
 from robrain.protocol.wire.topics import (
     ARENA_SCAN,
     COORDINATOR_ALIVE,
@@ -24,7 +25,6 @@ from robrain.protocol.wire.topics import (
     ROBOT_LOG,
     ROBOT_STATE,
     TOPICS,
-    Kind,
 )
 
 NS_PER_S = 1_000_000_000

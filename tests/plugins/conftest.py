@@ -28,6 +28,7 @@ from robrain.protocol.wire.messages import (
     TeamState,
 )
 from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (
     ARENA_RADIO_RX,
     ARENA_SCAN,
@@ -37,7 +38,6 @@ from robrain.protocol.wire.topics import (
     ROBOT_OFFER,
     ROBOT_PLUGINS,
     ROBOT_STATE,
-    Topic,
 )
 from robrain.sim.arena import Arena, ArenaRobot
 from robrain.sim.lidar import LidarSpec

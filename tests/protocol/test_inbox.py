@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import Halt, LogRecord, RobotState
-from robrain.protocol.wire.topics import ARENA_CAN, HALT, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE, Delivery
+from robrain.protocol.wire.topic import Delivery
+from robrain.protocol.wire.topics import ARENA_CAN, HALT, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE
 
 LOG_KEY = ROBOT_LOG.key("t", robot="r1")
 

@@ -8,16 +8,8 @@ from hypothesis import strategies as st
 
 from robrain.protocol.wire.errors import BadName
 from robrain.protocol.wire.messages import Message
-from robrain.protocol.wire.topics import (
-    HALT,
-    ROBOT_CALL,
-    ROBOT_EVENT,
-    ROBOT_STATE,
-    TOPICS,
-    Delivery,
-    Kind,
-    topic_of,
-)
+from robrain.protocol.wire.topic import Delivery, Kind
+from robrain.protocol.wire.topics import HALT, ROBOT_CALL, ROBOT_EVENT, ROBOT_STATE, TOPICS, topic_of
 
 NAMES = st.from_regex(r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,62}", fullmatch=True)
 PUT_TOPICS = [topic for topic in TOPICS if topic.kind is Kind.PUT]
