@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 export CARGO_TARGET_DIR ?= $(CURDIR)/.cache/rust-target
 
-.PHONY: demo test test-rust check bench soak format install clean
+.PHONY: demo test browser test-rust check bench soak format install clean
 
 demo: install ## a team explores, seen in the browser, recorded
 	@$(BIN)/robrain demo $(ARGS)
@@ -17,8 +17,14 @@ $(STAMP): pyproject.toml constraints.txt
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all,dev]'
 	@touch $@
 
-test: install
+test: install browser
 	$(BIN)/python -m pytest $(ARGS)
+
+browser: ## Chromium for the dashboard's tests, from the distribution's packages where that is allowed
+	@if ! test -x /usr/bin/chromium && test "$$(id -u)" = 0 && command -v apt-get >/dev/null; then \
+		echo "installing chromium (once)"; apt-get install --yes --quiet=2 chromium >/dev/null || true; \
+	fi
+	@test -x /usr/bin/chromium || echo "no /usr/bin/chromium: the dashboard's browser tests will be skipped" >&2
 
 test-rust: install ## the plugin in Rust, built (for minutes, once) and run
 	@if command -v cargo >/dev/null; then \

@@ -34,6 +34,10 @@ class Board:
         """Signals of motes of known place; mote_ranges leaves them here for localisation."""
         self.map: OccupancyGrid | None = None
         """What the robot maps on, to be read only; mapper writes it."""
+        self.map_of_others: OccupancyGrid | None = None
+        """What the others had mapped when this robot came, for some seconds after it; mapper writes it."""
+        self.false_start = False
+        """Whether that has shown that the robot did not start where it was told; localisation writes it."""
         self.velocity = Twist2D()
         self.radius_m = 0.0
         self.battery: BatteryState | None = None

@@ -86,6 +86,14 @@ class Environment:
         """Have `function` told of an event, on this plugin's own turn."""
         self.__tag.observe(event, function)
 
+    def hurry(self) -> None:
+        """Have this plugin's next step run at once instead of when it is due; its period counts anew from then.
+
+        For what must not wait for the period, such as the first command after a standstill. In lockstep it is run in
+        this tick or the next one.
+        """
+        self.__tag.mailbox.hurry()
+
     def at_end(self, function: Callable[[str], None]) -> None:
         """Have `function` told why, whenever the plugin is deactivated, faults or is halted.
 

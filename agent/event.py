@@ -25,6 +25,8 @@ class Mailbox:
         self.wake: Callable[[], None] | None = None
         """Called after each arrival, so that the observer's thread need not poll."""
         self.waiting: deque[tuple[Callable[[Any], None], Any]] = deque(maxlen=capacity)
+        self.is_hurried = False
+        """Whether the observer's next step is to be run at once; whoever runs it sets it back."""
 
     def post(self, function: Callable[[Any], None], value: Any) -> bool:
         """Leave a notification; False if an older one was dropped for it."""
@@ -35,6 +37,12 @@ class Mailbox:
         if self.wake is not None:
             self.wake()
         return not is_full
+
+    def hurry(self) -> None:
+        """Have the observer's next step run at once."""
+        self.is_hurried = True
+        if self.wake is not None:
+            self.wake()
 
     def deliver(self) -> None:
         """Call the observing functions, in order of arrival."""

@@ -103,7 +103,7 @@ class FaultDesk:
                 self._manager.begin(user)
 
     def _look_for_hung(self, now_ns: int) -> None:
-        overdue = [tag for tag in self._manager.tags.values() if tag.turn.is_overdue(now_ns)]
+        overdue = [tag for tag in self._manager.tags.values() if tag.turn.depth and tag.turn.is_overdue(now_ns)]
         if overdue:
             # The lowest one hangs; those above it are in a call to it, and are put aside as its users.
             tag = min(overdue, key=lambda tag: tag.level)

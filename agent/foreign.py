@@ -7,7 +7,7 @@ own and the foreign ones, whose calls it relays. Thus there is one answer, and o
 
 import inspect
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, Protocol, TypeVar, cast, get_type_hints
 
 import msgspec
@@ -89,6 +89,9 @@ class ForeignPlugins:
 
     def __contains__(self, name: str) -> bool:
         return name in self._infos
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(sorted(self._infos))
 
     def relay(
         self,

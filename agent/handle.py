@@ -28,7 +28,7 @@ class Handle:
         self.__calls: dict[str, Callable[..., Any]] = {}
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("_Handle__"):  # of a copy that was never made by a tag
+        if name[0] == "_" and name.startswith("_Handle__"):  # of a copy that was never made by a tag
             raise AttributeError(name)
         calls = self.__calls
         if name in calls:

@@ -5,6 +5,7 @@
 
 import threading
 import zlib
+from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
@@ -108,11 +109,18 @@ class AgentHost:
         self.halting = HaltDesk(self.manager, self._wire, self._publish_halt)
         self._door = OutsideDoor(self.manager)
         self._distributions = entry_point_places()
+        self._came_with: dict[Path, str] = {}
+        """The distribution of each manifest that was asked for; empty for those of robrain and of the robot."""
         own = [base / place for place in robot_file.robot.places]
         self._places = [stock_place(), *(place for place, _ in self._distributions), *own]
         self._load = robot_file.robot.load
         self._parameters = robot_file.parameters
         self._connect = list(robot_file.zenoh.connect)
+
+    def on_wanted(self, wake: Callable[[], None]) -> None:
+        """Have `wake` called, on any thread, whenever the next `step()` should not wait: in live, by its own loop."""
+        self._wire.on_waiting = wake
+        self.desk.on_said = wake
 
     def start(self) -> None:
         """Find, load and start the plugins, then say that the robot is there.
@@ -161,6 +169,8 @@ class AgentHost:
         if now_ns >= self._state_due_ns:
             self._state_due_ns = max(self._state_due_ns + STATE_PERIOD_NS, now_ns)
             self._publish_state()
+        elif self.desk.status is not self._told.task:  # the next task must not wait for the period
+            self._publish_state()
 
     def close(self) -> None:
         """Stop the plugins and leave the wire."""
@@ -180,6 +190,10 @@ class AgentHost:
         for tag in self.manager.tags.values():
             if tag.mailbox.waiting:
                 tag.deliver()
+            if tag.mailbox.is_hurried:
+                tag.mailbox.is_hurried = False
+                if tag.period_ns:
+                    tag.due_ns = min(tag.due_ns, now_ns - tag.period_ns)
             if now_ns >= tag.due_ns:
                 tag.due_ns += tag.period_ns
                 if tag.due_ns <= now_ns:  # what was missed is not made up for
@@ -201,9 +215,14 @@ class AgentHost:
                 behavior=board.behavior,
                 task=self.desk.status,
                 lost=board.lost,
+                loaded=self._loaded(),
                 faulted=[PluginFault(plugin=name, why=why) for name, why in self._faulted.items()],
             )
             self._state.put(self.halting.mark(self._told))
+
+    def _loaded(self) -> int:
+        names = [*self.manager.tags, *(self.manager.foreign or ())]
+        return zlib.crc32(" ".join(names).encode(), 1)
 
     def _tell_faults(self) -> None:
         before = self._faulted
@@ -226,9 +245,16 @@ class AgentHost:
         return [*map(self._info, self.manager.tags.values()), *self.manager.foreign_infos()]
 
     def _info(self, tag: PluginTag) -> PluginInfo:
-        path = tag.manifest.path.resolve()
-        distribution = next((name for place, name in self._distributions if path.is_relative_to(place)), "")
+        distribution = self._distribution_of(tag.manifest.path)
         return msgspec.structs.replace(tag.info(), distribution=distribution)
+
+    def _distribution_of(self, manifest: Path) -> str:
+        known = self._came_with.get(manifest)
+        if known is None:  # to resolve thirty paths takes longer than all the rest of the answer
+            path = manifest.resolve()
+            known = next((name for place, name in self._distributions if path.is_relative_to(place)), "")
+            self._came_with[manifest] = known
+        return known
 
     def _call(self, request: Request) -> Any:
         plugin, function = request.names["plugin"], request.names["function"]

@@ -48,7 +48,8 @@ class PluginThread:
         while not self._stopping:
             period_s = self._tag.period_s
             now_s = time.monotonic()
-            if was_passive:  # or was not there: no step was missed
+            if was_passive or self._tag.mailbox.is_hurried:  # or was not there: no step was missed
+                self._tag.mailbox.is_hurried = False
                 due_s = now_s
             was_passive = period_s is None
             if period_s is not None and now_s >= due_s:
@@ -99,6 +100,8 @@ def run_agent(host: AgentHost, should_stop: Callable[[], bool], on_ready: Callab
     """
     sys.setswitchinterval(min(SWITCH_INTERVAL_S, sys.getswitchinterval()))
     plugins = PluginThreads(host)
+    wanted = threading.Event()
+    host.on_wanted(wanted.set)
     try:
         host.start()
         plugins.follow()
@@ -106,7 +109,8 @@ def run_agent(host: AgentHost, should_stop: Callable[[], bool], on_ready: Callab
         while not should_stop():
             host.step()
             plugins.follow()
-            time.sleep(HOST_PERIOD_S)
+            wanted.wait(HOST_PERIOD_S)
+            wanted.clear()
     finally:
         plugins.stop()
         host.close()

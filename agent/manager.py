@@ -18,7 +18,6 @@ from robrain.agent.crew import Crew
 from robrain.agent.environment import Environment
 from robrain.agent.errors import (
     FOREIGN_ERRORS,
-    HardwareAbsent,
     HostBusy,
     PluginError,
     PluginInactive,
@@ -34,8 +33,8 @@ from robrain.agent.manifest import Manifest, read_manifest
 from robrain.agent.places import Places
 from robrain.agent.plugin import Plugin
 from robrain.agent.plugin_state import PluginState
-from robrain.agent.requirements import branch_of, start_order, way_to_missing
-from robrain.agent.start_in_time import start_in_time
+from robrain.agent.requirements import branch_of
+from robrain.agent.starter import Starter
 from robrain.agent.tag import PluginTag
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.wire.clock import Clock
@@ -80,6 +79,7 @@ class PluginManager:
         self.crew: Crew | None = None
         """Starts plugins, in live; one that hangs while it is started is left behind."""
         self.leases = ExternalLeases(clock)
+        self._starter = Starter(self)
         self._parameters = parameters
         self._places = Places([])
         self._under_way = threading.Lock()
@@ -128,11 +128,7 @@ class PluginManager:
 
         A plugin that cannot start is left out with the reason, and so is what requires it; the rest goes on.
         """
-        self._sort()
-        for tag in self.tags.values():
-            self._try(tag, tag.load)
-        for tag in self.tags.values():
-            self._try(tag, tag.activate)
+        self._starter.start_all()
 
     def stop(self) -> None:
         """Deactivate all, users before what they use, and close what they held."""
@@ -177,7 +173,7 @@ class PluginManager:
             for name in fresh.keys() & before.keys():
                 self.faults.forget(before[name])
                 before[name].unloaded()
-            self._pick_up(fresh)
+            self._starter.pick_up(fresh)
             return list(fresh.values())
 
     def unload(self, name: str, *, cascade: bool = False) -> list[PluginTag]:
@@ -215,15 +211,15 @@ class PluginManager:
             manifest = read_manifest(tag.manifest.path)
             before = tag.state
             try:
-                self._in_time(tag, partial(tag.replace, manifest))
+                self._starter.in_time(tag, partial(tag.replace, manifest))
             except PluginError:
                 raise
             except FOREIGN_ERRORS as error:  # foreign plugin code
                 raise PluginError(name, f"{name} keeps running as it was: {type(error).__name__}: {error}") from error
-            self._sort()
+            self._starter.sort()
             if before not in (PluginState.ACTIVE, PluginState.HALTED):
                 self.faults.forget(tag)
-                self._pick_up({name: tag})
+                self._starter.pick_up({name: tag})
             return tag
 
     def settle(self, now_ns: int) -> None:
@@ -235,6 +231,10 @@ class PluginManager:
             self.faults.look(now_ns)
         finally:
             self._under_way.release()
+
+    def begin(self, tag: PluginTag) -> None:
+        """Start a plugin that is listed but does not run; if that fails it is left out with the reason."""
+        self._starter.begin(tag)
 
     def note_fault(self, tag: PluginTag) -> None:
         """A plugin has faulted; seen to at the next `settle`, for its users' locks must not be taken from below."""
@@ -303,7 +303,7 @@ class PluginManager:
         if self.halted:
             return True
         other = self.tags.get(plugin)
-        return plugin in branch_of(tag.name, self._requires()) and (
+        return plugin in branch_of(tag.name, self.requirements()) and (
             other is None or other.state is not PluginState.ACTIVE
         )
 
@@ -370,12 +370,12 @@ class PluginManager:
         self._check_branch(manifest, tag.plugin_class)
         fresh[name] = tag
         self.tags = {**self.tags, name: tag}
-        self._sort()
+        self._starter.sort()
         if name in self.tags and tag.state is PluginState.FAULTED:
             raise PluginError(name, f"{name}: {tag.why}")
         try:
-            self._in_time(tag, tag.load)
-            self._in_time(tag, tag.activate)
+            self._starter.in_time(tag, tag.load)
+            self._starter.in_time(tag, tag.activate)
         except PluginError:
             raise
         except FOREIGN_ERRORS as error:  # foreign plugin code
@@ -393,7 +393,8 @@ class PluginManager:
                     manifest.name, f"{manifest.name} requires {required}, which is {other.state}: {other.why}"
                 )
 
-    def _requires(self) -> dict[str, list[str]]:
+    def requirements(self) -> dict[str, list[str]]:
+        """What each plugin requires, by name."""
         return {name: tag.manifest.tag.requires for name, tag in self.tags.items()}
 
     def _is_there(self, name: str) -> bool:
@@ -421,80 +422,4 @@ class PluginManager:
         """Foreign plugins have come: start what was left out for want of them."""
         names = dict.fromkeys(foreign)
         if any(name in names for tag in self.tags.values() for name in tag.manifest.tag.requires):
-            self.later(partial(self._pick_up, names))
-
-    def _pick_up(self, fresh: dict[str, Any]) -> None:
-        """Start what was left out, or put aside, for want of what is there now."""
-        for tag in list(self.tags.values()):
-            requires = tag.manifest.tag.requires
-            waits = tag.state is PluginState.INACTIVE or (tag.state is PluginState.FAULTED and not tag.is_there)
-            running = (PluginState.ACTIVE, PluginState.HALTED)
-            there = all(
-                self.is_foreign(name) or (name in self.tags and self.tags[name].state in running) for name in requires
-            )
-            if waits and there and any(name in fresh for name in requires) and tag.name not in fresh:
-                self.begin(tag)
-                if tag.state in running:
-                    fresh[tag.name] = tag
-
-    def begin(self, tag: PluginTag) -> None:
-        """Start a plugin that is listed but does not run; if that fails it is left out with the reason."""
-        tag.state = PluginState.INACTIVE if tag.is_there else PluginState.DISCOVERED
-        if not tag.is_there:
-            self._try(tag, tag.load)
-        self._try(tag, tag.activate)
-
-    def _sort(self) -> None:
-        for tag in self.tags.values():
-            if tag.state is PluginState.DISCOVERED:
-                self._import_class(tag)
-        order, circles = start_order(self._requires())
-        for circle in circles:
-            for name in circle:
-                self.tags[name].leave_out(f"requires itself: {' → '.join(circle)}")
-        self.tags = {name: self.tags[name] for name in order}
-
-    def _import_class(self, tag: PluginTag) -> None:
-        try:
-            self._in_time(tag, lambda: tag.plugin_class)
-        except PluginError as error:
-            tag.leave_out(str(error))
-            logger.error("%s: plugin %s is left out: %s", self.robot, tag.name, error)  # noqa: TRY400 - said in words
-
-    def _try(self, tag: PluginTag, do: Callable[[], None]) -> None:
-        if tag.state is PluginState.FAULTED:
-            return
-        try:
-            missing = way_to_missing(
-                tag.name, self._requires(), lambda name: name in self.tags or self.is_foreign(name)
-            )
-            if missing:
-                there = ", ".join(self.tags)
-                raise PluginMissing(missing[-1], f"no plugin {missing[-1]} ({' → '.join(missing)}); there are: {there}")
-            for required in tag.manifest.tag.requires:
-                if self.is_foreign(required):
-                    continue
-                other = self.get(required)
-                if other.state is PluginState.FAULTED:
-                    raise PluginError(tag.name, f"requires {required}, which is left out: {other.why}")
-                if other.plugin_class.level >= tag.plugin_class.level:
-                    raise must_merge(tag.name, tag.plugin_class, required, other.plugin_class)
-            self._in_time(tag, do)
-        except HardwareAbsent as error:
-            logger.warning("%s: plugin %s is left out: %s", self.robot, tag.name, error)
-            self._leave_out(tag, f"hardware absent: {error}")
-        except PluginError as error:
-            logger.error("%s: plugin %s is left out: %s", self.robot, tag.name, error)  # noqa: TRY400 - said in words
-            self._leave_out(tag, str(error))
-        except FOREIGN_ERRORS as error:  # foreign plugin code
-            tag.fault(error)
-
-    def _in_time(self, tag: PluginTag, do: Callable[[], object]) -> None:
-        if self.crew is None:
-            do()
-        else:
-            start_in_time(self.crew, tag, do)
-
-    def _leave_out(self, tag: PluginTag, why: str) -> None:
-        tag.leave_out(why)
-        tag.drop()
+            self.later(partial(self._starter.pick_up, names))

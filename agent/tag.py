@@ -1,17 +1,17 @@
 """The tag of one plugin: it loads it, holds its manifest and environment, checks access, runs its lifecycle."""
 
 import logging
-import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from robrain.agent import errors
 from robrain.agent.access import call_from_outside, check_outside, check_use, external_function
 from robrain.agent.environment import Environment
-from robrain.agent.errors import AccessDenied, PluginBusy, PluginError, PluginHung, PluginInactive, PluginUnloaded
+from robrain.agent.errors import AccessDenied, PluginError, PluginHung, PluginInactive, PluginUnloaded
 from robrain.agent.event import Event, EventView, Mailbox
 from robrain.agent.external import ExternalFunction
 from robrain.agent.handle import Handle
+from robrain.agent.holding import Holding
 from robrain.agent.in_turn import answer_in_turn, in_turn
 from robrain.agent.isolation.errors import PluginCrashed
 from robrain.agent.leases import Lease
@@ -53,9 +53,7 @@ class PluginTag:
         self.turn = Turn(self.name, manifest.tag.hang_s, manager.clock)
         """Who is in the plugin at the moment: its lock."""
         self.mailbox = Mailbox()
-        self.holder = ""
-        """Who in the robot uses the plugin exclusively."""
-        self._holding = threading.Lock()
+        self._holding = Holding(self.name, manager.leases)
         self.overruns = 0
         self.restarts = 0
         self.generation = 0
@@ -109,9 +107,18 @@ class PluginTag:
         return self._loaded is not None and self._loaded.environment is environment
 
     @property
+    def holder(self) -> str:
+        """Who in the robot uses the plugin exclusively; nobody if empty."""
+        return self._holding.inside
+
+    @holder.setter
+    def holder(self, name: str) -> None:
+        self._holding.inside = name
+
+    @property
     def held_by(self) -> str:
         """Who uses the plugin exclusively, inside or outside; nobody if empty."""
-        return self.holder or self._manager.leases.holder(self.name)
+        return self._holding.by
 
     @property
     def is_there(self) -> bool:
@@ -392,7 +399,8 @@ class PluginTag:
             if self.state is not PluginState.ACTIVE or loaded is None:
                 return
             try:
-                self.mailbox.deliver()
+                if self.mailbox.waiting:
+                    self.mailbox.deliver()
                 if steps and loaded.plugin.period_s is not None:
                     loaded.plugin.step()
             except errors.FOREIGN_ERRORS as error:  # foreign plugin code
@@ -434,13 +442,7 @@ class PluginTag:
 
     def keep(self, user: "PluginTag", *, granted: bool = False) -> None:
         """Have a plugin that runs hold this one, or go on holding it (PluginBusy if somebody else does)."""
-        if self.holder == user.name:
-            return
-        with self._holding:
-            if self.held_by:
-                raise PluginBusy(self.name, self.held_by)
-            if granted or user.state is PluginState.ACTIVE:
-                self.holder = user.name
+        self._holding.keep(user, granted=granted)
 
     def hold(self, by: str, lease_s: float) -> Lease:
         """Let somebody outside have the plugin for themselves for a time, or longer if they have it.
@@ -455,10 +457,7 @@ class PluginTag:
         if self.manifest.tag.shared:
             raise PluginError(self.name, f"{self.name} is shared: nobody can hold it")
         self.live_plugin()
-        with self._holding:
-            if self.holder:
-                raise PluginBusy(self.name, self.holder)
-            return self._manager.leases.take(self.name, by, lease_s)
+        return self._holding.lease(by, lease_s)
 
     def call_external(self, function: str, payload: bytes, *, by: str = "") -> Any:
         """Call an external function, known by its name or that of one signature, with JSON arguments.

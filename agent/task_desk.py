@@ -59,6 +59,8 @@ class TaskDesk:
         self._begun = ""
         self._own: _Own | None = None
         self._recalled = ""
+        self.on_said: Callable[[], None] | None = None
+        """Called, on any thread, when a behavior has said how its task ended: `status` is about to change."""
 
     @property
     def status(self) -> TaskStatus | None:
@@ -184,6 +186,8 @@ class TaskDesk:
         if size > RESULT_BYTES_MAX:
             raise ValueError(f"expected a result of {task_id} of at most {RESULT_BYTES_MAX} bytes, got {size}")
         self._said.append(_Said(task_id, state, why, result))
+        if self.on_said is not None:
+            self.on_said()
 
     def halted(self) -> None:
         """The robot is halted: what it was at is given back; the behavior has forgotten it in `emergency_halt`."""

@@ -24,9 +24,10 @@ class Turn:
         self._plugin = plugin
         self.limit_s = limit_s
         self._limit_ns = to_ns(limit_s)
-        self._clock = clock
+        self._now_ns = clock.now_ns
         self._lock = threading.RLock()
-        self._depth = 0
+        self.depth = 0
+        """How often the thread that is in the plugin has taken the turn; 0 if nobody is."""
         self._since_ns = 0
         self._owner = 0
 
@@ -38,33 +39,39 @@ class Turn:
     @property
     def owner(self) -> int | None:
         """The thread that is in the plugin, or None."""
-        return self._owner if self._depth > 0 else None
+        return self._owner if self.depth > 0 else None
 
     def acquire(self, timeout_s: float) -> bool:
         """Take the turn; False if it was not to be had in time."""
         if not self._lock.acquire(timeout=timeout_s):
             return False
-        if self._depth == 0:
-            self._since_ns = self._clock.now_ns()
+        if self.depth == 0:
+            self._since_ns = self._now_ns()
             self._owner = threading.get_ident()
-        self._depth += 1
+        self.depth += 1
         return True
 
     def release(self) -> None:
         """Give the turn back."""
-        self._depth -= 1
+        self.depth -= 1
         self._lock.release()
 
     def is_overdue(self, now_ns: int) -> bool:
         """Whether somebody has been in the plugin for longer than the limit."""
-        return self._depth > 0 and now_ns - self._since_ns > self._limit_ns
+        return self.depth > 0 and now_ns - self._since_ns > self._limit_ns
 
     def __enter__(self) -> Self:
-        if not self.acquire(self.limit_s):
+        # As `acquire`, written out: every call of a plugin by another passes here.
+        if not self._lock.acquire(timeout=self.limit_s):
             raise PluginHung(self._plugin, f"{self._plugin} has not come back for {self.limit_s:g} s")
+        if self.depth == 0:
+            self._since_ns = self._now_ns()
+            self._owner = threading.get_ident()
+        self.depth += 1
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        self.release()
+        self.depth -= 1
+        self._lock.release()

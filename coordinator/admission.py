@@ -15,6 +15,9 @@ from robrain.protocol.wire.errors import BadName
 from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.task_messages import TaskRecord, TaskSubmission
 
+GATHERING = "visit"
+"""What robots need, besides, to gather for a task for several."""
+
 
 def with_times(asked: TaskSubmission, now_ns: int) -> Task:
     """The task that is asked for; times given from now on become stamps (ValueError if they cannot be)."""
@@ -76,11 +79,14 @@ def needed_plugins(task: Task) -> tuple[str, ...]:
 
 def why_nobody_can(task: Task, plugins: Mapping[str, Iterable[str] | None]) -> str:
     """Why no robot of the team has what it takes; empty if one has, or may have."""
-    if task.robots > 1:
-        return f"it needs {task.robots} robots at once, and tasks for more than one cannot be arranged yet"
     if not plugins or any(names is None for names in plugins.values()):
         return ""
     needed = needed_plugins(task)
+    if task.robots > 1:
+        needed = tuple(dict.fromkeys((*needed, GATHERING)))
+        able = sum(names is not None and set(needed) <= set(names) for names in plugins.values())
+        if 0 < able < task.robots or len(plugins) < task.robots:
+            return f"it needs {task.robots} robots at once that have {', '.join(needed)}, and the team has {able}"
     if any(names is not None and set(needed) <= set(names) for names in plugins.values()):
         return ""
     missing = [name for name in needed if not any(name in (names or ()) for names in plugins.values())]

@@ -4,12 +4,18 @@ from robrain.coordinator.capabilities import Capabilities
 from robrain.coordinator.exploration.explorer import Explorer
 from robrain.coordinator.halts import HaltWatch
 from robrain.coordinator.journal.journal import Journal
+from robrain.coordinator.motes_desk import MoteDesk
+from robrain.coordinator.planning.charge_desk import ChargeDesk
+from robrain.coordinator.planning.following import Following
+from robrain.coordinator.planning.planning import Planning
+from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.planning.together import Together
 from robrain.coordinator.roster import Robot, Roster
 from robrain.coordinator.task_book import TaskBook
 from robrain.coordinator.task_lifecycle import TaskLifecycle
 from robrain.coordinator.task_requests import TaskRequests
 from robrain.coordinator.team_map import TeamMap
-from robrain.protocol.model.task import Explore, TaskState, place_of
+from robrain.protocol.model.task import Explore, Recharge, TaskState, place_of
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
@@ -27,6 +33,8 @@ from robrain.protocol.wire.topics import (
 
 DECIDE_PERIOD_NS = to_ns(0.5)
 SUMMARY_PERIOD_NS = to_ns(0.5)
+LOOK_PERIOD_NS = to_ns(0.1)
+"""Robots say how they are as often; in between, only what has come is worth a look at their tasks."""
 SETTLED_NS = to_ns(3.0)
 """The floor counts as explored when for this long no robot could be given a frontier."""
 SHOWN_FRONTIERS = 64
@@ -41,10 +49,11 @@ class Coordinator:
         wire: the coordinator's place on the wire; its owner closes it.
         journal: where its tasks are written down, and from which it goes on; its owner closes it. None keeps them in
             memory.
+        policy: what its plans are for, and how they are made.
 
     """
 
-    def __init__(self, wire: Endpoint, journal: Journal | None = None) -> None:
+    def __init__(self, wire: Endpoint, journal: Journal | None = None, policy: PlanningPolicy | None = None) -> None:
         self.roster = Roster()
         self.team_map = TeamMap()
         self.explorer = Explorer(self.team_map)
@@ -54,6 +63,21 @@ class Coordinator:
         self.tasks = TaskBook(wire.clock, first_epoch, self._tell_task, journal)
         self.capabilities = Capabilities(wire)
         self.lifecycle = TaskLifecycle(wire, self.tasks, self.roster, self.capabilities)
+        lifecycle = self.lifecycle
+        self.planning = lifecycle.reasons.planning = Planning(
+            wire,
+            self.tasks,
+            self.roster,
+            self.capabilities,
+            lifecycle.shunning,
+            self.team_map,
+            policy or PlanningPolicy(),
+            lifecycle.reasons.waits,
+        )
+        self.motes = MoteDesk(wire, self.tasks, self.roster, lifecycle.reasons)
+        self._following = Following(self.planning, lifecycle, self.tasks)
+        self._charge_desk = ChargeDesk(self.planning, self.tasks, self.roster)
+        self._together = Together(self.planning, lifecycle, self.tasks, self.roster, self.team_map, self._new_number)
         self._wire = wire
         self._inbox = Inbox(capacity=16384)
         self._presence = wire.watch(ROBOT_ALIVE)
@@ -64,8 +88,9 @@ class Coordinator:
         self._task_events: dict[str, Publisher] = {}
         wire.token(COORDINATOR_ALIVE)
         self._decide_due_ns = 0
+        self._look_due_ns = 0
         self._summary_due_ns = 0
-        self._explores = self.tasks.journal.new_epoch(first_epoch)
+        self._own_tasks = self.tasks.journal.new_epoch(first_epoch)
         self._busy_ns = wire.clock.now_ns()
         self._requests = TaskRequests(
             wire, self.tasks, self.team_map, lambda: self.capabilities.plugins, self.lifecycle.reasons.explain
@@ -76,21 +101,34 @@ class Coordinator:
         """Hear, decide, act."""
         now_ns = self._wire.clock.now_ns()
         self._wire.serve()
+        has_heard = len(self._inbox) > 0
         self._hear(now_ns)
         if self.halts.hear():
             self._summary_due_ns = now_ns
-        if self.capabilities.follow([robot.name for robot in self.roster.up(now_ns)], now_ns):
+        looks = has_heard or self._requests.news or now_ns >= self._look_due_ns
+        if looks:
+            self._look_due_ns = now_ns + LOOK_PERIOD_NS
+            self._look(now_ns)
+        if self.motes.step(now_ns, self.lifecycle.as_far_as_written(now_ns)):
             self._decide_due_ns = now_ns
-        if self.lifecycle.settle(now_ns) or self._requests.news:
-            self._requests.news = False
+        if self.planning.step(now_ns):
             self._decide_due_ns = now_ns
-        self.lifecycle.withdraw_strays(now_ns)
+        if looks:
+            self.lifecycle.withdraw_strays(now_ns)
         if now_ns >= self._decide_due_ns:
             self._decide_due_ns = now_ns + DECIDE_PERIOD_NS
             self._hand_out(now_ns)
         if now_ns >= self._summary_due_ns:
             self._summary_due_ns = now_ns + SUMMARY_PERIOD_NS
             self._tell_summary(now_ns)
+
+    def _new_number(self) -> int:
+        self._own_tasks += 1
+        return self._own_tasks
+
+    def close(self) -> None:
+        """End what runs beside `step`; the wire and the journal are their owners' to close."""
+        self.planning.close()
 
     # -- hearing --------------------------------------------------------------------------------------------
 
@@ -101,41 +139,73 @@ class Coordinator:
                 # It may have mapped before this coordinator came.
                 self._wire.ask_into(self._inbox, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=robot.name)
                 self.capabilities.came(robot.name)
+                self.planning.chargers.came(robot.name)
         for received in self._inbox.drain():
             if received.topic is ROBOT_MAP:
                 self.team_map.merge(received.message)
                 continue
             state = received.message
+            known = self.roster.robots.get(state.robot)
+            self.planning.hear(known.state if known is not None else None, state)
             self.roster.note_state(state, now_ns)
             self.halts.note_state(state)
             if state.task is not None:
                 ended = self.lifecycle.hear(state.robot, state.task, now_ns)
                 if ended is not None:
+                    if isinstance(ended.task, Recharge):
+                        self._charge_desk.ended(state.robot, state.task.state, now_ns)
                     self._decide_due_ns = now_ns  # the next goal is there before the wheels stop
                     if state.task.state is TaskState.FAILED:
                         self.explorer.note_failure(state.robot, place_of(ended.task), now_ns)
+                        self.planning.blocked()
+                    elif isinstance(ended.task, Explore):
+                        self.explorer.note_visit(ended.task.goal)
 
     # -- deciding -------------------------------------------------------------------------------------------
+
+    def _look(self, now_ns: int) -> None:
+        if self.capabilities.follow(self.roster.up(now_ns), now_ns):
+            self._decide_due_ns = now_ns
+        if self.lifecycle.settle(now_ns) or self._requests.news:
+            self._requests.news = False
+            self._decide_due_ns = now_ns
 
     def _hand_out(self, now_ns: int) -> None:
         there = [] if self.halts.is_halted else self.roster.up(now_ns)
         up = [robot for robot in there if robot.state is not None and not robot.state.halted]
-        self.lifecycle.dispatch(self._idle(up), now_ns)
+        if self.planning.is_on:
+            self.lifecycle.tell_nobody_can(now_ns)
+            if not self.halts.is_halted:
+                if self._following.step(now_ns):
+                    self._decide_due_ns = now_ns
+                self._together.step(now_ns)
+        else:
+            self.lifecycle.dispatch(self._idle(up), now_ns)
         with self.lifecycle.as_far_as_written(now_ns):
+            if self.planning.is_on:
+                self._send_to_charge(up, now_ns)
             self._hand_out_frontiers(up, now_ns)
+
+    def _send_to_charge(self, up: list[Robot], now_ns: int) -> None:
+        for robot, charger in self._charge_desk.choose(self._idle(up), now_ns):
+            task = Recharge(id=f"recharge-{self._new_number()}", place=charger.place, yaw_rad=charger.yaw_rad)
+            self.tasks.add(task, own=True)
+            if not self.lifecycle.offer(task.id, robot, now_ns).accepted:
+                self._charge_desk.ended(robot, TaskState.FAILED, now_ns)
 
     def _idle(self, robots: list[Robot]) -> list[Robot]:
         return [robot for robot in robots if self.tasks.of_robot(robot.name) is None]
 
     def _hand_out_frontiers(self, up: list[Robot], now_ns: int) -> None:
         bound = [place_of(record.task) for record in self.tasks.open if record.robot]
-        idle = self._idle(up)
+        planning = self.planning
+        free = [] if planning.has_unplanned() else self._idle(up)
+        idle = [robot for robot in free if not planning.is_reserved(robot.name, now_ns)]
         choices = self.explorer.choose(idle, bound, now_ns) if idle else []
         if choices or bound or self.explorer.has_failures or not up or self.team_map.version == 0:
             self._busy_ns = now_ns
         for choice in choices:
-            self._explores += 1
-            task = Explore(id=f"explore-{self._explores}", goal=choice.place)
+            task = Explore(id=f"explore-{self._new_number()}", goal=choice.place)
             self.tasks.add(task, own=True)
             if not self.lifecycle.offer(task.id, choice.robot, now_ns).accepted:
                 self.explorer.note_failure(choice.robot, task.goal, now_ns)

@@ -38,6 +38,8 @@ class HaltWatch:
     def hear(self) -> bool:
         """Follow what has come; True if there is news for the team."""
         heard = self._arrivals.drain()
+        if not heard and not self.is_halted:
+            return False
         for received in heard:
             halt = received.message
             if halt.halted:

@@ -1,11 +1,12 @@
 """The roster: which robots there are, and what they last said."""
 
-from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.messages import RobotState, RobotSummary
 from robrain.protocol.wire.presence import Change
 
 LOST_AFTER_S = 1.0
 """A robot that has said nothing for this long is not counted on, whatever its token says."""
+_LOST_AFTER_NS = to_ns(LOST_AFTER_S)
 
 
 class Robot:
@@ -39,32 +40,45 @@ class Roster:
 
     def __init__(self) -> None:
         self.robots: dict[str, Robot] = {}
+        self._by_name: list[Robot] = []
+        self._up: list[Robot] = []
+        self._up_at_ns: int | None = None
+        """For when that was worked out; it is asked for several times a step, and there may be a thousand robots."""
 
     def note_state(self, state: RobotState, now_ns: int) -> None:
         """A robot said how it is."""
         robot = self._robot(state.robot)
         robot.state = state
         robot.heard_ns = now_ns
+        self._up_at_ns = None
 
     def note_presence(self, change: Change) -> Robot:
         """A robot's token came or went."""
         robot = self._robot(change.names["robot"])
         robot.has_token = change.present
+        self._up_at_ns = None
         return robot
 
     def up(self, now_ns: int) -> list[Robot]:
-        """The robots that can be counted on, by name."""
-        return [self.robots[name] for name in sorted(self.robots) if self.robots[name].is_up(now_ns)]
+        """The robots that can be counted on, by name; not to be changed."""
+        if self._up_at_ns != now_ns:
+            since_ns = now_ns - _LOST_AFTER_NS
+            self._up = [
+                robot
+                for robot in self._by_name
+                if robot.has_token and robot.heard_ns is not None and robot.heard_ns >= since_ns
+            ]
+            self._up_at_ns = now_ns
+        return self._up
 
     def summaries(self, now_ns: int) -> list[RobotSummary]:
         """Each robot in a line, by name."""
         summaries = []
-        for name in sorted(self.robots):
-            robot = self.robots[name]
+        for robot in self._by_name:
             state = robot.state
             summaries.append(
                 RobotSummary(
-                    name=name,
+                    name=robot.name,
                     up=robot.is_up(now_ns),
                     age_s=round(min(robot.age_s(now_ns), 1e6), 3),
                     halted=state is not None and state.halted,
@@ -80,4 +94,5 @@ class Roster:
     def _robot(self, name: str) -> Robot:
         if name not in self.robots:
             self.robots[name] = Robot(name)
+            self._by_name = [self.robots[known] for known in sorted(self.robots)]
         return self.robots[name]

@@ -40,6 +40,10 @@ class Shunning:
         shunned = self._shunned.get((task_id, robot))
         return shunned.why if shunned is not None and now_ns < shunned.until_ns else ""
 
+    def pauses(self, now_ns: int) -> dict[tuple[str, str], str]:
+        """Which task is not to be offered to which robot now, and why."""
+        return {pair: shunned.why for pair, shunned in self._shunned.items() if now_ns < shunned.until_ns}
+
     def last_word(self, task_id: str, robot: str) -> str:
         """What a robot said that is not asked again; empty if it may be."""
         shunned = self._shunned.get((task_id, robot))

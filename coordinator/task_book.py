@@ -109,6 +109,12 @@ class TaskBook:
         epoch = self.journal.new_epoch(self._first_epoch + 1)
         return self._change(self._open[task_id], TaskState.OFFERED, robot=robot, epoch=epoch)
 
+    def begin_together(self, task_id: str, why: str) -> TaskRecord:
+        """Several robots set out for a task at once; it is nobody's alone."""
+        epoch = self.journal.new_epoch(self._first_epoch + 1)
+        self._change(self._open[task_id], TaskState.OFFERED, why, epoch=epoch)
+        return self._change(self._open[task_id], TaskState.RUNNING, why)
+
     def move(self, task_id: str, state: TaskState, why: str = "", result: dict[str, Any] | None = None) -> TaskRecord:
         """A task goes on to another state."""
         record = self._open[task_id]

@@ -5,7 +5,7 @@ what is ready to whoever is idle; have withdrawn what is done by a robot that sh
 """
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import msgspec
@@ -14,6 +14,7 @@ from robrain.coordinator.admission import why_dependency_ended
 from robrain.coordinator.capabilities import Capabilities
 from robrain.coordinator.dispatch import dispatch, verdicts
 from robrain.coordinator.journal.errors import JournalUnwritable
+from robrain.coordinator.motes import MEMBER_PREFIX
 from robrain.coordinator.reconcile import LEASE_S, reconcile, stray
 from robrain.coordinator.roster import Robot, Roster
 from robrain.coordinator.shunning import Shunning
@@ -51,7 +52,7 @@ class TaskLifecycle:
         self._book = book
         self._roster = roster
         self._since_ns = wire.clock.now_ns()
-        self._shunning = Shunning()
+        self.shunning = self._shunning = Shunning()
         self.reasons = TaskReasons(book, roster, capabilities, self._shunning)
         self._withdrawn_ns: dict[tuple[str, str, int], int] = {}
         self._complained_ns: int | None = None
@@ -78,6 +79,8 @@ class TaskLifecycle:
         with self.as_far_as_written(now_ns):
             for record in self._book.open:
                 task_id = record.task.id
+                if record.robot.startswith(MEMBER_PREFIX):
+                    continue  # the desk of the motes follows it
                 if record.robot:
                     move = reconcile(record, self._roster.robots.get(record.robot), now_ns, self._since_ns)
                     if move is not None and move.state is TaskState.QUEUED:
@@ -120,10 +123,7 @@ class TaskLifecycle:
             return reasons.not_for(record, robot, now_ns)
 
         with self.as_far_as_written(now_ns):
-            for record in ready:
-                why = reasons.nobody_can(record)
-                if why and why != record.why:  # told once, and as often as it changes
-                    self._book.move(record.task.id, TaskState.QUEUED, why)
+            self._tell_nobody_can(ready)
             by_id = {record.task.id: record for record in ready}
             for task_id, robot in dispatch(ready, idle, why_not):
                 reasons.note(task_id, verdicts(by_id[task_id], robots, why_not, robot), now_ns)
@@ -131,6 +131,23 @@ class TaskLifecycle:
                 offered = self._book.find(task_id)
                 if offered is not None and offered.state is TaskState.OFFERED:
                     break  # no answer in time: the others are not kept waiting for more of that
+
+    def tell_nobody_can(self, now_ns: int) -> None:
+        """Tell of ready tasks that no robot of the team has what they take."""
+        with self.as_far_as_written(now_ns):
+            self._tell_nobody_can([record for record in self._book.open if not self.reasons.waits(record, now_ns)])
+
+    def _tell_nobody_can(self, ready: list[TaskRecord]) -> None:
+        for record in ready:
+            why = self.reasons.nobody_can(record)
+            if why and why != record.why:  # told once, and as often as it changes
+                self._book.move(record.task.id, TaskState.QUEUED, why)
+
+    def note_decision(self, task_id: str, robots: Sequence[str], now_ns: int) -> None:
+        """A task is about to be offered to robots: how each robot stands to it is kept for those who ask."""
+        record = self._book.find(task_id)
+        if record is not None:
+            self.reasons.note(task_id, self.reasons.judge(record, now_ns, robots), now_ns)
 
     def offer(self, task_id: str, robot: str, now_ns: int) -> TaskAnswer:
         """Offer a queued task to a robot. Refused, it is queued again, or ends if it is the coordinator's own.

@@ -2,7 +2,8 @@
 
 RobrainError
 ├── UsageError                the command line is wrong
-└── ChildFailed               a process of the team did not start; carries what it said
+├── ChildFailed               a process of the team did not start; carries what it said
+└── InstanceError             a public routing instance cannot be read, or is none that the allocators' model holds
 """
 
 from robrain.protocol.wire.errors import RobrainError
@@ -14,3 +15,7 @@ class UsageError(RobrainError):
 
 class ChildFailed(RobrainError):
     """A process of the team did not start."""
+
+
+class InstanceError(RobrainError):
+    """A public routing instance cannot be read or solved; the text names the file and what was expected."""

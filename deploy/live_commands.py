@@ -8,6 +8,7 @@ from robrain.deploy.dashboard_process import READY_PREFIX, start_dashboard
 from robrain.deploy.errors import UsageError
 from robrain.deploy.live_process import LiveStop, live_endpoint, session_of, tell
 from robrain.deploy.team_found import TeamFound
+from robrain.protocol.model.objective import Objective
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.errors import NobodyThere
 from robrain.protocol.wire.keys import check_name
@@ -18,37 +19,59 @@ DEFAULT_DASHBOARD_PORT = 8080
 GATHER_S = 0.5
 
 
-def coordinator_command(connect: list[str], listen: str | None, team: str, journal: Path | None) -> None:
+def coordinator_command(
+    connect: list[str], listen: str | None, team: str, journal: Path | None, objective: Objective = Objective.ENERGY
+) -> None:
     """Coordinate a team until Ctrl-C; its tasks are kept in a journal, `TEAM.journal` if none is given."""
     from robrain.coordinator.journal.journal import Journal
     from robrain.coordinator.live import run_coordinator
+    from robrain.coordinator.planning.policy import PlanningPolicy
 
     should_stop = LiveStop()
     with session_of(connect, listen) as session, live_endpoint(session, team) as wire:
         kept = Journal(journal if journal is not None else Path(f"{team}.journal"))
         try:
-            run_coordinator(wire, should_stop, lambda: tell(f"coordinator: of team {team}; Ctrl-C ends it"), kept)
+            ready = f"coordinator: of team {team}; Ctrl-C ends it"
+            run_coordinator(wire, should_stop, lambda: tell(ready), kept, PlanningPolicy(objective=objective))
         finally:
             kept.close()
 
 
-def dashboard_command(connect: list[str], team: str, port: int | None) -> None:
-    """Show a team until Ctrl-C."""
-    from robrain.coordinator.dashboard import run_dashboard
+def dashboard_command(connect: list[str], team: str, port: int | None, replay: Path | None = None) -> None:
+    """Show a team, or a recording, until Ctrl-C."""
+    from robrain.coordinator.dashboard import ReplaySource, run_dashboard
     from robrain.deploy.ports import free_or
 
     should_stop = LiveStop()
     chosen = port if port is not None else free_or(DEFAULT_DASHBOARD_PORT)
+
+    def ready(url: str) -> None:
+        tell(f"{READY_PREFIX}{url}")
+
+    if replay is not None:
+        run_dashboard(ReplaySource(replay), "127.0.0.1", chosen, ready, should_stop)
+        return
     with session_of(connect, None) as session, live_endpoint(session, team) as wire:
-        run_dashboard(wire, "127.0.0.1", chosen, lambda url: tell(f"{READY_PREFIX}{url}"), should_stop)
+        run_dashboard(wire, "127.0.0.1", chosen, ready, should_stop)
 
 
 def replay_command(
-    recording: Path, speed: float, *, loop: bool, dashboard: bool, port: int | None, connect: list[str], team: str
+    recording: Path,
+    speed: float,
+    *,
+    loop: bool,
+    dashboard: bool,
+    port: int | None,
+    connect: list[str],
+    team: str,
+    start_s: float = 0.0,
+    paused: bool = False,
 ) -> None:
     """Replay a recording; with the dashboard, stay until Ctrl-C."""
+    from robrain.coordinator.recording.replay import Replay
+    from robrain.deploy.replay_terminal import replay_terminal
     from robrain.deploy.replaying import run_replay
-    from robrain.deploy.terminal import replay_display, say
+    from robrain.deploy.terminal import say
 
     if speed <= 0:
         raise UsageError(f"--speed {speed:g}: expected a number above 0")
@@ -64,8 +87,25 @@ def replay_command(
         say(f"{recording} as team {team} at {where[0]}")
         if dashboard:
             say(f"dashboard: {start_dashboard(children, where[0], team, port)}")
-        with replay_display() as show:
-            ended = run_replay(wire, clock, recording, speed, loop=loop, should_stop=should_stop, on_progress=show)
+        with replay_terminal() as terminal:
+
+            def begin(replay: Replay) -> None:
+                terminal.open(replay)
+                if start_s:
+                    replay.seek(start_s)
+                if paused:
+                    replay.player.pause()
+
+            ended = run_replay(
+                wire,
+                clock,
+                recording,
+                speed,
+                loop=loop,
+                should_stop=lambda: should_stop() or terminal.ended,
+                on_progress=terminal.show,
+                on_open=begin,
+            )
         if ended and dashboard:
             say("the end; the dashboard stays open: Ctrl-C ends it")
             while not should_stop():

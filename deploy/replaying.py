@@ -9,6 +9,45 @@ from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.endpoint import Endpoint
 
 PERIOD_S = 0.02
+SEEK_S = 10.0
+SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
+KEYS = "space pauses, ← → seek 10 s, + − change the speed, 0 goes to the start, q ends"
+
+
+class ReplayKeys:
+    """What the keys of a terminal do to a replay.
+
+    Args:
+        replay: the one that runs.
+    """
+
+    def __init__(self, replay: Replay) -> None:
+        self._replay = replay
+        self.ended = False
+        """Whether somebody has had enough."""
+
+    def press(self, key: str) -> None:
+        """A key by its name: `space`, `left`, `right`, `+`, `-`, `0`, `q`; others do nothing."""
+        player = self._replay.player
+        if key == "space":
+            player.pause() if player.playing else player.play()
+        elif key in ("left", "right"):
+            self._replay.seek(player.position_s + (SEEK_S if key == "right" else -SEEK_S))
+        elif key in ("+", "-"):
+            self._change_speed(faster=key == "+")
+        elif key == "0":
+            self._replay.seek(0.0)
+        elif key == "q":
+            self.ended = True
+
+    def _change_speed(self, *, faster: bool) -> None:
+        player = self._replay.player
+        others = [speed for speed in SPEEDS if (speed > player.speed if faster else speed < player.speed)]
+        if others:
+            was_playing = player.playing
+            player.play(min(others) if faster else max(others))
+            if not was_playing:
+                player.pause()
 
 
 def run_replay(
@@ -20,6 +59,7 @@ def run_replay(
     loop: bool,
     should_stop: Callable[[], bool],
     on_progress: Callable[[float], None],
+    on_open: Callable[[Replay], None] | None = None,
 ) -> bool:
     """Put a recording back on the wire.
 
@@ -31,6 +71,7 @@ def run_replay(
         loop: begin again at the end.
         should_stop: asked every step.
         on_progress: told the share that has been put, 0 to 1.
+        on_open: given the replay before it begins, to seek in it and to pause it.
 
     Returns:
         Whether the end was reached.
@@ -41,6 +82,8 @@ def run_replay(
     """
     replay = Replay(endpoint, path, speed=speed, loop=loop)
     try:
+        if on_open is not None:
+            on_open(replay)
         while not replay.done:
             if should_stop():
                 return False

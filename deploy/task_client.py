@@ -17,15 +17,26 @@ from typing import Any, Self, TypeVar
 import msgspec
 
 from robrain.deploy.live_process import endpoints, live_endpoint, session_of
+from robrain.protocol.model.objective import Objective
 from robrain.protocol.model.task import Task, TaskState
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere, WireError
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
 from robrain.protocol.wire.messages import TaskEvent
+from robrain.protocol.wire.plan_messages import ObjectiveRequest, PlanningStatus
 from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
 from robrain.protocol.wire.topic import Topic
-from robrain.protocol.wire.topics import TASK_CANCEL, TASK_EVENT, TASK_GET, TASK_LIST, TASK_SUBMIT, TASK_WHY
+from robrain.protocol.wire.topics import (
+    COORDINATOR_OBJECTIVE,
+    COORDINATOR_PLANNING,
+    TASK_CANCEL,
+    TASK_EVENT,
+    TASK_GET,
+    TASK_LIST,
+    TASK_SUBMIT,
+    TASK_WHY,
+)
 
 T = TypeVar("T")
 
@@ -95,6 +106,12 @@ class TaskClient:
     def why(self, task_id: str) -> TaskWhy:
         """Why a task stands as it does (CallError if there is none of that id)."""
         return self._ask(TASK_WHY, TaskRequest(id=task_id), TaskWhy)
+
+    def planning(self, objective: Objective | None = None) -> PlanningStatus:
+        """How the team's tasks are planned; with an objective, plans are for that from now on."""
+        if objective is None:
+            return self._ask(COORDINATOR_PLANNING, None, PlanningStatus)
+        return self._ask(COORDINATOR_OBJECTIVE, ObjectiveRequest(objective=objective, by=self._by), PlanningStatus)
 
     def list(self, wanted: TaskFilter | None = None) -> list[TaskRecord]:
         """The tasks that match, in the order in which they were accepted."""

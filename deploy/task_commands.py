@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from robrain.protocol.model.objective import Objective
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ def add(
     service: Annotated[float | None, typer.Option(help="How long it takes at its place, in seconds.")] = None,
     needs: Annotated[list[str] | None, typer.Option(help="A plugin that the robot must have; may be repeated.")] = None,
     after: Annotated[list[str] | None, typer.Option(help="A task that must be done before; may be repeated.")] = None,
+    robots: Annotated[int | None, typer.Option(help="So many robots at once; 1 if not given.", min=1)] = None,
     mote: Annotated[str | None, typer.Option(help="collect, relay, sense, replace: which mote.")] = None,
     duration: Annotated[float | None, typer.Option(help="relay, monitor, replace: for how long, in seconds.")] = None,
     interval: Annotated[float | None, typer.Option(help="monitor: seconds from round to round.")] = None,
@@ -68,6 +70,7 @@ def add(
         "service_s": service,
         "needs": needs or None,
         "after": after or None,
+        "robots": robots,
         "mote": mote,
         "duration_s": duration,
         "interval_s": interval,
@@ -220,6 +223,24 @@ def why(
     first_ns = found.changes[0].stamp_ns if found.changes else 0
     for change in found.changes:
         _say(f"  +{(change.stamp_ns - first_ns) / 1e9:.1f} s {_words(change)}")
+
+
+@task_app.command()
+def objective(
+    chosen: Annotated[
+        Objective | None, typer.Argument(metavar="[energy|makespan|lifetime]", help="From now on.")
+    ] = None,
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    as_json: JsonOption = False,
+) -> None:
+    """Say what the team's plans are to be good at, or have them be good at something else."""
+    with _client(connect, team) as client:
+        found = client.planning(chosen)
+    if as_json:
+        _print_json(found)
+        return
+    _say(f"{found.objective}, by {found.method}: {found.planned} planned, {found.left_out} left out")
 
 
 def _client(connect: str | None, team: str) -> "TaskClient":

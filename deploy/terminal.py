@@ -1,6 +1,6 @@
 """What a person sees in the terminal: progress, summaries, tables. Everything goes to stderr; stdout is for results."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 from rich.console import Console, Group
@@ -13,6 +13,7 @@ from rich.text import Text
 from robrain.deploy.forwarders import said
 from robrain.deploy.team_found import TeamFound
 from robrain.deploy.up import TeamStatus, UpResult
+from robrain.protocol.wire.safe_text import safe_text
 from robrain.sim.result import RunResult
 from robrain.sim.scenario import Progress as RunProgress
 
@@ -60,15 +61,6 @@ def run_display(until_explored: float, *, quiet: bool = False) -> Iterator[RunDi
     )
     with Progress(*columns, console=console, disable=quiet or not console.is_terminal) as progress:
         yield RunDisplay(progress, until_explored)
-
-
-@contextmanager
-def replay_display() -> Iterator[Callable[[float], None]]:
-    """A progress bar that is told the share that has been replayed."""
-    columns = (TextColumn("replayed"), BarColumn(bar_width=30), TextColumn("{task.percentage:3.0f} %"))
-    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
-        bar = progress.add_task("replay", total=1.0)
-        yield lambda share: progress.update(bar, completed=share)
 
 
 class UpDisplay:
@@ -130,8 +122,8 @@ def show_status(found: TeamFound) -> None:
 
 
 def say(text: str) -> None:
-    """A line for the person; text from elsewhere is shown as it is, without markup."""
-    console.print(escape(text), soft_wrap=True)
+    """A line for the person; text from elsewhere is shown as it is, without markup, and cannot steer the terminal."""
+    console.print(escape("\n".join(map(safe_text, text.split("\n")))), soft_wrap=True)
 
 
 def show_result(result: RunResult) -> None:

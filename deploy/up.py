@@ -23,6 +23,7 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import ArenaTruth
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import ARENA_TRUTH, COORDINATOR_ALIVE, ROBOT_ALIVE, ROBOT_STATE
+from robrain.sim.manifests import manifest_texts
 from robrain.sim.scenario import Scenario
 
 LOOK_PERIOD_S = 0.1
@@ -100,9 +101,15 @@ def run_up(
     children = Children()
     try:
         provenance = Provenance(
-            scenario.name, scenario.toml, scenario.seed, world.map_png(), Drive.LIVE.value, options.team
+            scenario.name,
+            scenario.toml,
+            scenario.seed,
+            world.map_png(),
+            Drive.LIVE.value,
+            options.team,
+            manifest_texts(world, options.team),
         )
-        recorder = Recorder(wire, options.record, provenance) if options.record is not None else None
+        recorder = Recorder(wire, options.record, provenance, visual=True) if options.record is not None else None
         watch = _Watch(wire, [robot.name for robot in world.robots], children)
         endpoint = _bound(hub)
         common = ["--connect", endpoint, "--team", options.team]
@@ -110,7 +117,8 @@ def run_up(
             robot_files = write_robot_files(world, Path(folder), team=options.team, connect=endpoint)
             children.start("arena", ["arena", *scenario_argument, *common])
             journal = options.journal if options.journal is not None else Path(folder) / "team.journal"
-            children.start("coordinator", ["coordinator", "--journal", str(journal), *common])
+            kept = ["--journal", str(journal), "--objective", str(scenario.planning.objective)]
+            children.start("coordinator", ["coordinator", *kept, *common])
             for path in robot_files:
                 children.start(path.stem, ["agent", str(path)])
             url = (

@@ -10,10 +10,14 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 import typer
 
+from robrain.deploy.bench_commands import bench_app
 from robrain.deploy.plugin_commands import plugin_app
+from robrain.deploy.recording_commands import recording_app
 from robrain.deploy.task_commands import task_app
+from robrain.protocol.model.objective import Objective
 from robrain.protocol.wire.errors import RobrainError
 from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
+from robrain.protocol.wire.safe_text import safe_text
 
 if TYPE_CHECKING:
     from robrain.sim.result import RunResult
@@ -21,6 +25,9 @@ if TYPE_CHECKING:
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 EXTRAS = {"pymunk": "sim", "PIL": "sim", "yaml": "sim", "tomli_w": "sim", "mcap": "team", "viser": "team"}
+EXTRAS |= {"pyvrp": "team", "ortools": "bench", "vrplib": "bench"}
+EXTRAS |= {"mcap_protobuf": "team", "foxglove_schemas_protobuf": "team", "matplotlib": "report", "pandas": "report"}
+EXTRAS |= {"pyarrow": "parquet", "foxglove": "foxglove"}
 """Packages that a plain install does not have, and the extra that brings each."""
 
 app = typer.Typer(
@@ -33,6 +40,8 @@ app = typer.Typer(
 
 app.add_typer(plugin_app, name="plugin")
 app.add_typer(task_app, name="task")
+app.add_typer(recording_app)
+app.add_typer(bench_app, name="bench")
 
 ScenarioArgument = Annotated[str | None, typer.Argument(help="A built-in name (depot) or a scenario .toml file.")]
 MapOption = Annotated[Path | None, typer.Option("--map", help="A map.yaml in the ROS map_server format, instead.")]
@@ -198,21 +207,28 @@ def coordinator(
     listen: ListenOption = None,
     team: TeamOption = DEFAULT_TEAM,
     journal: JournalOption = None,
+    objective: Annotated[Objective, typer.Option(help="What plans are to be good at.")] = Objective.ENERGY,
 ) -> None:
     """Coordinate a team: merge its maps, hand out its tasks, and go on where the journal ends."""
     from robrain.deploy.live_commands import coordinator_command
     from robrain.deploy.live_process import endpoints
 
-    coordinator_command(endpoints(connect), listen, check_name("team", team), journal)
+    coordinator_command(endpoints(connect), listen, check_name("team", team), journal, objective)
 
 
 @app.command()
-def dashboard(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, port: PortOption = None) -> None:
-    """Show a team in a browser page on 127.0.0.1."""
+def dashboard(
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    port: PortOption = None,
+    replay: Annotated[Path | None, typer.Option(help="Show this recording instead of a team.")] = None,
+) -> None:
+    """Show a team, or a recording, in a browser page on 127.0.0.1."""
     from robrain.deploy.live_commands import dashboard_command
     from robrain.deploy.live_process import endpoints
 
-    dashboard_command(endpoints(connect), check_name("team", team), port)
+    where = endpoints(connect) if replay is None else []
+    dashboard_command(where, check_name("team", team), port, replay)
 
 
 @app.command()
@@ -224,12 +240,16 @@ def replay(
     port: PortOption = None,
     connect: ConnectOption = None,
     team: Annotated[str, typer.Option(help="Team that the messages are replayed as.")] = "replay",
+    start: Annotated[float, typer.Option(help="Begin so many seconds after the first message.")] = 0.0,
+    paused: Annotated[bool, typer.Option("--paused", help="Begin paused; a key or a query goes on.")] = False,
 ) -> None:
     """Put a recording back on the wire, for the dashboard or for any other listener."""
     from robrain.deploy.live_commands import replay_command
     from robrain.deploy.live_process import endpoints
 
-    replay_command(recording, speed, loop=loop, dashboard=dashboard, port=port, connect=endpoints(connect), team=team)
+    where = endpoints(connect)
+    replay_command(recording, speed, loop=loop, dashboard=dashboard, port=port, connect=where, team=team,
+                   start_s=start, paused=paused)  # fmt: skip
 
 
 RobotOption = Annotated[str | None, typer.Option(help="This robot only; default is the whole team.")]
@@ -327,7 +347,7 @@ def _said_in_words() -> Iterator[None]:
     try:
         yield
     except RobrainError as error:
-        sys.stderr.write(f"robrain: {error}\n")
+        sys.stderr.write(f"robrain: {safe_text(str(error))}\n")
         sys.exit(EXIT_BAD_INPUT)
     except ModuleNotFoundError as error:
         extra = EXTRAS.get((error.name or "").partition(".")[0])

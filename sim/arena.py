@@ -4,33 +4,23 @@ Robots are driven by frames on their CAN buses and by nothing else. The arena co
 once a tick and moves the clock that stamps what is sent.
 """
 
-import math
 from collections.abc import Callable, Sequence
 
-import msgspec
 import numpy as np
 import pymunk
-from numpy.typing import NDArray
 
-from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.occupancy_grid import GridGeometry
-from robrain.protocol.model.omni_drive import OmniBase
-from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.messages import ArenaClock, ArenaTruth, MoteTruth, RobotTruth
-from robrain.protocol.wire.topics import ARENA_CLOCK, ARENA_SCAN, ARENA_TRUTH
-from robrain.sim.camera import CameraSpec, SeenMote
+from robrain.protocol.wire.topics import ARENA_CLOCK, ARENA_TRUTH
+from robrain.sim.camera import SeenMote
 from robrain.sim.camera_desk import CameraDesk
 from robrain.sim.chargers import Chargers, ChargerSpec
 from robrain.sim.fault_injection import FaultSchedule, FaultSpec
 from robrain.sim.field import Field
-from robrain.sim.firmware.battery import Battery, BatterySpec
-from robrain.sim.firmware.battery_manager import STATUS_PERIOD_S, BatteryManager, Reading
-from robrain.sim.firmware.bus_line import BusLine, LineFault
-from robrain.sim.firmware.motor_controller import MotorController
-from robrain.sim.firmware.power_model import PowerModel
-from robrain.sim.firmware.range_sensors import RangeSensors, RangeSensorSpec
-from robrain.sim.lidar import Lidar, LidarSpec
+from robrain.sim.firmware.battery_manager import STATUS_PERIOD_S, Reading
+from robrain.sim.firmware.bus_line import LineFault
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.wall_shapes import add_walls
 from robrain.sim.mote import ArenaMote
@@ -38,46 +28,19 @@ from robrain.sim.motes import MoteField, SensorNetwork
 from robrain.sim.referee import Referee, team_geometry
 from robrain.sim.robot_body import (
     COLLISION_SLOP_M,
-    MASS_KG,
     OVERLAP_LEFT_PER_TICK,
     WALL_COLLISION,
     CollisionCounter,
-    RobotBody,
 )
+from robrain.sim.robot_hardware import ArenaRobot, RobotHardware
 from robrain.sim.sensor_desk import SensorDesk
-from robrain.sim.wheels import Wheels, WheelSpec
+from robrain.sim.simulated_robot import SimulatedRobot
+
+__all__ = ["TICK_S", "Arena", "ArenaRobot", "RobotHardware"]
 
 TICK_S = 0.02
 CLOCK_PERIOD_S = 0.1
 TRUTH_PERIOD_S = 0.2
-CAN_CHANNEL = "can0"
-
-
-class RobotHardware(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What the robots of a scenario are built of: its table `[robot]`.
-
-    Raises ValueError where it is built with a radius that is not above 0.
-    """
-
-    base: OmniBase = OmniBase()
-    radius_m: float = 0.2
-    battery: BatterySpec = BatterySpec()
-    power: PowerModel = PowerModel()
-    lidar: LidarSpec = LidarSpec()
-    range_sensors: RangeSensorSpec = RangeSensorSpec()
-    wheels: WheelSpec = WheelSpec()
-    camera: CameraSpec = CameraSpec()
-
-    def __post_init__(self) -> None:
-        if not self.radius_m > 0:
-            raise ValueError(f"expected radius_m > 0, got {self.radius_m}")
-
-
-class ArenaRobot(RobotHardware, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A robot to be simulated; its nodes sit on the bus `{name}/can0`."""
-
-    name: str
-    start: Pose2D
 
 
 class Arena:
@@ -130,19 +93,8 @@ class Arena:
         rows, columns = walls.shape
         geometry = GridGeometry(plan.resolution_m, plan.origin_x_m, plan.origin_y_m, columns, rows)
         self._robots = [
-            _Robot(
-                spec,
-                self._space,
-                Lidar(spec.lidar, spec.name, walls, geometry, noise_rng),
-                endpoint,
-                index,
-                tick_s,
-                noise_rng.spawn(1)[0],
-                walls,
-                geometry,
-                noise_rng.spawn(2),
-            )
-            for index, (spec, noise_rng) in enumerate(zip(robots, robots_rng.spawn(len(robots)), strict=True))
+            SimulatedRobot(spec, self._space, walls, geometry, endpoint, index, tick_s, own_rng)
+            for index, (spec, own_rng) in enumerate(zip(robots, robots_rng.spawn(len(robots)), strict=True))
         ]
         self._bodies = [robot.body for robot in self._robots]
         self.chargers = Chargers(chargers, tick_s)
@@ -172,6 +124,7 @@ class Arena:
             endpoint,
             rng.spawn(1)[0],
             lambda: self._ticks,
+            [Point2D(*charger.place_m) for charger in chargers],
         )
         self.sensors = SensorDesk(
             [robot.name for robot in robots],
@@ -267,82 +220,20 @@ class Arena:
             for robot, supply_w in zip(self._robots, supplies_w, strict=True):
                 robot.manager.supply_w = supply_w
 
-    def _named(self, robot: str) -> "_Robot":
+    def _named(self, robot: str) -> SimulatedRobot:
         return {each.name: each for each in self._robots}[robot]
 
     def _scan(self) -> None:
-        due = [robot for robot in self._robots if robot.scans_at(self._ticks)]
-        ranging = [robot for robot in self._robots if robot.ranges.measures_at(self._ticks)]
+        tick = self._ticks
+        due = [robot for robot in self._robots if tick % robot.scan_period_ticks == robot.scan_phase]
+        ranging = [robot for robot in self._robots if robot.measures_at(tick)]
         if not due and not ranging:
             return
         self._hulls[:, :2] = [(body.x_m, body.y_m) for body in self._bodies]
         for robot in ranging:
-            robot.ranges.measure(robot.body.pose, self._hulls)
+            robot.measure(self._hulls)
         for robot in due:
-            robot.scan_publisher.put(robot.lidar.scan(robot.body.pose, self._hulls))
-
-
-class _Robot:
-    """A body with its firmware and its lidar."""
-
-    def __init__(
-        self,
-        spec: ArenaRobot,
-        space: pymunk.Space,
-        lidar: Lidar,
-        endpoint: Endpoint,
-        index: int,
-        tick_s: float,
-        battery_rng: np.random.Generator,
-        walls: NDArray[np.bool_],
-        geometry: GridGeometry,
-        motion_rngs: Sequence[np.random.Generator],
-    ) -> None:
-        self.name = spec.name
-        self.bus = BusLine(
-            ZenohBus(
-                f"{spec.name}/{CAN_CHANNEL}",
-                session=endpoint.session,
-                team=endpoint.team,
-                direct=endpoint.drive is Drive.LOCKSTEP,
-                now_ns=endpoint.clock.now_ns,
-                on_outside=endpoint.note_outside,
-            )
-        )
-        wheels_rng, ranges_rng = motion_rngs
-        wheels = Wheels.draw(spec.base, spec.wheels, wheels_rng)
-        self.body = RobotBody(space, wheels, spec.start, spec.radius_m, tick_s)
-        self.battery = Battery(spec.battery)
-        self.lidar = lidar
-        self.scan_publisher = endpoint.publisher(ARENA_SCAN, robot=spec.name)
-        self._scan_period_ticks = max(1, round(1.0 / (spec.lidar.rate_hz * tick_s)))
-        # Robots take turns, so that no tick has all the scans.
-        self._scan_phase = index % self._scan_period_ticks
-        self.controller = MotorController(self.bus, spec.base, tick_s, lambda: self.bus.transmit_errors)
-        self.ranges = RangeSensors(
-            self.bus, spec.range_sensors, spec.radius_m, walls, geometry, ranges_rng, tick_s, index
-        )
-        self.manager = BatteryManager(self.bus, self.battery, spec.power, MASS_KG, tick_s, battery_rng)
-        self._per_tick = 1.0 / tick_s
-
-    def act(self) -> None:
-        """Hear the bus, set the wheels."""
-        self.controller.receive()
-        self.controller.powered = not self.battery.is_cut_off
-        self.body.drive(*self.controller.wheel_speeds_rad_s)
-
-    def report(self, tick: int) -> None:
-        """Follow the body's motion and tell it on the bus."""
-        body = self.body
-        body.roll()
-        self.controller.report(body.wheel_turns_rad)
-        self.ranges.feel(tick, body.yaw_rad, body.contacts_rad)
-        speed_m_s = math.hypot(body.forward_m, body.left_m) * self._per_tick
-        self.manager.report(speed_m_s, body.turned_rad * self._per_tick)
-
-    def scans_at(self, tick: int) -> bool:
-        """Whether its lidar completes a turn with this tick."""
-        return tick % self._scan_period_ticks == self._scan_phase
+            robot.scan(self._hulls)
 
 
 def _check_names(names: Sequence[str], what: str) -> None:

@@ -2,8 +2,9 @@
 
 A pinhole camera that looks ahead, level, from the robot's middle. Walls are found with the rays of the lidar, one a
 column; floor and ceiling follow from the camera's height; robots are cylinders in their colours, motes are posts with
-their number on a plate. Sizes and colours are chosen so that a room, a robot and a mote are told apart in 160 x 120
-pixels. A picture is the same whoever asks, and however often: its noise comes from the time and the robot alone.
+their number on a plate, chargers are mats. What motes sense is not to be seen: a camera has no eye for temperature or
+humidity. Sizes and colours are chosen so that a room, a robot and a mote are told apart in 160 x 120 pixels. A picture
+is the same whoever asks, and however often: its noise comes from the time and the robot alone.
 """
 
 import io
@@ -27,6 +28,7 @@ from robrain.sim.picture_paint import (
     ROBOT_BAND,
     ROBOT_COLORS,
     ROBOT_DARK,
+    charger_color,
     floor_color,
     number_cells,
     wall_color,
@@ -99,11 +101,20 @@ class Camera:
         walls: (H, W) what is solid.
         geometry: where `walls` lies in the arena frame.
         seed: of its noise.
+        chargers: where mats lie, arena frame.
 
     """
 
-    def __init__(self, spec: CameraSpec, walls: NDArray[np.bool_], geometry: GridGeometry, seed: int) -> None:
+    def __init__(
+        self,
+        spec: CameraSpec,
+        walls: NDArray[np.bool_],
+        geometry: GridGeometry,
+        seed: int,
+        chargers: Sequence[Point2D] = (),
+    ) -> None:
         self.spec = spec
+        self._chargers = tuple(chargers)
         self._walls = walls if walls.flags.writeable else walls.copy()  # else it would be copied for every picture
         self._geometry = geometry
         self._seed = seed
@@ -155,6 +166,7 @@ class _View:
         self._pose = pose
         self._cos, self._sin = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
         wall_m = camera.depths_m(pose)
+        self._chargers = camera._chargers
         self.image, self._depth_m = self._room(wall_m, camera._geometry.resolution_m)
 
     def _room(
@@ -181,7 +193,7 @@ class _View:
         ahead_m = floor_m[is_floor]
         x_m = self._pose.x_m + ahead_m * (self._cos - self._sin * columns)
         y_m = self._pose.y_m + ahead_m * (self._sin + self._cos * columns)
-        image[is_floor] = floor_color(x_m, y_m) * _faded(ahead_m)[:, None]
+        image[is_floor] = self._floor_color(x_m, y_m) * _faded(ahead_m)[:, None]
         depth_m[is_floor] = ahead_m
         image[heights_m > WALL_HEIGHT_M] = CEILING
         return image, depth_m
@@ -195,6 +207,13 @@ class _View:
     def _ahead_and_left_m(self, x_m: float, y_m: float) -> tuple[float, float]:
         dx_m, dy_m = x_m - self._pose.x_m, y_m - self._pose.y_m
         return self._cos * dx_m + self._sin * dy_m, self._cos * dy_m - self._sin * dx_m
+
+    def _floor_color(self, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        color = floor_color(x_m, y_m)
+        for place in self._chargers:
+            covers, mat = charger_color(x_m - place.x_m, y_m - place.y_m)
+            color[covers] = mat
+        return color
 
     def draw_robot(self, robot: SeenRobot) -> None:
         """A cylinder with dark wheels, a light band, and a dark face where its front is."""

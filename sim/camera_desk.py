@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.occupancy_grid import GridGeometry
 from robrain.protocol.wire.endpoint import Endpoint, Request
 from robrain.protocol.wire.topics import ARENA_CAMERA
@@ -25,6 +26,7 @@ class CameraDesk:
         endpoint: where it is asked.
         rng: source of the pictures' noise.
         moment: counts the ticks.
+        chargers: where mats lie, arena frame.
 
     """
 
@@ -39,10 +41,11 @@ class CameraDesk:
         endpoint: Endpoint,
         rng: np.random.Generator,
         moment: Callable[[], int],
+        chargers: Sequence[Point2D] = (),
     ) -> None:
         self._index = {name: index for index, name in enumerate(names)}
         seeds = rng.integers(1 << 32, size=len(names)).tolist()
-        self._cameras = [Camera(spec, walls, geometry, seed) for spec, seed in zip(specs, seeds, strict=True)]
+        self._cameras = [Camera(spec, walls, geometry, seed, chargers) for spec, seed in zip(specs, seeds, strict=True)]
         self._bodies = bodies
         self._motes = motes
         self._moment = moment

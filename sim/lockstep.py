@@ -9,6 +9,7 @@ from pathlib import Path
 
 from robrain.agent.host import AgentHost
 from robrain.coordinator.coordinator import Coordinator
+from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.recording.provenance import Provenance
 from robrain.coordinator.recording.recorder import Recorder, RecordingSummary
 from robrain.protocol.wire.clock import VirtualClock, to_ns
@@ -19,6 +20,8 @@ from robrain.protocol.wire.messages import ArenaTruth, OutsideInput
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, COORDINATOR_STATE, MOTE_READING
 from robrain.sim.arena import TICK_S
+from robrain.sim.collector import CalmCollector
+from robrain.sim.manifests import manifest_texts
 from robrain.sim.world import World
 
 TRUTH_TICKS = 10
@@ -34,6 +37,7 @@ class LockstepRun:
         scenario_toml: its text, for the recording.
         team: whose keys are used.
         listen: loopback endpoint on which other processes, a dashboard say, may join; None keeps to itself.
+        planning: what the coordinator's plans are for.
 
     Raises:
         RobrainError: saying what cannot be opened.
@@ -49,6 +53,7 @@ class LockstepRun:
         scenario_toml: str = "",
         team: str = DEFAULT_TEAM,
         listen: str | None = None,
+        planning: PlanningPolicy | None = None,
     ) -> None:
         self.world = world
         self.clock = VirtualClock()
@@ -57,6 +62,7 @@ class LockstepRun:
         self.wall_overlap_m = 0.0
         self._ticks = 0
         self._endpoints: list[Endpoint] = []
+        self._planning = planning
         self._closers: list[Callable[[], object]] = []
         self._summary: RecordingSummary | None = None
         self.session = open_lockstep_session(listen)
@@ -70,8 +76,11 @@ class LockstepRun:
     def _build(self, team: str, record: Path | None, scenario: str, scenario_toml: str) -> None:
         world = self.world
         self._watcher = self._endpoint(team)
-        provenance = Provenance(scenario, scenario_toml, world.seed, world.map_png(), Drive.LOCKSTEP.value, team)
-        self._recorder = Recorder(self._endpoint(team), record, provenance)
+        manifests = manifest_texts(world, team) if record is not None else {}
+        provenance = Provenance(
+            scenario, scenario_toml, world.seed, world.map_png(), Drive.LOCKSTEP.value, team, manifests
+        )
+        self._recorder = Recorder(self._endpoint(team), record, provenance, visual=True)
         self._closers.append(self._close_recorder)
         self._outside = self._watcher.publisher(ARENA_OUTSIDE)
         self._inbox = Inbox()
@@ -80,7 +89,7 @@ class LockstepRun:
         self.arena = world.arena(self._endpoint(team))
         self._closers.append(self.arena.close)
         self._coordinator_wire = self._endpoint(team)
-        self.coordinator = Coordinator(self._coordinator_wire)
+        self.coordinator = Coordinator(self._coordinator_wire, policy=self._planning)
         self.hosts = []
         for robot in world.robots:
             host = AgentHost(
@@ -95,6 +104,7 @@ class LockstepRun:
             self._closers.append(host.close)
             host.start()
             self.hosts.append(host)
+        self._closers.append(CalmCollector().release)
 
     @property
     def sim_time_s(self) -> float:

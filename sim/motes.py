@@ -1,5 +1,7 @@
 """The mote field: sensor motes on the floor, and the air between them and the robots' base stations.
 
+What a robot says to everybody is also heard by the base stations of other robots in reach.
+
 Packets meet path loss, shadowing and noise (`radio`), not each other: collisions on the air are not simulated.
 """
 
@@ -9,6 +11,7 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
+from robrain.protocol.tinyos.beacon import BEACON_TYPE
 from robrain.protocol.tinyos.packet import BROADCAST, ActiveMessage, BadPacket
 from robrain.protocol.tinyos.payloads import Quantity, with_rssi
 from robrain.protocol.wire.endpoint import Endpoint
@@ -16,11 +19,12 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
 from robrain.sim.field import Field, FieldSpec
 from robrain.sim.mote import ArenaMote, Mote, MoteSpec
-from robrain.sim.radio import Floats, RadioCounters, RadioLink, RadioModel, ShadowField
+from robrain.sim.radio import FAR_DEVIATIONS, Floats, RadioCounters, RadioLink, RadioModel, ShadowField
+from robrain.sim.robot_air import RobotAir
 from robrain.sim.robot_body import RobotBody
 
-FAR_DEVIATIONS = 5.0
-"""A packet that would need so much luck is not even looked at."""
+BETWEEN_ROBOTS = 0xBA5E
+"""Keeps the randomness between robots apart from that of any mote, however many there are."""
 
 
 class SensorNetwork(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -72,8 +76,12 @@ class MoteField:
         self._mote_index = {mote.number: index for index, mote in enumerate(motes)}
         self._xs_m, self._ys_m = np.zeros(len(robots)), np.zeros(len(robots))
         self._places_tick = -1
+        own_seed = rng.bit_generator.seed_seq
+        assert isinstance(own_seed, np.random.SeedSequence)
+        between = np.random.SeedSequence(own_seed.entropy, spawn_key=(*own_seed.spawn_key, BETWEEN_ROBOTS))
+        self.between_robots = RobotAir(network.radio, between)
         self._inbox = Inbox()
-        if motes:
+        if motes or len(robots) > 1:
             endpoint.subscribe(self._inbox, ARENA_RADIO_TX)
         self._tick = 0
         self._wakes = [(mote.next_tick, index) for index, mote in enumerate(self.motes)]
@@ -110,6 +118,10 @@ class MoteField:
             return
         if robot is None:
             return
+        if message.destination == BROADCAST:
+            self._to_robots(robot, packet, is_beacon=message.type == BEACON_TYPE)
+        if message.type == BEACON_TYPE:  # motes leave it alone
+            return
         self.counters.sent += 1
         addressed = self._mote_index.get(message.destination)
         wanted = range(len(self.motes)) if message.destination == BROADCAST else [addressed]
@@ -122,6 +134,10 @@ class MoteField:
                 mote.hear(message, self._tick)
                 if mote.next_tick != before:
                     heapq.heappush(self._wakes, (mote.next_tick, index))
+
+    def _to_robots(self, sender: int, packet: bytes, *, is_beacon: bool) -> None:
+        for robot, rssi_dbm in self.between_robots.heard_by(sender, self._xs_m, self._ys_m, self._tick):
+            self._receivers[robot].put_bytes(with_rssi(packet, rssi_dbm) if is_beacon else packet)
 
     def _look_where_robots_are(self, robots: Sequence[RobotBody]) -> None:
         if self._places_tick != self._tick:

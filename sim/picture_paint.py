@@ -30,6 +30,12 @@ MOTE_POST = np.array((200.0, 40.0, 160.0))
 PLATE = np.array((255.0, 250.0, 120.0))
 PLATE_INK = np.array((10.0, 10.0, 10.0))
 
+CHARGER_RADIUS_M, CHARGER_INNER_M, CHARGER_BOLT_M = 0.3, 0.2, 0.035
+CHARGER_STRIPES = 6
+CHARGER_YELLOW = np.array((250.0, 210.0, 0.0))
+CHARGER_BLACK = np.array((20.0, 20.0, 20.0))
+CHARGER_GREEN = np.array((0.0, 140.0, 70.0))
+
 WALLS = np.array(
     [(196, 188, 170), (170, 186, 196), (188, 200, 172), (204, 178, 168), (182, 176, 200), (200, 196, 160)], np.float64
 )
@@ -81,6 +87,22 @@ def floor_color(x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> NDArray[n
     """Colours (N, 3) of the tiled floor at (N,) places, arena frame."""
     even = (np.floor(x_m / TILE_M) + np.floor(y_m / TILE_M)) % 2 == 0
     return np.where(even[:, None], np.array((128.0, 122.0, 112.0)), np.array((108.0, 102.0, 94.0)))
+
+
+def charger_color(x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Which of (N,) places, metres from a charger's middle, its mat covers, and colours (M, 3) of those.
+
+    A mat, for a robot stands on it: a ring that is yellow and black by turns, within it green with a yellow bolt.
+    """
+    away_m = np.hypot(x_m, y_m)
+    covers = away_m < CHARGER_RADIUS_M
+    x_m, y_m, away_m = x_m[covers], y_m[covers], away_m[covers]
+    turn = np.floor(np.arctan2(y_m, x_m) * CHARGER_STRIPES / np.pi)
+    color = np.where((turn % 2 == 0)[:, None], CHARGER_YELLOW, CHARGER_BLACK)
+    inner = away_m < CHARGER_INNER_M
+    bolt = np.abs(x_m + 0.5 * y_m - 0.05 * np.sign(y_m)) < CHARGER_BOLT_M
+    color[inner] = np.where(bolt[inner, None], CHARGER_YELLOW, CHARGER_GREEN)
+    return covers, color
 
 
 def number_cells(number: int) -> NDArray[np.bool_]:

@@ -29,6 +29,8 @@ CHIPS_PER_PACKET = 2 * 8 * PACKET_BYTES
 NOTICED_DB = 3.0
 """So far below the sensitivity a receiver still finds the preamble of most packets, to throw them away for their CRC;
 chosen."""
+FAR_DEVIATIONS = 5.0
+"""A packet that would need so much luck is not even looked at."""
 WAVES = 64
 """Of which a shadowing field is made; its values at one place are Gaussian over the seeds for any number."""
 

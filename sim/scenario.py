@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, Self
 
 import msgspec
 
+from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.warm_up import warm_up
 from robrain.sim.arena import RobotHardware
@@ -59,6 +60,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     network: SensorNetwork = SensorNetwork()
     """What the motes and their radio are, and what they sense."""
     chargers: tuple[ChargerSpec, ...] = ()
+    planning: PlanningPolicy = PlanningPolicy()
+    """What the coordinator's plans are for, and how they are made."""
     faults: tuple[FaultSpec, ...] = ()
     """What breaks, and when."""
     seed: int = 1
@@ -112,6 +115,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             hardware=tables.robot,
             network=tables.network,
             chargers=tables.chargers,
+            planning=tables.planning,
             faults=tables.faults,
             seed=tables.scenario.seed,
             until_explored=tables.scenario.until_explored,
@@ -186,6 +190,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             scenario=self.name,
             scenario_toml=self.toml,
             listen=listen,
+            planning=self.planning,
         )
         try:
             if on_open is not None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import msgspec
 
+from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.sim.arena import RobotHardware
 from robrain.sim.chargers import ChargerSpec
 from robrain.sim.errors import ScenarioError
@@ -79,6 +80,7 @@ class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     field: FieldSpec = FieldSpec()
     robot: RobotHardware = RobotHardware()
     chargers: tuple[ChargerSpec, ...] = ()
+    planning: PlanningPolicy = PlanningPolicy()
     faults: tuple[FaultSpec, ...] = ()
 
     def __post_init__(self) -> None:

@@ -69,7 +69,7 @@ class World:
                     "y_m": robot.start.y_m,
                     "yaw_rad": robot.start.yaw_rad,
                     # An exact odometry is better than cells of 0.1 m can tell.
-                    "wall_slack_cells": 0.5 if robot.wheels.is_exact else 0.1,
+                    "wall_slack_cells": 0.5 if robot.wheels.is_exact else 0.0,
                 },
                 "mapper": {
                     "resolution_m": geometry.resolution_m,

@@ -178,6 +178,9 @@ class ChildEnvironment(Environment):
         """Refused: tasks are given out in the robot's own process."""
         raise PluginError(self.plugin, f"{self.plugin} runs in a process of its own and cannot do tasks")
 
+    def hurry(self) -> None:
+        """Nothing: the step of an isolated plugin comes when it is due."""
+
     def belongs_to(self, module: str) -> None:
         """Say where the plugin's class is declared: its parent has that module under another name."""
         self._own_module = module

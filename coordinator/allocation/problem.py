@@ -5,23 +5,13 @@ and a charger each name one. Joules and seconds are floats here; `vrp_model.py` 
 """
 
 import math
-from enum import StrEnum
 from functools import cached_property
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-
-class Objective(StrEnum):
-    """What makes one plan better than another."""
-
-    ENERGY = "energy"
-    """The least sum of joules and of the prizes that are not collected."""
-    MAKESPAN = "makespan"
-    """First the least prize lost, then the earliest time at which the last robot is back at its charger."""
-    LIFETIME = "lifetime"
-    """First the least prize lost, then the greatest energy left in the robot that has least left."""
+from robrain.protocol.model.objective import Objective as Objective
 
 
 class Job(msgspec.Struct, frozen=True, kw_only=True):

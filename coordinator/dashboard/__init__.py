@@ -2,6 +2,7 @@
 
 from robrain.coordinator.dashboard.dashboard import Dashboard
 from robrain.coordinator.dashboard.loop import run_dashboard
+from robrain.coordinator.dashboard.replay_source import ReplaySource
 from robrain.coordinator.dashboard.team_view import TeamView
 
-__all__ = ["Dashboard", "TeamView", "run_dashboard"]
+__all__ = ["Dashboard", "ReplaySource", "TeamView", "run_dashboard"]

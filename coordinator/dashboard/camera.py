@@ -25,11 +25,13 @@ class Standpoint(NamedTuple):
     look_at: tuple[float, float, float]
 
 
-def stand_to_see(bounds: Bounds, elevation_rad: float, aspect: float, fov_rad: float = FOV_RAD) -> Standpoint:
+def stand_to_see(
+    bounds: Bounds, elevation_rad: float, aspect: float, fov_rad: float = FOV_RAD, covered: float = 0.0
+) -> Standpoint:
     """The nearest standpoint from which all of `bounds` is seen, looking along +y from `elevation_rad` above the floor.
 
-    `aspect` is the picture's width by its height. The picture is centred on what is seen, not on the middle of the
-    floor, which perspective would push up.
+    `aspect` is the picture's width by its height, `covered` the share of it that panels cover at the bottom. What is
+    seen is centred in the rest; the middle of the floor is not, which perspective would push up.
     """
     x_min, y_min, x_max, y_max = bounds
     middle = np.array([(x_min + x_max) / 2, (y_min + y_max) / 2, 0.0])
@@ -41,12 +43,13 @@ def stand_to_see(bounds: Bounds, elevation_rad: float, aspect: float, fov_rad: f
     sideways, upwards, depth = corners[:, 0], corners @ up, corners @ forward
 
     # With the eye at −distance along `forward` and raised by `lift`, each corner has to stay within the picture:
-    # |sideways| ≤ tan_side (distance + depth) and |upwards − lift| ≤ tan_up (distance + depth).
+    # |sideways| ≤ tan_side (distance + depth) and −tan_down (…) ≤ upwards − lift ≤ tan_up (distance + depth).
+    tan_down = tan_up * (1 - 2 * covered)
     for_width = float(np.max(np.abs(sideways) / tan_side - depth))
-    top, bottom = upwards - tan_up * depth, upwards + tan_up * depth
-    for_height = float(np.max(top) - np.min(bottom)) / (2 * tan_up)
+    top, bottom = upwards - tan_up * depth, upwards + tan_down * depth
+    for_height = float(np.max(top) - np.min(bottom)) / (tan_up + tan_down)
     distance = max(for_width, for_height, 1.0)
-    lift = (float(np.max(top)) + float(np.min(bottom))) / 2
+    lift = (float(np.max(top)) - tan_up * distance + float(np.min(bottom)) + tan_down * distance) / 2
     look_at = middle + lift * up
     # On the floor again, so that the orbit turns about a point of it.
     look_at = look_at + forward * (look_at[2] / math.sin(elevation_rad))

@@ -1,29 +1,36 @@
-"""The dashboard: hears what the team says, and draws it for browsers."""
+"""The dashboard: hears what the team says, or what a recording tells, and draws it for browsers."""
 
 import time
+from collections import deque
+from collections.abc import Callable
 
-from robrain.coordinator.dashboard.map_fetcher import MapFetcher
-from robrain.coordinator.dashboard.panel import Panel
+import viser
+
+from robrain.coordinator.dashboard.asker import Asker
+from robrain.coordinator.dashboard.halt_control import HaltControl
+from robrain.coordinator.dashboard.key_commands import add_commands
+from robrain.coordinator.dashboard.live_source import LiveSource
+from robrain.coordinator.dashboard.page import ClientPage
+from robrain.coordinator.dashboard.page_context import Inquiries, PageContext
+from robrain.coordinator.dashboard.replay_bar import ReplayBar
+from robrain.coordinator.dashboard.replay_source import ReplaySource
 from robrain.coordinator.dashboard.scene import Scene
 from robrain.coordinator.dashboard.server import close_server, open_server
 from robrain.coordinator.dashboard.team_view import TeamView
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
 
-LINK_PERIOD_S = 1.0
 UNWATCHED_PERIOD_S = 1.0
 """With no browser looking on, the picture is only kept fit for one that comes."""
-INBOX = 8192
+HALT_PERIOD_S = 0.5
 
 
 class Dashboard:
-    """A Zenoh client like any other, with a web page.
+    """A web page on a team, for any number of browsers.
 
     Its owner calls `step()` about ten times a second, and `close()` at the end; the endpoint stays the owner's.
 
     Args:
-        endpoint: where the team is heard, and halted.
+        team: where the team is heard, asked and halted: a Zenoh client like any other; or a recording to look at.
         host: address to serve the page on. There is no log-in: anyone who reaches it can halt and resume the team.
         port: 0 takes a free one.
 
@@ -32,23 +39,40 @@ class Dashboard:
         WireError: `host` is not an address of this computer.
     """
 
-    def __init__(self, endpoint: Endpoint, *, host: str = "127.0.0.1", port: int = 8080) -> None:
-        self.view = TeamView()
-        self._endpoint = endpoint
+    def __init__(self, team: Endpoint | ReplaySource, *, host: str = "127.0.0.1", port: int = 8080) -> None:
         self._host = host
         self._server = open_server(host, port)
+        self._server.gui.configure_theme(
+            dark_mode=True, show_logo=False, show_share_button=False, control_width="large"
+        )
+        self._server.gui.set_panel_label("robrain")
+        self._server.gui.main_panel.set_width(PANEL_PX)
         self._scene = Scene(self._server)
-        self._panel = Panel(self._server, endpoint, self._scene)
-        self._inbox = Inbox(INBOX)
-        self._fetcher = MapFetcher(endpoint, self._inbox)
-        self._dropped = 0
-        self._had_router = False
-        self._linked_s: float | None = None
+        self._halt: HaltControl | None = None
+        self._asker: Asker | None = None
+        self._replay: ReplayBar | None = None
+        if isinstance(team, Endpoint):
+            self._source: LiveSource | ReplaySource = LiveSource(team)
+            self._halt = HaltControl(self._server, team)
+            self._asker = Asker(team)
+        else:
+            self._source = team
+            self._replay = ReplayBar(self._server, team)
+        inquiries = Inquiries(self.view, self._asker) if self._asker is not None else None
+        self._context = PageContext(self.view, self._scene, self._asker, inquiries, self._replay)
+        self._pages: dict[int, ClientPage] = {}
+        self._come: deque[viser.ClientHandle] = deque()
         self._drawn_s: float | None = None
-        for topic in self.view.topics:
-            endpoint.subscribe(self._inbox, topic)
-        self._robots = endpoint.watch(ROBOT_ALIVE)
-        self._coordinator = endpoint.watch(COORDINATOR_ALIVE)
+        self._halt_s: float | None = None
+        self._beat = 0
+        self._server.on_client_connect(self._come.append)
+        self._server.scene.on_click()(self._click)
+        add_commands(self._server, self._pages)
+
+    @property
+    def view(self) -> TeamView:
+        """What is known."""
+        return self._source.view
 
     @property
     def url(self) -> str:
@@ -57,43 +81,62 @@ class Dashboard:
         return f"http://{host}:{self._server.get_port()}"
 
     def step(self) -> None:
-        """Take in what arrived and draw what changed; never waits for the team."""
+        """Take in what arrived and draw what changed; waits neither for the team nor for a browser."""
         now_s = time.monotonic()
-        self._hear(now_s)
-        watched = bool(self._server.get_clients())
-        if watched or self._drawn_s is None or now_s - self._drawn_s >= UNWATCHED_PERIOD_S:
+        self._source.hear(now_s)
+        view = self._context.view = self._source.view
+        self._meet_clients()
+        view.selected = frozenset(page.selected for page in self._pages.values())
+        if self._asker is not None and self._context.inquiries is not None:
+            self._context.inquiries.step([name for name in view.selected if name], now_s)
+            self._asker.deliver()
+        if self._pages or self._drawn_s is None or now_s - self._drawn_s >= UNWATCHED_PERIOD_S:
             self._drawn_s = now_s
             with self._server.atomic():
-                self._scene.draw(self.view, now_s)
-                self._panel.draw(self.view, now_s)
+                self._scene.draw(view, now_s)
+                self._draw_halt(view, now_s)
+                if self._replay is not None:
+                    self._replay.draw(now_s)
+            for page in self._pages.values():
+                with page.client.atomic():
+                    page.step(now_s)
 
     def close(self) -> None:
         """Stop serving the page."""
-        self._fetcher.close()
+        for page in self._pages.values():
+            page.close()
+        if self._asker is not None:
+            self._asker.close()
+        self._source.close()
         close_server(self._server)
 
-    def _hear(self, now_s: float) -> None:
-        self._check_link(now_s)
-        come = [change.names["robot"] for change in self._robots.changes() if self.view.apply_presence(change)]
-        for robot in come:
-            self._fetcher.fetch(robot)
-        self._coordinator.changes()
-        self.view.coordinator_up = bool(self._coordinator.present)
-        runs = self.view.runs
-        for received in self._inbox.drain():
-            self.view.apply(received, now_s)
-        self.view.count_messages(self._inbox.received, now_s)
-        if self._inbox.dropped > self._dropped or self.view.runs > runs:
-            # Patches may have been among those dropped, or have belonged to the run before.
-            self._dropped = self._inbox.dropped
-            for name in [robot.name for robot in self.view.robots.values() if robot.present]:
-                self._fetcher.fetch(name)
-
-    def _check_link(self, now_s: float) -> None:
-        """A client that loses its router is told that everybody has gone; it is the link that has."""
-        if self._linked_s is not None and now_s - self._linked_s < LINK_PERIOD_S:
+    def _draw_halt(self, view: TeamView, now_s: float) -> None:
+        if self._halt is None:
             return
-        self._linked_s = now_s
-        routed = bool(self._endpoint.session.info.routers_zid())
-        self._had_router |= routed
-        self.view.connected = self._panel.halt.connected = routed or not self._had_router
+        self._halt.connected = view.connected
+        if self._halt_s is None or now_s - self._halt_s >= HALT_PERIOD_S:
+            self._halt_s = now_s
+            self._beat += 1
+            self._halt.draw(view, self._beat)
+
+    def _meet_clients(self) -> None:
+        there = self._server.get_clients()
+        for client_id in [client_id for client_id in self._pages if client_id not in there]:
+            self._pages.pop(client_id).close()
+        while self._come:
+            client = self._come.popleft()
+            if client.client_id in there:
+                with client.atomic():
+                    self._pages[client.client_id] = ClientPage(client, self._context)
+
+    def _click(self, event: viser.SceneClickEvent) -> None:
+        page = self._pages.get(event.client_id)
+        if page is not None:
+            page.post(_clicked(page, event))
+
+
+PANEL_PX = 440
+
+
+def _clicked(page: ClientPage, event: viser.SceneClickEvent) -> Callable[[], None]:
+    return lambda: page.click_floor(event.ray_origin, event.ray_direction)

@@ -4,9 +4,9 @@ import numpy as np
 import viser
 
 from robrain.coordinator.dashboard.layer import Layer
+from robrain.coordinator.dashboard.merged_meshes import MergedMeshes, copies
 from robrain.coordinator.dashboard.meshes import cube
 from robrain.coordinator.dashboard.palette import FREE, OCCUPIED, UNKNOWN, WALL
-from robrain.coordinator.dashboard.scene_nodes import Instances
 from robrain.coordinator.dashboard.team_view import TeamView
 from robrain.protocol.model.occupancy_grid import GridGeometry
 
@@ -61,7 +61,7 @@ class WallLayer(Layer):
 
     def __init__(self, scene: viser.SceneApi) -> None:
         super().__init__(scene)
-        self._boxes = Instances(scene, self.node("boxes"), cube())
+        self._boxes = MergedMeshes(scene, self.node("boxes"))
         self._seen: tuple[int, int] | None = None
 
     def _draw(self, view: TeamView, now_s: float) -> None:
@@ -71,8 +71,6 @@ class WallLayer(Layer):
         self._seen = seen
         boxes = view.map.wall_boxes()
         count = len(boxes)
-        self._boxes.show(
-            np.column_stack([boxes[:, :2], np.zeros(count, np.float32)]),
-            np.column_stack([boxes[:, 2:], np.full(count, WALL_HEIGHT_M, np.float32)]),
-            np.tile(np.array(WALL, np.uint8), (count, 1)),
-        )
+        positions = np.column_stack([boxes[:, :2], np.zeros(count, np.float32)])
+        sizes = np.column_stack([boxes[:, 2:], np.full(count, WALL_HEIGHT_M, np.float32)])
+        self._boxes.show({WALL: copies(cube(), positions, sizes)})

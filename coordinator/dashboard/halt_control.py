@@ -1,7 +1,7 @@
-"""The emergency halt: one click halts the team, its end has to be confirmed.
+"""The emergency halt: one click or the key H halts the team, its end has to be confirmed.
 
 Clicks are served on viser's threads, not in the dashboard's step, so that a halt leaves at once whatever is being
-drawn.
+drawn or asked.
 """
 
 import threading
@@ -10,22 +10,24 @@ from typing import Any
 import viser
 import zenoh
 
-from robrain.coordinator.dashboard.panel_html import HALT_STYLE
+from robrain.coordinator.dashboard.team_view import TeamView
+from robrain.coordinator.dashboard.words import natural_key, text
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.messages import Halt
 from robrain.protocol.wire.topics import HALT
 
-WIDTH_PX = 280
+WIDTH_PX = 290
 MARGIN_PX = 15
 BY = "operator:dashboard"
 LABEL_HALT = "EMERGENCY HALT"
 LABEL_RESUME = "Resume after halt …"
 LABEL_CONFIRM = "Resume all robots"
 LABEL_KEEP = "Keep them halted"
+NAMES_SHOWN = 12
 
 
 class HaltControl:
-    """The two buttons and what they send."""
+    """The two buttons, what they send, and who has obeyed."""
 
     def __init__(self, server: viser.ViserServer, endpoint: Endpoint) -> None:
         self._publisher = endpoint.publisher(HALT)
@@ -34,14 +36,25 @@ class HaltControl:
         """Whether there is a link to send on; kept up to date by the owner."""
         panel = server.gui.add_panel(order=0)
         with panel.add_tab("All robots"):
-            server.gui.add_html(HALT_STYLE)
+            server.gui.add_html('<div class="rb-halt"></div>')
             halt = server.gui.add_button(LABEL_HALT, color=(200, 30, 30))
-            resume = server.gui.add_button(LABEL_RESUME, color="gray")
+            self._told = server.gui.add_html("")
+            self._resume = server.gui.add_button(LABEL_RESUME, color="gray", visible=False)
         panel.float(x=MARGIN_PX, y=-MARGIN_PX, width=WIDTH_PX)
+        panel.expand()
         halt.on_click(self._halt)
-        resume.on_click(self._ask_to_resume)
+        self._resume.on_click(self._ask_to_resume)
+        command = server.gui.add_command("Emergency halt", description="Halt all robots", hotkey="H")
+        command.on_trigger(self._halt)
 
-    def _halt(self, event: viser.GuiEvent[Any]) -> None:
+    def draw(self, view: TeamView, beat: int) -> None:
+        """Tell who has stopped and who has not; `beat` changes with each call, so that a page sees that it is heard."""
+        self._told.content = acknowledgements_html(view, beat)
+        halted = view.halted or any(robot.halted for robot in view.robots.values())
+        if self._resume.visible != halted:
+            self._resume.visible = halted
+
+    def _halt(self, event: viser.GuiEvent[Any] | viser.CommandEvent) -> None:
         self._send(Halt(halted=True, by=BY, reason="the button on the dashboard was pressed"), event.client)
 
     def _ask_to_resume(self, event: viser.GuiEvent[Any]) -> None:
@@ -78,3 +91,32 @@ class HaltControl:
                 color="red",
                 auto_close_seconds=None,
             )
+
+
+def acknowledgements(view: TeamView) -> tuple[list[str], list[str]]:
+    """Robots that have stopped, and robots that have not said so, lost ones among them; by name."""
+    robots = sorted(view.robots.values(), key=lambda robot: natural_key(robot.name))
+    stopped = [robot.name for robot in robots if robot.state is not None and robot.state.has_stopped]
+    return stopped, [robot.name for robot in robots if robot.name not in set(stopped)]
+
+
+def acknowledgements_html(view: TeamView, beat: int) -> str:
+    """Who has obeyed the halt, or that nothing is halted."""
+    begin = f'<div class="rb" data-rb-beat="{beat}" data-testid="acknowledged">'
+    stopped, missing = acknowledgements(view)
+    if not view.halted and not stopped:
+        return f'{begin}<span class="rb-soft">Nobody is halted. Key: H</span></div>'
+    parts = []
+    if view.halted and missing:
+        parts.append(_line("bad", "✕ not stopped", "not-stopped", missing))
+    if stopped:
+        parts.append(_line("good", "■ stopped", "stopped", stopped))
+    if view.halted and not missing:
+        parts.append(f'<div class="rb-soft">All {len(stopped)} have acknowledged.</div>')
+    return f"{begin}{''.join(parts)}</div>"
+
+
+def _line(kind: str, label: str, testid: str, names: list[str]) -> str:
+    shown = ", ".join(text(name, 40) for name in names[:NAMES_SHOWN])
+    more = f" and {len(names) - NAMES_SHOWN} more" if len(names) > NAMES_SHOWN else ""
+    return f'<div class="rb-alert rb-{kind}"><b>{label}:</b><span data-testid="{testid}">{shown}{more}</span></div>'

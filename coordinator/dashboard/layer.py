@@ -7,6 +7,10 @@ import viser
 
 from robrain.coordinator.dashboard.team_view import TeamView
 
+MANY_ROBOTS = 25
+SLOWER = 3.0
+"""Of a large team nobody can watch each robot, and a browser has much to draw."""
+
 
 class Layer(ABC):
     """Draws one aspect of the team below a node of its own, which hides with its checkbox.
@@ -36,9 +40,14 @@ class Layer(ABC):
 
     def draw(self, view: TeamView, now_s: float) -> None:
         """Draw what changed, if it is time to."""
-        if self.shown and (self._drawn_s is None or now_s - self._drawn_s >= self.period_s):
+        period_s = self.period_s * (SLOWER if len(view.robots) > MANY_ROBOTS else 1.0)
+        if self.shown and (self._drawn_s is None or now_s - self._drawn_s >= period_s):
             self._drawn_s = now_s
             self._draw(view, now_s)
+
+    def hurry(self) -> None:
+        """Draw the next time, whenever the last one was: all has become another."""
+        self._drawn_s = None
 
     def node(self, name: str) -> str:
         """The full name of a node of this layer."""

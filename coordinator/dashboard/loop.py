@@ -4,13 +4,14 @@ import time
 from collections.abc import Callable
 
 from robrain.coordinator.dashboard.dashboard import Dashboard
+from robrain.coordinator.dashboard.replay_source import ReplaySource
 from robrain.protocol.wire.endpoint import Endpoint
 
 PERIOD_S = 0.1
 
 
 def run_dashboard(
-    endpoint: Endpoint,
+    team: Endpoint | ReplaySource,
     host: str,
     port: int,
     on_ready: Callable[[str], None],
@@ -19,7 +20,7 @@ def run_dashboard(
     """Serve the dashboard until `should_stop`, stepping it ten times a second.
 
     Args:
-        endpoint: where the team is heard; of the live drive, and not closed here.
+        team: where the team is heard, of the live drive and not closed here; or a recording, which is.
         host: address to serve on.
         port: 0 takes a free one.
         on_ready: told the page's address once it is served.
@@ -29,7 +30,7 @@ def run_dashboard(
         PortTaken: another process listens on `port`.
         WireError: `host` is not an address of this computer.
     """
-    dashboard = Dashboard(endpoint, host=host, port=port)
+    dashboard = Dashboard(team, host=host, port=port)
     try:
         on_ready(dashboard.url)
         while not should_stop():

@@ -27,6 +27,11 @@ class MapView:
         """Area of the cells about which anything is known, walls included."""
         return 0.0 if self.grid is None else self.grid.known_count * self.grid.geometry.resolution_m**2
 
+    @property
+    def size_m(self) -> float:
+        """The longer side of the grid; 0 before the first patch."""
+        return 0.0 if self.grid is None else max(self.grid.geometry.shape) * self.grid.geometry.resolution_m
+
     def merge(self, patch: MapPatch) -> None:
         """Take a patch over, later statements winning.
 

@@ -4,10 +4,12 @@ import numpy as np
 import viser
 
 from robrain.coordinator.dashboard.layer import Layer
-from robrain.coordinator.dashboard.meshes import diamond
-from robrain.coordinator.dashboard.palette import FRONTIER, look_of, mote_color
-from robrain.coordinator.dashboard.scene_nodes import Colors, Instances, Labels, Rows, colors, rows, to_linear
-from robrain.coordinator.dashboard.team_view import MoteView, RobotView, TeamView
+from robrain.coordinator.dashboard.merged_meshes import MergedMeshes, copies
+from robrain.coordinator.dashboard.meshes import Mesh, cube, diamond, tent
+from robrain.coordinator.dashboard.palette import FRONTIER, MOTE_COLORS, look_of, mote_class
+from robrain.coordinator.dashboard.robot_view import MoteView, RobotView
+from robrain.coordinator.dashboard.scene_nodes import Colors, Labels, Rows, rows, to_linear
+from robrain.coordinator.dashboard.team_view import TeamView
 
 FRONTIER_SIZE_M = 0.1
 MOTE_LABEL_Z_M = 0.35
@@ -23,34 +25,47 @@ class FrontierLayer(Layer):
 
     def __init__(self, scene: viser.SceneApi) -> None:
         super().__init__(scene)
-        self._marks = Instances(scene, self.node("marks"), diamond(1.0, 1.6))
+        self._marks = MergedMeshes(scene, self.node("marks"))
 
     def _draw(self, view: TeamView, now_s: float) -> None:
         frontiers = view.team.frontiers if view.team is not None else []
         sizes_m = [FRONTIER_SIZE_M * min(2.0, max(0.8, max(frontier.length_m, 0.0) ** 0.5)) for frontier in frontiers]
-        self._marks.show(
-            rows([(frontier.place.x_m, frontier.place.y_m, 0.0) for frontier in frontiers]),
-            rows([(size_m,) * 3 for size_m in sizes_m]),
-            colors([FRONTIER] * len(frontiers)),
-        )
+        places = rows([(frontier.place.x_m, frontier.place.y_m, 0.0) for frontier in frontiers])
+        self._marks.show({FRONTIER: copies(diamond(1.0, 1.6), places, rows([(size_m,) * 3 for size_m in sizes_m]))})
+
+
+MOTE_MESHES: tuple[tuple[Mesh, float], ...] = (
+    (diamond(0.14, 0.3), 1.0),
+    (tent(0.18, 0.26), 1.0),
+    (cube(), 0.2),
+    (diamond(0.09, 0.2), 1.0),
+)
+"""Shape and scale by `mote_class`: a diamond is well, a pyramid is low, a cube is nearly empty."""
 
 
 class MoteLayer(Layer):
-    """Motes coloured by their supply, with what they last read."""
+    """Motes with the colour and shape of their supply, and what they last read."""
 
     name, label, period_s = "motes", "Motes", 1.0
 
     def __init__(self, scene: viser.SceneApi) -> None:
         super().__init__(scene)
-        self._bodies = Instances(scene, self.node("bodies"), diamond(0.14, 0.3))
+        self._bodies = MergedMeshes(scene, self.node("bodies"))
         self._labels = Labels(scene, self.node("reading"), 0.8)
 
     def _draw(self, view: TeamView, now_s: float) -> None:
         placed = [(mote, mote.place) for mote in view.motes.values() if mote.place is not None]
+        kinds: dict[int, list[tuple[float, float, float]]] = {}
+        for mote, place in placed:
+            kind = mote_class(mote.latest.voltage_v if mote.latest is not None else None)
+            kinds.setdefault(kind, []).append((place.x_m, place.y_m, 0.0))
         self._bodies.show(
-            rows([(place.x_m, place.y_m, 0.0) for _, place in placed]),
-            np.ones((len(placed), 3), np.float32),
-            colors([mote_color(mote.latest.voltage_v if mote.latest is not None else None) for mote, _ in placed]),
+            {
+                MOTE_COLORS[kind]: copies(
+                    MOTE_MESHES[kind][0], rows(places), np.full((len(places), 3), MOTE_MESHES[kind][1], np.float32)
+                )
+                for kind, places in kinds.items()
+            }
         )
         labelled = placed if len(placed) <= MOTE_LABELS else []
         self._labels.show(
@@ -59,19 +74,20 @@ class MoteLayer(Layer):
 
 
 class ScanLayer(Layer):
-    """What the simulated lidars see, in the robots' colours."""
+    """What the lidars of the selected robots see, in the robots' colours."""
 
-    name, label, period_s, shown_at_first = "scans", "Laser scans", 0.2, False
+    name, label, period_s = "scans", "Lidar", 0.2
 
     def __init__(self, scene: viser.SceneApi) -> None:
         super().__init__(scene)
         self._handle: viser.PointCloudHandle | None = None
 
     def _draw(self, view: TeamView, now_s: float) -> None:
-        clouds = [scan_points(robot) for robot in view.robots_in_order()]
+        robots = [robot for robot in view.robots_in_order() if robot.name in view.selected]
+        clouds = [scan_points(robot) for robot in robots]
         shades = [
             np.tile(np.array(look_of(robot.index).color, np.uint8), (len(cloud), 1))
-            for robot, cloud in zip(view.robots_in_order(), clouds, strict=True)
+            for robot, cloud in zip(robots, clouds, strict=True)
         ]
         if not any(map(len, clouds)):
             if self._handle is not None:
@@ -87,15 +103,14 @@ class ScanLayer(Layer):
 
 def scan_points(robot: RobotView) -> Rows:
     """Ends of the beams that hit something, float32 (N, 3), metres, arena frame."""
-    if robot.scan is None or robot.pose is None:
+    pose = robot.pose_at(robot.scan.stamp_ns) if robot.scan is not None else None
+    if robot.scan is None or pose is None:
         return np.empty((0, 3), np.float32)
     ranges_m = np.array(robot.scan.ranges_mm, np.float64) / 1000
-    angles_rad = (
-        robot.pose.yaw_rad + robot.scan.angle_min_rad + robot.scan.angle_increment_rad * np.arange(len(ranges_m))
-    )
+    angles_rad = pose.yaw_rad + robot.scan.angle_min_rad + robot.scan.angle_increment_rad * np.arange(len(ranges_m))
     hit = ranges_m > 0
-    x_m = robot.pose.x_m + ranges_m[hit] * np.cos(angles_rad[hit])
-    y_m = robot.pose.y_m + ranges_m[hit] * np.sin(angles_rad[hit])
+    x_m = pose.x_m + ranges_m[hit] * np.cos(angles_rad[hit])
+    y_m = pose.y_m + ranges_m[hit] * np.sin(angles_rad[hit])
     return np.column_stack([x_m, y_m, np.full(x_m.shape, SCAN_Z_M)]).astype(np.float32)
 
 

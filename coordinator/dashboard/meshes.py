@@ -58,6 +58,29 @@ def robot_nose() -> Mesh:
     return join(left, right)
 
 
+def hoop(inner: float, segments: int = 28) -> Mesh:
+    """A flat ring of outer radius 1 and this inner radius."""
+    outer = circle(1.0, segments)
+    vertices = np.concatenate([outer, inner * outer])
+    here = np.arange(segments)
+    following = (here + 1) % segments
+    faces = np.concatenate(
+        [
+            np.column_stack([here, following, here + segments]),
+            np.column_stack([following, following + segments, here + segments]),
+        ]
+    )
+    flat = np.column_stack([vertices, np.zeros(len(vertices))])
+    return Mesh(flat.astype(np.float32), faces.astype(np.uint32))
+
+
+def robot_dart() -> Mesh:
+    """A body that points along x, of few triangles: half a disc behind, a tip ahead."""
+    angles_rad = np.linspace(math.pi / 2, 3 * math.pi / 2, 7)
+    behind = np.column_stack([np.cos(angles_rad), np.sin(angles_rad)])
+    return prism(np.concatenate([[[1.7, 0.0]], behind]), 0.05, 0.8)
+
+
 def cube() -> Mesh:
     """A unit cube about (0, 0, 0.5)."""
     return prism(np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]), 0.0, 1.0)
@@ -79,6 +102,29 @@ def diamond(radius_m: float, height_m: float) -> Mesh:
     rim = np.column_stack([circle(radius_m, 4), np.full(4, height_m / 2)])
     vertices = np.concatenate([rim, [[0.0, 0.0, 0.0], [0.0, 0.0, height_m]]])
     faces = [[(i + 1) % 4, i, 4] for i in range(4)] + [[i, (i + 1) % 4, 5] for i in range(4)]
+    return Mesh(vertices.astype(np.float32), np.array(faces, np.uint32))
+
+
+def flag() -> Mesh:
+    """A pole with a triangle at its top, in the plane of x and z: marks a place that waits."""
+    pole = prism(circle(0.025, 6), 0.0, 0.75)
+    cloth = np.array([[0.02, 0.01, 0.75], [0.02, 0.01, 0.43], [0.38, 0.01, 0.59]])
+    back = cloth * (1, -1, 1)
+    vertices = np.concatenate([cloth, back]).astype(np.float32)
+    return join(pole, Mesh(vertices, np.array([[0, 1, 2], [3, 5, 4]], np.uint32)))
+
+
+def bolt() -> Mesh:
+    """A flash that lies above the floor: marks a charger."""
+    upper = np.array([[0.06, 0.24], [-0.16, -0.02], [0.06, -0.02]])
+    lower = np.array([[-0.06, -0.24], [0.16, 0.02], [-0.06, 0.02]])
+    return join(prism(upper, 0.03, 0.08), prism(lower, 0.03, 0.08))
+
+
+def tent(radius_m: float, height_m: float) -> Mesh:
+    """A pyramid on a square."""
+    vertices = np.concatenate([np.column_stack([circle(radius_m, 4), np.zeros(4)]), [[0.0, 0.0, height_m]]])
+    faces = [[i, (i + 1) % 4, 4] for i in range(4)]
     return Mesh(vertices.astype(np.float32), np.array(faces, np.uint32))
 
 

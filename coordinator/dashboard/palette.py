@@ -6,8 +6,6 @@ page. A robot's shape in the table changes after each round of colours, so that 
 
 from typing import NamedTuple
 
-from robrain.coordinator.dashboard.team_view import Contact
-
 Rgb = tuple[int, int, int]
 
 ROBOT_COLORS: tuple[Rgb, ...] = (
@@ -32,10 +30,20 @@ NOSE: Rgb = (16, 20, 27)
 HALTED: Rgb = (214, 32, 32)
 LOST: Rgb = (105, 112, 122)
 TRUTH: Rgb = (255, 255, 255)
+RELAY: Rgb = (204, 121, 167)
+CHARGER: Rgb = (240, 228, 66)
+CHARGER_PLATE: Rgb = (24, 96, 160)
+TASK_WAITING: Rgb = (240, 240, 240)
+HEAT: tuple[Rgb, ...] = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))
+"""Five steps of viridis (Smith and van der Walt, 2015), which colour-blind eyes read as the others do."""
 
 GOOD: Rgb = (0, 158, 115)
 WARNING: Rgb = (230, 159, 0)
 BAD: Rgb = (213, 94, 0)
+
+
+MOTE_COLORS: tuple[Rgb, ...] = (GOOD, WARNING, BAD, LOST)
+"""By `mote_class`."""
 
 
 class Look(NamedTuple):
@@ -51,21 +59,21 @@ def look_of(index: int) -> Look:
     return Look(ROBOT_COLORS[place], ROBOT_SHAPES[round_number % len(ROBOT_SHAPES)])
 
 
-def battery_color(soc: float) -> Rgb:
-    """Colour of a state of charge, 0 to 1."""
-    return GOOD if soc >= 0.4 else WARNING if soc >= 0.2 else BAD
+def battery_class(soc: float) -> str:
+    """How a state of charge, 0 to 1, is: good, warn or bad."""
+    return "good" if soc >= 0.4 else "warn" if soc >= 0.2 else "bad"
+
+
+def mote_class(voltage_v: float | None) -> int:
+    """How a mote's supply is: 0 good, 1 low, 2 nearly empty, 3 never heard; its shape follows from it."""
+    if voltage_v is None:
+        return 3
+    return 0 if voltage_v >= 2.7 else 1 if voltage_v >= 2.4 else 2
 
 
 def mote_color(voltage_v: float | None) -> Rgb:
     """Colour of a mote's supply: two AA cells, whose radio fails below 2.1 V; None is a mote never heard."""
-    if voltage_v is None:
-        return LOST
-    return GOOD if voltage_v >= 2.7 else WARNING if voltage_v >= 2.4 else BAD
-
-
-def contact_color(contact: Contact) -> Rgb:
-    """Colour of how well a robot is heard."""
-    return {Contact.UP: GOOD, Contact.SILENT: WARNING, Contact.LOST: BAD}[contact]
+    return MOTE_COLORS[mote_class(voltage_v)]
 
 
 def css(color: Rgb) -> str:

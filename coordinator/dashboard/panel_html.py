@@ -1,94 +1,100 @@
-"""The panel's values as HTML. Every string that came over the wire is escaped: viser runs what it is given.
+"""The team in figures and tables, as HTML. Every string that came over the wire is escaped: viser shows what it gets.
 
 Values carry `data-testid` so that browser tests, and people's own scripts, can read them.
 """
 
-from html import escape
+import re
 
-from robrain.coordinator.dashboard.palette import (
-    BAD,
-    GOOD,
-    LOST,
-    WARNING,
-    Rgb,
-    battery_color,
-    contact_color,
-    css,
-    look_of,
-    mote_color,
+from robrain.coordinator.dashboard.alerts import Level, alerts_of
+from robrain.coordinator.dashboard.palette import battery_class, look_of, mote_class
+from robrain.coordinator.dashboard.robot_view import Condition, MoteView, RobotView
+from robrain.coordinator.dashboard.team_view import TeamView
+from robrain.coordinator.dashboard.words import (
+    CONDITIONS,
+    NONE,
+    banner,
+    clock_text,
+    colored,
+    condition_html,
+    natural_key,
+    span_text,
+    text,
+    tile,
 )
-from robrain.coordinator.dashboard.team_view import Contact, MoteView, RobotView, TeamView
+from robrain.protocol.model.task import kind_of, place_of
 
-NONE = "–"
 ROWS = 200
 """Rows of a table at the most; a browser is slow with more, and nobody reads them."""
-
-STYLE = """<style>
-.rb { font: 13px/1.35 system-ui, sans-serif; font-variant-numeric: tabular-nums; padding: 0 0.75em 0.4em; }
-.rb-tiles { display: grid; grid-template-columns: repeat(4, 1fr); gap: 6px; }
-.rb-tile { border-radius: 6px; padding: 5px 8px; background: rgba(128, 140, 160, 0.14); min-width: 0; }
-.rb-tile span { display: block; font-size: 11px; letter-spacing: -0.2px; opacity: 0.75; white-space: nowrap; }
-.rb-tile b { display: block; font-size: 16px; font-weight: 600; white-space: nowrap; }
-.rb-banner { border-radius: 6px; padding: 6px 10px; margin-bottom: 6px; font-weight: 600; color: #fff; }
-.rb table { border-collapse: collapse; width: 100%; table-layout: fixed; }
-.rb th { font-size: 11px; font-weight: 500; opacity: 0.75; text-align: left; padding: 2px 4px; }
-.rb td { padding: 4px 4px 0; white-space: nowrap; overflow: hidden; text-overflow: ellipsis; vertical-align: top; }
-.rb tr.rb-top td { border-top: 1px solid rgba(128, 140, 160, 0.3); }
-.rb tr.rb-why td { padding: 0 4px 5px; font-size: 12px; opacity: 0.8; white-space: normal;
-  overflow-wrap: anywhere; }
-.rb td.rb-number, .rb th.rb-number { text-align: right; }
-.rb .rb-pill { border-radius: 4px; padding: 0 5px; font-size: 11px; font-weight: 600; color: #fff; }
-.rb .rb-none { opacity: 0.7; padding: 4px; }
-</style>"""
+ALERTS = 6
+LONG_ID = re.compile(r"^([a-z_]+)-\d{8,}$")
+"""The ids that the coordinator gives its own tasks say no more than the kind."""
+LOG_LINES = 12
+MOTE_SHAPES = ("◆", "▲", "■", "◇")
+MOTE_KINDS = ("good", "warn", "bad", "soft")
 
 
-HALT_STYLE = """<style class="rb-halt">
-div:has(> .rb-halt) + div button { height: 3.4em !important; }
-div:has(> .rb-halt) + div button .mantine-Button-label { font-size: 1.45em; font-weight: 700; }
-</style>"""
-"""Makes the button after it large."""
+def strip_html(view: TeamView, now_s: float) -> str:
+    """What is seen above all tabs: how the team is in one sentence, and what to look at."""
+    counts = dict.fromkeys(Condition, 0)
+    for robot in view.robots.values():
+        counts[robot.condition(now_s)] += 1
+    up = counts[Condition.UP]
+    worst = next((condition for condition in Condition if counts[condition]), None)
+    parts = [f"{up} of {len(view.robots)} robots up"]
+    parts += [f"{counts[one]} {CONDITIONS[one][1]}" for one in Condition if counts[one] and one is not Condition.UP]
+    if not view.robots:
+        shape, kind, parts = "○", "soft", ["No robot has been heard yet"]
+    else:
+        shape, kind = (CONDITIONS[worst][0], CONDITIONS[worst][2]) if worst is not None else ("○", "soft")
+    share = view.explored_fraction
+    if share is not None:
+        parts.append(f"{100 * share:.0f} % explored")
+    sentence = (
+        f'<div class="rb-sentence"><i class="rb-{kind}">{shape}</i>'
+        f'<span data-testid="team">{" · ".join(parts)}</span></div>'
+    )
+    return f'<div class="rb rb-strip">{_banners(view)}{sentence}{_alerts(view, now_s)}</div>'
 
 
 def summary_html(view: TeamView) -> str:
-    """Banners for what needs attention, and the team's figures."""
+    """The team's figures."""
     if view.explored_fraction is not None:
-        explored = _tile("Explored", "explored", f"{100 * view.explored_fraction:.1f} %")
+        explored = tile("Explored", "explored", f"{100 * view.explored_fraction:.1f} %")
+        second = tile("Known floor", "known-area", f"{view.known_area_m2:.0f} m²")
     else:
-        explored = _tile("Known floor", "explored", f"{view.known_area_m2:.0f} m²")
+        explored = tile("Known floor", "explored", f"{view.known_area_m2:.0f} m²")
+        second = tile("Motes", "motes", str(len(view.motes)))
     time = NONE if view.sim_time_s is None else clock_text(view.sim_time_s)
     speed = NONE if view.speed is None else f"× {view.speed:.1f}"
     traffic = NONE if view.messages_per_s is None else f"{view.messages_per_s:.0f}"
-    coordinator = "up" if view.coordinator_up else "lost"
-    up_color = GOOD if view.coordinator_up else BAD
     halted = sum(robot.halted for robot in view.robots.values())
     tasks = NONE if view.team is None else f"{view.team.tasks_done} / {view.team.tasks_open}"
+    up = view.coordinator_up
     tiles = [
         explored,
-        _tile("Known floor", "known-area", f"{view.known_area_m2:.0f} m²")
-        if view.explored_fraction is not None
-        else _tile("Motes", "motes", str(len(view.motes))),
-        _tile("Arena time", "sim-time", time),
-        _tile("Speed", "speed", speed),
-        _tile("Coordinator", "coordinator", coordinator, up_color),
-        _tile("Tasks done/open", "tasks", tasks),
-        _tile("Messages / s", "messages-per-s", traffic),
-        _tile("Halted", "halted-robots", f"{halted} of {len(view.robots)}", BAD if halted else None),
+        second,
+        tile("Time", "sim-time", time),
+        tile("Speed-up", "speed", speed),
+        tile("Coordinator", "coordinator", "up" if up else "lost", "good" if up else "bad"),
+        tile("Done / open", "tasks", tasks),
+        tile("Messages / s", "messages-per-s", traffic),
+        tile("Halted", "halted-robots", f"{halted} of {len(view.robots)}", "bad" if halted else ""),
     ]
-    return f'<div class="rb">{_banners(view)}<div class="rb-tiles">{"".join(tiles)}</div></div>'
+    return f'<div class="rb"><div class="rb-tiles">{"".join(tiles)}</div></div>'
 
 
-def robots_html(view: TeamView, now_s: float) -> str:
-    """The table of robots, in order of their names."""
+def robots_html(view: TeamView, now_s: float, selected: str = "") -> str:
+    """The table of robots, in order of their names; a click on a row selects."""
     robots = sorted(view.robots.values(), key=lambda robot: natural_key(robot.name))
     if not robots:
         return '<div class="rb"><div class="rb-none" data-testid="no-robots">No robot has been heard yet.</div></div>'
     head = (
-        '<tr><th style="width: 23%">Robot</th><th style="width: 17%">State</th>'
-        '<th class="rb-number" style="width: 15%">Battery</th><th class="rb-number" style="width: 24%">x, y (m)</th>'
-        '<th style="width: 21%">Behavior</th></tr>'
+        '<tr><th style="width: 22%">Robot</th><th style="width: 20%">State</th>'
+        '<th class="rb-number" style="width: 27%">Battery, lasts</th>'
+        '<th style="width: 31%; padding-left: 14px">Behavior</th></tr>'
     )
     more = f'<div class="rb-none">and {len(robots) - ROWS} more</div>' if len(robots) > ROWS else ""
-    body = "".join(_robot_rows(robot, now_s) for robot in robots[:ROWS])
+    body = "".join(_robot_rows(view, robot, now_s, selected) for robot in robots[:ROWS])
     return f'<div class="rb"><table data-testid="robots">{head}{body}</table>{more}</div>'
 
 
@@ -98,7 +104,7 @@ def motes_html(view: TeamView) -> str:
     if not motes:
         return '<div class="rb"><div class="rb-none">No mote has been heard yet.</div></div>'
     head = (
-        '<tr><th style="width: 26%">Mote</th><th style="width: 40%">Reading</th>'
+        '<tr><th style="width: 24%">Mote</th><th style="width: 42%">Reading</th>'
         '<th class="rb-number" style="width: 17%">Supply</th><th style="width: 17%">Via</th></tr>'
     )
     more = f'<div class="rb-none">and {len(motes) - ROWS} more</div>' if len(motes) > ROWS else ""
@@ -106,118 +112,99 @@ def motes_html(view: TeamView) -> str:
     return f'<div class="rb"><table data-testid="motes">{head}{body}</table>{more}</div>'
 
 
-def clock_text(time_s: float) -> str:
-    """Seconds as minutes or hours.
-
-    >>> clock_text(75.4), clock_text(3725)
-    ('1:15', '1:02:05')
-    """
-    minutes, seconds = divmod(int(time_s), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{seconds:02}" if hours else f"{minutes}:{seconds:02}"
-
-
-def natural_key(name: str) -> list[tuple[int, str]]:
-    """Sorts r2 before r10.
-
-    >>> sorted(["r10", "r2"], key=natural_key)
-    ['r2', 'r10']
-    """
-    parts: list[tuple[int, str]] = []
-    digits = ""
-    for char in [*name, ""]:
-        if char.isdecimal():
-            digits += char
-            continue
-        if digits:
-            parts.append((int(digits), ""))
-            digits = ""
-        parts.append((-1, char))
-    return parts
+def log_html(view: TeamView) -> str:
+    """What robots told last, the newest first."""
+    lines = list(view.log)[-LOG_LINES:][::-1]
+    if not lines:
+        return '<div class="rb"><div class="rb-none">Nothing has been told yet.</div></div>'
+    kinds = {"error": "bad", "warning": "warn"}
+    rows = "".join(
+        f'<div class="rb-alert"><b class="rb-{kinds.get(line.level, "soft")}">{text(line.robot, 40)}</b>'
+        f"<span>{text(line.source, 60)}: {text(line.text)}</span></div>"
+        for line in lines
+    )
+    return f'<div class="rb" data-testid="log">{rows}</div>'
 
 
 def _banners(view: TeamView) -> str:
     banners = []
     if not view.connected:
-        banners.append(_banner("connection", "No connection to the team: what is shown is old", BAD))
+        banners.append(banner("connection", "No connection to the team: what is shown is old"))
     if view.halted:
-        by = f" by {escape(view.halt.by)}" if view.halt is not None and view.halt.by else ""
-        reason = f": {escape(view.halt.reason)}" if view.halt is not None and view.halt.reason else ""
+        by = f" by {text(view.halt.by)}" if view.halt is not None and view.halt.by else ""
+        reason = f": {text(view.halt.reason)}" if view.halt is not None and view.halt.reason else ""
         stopped = sum(robot.halted for robot in view.robots.values())
         told = f"{stopped} of {len(view.robots)} robots say that they are halted"
-        banners.append(_banner("halt-state", f"EMERGENCY HALT{by}{reason}.<br>{told}.", BAD))
+        banners.append(banner("halt-state", f"EMERGENCY HALT{by}{reason}.<br>{told}."))
     return "".join(banners)
 
 
-def _banner(testid: str, text: str, color: Rgb) -> str:
-    return f'<div class="rb-banner" data-testid="{testid}" style="background: {css(color)}">{text}</div>'
+def _alerts(view: TeamView, now_s: float) -> str:
+    alerts = alerts_of(view, now_s)
+    lines = [
+        f'<div class="rb-alert"><b class="rb-{alert.level}">{"▲" if alert.level is Level.BAD else "△"} '
+        f"{text(alert.subject, 40)}</b><span>{text(alert.text)}</span></div>"
+        for alert in alerts[:ALERTS]
+    ]
+    if len(alerts) > ALERTS:
+        lines.append(f'<div class="rb-soft">and {len(alerts) - ALERTS} more</div>')
+    return f'<div data-testid="alerts">{"".join(lines)}</div>' if lines else ""
 
 
-def _tile(label: str, testid: str, value: str, color: Rgb | None = None) -> str:
-    style = f' style="color: {css(lighter(color))}"' if color is not None else ""
-    return f'<div class="rb-tile"><span>{label}</span><b data-testid="{testid}"{style}>{value}</b></div>'
-
-
-def _robot_rows(robot: RobotView, now_s: float) -> str:
+def _robot_rows(view: TeamView, robot: RobotView, now_s: float, selected: str) -> str:
     look = look_of(robot.index)
-    name = escape(robot.name)
-    contact = robot.contact(now_s)
+    name = text(robot.name)
     state = robot.state
-    pills = _pill(contact.value, contact_color(contact)) if not robot.halted or contact is not Contact.UP else ""
-    pills += _pill("halted", BAD) if robot.halted else ""
     battery = NONE
     if state is not None and state.battery is not None:
-        color = css(lighter(battery_color(state.battery.soc)))
-        battery = f'<span style="color: {color}">{100 * state.battery.soc:.0f} %</span>'
-    place = NONE if robot.pose is None else f"{robot.pose.x_m:.1f}, {robot.pose.y_m:.1f}"
-    behavior = escape(state.behavior) if state is not None and state.behavior else NONE
+        soc = state.battery.soc
+        lasts = "" if robot.endurance_s is None else f' <span class="rb-soft">{span_text(robot.endurance_s)}</span>'
+        bolt = "⚡ " if state.battery.charging else ""
+        battery = f'{bolt}<span class="rb-{battery_class(soc)}">{100 * soc:.0f} %</span>{lasts}'
+    behavior = text(state.behavior) if state is not None and state.behavior else NONE
+    chosen = " rb-selected" if robot.name == selected else ""
     cells = (
-        f'<td><span style="color: {css(look.color)}">{look.shape}</span> '
+        f"<td>{colored(look.shape, look.color)} "
         f'<b data-testid="robot-name" title="{name}">{name}</b></td>'
-        f'<td data-testid="robot-{name}-contact">{pills}</td>'
+        f'<td data-testid="robot-{name}-contact">{condition_html(robot.condition(now_s))}</td>'
         f'<td class="rb-number" data-testid="robot-{name}-battery">{battery}</td>'
-        f'<td class="rb-number" data-testid="robot-{name}-place">{place}</td>'
-        f'<td data-testid="robot-{name}-behavior" title="{behavior}">{behavior}</td>'
+        f'<td style="padding-left: 14px" data-testid="robot-{name}-behavior" title="{behavior}">{behavior}</td>'
     )
-    task = f'<tr class="rb-why"><td colspan="5" data-testid="robot-{name}-task">{_task_text(robot)}</td></tr>'
-    return f'<tr class="rb-top">{cells}</tr>{task}'
+    task = f'<td colspan="4" data-testid="robot-{name}-task">{task_text(robot, view)}</td>'
+    return (
+        f'<tr class="rb-top{chosen}" data-rb="select {name}" tabindex="0">{cells}</tr>'
+        f'<tr class="rb-why{chosen}" data-rb="select {name}">{task}</tr>'
+    )
 
 
-def _task_text(robot: RobotView) -> str:
+def task_text(robot: RobotView, view: TeamView) -> str:
     """What the robot says of its task, else what the coordinator says of it; escaped."""
     status = robot.state.task if robot.state is not None else None
     summary = robot.summary
     if status is not None:
         why = status.why or (summary.why if summary is not None else "")
-        text = f"{status.id} {status.state}" + (f": {why}" if why else "")
+        event = view.tasks.get(status.id)
+        place = place_of(event.task) if event is not None else None
+        what = LONG_ID.sub(r"\1", status.id)
+        if event is not None and place is not None:
+            what = f"{kind_of(event.task)} at {place.x_m:.1f}, {place.y_m:.1f} m"
+        said = f"{what} {status.state}" + (f": {why}" if why else "")
     elif summary is not None and (summary.task or summary.why):
-        text = ": ".join(filter(None, (summary.task, summary.why)))
+        said = ": ".join(filter(None, (summary.task, summary.why)))
     else:
-        text = "no task"
-    return escape(text if len(text) <= 160 else text[:159] + "…")
+        said = "no task"
+    return text(said)
 
 
 def _mote_row(mote: MoteView) -> str:
-    name = escape(mote.name)
+    name = text(mote.name)
     latest = mote.latest
-    readings = ", ".join(f"{escape(quantity)} {reading.value:.1f}" for quantity, reading in mote.readings.items())
+    readings = ", ".join(f"{text(quantity, 40)} {reading.value:.1f}" for quantity, reading in mote.readings.items())
     supply = NONE if latest is None else f"{latest.voltage_v:.2f} V"
-    color = mote_color(latest.voltage_v if latest is not None else None)
+    number = mote_class(latest.voltage_v if latest is not None else None)
     return (
-        f'<tr class="rb-top"><td><span style="color: {css(lighter(color))}">◆</span> <b>{name}</b></td>'
+        f'<tr class="rb-top"><td><span class="rb-{MOTE_KINDS[number]}">{MOTE_SHAPES[number]}</span> <b>{name}</b></td>'
         f'<td data-testid="mote-{name}-reading" title="{readings}">{readings or NONE}</td>'
         f'<td class="rb-number" data-testid="mote-{name}-supply">{supply}</td>'
-        f"<td>{escape(latest.via) if latest is not None else NONE}</td></tr>"
+        f"<td>{text(latest.via, 40) if latest is not None else NONE}</td></tr>"
     )
-
-
-def _pill(text: str, color: Rgb) -> str:
-    return f'<span class="rb-pill" style="background: {css(color)}">{text}</span> '
-
-
-def lighter(color: Rgb) -> Rgb:
-    """The colour as text on a dark page: a third of the way to white, so that it is read at small sizes."""
-    if color in (LOST, WARNING):
-        return color
-    red, green, blue = ((2 * part + 255) // 3 for part in color)
-    return red, green, blue

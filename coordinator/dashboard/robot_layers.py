@@ -4,21 +4,27 @@ import numpy as np
 import viser
 
 from robrain.coordinator.dashboard.layer import Layer
-from robrain.coordinator.dashboard.meshes import robot_base, robot_body, robot_nose
+from robrain.coordinator.dashboard.meshes import hoop, robot_base, robot_body, robot_dart, robot_nose
 from robrain.coordinator.dashboard.palette import HALTED, LOST, NOSE, TRUTH, Rgb, look_of
-from robrain.coordinator.dashboard.scene_nodes import Instances, Labels, Segments, colors, ring, rows
-from robrain.coordinator.dashboard.team_view import Contact, RobotView, TeamView
+from robrain.coordinator.dashboard.robot_view import Condition, Contact, RobotView
+from robrain.coordinator.dashboard.scene_nodes import Instances, Labels, colors, rows
+from robrain.coordinator.dashboard.team_view import TeamView
 
 DEFAULT_RADIUS_M = 0.2
 """Of a Robertino, where a robot does not tell."""
 LABEL_Z_M = 0.45
 FEW_ROBOTS = 20
+LABELS_MAX = 40
+"""In a larger team those are labelled that are selected, or are not as they should be."""
 MANY_LABELS_PERIOD_S = 0.5
 RING_Z_M = 0.02
 
 
 class RobotLayer(Layer):
-    """All bodies as one batched mesh, rims and noses as two more; those lost are grey, those halted rimmed in red."""
+    """All bodies as one batched mesh, rims and noses as two more; those lost are grey, those halted rimmed in red.
+
+    Robots of a large team are darts instead: each batched mesh costs its share of the browser's frames.
+    """
 
     name, label, period_s = "robots", "Robots", 0.0
 
@@ -28,15 +34,25 @@ class RobotLayer(Layer):
         self._bodies = Instances(scene, self.node("bodies"), robot_body())
         self._noses = Instances(scene, self.node("noses"), robot_nose())
 
+        self._darts = Instances(scene, self.node("darts"), robot_dart())
+
     def _draw(self, view: TeamView, now_s: float) -> None:
         robots = [robot for robot in view.robots_in_order() if robot.pose is not None]
         poses = [robot.pose for robot in robots if robot.pose is not None]
         positions = rows([(pose.x_m, pose.y_m, 0.0) for pose in poses])
         yaw_rad = np.array([pose.yaw_rad for pose in poses], np.float32)
         scales = rows([(radius_m(robot),) * 3 for robot in robots])
-        self._bodies.show(positions, scales, colors([body_color(robot, now_s) for robot in robots]), yaw_rad)
-        self._bases.show(positions, scales, colors([HALTED if robot.halted else NOSE for robot in robots]))
-        self._noses.show(positions, scales, colors([NOSE] * len(robots)), yaw_rad)
+        shades = colors([body_color(robot, now_s) for robot in robots])
+        few = len(robots) <= FEW_ROBOTS
+        none = np.zeros(0, np.int64)
+        rimmed = np.array([i for i, robot in enumerate(robots) if few or robot.halted], np.int64)
+        rims = colors([HALTED if robot.halted else NOSE for robot in robots])
+        self._bases.show(positions[rimmed], scales[rimmed], rims[rimmed])
+        fine = np.arange(len(robots)) if few else none
+        coarse = none if few else np.arange(len(robots))
+        self._bodies.show(positions[fine], scales[fine], shades[fine], yaw_rad[fine])
+        self._noses.show(positions[fine], scales[fine], colors([NOSE] * len(fine)), yaw_rad[fine])
+        self._darts.show(positions[coarse], scales[coarse], shades[coarse], yaw_rad[coarse])
 
 
 class NameLayer(Layer):
@@ -53,11 +69,12 @@ class NameLayer(Layer):
         if len(view.robots) > FEW_ROBOTS and now_s - self._moved_s < MANY_LABELS_PERIOD_S:
             return
         self._moved_s = now_s
+        all_of_them = len(view.robots) <= LABELS_MAX
         self._labels.show(
             {
                 robot.name: (_text(robot, now_s), (robot.pose.x_m, robot.pose.y_m, LABEL_Z_M))
                 for robot in view.robots_in_order()
-                if robot.pose is not None
+                if robot.pose is not None and (all_of_them or is_special(view, robot, now_s))
             }
         )
 
@@ -65,20 +82,24 @@ class NameLayer(Layer):
 class TruthLayer(Layer):
     """White rings where an arena says that the robots are; how far off a robot's belief is can be seen by them."""
 
-    name, label, period_s, shown_at_first = "truth", "True places (arena)", 0.2, False
+    name, label, period_s, shown_at_first = "truth", "True places", 0.2, False
 
     def __init__(self, scene: viser.SceneApi) -> None:
         super().__init__(scene)
-        self._rings = Segments(scene, self.node("rings"), 1.5)
+        self._rings = Instances(scene, self.node("rings"), hoop(0.85))
 
     def _draw(self, view: TeamView, now_s: float) -> None:
-        rings = [
-            ring(1.2 * radius_m(robot)) + np.array([robot.truth.pose.x_m, robot.truth.pose.y_m, RING_Z_M], np.float32)
-            for robot in view.robots_in_order()
-            if robot.truth is not None
-        ]
-        points = np.concatenate(rings) if rings else np.empty((0, 2, 3), np.float32)
-        self._rings.show(points, np.full(points.shape, TRUTH, np.uint8))
+        known = [(robot, robot.truth.pose) for robot in view.robots_in_order() if robot.truth is not None]
+        self._rings.show(
+            rows([(pose.x_m, pose.y_m, RING_Z_M) for _, pose in known]),
+            rows([(1.3 * radius_m(robot), 1.3 * radius_m(robot), 1.0) for robot, _ in known]),
+            colors([TRUTH] * len(known)),
+        )
+
+
+def is_special(view: TeamView, robot: RobotView, now_s: float) -> bool:
+    """Whether a robot is selected, or is not as it should be."""
+    return robot.name in view.selected or robot.condition(now_s) is not Condition.UP
 
 
 def radius_m(robot: RobotView) -> float:

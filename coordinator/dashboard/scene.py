@@ -1,5 +1,8 @@
 """The picture: all layers, and the camera that frames them."""
 
+from typing import NamedTuple
+
+import numpy as np
 import viser
 
 from robrain.coordinator.dashboard.camera import (
@@ -9,9 +12,13 @@ from robrain.coordinator.dashboard.camera import (
     Bounds,
     stand_to_see,
 )
+from robrain.coordinator.dashboard.certainty_layer import CertaintyLayer
+from robrain.coordinator.dashboard.field_layer import FieldLayer
 from robrain.coordinator.dashboard.floor_layers import FloorLayer, WallLayer
 from robrain.coordinator.dashboard.layer import Layer
 from robrain.coordinator.dashboard.marker_layers import FrontierLayer, MoteLayer, ScanLayer
+from robrain.coordinator.dashboard.place_layers import ChargerLayer, TaskLayer
+from robrain.coordinator.dashboard.radio_layer import RadioLayer
 from robrain.coordinator.dashboard.robot_layers import NameLayer, RobotLayer, TruthLayer
 from robrain.coordinator.dashboard.team_view import TeamView
 from robrain.coordinator.dashboard.track_layers import PathLayer, TrailLayer
@@ -23,8 +30,13 @@ LAYERS: tuple[type[Layer], ...] = (
     NameLayer,
     TrailLayer,
     PathLayer,
+    TaskLayer,
+    ChargerLayer,
     FrontierLayer,
     MoteLayer,
+    RadioLayer,
+    FieldLayer,
+    CertaintyLayer,
     ScanLayer,
     TruthLayer,
 )
@@ -33,6 +45,21 @@ EMPTY_BOUNDS: Bounds = (-6.0, -5.0, 6.0, 5.0)
 """Looked at until there is a map."""
 EXPECTED_ASPECT = 1.1
 """Of the picture beside the panel on a laptop's screen; a browser that is there already tells its own."""
+COVERED = 0.16
+"""Share of the picture's height that the halt, or the bar of a replay, covers at the bottom."""
+COVERED_UPRIGHT = 0.58
+UPRIGHT = 0.75
+"""A picture narrower than this by its height is a phone's, on which the panel lies at the bottom."""
+SAME_ASPECT = 0.03
+SAME_PLACE_M = 0.01
+
+
+class Framed(NamedTuple):
+    """How the map was framed for a browser."""
+
+    aspect: float
+    elevation_rad: float
+    position: tuple[float, float, float]
 
 
 class Scene:
@@ -42,23 +69,30 @@ class Scene:
         self._server = server
         self.layers: tuple[Layer, ...] = tuple(layer(server.scene) for layer in LAYERS)
         self._bounds = EMPTY_BOUNDS
-        self._framed_run: int | None = None
+        self._view: TeamView | None = None
+        self._framed: dict[int, Framed] = {}
         server.initial_camera.fov = FOV_RAD
         self._set_initial_camera()
 
     def draw(self, view: TeamView, now_s: float) -> None:
         """Bring the picture up to date."""
+        is_another = view is not self._view
+        self._view = view
         for layer in self.layers:
+            if is_another:
+                layer.hurry()
             layer.draw(view, now_s)
-        if view.map.grid is not None and self._framed_run != view.runs:
-            self._framed_run = view.runs
-            geometry = view.map.grid.geometry
-            self._bounds = (
-                geometry.origin_x_m,
-                geometry.origin_y_m,
-                geometry.origin_x_m + geometry.width * geometry.resolution_m,
-                geometry.origin_y_m + geometry.height * geometry.resolution_m,
-            )
+        if view.map.grid is None:
+            return
+        geometry = view.map.grid.geometry
+        bounds = (
+            geometry.origin_x_m,
+            geometry.origin_y_m,
+            geometry.origin_x_m + geometry.width * geometry.resolution_m,
+            geometry.origin_y_m + geometry.height * geometry.resolution_m,
+        )
+        if bounds != self._bounds:
+            self._bounds = bounds
             self._set_initial_camera()
             for client in self._server.get_clients().values():
                 self.show_overview(client)
@@ -71,8 +105,23 @@ class Scene:
         """Move one browser's camera above the map, +y up."""
         self._move(client, TOP_ELEVATION_RAD)
 
+    def keep_framed(self, client: viser.ClientHandle) -> None:
+        """Frame the map anew in a browser whose picture has changed its shape, unless somebody has moved the camera."""
+        framed = self._framed.get(client.client_id)
+        if framed is None or abs(client.camera.aspect - framed.aspect) <= SAME_ASPECT * framed.aspect:
+            return
+        if np.linalg.norm(client.camera.position - np.array(framed.position)) < SAME_PLACE_M:
+            self._move(client, framed.elevation_rad)
+
+    def forget(self, client_id: int) -> None:
+        """A browser has gone."""
+        self._framed.pop(client_id, None)
+
     def _move(self, client: viser.ClientHandle, elevation_rad: float) -> None:
-        stand = stand_to_see(self._bounds, elevation_rad, client.camera.aspect)
+        aspect = client.camera.aspect
+        covered = COVERED_UPRIGHT if aspect < UPRIGHT else COVERED
+        stand = stand_to_see(self._bounds, elevation_rad, aspect, covered=covered)
+        self._framed[client.client_id] = Framed(aspect, elevation_rad, stand.position)
         with client.atomic():
             client.camera.fov = FOV_RAD
             client.camera.position = stand.position
@@ -80,6 +129,6 @@ class Scene:
             client.camera.up_direction = (0.0, 0.0, 1.0)
 
     def _set_initial_camera(self) -> None:
-        stand = stand_to_see(self._bounds, OVERVIEW_ELEVATION_RAD, EXPECTED_ASPECT)
+        stand = stand_to_see(self._bounds, OVERVIEW_ELEVATION_RAD, EXPECTED_ASPECT, covered=COVERED)
         self._server.initial_camera.position = stand.position
         self._server.initial_camera.look_at = stand.look_at

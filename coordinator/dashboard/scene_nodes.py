@@ -6,14 +6,14 @@ length, not even for the moment between two messages. Otherwise only the arrays 
 Colours are given in sRGB, as everywhere on a page.
 """
 
-import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import viser
 from numpy.typing import NDArray
 
 from robrain.coordinator.dashboard.meshes import Mesh
+from robrain.protocol.model.geometry import Point2D
 
 Rows = NDArray[np.float32]
 Colors = NDArray[np.uint8]
@@ -66,30 +66,6 @@ class Instances:
         self._handle.batched_wxyzs = wxyzs
         self._handle.batched_scales = scales
         self._handle.batched_colors = linear
-
-
-class Segments:
-    """Many straight lines of one width in pixels."""
-
-    def __init__(self, scene: viser.SceneApi, name: str, width_px: float) -> None:
-        self._scene = scene
-        self._name = name
-        self._width_px = width_px
-        self._handle: viser.LineSegmentsHandle | None = None
-
-    def show(self, points: Rows, colors: Colors) -> None:
-        """Show lines between points (N, 2, 3), metres, with a colour for each end (N, 2, 3)."""
-        if len(points) == 0:
-            if self._handle is not None:
-                self._handle.remove()
-                self._handle = None
-            return
-        linear = to_linear(colors)
-        same = self._handle is not None and np.array_equal(self._handle.points, points)
-        if self._handle is None or not (same and np.array_equal(self._handle.colors, linear)):
-            self._handle = self._scene.add_line_segments(
-                self._name, points, linear, thickness=self._width_px, thickness_units="screen"
-            )
 
 
 class Labels:
@@ -152,8 +128,21 @@ def colors(values: list[tuple[int, int, int]]) -> Colors:
     return np.array(values, np.uint8).reshape(-1, 3)
 
 
-def ring(radius_m: float, corners: int = 20) -> Rows:
-    """A circle about the origin as lines, float32 (corners, 2, 3), metres."""
-    angles_rad = np.arange(corners + 1) * (2 * math.pi / corners)
-    points = np.column_stack([np.cos(angles_rad), np.sin(angles_rad), np.zeros(corners + 1)]) * radius_m
-    return np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
+def dashed(path: Sequence[Point2D], dash_m: float, z_m: float, most: int) -> Rows:
+    """A path as at most `most` dashes of equal length, float32 (N, 2, 3), metres; unbroken if `dash_m` is 0.
+
+    What is longer than these dashes reach is cut off.
+    """
+    if len(path) < 2:
+        return np.empty((0, 2, 3), np.float32)
+    corners = np.array([(point.x_m, point.y_m) for point in path])
+    lengths_m = np.hypot(*np.diff(corners, axis=0).T)
+    if not dash_m:
+        raised = np.column_stack([corners, np.full(len(corners), z_m)]).astype(np.float32)
+        return np.stack([raised[:-1], raised[1:]], axis=1)[:most]
+    along_m = np.concatenate([[0.0], np.cumsum(lengths_m)])
+    starts_m = np.arange(0.0, min(along_m[-1], 2 * dash_m * most), 2 * dash_m)
+    ends_m = np.minimum(starts_m + dash_m, along_m[-1])
+    both_m = np.stack([starts_m, ends_m], axis=1)
+    x_m, y_m = (np.interp(both_m, along_m, corners[:, axis]) for axis in (0, 1))
+    return np.stack([x_m, y_m, np.full(x_m.shape, z_m)], axis=2).astype(np.float32)

@@ -1,13 +1,16 @@
-"""The web server of the dashboard: viser, made quiet and kept at home."""
+"""The web server of the dashboard: viser, made quiet, kept at home, and closed to other pages."""
 
 import contextlib
 import errno
 import socket
+import warnings
 from collections.abc import Iterator
 
 import rich
 import viser
 
+from robrain.coordinator.dashboard.page_guard import PageGuard
+from robrain.coordinator.dashboard.page_head import page_head
 from robrain.protocol.wire.errors import PortTaken, WireError
 
 AMBIENT = 1.0
@@ -27,11 +30,17 @@ def open_server(host: str, port: int) -> LocalServer:
 
     Raises:
         PortTaken: another process listens on that port.
-        WireError: `host` is not an address of this computer.
+        WireError: `host` is not an address of this computer, or this viser takes no guard.
     """
     _check_free(host, port)
-    with quiet():
+    # A browser may go between the moment it was seen to be there and the message to it: that is nobody's mistake.
+    warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
+    guard = PageGuard(host, page_head())
+    with quiet(), guard.installed():
         server = LocalServer(host=host, port=port, label="robrain", verbose=False)
+    if not guard.is_installed:
+        close_server(server)
+        raise WireError("the dashboard cannot guard its page against other sites: this version of viser is not known")
     # viser moves on to the next port when it finds one taken, which may happen after the check.
     if port not in (0, server.get_port()):
         close_server(server)

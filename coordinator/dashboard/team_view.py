@@ -3,29 +3,30 @@
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from enum import StrEnum
 
 from robrain.coordinator.dashboard.map_view import FAR_M, MapView
 from robrain.coordinator.dashboard.rate_meter import RateMeter
+from robrain.coordinator.dashboard.robot_view import MoteView, RobotView
+from robrain.coordinator.dashboard.task_board import TaskBoard
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.task import place_of
 from robrain.protocol.wire.inbox import Received
 from robrain.protocol.wire.messages import (
     ArenaClock,
     ArenaTruth,
+    Event,
     Halt,
+    LogRecord,
     MapPatch,
     MoteReading,
     PlannedPath,
     RobotState,
-    RobotSummary,
-    RobotTruth,
     Scan,
     TaskEvent,
     TeamState,
 )
 from robrain.protocol.wire.presence import Change
+from robrain.protocol.wire.reading_sieve import ReadingSieve, taken_at_ns
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (
     ARENA_CLOCK,
@@ -34,84 +35,22 @@ from robrain.protocol.wire.topics import (
     COORDINATOR_STATE,
     HALT,
     MOTE_READING,
+    ROBOT_EVENT,
+    ROBOT_LOG,
     ROBOT_MAP,
     ROBOT_PATH,
     ROBOT_STATE,
+    TASK_DECISION,
     TASK_EVENT,
 )
 
-SILENT_AFTER_S = 3.0
-"""A robot whose token stands but whose state is older than this may hang: its liveliness would last 10 s more."""
-TRAIL_STEP_M = 0.1
-TRAIL_POINTS = 600
-OPEN_TASKS = 1000
 HISTORY_POINTS = 400
 HISTORY_STEP_S = 1.0
+LOG_LINES = 100
 FAR_MM = round(FAR_M * 1000)
 FULL_TURN_RAD = 2 * math.pi
 RESTART_S = 1.0
 """An arena clock that falls back by more than this tells of another run."""
-
-
-class Contact(StrEnum):
-    """How well a robot is heard."""
-
-    UP = "up"
-    SILENT = "silent"
-    """Its token stands, its state is old."""
-    LOST = "lost"
-
-
-@dataclass
-class RobotView:
-    """All that is known of one robot."""
-
-    name: str
-    index: int
-    """How many robots appeared before it; chooses its colour."""
-    present: bool | None = None
-    """Whether its liveliness token stands; None when it never had one."""
-    heard_s: float | None = None
-    """When its state last came, on the caller's clock."""
-    state: RobotState | None = None
-    summary: RobotSummary | None = None
-    truth: RobotTruth | None = None
-    scan: Scan | None = None
-    path: list[Point2D] = field(default_factory=list)
-    trail: deque[Point2D] = field(default_factory=lambda: deque(maxlen=TRAIL_POINTS))
-
-    @property
-    def pose(self) -> Pose2D | None:
-        """Where it last said to be, arena frame."""
-        return None if self.state is None else self.state.pose
-
-    @property
-    def halted(self) -> bool:
-        """Whether it last said to be halted."""
-        return self.state is not None and self.state.halted
-
-    def contact(self, now_s: float) -> Contact:
-        """How well it is heard at `now_s`."""
-        if self.present is False:
-            return Contact.LOST
-        if self.heard_s is not None and now_s - self.heard_s <= SILENT_AFTER_S:
-            return Contact.UP
-        return Contact.SILENT if self.present else Contact.LOST
-
-
-@dataclass
-class MoteView:
-    """All that is known of one mote."""
-
-    name: str
-    place: Point2D | None = None
-    readings: dict[str, MoteReading] = field(default_factory=dict)
-    """The latest of each quantity."""
-
-    @property
-    def latest(self) -> MoteReading | None:
-        """The last reading of any quantity."""
-        return max(self.readings.values(), key=lambda reading: reading.stamp_ns, default=None)
 
 
 class TeamView:
@@ -122,9 +61,12 @@ class TeamView:
 
     def __init__(self) -> None:
         self.robots: dict[str, RobotView] = {}
+        self.look_order: dict[str, int] = {}
+        """Which look robots have that are to keep the one of an earlier view; others get theirs as they appear."""
         self.motes: dict[str, MoteView] = {}
-        self.tasks: dict[str, TaskEvent] = {}
-        """The last event of every task that has not ended."""
+        self.board = TaskBoard()
+        self.log: deque[LogRecord] = deque(maxlen=LOG_LINES)
+        """What robots told last, oldest first."""
         self.map = MapView()
         self.team: TeamState | None = None
         self.truth: ArenaTruth | None = None
@@ -132,7 +74,13 @@ class TeamView:
         self.sim_time_s: float | None = None
         self.connected = True
         """Whether the dashboard's own session has a link; without one nothing here is to be trusted."""
+        self.is_replay = False
+        """Whether all this comes out of a recording."""
         self.coordinator_up = False
+        self.chargers: tuple[Point2D, ...] = ()
+        """Where robots can charge, arena frame, as far as anybody has told."""
+        self.selected: frozenset[str] = frozenset()
+        """Robots that somebody who looks on has selected."""
         self.explored: list[tuple[float, float]] = []
         """Arena time in seconds and explored share, 0 to 1; over the whole run, ever coarser."""
         self.rejected = 0
@@ -140,6 +88,7 @@ class TeamView:
         self.runs = 1
         """Runs seen: grows when the arena's clock starts over."""
         self._explored_step_s = HISTORY_STEP_S
+        self._sieve = ReadingSieve()
         self._speed = RateMeter()
         self._traffic = RateMeter()
         self._takers: dict[str, Callable[[Received, float], None]] = {topic.name: take for topic, take in self._table()}
@@ -195,6 +144,11 @@ class TeamView:
         return self._traffic.per_s
 
     @property
+    def tasks(self) -> dict[str, TaskEvent]:
+        """The last event of every task that has not ended."""
+        return self.board.open
+
+    @property
     def halted(self) -> bool:
         """Whether the last word on the team is a halt, or, where none was heard, any robot stands halted."""
         if self.halt is not None:
@@ -220,8 +174,11 @@ class TeamView:
             (ROBOT_STATE, self._take_state),
             (ROBOT_MAP, self._take_patch),
             (ROBOT_PATH, self._take_path),
+            (ROBOT_EVENT, self._take_event),
+            (ROBOT_LOG, self._take_log),
             (MOTE_READING, self._take_reading),
             (TASK_EVENT, self._take_task),
+            (TASK_DECISION, self._take_decision),
             (COORDINATOR_STATE, self._take_team),
             (HALT, self._take_halt),
             (ARENA_SCAN, self._take_scan),
@@ -233,9 +190,7 @@ class TeamView:
         state: RobotState = received.message
         _check_place(state.pose)
         robot = self._robot(received.names["robot"])
-        robot.state, robot.heard_s = state, now_s
-        if state.pose is not None and (not robot.trail or state.pose.distance_m(robot.trail[-1]) >= TRAIL_STEP_M):
-            robot.trail.append(Point2D(state.pose.x_m, state.pose.y_m))
+        robot.take_state(state, now_s)
 
     def _take_patch(self, received: Received, now_s: float) -> None:
         patch: MapPatch = received.message
@@ -259,17 +214,27 @@ class TeamView:
         reading: MoteReading = received.message
         _check_place(reading.place)
         mote = self._mote(received.names["mote"])
-        mote.place = reading.place or mote.place
-        mote.readings[reading.quantity] = reading
+        mote.heard(reading)
+        if not self._sieve.is_new(reading):
+            return
+        before = mote.readings.get(reading.quantity)
+        if before is None or taken_at_ns(before) <= taken_at_ns(reading):  # else it comes out of the mote's log
+            mote.readings[reading.quantity] = reading
 
     def _take_task(self, received: Received, now_s: float) -> None:
         event: TaskEvent = received.message
         _check_place(place_of(event.task))
-        self.tasks.pop(event.task.id, None)
-        if not event.state.ended:
-            self.tasks[event.task.id] = event
-            while len(self.tasks) > OPEN_TASKS:
-                del self.tasks[next(iter(self.tasks))]
+        self.board.take(event)
+
+    def _take_decision(self, received: Received, now_s: float) -> None:
+        self.board.decide(received.message)
+
+    def _take_event(self, received: Received, now_s: float) -> None:
+        event: Event = received.message
+        self._robot(received.names["robot"]).events.append(event)
+
+    def _take_log(self, received: Received, now_s: float) -> None:
+        self.log.append(received.message)
 
     def _take_team(self, received: Received, now_s: float) -> None:
         team: TeamState = received.message
@@ -316,19 +281,19 @@ class TeamView:
         self.runs += 1
         self.map = MapView()
         self.motes.clear()
-        self.tasks.clear()
+        self.board.clear()
+        self.log.clear()
         self.explored.clear()
         self._explored_step_s = HISTORY_STEP_S
+        self._sieve = ReadingSieve()
         self.truth = self.team = self.halt = self.sim_time_s = None
         for robot in self.robots.values():
-            robot.trail.clear()
-            robot.path = []
-            robot.scan = robot.truth = robot.summary = None
+            robot.forget_run()
 
     def _robot(self, name: str) -> RobotView:
         robot = self.robots.get(name)
         if robot is None:
-            robot = self.robots[name] = RobotView(name, len(self.robots))
+            robot = self.robots[name] = RobotView(name, self.look_order.get(name, len(self.robots)))
         return robot
 
     def _mote(self, name: str) -> MoteView:

@@ -2,16 +2,21 @@
 
 from typing import NamedTuple
 
+import numpy as np
+
 from robrain.coordinator.exploration.assignment import Candidate, Choice, Seeker, assign_frontiers
 from robrain.coordinator.roster import Robot
 from robrain.coordinator.team_map import TeamMap
 from robrain.protocol.model.frontier import find_frontiers
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.navigation import NavigationGrid
+from robrain.protocol.model.occupancy_grid import OccupancyGrid
 from robrain.protocol.wire.clock import to_ns
 
 MARGIN_M = 0.08
 SHUN_NS = to_ns(15.0)
+LOOK_M = 0.6
+"""Robots call a frontier done by what is unknown within 0.5 m of it, and its edge."""
 
 
 class _Failure(NamedTuple):
@@ -32,10 +37,20 @@ class Explorer:
         self._failures: list[_Failure] = []
         self._vain: tuple[int, float, list[Seeker], list[Point2D]] | None = None
         """What was last asked with nothing found: the same question has the same answer."""
+        self._visited: dict[Point2D, int] = {}
+        """What was unknown around each frontier when a robot had been there, in cells."""
 
     def note_failure(self, robot: str, place: Point2D, now_ns: int) -> None:
         """A robot could not get to a place: others may, it shuns the place for a while."""
         self._failures.append(_Failure(robot, place, now_ns + SHUN_NS))
+
+    def note_visit(self, place: Point2D) -> None:
+        """A robot has been at a place: what it has not seen of the unknown there, nobody will, as the map stands."""
+        grid = self._map.grid
+        if grid is not None:
+            self._visited = {place: cells for place, cells in self._visited.items() if self._is_spent(place)}
+            self._visited[place] = _unknown_around(grid, place)
+            self._vain = None
 
     @property
     def has_failures(self) -> bool:
@@ -64,7 +79,8 @@ class Explorer:
         navigation = self._look(needed_m)
         if navigation is None:
             return []
-        choices = assign_frontiers(navigation, self.candidates, seekers, taken)
+        candidates = [candidate for candidate in self.candidates if not self._is_spent(candidate.place)]
+        choices = assign_frontiers(navigation, candidates, seekers, taken)
         self._vain = None if choices else question
         return choices
 
@@ -76,12 +92,28 @@ class Explorer:
         if known is None or self._version != grid.version or known.needed_m != needed_m:
             self._version = grid.version
             classes = grid.classes()
-            self._navigation = known = NavigationGrid(classes, grid.geometry, needed_m)
+            if known is None or known.needed_m != needed_m:
+                self._navigation = known = NavigationGrid(classes, grid.geometry, needed_m)
+            else:
+                known.update(classes)
             self.candidates = [
                 Candidate(grid.geometry.center_of(found.row, found.column), found.cells * grid.geometry.resolution_m)
                 for found in find_frontiers(classes)
             ]
         return known
 
+    def _is_spent(self, place: Point2D) -> bool:
+        """Whether a robot has been at a place, and nobody has seen more there since."""
+        before = self._visited.get(place)
+        return before is not None and self._map.grid is not None and before == _unknown_around(self._map.grid, place)
+
     def _shunned(self, robot: str) -> tuple[Point2D, ...]:
         return tuple(failure.place for failure in self._failures if failure.robot == robot)
+
+
+def _unknown_around(grid: OccupancyGrid, place: Point2D) -> int:
+    """How many of the cells around a place nobody has seen."""
+    row, column = grid.geometry.cell_of(place.x_m, place.y_m)
+    reach = round(LOOK_M / grid.geometry.resolution_m)
+    box = np.s_[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
+    return int(np.count_nonzero(grid.log_odds[box] == 0))

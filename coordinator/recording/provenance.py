@@ -3,7 +3,10 @@
 Nothing in it tells the time of day or the machine's folders, so equal runs leave equal files.
 """
 
+import base64
+import os
 import platform
+import zlib
 from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 
@@ -15,8 +18,20 @@ PACKAGES = ("robrain", "eclipse-zenoh", "pymunk", "numpy", "mcap")
 RUN_METADATA = "robrain.run"
 VERSIONS_METADATA = "robrain.versions"
 SUMMARY_METADATA = "robrain.summary"
+HOST_METADATA = "robrain.host"
+PART_METADATA = "robrain.part"
+"""Of a recording that is split: the number of this file, from 1."""
+RECOVERY_METADATA = "robrain.recovery"
+VISUAL_METADATA = "robrain.visual"
 SCENARIO_ATTACHMENT = "scenario.toml"
 MAP_ATTACHMENT = "map.png"
+MANIFESTS_METADATA = "robrain.manifests"
+"""All manifests in one record, deflated: there are dozens, much alike, and each part of a recording has them."""
+
+
+PACKING = "base64 of the zlib-deflated JSON object of path and text"
+MANIFESTS_MAX = 64 * 1024 * 1024
+"""Bytes that manifests unpack to at the most."""
 
 
 class Provenance(msgspec.Struct, frozen=True):
@@ -31,13 +46,23 @@ class Provenance(msgspec.Struct, frozen=True):
     """Picture of the arena, PNG."""
     drive: str
     team: str
+    manifests: dict[str, str] = {}
+    """Files of the robots and of their plugins, as text, by a path for each."""
 
     def run_metadata(self) -> dict[str, str]:
         """The fields that are short enough for a metadata record."""
         return {"scenario": self.scenario, "seed": str(self.seed), "drive": self.drive, "team": self.team}
 
+    def manifest_metadata(self) -> dict[str, str]:
+        """The manifests as a metadata record: how they are packed, and the pack."""
+        packed = zlib.compress(msgspec.json.encode(self.manifests), 9)
+        names = ", ".join(sorted(self.manifests))
+        return {"names": names, "packed": base64.b64encode(packed).decode(), "packing": PACKING}
+
     @classmethod
-    def from_parts(cls, run: Mapping[str, str], attachments: Mapping[str, bytes]) -> "Provenance":
+    def from_parts(
+        cls, run: Mapping[str, str], attachments: Mapping[str, bytes], manifests: Mapping[str, str] | None = None
+    ) -> "Provenance":
         """Put together again what a file holds.
 
         Raises:
@@ -51,7 +76,23 @@ class Provenance(msgspec.Struct, frozen=True):
             map_png=attachments.get(MAP_ATTACHMENT),
             drive=run["drive"],
             team=run["team"],
+            manifests=unpacked(manifests) if manifests else {},
         )
+
+
+def unpacked(manifests: Mapping[str, str]) -> dict[str, str]:
+    """The manifests in a metadata record.
+
+    Raises:
+        KeyError: a part is missing.
+        ValueError: it is not what robrain packs.
+    """
+    inflater = zlib.decompressobj()
+    try:
+        text = inflater.decompress(base64.b64decode(manifests["packed"], validate=True), MANIFESTS_MAX)
+        return msgspec.json.decode(text, type=dict[str, str])
+    except (zlib.error, msgspec.DecodeError) as error:
+        raise ValueError(f"the manifests do not unpack: {error}") from error
 
 
 def software_versions() -> dict[str, str]:
@@ -63,3 +104,13 @@ def software_versions() -> dict[str, str]:
         except PackageNotFoundError:
             continue
     return versions
+
+
+def host_description() -> dict[str, str]:
+    """The machine that records: what its figures depend on, and no name of it."""
+    return {
+        "system": platform.system(),
+        "release": platform.release(),
+        "machine": platform.machine(),
+        "processors": str(os.cpu_count() or 0),
+    }

@@ -3,7 +3,7 @@
 import os
 import struct
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import BufferedReader
 from pathlib import Path
@@ -19,11 +19,21 @@ from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
 from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.provenance import RUN_METADATA, SUMMARY_METADATA, VERSIONS_METADATA, Provenance
+from robrain.coordinator.recording.provenance import (
+    MANIFESTS_METADATA,
+    RUN_METADATA,
+    SUMMARY_METADATA,
+    VERSIONS_METADATA,
+    Provenance,
+)
+from robrain.coordinator.recording.visual_topics import is_visual
 from robrain.protocol.wire.clock import to_seconds
 
-_DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, KeyError)
+DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, KeyError)
 """What mcap raises over bytes that are not what they should be; a wrong checksum is a ValueError."""
+
+PROGRESS_RECORDS = 1000
+"""How many records lie between two words on how far it is."""
 
 
 class RecordedMessage(NamedTuple):
@@ -36,6 +46,10 @@ class RecordedMessage(NamedTuple):
     payload: bytes
     encoding: str
     """Encoding of the channel, `json` for our own messages."""
+    publish_time_ns: int = 0
+    """The sender's stamp, or the time of recording where it gave none."""
+    sequence: int = 0
+    """The sender's number of the message, modulo 2**32."""
 
 
 class RecordingInfo(msgspec.Struct, frozen=True, kw_only=True):
@@ -44,6 +58,7 @@ class RecordingInfo(msgspec.Struct, frozen=True, kw_only=True):
     path: Path
     size_bytes: int
     messages: int
+    """Those of the wire; what was derived from them to be drawn is not counted here."""
     start_ns: int
     """The run's clock at the first message; 0 when there is none."""
     duration_s: float
@@ -56,18 +71,24 @@ class RecordingInfo(msgspec.Struct, frozen=True, kw_only=True):
     """Versions of the software that made it; empty when it was not robrain."""
     digest: str
     """Digest of the run; empty when the end is missing."""
+    summary: dict[str, str] = {}
+    """What its recorder said at the end; empty when the end is missing."""
 
 
-def read_messages(path: Path) -> Iterator[RecordedMessage]:
+def read_messages(path: Path, on_progress: Callable[[float], None] | None = None) -> Iterator[RecordedMessage]:
     """The messages of a recording in the order in which they were recorded.
 
     A file that ends in the middle gives what is there.
 
+    Args:
+        path: an MCAP file.
+        on_progress: told now and then the share of the file that has been read, 0 to 1.
+
     Raises:
         RecordingError: there is no such file or it is no recording (at once), or it is damaged (on the way).
     """
-    _check_readable(path)
-    return _messages(path)
+    check_readable(path)
+    return _messages(path, on_progress)
 
 
 def read_provenance(path: Path) -> Provenance:
@@ -76,9 +97,9 @@ def read_provenance(path: Path) -> Provenance:
     Raises:
         RecordingError: there is no such file, it is no recording, or robrain did not make it.
     """
-    metadata, attachments = _read_front(path)
+    metadata, attachments = read_front(path)
     try:
-        return Provenance.from_parts(metadata[RUN_METADATA], attachments)
+        return Provenance.from_parts(metadata[RUN_METADATA], attachments, metadata.get(MANIFESTS_METADATA))
     except (KeyError, ValueError) as error:
         raise RecordingError(
             path, f"{path} does not say which run it is of: give a recording made by `robrain`"
@@ -91,18 +112,17 @@ def recording_info(path: Path) -> RecordingInfo:
     Raises:
         RecordingError: there is no such file, it is no recording, or it is damaged.
     """
-    versions = _read_front(path)[0].get(VERSIONS_METADATA, {})
+    versions = read_front(path)[0].get(VERSIONS_METADATA, {})
     with _opened(path) as stream:
-        size_bytes = stream.seek(-len(MCAP0_MAGIC), os.SEEK_END) + len(MCAP0_MAGIC)
-        truncated = size_bytes < 2 * len(MCAP0_MAGIC) or stream.read() != MCAP0_MAGIC
+        size_bytes = stream.seek(0, os.SEEK_END)
+        truncated = is_truncated(path)
         if not truncated:
             stream.seek(0)
             reader = make_reader(stream)
             summary = reader.get_summary()
             if summary is not None and summary.statistics is not None:
                 run = {metadata.name: metadata.metadata for metadata in reader.iter_metadata()}
-                digest = run.get(SUMMARY_METADATA, {}).get("digest", "")
-                return _info_of_summary(path, size_bytes, summary, versions, digest)
+                return _info_of_summary(path, size_bytes, summary, versions, run.get(SUMMARY_METADATA, {}))
     counts: Counter[str] = Counter()
     start_ns = end_ns = None
     for message in _messages(path):
@@ -113,7 +133,7 @@ def recording_info(path: Path) -> RecordingInfo:
     return RecordingInfo(
         path=path,
         size_bytes=size_bytes,
-        messages=counts.total(),
+        messages=_of_the_wire(counts),
         start_ns=start_ns or 0,
         duration_s=to_seconds((end_ns or 0) - (start_ns or 0)),
         counts=dict(counts),
@@ -123,8 +143,12 @@ def recording_info(path: Path) -> RecordingInfo:
     )
 
 
+def _of_the_wire(counts: Counter[str]) -> int:
+    return sum(count for channel, count in counts.items() if not is_visual(channel))
+
+
 def _info_of_summary(
-    path: Path, size_bytes: int, summary: Summary, versions: dict[str, str], digest: str
+    path: Path, size_bytes: int, summary: Summary, versions: dict[str, str], said: dict[str, str]
 ) -> RecordingInfo:
     statistics = summary.statistics
     assert statistics is not None
@@ -134,30 +158,43 @@ def _info_of_summary(
     return RecordingInfo(
         path=path,
         size_bytes=size_bytes,
-        messages=statistics.message_count,
+        messages=_of_the_wire(counts),
         start_ns=statistics.message_start_time,
         duration_s=to_seconds(statistics.message_end_time - statistics.message_start_time),
         counts=dict(counts),
         truncated=False,
         versions=versions,
-        digest=digest,
+        digest=said.get("digest", ""),
+        summary=said,
     )
 
 
-def _messages(path: Path) -> Iterator[RecordedMessage]:
+def _messages(path: Path, on_progress: Callable[[float], None] | None = None) -> Iterator[RecordedMessage]:
     channels: dict[int, Channel] = {}
     with _opened(path) as stream:
-        for record in _records(stream):
+        size_bytes = os.fstat(stream.fileno()).st_size
+        for number, record in enumerate(_records(stream)):
+            if on_progress is not None and number % PROGRESS_RECORDS == 0:
+                on_progress(stream.tell() / size_bytes)
             if isinstance(record, Channel):
                 channels[record.id] = record
             elif isinstance(record, Message):
                 channel = channels[record.channel_id]
-                yield RecordedMessage(channel.topic, record.log_time, record.data, channel.message_encoding)
+                yield RecordedMessage(
+                    channel.topic,
+                    record.log_time,
+                    record.data,
+                    channel.message_encoding,
+                    record.publish_time,
+                    record.sequence,
+                )
+    if on_progress is not None:
+        on_progress(1.0)
 
 
-def _read_front(path: Path) -> tuple[dict[str, dict[str, str]], dict[str, bytes]]:
+def read_front(path: Path) -> tuple[dict[str, dict[str, str]], dict[str, bytes]]:
     """Metadata and attachments by name, as far as they stand before the first messages."""
-    _check_readable(path)
+    check_readable(path)
     metadata: dict[str, dict[str, str]] = {}
     attachments: dict[str, bytes] = {}
     with _opened(path) as stream:
@@ -173,11 +210,16 @@ def _read_front(path: Path) -> tuple[dict[str, dict[str, str]], dict[str, bytes]
 
 def _records(stream: BufferedReader, *, emit_chunks: bool = False) -> Iterator[McapRecord]:
     """Records up to the end of the file, or to where it breaks off."""
-    reader = StreamReader(cast(IO[bytes], _WholeReads(stream)), emit_chunks=emit_chunks, validate_crcs=True)
+    reader = StreamReader(whole_reads(stream), emit_chunks=emit_chunks, validate_crcs=True)
     try:
         yield from reader.records
     except EndOfFile:
         return
+
+
+def whole_reads(stream: BufferedReader) -> IO[bytes]:
+    """The stream as mcap should see it: a record that was cut short is none."""
+    return cast(IO[bytes], _WholeReads(stream))
 
 
 class _WholeReads:
@@ -194,9 +236,15 @@ class _WholeReads:
 @contextmanager
 def _opened(path: Path) -> Iterator[BufferedReader]:
     """The file, with what is wrong with it or its bytes turned into RecordingError."""
+    with damage_told(path), path.open("rb") as stream:
+        yield stream
+
+
+@contextmanager
+def damage_told(path: Path) -> Iterator[None]:
+    """Turns what is wrong with the file or its bytes, while the block reads it, into RecordingError."""
     try:
-        with path.open("rb") as stream:
-            yield stream
+        yield
     except FileNotFoundError as error:
         raise RecordingError(path, f"there is no file {path}: give the path of a recording") from error
     except IsADirectoryError as error:
@@ -205,13 +253,22 @@ def _opened(path: Path) -> Iterator[BufferedReader]:
         raise RecordingError(
             path, f"cannot read {path}: {error.strerror or error}; check the path and who may read it"
         ) from error
-    except _DAMAGE as error:
+    except DAMAGE as error:
         raise RecordingError(
             path, f"{path} is damaged ({str(error) or type(error).__name__}): take another copy of it"
         ) from error
 
 
-def _check_readable(path: Path) -> None:
+def is_truncated(path: Path) -> bool:
+    """Whether the end of a recording is missing (RecordingError if the file cannot be read)."""
+    with _opened(path) as stream:
+        size_bytes = stream.seek(0, os.SEEK_END)
+        stream.seek(max(size_bytes - len(MCAP0_MAGIC), 0))
+        return size_bytes < 2 * len(MCAP0_MAGIC) or stream.read() != MCAP0_MAGIC
+
+
+def check_readable(path: Path) -> None:
+    """Raise RecordingError unless there is a file that begins as a recording does."""
     with _opened(path) as stream:
         start = stream.read(len(MCAP0_MAGIC))
     if not start:

@@ -1,7 +1,11 @@
 """The recorder: writes all that a team says on its recorded topics, and keeps a digest of it."""
 
 import hashlib
+import logging
+import re
 import struct
+from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,15 +13,25 @@ import msgspec
 
 from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.provenance import Provenance
-from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.inbox import Inbox
+from robrain.coordinator.recording.recorder_inbox import RecorderInbox
+from robrain.coordinator.recording.recording_files import RecordingFiles, SplitAt
+from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.messages import LostMessages, RecorderState
 from robrain.protocol.wire.topic import JSON, Kind
-from robrain.protocol.wire.topics import ARENA_OUTSIDE, TOPICS
+from robrain.protocol.wire.topics import ARENA_OUTSIDE, RECORDER_STATE, ROBOT_MAP, ROBOT_MAP_WHOLE, TOPICS
 
 if TYPE_CHECKING:
-    from robrain.coordinator.recording.recording_file import RecordingFile
+    from robrain.coordinator.recording.foxglove_channels import FoxgloveChannels
+
+logger = logging.getLogger(__name__)
 
 INBOX_CAPACITY = 65536
+INBOX_BYTES = 256 * 1024 * 1024
+STATE_NS = to_ns(1.0)
+"""How often a live recorder tells how it does."""
+SLOW_NS = to_ns(1.0)
+"""A step that takes longer than this is told: the disk does not keep up."""
 SEQUENCE_MASK = 0xFFFF_FFFF
 """MCAP's sequence numbers have 32 bits."""
 
@@ -39,6 +53,10 @@ class RecordingSummary(msgspec.Struct, frozen=True):
     path: Path | None
     lost: int = 0
     """Messages in the digest that the disk did not take."""
+    lost_by_topic: dict[str, int] = {}
+    """Both together, by the topic's name."""
+    paths: list[Path] = []
+    """Every file, where the recording is split."""
 
 
 class _Stamp(msgspec.Struct):
@@ -52,30 +70,50 @@ _UNSTAMPED = _Stamp()
 class Recorder:
     """Hears every recorded topic of a team, in order of arrival, and writes each message as it was on the wire.
 
-    Two runs that said the same, in the same order, have the same `digest`; with a file or without.
+    Two runs that said the same, in the same order, have the same `digest`; with a file or without. A disk that is
+    full or too slow is told, in the log and on the wire (`recorder/R/state`), and what is lost is counted by topic;
+    nobody waits for the recorder.
 
     Args:
         endpoint: where to listen; its owner closes it, after the recorder.
         path: an MCAP file to write, or None for the digest alone.
         provenance: what the run was started with.
+        split: when to go on in a next file; never, if not given.
+        visual: write what Foxglove and its like draw beside it, derived from what is recorded.
 
     Raises:
         RecordingError: the file cannot be written; nothing is declared then, and nothing left on the disk.
     """
 
-    def __init__(self, endpoint: Endpoint, path: Path | None, provenance: Provenance) -> None:
+    def __init__(
+        self,
+        endpoint: Endpoint,
+        path: Path | None,
+        provenance: Provenance,
+        *,
+        split: SplitAt | None = None,
+        visual: bool = False,
+    ) -> None:
         self._clock = endpoint.clock
-        self._file = _open_file(path, provenance, self._clock.now_ns()) if path is not None else None
-        self._inbox = Inbox(capacity=INBOX_CAPACITY, every=True)
+        self._messages = 0
+        self._outside_queries = 0
+        self._inbox = RecorderInbox(INBOX_CAPACITY, INBOX_BYTES)
         self._digest = hashlib.sha256()
         self._key_prefixes: dict[str, bytes] = {}
         self._stamps = msgspec.json.Decoder(_Stamp)
-        self._messages = 0
-        self._outside_queries = 0
         self._summary: RecordingSummary | None = None
+        self._path = path
+        self._slow_ns = 0
+        self._lost_told = 0
+        self._state_ns: int | None = None
+        self._live = endpoint.drive is Drive.LIVE
+        self._visual: FoxgloveChannels | None = None
+        self._file = self._open(path, provenance, split, visual=visual) if path is not None else None
+        self._name = "rec_" + re.sub(r"[^A-Za-z0-9_.\-]", "_", path.stem)[:60] if path is not None else ""
         for topic in TOPICS:
             if topic.recorded and topic.kind is Kind.PUT:
                 endpoint.subscribe(self._inbox, topic)
+        self._states = endpoint.publisher(RECORDER_STATE, recorder=self._name) if path is not None else None
 
     @property
     def messages(self) -> int:
@@ -88,6 +126,21 @@ class Recorder:
         return self._inbox.outside + self._outside_queries
 
     @property
+    def paths(self) -> list[Path]:
+        """Its files so far."""
+        return self._file.paths if self._file is not None else []
+
+    @property
+    def size_bytes(self) -> int:
+        """Bytes in its files."""
+        return self._file.size_bytes if self._file is not None else 0
+
+    @property
+    def lost(self) -> int:
+        """Messages that are not, and will not be, in a file."""
+        return sum(self._lost().values())
+
+    @property
     def digest(self) -> str:
         """SHA-256 over key, stamp and payload of every message in order, as hex.
 
@@ -96,12 +149,47 @@ class Recorder:
         outside = self.outside
         return self._digest.hexdigest() + (f"+outside:{outside}" if outside else "")
 
+    def ask_maps(self, endpoint: Endpoint, robots: Iterable[str]) -> None:
+        """Have robots tell all that they know of the map, for a recording that begins in mid-run.
+
+        The answers are recorded as if they had been said under `robot/R/map`: patches tell changes only.
+        """
+        for robot in robots:
+            endpoint.ask_into(self._inbox, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=robot)
+
     def step(self) -> None:
         """Record what has arrived since the last step. After `close` it does nothing."""
         if self._summary is not None:
             return
+        self._record()
+        self._tell_state()
+
+    def close(self) -> RecordingSummary:
+        """Record what is left, finish the file and return what was done; calling it again returns the same."""
+        if self._summary is None:
+            self._record()
+            if self._file is not None:
+                self._file.close()
+            lost = self._file.lost_by_topic if self._file is not None else Counter[str]()
+            paths = self._file.paths if self._file is not None else []
+            self._summary = RecordingSummary(
+                messages=self._messages,
+                bytes=self._file.size_bytes if self._file is not None else 0,
+                digest=self.digest,
+                outside=self.outside,
+                dropped=self._inbox.dropped,
+                path=paths[0] if paths else None,
+                lost=lost.total(),
+                lost_by_topic=dict(lost + self._inbox.dropped_by_topic),
+                paths=paths,
+            )
+            if self._states is not None:
+                self._tell()
+        return self._summary
+
+    def _record(self) -> None:
         now_ns = self._clock.now_ns()
-        file = self._file
+        file, visual = self._file, self._visual
         digested: list[bytes] = []
         for topic, key, payload in self._inbox.drain_raw():
             stamp = self._stamp(payload) if topic.encoding == JSON else _UNSTAMPED
@@ -119,34 +207,98 @@ class Recorder:
                     publish_time_ns=stamp_ns,
                     sequence=stamp.seq & SEQUENCE_MASK,
                 )
+                if visual is not None:
+                    visual.take(topic, key, payload)
         self._digest.update(b"".join(digested))
         if file is not None:
-            file.flush_if_due(now_ns)
+            if visual is not None:
+                self._draw(visual, file, now_ns)
+            if file.step(now_ns) and visual is not None:
+                visual.begin_anew()
+            self._slow_ns = self._clock.now_ns() - now_ns
 
-    def close(self) -> RecordingSummary:
-        """Record what is left, finish the file and return what was done; calling it again returns the same."""
-        if self._summary is None:
-            self.step()
-            if self._file is not None:
-                self._file.close(
-                    {
-                        "messages": str(self._messages),
-                        "digest": self.digest,
-                        "outside": str(self.outside),
-                        "dropped": str(self._inbox.dropped),
-                        "lost": str(self._file.lost),
-                    }
-                )
-            self._summary = RecordingSummary(
-                messages=self._messages,
-                bytes=self._file.size_bytes if self._file is not None else 0,
-                digest=self.digest,
-                outside=self.outside,
-                dropped=self._inbox.dropped,
-                path=self._file.path if self._file is not None else None,
-                lost=self._file.lost if self._file is not None else 0,
+    def _draw(self, visual: "FoxgloveChannels", file: RecordingFiles, now_ns: int) -> None:
+        try:
+            for derived in visual.due(now_ns):
+                file.write_visual(derived, now_ns)
+        except (ValueError, TypeError, OverflowError):
+            # What a stranger said cannot be drawn; it is recorded all the same, and can be drawn later.
+            logger.exception("recording to %s goes on without what others draw", file.paths[-1])
+            self._visual = None
+
+    def _tell_state(self) -> None:
+        """Say how it does: each second in live, and in both drives when something was lost."""
+        if self._file is None:
+            return
+        lost = self._file.lost_by_topic.total() + self._inbox.dropped
+        slow = self._slow_ns > SLOW_NS
+        if slow:
+            logger.warning(
+                "recording to %s is slow: the disk took %.1f s", self._file.paths[-1], to_seconds(self._slow_ns)
             )
-        return self._summary
+        now_ns = self._clock.now_ns()
+        due = self._state_ns is None or not 0 <= now_ns - self._state_ns < STATE_NS
+        if due and (self._live or lost > self._lost_told or slow):
+            self._state_ns = now_ns
+            self._lost_told = lost
+            self._tell()
+
+    def _tell(self) -> None:
+        assert self._file is not None
+        assert self._states is not None
+        dropped = self._inbox.dropped
+        words = [self._file.why] if self._file.why else []
+        words += [f"the disk took {to_seconds(self._slow_ns):.1f} s"] if self._slow_ns > SLOW_NS else []
+        words += [f"{dropped} messages came faster than they are written"] if dropped else []
+        self._states.put(
+            RecorderState(
+                recorder=self._name,
+                file=self._file.paths[-1].name,
+                messages=self._messages,
+                bytes=self._file.size_bytes,
+                lost=[LostMessages(topic, messages) for topic, messages in sorted(self._lost().items())],
+                waiting=len(self._inbox),
+                why="; ".join(words),
+                closed=self._summary is not None,
+            )
+        )
+
+    def _lost(self) -> dict[str, int]:
+        written = self._file.lost_by_topic if self._file is not None else Counter[str]()
+        return dict(written + self._inbox.dropped_by_topic)
+
+    def _said(self) -> dict[str, str]:
+        """What stands in the metadata at the end of a file."""
+        said = {
+            "messages": str(self._messages),
+            "digest": self.digest,
+            "outside": str(self.outside),
+            "dropped": str(self._inbox.dropped),
+            "lost": str(self._file.lost_by_topic.total() if self._file is not None else 0),
+        }
+        lost = self._lost()
+        return said | ({"lost_by_topic": msgspec.json.encode(lost).decode()} if lost else {})
+
+    def _open(self, path: Path, provenance: Provenance, split: SplitAt | None, *, visual: bool) -> RecordingFiles:
+        try:
+            # A digest alone does not need mcap, which comes with an extra.
+            from robrain.coordinator.recording.recording_file import RecordingFile
+
+            if visual:
+                from robrain.coordinator.recording.foxglove_channels import FoxgloveChannels
+
+                self._visual = FoxgloveChannels()
+        except ModuleNotFoundError as error:
+            raise RecordingError(
+                path, f"cannot record to {path}: {error.name} is not installed; pip install 'robrain[team]'"
+            ) from error
+        return RecordingFiles(
+            path,
+            lambda part, now_ns, number: RecordingFile(part, provenance, now_ns, number),
+            self._clock.now_ns(),
+            split or SplitAt(),
+            self._said,
+        )
 
     def _stamp(self, payload: bytes) -> _Stamp:
         try:
@@ -159,14 +311,3 @@ class Recorder:
         encoded = key.encode()
         prefix = self._key_prefixes[key] = len(encoded).to_bytes(8, "little") + encoded
         return prefix
-
-
-def _open_file(path: Path, provenance: Provenance, now_ns: int) -> "RecordingFile":
-    try:
-        # A digest alone does not need mcap, which comes with an extra.
-        from robrain.coordinator.recording.recording_file import RecordingFile
-    except ModuleNotFoundError as error:
-        raise RecordingError(
-            path, f"cannot record to {path}: {error.name} is not installed; pip install 'robrain[team]'"
-        ) from error
-    return RecordingFile(path, provenance, now_ns)

@@ -6,26 +6,34 @@ so that a file whose writer was killed still says what it is and holds all but t
 
 import contextlib
 import logging
+from collections import Counter
 from collections.abc import Mapping
 from io import FileIO
 from pathlib import Path
-from typing import IO, cast
+from typing import IO, TYPE_CHECKING, cast
 
 import msgspec
 from mcap.writer import CompressionType, Writer
 
 from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.provenance import (
+    HOST_METADATA,
+    MANIFESTS_METADATA,
     MAP_ATTACHMENT,
+    PART_METADATA,
     RUN_METADATA,
     SCENARIO_ATTACHMENT,
     SUMMARY_METADATA,
     VERSIONS_METADATA,
     Provenance,
+    host_description,
     software_versions,
 )
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.topic import JSON, Topic
+
+if TYPE_CHECKING:
+    from robrain.coordinator.recording.foxglove_channels import VisualMessage
 
 logger = logging.getLogger(__name__)
 
@@ -45,17 +53,23 @@ class RecordingFile:
         path: file to write; an older recording of that name is replaced.
         provenance: goes to the front of the file.
         now_ns: the run's clock at opening.
+        part: number of the file in a recording that is split, from 1; None if it is not.
 
     Raises:
         RecordingError: the file cannot be written; nothing is left behind then.
     """
 
-    def __init__(self, path: Path, provenance: Provenance, now_ns: int) -> None:
+    def __init__(self, path: Path, provenance: Provenance, now_ns: int, part: int | None = None) -> None:
         self.path = path
-        self.lost = 0
-        """Messages that could not be written."""
+        self.opened_ns = now_ns
+        self.messages = 0
+        """Messages of the wire that were handed over, written or not."""
+        self.lost_by_topic: Counter[str] = Counter()
+        """Messages of the wire that could not be written, by the topic's name."""
+        self.why = ""
+        """Why it failed; empty as long as it has not."""
         self._failed = False
-        self._held = 0
+        self._held: Counter[str] = Counter()
         self._held_bytes = 0
         self._flushed_ns = now_ns
         self._schemas: dict[str, int] = {}
@@ -69,7 +83,7 @@ class RecordingFile:
             cast(IO[bytes], self._stream), chunk_size=NEVER, compression=CompressionType.ZSTD, use_chunking=True
         )
         try:
-            self._write_front(provenance)
+            self._write_front(provenance, part)
         except OSError as error:
             self._stream.close()
             path.unlink(missing_ok=True)
@@ -77,23 +91,44 @@ class RecordingFile:
         self._whole_bytes = self._stream.size_bytes
 
     @property
+    def lost(self) -> int:
+        """Messages of the wire that could not be written."""
+        return self.lost_by_topic.total()
+
+    @property
     def size_bytes(self) -> int:
         """Bytes in the file so far."""
         return self._stream.size_bytes
+
+    @property
+    def held_bytes(self) -> int:
+        """Bytes of payloads that wait to be written."""
+        return self._held_bytes
 
     def write(
         self, topic: Topic, key: str, payload: bytes, *, log_time_ns: int, publish_time_ns: int, sequence: int
     ) -> None:
         """Add a message; counted in `lost` when the file has failed."""
+        self.messages += 1
         channel_id = 0 if self._failed else self._channels.get(key) or self._add_channel(topic, key)
         if not channel_id:
-            self.lost += 1
+            self.lost_by_topic[topic.name] += 1
             return
         self._writer.add_message(channel_id, log_time_ns, payload, publish_time_ns, sequence)
-        self._held += 1
+        self._held[topic.name] += 1
         self._held_bytes += len(payload)
         if self._held_bytes >= CHUNK_BYTES:
             self._write_out()
+
+    def write_visual(self, visual: "VisualMessage", log_time_ns: int) -> None:
+        """Add a derived message; nothing is lost with it that could not be derived again."""
+        channel_id = 0 if self._failed else self._channels.get(visual.channel) or self._add_visual(visual)
+        if channel_id:
+            data = visual.data()
+            self._writer.add_message(channel_id, log_time_ns, data, visual.stamp_ns)
+            self._held_bytes += len(data)
+            if self._held_bytes >= CHUNK_BYTES:
+                self._write_out()
 
     def flush_if_due(self, now_ns: int) -> None:
         """Hand what is held to the operating system when half a second of the run's clock has passed."""
@@ -115,14 +150,15 @@ class RecordingFile:
             self._fail(error)
 
     def _write_out(self) -> None:
-        if self._failed or not self._held:
+        if self._failed or not self._held_bytes:
             return
         try:
             self._writer.flush()  # type: ignore[no-untyped-call]
         except OSError as error:
             self._fail(error)
             return
-        self._held = self._held_bytes = 0
+        self._held.clear()
+        self._held_bytes = 0
         self._whole_bytes = self._stream.size_bytes
 
     def _fail(self, error: OSError) -> None:
@@ -132,20 +168,27 @@ class RecordingFile:
             error.strerror or error,
         )
         self._failed = True
-        self.lost += self._held
+        self.why = error.strerror or str(error)
+        self.lost_by_topic.update(self._held)
+        self._held.clear()
         with contextlib.suppress(OSError):
             self._stream.cut(self._whole_bytes)
         with contextlib.suppress(OSError):
             self._stream.close()
 
-    def _write_front(self, provenance: Provenance) -> None:
+    def _write_front(self, provenance: Provenance, part: int | None) -> None:
         writer = self._writer
         writer.start(profile="robrain")
         writer.add_metadata(RUN_METADATA, provenance.run_metadata())
         writer.add_metadata(VERSIONS_METADATA, software_versions())
+        writer.add_metadata(HOST_METADATA, host_description())
+        if part is not None:
+            writer.add_metadata(PART_METADATA, {"part": str(part)})
         writer.add_attachment(0, 0, SCENARIO_ATTACHMENT, "application/toml", provenance.scenario_toml.encode())
         if provenance.map_png is not None:
             writer.add_attachment(0, 0, MAP_ATTACHMENT, "image/png", provenance.map_png)
+        if provenance.manifests:
+            writer.add_metadata(MANIFESTS_METADATA, provenance.manifest_metadata())
 
     def _add_channel(self, topic: Topic, key: str) -> int:
         """Id of a new channel, or 0 when the file has all it can hold."""
@@ -153,6 +196,16 @@ class RecordingFile:
             return 0
         encoding = "json" if topic.encoding == JSON else topic.encoding
         channel_id = self._channels[key] = self._writer.register_channel(key, encoding, self._schema_id(topic))
+        return channel_id
+
+    def _add_visual(self, visual: "VisualMessage") -> int:
+        if len(self._channels) >= CHANNELS_MAX:
+            return 0
+        name, encoding, data = visual.schema()
+        if name not in self._schemas:
+            self._schemas[name] = self._writer.register_schema(name, encoding, data)
+        channel_id = self._writer.register_channel(visual.channel, visual.encoding, self._schemas[name])
+        self._channels[visual.channel] = channel_id
         return channel_id
 
     def _schema_id(self, topic: Topic) -> int:

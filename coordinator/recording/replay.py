@@ -1,16 +1,20 @@
-"""Replay: says a recorded run again, under the same keys and at the same pace."""
+"""Replay: says a recorded run again, under the same keys, at any pace, from any place."""
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 
+import msgspec
+
 from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.reading import read_messages, recording_info
-from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.errors import BadName
+from robrain.coordinator.recording.player import Player
+from robrain.coordinator.recording.reading import RecordedMessage, recording_info
+from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
+from robrain.protocol.wire.errors import BadName, CallError, ErrorCode
+from robrain.protocol.wire.messages import ReplayRequest, ReplayStatus
 from robrain.protocol.wire.publisher import Publisher
 from robrain.protocol.wire.topic import Kind, Role
-from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_ALIVE, topic_of
+from robrain.protocol.wire.topics import COORDINATOR_ALIVE, REPLAY_CONTROL, ROBOT_ALIVE, topic_of
 
 
 class Replay:
@@ -35,26 +39,26 @@ class Replay:
             raise RecordingError(path, f"cannot replay {path} at that speed: expected speed > 0, got {speed:g}")
         self.path = path
         self.info = recording_info(path)
-        self._speed = speed
         self._loop = loop
-        self._duration_ns = to_ns(self.info.duration_s)
-        self._started_ns: int | None = None
-        self._position_ns = 0
-        self._messages = read_messages(path)
-        self._next = next(self._messages, None)
+        self._closed = False
+        self.player = Player(path)
+        """Where it is. Pause and go on with it; seek with `seek`, which also says how things were there."""
+        self.player.play(speed)
         self._publishers = _publishers(endpoint, list(self.info.counts))
+        endpoint.answer(REPLAY_CONTROL, self._control, serve=Serve.IN_STEP)
+        self._endpoint = endpoint
 
     @property
     def done(self) -> bool:
         """Whether all has been said; never, in a loop, unless there is nothing to say."""
-        return self._next is None
+        return self._closed or (self.player.done and not (self._loop and self.info.messages))
 
     @property
     def progress(self) -> float:
         """How far it is, from 0 to 1; of the present round, in a loop."""
         if self.done:
             return 1.0
-        return self._position_ns / self._duration_ns if self._duration_ns else 0.0
+        return self.player.position_s / self.player.duration_s if self.player.duration_s else 0.0
 
     def step(self, now_ns: int) -> int:
         """Put all that is due and return how many messages that was; time counts from the first step of a round.
@@ -62,33 +66,65 @@ class Replay:
         Raises:
             RecordingError: the file is damaged from here on.
         """
-        if self._started_ns is None:
-            self._started_ns = now_ns
-        elapsed_ns = round((now_ns - self._started_ns) * self._speed)
-        self._position_ns = min(max(elapsed_ns, 0), self._duration_ns)
+        if self._closed:
+            return 0
+        self._endpoint.serve()
+        try:
+            put = self._put(self.player.steps(now_ns))
+        except RecordingError:
+            self.close()
+            raise
+        if self.player.done and self._loop:
+            # One round a step at the most, so that a file without length cannot hold its caller.
+            self.player.rewind()
+        return put
+
+    def seek(self, t_s: float) -> int:
+        """Go to `t_s`, say how everything was then, the map too, and return how many messages that took.
+
+        Raises:
+            RecordingError: the file is damaged there.
+        """
+        return self._put(self.player.seek(t_s))
+
+    def close(self) -> None:
+        """Let go of the file; `done` from then on."""
+        self._closed = True
+        self.player.close()
+
+    def _put(self, messages: Iterable[RecordedMessage]) -> int:
         put = 0
-        while self._next is not None and self._next.log_time_ns - self.info.start_ns <= elapsed_ns:
-            message, self._next = self._next, None
+        for message in messages:
             publisher = self._publishers.get(message.topic_key)
             if publisher is not None:
                 publisher.put_bytes(message.payload)
                 put += 1
-            self._next = next(self._messages, None)
-        if self._next is None and self._loop:
-            # One round a step at the most, so that a file without length cannot hold its caller.
-            self._begin_again()
         return put
 
-    def close(self) -> None:
-        """Let go of the file; `done` from then on."""
-        self._loop = False
-        self._next = None
-        self._messages = iter(())
+    def _control(self, request: Request) -> ReplayStatus:
+        """Answer a query to `replay/control`."""
+        try:
+            wanted = msgspec.json.decode(request.payload, type=ReplayRequest) if request.payload else ReplayRequest()
+            if wanted.speed is not None:
+                was_playing = self.player.playing
+                self.player.play(wanted.speed)
+                if not was_playing:
+                    self.player.pause()
+            if wanted.seek_s is not None:
+                self.seek(wanted.seek_s)
+            if wanted.playing is not None:
+                self.player.play() if wanted.playing else self.player.pause()
+        except (msgspec.DecodeError, UnicodeDecodeError, RecordingError) as error:
+            raise CallError(ErrorCode.BAD_ARGUMENTS, str(error)) from error
+        return self.status
 
-    def _begin_again(self) -> None:
-        self._started_ns = None
-        self._messages = read_messages(self.path)
-        self._next = next(self._messages, None)
+    @property
+    def status(self) -> ReplayStatus:
+        """Where it is, and whether it moves."""
+        player = self.player
+        return ReplayStatus(
+            position_s=player.position_s, duration_s=player.duration_s, speed=player.speed, playing=player.playing
+        )
 
 
 def _publishers(endpoint: Endpoint, keys: list[str]) -> dict[str, Publisher]:

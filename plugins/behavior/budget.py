@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import msgspec
 
 from robrain.agent.environment import Environment
+from robrain.plugins.behavior.docks import Docks
 from robrain.plugins.behavior.travel import Travel
 from robrain.plugins.skill.energy.interface import EnergyInterface, Work
 from robrain.plugins.skill.home.interface import ChargerPlace, HomeInterface
@@ -73,23 +74,34 @@ class Budget:
         self._energy = self._env.use("energy", EnergyInterface)
         self.home = self._env.use("home", HomeInterface)
         self._planner = self._env.use("planner", PlannerInterface)
+        self.docks = Docks(self._env.robot, self._travel)
 
     def judge(self, work: Work, home_m: float) -> Verdict:
         """Whether this work and then so long a way home can be afforded now."""
         bound_j = self._energy.estimate(work + Work(path_m=home_m)).high_j(CONFIDENCE)
         return Verdict(bound_j, self._energy.usable_j(), self._energy.estimate(work).duration_s)
 
+    def learn(self, work: Work, cost_j: float) -> None:
+        """A work that went as planned has cost so much."""
+        self._energy.outcome(work, cost_j)
+
     def way_home(self, place: Point2D) -> tuple[ChargerPlace | None, float]:
         """The nearest charger and the length of the way to it from a place; without one, to where the robot started.
 
-        Where the map knows no way, a straight line and half as much again; 0 before the robot knows where it is.
+        One that nobody has, if there is such a one. Where the map knows no way, a straight line and half as much
+        again; 0 before the robot knows where it is.
         """
-        chargers = sorted(self.home.chargers(), key=lambda charger: _away_m(place, charger.place))[:NEAREST]
+        chargers = self.home.chargers()
         if chargers:
-            ways = [(charger, self._way_m(place, charger.place)) for charger in chargers]
-            return min(ways, key=lambda way: way[1])
+            free = self.docks.free(chargers) or chargers
+            return min(self.ways(place, free), key=lambda way: way[1])
         start = self.home.start()
         return None, 0.0 if start is None else self._way_m(place, start)
+
+    def ways(self, place: Point2D, chargers: Sequence[ChargerPlace]) -> list[tuple[ChargerPlace, float]]:
+        """The ways to the nearest of these, as the crow flies, from a place."""
+        nearest = sorted(chargers, key=lambda charger: _away_m(place, charger.place))[:NEAREST]
+        return [(charger, self._way_m(place, charger.place)) for charger in nearest]
 
     def _way_m(self, start: Point2D, goal: Point2D) -> float:
         path = self._planner.plan(self._travel.view(), start, goal, [])

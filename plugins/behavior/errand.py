@@ -15,7 +15,8 @@ class Visit(Errand):
 """
 
 import math
-from collections.abc import Generator
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Generator
 from typing import Any, ClassVar
 
 import msgspec
@@ -23,7 +24,7 @@ import msgspec
 from robrain.agent.event import Event
 from robrain.agent.plugin import Behavior, external
 from robrain.plugins.behavior.budget import Budget, length_m
-from robrain.plugins.behavior.travel import Progress, Travel, TravelParameters
+from robrain.plugins.behavior.travel import PRIORITY_MAX, Progress, Travel, TravelParameters
 from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.model.geometry import Point2D, wrap_angle_rad
@@ -38,15 +39,21 @@ CHECK_NS = to_ns(2.0)
 SETTLE_S = 4.0
 """Having arrived, the robot rolls on to the very end of its path for at most so long."""
 ACTION_LIMIT_S = 20.0
-PRIORITY_MAX = 100.0
-"""Where robots meet, a task's priority counts up to this."""
 FACED_RAD = 0.05
 
 Script = Generator[None, None, dict[str, Any]]
 Part = Generator[None, None, None]
 """A piece of a script, for `yield from`."""
 
-TROUBLE = {Progress.BLOCKED: "the way is blocked", Progress.NO_WAY: "no way there"}
+TROUBLE = {
+    Progress.BLOCKED: "the way is blocked",
+    Progress.NO_WAY: "no way there",
+    Progress.LOST: "the robot does not know where it is",
+}
+TURNS = 3
+"""Where the robot believes to look may be corrected while it turns; it turns again so often."""
+TOLD_WAY_M = 1.0
+"""Shorter ways say nothing of what ways cost."""
 
 
 class Failed(Exception):
@@ -54,18 +61,31 @@ class Failed(Exception):
 
 
 class Run:
-    """A task that was accepted, and how far it is."""
+    """A task that was accepted, and how far it is.
 
-    def __init__(self, task: Any, script: Script, goal: Point2D, way_m: float, home_m: float, *, own: str = "") -> None:
+    Args:
+        task: the task.
+        play: makes its script, from the beginning.
+        goal: its place.
+        way_m: length of the way there, as planned.
+        home_m: from the place to the nearest charger.
+        own: what the robot does, if it does so of its own accord and the task desk knows of no task.
+
+    """
+
+    def __init__(
+        self, task: Any, play: Callable[[], Script], goal: Point2D, way_m: float, home_m: float, *, own: str = ""
+    ) -> None:
         self.task = task
         self.own = own
-        """What the robot does, if it does so of its own accord and the task desk knows of no task."""
-        self.script = script
+        self.script = play()
+        self._play = play
+        self.is_paused = False
+        """The robot is lost; its script begins anew when it knows again where it is."""
+        self.is_as_planned = True
         self.goal = goal
         self.way_m = way_m
-        """Length of the way to the place, as planned."""
         self.home_m = home_m
-        """From the place to the nearest charger."""
         self.gone_m = 0.0
         self.at: Point2D | None = None
         self.has_begun = False
@@ -75,8 +95,20 @@ class Run:
         self.energy_j = 0.0
         self.measured_ns = 0
 
+    def pause(self) -> None:
+        """Do nothing of it for now."""
+        self.is_paused = True
+        self.is_as_planned = False
+        self.script.close()
 
-class Errand(Behavior):
+    def begin_anew(self) -> None:
+        """From its beginning, the way included: the robot may have gone somewhere else meanwhile."""
+        self.is_paused = False
+        self.there_ns = None
+        self.script = self._play()
+
+
+class Errand(Behavior, ABC):
     """Does tasks of one kind, one at a time; derive from it."""
 
     Parameters: ClassVar[type[msgspec.Struct]] = TravelParameters
@@ -90,9 +122,9 @@ class Errand(Behavior):
 
     # -- what a behavior says -------------------------------------------------------------------------------
 
+    @abstractmethod
     def do(self, task: Any) -> Script:
         """What is to be done at the place; see the module."""
-        raise NotImplementedError
 
     def work(self, task: Any) -> Work:
         """What `do` takes; while it runs, waiting that has been done is counted off."""
@@ -127,11 +159,12 @@ class Errand(Behavior):
 
     def face(self, yaw_rad: float) -> Part:
         """Turn on the spot until the robot faces so, arena frame."""
-        turn_rad = wrap_angle_rad(yaw_rad - self.travel.pose().yaw_rad)
-        if abs(turn_rad) < FACED_RAD:
-            return
-        self.travel.driver.turn(turn_rad)
-        yield from self.stand("the robot does not turn")
+        for _ in range(TURNS):
+            turn_rad = wrap_angle_rad(yaw_rad - self.travel.pose().yaw_rad)
+            if abs(turn_rad) < FACED_RAD:
+                return
+            self.travel.driver.turn(turn_rad)
+            yield from self.stand("the robot does not turn")
 
     def stand(self, trouble: str) -> Part:
         """Let the driver finish what it was told; Failed if it takes too long."""
@@ -192,6 +225,8 @@ class Errand(Behavior):
         if why:
             self.finish(TaskState.FAILED, why)
             return
+        if self._is_lost(run):
+            return
         try:
             next(run.script)
         except StopIteration as end:
@@ -201,10 +236,26 @@ class Errand(Behavior):
         except CallError as error:  # a device that a script asked gives no answer
             self.finish(TaskState.FAILED, error.message)
 
+    def _is_lost(self, run: Run) -> bool:
+        """Whether the robot does not know where it is; it then looks for itself, unless it stands at a charger."""
+        battery = self.env.board.battery
+        if not self.travel.lost or (battery is not None and battery.charging):
+            if run.is_paused:
+                self.travel.stand()
+                run.begin_anew()
+            return False
+        if not run.is_paused:
+            run.pause()
+        if not self.travel.find_itself():
+            self.finish(TaskState.FAILED, self.travel.lost)
+        return True
+
     # -- one task -------------------------------------------------------------------------------------------
 
     def accept(self, task: Any) -> TaskAnswer:
         """Take a task on, or say why not; the way begins in the errand's own turn."""
+        if self.travel.lost:
+            return TaskAnswer(accepted=False, why=self.travel.lost)
         goal = self.place(task)
         path = self.travel.plan(goal)
         if path is None:
@@ -212,7 +263,7 @@ class Errand(Behavior):
         pose = self.travel.pose()
         way_m = length_m([Point2D(pose.x_m, pose.y_m), *path])
         _, home_m = self.budget.way_home(path[-1] if path else goal)
-        run = Run(task, self.play(task, goal), goal, way_m, home_m)
+        run = Run(task, lambda: self.play(task, goal), goal, way_m, home_m)
         why = self.why_not(run)
         if why:
             return TaskAnswer(accepted=False, why=why)
@@ -254,12 +305,20 @@ class Errand(Behavior):
     def play(self, task: Any, goal: Point2D) -> Script:
         """The whole of a task: the way there, what is not to begin yet, what is to be done."""
         yield from self.go(goal)
+        self._tell_outcome()
         while self._now_ns() < task.earliest_ns:
             yield
         if self.run is not None:
             self.run.there_ns = self._now_ns()
         result = yield from self.do(task)
         return result
+
+    def _tell_outcome(self) -> None:
+        """The robot is there: what the way has cost is a lesson for the next, if it went as it was planned."""
+        run = self.run
+        if run is not None and run.is_as_planned and run.way_m >= TOLD_WAY_M:
+            run.is_as_planned = False  # one way, one lesson
+            self.budget.learn(Work(path_m=run.way_m), run.energy_j)
 
     def finish(self, state: TaskState, why: str, result: dict[str, Any] | None = None) -> None:
         """The task has ended."""

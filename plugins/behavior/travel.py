@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from robrain.agent.environment import Environment
 from robrain.plugins.behavior.encounter import ROOM_S, Encounter, circles, zones
 from robrain.plugins.behavior.leg import Leg, Outlet
+from robrain.plugins.behavior.search import Search
 from robrain.plugins.behavior.standing import Standing
 from robrain.plugins.skill.localisation.interface import LocalisationInterface
 from robrain.plugins.skill.mapper.interface import MapperInterface, MapView
@@ -33,6 +34,8 @@ CREEP_POSITIONS = 3
 gets a robot stuck at the corner of a narrow place."""
 DETOUR_GAIN_M = 1.0
 """Another way on which the robot has to wait as well has to lead it so much farther before that."""
+PRIORITY_MAX = 100.0
+"""Where robots meet, a task's priority counts up to this."""
 IDLE = Claim(priority=-1)
 """Who has nothing to do goes after everybody who has."""
 
@@ -76,6 +79,8 @@ class Progress(Enum):
     """Something has stood in the way for too long."""
     NO_WAY = auto()
     """The planner finds none any more."""
+    LOST = auto()
+    """The robot does not know where it is, and has not found itself."""
 
 
 class Travel:
@@ -105,6 +110,7 @@ class Travel:
         """Since when the planner has found no way any more."""
         self._version = -1
         """Of the map on which the way was last found safe."""
+        self._search: Search | None = None
 
     def connect(self) -> None:
         """Get what it needs.
@@ -115,13 +121,38 @@ class Travel:
         """
         env = self._env
         self.driver = env.use("driver", DriverInterface)
-        self._teammates = env.use("teammates", TeammatesInterface)
+        self.teammates = env.use("teammates", TeammatesInterface)
         self._localisation = env.use("localisation", LocalisationInterface)
         self._mapper = env.use("mapper", MapperInterface)
         self._planner = env.use("planner", PlannerInterface)
         self._paths = env.wire.publisher(ROBOT_PATH, robot=env.robot)
         speed_m_s = self._parameters.speed_m_s
         self._outlet = Outlet(env.robot, speed_m_s, self.driver, self._localisation, self._paths.put)
+
+    @property
+    def mate_near_m(self) -> float:
+        """Mates that are, or are bound, within this distance are reckoned with."""
+        return self._parameters.mate_near_m
+
+    @property
+    def lost(self) -> str:
+        """Why the robot must not drive to any place now: it does not know where it is. Empty if it does."""
+        why = self._env.board.lost
+        return f"{self._env.robot} does not know where it is: {why}" if why else ""
+
+    def find_itself(self) -> bool:
+        """Drive about slowly while the robot is lost, bound for nowhere; False once that has been in vain.
+
+        The goal is kept: when the robot knows again where it is, `step` goes on to it.
+        """
+        now_ns = self._env.clock.now_ns()
+        if self._search is None:
+            goal = self._goal
+            self.stand()
+            self._goal = goal
+            self._search = Search(self.driver, now_ns)
+        self._search.step(now_ns)
+        return not self._search.has_given_up
 
     def view(self) -> MapView:
         """The map as it is now."""
@@ -136,14 +167,20 @@ class Travel:
         pose = self.pose()
         return self._plan(self._meet(pose), goal)
 
+    def standpoint(self, place: Point2D, within_m: float) -> Point2D | None:
+        """Where the robot can stand and see a place, as near to it as can be; None if walls hide it from there."""
+        return self._planner.standpoint(self.view(), place, within_m)
+
     def set_out(self, goal: Point2D, *, priority: int = 0) -> bool:
-        """Go to a place, arena frame; False, and all stays as it was, if there is no way.
+        """Go to a place, arena frame; False, and all stays as it was, if there is no way or the robot is lost.
 
         Args:
             goal: the place.
             priority: of the task; where ways meet, the higher goes first.
 
         """
+        if self.lost:
+            return False
         pose = self.pose()
         encounter = self._meet(pose)
         path = self._plan(encounter, goal)
@@ -160,6 +197,9 @@ class Travel:
         """Go on; the driver is told of a new path where one is due. Standing still counts as arrived."""
         if self._goal is None:
             return Progress.ARRIVED
+        if self.lost:
+            return Progress.WAITING if self.find_itself() else Progress.LOST
+        self._search = None
         pose, now_ns = self.pose(), self._env.clock.now_ns()
         if self._end is not None and pose.distance_m(self._end) < self._parameters.arrived_m:
             return Progress.ARRIVED
@@ -177,11 +217,15 @@ class Travel:
 
     def make_room(self) -> bool:
         """Step aside while there is nothing to do and somebody is to pass here; whether the robot is at it."""
-        if self._goal is not None:
+        if self._goal is not None or self._search is not None:
+            return False
+        leg = self._leg
+        if self.lost:
+            if leg is not None:
+                self.stand()
             return False
         pose, now_ns = self.pose(), self._env.clock.now_ns()
         encounter = self._meet(pose, IDLE)
-        leg = self._leg
         if leg is not None:
             if leg.way.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M).shape[0] > 2:
                 leg.drive(leg.guard(encounter, pose), IDLE)
@@ -215,6 +259,7 @@ class Travel:
         self._goal = None
         self._end = None
         self._leg = None
+        self._search = None
 
     def stand(self) -> None:
         """Stand still, and tell the team."""
@@ -225,7 +270,7 @@ class Travel:
     # -- planning -------------------------------------------------------------------------------------------
 
     def _meet(self, pose: Pose2D, claim: Claim | None = None) -> Encounter:
-        mates = self._teammates.mates(Point2D(pose.x_m, pose.y_m), self._parameters.mate_near_m)
+        mates = self.teammates.mates(Point2D(pose.x_m, pose.y_m), self.mate_near_m)
         radius_m = self.driver.radius_m() if mates else 0.0
         own = claim or self._standing.claim
         return Encounter(self._env.robot, own, radius_m, mates, self._parameters.speed_m_s)

@@ -1,9 +1,10 @@
 """The frames on the robot's bus, as the DBC file beside this module describes them.
 
-Each frame ends with an 8-bit counter and a CRC-8 (SAE J1850) over its identifier and the bytes before; cantools
-packs and unpacks the rest.
+Each frame ends with an 8-bit counter and a CRC-8 (SAE J1850) over its identifier and the bytes before. cantools reads
+the file; the bytes are then packed by its layout (the tests hold them against cantools' own).
 """
 
+import struct
 from functools import cache
 from importlib import resources
 from typing import Any
@@ -30,23 +31,39 @@ class FrameCodec:
     Args:
         message: the frame, as cantools read it; its last two signals are `counter` and `checksum`, a byte each.
 
+    Raises:
+        ValueError: its signals do not fill whole bytes, one after the other, the lowest byte first.
+
     """
 
     def __init__(self, message: Any) -> None:
         self.name: str = message.name
         self.arbitration_id: int = message.frame_id
-        self._message = message
         self._length: int = message.length
-        self._crc_start = _crc8(_CRC8_START, self.arbitration_id.to_bytes(2, "big"))
+        self._layout = _layout(message)
+        self._names = tuple(signal.name for signal in message.signals)
+        self._own = tuple((signal.name, signal.scale) for signal in message.signals[:-2])
+        self._scaled = tuple((signal.name, signal.scale) for signal in message.signals if signal.scale != 1)
+        # 0.3 µs for a frame; crccheck's own loop, against which the tests hold it, takes 5 µs.
+        self._crc_table = table = _crc8_table()
+        register = _CRC8_START
+        for byte in self.arbitration_id.to_bytes(2, "big"):
+            register = table[register ^ byte]
+        self._crc_start = register
 
     def pack(self, counter: int, **values: float) -> can.Message:
         """A frame with these signals (physical units); `counter` wraps at 256.
 
         Raises:
+            KeyError: a signal is missing.
             OverflowError, ValueError: a value that its field cannot hold.
 
         """
-        data = bytearray(self._message.encode({**values, "counter": counter & 0xFF, "checksum": 0}, strict=False))
+        raw = [round(values[name] / scale) for name, scale in self._own]
+        try:
+            data = bytearray(self._layout.pack(*raw, counter & 0xFF, 0))
+        except struct.error as error:
+            raise OverflowError(f"{self.name}: {values}: {error}") from error
         data[-1] = self._checksum(data)
         return can.Message(arbitration_id=self.arbitration_id, data=data, is_extended_id=False)
 
@@ -62,11 +79,34 @@ class FrameCodec:
             raise BadFrame(f"{self.name}: expected {self._length} bytes, got {len(data)}")
         if data[-1] != self._checksum(data):
             raise BadFrame(f"{self.name}: wrong checksum")
-        signals: dict[str, float] = self._message.decode(data, decode_choices=False)
+        signals: dict[str, float] = dict(zip(self._names, self._layout.unpack(data), strict=True))
+        for name, scale in self._scaled:
+            signals[name] *= scale
         return signals
 
     def _checksum(self, data: bytearray) -> int:
-        return _crc8(self._crc_start, data[:-1]) ^ _CRC8_XOR_OUT
+        register, table = self._crc_start, self._crc_table
+        for byte in data[:-1]:
+            register = table[register ^ byte]
+        return register ^ _CRC8_XOR_OUT
+
+
+def _layout(message: Any) -> struct.Struct:
+    """The frame's bytes: a tenth of the time that cantools takes, for each of a hundred frames a second and robot."""
+    codes, next_bit = "<", 0
+    for signal in message.signals:
+        code = _CODES.get((signal.length, signal.is_signed))
+        is_plain = signal.byte_order == "little_endian" and signal.offset == 0 and not signal.is_float
+        if code is None or signal.start != next_bit or not is_plain or signal.choices:
+            raise ValueError(f"{message.name}: expected {signal.name} to fill whole bytes after the signal before it")
+        codes, next_bit = codes + code, next_bit + signal.length
+    if next_bit != 8 * message.length:
+        raise ValueError(f"{message.name}: expected signals for {message.length} bytes, got {next_bit / 8:g}")
+    return struct.Struct(codes)
+
+
+_CODES = {(8, False): "B", (8, True): "b", (16, False): "H", (16, True): "h"}
+"""struct's code for each length in bits, unsigned and signed."""
 
 
 @cache
@@ -96,11 +136,3 @@ def _crc8_table() -> tuple[int, ...]:
         return register
 
     return tuple(shifted(register) for register in range(256))
-
-
-def _crc8(register: int, data: bytes | bytearray) -> int:
-    # 0.3 µs for a frame; crccheck's own loop, against which the tests hold it, takes 5 µs.
-    table = _crc8_table()
-    for byte in data:
-        register = table[register ^ byte]
-    return register

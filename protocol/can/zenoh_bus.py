@@ -21,6 +21,7 @@ from robrain.protocol.wire.topic import CAN_FRAME
 from robrain.protocol.wire.topics import ARENA_CAN
 
 QUEUE_FRAMES = 4096
+REMEMBERED_IDENTIFIERS = 4096
 
 _HEADER = struct.Struct("<QqI")
 """Sender, stamp in ns, identifier with the flags of SocketCAN in its three top bits."""
@@ -28,6 +29,27 @@ _EXTENDED, _REMOTE, _ERROR = 1 << 31, 1 << 30, 1 << 29
 _ID_MASK = (1 << 29) - 1
 
 _bus_number = count(1)
+
+
+class _Filter(dict[bytes, bool]):
+    """Whether frames with an identifier, as it travels, are to be received; found out once for each.
+
+    Args:
+        chosen: value and mask of the identifiers to be received; all if there are none.
+
+    """
+
+    def __init__(self, chosen: list[tuple[int, int]]) -> None:
+        super().__init__()
+        self._chosen = chosen
+
+    def __missing__(self, traveling: bytes) -> bool:
+        identifier = int.from_bytes(traveling, "little")
+        matches = any(identifier & mask == value for value, mask in self._chosen)
+        verdict = not self._chosen or bool(identifier & _ERROR) or matches
+        if len(self) < REMEMBERED_IDENTIFIERS:
+            self[traveling] = verdict
+        return verdict
 
 
 class ZenohBus(can.BusABC):
@@ -78,8 +100,7 @@ class ZenohBus(can.BusABC):
         self._owner = threading.get_ident()
         self._frames: deque[bytes] = deque(maxlen=QUEUE_FRAMES)
         self._arrived = threading.Condition()
-        self._chosen: list[tuple[int, int]] = []
-        """Value and mask of the identifiers to be received; all if there are none."""
+        self._filter = _Filter([])
         self._own_session: zenoh.Session | None = None
         if session is None:
             endpoint = connect or os.environ.get("ROBRAIN_CONNECT", "")
@@ -121,10 +142,17 @@ class ZenohBus(can.BusABC):
         data = bytes(msg.dlc) if msg.is_remote_frame else msg.data
         self._publisher.put(_HEADER.pack(self._node, stamp_ns, identifier) + data)
 
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """The next frame, or None if none comes in time; with 0 it only looks, as devices do many times a tick."""
+        if timeout != 0:
+            return super().recv(timeout)
+        try:
+            return self._unpack(self._frames.popleft())
+        except IndexError:
+            return None
+
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if not self._frames:
-            if timeout == 0:
-                return None, False
             with self._arrived:
                 self._arrived.wait_for(lambda: bool(self._frames), timeout)
         # Filtered as they arrive: python-can's own filter ends a recv(timeout=0) at the first frame that it leaves out.
@@ -139,16 +167,7 @@ class ZenohBus(can.BusABC):
                 mask |= _EXTENDED
                 value |= _EXTENDED if each["extended"] else 0
             chosen.append((value & mask, mask))
-        self._chosen = chosen
-
-    def _is_chosen(self, payload: bytes) -> bool:
-        identifier = int.from_bytes(payload[16:20], "little")
-        if identifier & _ERROR:
-            return True
-        for value, mask in self._chosen:  # noqa: SIM110 - `any` would take twice as long, for each frame on the bus
-            if identifier & mask == value:
-                return True
-        return False
+        self._filter = _Filter(chosen)  # in one go: frames may be arriving
 
     def _unpack(self, payload: bytes) -> can.Message:
         _, stamp_ns, identifier = _HEADER.unpack_from(payload)
@@ -178,7 +197,7 @@ class ZenohBus(can.BusABC):
         payload = sample.payload.to_bytes()
         if len(payload) < _HEADER.size or payload[:8] == self._node_bytes:
             return
-        if self._chosen and not self._is_chosen(payload):
+        if not self._filter[payload[16:20]]:
             return
         self.dropped += len(self._frames) == QUEUE_FRAMES
         self._frames.append(payload)

@@ -13,6 +13,9 @@ from scipy import ndimage
 
 from robrain.protocol.model.occupancy_grid import FREE, UNKNOWN
 
+MIN_CELLS = 4
+"""Fewer frontier cells that touch are none: a gap between two beams, or the slit between two boards."""
+
 
 class Frontier(msgspec.Struct, frozen=True):
     """A group of frontier cells: the member nearest to their centroid, and their number."""
@@ -25,7 +28,7 @@ class Frontier(msgspec.Struct, frozen=True):
 def find_frontiers(
     classes: NDArray[np.int8],
     reachable: NDArray[np.bool_] | None = None,
-    min_cells: int = 4,
+    min_cells: int = MIN_CELLS,
     split_cells: int = 30,
 ) -> list[Frontier]:
     """The frontiers of a map, largest first, then by row and column.

@@ -4,6 +4,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from robrain.protocol.model.kernel_array import BOOL, kernel_array
+
 
 def clearance_m(occupied: NDArray[np.bool_], resolution_m: float, limit_m: float) -> NDArray[np.float32]:
     """Distance of every cell's middle to that of the nearest occupied cell, metres, at most `limit_m`, (H, W).
@@ -16,7 +18,7 @@ def clearance_m(occupied: NDArray[np.bool_], resolution_m: float, limit_m: float
         raise ValueError(f"expected resolution_m > 0 and limit_m > 0, got {resolution_m} and {limit_m}")
     if occupied.ndim != 2:
         raise ValueError(f"expected cells of shape (H, W), got {occupied.shape}")
-    return _clearance_m(np.require(occupied, np.bool_, ("C", "A", "W")), float(resolution_m), float(limit_m))
+    return _clearance_m(kernel_array(occupied, BOOL), float(resolution_m), float(limit_m))
 
 
 @njit(cache=True, nogil=True)

@@ -1,7 +1,6 @@
 """Keeping a robot found: the pose filter, the watch over it, and the way back when it has diverged."""
 
 import math
-from collections import deque
 
 import msgspec
 import numpy as np
@@ -12,16 +11,13 @@ from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
 from robrain.protocol.model.map_anchors import NONE, MapAnchors
 from robrain.protocol.model.mote_relocalisation import better_elsewhere, find_robot
 from robrain.protocol.model.occupancy_grid import GridGeometry
-from robrain.protocol.model.odometry import moved_along
 from robrain.protocol.model.pose_filter import GATE, DriftModel, PoseFilter
+from robrain.protocol.model.pose_mixture import PoseMixture
+from robrain.protocol.model.recent_signals import RecentSignals
 from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
 from robrain.protocol.model.scan_match import ScanFit, beam_ends, match_scan, search_scan
+from robrain.protocol.model.scan_relocalisation import COMPARED_MIN, agreement, find_by_scan
 
-RECORDS = 64
-RECORDS_TO_FIND = 24
-MOTES_TO_FIND = 4
-WAY_TO_FIND_M = 2.0
-"""A robot that has not moved cannot tell its yaw from signals."""
 COMPARE_EVERY = 24
 """After so many signals the estimate is held against all other places."""
 ELSEWHERE_MAX = 8.0
@@ -35,10 +31,20 @@ TURN_M_PER_RAD = 0.3
 """A turn shows as much of new as this way."""
 LET_GO_M = 1.5
 """After this way without a match the robot goes by the map no more."""
+MATCH_M, MATCH_SIGMA_M = 0.05, 0.05
+"""A robot this sure of its place is corrected by walls only after so much way: where in its cell each wall lies is the
+same unknown for all scans from one spot, and nothing that more of them would average away."""
 WALL_BEAMS = 20.0
 """So many beams on one wall err together: it is one wall, drawn in one row of cells; chosen."""
 SCAN_GATES = (10.83, 13.82, 16.27)
 """99.9 % of a chi-square variable, by the number of directions in which walls hold the robot."""
+START_AGREES = 0.6
+"""Share of a scan's beams that must be as the team's map says, or the robot is not where it was told; chosen."""
+FIND_SCANS = 8
+"""After so many further scans a lost robot is looked for on the map again."""
+SIGNALS_TO_AGREE = 12
+SIGNALS_NIS_MAX = 2.0
+"""A place on the map is not believed if the last signals of motes are off by more, in units of their variance."""
 NO_FIT = ScanFit([], 0.0, 0)
 
 
@@ -49,11 +55,12 @@ class LocaliserSpec(msgspec.Struct, frozen=True, kw_only=True):
     path_loss: PathLoss = PathLoss()
     watch: WatchSpec = WatchSpec()
     motes_max: int = 32
-    slack_cells: float = 0.1
-    """Where in its cell a wall lies is not known: offsets below this many cells are taken for none. Much slack leaves
-    a good odometry alone and lets a bad one drag the map along."""
-    wall_sigma_m: float = 0.03
-    """Standard deviation of what a match says beyond that."""
+    slack_cells: float = 0.0
+    """Where in its cell a wall lies is not known: offsets below this many cells are taken for none. Slack leaves a good
+    odometry alone and lets a bad one drag the map along."""
+    wall_sigma_m: float = 0.01
+    """Standard deviation of what a match says beyond that. What a match does not correct is drawn into the map, and the
+    next one holds on to it: taken for larger, the map turns with the odometry."""
     floor_m: float = 0.03
     """By matching, the place on the map is never taken to be surer than this …"""
     floor_rad: float = 0.005
@@ -83,7 +90,9 @@ class Localiser:
 
     def __init__(self, start: Pose2D, sigma_m: float, sigma_rad: float, spec: LocaliserSpec) -> None:
         self.spec = spec
-        self.filter = PoseFilter(start, sigma_m, sigma_rad, spec.drift, spec.path_loss, motes=spec.motes_max)
+        self.filter = PoseMixture(
+            PoseFilter(start, sigma_m, sigma_rad, spec.drift, spec.path_loss, motes=spec.motes_max)
+        )
         self.watch = DivergenceWatch(spec.watch, GATE)
         self.lost = ""
         """Why the estimate is not to be believed; nothing while it is."""
@@ -91,10 +100,10 @@ class Localiser:
         self._of_map = NONE
         """Variances of the place in the arena of the walls that hold the robot; none while no walls do."""
         self._matched_way_m = 0.0
-        self._reckoned = Pose2D(0.0, 0.0, 0.0)
         self._way_m = 0.0
-        self._records: deque[tuple[RssiSample, Pose2D]] = deque(maxlen=RECORDS)
+        self._signals = RecentSignals()
         self._since_tried = 0
+        self._scans_to_find = 0
 
     @property
     def pose(self) -> Pose2D:
@@ -117,16 +126,14 @@ class Localiser:
         scale, curve, turn = self.filter.biases
         forward_m, left_m = displacement.forward_m_s, displacement.left_m_s
         turned_rad = displacement.yaw_rad_s * (1.0 + turn) + curve * forward_m
-        self._reckoned = moved_along(
-            self._reckoned, Twist2D((1.0 + scale) * forward_m, (1.0 + scale) * left_m, turned_rad)
-        )
+        self._signals.move(Twist2D((1.0 + scale) * forward_m, (1.0 + scale) * left_m, turned_rad))
         self._way_m += math.hypot(forward_m, left_m) + TURN_M_PER_RAD * abs(turned_rad)
         if self._of_map != NONE and self._way_m - self._matched_way_m > LET_GO_M:
             self._let_go_of_map()
 
     def hear(self, sample: RssiSample) -> None:
         """A mote of known place was heard."""
-        self._records.append((sample, self._reckoned))
+        self._signals.hear(sample)
         if self.lost:
             self._since_tried += 1
             if self._since_tried >= FIND_EVERY:
@@ -135,13 +142,13 @@ class Localiser:
             return
         why = self.watch.heard(self.filter.hear(sample, map_variance_m2=max(self._of_map[:2])).nis)
         self._since_tried += 1
-        if not why and self._since_tried >= COMPARE_EVERY and self._can_find():
+        if not why and self._since_tried >= COMPARE_EVERY and self._signals.can_find(self._way_m):
             self._since_tried = 0
-            odds = better_elsewhere(self.pose, *self._signals(), self.spec.path_loss)
+            odds = better_elsewhere(self.pose, self._signals.seen_from_here(), self.spec.path_loss)
             if odds > ELSEWHERE_MAX:
-                why = f"the last {len(self._records)} signals of motes speak for another place (by {odds:.0f} nat)"
+                why = f"the last {len(self._signals)} signals of motes speak for another place (by {odds:.0f} nat)"
         if why:
-            self._lose(why)
+            self.lose(why)
 
     def see(
         self,
@@ -157,25 +164,47 @@ class Localiser:
         `T_robot_sensor` is where the sensor was when it scanned, seen from where the robot is now.
         """
         points = beam_ends(angles_rad, ranges_m, range_max_m)
+        if self.lost:
+            self._find_by_walls(log_odds, geometry, points, T_robot_sensor)
+            return NO_FIT
         believed = guess = self.pose.compose(T_robot_sensor)
-        if self.lost and self._records:
-            return NO_FIT  # motes can tell from afar; walls look alike
-        is_vague = self.filter.sigma_m > self.spec.search_m or self.filter.sigma_rad > self.spec.search_rad
-        if self.lost or is_vague:
+        if self.filter.sigma_m > self.spec.search_m or self.filter.sigma_rad > self.spec.search_rad:
             found = self._search(log_odds, geometry, guess, points)
             if found is None:
                 return NO_FIT
             guess = found
         fit = match_scan(log_odds, geometry, guess, points)
-        if self.lost and fit.fit > self.spec.watch.fit_min:
-            self._found(guess.compose(T_robot_sensor.inverse()), np.diag(np.square((0.2, 0.2, 0.1))))
-            believed = guess
-        if not self.lost:
-            is_believed = self._correct(fit, believed, guess, geometry.resolution_m)
-            why = self.watch.saw(fit.fit if is_believed else 0.0) if fit.beams else ""
-            if why:
-                self._lose(why)
+        is_new = self._way_m - self._matched_way_m > MATCH_M or self.filter.sigma_m > MATCH_SIGMA_M
+        is_believed = not is_new or self._correct(fit, believed, guess, geometry.resolution_m)
+        why = self.watch.saw(fit.fit if is_believed else 0.0) if fit.beams else ""
+        if why:
+            self.lose(why)
         return fit
+
+    def check_start(
+        self,
+        log_odds: NDArray[np.int8],
+        geometry: GridGeometry,
+        angles_rad: NDArray[np.float64],
+        ranges_m: NDArray[np.float64],
+        range_max_m: float,
+        T_robot_sensor: Pose2D = Pose2D(0.0, 0.0, 0.0),  # noqa: B008 - frozen
+    ) -> bool:
+        """Hold a scan against a map that others made, as to whether the robot is where it was told that it starts.
+
+        If the map knows the place and the scan contradicts it, the robot is lost. Arguments are those of `see`; False
+        if the map does not know enough of the place to tell.
+        """
+        points = beam_ends(angles_rad, ranges_m, range_max_m)
+        if self.lost or not len(points):
+            return True
+        sensor = self.pose.compose(T_robot_sensor)
+        share, compared = agreement(log_odds, geometry, sensor, points)
+        if compared < COMPARED_MIN * len(points):
+            return False
+        if share < START_AGREES:
+            self.lose(f"only {share:.0%} of what the lidar sees at the start is as on the map of the others")
+        return True
 
     def _correct(self, fit: ScanFit, believed: Pose2D, guess: Pose2D, resolution_m: float) -> bool:
         """The scan lies as `fit` says about `guess`, where the filter believed the sensor to be; False if it cannot."""
@@ -218,43 +247,46 @@ class Localiser:
         self.filter.add(self._of_map)
         self._of_map = NONE
 
-    def _lose(self, why: str) -> None:
+    def lose(self, why: str) -> None:
+        """The estimate is not to be believed any more; look for the robot."""
         self.lost = why
         self._let_go_of_map()
         self.filter.doubt(self.spec.lost_sigma_m, math.pi / 2)
         self.watch.begin_anew()
-        # What was heard before may have been heard elsewhere.
-        self._records.clear()
-        self._way_m = 0.0
-        self._since_tried = 0
-
-    def _can_find(self) -> bool:
-        names = {sample.mote for sample, _ in self._records}
-        return len(self._records) >= RECORDS_TO_FIND and len(names) >= MOTES_TO_FIND and self._way_m > WAY_TO_FIND_M
-
-    def _signals(
-        self,
-    ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """The records as `find_robot` wants them."""
-        samples = [sample for sample, _ in self._records]
-        places = {sample.mote: sample.place for sample in samples}
-        index = {mote: number for number, mote in enumerate(places)}
-        back = self._reckoned.inverse()
-        seen_from = [back.compose(at) for _, at in self._records]
-        return (
-            np.array([(at.x_m, at.y_m) for at in seen_from]),
-            np.array([index[sample.mote] for sample in samples], np.int64),
-            np.array([(place.x_m, place.y_m) for place in places.values()]),
-            np.array([sample.rssi_dbm for sample in samples], np.float64),
-        )
+        self._signals.forget()
+        self._way_m = self._matched_way_m = 0.0
+        self._since_tried = self._scans_to_find = 0
 
     def _find_by_motes(self) -> None:
-        found = find_robot(*self._signals(), self.spec.path_loss) if self._can_find() else None
+        found = (
+            find_robot(self._signals.seen_from_here(), self.spec.path_loss)
+            if self._signals.can_find(self._way_m)
+            else None
+        )
         if found is None:
             return
         pose, covariance = found
         if max(covariance[0, 0], covariance[1, 1]) < FOUND_SIGMA_M**2 and covariance[2, 2] < FOUND_SIGMA_RAD**2:
             self._found(pose, covariance)
+
+    def _find_by_walls(
+        self,
+        log_odds: NDArray[np.int8],
+        geometry: GridGeometry,
+        points: NDArray[np.float64],
+        T_robot_sensor: Pose2D,
+    ) -> None:
+        """Look for a lost robot on the whole map. Walls look alike, so motes that are heard have to agree."""
+        self._scans_to_find -= 1
+        if self._scans_to_find > 0 or (self._signals.has_heard and len(self._signals) < SIGNALS_TO_AGREE):
+            return
+        self._scans_to_find = FIND_SCANS
+        sensor = find_by_scan(log_odds, geometry, points)
+        if sensor is None:
+            return
+        pose = sensor.compose(T_robot_sensor.inverse())
+        if self._signals.nis(pose, self.spec.path_loss) < SIGNALS_NIS_MAX:
+            self._found(pose, np.diag(np.square((0.2, 0.2, 0.1))))
 
     def _search(
         self,

@@ -6,6 +6,7 @@ Robotics*, section 8.2.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -28,25 +29,27 @@ CERTAIN = 0.95
 """Share of the probability that must lie about one place."""
 
 
-def find_robot(
-    places: NDArray[np.float64],
-    motes: NDArray[np.int64],
-    mote_places: NDArray[np.float64],
-    rssi_dbm: NDArray[np.float64],
-    path_loss: PathLoss,
-) -> tuple[Pose2D, NDArray[np.float64]] | None:
-    """Where the robot is now, and the (3, 3) covariance; None if it may be in more than one place.
+class Signals(NamedTuple):
+    """What was heard on a stretch of way. N signals of M motes."""
 
-    `places` (N, 2) are the robot's when it heard, in its own frame *now* (metres, x ahead); `motes` (N,) are indices
-    into
-    `mote_places` (M, 2), arena frame; `rssi_dbm` (N,) is what was heard.
-    """
-    low, high = mote_places.min(axis=0) - MARGIN_M, mote_places.max(axis=0) + MARGIN_M
+    places: NDArray[np.float64]
+    """(N, 2) where the robot was when it heard, in its own frame *now*: metres, x ahead."""
+    motes: NDArray[np.int64]
+    """(N,) indices into the following."""
+    mote_places: NDArray[np.float64]
+    """(M, 2) arena frame, metres."""
+    rssi_dbm: NDArray[np.float64]
+    """(N,)."""
+
+
+def find_robot(signals: Signals, path_loss: PathLoss) -> tuple[Pose2D, NDArray[np.float64]] | None:
+    """Where the robot is now, and the (3, 3) covariance; None if it may be in more than one place."""
+    low, high = _field(signals)
     cell_m = max(CELL_M, float((high - low).max()) / COARSE_MAX)
     xs = np.arange(low[0] + cell_m / 2, high[0], cell_m)
     ys = np.arange(low[1] + cell_m / 2, high[1], cell_m)
     yaws = np.linspace(-math.pi, math.pi, YAWS, endpoint=False)
-    coarse = _posterior(xs, ys, yaws, places, motes, mote_places, rssi_dbm, path_loss)
+    coarse = _posterior(xs, ys, yaws, signals, path_loss)
     i, j, k = np.unravel_index(int(coarse.argmax()), coarse.shape)
     about = coarse[max(i - 3, 0) : i + 4, max(j - 3, 0) : j + 4][:, :, (np.arange(k - 3, k + 4)) % YAWS]
     if float(about.sum()) < CERTAIN:
@@ -59,7 +62,7 @@ def find_robot(
         fine_xs, fine_ys, fine_yaws = (
             np.linspace(at - span, at + span, FINE) for at, span in zip(mean.tolist(), spans.tolist(), strict=True)
         )
-        fine = _posterior(fine_xs, fine_ys, fine_yaws, places, motes, mote_places, rssi_dbm, path_loss)
+        fine = _posterior(fine_xs, fine_ys, fine_yaws, signals, path_loss)
         mean, covariance = _moments(
             fine_xs, fine_ys, float(fine_yaws[FINE // 2]), float(fine_yaws[1] - fine_yaws[0]), fine
         )
@@ -68,44 +71,42 @@ def find_robot(
     return Pose2D(float(mean[0]), float(mean[1]), math.remainder(float(mean[2]), math.tau)), covariance
 
 
-def better_elsewhere(
-    here: Pose2D,
-    places: NDArray[np.float64],
-    motes: NDArray[np.int64],
-    mote_places: NDArray[np.float64],
-    rssi_dbm: NDArray[np.float64],
-    path_loss: PathLoss,
-) -> float:
+def better_elsewhere(here: Pose2D, signals: Signals, path_loss: PathLoss) -> float:
     """By how much a pose elsewhere explains the signals better than any about `here`: a logarithm of likelihoods.
 
-    Elsewhere is farther off than `ELSEWHERE_M` or `ELSEWHERE_RAD`. Arguments are those of `find_robot`. Twice the
-    result is that of a likelihood ratio test of three degrees of freedom (S. S. Wilks, 1938), taken at many places.
+    Elsewhere is farther off than `ELSEWHERE_M` or `ELSEWHERE_RAD`. Twice the result is that of a likelihood ratio test
+    of three degrees of freedom (S. S. Wilks, 1938), taken at many places.
     """
-    low, high = mote_places.min(axis=0) - MARGIN_M, mote_places.max(axis=0) + MARGIN_M
+    low, high = _field(signals)
     cell_m = max(2 * CELL_M, float((high - low).max()) / (COARSE_MAX // 2))
-    signals = places, motes, mote_places, rssi_dbm, path_loss
     xs, ys = np.arange(low[0] + cell_m / 2, high[0], cell_m), np.arange(low[1] + cell_m / 2, high[1], cell_m)
     turns = np.linspace(-math.pi, math.pi, YAWS // 3, endpoint=False)
-    logs = _logs(xs, ys, here.yaw_rad + turns, *signals)
+    logs = _logs(xs, ys, here.yaw_rad + turns, signals, path_loss)
     near = np.array((-0.5, 0.0, 0.5))
     about = _logs(
-        here.x_m + ELSEWHERE_M * near, here.y_m + ELSEWHERE_M * near, here.yaw_rad + ELSEWHERE_RAD * near, *signals
+        here.x_m + ELSEWHERE_M * near,
+        here.y_m + ELSEWHERE_M * near,
+        here.yaw_rad + ELSEWHERE_RAD * near,
+        signals,
+        path_loss,
     )
     is_far = (np.hypot(xs[:, None] - here.x_m, ys - here.y_m) > ELSEWHERE_M)[:, :, None] | (abs(turns) > ELSEWHERE_RAD)
     return float(logs[is_far].max() - max(about.max(), logs[~is_far].max(initial=-math.inf)))
+
+
+def _field(signals: Signals) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lowest and highest x and y at which the robot is looked for."""
+    return signals.mote_places.min(axis=0) - MARGIN_M, signals.mote_places.max(axis=0) + MARGIN_M
 
 
 def _posterior(
     xs: NDArray[np.float64],
     ys: NDArray[np.float64],
     yaws: NDArray[np.float64],
-    places: NDArray[np.float64],
-    motes: NDArray[np.int64],
-    mote_places: NDArray[np.float64],
-    rssi_dbm: NDArray[np.float64],
+    signals: Signals,
     path_loss: PathLoss,
 ) -> NDArray[np.float64]:
-    logs = _logs(xs, ys, yaws, places, motes, mote_places, rssi_dbm, path_loss)
+    logs = _logs(xs, ys, yaws, signals, path_loss)
     weights: NDArray[np.float64] = np.exp(logs - logs.max())
     weights /= weights.sum()
     return weights
@@ -115,20 +116,14 @@ def _logs(
     xs: NDArray[np.float64],
     ys: NDArray[np.float64],
     yaws: NDArray[np.float64],
-    places: NDArray[np.float64],
-    motes: NDArray[np.int64],
-    mote_places: NDArray[np.float64],
-    rssi_dbm: NDArray[np.float64],
+    signals: Signals,
     path_loss: PathLoss,
 ) -> NDArray[np.float64]:
     logs: NDArray[np.float64] = _log_likelihood(
         xs,
         ys,
         yaws,
-        places,
-        motes,
-        mote_places,
-        rssi_dbm,
+        *signals,
         path_loss.rssi_at_1_m_dbm,
         path_loss.db_per_e_fold,
         path_loss.shadowing_db**2,

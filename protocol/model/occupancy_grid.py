@@ -17,6 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.kernel_array import FLOAT64, INT8, kernel_array
 
 UNKNOWN, FREE, OCCUPIED = np.int8(-1), np.int8(0), np.int8(100)
 """Classes of a cell, numbered as in a ROS OccupancyGrid."""
@@ -171,8 +172,8 @@ class OccupancyGrid:
             (sensor.y_m - self.geometry.origin_y_m) / self.geometry.resolution_m,
             float(sensor.yaw_rad),
             # Arrays off the wire are read-only, a type of its own to numba, which would compile for it anew.
-            np.require(angles_rad, np.float64, ("C", "A", "W")),
-            np.require(ranges_m, np.float64, ("C", "A", "W")),
+            kernel_array(angles_rad, FLOAT64),
+            kernel_array(ranges_m, FLOAT64),
             float(range_max_m),
             int(stamp_ms),
             (ignore - (self.geometry.origin_x_m, self.geometry.origin_y_m, 0.0)) / self.geometry.resolution_m,
@@ -220,11 +221,18 @@ class OccupancyGrid:
             self.dirty,
             int(row),
             int(column),
-            np.require(cells, np.int8, ("C", "A", "W")),
+            kernel_array(cells, INT8),
             int(stamp_ms),
         )
         self._count(changed, discovered)
         return changed
+
+    def forget(self) -> None:
+        """Know nothing any more, as if nothing had ever been seen."""
+        for array in (self.log_odds, self.stamp_ms, self.dirty, self._seen_by):
+            array[:] = 0
+        self.known_count = 0
+        self.version += 1
 
     def _count(self, changed: int, discovered: int) -> None:
         self.version += changed > 0

@@ -9,6 +9,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from robrain.protocol.model.kernel_array import BOOL, FLOAT32, FLOAT64, INT32, INT64, kernel_array
+
 _ROW_STEPS = (-1, 0, 0, 1, -1, -1, 1, 1)
 _COLUMN_STEPS = (0, -1, 1, 0, -1, 1, -1, 1)
 _DIAGONAL = 2.0**0.5
@@ -47,7 +49,7 @@ def distance_field(
     those of `plan_path`. Dijkstra, *A Note on Two Problems in Connexion with Graphs*, 1959.
     """
     mask, cost = _as_grids(traversable, cost)
-    cells = np.require(sources, np.int64, ("C", "A", "W"))
+    cells = kernel_array(sources, INT64)
     if cells.ndim != 2 or cells.shape[1] != 2:
         raise ValueError(f"expected sources of shape (K, 2), got {cells.shape}")
     distance, _ = _search(mask, cost, cells, -1, -1)
@@ -61,13 +63,13 @@ def descend(
 
     Every step goes where the field falls most per length. In a field of uniform cost this is a cheapest path.
     """
-    mask = np.require(traversable, np.bool_, ("C", "A", "W"))
+    mask = kernel_array(traversable, BOOL)
     if field.shape != mask.shape:
         raise ValueError(f"expected field and traversable of one shape, got {field.shape} and {mask.shape}")
     row, column = from_cell
     if not _is_traversable(mask, from_cell) or not np.isfinite(field[row, column]):
         return None
-    return _descend(np.require(field, np.float32, ("C", "A", "W")), mask, int(row), int(column))
+    return _descend(kernel_array(field, FLOAT32), mask, int(row), int(column))
 
 
 def shorten_path(cells: NDArray[np.int32], traversable: NDArray[np.bool_]) -> NDArray[np.int32]:
@@ -77,8 +79,8 @@ def shorten_path(cells: NDArray[np.int32], traversable: NDArray[np.bool_]) -> ND
     stricter than the one the path was planned on, say of the cells with comfortable clearance, is fine: the path
     is shortened where the mask allows and kept elsewhere. Raises ValueError for a path that leaves the grid.
     """
-    mask = np.require(traversable, np.bool_, ("C", "A", "W"))
-    path = np.require(cells, np.int32, ("C", "A", "W"))
+    mask = kernel_array(traversable, BOOL)
+    path = kernel_array(cells, INT32)
     if path.ndim != 2 or path.shape[1] != 2:
         raise ValueError(f"expected cells of shape (N, 2), got {path.shape}")
     if np.any(path < 0) or np.any(path >= mask.shape):
@@ -95,8 +97,8 @@ def round_corners(cells: NDArray[np.int32], traversable: NDArray[np.bool_]) -> N
     Algorithm for High-Speed Curve Generation*, Computer Graphics and Image Processing 3, 1974). A cut that would touch
     an untraversable cell is not made. First and last cell stay.
     """
-    mask = np.require(traversable, np.bool_, ("C", "A", "W"))
-    path = np.require(cells, np.float64, ("C", "A", "W"))
+    mask = kernel_array(traversable, BOOL)
+    path = kernel_array(cells, FLOAT64)
     for _ in range(2):
         if path.shape[0] > 2:
             path = _round(path, mask)
@@ -110,7 +112,7 @@ def nearest_traversable(
 
     Of equally near cells the one with the lowest row, then column. `cell` may lie outside the grid.
     """
-    mask = np.require(traversable, np.bool_, ("C", "A", "W"))
+    mask = kernel_array(traversable, BOOL)
     row, column = _nearest(mask, int(cell[0]), int(cell[1]), int(radius_cells))
     return (row, column) if row >= 0 else None
 
@@ -120,7 +122,7 @@ def _as_grids(
 ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
     if traversable.ndim != 2 or traversable.shape != cost.shape:
         raise ValueError(f"expected traversable and cost of one shape (H, W), got {traversable.shape}, {cost.shape}")
-    return np.require(traversable, np.bool_, ("C", "A", "W")), np.require(cost, np.float32, ("C", "A", "W"))
+    return kernel_array(traversable, BOOL), kernel_array(cost, FLOAT32)
 
 
 def _is_traversable(mask: NDArray[np.bool_], cell: tuple[int, int]) -> bool:

@@ -5,6 +5,7 @@ stays there. Taken as noise, such errors would be averaged away on paper and the
 figures. They are states instead.
 """
 
+import copy
 import math
 
 import msgspec
@@ -53,6 +54,9 @@ class Heard(msgspec.Struct, frozen=True):
     nis: float
     """Normalised innovation squared: about 1 if the filter is as good as it believes."""
     is_taken: bool
+    innovation_db: float = 0.0
+    variance_db2: float = 1.0
+    """Of the innovation, as the filter expected it."""
 
 
 class PoseFilter:
@@ -114,6 +118,11 @@ class PoseFilter:
         return Pose2D(x_m, y_m, wrap_angle_rad(yaw_rad))
 
     @property
+    def mean(self) -> NDArray[np.float64]:
+        """(6,) x, y, yaw (not wrapped), and the odometry's errors; a copy."""
+        return self._mean[: kernels.SHADOWS].copy()
+
+    @property
     def covariance(self) -> NDArray[np.float64]:
         """(3, 3) of x, y, yaw: m², m·rad, rad²; a copy."""
         return self._covariance[:3, :3].copy()
@@ -163,7 +172,7 @@ class PoseFilter:
         square_m2 = (mean_x_m - sample.place.x_m) ** 2 + (mean_y_m - sample.place.y_m) ** 2
         map_db2 = self.path_loss.db_per_e_fold**2 * map_variance_m2 / max(square_m2, 1.0)
         slot = self._slot(sample.mote)  # may add a state
-        nis, _ = kernels.hear(
+        nis, innovation_db, variance_db2 = kernels.hear(
             self._mean,
             self._covariance,
             self._size,
@@ -178,7 +187,7 @@ class PoseFilter:
             self._spread,
             self._relinearisations,
         )
-        return Heard(nis, nis <= gate)
+        return Heard(nis, nis <= gate, innovation_db, variance_db2)
 
     def correct(self, row: tuple[float, float, float], innovation: float, variance: float) -> float:
         """Take in a measurement of `row` · (x, y, yaw) that differs by `innovation` from what is believed; its NIS."""
@@ -213,6 +222,35 @@ class PoseFilter:
         self._covariance[:, :3] = 0.0
         self._covariance[:3, :3] = covariance
         self._forget_motes()
+
+    def split(self, apart: float, weight: float) -> tuple["PoseFilter", "PoseFilter"]:
+        """Make this the middle one of three narrower filters, mean and covariance of all together as before.
+
+        The others lie `apart` standard deviations of the yaw to either side and have this weight each; what depends on
+        the yaw goes along.
+        """
+        along = self._covariance[: self._size, kernels.YAW] / self.sigma_rad
+        self._covariance[: self._size, : self._size] -= 2.0 * weight * apart**2 * np.outer(along, along)
+        sides = self._copy(), self._copy()
+        for side, sign in zip(sides, (-1.0, 1.0), strict=True):
+            side._mean[: self._size] += sign * apart * along
+        return sides
+
+    def absorb(self, other: "PoseFilter", share: float) -> None:
+        """Become the Gaussian that has mean and covariance of both, where the other counts for `share` of the whole.
+
+        The other must have heard the same motes.
+        """
+        size = self._size
+        off = other._mean[:size] - self._mean[:size]
+        own = self._covariance[:size, :size]
+        own += share * (other._covariance[:size, :size] - own) + share * (1.0 - share) * np.outer(off, off)
+        self._mean[:size] += share * off
+
+    def _copy(self) -> "PoseFilter":
+        other = copy.copy(self)
+        other._mean, other._covariance, other._slots = self._mean.copy(), self._covariance.copy(), self._slots.copy()
+        return other
 
     def _forget_motes(self) -> None:
         for slot in range(kernels.SHADOWS, self._size):

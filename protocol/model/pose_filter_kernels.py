@@ -187,8 +187,8 @@ def hear(
     gate: float,
     spread: float,
     relinearisations: int,
-) -> tuple[float, float]:
-    """Take in a signal strength unless the gate refuses it; its normalised innovation squared, and the innovation.
+) -> tuple[float, float, float]:
+    """Take in a signal strength unless the gate refuses it; normalised innovation squared, innovation, its variance.
 
     The linearisation is repeated about the posterior (posterior linearisation filter: García-Fernández, Svensson,
     Morelande, Särkkä, IEEE Trans. Signal Processing 2015), always starting from the prior.
@@ -196,7 +196,7 @@ def hear(
     x_m, y_m = mean[X], mean[Y]
     p_xx, p_xy, p_yy = covariance[X, X], covariance[X, Y], covariance[Y, Y]
     p_xs, p_ys, p_ss = covariance[X, slot], covariance[Y, slot], covariance[slot, slot]
-    nis, first = 0.0, 0.0
+    nis, first, first_variance = 0.0, 0.0, 0.0
     row_x, row_y, innovation, noise = 0.0, 0.0, 0.0, variance
     at_x, at_y, at_xx, at_xy, at_yy = x_m, y_m, p_xx, p_xy, p_yy
     for turn in range(relinearisations + 1):
@@ -210,12 +210,47 @@ def hear(
         along_s = row_x * p_xs + row_y * p_ys + p_ss
         expected = row_x * along_x + row_y * along_y + along_s + noise
         if turn == 0:
-            nis, first = innovation * innovation / expected, innovation
+            nis, first, first_variance = innovation * innovation / expected, innovation, expected
             if nis > gate:
-                return nis, first
+                return nis, first, first_variance
         at_x, at_y = x_m + along_x / expected * innovation, y_m + along_y / expected * innovation
         at_xx = max(p_xx - along_x * along_x / expected, 1e-9)
         at_xy = p_xy - along_x * along_y / expected
         at_yy = max(p_yy - along_y * along_y / expected, 1e-9)
     update(mean, covariance, size, slot, row_x, row_y, 1.0, innovation, noise)
-    return nis, first
+    return nis, first, first_variance
+
+
+@njit(cache=True, nogil=True)
+def _log_determinant(a: float, b: float, c: float, d: float, e: float, f: float) -> float:
+    """Of the symmetric matrix with rows (a, b, c), (b, d, e), (c, e, f)."""
+    return math.log(max(a * (d * f - e * e) - b * (b * f - e * c) + c * (b * e - d * c), 1e-300))
+
+
+@njit(cache=True, nogil=True)
+def closest_pair(poses: Floats, covariances: Floats, weights: Floats) -> tuple[int, int, float]:
+    """The two of a Gaussian mixture whose merging loses least, and a bound of what it loses.
+
+    `poses` (K, 3), `covariances` (K, 3, 3), `weights` (K,). The bound is on the Kullback–Leibler divergence between
+    the mixtures before and after: A. R. Runnalls, *Kullback–Leibler approach to Gaussian mixture reduction*, IEEE
+    Trans. Aerospace and Electronic Systems 2007, equation 21.
+    """
+    best_i, best_j, best = 0, 1, math.inf
+    own = np.empty(weights.shape[0])
+    for i in range(weights.shape[0]):
+        p = covariances[i]
+        own[i] = weights[i] * _log_determinant(p[0, 0], p[0, 1], p[0, 2], p[1, 1], p[1, 2], p[2, 2])
+    for i in range(weights.shape[0]):
+        for j in range(i + 1, weights.shape[0]):
+            both = weights[i] + weights[j]
+            first, second = weights[i] / both, weights[j] / both
+            off = poses[i] - poses[j]
+            p = first * covariances[i] + second * covariances[j]
+            for row in range(3):
+                for column in range(3):
+                    p[row, column] += first * second * off[row] * off[column]
+            merged = _log_determinant(p[0, 0], p[0, 1], p[0, 2], p[1, 1], p[1, 2], p[2, 2])
+            lost = 0.5 * (both * merged - own[i] - own[j])
+            if lost < best:
+                best_i, best_j, best = i, j, lost
+    return best_i, best_j, best

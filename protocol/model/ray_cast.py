@@ -7,6 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.kernel_array import FLOAT64, kernel_array
 from robrain.protocol.model.occupancy_grid import GridGeometry
 
 
@@ -40,16 +41,16 @@ def cast_rays(
         raise ValueError(f"expected a finite range_max_m > 0, got {range_max_m}")
     return _cast_rays(
         # One type for each argument, whatever was passed: the kernel is compiled once for every combination.
-        np.require(occupied, requirements=("C", "A", "W")).view(np.uint8),
+        kernel_array(occupied, occupied.dtype).view(np.uint8),
         float(geometry.resolution_m),
         float(geometry.origin_x_m),
         float(geometry.origin_y_m),
         float(sensor.x_m),
         float(sensor.y_m),
         float(sensor.yaw_rad),
-        np.require(angles_rad, np.float64, ("C", "A", "W")),
+        kernel_array(angles_rad, FLOAT64),
         float(range_max_m),
-        np.require(circles, np.float64, ("C", "A", "W")),
+        kernel_array(circles, FLOAT64),
     )
 
 

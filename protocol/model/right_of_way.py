@@ -19,6 +19,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from robrain.protocol.model.geometry import Point2D
+
 STEP_M = 0.1
 """From one position of a way to the next; half of what a small robot is wide would be enough."""
 LOOK_AHEAD_M = 10.0
@@ -133,6 +135,11 @@ class Way:
     def length_m(self) -> float:
         """The whole of it."""
         return float(self._at_m[-1])
+
+    @property
+    def end(self) -> Point2D:
+        """Where it leads."""
+        return Point2D(float(self._points[-1, 0]), float(self._points[-1, 1]))
 
     @property
     def left_m(self) -> float:

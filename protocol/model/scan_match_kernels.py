@@ -124,21 +124,21 @@ def refine(
         held = 0
         step = np.zeros(3)
         for k in range(3):
-            if values[k] < degenerate * used:
-                continue
-            held += 1
+            # A direction that says little *here* may say enough at the right place, so it is followed, but slowly; what
+            # counts is what it says where the scan comes to lie.
+            held += values[k] >= degenerate * used
             along = 0.0
             for i in range(3):
                 along += vectors[i, k] * pull[i]
             for i in range(3):
-                step[i] += vectors[i, k] * along / values[k]
+                step[i] += vectors[i, k] * along / max(values[k], degenerate * used)
         size = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
         if size > 1.0:
             step /= size
         x += step[0]
         y += step[1]
         yaw += step[2] / lever
-        if held == 0 or size < DONE_CELLS:
+        if size < DONE_CELLS:
             break
 
     moved = np.array([x - start_x, y - start_y, (yaw - yaw_rad) * lever])

@@ -101,26 +101,38 @@ class Collect(PlacedTask, frozen=True, kw_only=True, tag="collect", omit_default
 
 
 class Relay(PlacedTask, frozen=True, kw_only=True, tag="relay", omit_defaults=True):
-    """Be the link to a mote for a time. Result: `share_linked`, `rssi_dbm` (the mean)."""
+    """Be the link to a mote, to another robot, or between the two, for a time.
 
-    mote: str
+    Result: `share_linked`, and `rssi_dbm` (the mean) of the mote or, without one, of the robot.
+    """
+
+    mote: str = ""
     duration_s: float
     rssi_min_dbm: float = -85.0
-    """Where the link is weaker than this, the robot moves nearer."""
+    """Where a link is weaker than this, the robot moves nearer."""
+    robot: str = ""
+    """The next one of a chain; a link to it is held as well."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_numbers(self, above=("duration_s",), finite=("rssi_min_dbm",))
+        if not (self.mote or self.robot):
+            raise ValueError("expected a mote or a robot to be the link to, got neither")
 
 
 class Monitor(PlacedTask, frozen=True, kw_only=True, tag="monitor", omit_defaults=True):
-    """Watch a room: look around at intervals and tell what has changed. Result: `rounds`, `changes`, `images`."""
+    """Watch a room: look around at intervals and tell what has changed. Result: `rounds`, `changes`, `images`.
+
+    With a `quantity` a mote that is there may do it instead. Result then: `rounds`, `least`, `greatest`, `mote`.
+    """
 
     duration_s: float
     interval_s: float = 30.0
     """From the beginning of one round to that of the next."""
     views: int = 4
     """Directions a round, spread evenly over the circle."""
+    quantity: str = ""
+    """What a mote may watch in place of pictures; with none, only pictures will do."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -6,8 +6,9 @@ from robrain.protocol.model.escape import escape_cells
 from robrain.protocol.model.frontier import find_frontiers
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.inflation import clearance_m
+from robrain.protocol.model.line_of_sight import standpoint
 from robrain.protocol.model.localiser import Localiser, LocaliserSpec
-from robrain.protocol.model.mote_relocalisation import find_robot
+from robrain.protocol.model.mote_relocalisation import Signals, find_robot
 from robrain.protocol.model.navigation import NavigationGrid, Zone
 from robrain.protocol.model.obstacles import contact_distance_m, sector_distances_m
 from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
@@ -22,6 +23,7 @@ from robrain.protocol.model.ray_cast import cast_rays
 from robrain.protocol.model.right_of_way import Margins, Track, meet, release, sample_way
 from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
 from robrain.protocol.model.scan_match import beam_ends, match_scan, search_scan
+from robrain.protocol.model.scan_relocalisation import agreement, find_by_scan
 from robrain.protocol.model.soc_filter import PackModel, SocFilter
 
 
@@ -74,16 +76,19 @@ def _warm_up_giving_way(geometry: GridGeometry) -> None:
     release(positions, 0.6, [mate], Margins())
     meet(positions, mate, 0.1)
     escape_cells(navigation.traversable, geometry, (3, 3), 0.6, [mate], 0.1)
+    standpoint(free, navigation.traversable, (3, 3), 2)
     navigation.path(Point2D(0.15, 0.15), Point2D(0.65, 0.45), snap_m=0.5, dear=[Zone(positions, 0.1)])
     navigation.clear_positions(free, positions)
 
 
 def _warm_up_localisation(grid: OccupancyGrid) -> None:
-    localiser = Localiser(Pose2D(0.4, 0.4, 0.0), 0.1, 0.1, LocaliserSpec())
+    localiser = Localiser(Pose2D(0.4, 0.4, 0.0), 0.1, 0.2, LocaliserSpec())  # so unsure a yaw is split
     localiser.move(Twist2D(0.01, 0.0, 0.01))
     localiser.hear(RssiSample("m", Point2D(0.7, 0.7), -60.0))
     localiser.filter.correct((1.0, 0.0, 0.0), 0.0, 1.0)
     ends = beam_ends(np.linspace(-3.0, 3.0, 30), np.full(30, 0.2), 1.0)
     match_scan(grid.log_odds, grid.geometry, localiser.pose, ends)
     search_scan(grid.log_odds, grid.geometry, localiser.pose, ends, within_m=0.1, within_rad=0.05)
-    find_robot(np.zeros((1, 2)), np.zeros(1, np.int64), np.zeros((1, 2)), np.zeros(1), PathLoss())
+    agreement(grid.log_odds, grid.geometry, localiser.pose, ends)
+    find_by_scan(grid.log_odds, grid.geometry, ends)
+    find_robot(Signals(np.zeros((1, 2)), np.zeros(1, np.int64), np.zeros((1, 2)), np.zeros(1)), PathLoss())

@@ -7,6 +7,7 @@
 | 0x54 request | robot → mote | `RequestPayload`: send what you have of these |
 | 0x55 acknowledgement | robot → mote | `SequenceRange`: arrived, forget it |
 | 0x56 duty | robot → mote | `DutyPayload`: sense that often; the next reading's period confirms it |
+| 0x57 beacon | robot → robots | see `beacon` |
 
 A mote listens for a moment after each packet that it sends, so robots speak when they are spoken to. Sequence numbers
 count a mote's readings and wrap at 65536; which of two is the later is decided as in RFC 1982.
@@ -101,22 +102,7 @@ class ReadingPayload(msgspec.Struct, frozen=True, kw_only=True):
             BadPacket: a value does not fit its field.
 
         """
-        try:
-            return _READING.pack(
-                self.mote,
-                self.sequence,
-                self.oldest,
-                self.age_ds,
-                self.period_ds,
-                self.voltage_mv,
-                self.quantity,
-                self.value_centi,
-                self.x_dm,
-                self.y_dm,
-                self.rssi_dbm,
-            )
-        except struct.error as error:
-            raise BadPacket(f"a value does not fit its field in {self}: {error}") from error
+        return _pack(_READING, "values that fit their fields", self)
 
     @classmethod
     def unpack(cls, payload: bytes) -> "ReadingPayload":
@@ -126,20 +112,7 @@ class ReadingPayload(msgspec.Struct, frozen=True, kw_only=True):
             BadPacket: it is not 24 bytes long.
 
         """
-        values = _unpack(_READING, payload, "a reading")
-        return cls(
-            mote=values[0],
-            sequence=values[1],
-            oldest=values[2],
-            age_ds=values[3],
-            period_ds=values[4],
-            voltage_mv=values[5],
-            quantity=values[6],
-            value_centi=values[7],
-            x_dm=values[8],
-            y_dm=values[9],
-            rssi_dbm=values[10],
-        )
+        return cls(**dict(zip(cls.__struct_fields__, _unpack(_READING, payload, "a reading"), strict=True)))
 
 
 def with_rssi(payload: bytes, rssi_dbm: float) -> bytes:
@@ -161,10 +134,7 @@ class SequenceRange(msgspec.Struct, frozen=True):
             BadPacket: a number has more than 16 bits.
 
         """
-        try:
-            return _RANGE.pack(self.first, self.last)
-        except struct.error as error:
-            raise BadPacket(f"expected sequence numbers of 16 bits, got {self}: {error}") from error
+        return _pack(_RANGE, "sequence numbers of 16 bits", self)
 
     @classmethod
     def unpack(cls, payload: bytes) -> "SequenceRange":
@@ -202,10 +172,7 @@ class RequestPayload(msgspec.Struct, frozen=True):
             BadPacket: a number has too many bits.
 
         """
-        try:
-            return _REQUEST.pack(self.first, self.wanted)
-        except struct.error as error:
-            raise BadPacket(f"expected 16 and 32 bits, got {self}: {error}") from error
+        return _pack(_REQUEST, "16 and 32 bits", self)
 
     @classmethod
     def unpack(cls, payload: bytes) -> "RequestPayload":
@@ -250,10 +217,7 @@ class DutyPayload(msgspec.Struct, frozen=True):
             BadPacket: the period has more than 16 bits.
 
         """
-        try:
-            return _DUTY.pack(self.period_ds)
-        except struct.error as error:
-            raise BadPacket(f"expected a period of 16 bits, got {self}: {error}") from error
+        return _pack(_DUTY, "a period of 16 bits", self)
 
     @classmethod
     def unpack(cls, payload: bytes) -> "DutyPayload":
@@ -267,6 +231,14 @@ class DutyPayload(msgspec.Struct, frozen=True):
         if period_ds == 0:
             raise BadPacket("expected a period above 0, got 0")
         return cls(period_ds)
+
+
+def _pack(layout: struct.Struct, expected: str, payload: msgspec.Struct) -> bytes:
+    """The fields of a payload, in the order in which they are declared."""
+    try:
+        return layout.pack(*msgspec.structs.astuple(payload))
+    except struct.error as error:
+        raise BadPacket(f"expected {expected}, got {payload}: {error}") from error
 
 
 def _unpack(layout: struct.Struct, payload: bytes, what: str) -> tuple[int, ...]:

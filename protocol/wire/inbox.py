@@ -4,8 +4,12 @@ from collections import deque
 from typing import Any, NamedTuple
 
 import msgspec
+import zenoh
 
 from robrain.protocol.wire.topic import Delivery, Topic
+
+NOTHING = b"null"
+"""A reply that says that there is nothing to say."""
 
 
 class Received(NamedTuple):
@@ -40,6 +44,7 @@ class Inbox:
         self.malformed = 0
         self.received = 0
         self._every: deque[tuple[Topic, str, bytes]] = deque(maxlen=capacity)
+        self._expected: deque[tuple[Any, Topic, str]] = deque(maxlen=capacity)
         self._latest: dict[str, tuple[Topic, str, bytes]] = {}
         self._names: dict[str, dict[str, str]] = {}
         self._decoders: dict[str, msgspec.json.Decoder[Any]] = {}
@@ -61,16 +66,45 @@ class Inbox:
     def __len__(self) -> int:
         return len(self._every) + len(self._latest)
 
+    def expect(self, replies: Any, topic: Topic, key: str) -> None:
+        """Take in what comes as the reply to a query, for the owner's own thread; the last so many are waited for.
+
+        Args:
+            replies: the query's channel; it says None as long as there is nothing, and raises ZError at its end.
+            topic: what a reply is taken for.
+            key: likewise.
+
+        """
+        self._expected.append((replies, topic, key))
+
     def drain(self) -> list[Received]:
         """Take everything out, decoded: first what counts singly, in order of arrival, then the latest ones."""
+        if not self._every and not self._latest and not self._expected:
+            return []
         return [received for sample in self.drain_raw() if (received := self._decode(*sample)) is not None]
 
     def drain_raw(self) -> list[tuple[Topic, str, bytes]]:
         """Take everything out as topic, key and payload, in the order of `drain`."""
+        if self._expected:
+            self._take_replies()
+        if not self._every and not self._latest:
+            return []
         raw = [self._every.popleft() for _ in range(len(self._every))]
         if self._latest:
             raw += [self._latest.pop(key) for key in sorted(self._latest)]
         return raw
+
+    def _take_replies(self) -> None:
+        for _ in range(len(self._expected)):
+            replies, topic, key = self._expected.popleft()
+            try:
+                while (reply := replies.try_recv()) is not None:
+                    payload = reply.ok.payload.to_bytes() if reply.ok is not None else NOTHING
+                    if payload != NOTHING:
+                        self.append(topic, key, payload)
+            except zenoh.ZError:  # it is answered, or was not in time
+                continue
+            self._expected.append((replies, topic, key))
 
     def _decode(self, topic: Topic, key: str, payload: bytes) -> Received | None:
         names = self._names.get(key)

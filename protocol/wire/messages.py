@@ -86,6 +86,8 @@ class RobotState(Message, frozen=True, kw_only=True):
     """Plugins that do not run."""
     lost: str = ""
     """Why the robot does not know any more where it is; empty as long as it does."""
+    loaded: int = 0
+    """Another number whenever other plugins are loaded than before, so that nobody has to ask; 0 says nothing."""
 
     @property
     def has_stopped(self) -> bool:
@@ -285,6 +287,25 @@ class TeamState(Message, frozen=True, kw_only=True):
     """None as long as nobody has halted the team."""
 
 
+class RadioLink(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Somebody whom a robot's base station hears."""
+
+    peer: str
+    """The mote's or the robot's name."""
+    is_robot: bool = False
+    rssi_dbm: float
+    """Strength of the last packet heard."""
+    heard_ns: int
+    """When that was."""
+
+
+class RobotLinks(Message, frozen=True, kw_only=True):
+    """Whom a robot's base station hears on the motes' radio: each 2 s while it hears anybody, and a last time."""
+
+    robot: str
+    links: list[RadioLink] = []
+
+
 class MoteReading(Message, frozen=True, kw_only=True):
     """A mote's reading, brought in by a robot or a gateway."""
 
@@ -313,6 +334,54 @@ class MoteDuty(Message, frozen=True, kw_only=True):
     period_s: float
     by: str = ""
     """Who wants it so."""
+
+
+class LostMessages(msgspec.Struct, frozen=True):
+    """Messages of one topic that are not in a recording."""
+
+    topic: str
+    """Its name in the table."""
+    messages: int
+
+
+class RecorderState(Message, frozen=True, kw_only=True):
+    """How a recorder does: each second in live, and when something was lost."""
+
+    recorder: str
+    file: str = ""
+    """Name of the file that it writes to."""
+    messages: int = 0
+    """Messages heard."""
+    bytes: int = 0
+    """Written so far."""
+    lost: list[LostMessages] = []
+    """What is not in the recording."""
+    waiting: int = 0
+    """Messages heard that are not written yet."""
+    why: str = ""
+    """What is wrong with it; empty as long as nothing is."""
+    closed: bool = False
+    """It has finished its file."""
+
+
+class ReplayRequest(msgspec.Struct, frozen=True, kw_only=True):
+    """A query to a replay; what is None stays as it is. Without anything it only asks where the replay is."""
+
+    playing: bool | None = None
+    """False pauses it."""
+    seek_s: float | None = None
+    """Go there, in seconds since the first message; all that was the case then is said."""
+    speed: float | None = None
+    """Recorded seconds a second, above 0."""
+
+
+class ReplayStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """Where a replay is."""
+
+    position_s: float
+    duration_s: float
+    speed: float
+    playing: bool
 
 
 class Halt(Message, frozen=True, kw_only=True):

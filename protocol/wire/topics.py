@@ -6,7 +6,7 @@ in the project writes a key by hand.
 
 from typing import Any
 
-from robrain.protocol.wire import messages, task_messages
+from robrain.protocol.wire import messages, plan_messages, task_messages
 from robrain.protocol.wire.topic import CAN_FRAME, PNG, TINYOS_PACKET, Delivery, Kind, Role, Topic, Urgency
 
 ROBOT_ALIVE = Topic(
@@ -53,6 +53,17 @@ ROBOT_PATH = Topic(
     by=Role.ROBOT,
     message=messages.PlannedPath,
     delivery=Delivery.LATEST,
+    recorded=True,
+)
+ROBOT_LINKS = Topic(
+    name="robot_links",
+    pattern="robot/{robot}/links",
+    doc="Which motes and robots it hears on the motes' radio, and how well",
+    by=Role.ROBOT,
+    message=messages.RobotLinks,
+    rate_hz=0.5,
+    delivery=Delivery.LATEST,
+    urgency=Urgency.DATA_LOW,
     recorded=True,
 )
 ROBOT_EVENT = Topic(
@@ -195,6 +206,43 @@ TASK_CANCEL = _task_query("cancel", task_messages.TaskRequest, "End a task unfin
 TASK_LIST = _task_query("list", task_messages.TaskFilter, "Which tasks there are: `TaskRecord`s", reads_only=True)
 TASK_GET = _task_query("get", task_messages.TaskRequest, "How a task stands: its `TaskRecord`", reads_only=True)
 TASK_WHY = _task_query("why", task_messages.TaskRequest, "Why it stands so: a `TaskWhy`", reads_only=True)
+TASK_DECISION = Topic(
+    name="task_decision",
+    pattern="task/decision",
+    doc="Who is to do a task by the plan, what it would take each robot, and why",
+    by=Role.COORDINATOR,
+    message=plan_messages.TaskDecision,
+    delivery=Delivery.LOSSLESS,
+    recorded=True,
+    cache=256,
+)
+TASK_PROBLEM = Topic(
+    name="task_problem",
+    pattern="task/problem",
+    doc="A plan, and all that it was made from",
+    by=Role.COORDINATOR,
+    message=plan_messages.PlanProblem,
+    urgency=Urgency.DATA_LOW,
+    recorded=True,
+)
+COORDINATOR_PLANNING = Topic(
+    name="coordinator_planning",
+    pattern="coordinator/planning",
+    doc="How tasks are planned: replies a `PlanningStatus`",
+    by=Role.COORDINATOR,
+    kind=Kind.QUERY,
+    urgency=Urgency.INTERACTIVE_HIGH,
+    reads_only=True,
+)
+COORDINATOR_OBJECTIVE = Topic(
+    name="coordinator_objective",
+    pattern="coordinator/objective",
+    doc="What plans are to be good at from now on: replies a `PlanningStatus`",
+    by=Role.COORDINATOR,
+    kind=Kind.QUERY,
+    message=plan_messages.ObjectiveRequest,
+    urgency=Urgency.INTERACTIVE_HIGH,
+)
 COORDINATOR_ALIVE = Topic(
     name="coordinator_alive",
     pattern="coordinator/alive",
@@ -220,6 +268,25 @@ COORDINATOR_HALT = Topic(
     kind=Kind.QUERY,
     urgency=Urgency.INTERACTIVE_HIGH,
     reads_only=True,
+)
+RECORDER_STATE = Topic(
+    name="recorder_state",
+    pattern="recorder/{recorder}/state",
+    doc="How a recorder does, and what it has lost",
+    by=Role.OPERATOR,
+    message=messages.RecorderState,
+    rate_hz=1,
+    delivery=Delivery.LATEST,
+    urgency=Urgency.DATA_LOW,
+)
+REPLAY_CONTROL = Topic(
+    name="replay_control",
+    pattern="replay/control",
+    doc="Pause a replay, seek in it, change its speed: replies a `ReplayStatus`",
+    by=Role.OPERATOR,
+    kind=Kind.QUERY,
+    message=messages.ReplayRequest,
+    urgency=Urgency.INTERACTIVE_HIGH,
 )
 HALT = Topic(
     name="halt",
@@ -314,6 +381,7 @@ TOPICS: tuple[Topic, ...] = (
     ROBOT_MAP,
     ROBOT_MAP_WHOLE,
     ROBOT_PATH,
+    ROBOT_LINKS,
     ROBOT_EVENT,
     ROBOT_LOG,
     ROBOT_PLUGINS,
@@ -333,9 +401,15 @@ TOPICS: tuple[Topic, ...] = (
     TASK_LIST,
     TASK_GET,
     TASK_WHY,
+    TASK_DECISION,
+    TASK_PROBLEM,
+    COORDINATOR_PLANNING,
+    COORDINATOR_OBJECTIVE,
     COORDINATOR_ALIVE,
     COORDINATOR_STATE,
     COORDINATOR_HALT,
+    RECORDER_STATE,
+    REPLAY_CONTROL,
     HALT,
     ARENA_CAN,
     ARENA_RADIO_RX,

@@ -119,7 +119,8 @@ class Load:
 
     def move(self, speed_m_s: float, yaw_rate_rad_s: float, duration_s: float) -> None:
         """Account for some time of this motion."""
-        self._motion_j += self._power.motion_w(speed_m_s, yaw_rate_rad_s, self._mass_kg) * duration_s
+        if speed_m_s or yaw_rate_rad_s:
+            self._motion_j += self._power.motion_w(speed_m_s, yaw_rate_rad_s, self._mass_kg) * duration_s
         if speed_m_s > self._speed_m_s:
             self._motion_j += self._power.acceleration_j(self._mass_kg, self._speed_m_s, speed_m_s)
         self._speed_m_s = speed_m_s

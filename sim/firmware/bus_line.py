@@ -58,7 +58,8 @@ class BusLine(can.BusABC):
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Send, if the line is whole."""
         if self.fault is LineFault.NONE:
-            self.transmit_errors = max(0, self.transmit_errors - 1)
+            if self.transmit_errors:
+                self.transmit_errors -= 1
             self._bus.send(msg, timeout)
         else:
             self.transmit_errors = PASSIVE_ERRORS if self.fault is LineFault.CUT else BUS_OFF_ERRORS

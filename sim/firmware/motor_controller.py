@@ -95,11 +95,11 @@ class MotorController:
     def report(self, wheel_turns_rad: Sequence[float]) -> None:
         """Send what is due: encoder counts at 50 Hz, the status at 5 Hz and on change."""
         if self._tick % self._encoder_period_ticks == 0:
-            counts = [math.floor(turns_rad * self._ticks_per_rad) & 0xFFFF for turns_rad in wheel_turns_rad]
+            first, second, third = [
+                math.floor(turns_rad * self._ticks_per_rad) & 0xFFFF for turns_rad in wheel_turns_rad
+            ]
             self._bus.send(
-                self._encoders.pack(
-                    self._encoders_sent, wheel_1_ticks=counts[0], wheel_2_ticks=counts[1], wheel_3_ticks=counts[2]
-                )
+                self._encoders.pack(self._encoders_sent, wheel_1_ticks=first, wheel_2_ticks=second, wheel_3_ticks=third)
             )
             self._encoders_sent += 1
         errors = self._transmit_errors()

@@ -6,15 +6,20 @@ from rich.table import Table
 from tests.bench import (
     allocation,
     behaviors,
+    dashboard,
     energy,
     halt,
     localisation,
     motes,
     motion,
+    planning,
     plugin_host,
     real_time_factor,
+    recording,
+    responses,
     robot_cost,
     tasks,
+    thousand_agents,
 )
 
 
@@ -41,6 +46,11 @@ def main() -> None:
         ("Behaviors", behaviors.measure),
         ("Allocation", allocation.measure),
         ("Tasks", tasks.measure),
+        ("Planning", planning.measure),
+        ("Recordings", recording.measure),
+        ("Response time", responses.measure),
+        ("A thousand agents", thousand_agents.measure),
+        ("The dashboard with 100 robots and 400 motes, browsers in software rendering", dashboard.measure),
     ):
         table = Table(title=f"{what}, each figure beside what it is compared with and the bound that it is to keep")
         for heading in ("what", "measured", "beside", "bound", "kept"):

@@ -10,7 +10,9 @@ import zenoh
 
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.journal.journal import Journal
+from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.task_book import LEGAL
+from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, GridGeometry, OccupancyGrid, PatchCells
 from robrain.protocol.model.task import Task, TaskState
@@ -20,6 +22,7 @@ from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.map_patch import to_message
 from robrain.protocol.wire.messages import (
+    BatteryState,
     PluginInfo,
     RobotState,
     TaskAnswer,
@@ -35,6 +38,7 @@ from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (
     COORDINATOR_STATE,
     ROBOT_ALIVE,
+    ROBOT_CALL,
     ROBOT_MAP,
     ROBOT_MAP_WHOLE,
     ROBOT_OFFER,
@@ -64,6 +68,12 @@ class FakeRobot:
         self.answers = True
         """False: a query finds it, and never gets an answer in time."""
         self.plugins = ["explore", "visit"]
+        self.battery: BatteryState | None = None
+        self.energy: EnergyModel | None = None
+        self.behavior = ""
+        self.chargers: list[Point2D] | None = None
+        """None: its host does not tell them."""
+        self.start = Point2D(x_m, y_m)
         self.task: TaskStatus | None = None
         self.offers: list[TaskOffer] = []
         self.withdrawals: list[TaskWithdrawal] = []
@@ -80,6 +90,7 @@ class FakeRobot:
         self.wire.answer(ROBOT_WITHDRAW, self._withdrawn, robot=self.name)
         self.wire.answer(ROBOT_MAP_WHOLE, lambda _request: self._whole(), robot=self.name)
         self.wire.answer(ROBOT_PLUGINS, lambda _request: self._plugins(), robot=self.name)
+        self.wire.answer(ROBOT_CALL, lambda request: self._called(request.names["function"]), robot=self.name)
         self.wire.token(ROBOT_ALIVE, robot=self.name)
 
     def leave(self) -> None:
@@ -96,6 +107,9 @@ class FakeRobot:
                 halted_by=self.halted_by,
                 team_halt_ns=self.team_halt_ns,
                 not_halted=self.not_halted,
+                battery=self.battery,
+                energy=self.energy,
+                behavior=self.behavior,
             )
         )
 
@@ -125,6 +139,11 @@ class FakeRobot:
             self.end(TaskState.CANCELLED, "withdrawn")
         return TaskAnswer(accepted=True)
 
+    def _called(self, function: str) -> Any:
+        if self.chargers is None:
+            raise CallError(ErrorCode.UNKNOWN_PLUGIN, "there is no home")
+        return self.start if function == "start" else [{"x_m": at.x_m, "y_m": at.y_m} for at in self.chargers]
+
     def _plugins(self) -> list[PluginInfo]:
         return [PluginInfo(name=name, level="behavior", state="active") for name in self.plugins]
 
@@ -153,14 +172,14 @@ class Team:
         self._ticks = 0
         self._stamp_ms = 0
 
-    def begin(self, journal: Journal | None) -> None:
+    def begin(self, journal: Journal | None, policy: PlanningPolicy | None = None) -> None:
         """A coordinator takes over; the one before has ended, as by a kill: it never says another word."""
         if self._coordinator_wire is not None:
             self._coordinator_wire.close()
         if journal is None:  # one that remembers nothing counts its changes anew
             self._told.clear()
         self._coordinator_wire = self.endpoint()
-        self.coordinator = Coordinator(self._coordinator_wire, journal)
+        self.coordinator = Coordinator(self._coordinator_wire, journal, policy)
 
     def submit(self, task: Task, **fields: Any) -> TaskRecord:
         return self.ask(TASK_SUBMIT, TaskSubmission(task=task, **fields))

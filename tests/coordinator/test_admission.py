@@ -59,7 +59,7 @@ def test_a_task_that_can_be_done_is_not_refused(grid) -> None:
         ),
         (visit(needs=("arm",)), "no robot of the team has arm"),
         (visit(needs=("camera", "explore")), "no robot of the team has all of visit, camera, explore"),
-        (visit(robots=2), "it needs 2 robots at once"),
+        (visit(robots=3), "it needs 3 robots at once that have visit, and the team has 2"),
         (visit(id="a/b"), "bad task name 'a/b'"),
     ],
 )  # fmt: skip

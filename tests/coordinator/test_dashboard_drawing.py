@@ -15,11 +15,12 @@ from robrain.coordinator.dashboard.camera import (
 )
 from robrain.coordinator.dashboard.map_view import cover_with_boxes
 from robrain.coordinator.dashboard.marker_layers import scan_points
+from robrain.coordinator.dashboard.merged_meshes import copies
 from robrain.coordinator.dashboard.palette import look_of
 from robrain.coordinator.dashboard.rate_meter import RateMeter
+from robrain.coordinator.dashboard.robot_view import RobotView
 from robrain.coordinator.dashboard.scene_nodes import plain, to_linear
-from robrain.coordinator.dashboard.team_view import RobotView
-from robrain.coordinator.dashboard.track_layers import DASHES, dashes, fading_line
+from robrain.coordinator.dashboard.track_layers import DASHES, dashes, tapering_line
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.messages import RobotState, Scan
 
@@ -61,7 +62,17 @@ def test_straight_wall_is_one_box() -> None:
 
 @pytest.mark.parametrize(
     "mesh",
-    [meshes.robot_body(), meshes.robot_nose(), meshes.cube(), meshes.pin(0.1, 0.5), meshes.diamond(0.1, 0.3)],
+    [
+        meshes.robot_body(),
+        meshes.robot_nose(),
+        meshes.robot_dart(),
+        meshes.tent(1, 1),
+        meshes.flag(),
+        meshes.bolt(),
+        meshes.cube(),
+        meshes.pin(0.1, 0.5),
+        meshes.diamond(0.1, 0.3),
+    ],
 )
 def test_meshes_are_well_formed_and_stand_on_the_floor(mesh: meshes.Mesh) -> None:
     assert mesh.faces.max() < len(mesh.vertices)
@@ -75,13 +86,27 @@ def test_nose_points_along_x() -> None:
     assert meshes.robot_nose().vertices[:, 0].argmax() == np.abs(meshes.robot_nose().vertices).max(axis=1).argmax()
 
 
-def test_trail_is_thinned_reaches_the_robot_and_ends_in_its_color() -> None:
+def test_trail_is_thinned_reaches_the_robot_and_is_widest_there() -> None:
     trail = [Point2D(float(x), 0.0) for x in range(101)]
-    points, colors = fading_line(trail, 30, (10, 20, 30))
-    assert len(points) <= 30
-    assert points[-1, 1, 0] == 100.0
-    assert (points[1:, 0] == points[:-1, 1]).all()
-    assert colors[-1, 1].tolist() == [10, 20, 30]
+    mesh = tapering_line(trail, 30, 0.5)
+    strips = mesh.vertices.reshape(-1, 4, 3)
+    assert len(strips) <= 30
+    assert strips[-1, 1, 0] == 100.0
+    assert (strips[1:, 0, 0] == strips[:-1, 1, 0]).all()
+    widths_m = strips[:, 3, 1] - strips[:, 0, 1]
+    assert widths_m[-1] == pytest.approx(0.5)
+    assert (np.diff(widths_m) > 0).all()
+
+
+def test_copies_of_a_mesh_are_turned_scaled_and_placed() -> None:
+    here = np.array([[1.0, 2.0, 0.0], [5.0, 5.0, 1.0]], np.float32)
+    sizes = np.array([[1.0, 1.0, 1.0], [2.0, 4.0, 3.0]], np.float32)
+    mesh = copies(meshes.cube(), here, sizes, np.array([0.0, math.pi / 2], np.float32))
+    one = len(meshes.cube().vertices)
+    np.testing.assert_allclose(mesh.vertices[:one], meshes.cube().vertices + here[0], atol=1e-6)
+    np.testing.assert_allclose(mesh.vertices[one:].min(axis=0), [3.0, 4.0, 1.0], atol=1e-6)
+    np.testing.assert_allclose(mesh.vertices[one:].max(axis=0), [7.0, 6.0, 4.0], atol=1e-6)
+    assert mesh.faces.max() == len(mesh.vertices) - 1
 
 
 def test_dashes_lie_on_the_path_and_leave_gaps() -> None:

@@ -4,14 +4,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.coordinator.dashboard.team_view import (
-    HISTORY_POINTS,
-    SILENT_AFTER_S,
-    TRAIL_POINTS,
-    Contact,
-    RobotView,
-    TeamView,
-)
+from robrain.coordinator.dashboard.robot_view import SILENT_AFTER_S, TRAIL_POINTS, Contact, RobotView
+from robrain.coordinator.dashboard.team_view import HISTORY_POINTS, TeamView
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.task import Explore, TaskState
 from robrain.protocol.wire.inbox import Received
@@ -40,7 +34,7 @@ from robrain.protocol.wire.topics import (
     COORDINATOR_STATE,
     HALT,
     MOTE_READING,
-    ROBOT_LOG,
+    ROBOT_IMAGE,
     ROBOT_MAP,
     ROBOT_PATH,
     ROBOT_STATE,
@@ -232,6 +226,27 @@ def test_motes_keep_the_latest_of_each_quantity_and_a_place(view: TeamView) -> N
     assert mote.latest.quantity == "light"
 
 
+def sensed(sequence: int, value: float, *, via: str = "r1", taken_s: int, told_s: int) -> MoteReading:
+    return MoteReading(
+        mote="m1", place=None, quantity="light", value=value, voltage_v=2.9, rssi_dbm=-60, via=via,
+        sequence=sequence, taken_ns=taken_s * 10**9, stamp_ns=told_s * 10**9,
+    )  # fmt: skip
+
+
+def test_a_reading_that_two_robots_bring_in_is_shown_as_the_first_told_it(view: TeamView) -> None:
+    tell(view, MOTE_READING, sensed(5, 20.0, taken_s=100, told_s=100), mote="m1")
+    tell(view, MOTE_READING, sensed(5, 20.0, via="r2", taken_s=101, told_s=101), mote="m1")
+    assert view.motes["m1"].readings["light"].via == "r1"
+
+
+def test_an_old_reading_out_of_a_mote_s_log_does_not_take_the_place_of_a_newer_one(view: TeamView) -> None:
+    tell(view, MOTE_READING, sensed(5, 20.0, taken_s=100, told_s=100), mote="m1")
+    tell(view, MOTE_READING, sensed(3, 18.0, taken_s=92, told_s=101), mote="m1")
+    assert view.motes["m1"].readings["light"].value == 20.0
+    tell(view, MOTE_READING, sensed(6, 21.0, taken_s=104, told_s=104), mote="m1")
+    assert view.motes["m1"].readings["light"].value == 21.0
+
+
 def test_halt_of_the_team_counts_until_its_end(view: TeamView) -> None:
     assert not view.halted
     tell(view, HALT, Halt(halted=True, by="somebody"))
@@ -304,6 +319,6 @@ def test_scan_that_makes_no_sense_is_refused(view: TeamView, changes: dict[str, 
 
 
 def test_other_topics_are_left_out(view: TeamView) -> None:
-    view.apply(Received(ROBOT_LOG, "robrain/default/robot/r1/log", {"robot": "r1"}, None), 0.0)
+    view.apply(Received(ROBOT_IMAGE, "robrain/default/robot/r1/image/i", {"robot": "r1", "image": "i"}, b""), 0.0)
     assert view.robots == {}
-    assert ROBOT_LOG not in view.topics
+    assert ROBOT_IMAGE not in view.topics

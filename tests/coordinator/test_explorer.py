@@ -145,3 +145,17 @@ def test_a_stout_robot_is_not_sent_where_it_does_not_fit():
     assert near(slim["r1"], east.x_m, east.y_m)
     stout = places(Explorer(floor.team_map).choose([robot("r1", radius_m=0.4)], taken, 0))
     assert not near(stout["r1"], east.x_m, east.y_m)
+
+
+def test_where_a_robot_has_been_and_seen_no_more_nobody_is_sent_again_until_somebody_has():
+    floor = corridor()
+    explorer = Explorer(floor.team_map)
+    first = explorer.choose([robot("r1", 7.0)], [], 0)[0].place
+    explorer.note_visit(first)
+    second = explorer.choose([robot("r1", 7.0)], [], 0)[0].place
+    assert not near(second, first.x_m, first.y_m)
+    explorer.note_visit(second)
+    assert explorer.choose([robot("r1", 7.0), robot("r2")], [], 0) == []
+    assert not explorer.has_failures  # nothing is left to be tried again later
+    floor.draw(8.0, 2.0, 8.1, 2.3)
+    assert len(explorer.choose([robot("r1", 7.0), robot("r2")], [], 0)) == 1

@@ -55,6 +55,7 @@ class Errands:
         seed: of everything random.
         parameters: of plugins, the same for all robots.
         hardware: of all robots, beside the defaults.
+        docks: where the chargers stand.
 
     """
 
@@ -65,6 +66,7 @@ class Errands:
         seed: int = 1,
         parameters: dict[str, dict[str, Any]] | None = None,
         hardware: dict[str, Any] | None = None,
+        docks: tuple[Point2D, ...] = (CHARGER,),
     ) -> None:
         self.session = open_lockstep_session()
         self.clock = VirtualClock()
@@ -77,7 +79,7 @@ class Errands:
         built = {"lidar": LidarSpec(noise_m=0.0), **(hardware or {})}
         robots = [ArenaRobot(name=name, start=start, **built) for name, start in poses.items()]
         motes = [ArenaMote(name=f"m{number}", number=number, place=place) for number, place in MOTES.items()]
-        chargers = (ChargerSpec(place_m=(CHARGER.x_m, CHARGER.y_m)),)
+        chargers = tuple(ChargerSpec(place_m=(dock.x_m, dock.y_m)) for dock in docks)
         rng = np.random.default_rng([seed, 1])
         self.arena = Arena(self.plan, robots, motes, self.wire, rng, chargers=chargers)
         self.hosts = {name: self._host(name, pose, list(load), seed, parameters or {}) for name, pose in poses.items()}

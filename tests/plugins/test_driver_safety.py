@@ -88,7 +88,7 @@ def test_a_robot_that_sees_nothing_at_all_does_not_take_its_lidar_for_frozen(sta
 def test_a_lidar_that_falls_silent_is_a_fault_and_the_robot_stands_before(robot, monkeypatch):
     robot.call("driver", "drive", 4.0)
     robot.run(0.8)
-    monkeypatch.setattr(robot.arena._robots[0], "scans_at", lambda _tick: False)
+    monkeypatch.setattr(robot.arena._robots[0], "scan_phase", -1)
     robot.run(1.2)
     assert robot.call("driver", "motion") == Motion.BLOCKED
     place = robot.truth().pose

@@ -57,6 +57,39 @@ def test_a_visit_goes_there_stays_and_tells_what_it_took(errands):
     assert behavior(run) == "idle"
 
 
+def test_what_a_way_has_cost_is_a_lesson_for_the_next_one(errands):
+    run = errands("visit")
+    energy, told = run.hosts["r1"].manager.get("energy").live_plugin(), []
+    energy.outcome = lambda work, cost_j: told.append((work, cost_j))
+    status = run.finish(Visit(id="v", place=FAR, service_s=5.0))
+    ((work, cost_j),) = told
+    assert work.path_m == pytest.approx(run.way_m(), rel=0.15)
+    assert work.wait_s == 0.0
+    assert 0.5 * status.result["energy_j"] < cost_j < status.result["energy_j"] - 5.0 * 5.0
+    run.finish(Visit(id="here", place=FAR))
+    assert len(told) == 1  # that was no way to learn from
+
+
+def test_a_task_that_is_taken_back_on_the_way_teaches_nothing(errands):
+    run = errands("visit")
+    told = []
+    run.hosts["r1"].manager.get("energy").live_plugin().outcome = lambda work, cost_j: told.append(work)
+    run.offer(Visit(id="v", place=FAR))
+    run.run(2.0)
+    run.withdraw("v")
+    run.run(2.0)
+    assert told == []
+
+
+@pytest.mark.parametrize("task", [Visit(id="t", place=FAR, priority=7.0), Explore(id="t", goal=UNSEEN, priority=7.0)])
+def test_the_priority_of_a_task_is_that_of_its_right_of_way(errands, task):
+    run = errands("visit", "explore")
+    paths = run.inbox(ROBOT_PATH, robot="r1")
+    assert run.offer(task).accepted
+    run.run(0.5)
+    assert paths.drain()[-1].message.claim.priority == 7
+
+
 def test_the_energy_of_a_task_is_that_which_the_battery_gave(errands):
     run = errands("visit")
     before_j = run.arena.truth.robots[0].energy_j

@@ -110,6 +110,43 @@ def test_a_relay_whose_link_is_too_weak_moves_nearer_and_no_farther_than_it_may(
     assert status.result["share_linked"] == 0.0
 
 
+def test_a_relay_holds_the_link_to_another_robot(errands):
+    run = errands("relay", starts={"r2": Pose2D(1.2, 3.2, 0.0)})
+    status = run.finish(Relay(id="r", place=Point2D(2.6, 3.2), robot="r2", duration_s=30.0))
+    assert status.state is TaskState.DONE
+    assert status.result["share_linked"] > 0.8
+    assert status.result["packets"] >= 25
+    assert status.result["moved_m"] < 0.3
+
+
+def test_a_relay_between_a_mote_and_a_robot_goes_where_it_hears_both(errands):
+    bound_dbm = -77.0
+    run = errands("relay", starts={"r2": Pose2D(1.0, 3.2, 0.0)})
+    place = Point2D(5.3, 1.0)
+    status = run.finish(
+        Relay(id="r", place=place, mote="m1", robot="r2", duration_s=90.0, rssi_min_dbm=bound_dbm), limit_s=150.0
+    )
+    mate, end = Point2D(1.0, 3.2), run.pose()
+    assert end.distance_m(mate) < math.hypot(place.x_m - mate.x_m, place.y_m - mate.y_m) - 0.6
+    assert status.result["robot_packets"] > 50
+    assert status.result["share_linked"] > 0.5
+    link = {heard["robot"]: heard for heard in run.call("snw_exploration", "robots")}["r2"]
+    assert link["rssi_dbm"] > bound_dbm - 6.0
+
+
+def test_a_relay_to_a_robot_that_nobody_hears_stands_and_tells_so(errands):
+    run = errands("relay")
+    status = run.finish(Relay(id="r", place=Point2D(2.6, 3.2), robot="r9", duration_s=30.0))
+    assert (status.state, status.result["share_linked"], status.result["packets"]) == (TaskState.DONE, 0.0, 0)
+    assert status.result["moved_m"] < 0.3
+
+
+def test_no_robot_is_a_relay_to_itself(errands):
+    run = errands("relay")
+    answer = run.offer(Relay(id="r", place=Point2D(2.6, 3.2), robot="r1", duration_s=30.0))
+    assert (answer.accepted, answer.why) == (False, "a robot is no relay to itself")
+
+
 def test_a_robot_senses_by_itself_what_motes_sense(errands):
     run = errands("sense")
     place = Point2D(4.0, 2.8)

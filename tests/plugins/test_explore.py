@@ -3,9 +3,9 @@ import math
 import numpy as np
 import pytest
 
-from robrain.protocol.model.frontier import find_frontiers
+from robrain.protocol.model.frontier import find_frontiers, frontier_mask
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.occupancy_grid import OCCUPIED, UNKNOWN
+from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN
 from robrain.protocol.model.task import TaskState
 from robrain.protocol.wire.messages import TaskWithdrawal
 from robrain.protocol.wire.topics import ROBOT_PATH, ROBOT_STATE, ROBOT_WITHDRAW
@@ -114,6 +114,41 @@ def test_an_offer_of_an_older_epoch_is_refused(explorer):
     assert not answer.accepted
     assert "epoch 4 is older than 5" in answer.why
     assert status(host).id == "new"
+
+
+def test_a_frontier_that_walls_hide_is_done_without_going_there(explorer):
+    """As the inside of a shelf, seen through a slit: nobody who can only stand outside will see more of it."""
+    one, host = explorer
+    grid = host.manager.get("mapper").live_plugin()._grid
+    goal = Point2D(3.25, 2.05)
+    row, column = grid.geometry.cell_of(goal.x_m, goal.y_m)
+    inside = np.full((5, 5), OCCUPIED, np.int8)
+    inside[1:4, 1:4] = UNKNOWN
+    inside[1:4:2, 1:4:2] = inside[2, 2] = FREE
+    host.manager.get("explore").live_plugin()._travel.view = lambda: seen
+    seen = view(host)
+    seen.classes[row - 2 : row + 3, column - 2 : column + 3] = inside
+    before = one.truth().pose
+    assert one.offer(goal).accepted
+    one.run(0.5)
+    assert status(host).state is TaskState.DONE
+    assert "walls hide it" in status(host).why
+    assert one.truth().pose == before
+
+
+def test_single_cells_that_stay_open_do_not_keep_a_robot(explorer):
+    """A slit between two boards shows as one or two frontier cells, and will for ever."""
+    _one, host = explorer
+    explore, seen = host.manager.get("explore").live_plugin(), view(host)
+    goal = Point2D(2.55, 2.05)
+    assert explore._is_seen(seen, goal)
+    row, column = seen.geometry.cell_of(goal.x_m, goal.y_m)
+    seen.classes[row + 3, column] = UNKNOWN
+    assert np.count_nonzero(frontier_mask(seen.classes[row : row + 6, column - 3 : column + 4])) == 4
+    seen.classes[row + 4, column] = OCCUPIED
+    assert explore._is_seen(seen, goal)
+    seen.classes[row + 2 : row + 5, column - 2 : column + 3] = UNKNOWN
+    assert not explore._is_seen(seen, goal)
 
 
 def test_a_robot_that_stands_blocked_gives_the_task_back(stage):

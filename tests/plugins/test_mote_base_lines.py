@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from robrain.protocol.tinyos.hdlc import Deframer, frame
-from robrain.protocol.wire.topics import ROBOT_EVENT
+from robrain.protocol.wire.topics import ROBOT_EVENT, ROBOT_STATE
 
 PACKET = bytes.fromhex("00 FF FF 00 00 08 00 09 19 77 02 07 00 13 00 00")
 SENT = bytes.fromhex("00 0003 0000 04 22 54 00010002")
@@ -139,6 +139,68 @@ def test_a_forwarder_that_has_gone_is_sought_less_and_less_often(stage, forwarde
     until(one, lambda: not counters(one)["why_down"])
 
 
+def test_while_a_forwarder_is_lost_health_tells_since_when_and_when_it_is_sought(stage, forwarders):
+    forwarder = forwarders()
+    one, _ = start_with(stage, forwarder)
+    assert one.call("mote_base", "health") == {
+        "is_up": True, "why_down": "", "down_s": 0.0, "tries": 0, "next_try_s": 0.0,
+    }  # fmt: skip
+    forwarder.close()
+    until(one, lambda: counters(one)["why_down"])
+    one.run(20.0)
+    health = one.call("mote_base", "health")
+    assert (health["is_up"], health["why_down"]) == (False, counters(one)["why_down"])
+    assert 19.0 <= health["down_s"] <= 20.1
+    assert health["tries"] in (5, 6, 7)  # after 0.2, 0.4, 0.8, 1.6, 3.2, 6.4 and 10 s, and the loss itself
+    assert 0.0 < health["next_try_s"] <= 10.0
+
+
+def is_up(one):
+    return one.infos()["mote_base"].state == "active"
+
+
+def test_a_forwarder_that_is_absent_at_the_start_is_found_when_it_appears(stage, forwarders):
+    gone = forwarders()
+    gone.close()
+    one = stage()
+    states = one.inbox(ROBOT_STATE)
+    one.host("snw_exploration", "driver", mote_base={"interface": "sf", "port": gone.port, "connect_timeout_s": 5.0})
+    one.run(100.0)
+    info = one.infos()["mote_base"]
+    assert f"no Serial Forwarder at 127.0.0.1:{gone.port}" in info.why
+    assert 5 <= info.restarts <= 9  # after 0.5, 1, 2, 4, 8, 16, 30, 30 s
+    assert {"mote_base", "snw_exploration"} <= {fault.plugin for fault in states.drain()[-1].message.faulted}
+    come = forwarders(port=gone.port)
+    with ThreadPoolExecutor(1) as pool:
+        accepted = pool.submit(come.accept)
+        one.run_until(lambda: is_up(one), limit_s=31.0)
+        accepted.result(PATIENCE_S)
+    come.say(b"\x10" + PACKET)
+    until(one, lambda: counters(one)["packets"] == 1)
+    one.run(0.2)
+    assert one.infos()["snw_exploration"].state == "active"
+    assert states.drain()[-1].message.faulted == []
+
+
+def test_a_forwarder_that_comes_goes_and_returns_is_found_each_time(stage, forwarders):
+    gone = forwarders()
+    gone.close()
+    one = stage()
+    parameters = {"interface": "sf", "port": gone.port, "reconnect_first_s": 0.2, "reconnect_longest_s": 1.0}
+    one.host("snw_exploration", mote_base=parameters)
+    one.run(3.0)
+    for visit in (1, 2, 3):
+        come = forwarders(port=gone.port)
+        with ThreadPoolExecutor(1) as pool:
+            accepted = pool.submit(come.accept)
+            until(one, lambda: is_up(one) and not counters(one)["why_down"])
+            accepted.result(PATIENCE_S)
+        come.say(b"\x10" + PACKET)
+        until(one, lambda: counters(one)["packets"] == visit)  # noqa: B023 - called at once
+        come.close()
+        until(one, lambda: counters(one)["why_down"])
+
+
 def test_a_server_that_is_no_forwarder_is_told_at_the_start(stage, forwarders):
     one, _ = start_with(stage, forwarders(greeting=b"SSH-2.0-x\r\n"))
     assert "expected a Serial Forwarder's greeting b'U '" in one.infos()["mote_base"].why
@@ -265,3 +327,17 @@ def test_a_line_that_is_pulled_out_is_told_and_the_robot_goes_on(stage, mote):
     assert [received.message.value["kind"] for received in events.drain()] == ["lost"]
     one.run(5.0)
     assert one.infos()["mote_base"].state == "active"
+
+
+def test_a_serial_line_that_is_not_there_at_the_start_is_opened_when_it_is_plugged_in(stage, mote, tmp_path):
+    plug = tmp_path / "ttyUSB0"
+    one = stage()
+    host = one.host("snw_exploration", mote_base={"interface": "serial", "device": str(plug), "ack_timeout_s": 0.2})
+    one.run(10.0)
+    assert f"no base station at {plug}" in one.infos()["mote_base"].why
+    plug.symlink_to(mote.device)
+    one.run_until(lambda: is_up(one), limit_s=31.0)
+    send(host)
+    until(one, lambda: mote.read() or mote.taken)
+    assert [body[2:] for body in mote.taken] == [SENT]
+    assert one.infos()["snw_exploration"].state == "active"

@@ -276,6 +276,46 @@ def test_what_an_answer_lacks_is_asked_for_at_once_while_the_mote_still_listens(
     assert asked(said) == [[15, 16, 17, 18, 19], [16, 18]]
 
 
+def test_on_a_weak_link_more_is_asked_for_at_once_and_each_request_is_said_three_times(talk):
+    said = talk().hear(packet(40, oldest=0, rssi_dbm=-88))
+    assert asked(said) == [list(range(32))] * 3
+
+
+def test_a_mote_that_falls_silent_is_asked_again_as_long_as_it_may_listen(talk):
+    one = talk()
+    one.hear(packet(20, oldest=15))
+    one.one.run(0.4)
+    assert one.counters()["requests"] in (3, 4)  # after 0.12 s each, for 0.2 s and the five packets that it owes
+    one.one.run(20.0)
+    assert one.counters()["requests"] in (3, 4)
+
+
+def test_a_weakly_heard_mote_that_was_not_heard_at_its_time_is_asked_all_the_same_until_it_is_out_of_reach(talk):
+    one = talk(weak_copies=1)
+    one.hear(packet(20, oldest=15, rssi_dbm=-88))
+    one.one.run(2.5)
+    before = one.counters()["requests"]
+    one.one.run(1.0)
+    assert one.counters()["requests"] == before
+    one.one.run(1.5)  # its period is 4 s
+    about_its_time = one.counters()["requests"]
+    assert 5 <= about_its_time - before <= 10
+    one.one.run(30.0)
+    after_six_periods = one.counters()["requests"]
+    one.one.run(30.0)
+    assert one.counters()["requests"] == after_six_periods > about_its_time
+
+
+def test_no_more_than_three_motes_are_asked_unheard(talk):
+    one = talk(weak_copies=1)
+    one.hear(*(packet(20, mote=mote, oldest=15, rssi_dbm=-88) for mote in range(1, 9)))
+    one.one.run(2.0)
+    one._sent.drain()
+    one.one.run(3.0)
+    sought = {ActiveMessage.unpack(received.message).destination for received in one._sent.drain()}
+    assert len(sought) == 3
+
+
 def test_without_collecting_only_those_are_asked_that_somebody_wants(talk):
     one = talk(collect=False)
     assert asked(one.hear(packet(20, oldest=15))) == []

@@ -38,6 +38,19 @@ def test_a_robot_that_stands_a_little_aside_sees_no_change(dx_m, dy_m):
     assert changed_share(look(), look(aside, moment=1)) < CHANGED
 
 
+@pytest.mark.parametrize("turn_rad", [-0.065, 0.004, 0.007, 0.065])
+def test_a_turn_by_a_part_of_a_pixel_or_many_is_undone(turn_rad):
+    turned = Pose2D(HERE.x_m, HERE.y_m, HERE.yaw_rad + turn_rad)
+    assert changed_share(look(noise_levels=0.0), look(turned, noise_levels=0.0)) == 0.0
+
+
+@pytest.mark.parametrize("turn_rad", [-0.06, 0.0, 0.05])
+def test_a_robot_some_4_m_away_is_told_by_one_that_has_turned_meanwhile(turn_rad):
+    come = SeenRobot(1, Pose2D(4.6, 2.0 + 0.31 * 3.6, 0.0), 0.2)
+    turned = Pose2D(HERE.x_m, HERE.y_m, HERE.yaw_rad + turn_rad)
+    assert changed_share(look(), look(turned, robots=[come], moment=1)) >= CHANGED
+
+
 @pytest.mark.parametrize("x_m", [2.0, 3.0, 4.0])
 def test_a_robot_that_has_come_is_a_change_and_the_nearer_the_larger(x_m):
     come = SeenRobot(1, Pose2D(x_m, 2.0 + 0.31 * (x_m - 1.0), 0.0), 0.2)

@@ -1,6 +1,10 @@
+import math
+
+import pytest
+
 from robrain.plugins.unit.teammates.interface import Doing
 from robrain.protocol.model.claim import Claim
-from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.wire.messages import PlannedPath, RobotState
 from robrain.protocol.wire.topics import ROBOT_PATH, ROBOT_STATE
 
@@ -125,6 +129,35 @@ def test_a_halted_mate_is_an_obstacle_although_it_speaks(stage):
     say_path(one, "r2", PATH)
     one.publisher(ROBOT_STATE, robot="r2").put(RobotState(robot="r2", pose=POSE, radius_m=0.2, halted=True))
     assert mates(host)[0].doing is Doing.OBSTACLE
+
+
+def test_one_that_does_not_know_where_it_is_is_kept_away_from_by_half_a_metre_more(stage):
+    one = stage()
+    host = one.host("teammates")
+    say_path(one, "r2", PATH)
+    one.publisher(ROBOT_STATE, robot="r2").put(RobotState(robot="r2", pose=POSE, radius_m=0.2, lost="no idea"))
+    (mate,) = mates(host)
+    assert (mate.doing, mate.radius_m, mate.track.keep_m) == (Doing.OBSTACLE, 0.7, 0.7)
+
+
+def test_a_mate_that_has_stood_for_long_is_under_way_as_soon_as_it_has_a_path(stage):
+    one = stage()
+    host = one.host("teammates")
+    one.run(10.0, lambda: one.say_state("r2", POSE))
+    say_path(one, "r2", PATH)
+    one.say_state("r2", POSE)
+    one.run(0.3)
+    assert mates(host)[0].doing is Doing.UNDER_WAY
+
+
+def test_a_mate_that_moves_without_a_path_is_taken_to_go_straight_on(stage):
+    one = stage()
+    host = one.host("teammates")
+    state = RobotState(robot="r2", pose=Pose2D(1.0, 2.0, math.pi / 2), radius_m=0.2, velocity=Twist2D(0.4, 0.0, 0.0))
+    one.publisher(ROBOT_STATE, robot="r2").put(state)
+    track = mates(host)[0].track
+    assert track.speed_m_s == 0.4
+    assert track.positions[-1] == pytest.approx((1.0, 2.6), abs=0.11)
 
 
 def test_a_mate_that_should_move_and_does_not_is_an_obstacle_unless_it_waits_for_others(stage):

@@ -1,10 +1,11 @@
 import can
+import cantools
 import pytest
 from crccheck.crc import Crc8SaeJ1850
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.can.frames import BadFrame, codec, database
+from robrain.protocol.can.frames import BadFrame, FrameCodec, codec, database
 
 FRAMES = [message.name for message in database().messages]
 each = pytest.mark.parametrize("name", FRAMES)
@@ -53,6 +54,59 @@ def test_the_checksum_is_crc_8_sae_j1850_over_identifier_and_data(drawn):
     name, counter, values = drawn
     frame = codec(name).pack(counter, **values)
     assert frame.data[-1] == Crc8SaeJ1850.calc(frame.arbitration_id.to_bytes(2, "big") + frame.data[:-1])
+
+
+@st.composite
+def any_values(draw):
+    name = draw(st.sampled_from(FRAMES))
+    values = {}
+    for signal in signals_of(name):
+        number = st.floats(signal.minimum, signal.maximum) | st.integers(int(signal.minimum), int(signal.maximum))
+        values[signal.name] = draw(number)
+    return name, draw(st.integers(0, 255)), values
+
+
+@given(any_values())
+def test_the_bytes_and_the_values_are_those_that_cantools_makes(drawn):
+    name, counter, values = drawn
+    frame = codec(name).pack(counter, **values)
+    checksum = frame.data[-1]
+    message = database().get_message_by_name(name)
+    assert frame.data == message.encode({**values, "counter": counter, "checksum": checksum}, strict=False)
+    unpacked, expected = codec(name).unpack(frame), message.decode(bytes(frame.data), decode_choices=False)
+    assert unpacked == expected
+    assert {signal: type(value) for signal, value in unpacked.items()} == {
+        signal: type(value) for signal, value in expected.items()
+    }
+
+
+ODD = """
+BU_: A
+BO_ 1 Odd: 2 A
+ SG_ {first} "" A
+ SG_ counter : 8|8@1+ (1,0) [0|255] "" A
+"""
+
+
+@pytest.mark.parametrize(
+    "first",
+    [
+        "x : 0|4@1+ (1,0) [0|15]",  # half a byte
+        "x : 7|8@0+ (1,0) [0|255]",  # the highest byte first
+        "x : 0|8@1+ (1,1) [0|255]",  # an offset
+    ],
+)
+def test_a_frame_whose_signals_are_not_whole_bytes_has_no_codec(first):
+    message = cantools.database.load_string(ODD.format(first=first), "dbc").get_message_by_name("Odd")
+    with pytest.raises(ValueError, match="Odd: expected x to fill whole bytes after the signal before it"):
+        FrameCodec(message)
+
+
+def test_a_frame_with_bytes_that_no_signal_fills_has_no_codec():
+    text = ODD.format(first="x : 0|8@1+ (1,0) [0|255]").replace("Odd: 2", "Odd: 3")
+    message = cantools.database.load_string(text, "dbc").get_message_by_name("Odd")
+    with pytest.raises(ValueError, match="Odd: expected signals for 3 bytes, got 2"):
+        FrameCodec(message)
 
 
 @given(st.floats(-32, 32))

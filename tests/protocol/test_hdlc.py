@@ -38,6 +38,16 @@ def test_flags_and_escapes_in_a_body_are_escaped():
     assert bytes.fromhex("05 7d 5d 06 7d 5e 7d 5d 7d 5e 04 05") in written
 
 
+def test_the_example_that_tep_113_prints_is_framed_as_it_is_printed_there():
+    # TEP 113, Serial Communication, section 3.6 (doc/html/tep113.html of tinyos-main): type 6, group 0x7d, to 0xbeef,
+    # payload 1 2 3 4 5; protocol byte 0x40, sequence number 9. The CRC is not printed, nor a source.
+    printed = bytes.fromhex("7e 40 09 00 be ef 05 7d 5d 06 01 02 03 04 05 7e")
+    body = bytes.fromhex("40 09 00 be ef 05 7d 06 01 02 03 04 05")
+    written = frame(body)
+    assert written[: len(printed) - 1] + written[-1:] == printed
+    assert Deframer().feed(written) == [body]
+
+
 @given(st.lists(BODIES, max_size=6), st.data())
 def test_bodies_come_whole_in_whatever_pieces_the_line_brings_them(bodies, data):
     line = b"".join(map(frame, bodies))

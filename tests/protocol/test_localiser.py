@@ -7,7 +7,7 @@ from robrain.protocol.model.divergence_watch import DivergenceWatch, WatchSpec
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.localiser import Localiser, LocaliserSpec
 from robrain.protocol.model.map_anchors import TILES_MAX, MapAnchors
-from robrain.protocol.model.mote_relocalisation import find_robot
+from robrain.protocol.model.mote_relocalisation import Signals, find_robot
 from robrain.protocol.model.odometry import moved_along
 from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
 
@@ -106,7 +106,7 @@ def test_signals_along_a_way_tell_where_a_robot_is_without_any_idea_before(yaw_r
         LOSS.mean_dbm(true.compose(Pose2D(x, y, 0.0)).distance_m(MOTES[mote])) + 2.0 * rng.standard_normal()
         for (x, y), mote in zip(places, motes, strict=True)
     ]
-    found = find_robot(places, motes, np.array([(m.x_m, m.y_m) for m in MOTES]), np.array(rssi_dbm), LOSS)
+    found = find_robot(Signals(places, motes, np.array([(m.x_m, m.y_m) for m in MOTES]), np.array(rssi_dbm)), LOSS)
     assert found is not None
     pose, covariance = found
     off = np.array((pose.x_m - 12.0, pose.y_m - 7.0, math.remainder(pose.yaw_rad - yaw_rad, math.tau)))
@@ -118,7 +118,7 @@ def test_signals_along_a_way_tell_where_a_robot_is_without_any_idea_before(yaw_r
 def test_a_robot_that_hears_two_motes_from_one_spot_may_be_anywhere():
     places, motes = np.zeros((30, 2)), np.arange(30) % 2
     mote_places = np.array(((0.0, 0.0), (8.0, 0.0)))
-    assert find_robot(places, motes, mote_places, np.full(30, LOSS.mean_dbm(6.0)), LOSS) is None
+    assert find_robot(Signals(places, motes, mote_places, np.full(30, LOSS.mean_dbm(6.0))), LOSS) is None
 
 
 def test_what_was_mapped_from_an_unsure_place_keeps_its_variance():

@@ -67,6 +67,7 @@ EXAMPLES = [
         not_halted=["arm"],
         faulted=FAULTED,
         lost="no wall where the map has one",
+        loaded=3735928559,
     ),
     messages.MapPatch(
         **STAMP,
@@ -134,6 +135,14 @@ EXAMPLES = [
             not_stopped=["r2"],
         ),
     ),
+    messages.RobotLinks(
+        **STAMP,
+        robot="r1",
+        links=[
+            messages.RadioLink(peer="r2", is_robot=True, rssi_dbm=-75.0, heard_ns=1_400_000_000),
+            messages.RadioLink(peer="m3", rssi_dbm=-81.0, heard_ns=1_450_000_000),
+        ],
+    ),
     messages.MoteReading(
         **STAMP,
         mote="m3",
@@ -149,6 +158,18 @@ EXAMPLES = [
         stored=12,
     ),
     messages.MoteDuty(**STAMP, mote="m3", period_s=30.0, by="operator"),
+    messages.RecorderState(
+        **STAMP,
+        recorder="rec_run",
+        file="run_0002.mcap",
+        messages=120_000,
+        bytes=34_000_000,
+        lost=[messages.LostMessages(topic="robot_state", messages=12)],
+        waiting=40,
+        why="No space left on device",
+    ),
+    messages.ReplayRequest(playing=False, seek_s=90.5, speed=4.0),
+    messages.ReplayStatus(position_s=90.5, duration_s=3600.0, speed=4.0, playing=False),
     messages.Halt(**STAMP, halted=True, by="operator", reason="somebody walks there"),
     messages.HaltAnswer(robot="r1", halted=True, by=["operator"], not_halted=["arm"]),
     messages.Scan(

@@ -108,6 +108,7 @@ def test_every_task_has_a_place(task):
         (lambda: Collect(id="t", place=PLACE, mote="m1", timeout_s=0.0), "timeout_s > 0"),
         (lambda: Relay(id="t", place=PLACE, mote="m1", duration_s=float("inf")), "a finite duration_s"),
         (lambda: Relay(id="t", place=PLACE, mote="m1", duration_s=1.0, rssi_min_dbm=float("nan")), "rssi_min_dbm"),
+        (lambda: Relay(id="t", place=PLACE, duration_s=1.0), "a mote or a robot to be the link to, got neither"),
         (lambda: Monitor(id="t", place=PLACE, duration_s=1.0, views=0), "views from 1 to 16, got 0"),
         (lambda: Replace(id="t", place=PLACE, mote="m1", duration_s=1.0, period_s=0.0), "period_s > 0"),
         (lambda: Sense(id="t", place=PLACE, timeout_s=-1.0), "timeout_s > 0"),

@@ -110,6 +110,31 @@ def test_filters_choose_what_is_received(session, nodes):
         assert picky.recv(timeout=0) is None
 
 
+def test_other_filters_choose_anew_also_among_frames_that_were_seen_before(session, nodes):
+    picky = ZenohBus("r1/can0", [{"can_id": 0x100, "can_mask": 0x7FF}], session=session, direct=True)
+    for filters, wanted in (
+        ([{"can_id": 0x100, "can_mask": 0x7FF}], [0x100]),
+        ([{"can_id": 0x200, "can_mask": 0x7FF}], [0x200]),
+        (None, [0x100, 0x200]),
+    ):
+        picky.set_filters(filters)
+        nodes[0].send(frame(0x100))
+        nodes[0].send(frame(0x200))
+        assert [picky.recv(timeout=0).arbitration_id for _ in wanted] == wanted
+        assert picky.recv(timeout=0) is None
+    picky.shutdown()
+
+
+def test_a_filter_remembers_only_so_many_identifiers(session, nodes, monkeypatch):
+    monkeypatch.setattr(zenoh_bus, "REMEMBERED_IDENTIFIERS", 3)
+    picky = ZenohBus("r1/can0", [{"can_id": 0x000, "can_mask": 0x001}], session=session, direct=True)
+    for identifier in range(16):
+        nodes[0].send(frame(identifier))
+    assert [picky.recv(timeout=0).arbitration_id for _ in range(8)] == list(range(0, 16, 2))
+    assert picky.recv(timeout=0) is None
+    picky.shutdown()
+
+
 def test_python_can_finds_the_interface_by_its_name(session, nodes):
     with can.Bus(interface="zenoh", channel="r1/can0", session=session, direct=True, bitrate=500_000) as bus:
         assert isinstance(bus, ZenohBus)

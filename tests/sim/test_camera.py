@@ -7,7 +7,7 @@ from PIL import Image
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.occupancy_grid import GridGeometry
 from robrain.sim.camera import Camera, CameraSpec, SeenMote, SeenRobot
-from robrain.sim.picture_paint import MOTE_POST, PLATE, PLATE_INK, ROBOT_COLORS, number_cells
+from robrain.sim.picture_paint import CHARGER_YELLOW, MOTE_POST, PLATE, PLATE_INK, ROBOT_COLORS, number_cells
 
 HERE = Pose2D(1.0, 2.0, 0.0)
 STILL = CameraSpec(noise_levels=0.0)
@@ -19,10 +19,10 @@ def room(width_m=6.0, height_m=4.0):
     return occupied
 
 
-def camera(spec=STILL, walls=None):
+def camera(spec=STILL, walls=None, chargers=()):
     walls = room() if walls is None else walls
     rows, columns = walls.shape
-    return Camera(spec, walls, GridGeometry(0.05, 0.0, 0.0, columns, rows), seed=7)
+    return Camera(spec, walls, GridGeometry(0.05, 0.0, 0.0, columns, rows), 7, chargers)
 
 
 def pixels_like(picture, color, within=0.15):
@@ -91,6 +91,33 @@ def test_the_front_of_a_robot_is_dark():
     body = (slice(66, 72), slice(76, 84))
     assert towards[body].max() < 40
     assert away[body].max() > 120
+
+
+@pytest.mark.parametrize("away_m", [1.0, 2.0, 3.0])
+def test_a_charger_is_a_mat_on_the_floor_where_it_lies(away_m):
+    place = Point2D(HERE.x_m + away_m, 2.0)
+    picture, bare = (camera(chargers=each).picture(HERE, [], [], 0) for each in ([place], []))
+    changed = np.any(picture != bare, axis=2)
+    rows, columns = np.nonzero(changed)
+    assert abs(columns.mean() - 79.5) < 1.0
+    focal = 80 / np.tan(0.6)
+    assert (rows.min(), rows.max()) == pytest.approx(
+        (60 + focal * 0.3 / (away_m + 0.3), 60 + focal * 0.3 / (away_m - 0.3)), abs=1.5
+    )
+    assert pixels_like(picture, CHARGER_YELLOW)[changed].mean() > 0.15
+
+
+def test_a_charger_behind_a_wall_or_under_a_robot_is_hidden():
+    walls = room()
+    walls[20:60, 50:52] = True
+    place = Point2D(3.5, 2.0)
+    assert np.array_equal(
+        camera(walls=walls, chargers=[place]).picture(HERE, [], [], 0), camera(walls=walls).picture(HERE, [], [], 0)
+    )
+    docked = [robot(place.x_m, place.y_m)]
+    seen = pixels_like(camera(chargers=[place]).picture(HERE, docked, [], 0), CHARGER_YELLOW)
+    alone = pixels_like(camera(chargers=[place]).picture(HERE, [], [], 0), CHARGER_YELLOW)
+    assert seen.sum() < alone.sum()
 
 
 def test_a_mote_is_a_post_with_its_number():

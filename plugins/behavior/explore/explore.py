@@ -3,18 +3,24 @@
 Without a coordinator the robot chooses the nearest frontier for itself (Yamauchi 1997).
 """
 
+from collections import deque
+
 import numpy as np
+from scipy import ndimage
 
 from robrain.agent.plugin import Behavior, external
-from robrain.plugins.behavior.travel import Progress, Travel, TravelParameters
+from robrain.plugins.behavior.travel import PRIORITY_MAX, Progress, Travel, TravelParameters
 from robrain.plugins.skill.mapper.interface import MapView
-from robrain.protocol.model.frontier import find_frontiers, frontier_mask
+from robrain.protocol.model.frontier import MIN_CELLS, find_frontiers, frontier_mask
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.task import Explore, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages import TaskAnswer
 
 OWN_CHOICES = 12
+SPENT_MAX = 256
+LOOK_M = 1.5
+"""A frontier is looked at from no farther away."""
 HALTED = "halted"
 IDLE = "idle"
 """What the board says of a robot whose behaviors have nothing to do."""
@@ -22,6 +28,7 @@ WHY = {
     Progress.ARRIVED: (TaskState.DONE, "arrived"),
     Progress.BLOCKED: (TaskState.FAILED, "the way is blocked"),
     Progress.NO_WAY: (TaskState.FAILED, "no way there"),
+    Progress.LOST: (TaskState.FAILED, "the robot does not know where it is"),
 }
 
 
@@ -45,6 +52,10 @@ class ExploreBehavior(Behavior):
         self._is_own = False
         """The robot has chosen the task itself."""
         self._own_choices = 0
+        self._is_hidden = False
+        """No place from which the robot could see its frontier is known."""
+        self._spent: deque[Point2D] = deque(maxlen=SPENT_MAX)
+        """Frontiers of its own choice that stayed although it had been there."""
 
     def activate(self) -> None:
         self._travel.connect()
@@ -73,7 +84,13 @@ class ExploreBehavior(Behavior):
         if self._is_own and not tasks.occupies(own):  # a task has come, or another behavior: the wheels are its own
             self._task, self._is_own = None, False
             self._travel.forget()
-        if self._task is None and self._is_alone() and self.env.board.behavior == IDLE and tasks.occupy(own):
+        if (
+            self._task is None
+            and self._is_alone()
+            and not self._travel.lost
+            and self.env.board.behavior == IDLE
+            and tasks.occupy(own)
+        ):
             self._choose(self._travel.view(), self._travel.pose())
         if self._task is not None:
             self._pursue(self._task)
@@ -83,12 +100,29 @@ class ExploreBehavior(Behavior):
             self._travel.forget()  # another behavior drives
 
     def _pursue(self, task: Explore) -> None:
-        if self._is_seen(self._travel.view(), task.goal):
+        if not self._travel.lost and self._is_seen(self._travel.view(), task.goal):
             self._finish(TaskState.DONE, "nothing unknown is left there")
+            return
+        if self._is_hidden:
+            self._finish(TaskState.DONE, "walls hide it from wherever the robot can stand")
             return
         progress = self._travel.step()
         if progress in WHY:
             self._finish(*WHY[progress])
+
+    def _aim(self, goal: Point2D, priority: int = 0) -> bool:
+        """Set out to where a frontier can be looked at; False if there is no way.
+
+        As near as a robot can stand there may be a wall between, as about the inside of a shelf.
+        """
+        place = self._travel.standpoint(goal, LOOK_M)
+        if place is None:
+            self._is_hidden = self._travel.plan(goal) is not None
+            return self._is_hidden
+        if self._travel.set_out(place, priority=priority) or self._travel.set_out(goal, priority=priority):
+            self._is_hidden = False
+            return True
+        return False
 
     def _is_seen(self, view: MapView, goal: Point2D) -> bool:
         geometry = view.geometry
@@ -97,7 +131,11 @@ class ExploreBehavior(Behavior):
         # One cell more around, because whether a cell is a frontier depends on its neighbours.
         rows = slice(max(row - reach - 1, 0), row + reach + 2)
         columns = slice(max(column - reach - 1, 0), column + reach + 2)
-        return not bool(np.any(frontier_mask(view.classes[rows, columns])[1:-1, 1:-1]))
+        left = frontier_mask(view.classes[rows, columns])[1:-1, 1:-1]
+        if np.count_nonzero(left) < MIN_CELLS:
+            return True
+        labels, groups = ndimage.label(left, structure=np.ones((3, 3), np.int8))
+        return groups == 0 or int(np.bincount(labels.ravel())[1:].max()) < MIN_CELLS
 
     def _is_alone(self) -> bool:
         heard_ns = self.env.tasks.coordinator_heard_ns
@@ -108,7 +146,7 @@ class ExploreBehavior(Behavior):
         frontiers = [view.geometry.center_of(found.row, found.column) for found in find_frontiers(view.classes)]
         frontiers.sort(key=pose.distance_m)
         for goal in frontiers[:OWN_CHOICES]:
-            if self._travel.set_out(goal):
+            if goal not in self._spent and self._aim(goal):
                 self._own_choices += 1
                 self._task = Explore(id=f"own-{self.env.robot}-{self._own_choices}", goal=goal)
                 self._is_own = True
@@ -117,7 +155,9 @@ class ExploreBehavior(Behavior):
         self.env.tasks.vacate(self.env.plugin)
 
     def _accept(self, task: Explore) -> TaskAnswer:
-        if not self._travel.set_out(task.goal):
+        if self._travel.lost:
+            return TaskAnswer(accepted=False, why=self._travel.lost)
+        if not self._aim(task.goal, round(min(task.priority, PRIORITY_MAX))):
             return TaskAnswer(accepted=False, why="no way there")
         self._task, self._is_own = task, False
         self.env.board.behavior = "explore"
@@ -132,6 +172,8 @@ class ExploreBehavior(Behavior):
         if self._is_own:
             self._is_own = False
             self.env.tasks.vacate(self.env.plugin)
+            if task is not None:
+                self._spent.append(task.goal)
         if state is TaskState.FAILED:
             self._travel.stand()
         else:

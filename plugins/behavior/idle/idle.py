@@ -1,9 +1,12 @@
-"""Idle: what a robot does with nothing to do. It stands, or goes back to a place of its own after a while."""
+"""Idle: what a robot does with nothing to do. It stands, or goes back to a place of its own after a while.
+
+One that does not know where it is looks for itself first.
+"""
 
 import math
 
 from robrain.agent.plugin import Behavior, external
-from robrain.plugins.behavior.travel import Progress, Travel, TravelParameters
+from robrain.plugins.behavior.travel import IDLE, Progress, Travel, TravelParameters
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.errors import CallError, ErrorCode
@@ -38,6 +41,7 @@ class IdleBehavior(Behavior):
         self._travel = Travel(self.env, self.parameters)
         self._home = Point2D(*self.parameters.home) if self.parameters.home else None
         self._is_going = False
+        self._is_searching = self._has_searched = False
         self._since_ns: int | None = None
 
     def activate(self) -> None:
@@ -47,7 +51,7 @@ class IdleBehavior(Behavior):
         self._end()
 
     def emergency_halt(self) -> None:
-        self._is_going = False
+        self._is_going = self._is_searching = False
         self._since_ns = None
         self._travel.forget()
 
@@ -64,6 +68,10 @@ class IdleBehavior(Behavior):
         return 0.0 if self._since_ns is None else to_seconds(self.env.clock.now_ns() - self._since_ns)
 
     def step(self) -> None:
+        if self._travel.lost or self._is_searching:
+            self._find_itself()
+        if self._travel.lost:
+            return
         if self._is_going:
             self._go()
             return
@@ -75,13 +83,35 @@ class IdleBehavior(Behavior):
         elif self._home is not None and now_ns - self._since_ns >= to_ns(self.parameters.return_after_s):
             self._set_out(self._home, now_ns)
 
+    def _find_itself(self) -> None:
+        """Look for itself while the robot is lost and has nothing to do; once, and not while it is being charged."""
+        board, tasks, own = self.env.board, self.env.tasks, self.env.plugin
+        is_charging = board.battery is not None and board.battery.charging
+        is_found = not self._travel.lost
+        self._has_searched = self._has_searched and not is_found
+        if self._is_searching and not tasks.occupies(own):
+            self._is_searching = False
+            self._travel.forget()
+        elif self._is_searching and (is_found or is_charging or not self._travel.find_itself()):
+            self._is_searching = False
+            self._has_searched = not is_found and not is_charging
+            self._travel.stand()
+            board.behavior = "idle"
+            tasks.vacate(own)
+        elif not self._is_searching and not (is_found or is_charging or self._has_searched):
+            has_nothing_to_do = self._is_going or board.behavior in ("idle", "")
+            if has_nothing_to_do and tasks.occupy(own, firm=self._travel.lost):
+                self._is_going, self._is_searching = False, True
+                board.behavior = "find itself"
+                self._travel.find_itself()
+
     def _set_out(self, home: Point2D, now_ns: int) -> None:
         if self._travel.pose().distance_m(home) < NEAR_M:
             return
         self._since_ns = now_ns + to_ns(RETRY_S)
         if not self.env.tasks.occupy(self.env.plugin):
             return
-        if self._travel.set_out(home):
+        if self._travel.set_out(home, priority=IDLE.priority):
             self._is_going = True
             self.env.board.behavior = "return"
         else:
@@ -92,12 +122,12 @@ class IdleBehavior(Behavior):
             self._is_going = False
             self._since_ns = None
             self._travel.forget()
-        elif self._travel.step() in (Progress.ARRIVED, Progress.BLOCKED, Progress.NO_WAY):
+        elif self._travel.step() in (Progress.ARRIVED, Progress.BLOCKED, Progress.NO_WAY, Progress.LOST):
             self._end()
 
     def _end(self) -> None:
-        if self._is_going and self.env.tasks.occupies(self.env.plugin):
+        if (self._is_going or self._is_searching) and self.env.tasks.occupies(self.env.plugin):
             self._travel.stand()
             self.env.board.behavior = "idle"
-        self._is_going = False
+        self._is_going = self._is_searching = False
         self.env.tasks.vacate(self.env.plugin)

@@ -10,7 +10,7 @@ from robrain.agent.errors import HardwareAbsent
 from robrain.agent.event import Event
 from robrain.plugins.behavior.errand import Errand, Script
 from robrain.plugins.behavior.image_out import ImageOut
-from robrain.plugins.behavior.monitor.picture_change import changed_share, colors_of
+from robrain.plugins.behavior.monitor.picture_change import VIEW_RAD, changed_share, colors_of
 from robrain.plugins.behavior.travel import TravelParameters
 from robrain.plugins.device.camera.interface import CameraInterface
 from robrain.plugins.skill.energy.interface import Work
@@ -42,11 +42,15 @@ class MonitorBehavior(Errand):
         settle_s: float = 0.4
         """Having turned, the robot stands for so long before it looks."""
         changed_share: float = 0.002
+        view_rad: float = VIEW_RAD
+        """The camera's horizontal angle of view."""
 
         def __post_init__(self) -> None:
             super().__post_init__()
             if not self.settle_s > 0:
                 raise ValueError(f"expected settle_s > 0, got {self.settle_s}")
+            if not 0 < self.view_rad < math.pi:
+                raise ValueError(f"expected view_rad above 0 and below a half turn, got {self.view_rad}")
             if not 0 < self.changed_share < 1:
                 raise ValueError(f"expected changed_share above 0 and below 1, got {self.changed_share}")
 
@@ -84,7 +88,7 @@ class MonitorBehavior(Errand):
                 yield from self.wait(self.parameters.settle_s)
                 picture = self._camera.snapshot()
                 colors = colors_of(picture.png)
-                share = changed_share(seen[yaw_rad], colors) if yaw_rad in seen else 0.0
+                share = changed_share(seen[yaw_rad], colors, self.parameters.view_rad) if yaw_rad in seen else 0.0
                 seen[yaw_rad] = colors
                 if share >= self.parameters.changed_share:
                     changes += 1

@@ -4,15 +4,17 @@ It must when another behavior has asked for the way home, or when what the batte
 way home takes: the running task is given back then, and no other is taken on before there is enough again.
 """
 
-import math
 from typing import Any, ClassVar
 
 from robrain.plugins.behavior.budget import length_m
-from robrain.plugins.behavior.errand import STEP_S, Errand, Failed, Part, Run, Script
+from robrain.plugins.behavior.docks import AT_DOCK_M
+from robrain.plugins.behavior.errand import STEP_S, Errand, Failed, Run, Script
+from robrain.plugins.behavior.recharge.docking import Docking
+from robrain.plugins.behavior.recharge.queue import Queue
 from robrain.plugins.behavior.travel import TravelParameters
 from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.skill.home.interface import ChargerPlace
-from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import Recharge, TaskState, Visit
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages import BatteryState, TaskAnswer
@@ -21,10 +23,6 @@ GUARD_S = 2.0
 """How often it is looked whether the robot still can get home."""
 AT_HOME_M = 1.0
 """So near to where it started a robot that knows no charger is at home."""
-DOCKED_M = 0.05
-DOCK_TRIES = 3
-SEEK_M, SEEK_PLACES, SEEK_WAIT_S = 0.15, 6, 1.5
-"""Where a dock is looked for that is not quite in its place, and how long each is tried."""
 FULL_ERROR = 0.06
 """The estimate of a full battery may be off by so much. Chosen: about three deviations of it."""
 RETRY_NS = to_ns(20.0)
@@ -33,6 +31,8 @@ HOMEWARD = 10.0
 """Priority of who has just enough for the way home, where robots meet."""
 DOCK_S = 10.0
 """What docking takes, about."""
+QUEUE_S = 180.0
+"""As long as others have all the chargers, it keeps what standing for so long takes as well. Chosen."""
 
 
 class RechargeBehavior(Errand):
@@ -67,6 +67,8 @@ class RechargeBehavior(Errand):
         self._home_m = 0.0
         self._home_from: Point2D | None = None
         """Where the way home was that long."""
+        self._home_free: list[ChargerPlace] = []
+        """The chargers that nobody had then."""
 
     def activate(self) -> None:
         super().activate()
@@ -83,63 +85,50 @@ class RechargeBehavior(Errand):
         """Docking; what is used at the charger comes from the charger."""
         return Work(wait_s=DOCK_S)
 
+    def play(self, task: Recharge, goal: Point2D) -> Script:
+        """To a charger that nobody else has, and to the next if that one is of no use; waits while there is none."""
+        self._queue = Queue(self, task)
+        while True:
+            charger = self._queue.choose()
+            if charger is None:
+                yield from self._queue.wait()
+            elif (yield from self._queue.reach(charger)):
+                while self.env.clock.now_ns() < task.earliest_ns:
+                    yield
+                if self.run is not None:
+                    self.run.there_ns = self.env.clock.now_ns()
+                try:
+                    result = yield from self.charge_at(charger, task)
+                except Failed as failed:
+                    self._queue.leave_out(charger, str(failed))
+                    continue
+                if result:
+                    return result
+                yield from self._queue.give_up_place(charger)
+
     def do(self, task: Recharge) -> Script:
-        """Dock and charge. Result: `soc`, `docked_m`, how far from the place it stood."""
-        yield from self._dock(task)
-        docked_m = self.away_m(task.place)
-        begun_soc = self._battery().soc
-        yield from self._charge(task)
-        battery = self._battery()
+        """Dock and charge where the task says."""
+        return (yield from self.charge_at(ChargerPlace(task.place.x_m, task.place.y_m, task.yaw_rad), task))
+
+    def charge_at(self, charger: ChargerPlace, task: Recharge) -> Script:
+        """Dock and charge. Result: `soc`, `docked_m`, how far from the place it stood; none if a mate needs it more."""
+        docking = Docking(self, charger, self.parameters.no_power_s)
+        yield from docking.dock()
+        docked_m = self.away_m(charger.place)
+        begun_soc = self.battery().soc
+        if (yield from docking.charge(task.until_soc, self._queue.must_give)):
+            return {}
+        soc = self.battery().soc
         # A battery may be full before the estimate of it says so; one that stops on the way is another matter.
-        if battery.soc < task.until_soc - FULL_ERROR:
-            if battery.soc > begun_soc:
-                raise Failed(f"the charger has stopped at {battery.soc:.0%}")
+        has_come = docking.has_charged or begun_soc >= task.until_soc
+        if soc < task.until_soc - FULL_ERROR or not has_come:
+            if docking.has_charged:
+                raise Failed(f"the charger has stopped at {soc:.0%}")
             raise Failed(f"the charger gives nothing, {docked_m:.2f} m from its place")
-        return {"soc": round(battery.soc, 3), "docked_m": round(docked_m, 3)}
+        return {"soc": round(soc, 3), "docked_m": round(docked_m, 3)}
 
-    def _charge(self, task: Recharge) -> Part:
-        """Stay until there is enough, or nothing has come for a while; a dock that is not quite there is looked for."""
-        has_charged, last_ns = False, self.env.clock.now_ns()
-        while (battery := self._battery()).soc < task.until_soc:
-            now_ns = self.env.clock.now_ns()
-            if battery.charging:
-                has_charged, last_ns = True, now_ns
-            elif now_ns - last_ns > to_ns(self.parameters.no_power_s):
-                if not has_charged:
-                    yield from self._seek(task)
-                if has_charged or not self._battery().charging:
-                    return
-            yield
-
-    def _seek(self, task: Recharge) -> Part:
-        """Try places around the dock: where the robot believes to be is some centimetres off."""
-        for index in range(SEEK_PLACES):
-            angle_rad = index * math.tau / SEEK_PLACES
-            aside = Point2D(
-                task.place.x_m + SEEK_M * math.cos(angle_rad), task.place.y_m + SEEK_M * math.sin(angle_rad)
-            )
-            yield from self._approach(aside, task.yaw_rad)
-            yield from self.wait(SEEK_WAIT_S)
-            if self._battery().charging:
-                return
-
-    def _dock(self, task: Recharge) -> Part:
-        for _ in range(DOCK_TRIES):
-            yield from self._approach(task.place, task.yaw_rad)
-            if self.away_m(task.place) <= DOCKED_M:
-                return
-        raise Failed(f"docked {self.away_m(task.place):.2f} m from the charger's place, not within {DOCKED_M:g} m")
-
-    def _approach(self, place: Point2D, yaw_rad: float | None) -> Part:
-        T_arena_odom = self.env.board.T_arena_odom
-        if T_arena_odom is None:
-            raise Failed("the robot does not know where it is")
-        facing_rad = yaw_rad if yaw_rad is not None else self.travel.pose().yaw_rad
-        at = T_arena_odom.inverse().compose(Pose2D(place.x_m, place.y_m, facing_rad))
-        self.travel.driver.go_to(at.x_m, at.y_m, at.yaw_rad)
-        yield from self.stand("the robot does not get into the dock")
-
-    def _battery(self) -> BatteryState:
+    def battery(self) -> BatteryState:
+        """What the battery says; Failed if it says nothing."""
         battery = self.env.board.battery
         if battery is None:
             raise Failed("the battery says nothing")
@@ -171,6 +160,8 @@ class RechargeBehavior(Errand):
             self._guard()
         if self.run is None and self._wanted:
             self._set_out_home()
+        elif self.run is None:
+            self._make_way()
         super().step()
         if self._wanted:
             self.period_s = STEP_S
@@ -192,7 +183,14 @@ class RechargeBehavior(Errand):
             return
         pose = self.travel.pose()
         # A task was begun with no more than the way home to spare: only what has nothing to do keeps a reserve too.
-        reserve = Work(wait_s=0.0 if self.env.tasks.is_busy else self.parameters.reserve_s)
+        wait_s = 0.0 if self.env.tasks.is_busy else self.parameters.reserve_s
+        chargers = self.budget.home.chargers()
+        free = self.budget.docks.free(chargers)
+        if chargers and not free:
+            wait_s += QUEUE_S
+        reserve = Work(wait_s=wait_s)
+        if free != self._home_free:
+            self._home_from, self._home_free = None, free
         if self._home_from is not None:
             # The way home is at the most what it was, and the way from there; mostly that is enough to know.
             bound_m = self._home_m + pose.distance_m(self._home_from)
@@ -206,6 +204,19 @@ class RechargeBehavior(Errand):
         self._wanted = f"the way home {verdict.words}"
         if self.env.tasks.is_busy:
             self.env.tasks.recall(self._wanted)
+
+    def _make_way(self) -> None:
+        """Leave a charger that the robot does not need any more, when a mate waits for one."""
+        chargers = self.budget.home.chargers()
+        if not chargers or self.env.tasks.is_busy or self.env.board.pose is None or self.travel.lost:
+            return
+        pose = self.travel.pose()
+        is_at_one = any(pose.distance_m(charger.place) <= AT_DOCK_M for charger in chargers)
+        if is_at_one and self.budget.docks.waiting(chargers) and self.env.tasks.occupy(self.env.plugin):
+            here = Point2D(pose.x_m, pose.y_m)
+            task = Visit(id=f"aside-{self.env.robot}", place=here)
+            queue = Queue(self, Recharge(id=task.id, place=here))
+            self.take_on(Run(task, queue.stand_aside, here, 0.0, 0.0, own="make room"))
 
     def _set_out_home(self) -> None:
         """Go to the nearest charger, or where the robot started; later, if a task has yet to be given back."""
@@ -233,10 +244,17 @@ class RechargeBehavior(Errand):
                 yaw_rad=charger.yaw_rad,
                 until_soc=self.parameters.until_soc,
             )
-            self.take_on(Run(task, self.play(task, goal), goal, way_m, 0.0, own="recharge"))
+            self.take_on(Run(task, lambda: self.play(task, goal), goal, way_m, 0.0, own="recharge"))
         else:
             self.take_on(
-                Run(Visit(id=name, place=goal, priority=HOMEWARD), self._return(goal), goal, way_m, 0.0, own="go home")
+                Run(
+                    Visit(id=name, place=goal, priority=HOMEWARD),
+                    lambda: self._return(goal),
+                    goal,
+                    way_m,
+                    0.0,
+                    own="go home",
+                )
             )
 
     def _return(self, goal: Point2D) -> Script:

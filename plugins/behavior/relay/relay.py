@@ -1,21 +1,28 @@
-"""Relay: is the link to a mote. Holds its place while the mote is heard well enough, and moves nearer if not."""
+"""Relay: is the link to a mote, to another robot, or between the two, as one of a chain.
+
+Holds its place while all its links are good enough. If one is not, it moves nearer to that end, by steps, as long as
+that link is clearly the weakest: between two weak links of like strength there is no better place.
+"""
 
 import math
+from typing import Any
 
-from robrain.plugins.behavior.errand import Errand, Script
+from robrain.plugins.behavior.errand import Errand, Run, Script
+from robrain.plugins.behavior.relay.held_link import HeldLink
 from robrain.plugins.behavior.travel import TravelParameters
 from robrain.plugins.skill.energy.interface import Work
-from robrain.plugins.unit.snw_exploration.interface import HeardMote, SnwInterface
+from robrain.plugins.unit.snw_exploration.interface import SnwInterface
+from robrain.plugins.unit.teammates.interface import TeammatesInterface
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import Relay
 from robrain.protocol.wire.clock import to_ns, to_seconds
 
-NEW_SHARE = 0.3
-"""How much a packet's strength counts against those before: fading must not move the robot."""
+BALANCE_DB = 3.0
+"""A step towards the weaker of two links must be worth more than this; about what a step of the usual size changes."""
 
 
 class RelayBehavior(Errand):
-    """Holds a link."""
+    """Holds one link or two."""
 
     class Parameters(TravelParameters, frozen=True, forbid_unknown_fields=True):
         """How the robot moves for the link's sake; chosen."""
@@ -26,7 +33,7 @@ class RelayBehavior(Errand):
         adjust_s: float = 6.0
         """After a move the new link is listened to for so long."""
         silent_s: float = 15.0
-        """A mote that has not been heard for so long has no link."""
+        """Who has not been heard for so long has no link."""
 
         def __post_init__(self) -> None:
             super().__post_init__()
@@ -39,51 +46,80 @@ class RelayBehavior(Errand):
 
     def activate(self) -> None:
         self._snw = self.env.use("snw_exploration", SnwInterface)
+        self._mates = self.env.use("teammates", TeammatesInterface)
         super().activate()
 
     def work(self, task: Relay) -> Work:
         """Standing, and the way to as far as it may stray."""
         return Work(path_m=self.parameters.stray_m, wait_s=task.duration_s)
 
+    def why_not(self, run: Run) -> str:
+        """Nobody is the link to itself."""
+        if run.task.robot == self.env.robot:
+            return "a robot is no relay to itself"
+        return super().why_not(run)
+
     def do(self, task: Relay) -> Script:
-        """Hold the link. Result: `share_linked` of the time, mean `rssi_dbm`, `moved_m` from the place."""
+        """Hold the links. Result: `share_linked` of the time, mean `rssi_dbm`, `moved_m` from the place."""
         begun_ns = last_ns = self.env.clock.now_ns()
         until_ns, adjust_ns = begun_ns + to_ns(task.duration_s), begun_ns + to_ns(self.parameters.adjust_s)
-        linked_ns, rssi_dbm, stamp_ns = 0, None, 0
-        strengths: list[float] = []
+        linked_ns = 0
+        silent_ns = to_ns(self.parameters.silent_s)
+        ends = {"mote": task.mote, "robot": task.robot}
+        links = {end: HeldLink(begun_ns, silent_ns) for end, name in ends.items() if name}
         while last_ns < until_ns:
             yield
             now_ns = self.env.clock.now_ns()
-            mote = self._heard(task.mote)
-            if mote is not None and mote.stamp_ns > max(stamp_ns, begun_ns):
-                stamp_ns = mote.stamp_ns
-                old_dbm = mote.rssi_dbm if rssi_dbm is None else rssi_dbm
-                rssi_dbm = old_dbm + NEW_SHARE * (mote.rssi_dbm - old_dbm)
-                strengths.append(mote.rssi_dbm)
-            is_silent = now_ns - max(stamp_ns, begun_ns) > to_ns(self.parameters.silent_s)
-            is_linked = rssi_dbm is not None and not is_silent and rssi_dbm >= task.rssi_min_dbm
+            self._listen(task, links)
+            strengths_dbm = sorted(link.strength_dbm(now_ns) for link in links.values())
+            is_linked = strengths_dbm[0] >= task.rssi_min_dbm
             linked_ns += (now_ns - last_ns) * is_linked
             last_ns = now_ns
             if not is_linked and now_ns >= adjust_ns:
-                nearer = self._nearer(task, mote)
+                weakest = min(links.values(), key=lambda link: link.strength_dbm(now_ns))
+                is_clear = len(links) == 1 or strengths_dbm[1] - strengths_dbm[0] > BALANCE_DB
+                nearer = self._nearer(task, weakest.place) if is_clear else None
                 if nearer is not None:
                     yield from self.go(nearer)
-                    rssi_dbm = None
+                    for link in links.values():
+                        link.move()
                 adjust_ns = self.env.clock.now_ns() + to_ns(self.parameters.adjust_s)
-        mean_dbm = sum(strengths) / len(strengths) if strengths else None
-        return {
-            "share_linked": round(linked_ns / (last_ns - begun_ns), 3),
-            "rssi_dbm": None if mean_dbm is None else round(mean_dbm, 1),
-            "packets": len(strengths),
-            "moved_m": round(self.away_m(task.place), 2),
-            "held_s": round(to_seconds(last_ns - begun_ns), 1),
-        }
+        share = round(linked_ns / (last_ns - begun_ns), 3)
+        return self._result(task, links, share, to_seconds(last_ns - begun_ns))
 
-    def _nearer(self, task: Relay, mote: HeardMote | None) -> Point2D | None:
-        """A step along the way to the mote, no farther from the task's place than allowed; None if there is none."""
-        if mote is None or mote.place is None:
+    def _listen(self, task: Relay, links: dict[str, HeldLink]) -> None:
+        if task.mote:
+            mote = next((heard for heard in self._snw.heard() if heard.mote == task.mote), None)
+            if mote is not None:
+                links["mote"].hear(mote.rssi_dbm, mote.stamp_ns)
+                links["mote"].place = mote.place
+        if task.robot:
+            robot = next((heard for heard in self._snw.robots() if heard.robot == task.robot), None)
+            if robot is not None:
+                links["robot"].hear(robot.rssi_dbm, robot.stamp_ns)
+            mate = next((mate for mate in self._mates.others() if mate.name == task.robot), None)
+            if mate is not None:
+                links["robot"].place = Point2D(mate.pose.x_m, mate.pose.y_m)
+
+    def _result(self, task: Relay, links: dict[str, HeldLink], share_linked: float, held_s: float) -> dict[str, Any]:
+        first = links["mote" if task.mote else "robot"]
+        result: dict[str, Any] = {
+            "share_linked": share_linked,
+            "rssi_dbm": first.mean_dbm,
+            "packets": len(first.strengths_dbm),
+            "moved_m": round(self.away_m(task.place), 2),
+            "held_s": round(held_s, 1),
+        }
+        if task.mote and task.robot:
+            result["robot_rssi_dbm"] = links["robot"].mean_dbm
+            result["robot_packets"] = len(links["robot"].strengths_dbm)
+        return result
+
+    def _nearer(self, task: Relay, end: Point2D | None) -> Point2D | None:
+        """A step along the way to an end, no farther from the task's place than allowed; None if there is none."""
+        if end is None:
             return None
-        path = self.travel.plan(mote.place)
+        path = self.travel.plan(end)
         if not path:
             return None
         pose = self.travel.pose()
@@ -97,6 +133,3 @@ class RelayBehavior(Errand):
             at, left_m = corner, left_m - leg_m
         strays_m = math.hypot(at.x_m - task.place.x_m, at.y_m - task.place.y_m)
         return at if strays_m <= self.parameters.stray_m and pose.distance_m(at) > 0.1 else None
-
-    def _heard(self, mote: str) -> HeardMote | None:
-        return next((heard for heard in self._snw.heard() if heard.mote == mote), None)

@@ -184,12 +184,14 @@ class MocDevice(Device):
 
     def _listen(self, bus: can.BusABC) -> None:
         try:
+            encoders, status = self._encoders.arbitration_id, self._motor_status.arbitration_id
             while (frame := bus.recv(timeout=0)) is not None:
-                if frame.arbitration_id == self._encoders.arbitration_id and _is_plain(frame):
+                identifier = frame.arbitration_id
+                if identifier == encoders and _is_plain(frame):
                     self._read_encoders(frame)
                 elif frame.is_error_frame:
                     self._read_error(frame)
-                elif frame.arbitration_id == self._motor_status.arbitration_id and _is_plain(frame):
+                elif identifier == status and _is_plain(frame):
                     self._read_status(frame)
                 elif not self._belongs(frame):
                     self._foreign += 1

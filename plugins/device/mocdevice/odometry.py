@@ -9,10 +9,13 @@ from robrain.protocol.model.omni_drive import OmniBase
 from robrain.protocol.wire.clock import NS_PER_S
 
 ENCODER_MODULUS = 1 << 16
+HALF_TURN = ENCODER_MODULUS // 2
 ENCODER_PERIOD_S = 0.02
 HISTORY_FRAMES = 64
 JUMP_SLACK = 2.0
 """Wheels that seem to have turned this many times as far as they can have not: the counter has."""
+
+STANDING = Twist2D()
 
 Ticks = tuple[int, int, int]
 
@@ -31,7 +34,7 @@ class WheelOdometry:
     def __init__(self, base: OmniBase, wheel_speed_max_rad_s: float, pose: Pose2D, ticks: Ticks | None) -> None:
         self.pose = pose
         self.ticks = ticks
-        self.velocity = Twist2D()
+        self.velocity = STANDING
         self.jumps = 0
         """How often the counts have jumped, as after a restart of the controller; the pose stays as it was then."""
         self._base = base
@@ -45,9 +48,12 @@ class WheelOdometry:
         before, self.ticks = self.ticks, ticks
         since_ns, self._stamp_ns = self._stamp_ns, stamp_ns
         has_jumped = False
-        self.velocity = Twist2D()
+        self.velocity = STANDING
         if before is not None and ticks != before:
-            turned = [_wrapped(now - then) for now, then in zip(ticks, before, strict=True)]
+            # The shortest way round a 16-bit counter.
+            turned = [
+                (now - then + HALF_TURN) % ENCODER_MODULUS - HALF_TURN for now, then in zip(ticks, before, strict=True)
+            ]
             # After a silence nobody knows how many frames are missing; the watchdog stops the wheels within a second.
             frames = missing + 1 if since_ns is not None else 1.0 / ENCODER_PERIOD_S
             if max(map(abs, turned)) > frames * self._ticks_per_frame:
@@ -78,8 +84,3 @@ class WheelOdometry:
                 displacement.left_m_s / elapsed_s,
                 displacement.yaw_rad_s / elapsed_s,
             )
-
-
-def _wrapped(ticks: int) -> int:
-    """The shortest way round a 16-bit counter."""
-    return (ticks + ENCODER_MODULUS // 2) % ENCODER_MODULUS - ENCODER_MODULUS // 2

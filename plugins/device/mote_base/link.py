@@ -2,7 +2,11 @@
 
 from typing import Protocol
 
-from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.clock import NS_PER_S, to_ns
+
+
+class LineAbsent(OSError):
+    """The base station, or what it hangs on, is not there. A fault like others: the plugin is started again later."""
 
 
 class Link(Protocol):
@@ -41,6 +45,12 @@ class Backoff:
         self._first_ns, self._longest_ns = to_ns(first_s), to_ns(longest_s)
         self._wait_ns = self._first_ns
         self._due_ns = 0
+        self.tries = 0
+        """Failures since it last succeeded."""
+
+    def wait_s(self, now_ns: int) -> float:
+        """Until the next try; 0 if it is due."""
+        return max(0, self._due_ns - now_ns) / NS_PER_S
 
     def is_due(self, now_ns: int) -> bool:
         """Whether to try now."""
@@ -48,9 +58,11 @@ class Backoff:
 
     def failed(self, now_ns: int) -> None:
         """It failed again."""
+        self.tries += 1
         self._due_ns = now_ns + self._wait_ns
         self._wait_ns = min(2 * self._wait_ns, self._longest_ns)
 
     def succeeded(self) -> None:
         """The next failure is the first one."""
+        self.tries = 0
         self._wait_ns = self._first_ns

@@ -10,7 +10,7 @@ from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
 from robrain.plugins.device.mote_base.flood_guard import FloodGuard
 from robrain.plugins.device.mote_base.interface import HeardPacket, MoteBaseInterface, Trouble
-from robrain.plugins.device.mote_base.link import Backoff, Link
+from robrain.plugins.device.mote_base.link import Backoff, LineAbsent, Link
 from robrain.plugins.device.mote_base.serial_line_link import SerialLineLink
 from robrain.plugins.device.mote_base.sf_link import SfLink
 from robrain.plugins.device.mote_base.zenoh_link import ZenohLink
@@ -36,11 +36,25 @@ class PacketCounters(msgspec.Struct, frozen=True):
     """What the kind of line counts beside these."""
 
 
+class LineHealth(msgspec.Struct, frozen=True):
+    """How it stands with the line to the base station."""
+
+    is_up: bool
+    why_down: str
+    down_s: float
+    """Since when it is lost; 0 while it is not."""
+    tries: int
+    """To find it again."""
+    next_try_s: float
+    """Until the next one; 0 while the line is not lost."""
+
+
 class MoteBase(Device):
     """Hands on each packet that the radio hears, and sends what it is given.
 
     A base station that floods, or whose line is lost, is told to the team by `trouble`. The robot listens to as many
-    packets a second as the manifest allows, and seeks the line again; a flood that does not end is a fault.
+    packets a second as the manifest allows, and seeks the line again; a flood that does not end is a fault. So is a
+    line that is not there at the start: as with any fault, the host starts the plugin again, less and less often.
     """
 
     class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -88,6 +102,8 @@ class MoteBase(Device):
         self._dropped_before = 0
         self._told_down = ""
         self._told_flood = False
+        self._backoff = Backoff(self.parameters.reconnect_first_s, self.parameters.reconnect_longest_s)
+        self._down_ns = 0
 
     def activate(self) -> None:
         openers: dict[str, Callable[[], Link]] = {
@@ -105,7 +121,7 @@ class MoteBase(Device):
         packets = self._link.receive(now_ns)
         if packets or self._guard.since_ns is not None:
             self._take(packets, self._link.dropped, now_ns)
-        self._tell_of_line(self._link.why_down())
+        self._tell_of_line(self._link.why_down(), now_ns)
 
     def deactivate(self) -> None:
         if self._link is not None:
@@ -136,6 +152,20 @@ class MoteBase(Device):
             flooding=self._guard.since_ns is not None,
             why_down=link.why_down() if link is not None else "",
             line=link.counters() if link is not None else {},
+        )
+
+    @external
+    def health(self) -> LineHealth:
+        """Whether the line is there, and if not, since when and when it is sought next."""
+        if not self._told_down:
+            return LineHealth(is_up=True, why_down="", down_s=0.0, tries=0, next_try_s=0.0)
+        now_ns = self.env.clock.now_ns()
+        return LineHealth(
+            is_up=False,
+            why_down=(self._link.why_down() if self._link is not None else "") or self._told_down,
+            down_s=(now_ns - self._down_ns) / NS_PER_S,
+            tries=self._backoff.tries,
+            next_try_s=self._backoff.wait_s(now_ns),
         )
 
     # -- hearing ------------------------------------------------------------------------------------------------
@@ -174,9 +204,9 @@ class MoteBase(Device):
             why = f"{self.env.plugin} has flooded for {lasted_s:.0f} s: more than {limit} packets in a second"
             raise PluginError(self.env.plugin, why)
 
-    def _tell_of_line(self, why_down: str) -> None:
+    def _tell_of_line(self, why_down: str, now_ns: int) -> None:
         if bool(why_down) != bool(self._told_down):
-            self._told_down = why_down
+            self._told_down, self._down_ns = why_down, now_ns
             self.trouble.notify(Trouble("lost", why_down) if why_down else Trouble("back", "the line is back"))
 
     # -- lines --------------------------------------------------------------------------------------------------
@@ -191,12 +221,11 @@ class MoteBase(Device):
                 wanted.host,
                 wanted.port,
                 capacity=wanted.inbox_packets,
-                backoff=self._backoff(),
+                backoff=self._backoff,
                 timeout_s=wanted.connect_timeout_s,
             )
         except (OSError, BadGreeting) as error:
-            why = f"no Serial Forwarder at {wanted.host}:{wanted.port}: {error}"
-            raise HardwareAbsent(self.env.plugin, why) from error
+            raise LineAbsent(f"no Serial Forwarder at {wanted.host}:{wanted.port}: {error}") from error
 
     def _open_serial(self) -> Link:
         wanted = self.parameters
@@ -206,10 +235,9 @@ class MoteBase(Device):
                 wanted.baud,
                 ack_timeout_ns=to_ns(wanted.ack_timeout_s),
                 resends=wanted.resends,
-                backoff=self._backoff(),
+                backoff=self._backoff,
             )
-        except (OSError, ValueError) as error:
+        except OSError as error:
+            raise LineAbsent(f"no base station at {wanted.device}: {error}") from error
+        except ValueError as error:  # a line that is never as fast as that
             raise HardwareAbsent(self.env.plugin, f"no base station at {wanted.device}: {error}") from error
-
-    def _backoff(self) -> Backoff:
-        return Backoff(self.parameters.reconnect_first_s, self.parameters.reconnect_longest_s)

@@ -47,6 +47,8 @@ class Localisation(Skill):
         x_m: float = 0.0
         y_m: float = 0.0
         yaw_rad: float = 0.0
+        start_known: bool = True
+        """Whether the robot starts there; if not, it is lost until motes or the team's map have found it."""
         start_sigma_m: float = 0.02
         start_sigma_rad: float = 0.01
         motes: bool = True
@@ -54,7 +56,7 @@ class Localisation(Skill):
         scan_matching: bool = True
         """Whether to lay scans on the map; needs the plugin mapper."""
         scan_period_s: float = 0.5
-        wall_slack_cells: float = 0.1
+        wall_slack_cells: float = 0.0
         """Offsets of a scan below this many cells of the map are taken for none: more for a base whose odometry is
         better than the map's cells, as an exact one is."""
         errors: OdometryErrors = OdometryErrors()
@@ -98,10 +100,14 @@ class Localisation(Skill):
             sigma_rad,
             start.spec(self._driver.odometry_noise()),
         )
+        if not start.start_known and self.env.board.T_arena_odom is None:
+            self._localiser.lose("nobody has said where it starts")
         self._lost = ""
         self._signals = self._matches = 0
         self._last_fit = 0.0
         self._scan_due_ns = 0
+        self._checked_version = 0
+        self._has_been_lost = bool(self._localiser.lost)
         if start.scan_matching:
             self.env.observe(self.env.use("scan", ScanInterface).scanned, self._see)
         self.env.board.radius_m = self._driver.radius_m()
@@ -173,6 +179,7 @@ class Localisation(Skill):
                 self._signals += 1
 
     def _see(self, scan: LaserScan) -> None:
+        self._check_start(scan)
         now_ns, grid = self.env.clock.now_ns(), self.env.board.map
         if grid is None or now_ns < self._scan_due_ns:
             return
@@ -187,14 +194,31 @@ class Localisation(Skill):
             self._last_fit = fit.fit
         self._tell()
 
+    def _check_start(self, scan: LaserScan) -> None:
+        """Is the robot where it was told that it starts? What the others had mapped before it came may tell."""
+        others = self.env.board.map_of_others
+        if others is None or others.version == self._checked_version:
+            return
+        self._checked_version = others.version
+        self._move()
+        T_robot_sensor = self._odometry.inverse().compose(self._driver.pose_at(scan.stamp_ns))
+        self._localiser.check_start(
+            others.log_odds, others.geometry, scan.angles_rad, scan.ranges_m, scan.range_max_m, T_robot_sensor
+        )
+        if self._localiser.lost:
+            self._has_been_lost = self.env.board.false_start = True
+            self._tell()
+
     def _tell(self) -> None:
         localiser, board = self._localiser, self.env.board
-        if self._signals or self._matches:
+        # Until something has corrected it, the frame stays what it was, to the last bit.
+        if self._signals or self._matches or self._has_been_lost:
             self._T_arena_odom = localiser.pose.compose(self._odometry.inverse())
         board.T_arena_odom = self._T_arena_odom
         board.pose_covariance = tuple(localiser.covariance.ravel().tolist())
         board.lost = localiser.lost
         if localiser.lost != self._lost:
+            self._has_been_lost = True
             is_lost, self._lost = bool(localiser.lost), localiser.lost
             why = localiser.lost or "found again"
             logger.warning("%s: localisation %s", self.env.robot, f"has diverged: {why}" if is_lost else why)

@@ -14,6 +14,7 @@ from robrain.plugins.skill.mapper.interface import MapperCounters, MapperInterfa
 from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates.interface import TeammatesInterface
 from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
+from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.map_patch import map_stamp_ms, merge_message, to_message
 from robrain.protocol.wire.messages import MapPatch
@@ -21,6 +22,10 @@ from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 logger = logging.getLogger(__name__)
 
+START_S = 5.0
+"""What the others send in this time after the start may still show that the robot is not where it was told it is."""
+TELL_AFTER_S = 0.5
+"""Until then nobody is told of what was mapped; chosen."""
 TEAMMATE_MARGIN_M = 0.15
 """A return this close to a teammate is the teammate, not a wall."""
 
@@ -67,10 +72,15 @@ class Mapper(Skill):
         self._view: MapView | None = None
         self._inbox = Inbox(capacity=4096)
         self._refused: set[str] = set()
+        self._began_ns: int | None = None
+        self._has_begun_anew = False
 
     def activate(self) -> None:
         wire, robot = self.env.wire, self.env.robot
         self.env.board.map = self._grid
+        if self._began_ns is None:
+            self._began_ns = self.env.clock.now_ns()
+            self.env.board.map_of_others = OccupancyGrid(self._grid.geometry)
         self._driver = self.env.use("driver", DriverInterface)
         self._teammates = self.env.use("teammates", TeammatesInterface)
         self.env.observe(self.env.use("scan", ScanInterface).scanned, self._integrate)
@@ -81,6 +91,12 @@ class Mapper(Skill):
 
     def step(self) -> None:
         self._hear()
+        if self.env.board.false_start:
+            self._begin_anew()
+        if not self._is_starting(START_S):
+            self.env.board.map_of_others = None
+        if self._is_starting(TELL_AFTER_S):
+            return
         patch = self._grid.take_patch()
         if patch is not None:
             self._patches.put(to_message(self.env.robot, self._grid.geometry, patch))
@@ -110,6 +126,8 @@ class Mapper(Skill):
         T_arena_odom = self.env.board.T_arena_odom
         if T_arena_odom is None:
             return
+        if self.env.board.false_start:
+            self._begin_anew()
         self._pause(self._why_not())
         if self._why_paused:
             self._left_out += 1
@@ -132,6 +150,20 @@ class Mapper(Skill):
         if sigma_m > limit_m:
             return f"the robot's place is not sure enough, above {limit_m:g} m"
         return ""
+
+    def _is_starting(self, for_s: float) -> bool:
+        return self.env.clock.now_ns() - (self._began_ns or 0) < to_ns(for_s)
+
+    def _begin_anew(self) -> None:
+        """Throw away what was mapped from where the robot never was."""
+        others = self.env.board.map_of_others
+        if others is None or self._has_begun_anew:
+            return
+        self._has_begun_anew = True
+        self._grid.forget()
+        whole = others.full_patch()
+        if whole is not None:
+            self._grid.merge_patch(whole.row, whole.column, whole.cells, whole.stamp_ms)
 
     def _pause(self, why: str) -> None:
         if bool(why) != bool(self._why_paused):
@@ -156,8 +188,11 @@ class Mapper(Skill):
                 self._merge(received.message)
 
     def _merge(self, patch: MapPatch) -> None:
+        others = self.env.board.map_of_others
         try:
             merge_message(self._grid, patch)
+            if others is not None and patch.observed_ms <= map_stamp_ms(self._began_ns or 0):
+                merge_message(others, patch)
         except ValueError as error:
             if patch.robot not in self._refused:
                 self._refused.add(patch.robot)

@@ -33,6 +33,10 @@ class PlannerInterface(Protocol):
         """Waypoints to the nearest place out of the way of all tracks that go first; None if there is none."""
         ...
 
+    def standpoint(self, view: MapView, place: Point2D, within_m: float) -> Point2D | None:
+        """Where the robot can stand and see a place, as near to it as can be; None if walls hide it from there."""
+        ...
+
     def safe_positions(self, view: MapView, positions: NDArray[np.float64]) -> int:
         """How many of positions (N, 2) on a path come before the first that is too near to a known obstacle."""
         ...

@@ -13,6 +13,7 @@ from robrain.plugins.skill.planner.interface import Circle, PlannerInterface
 from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.protocol.model.escape import escape_cells
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.line_of_sight import standpoint
 from robrain.protocol.model.navigation import NavigationGrid, Zone
 from robrain.protocol.model.right_of_way import Track
 
@@ -64,6 +65,13 @@ class Planner(Skill):
             return None
         cells = escape_cells(grid.traversable, grid.geometry, cell, speed_m_s, tracks, apart_m)
         return None if cells is None else grid.waypoints(cells)
+
+    def standpoint(self, view: MapView, place: Point2D, within_m: float) -> Point2D | None:
+        """Where the robot can stand and see a place, as near to it as can be; None if walls hide it from there."""
+        grid = self._navigation(view)
+        reach = round(within_m / grid.geometry.resolution_m)
+        cell = standpoint(view.classes, grid.traversable, grid.geometry.cell_of(place.x_m, place.y_m), reach)
+        return None if cell is None else grid.geometry.center_of(*cell)
 
     def safe_positions(self, view: MapView, positions: NDArray[np.float64]) -> int:
         """How many of positions (N, 2) on a path come before the first that is too near to a known obstacle."""

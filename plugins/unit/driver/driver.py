@@ -17,6 +17,7 @@ from robrain.agent.plugin import Unit, external
 from robrain.plugins.device.mocdevice.interface import ControllerStatus, Counters, MocDeviceInterface
 from robrain.plugins.device.range_sensors.interface import Bump, RangeSensorsInterface
 from robrain.plugins.device.scan.interface import ScanInterface
+from robrain.plugins.unit.driver.by_hand import ByHand
 from robrain.plugins.unit.driver.interface import DriverInterface, Motion, OdometryNoise
 from robrain.plugins.unit.driver.lookout import Lookout
 from robrain.plugins.unit.driver.path import Path
@@ -82,6 +83,7 @@ class Driver(Unit):
         self._way = Ramp(RampLimits(limits.acceleration_m_s2, limits.jerk_m_s3), PERIOD_S)
         """Velocity of the body, frame odom."""
         self._turn = Ramp(RampLimits(limits.turn_acceleration_rad_s2, limits.turn_jerk_rad_s3), PERIOD_S)
+        self._hand = ByHand()
         self._actions = ActionDesk(self.env, self.progress, self.finished)
         self._action: Action | None = None
         self._path: Path | None = None
@@ -103,7 +105,12 @@ class Driver(Unit):
     def step(self) -> None:
         if self._action is not None and not self._action.is_running:  # ended from elsewhere, as by a halt
             self._stand()
-        if self._to_turn_rad:
+        now_ns = self.env.clock.now_ns()
+        if self._hand.has_ended(now_ns):
+            self._let_go_of_the_hand()
+        if self._hand.holds(now_ns):
+            self._step_by_hand(*self._moc.pose_if_fresh())
+        elif self._to_turn_rad:
             self._step_turn(*self._moc.pose_if_fresh())
         elif self._path is not None:
             self._step_path(self._path, *self._moc.pose_if_fresh())
@@ -115,11 +122,13 @@ class Driver(Unit):
     def emergency_halt(self) -> None:
         self._forget()
 
-    def follow(self, path: list[Point2D]) -> None:
-        """Drive along these points to the last one."""
+    def follow(self, path: list[Point2D], fastest_m_s: float = math.inf) -> None:
+        """Drive along these points to the last one, and no faster than that."""
         self._actions.cancel_all("another path was given")
-        if path:
-            self._set_out(Path(path, ARRIVED_M))
+        if self._hand.holds(self.env.clock.now_ns()):  # the path waits until the hand lets go
+            self._path = Path(path, ARRIVED_M, fastest_m_s=fastest_m_s) if path else None
+        elif path:
+            self._set_out(Path(path, ARRIVED_M, fastest_m_s=fastest_m_s))
         else:
             self._stand()
 
@@ -130,6 +139,24 @@ class Driver(Unit):
             raise CallError(ErrorCode.BAD_ARGUMENTS, "drive_path: expected at least one point, got none")
         _check_finite("drive_path", *(number for point in points for number in (point.x_m, point.y_m)))
         return self._start_path("drive_path", Path(points, ARRIVED_M))
+
+    @external
+    def move(self, forward_m_s: float, left_m_s: float, yaw_rad_s: float, lease_s: float = 0.5) -> None:
+        """Drive by hand, body frame, for `lease_s` at the most: who wants to go on says it again in time.
+
+        The robot stops before what it sees, as ever. Paths that are given meanwhile wait; actions are cancelled.
+        """
+        now_ns = self.env.clock.now_ns()
+        try:
+            self._hand.ask(Twist2D(forward_m_s, left_m_s, yaw_rad_s), lease_s, now_ns)
+        except ValueError as error:
+            raise CallError(ErrorCode.BAD_ARGUMENTS, f"move: {error}") from error
+        if self._hand.holds(now_ns):
+            self._actions.cancel_all("the robot is driven by hand")
+            self._action = None
+            self._to_turn_rad = 0.0
+            self._motion = Motion.DRIVING
+            self.env.hurry()
 
     @external
     def drive(self, distance_m: float) -> str:
@@ -157,6 +184,7 @@ class Driver(Unit):
         self._to_turn_rad = angle_rad or TURNED_RAD / 2  # nothing to turn is done at the next step as well
         self._last_yaw_rad = pose.yaw_rad
         self._motion = Motion.DRIVING
+        self.env.hurry()
         return action.id
 
     @external
@@ -238,8 +266,16 @@ class Driver(Unit):
         self._path = path
         if self._motion is Motion.STANDING:
             self._motion = Motion.DRIVING
+            self.env.hurry()
+
+    def _let_go_of_the_hand(self) -> None:
+        path = self._path
+        self._stand()
+        if path is not None:
+            self._set_out(path)
 
     def _forget(self) -> None:
+        self._hand.let_go()
         self._action = None
         self._path = None
         self._to_turn_rad = 0.0
@@ -266,10 +302,30 @@ class Driver(Unit):
     def _bump(self, bump: Bump) -> None:
         self._lookout.feel(bump)
         # Whatever it drives to: it stands first, and goes on only away from what it has touched.
-        if bump.directions_rad and self._path is not None:
+        is_driven = self._path is not None or self._hand.holds(self.env.clock.now_ns())
+        if bump.directions_rad and is_driven:
             self._moc.stop()
             self._way.stand()
             self._turn.stand()
+
+    # -- by hand --------------------------------------------------------------------------------------------
+
+    def _step_by_hand(self, pose: Pose2D, is_fresh: bool) -> None:
+        blind_why = self._lookout.look(self.env.clock.now_ns()) if is_fresh else NO_ODOMETRY
+        if blind_why:
+            self._note(blind_why)
+            self._way.stand()
+            self._turn.stand()
+            self._moc.drive(Twist2D())
+            return
+        wanted, limits = self._hand.wanted, self.parameters
+        speed_m_s = math.hypot(wanted.forward_m_s, wanted.left_m_s)
+        heading_rad = wrap_angle_rad(pose.yaw_rad + math.atan2(wanted.left_m_s, wanted.forward_m_s))
+        free_m = self._lookout.free_m(pose, heading_rad)
+        self._note(IN_THE_WAY if speed_m_s > 0 and free_m < BLOCKED_M else "")
+        self._go_towards(pose, heading_rad, min(speed_m_s, limits.speed_m_s), free_m)
+        self._turn.follow(max(-limits.turn_rate_rad_s, min(limits.turn_rate_rad_s, wanted.yaw_rad_s)), 0.0)
+        self._moc.drive(self._twist(pose))
 
     # -- turning --------------------------------------------------------------------------------------------
 
@@ -320,18 +376,25 @@ class Driver(Unit):
         heading_rad = math.atan2(target.y_m - pose.y_m, target.x_m - pose.x_m)
         free_m = self._lookout.free_m(pose, heading_rad)
         self._note(IN_THE_WAY if free_m < BLOCKED_M and not path.is_at_goal(pose) else "")
+        ahead_m = way.ahead(math.cos(heading_rad), math.sin(heading_rad))
+        path_m_s = path.speed_m_s(pose, limits.acceleration_m_s2, ahead_m, DELAY_S)
+        self._go_towards(pose, heading_rad, min(limits.speed_m_s, path.fastest_m_s, path_m_s), free_m)
+        self._turn_by(path.to_turn_rad(pose, wrap_angle_rad(heading_rad - pose.yaw_rad)))
+        return self._twist(pose)
+
+    def _go_towards(self, pose: Pose2D, heading_rad: float, speed_m_s: float, free_m: float) -> None:
+        """Go on by a period towards this velocity, frame odom, or slower if what is ahead demands it."""
+        way, limits = self._way, self.parameters
         if self._goes_too_fast(pose):
             way.brake(limits.braking_m_s2)
-        else:
-            cos, sin = math.cos(heading_rad), math.sin(heading_rad)
-            ahead_m = way.ahead(cos, sin)
-            speed_m_s = min(
-                limits.speed_m_s,
-                path.speed_m_s(pose, limits.acceleration_m_s2, ahead_m, DELAY_S),
-                speed_to_stop(free_m - ahead_m, limits.acceleration_m_s2, DELAY_S),
-            )
-            way.follow(speed_m_s * cos, speed_m_s * sin)
-        self._turn_by(path.to_turn_rad(pose, wrap_angle_rad(heading_rad - pose.yaw_rad)))
+            return
+        cos, sin = math.cos(heading_rad), math.sin(heading_rad)
+        to_stop_m_s = speed_to_stop(free_m - way.ahead(cos, sin), limits.acceleration_m_s2, DELAY_S)
+        way.follow(min(speed_m_s, to_stop_m_s) * cos, min(speed_m_s, to_stop_m_s) * sin)
+
+    def _twist(self, pose: Pose2D) -> Twist2D:
+        """The ramps' velocity in the body frame."""
+        way = self._way
         # The command holds for a period, in which the body turns: it is meant for the middle of it.
         yaw_rad = pose.yaw_rad + 0.5 * PERIOD_S * self._turn.x
         cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)

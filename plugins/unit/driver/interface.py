@@ -1,5 +1,6 @@
 """What the driver offers."""
 
+import math
 from enum import StrEnum
 from typing import Protocol
 
@@ -42,8 +43,8 @@ class DriverInterface(Protocol):
     finished: Event[ActionEnd]
     """An action has ended; its result, if it is done, is T_odom_robot."""
 
-    def follow(self, path: list[Point2D]) -> None:
-        """Drive along these points to the last one; takes the place of what was driven before."""
+    def follow(self, path: list[Point2D], fastest_m_s: float = math.inf) -> None:
+        """Drive along these points to the last one, no faster than that; takes the place of what was driven before."""
 
     def drive_path(self, points: list[Point2D]) -> str:
         """As `follow`, as an action; its id. Whatever moves the robot next cancels it."""

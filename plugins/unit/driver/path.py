@@ -20,13 +20,20 @@ class Path:
         arrived_m: the goal is reached within this.
         yaw_rad: where to look on the way; where it goes if None.
         turned_rad: the goal is reached only when it looks there to within this; however it looks if None.
+        fastest_m_s: never faster than this.
 
     """
 
     def __init__(
-        self, points: list[Point2D], arrived_m: float, yaw_rad: float | None = None, turned_rad: float | None = None
+        self,
+        points: list[Point2D],
+        arrived_m: float,
+        yaw_rad: float | None = None,
+        turned_rad: float | None = None,
+        fastest_m_s: float = math.inf,
     ) -> None:
         self.arrived_m = arrived_m
+        self.fastest_m_s = fastest_m_s
         self.yaw_rad = yaw_rad
         self._turned_rad = turned_rad
         self._points = list(points)

@@ -42,12 +42,14 @@ class Ramp:
     def ahead(self, direction_x: float, direction_y: float) -> float:
         """How far it goes in this direction (a unit vector) before a wish to slow down has its full effect.
 
-        To turn its present acceleration round into the full deceleration takes as long as the jerk allows.
+        To turn its present acceleration round into the full deceleration takes as long as the jerk allows; until it has
+        gone, the speed still grows by its square over twice the jerk.
         """
         limits = self.limits
         speeding_up = max(0.0, direction_x * self._acceleration_x + direction_y * self._acceleration_y)
         lead_s = (0.5 * limits.acceleration + speeding_up) / limits.jerk + 0.5 * self._period_s
-        return lead_s * (direction_x * self.x + direction_y * self.y)
+        gained = speeding_up * speeding_up / (2.0 * limits.jerk)
+        return lead_s * (direction_x * self.x + direction_y * self.y + gained)
 
     def stopping(self, delay_s: float) -> float:
         """How far it goes until it is at rest, if it begins to slow down smoothly after `delay_s`.

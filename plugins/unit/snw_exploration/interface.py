@@ -44,12 +44,29 @@ class RssiMeasurement(msgspec.Struct, frozen=True, kw_only=True):
     """When the packet was heard."""
 
 
+class HeardRobot(msgspec.Struct, frozen=True, kw_only=True):
+    """Another robot's base station as this one's has heard it so far."""
+
+    robot: str
+    rssi_dbm: float
+    """Strength of the last beacon heard."""
+    mean_rssi_dbm: float
+    """Mean over all beacons heard; biased towards strong ones where weak ones are lost."""
+    stamp_ns: int
+    """When it was last heard."""
+    packets: int
+    missed: int
+    """Beacons that were said between those heard, by their numbers."""
+
+
 class SnwInterface(Protocol):
-    """The motes in reach: who was heard, what they sensed, and asking them for more."""
+    """Motes and base stations in reach: who was heard, what motes sensed, and asking them for more."""
 
     measured: Event[RssiMeasurement]
 
     def heard(self) -> list[HeardMote]: ...
+
+    def robots(self) -> list[HeardRobot]: ...
 
     def request_stored(self, mote: str) -> None: ...
 

@@ -31,7 +31,9 @@ class MoteRecord:
         self.asked: RequestPayload | None = None
         """The request that it is answering."""
         self.asked_until_ns = 0
-        self.was_asked_again = False
+        self.spoke_ns = 0
+        self.live_ns = 0
+        """When it was asked last."""
         self.wanted_period_ds: int | None = None
         self.wanted_stamp_ns = -1
         self.duty_tries = 0
@@ -44,9 +46,9 @@ class MoteRecord:
     def note_heard(self, reading: ReadingPayload, stamp_ns: int, heard_from: Point2D | None) -> None:
         """One packet of it was heard by this robot."""
         self.latest = reading
-        self.was_asked_again = False
         if self.latest_live is None or reading.age_ds == 0:
             self.latest_live = reading
+            self.live_ns = stamp_ns
         self.stamp_ns = stamp_ns
         self._heard_from = heard_from
         self._rssi_sum_dbm += reading.rssi_dbm

@@ -5,9 +5,12 @@ import msgspec
 from robrain.agent.event import Event
 from robrain.agent.plugin import Unit, external
 from robrain.plugins.device.mote_base.interface import HeardPacket, MoteBaseInterface
-from robrain.plugins.unit.snw_exploration.interface import HeardMote, RssiMeasurement, SnwInterface
+from robrain.plugins.unit.snw_exploration.asking import Asking, AskingParameters
+from robrain.plugins.unit.snw_exploration.base_links import BaseLinks
+from robrain.plugins.unit.snw_exploration.interface import HeardMote, HeardRobot, RssiMeasurement, SnwInterface
 from robrain.plugins.unit.snw_exploration.mote_record import MoteRecord, place_of
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.tinyos.beacon import BEACON_TYPE
 from robrain.protocol.tinyos.packet import BROADCAST, BadPacket
 from robrain.protocol.tinyos.payloads import (
     ACKNOWLEDGE_TYPE,
@@ -16,7 +19,6 @@ from robrain.protocol.tinyos.payloads import (
     DUTY_TYPE,
     READING_TYPE,
     REQUEST_SPAN,
-    REQUEST_TYPE,
     STORED_TYPE,
     DutyPayload,
     Quantity,
@@ -26,7 +28,7 @@ from robrain.protocol.tinyos.payloads import (
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import MoteDuty, MoteReading
-from robrain.protocol.wire.topics import MOTE_DUTY, MOTE_READING
+from robrain.protocol.wire.topics import MOTE_DUTY, MOTE_READING, ROBOT_ALIVE, ROBOT_LINKS
 
 PREFIX = "m"
 """A mote's name on the wire is this and its number."""
@@ -41,7 +43,7 @@ class SnwCounters(msgspec.Struct, frozen=True):
     repeated: int
     """Had arrived before, from the mote or by another robot."""
     unreadable: int
-    """Said to be readings and were none."""
+    """Said to be readings or beacons and were none."""
     requests: int
     acknowledgements: int
     duties: int
@@ -54,24 +56,27 @@ class SnwCounters(msgspec.Struct, frozen=True):
 class SNwExploration(Unit):
     """Collects readings from the motes in reach, puts each on the team's wire once, and tells motes what is wanted.
 
-    A mote listens only for a moment after it has sent: whatever is to be said to it is said when it is heard.
+    A mote listens only for a moment after it has sent: whatever is to be said to it is said when it is heard. Once
+    another robot has been there, it also says a beacon at intervals, so that base stations know how they hear each
+    other. Whom it hears is published as `robot/R/links`.
     """
 
-    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    class Parameters(AskingParameters, frozen=True, forbid_unknown_fields=True):
         """How eagerly motes are asked. Raises ValueError where a value is without sense."""
 
         collect: bool = True
         max_motes: int = 4096
         window: int = 4096
-        request_span: int = 16
-        request_patience_s: float = 1.5
-        repeat_after_s: float = 0.12
         acknowledge_every: int = 8
         duty_tries: int = 20
+        beacon_s: float = 1.0
+        """Between two beacons; the team is told at every second one whom the robot hears."""
+        link_fresh_s: float = 5.0
+        """Who has not been heard for so long, or for three of a mote's periods, is not told of any more."""
 
         def __post_init__(self) -> None:
-            for name in self.__struct_fields__[1:]:
-                if not getattr(self, name) > 0:
+            for name in self.__struct_fields__:
+                if name not in ("collect", "weak_dbm") and not getattr(self, name) > 0:
                     raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
             if self.request_span > REQUEST_SPAN:
                 raise ValueError(f"expected request_span of at most {REQUEST_SPAN}, got {self.request_span}")
@@ -85,10 +90,12 @@ class SNwExploration(Unit):
 
     def init(self) -> None:
         self._records: dict[int, MoteRecord] = {}
-        self._asked: dict[int, MoteRecord] = {}
-        """Those that have been asked for something and have not said all of it."""
         self._readings = self._repeated = self._unreadable = 0
-        self._requests = self._acknowledgements = self._duties = self._given_up = self._refused = 0
+        self._acknowledgements = self._duties = self._given_up = self._refused = 0
+        self._asking = Asking(self.parameters, self._send)
+        self._links = BaseLinks(self.env.robot)
+        self._next_beacon_ns = 0
+        self._tells_links = True
 
     def activate(self) -> None:
         self._inbox = Inbox()
@@ -96,11 +103,16 @@ class SNwExploration(Unit):
         self.env.observe(self._base.heard, self._take)
         self.env.wire.subscribe(self._inbox, MOTE_READING)
         self.env.wire.subscribe(self._inbox, MOTE_DUTY)
+        self._alive = self.env.wire.watch(ROBOT_ALIVE)
+        self._links_out = self.env.wire.publisher(ROBOT_LINKS, robot=self.env.robot)
 
     def step(self) -> None:
         self._hear_team()
-        if self._asked:
-            self._ask_again(self.env.clock.now_ns())
+        now_ns = self.env.clock.now_ns()
+        self._asking.step(now_ns)
+        if now_ns >= self._next_beacon_ns:
+            self._next_beacon_ns = now_ns + to_ns(self.parameters.beacon_s)
+            self._speak_to_robots(now_ns)
 
     def deactivate(self) -> None:
         for record in self._records.values():
@@ -113,6 +125,11 @@ class SNwExploration(Unit):
         """The motes that this robot has heard, in order of their numbers."""
         rows = (self._records[number].as_heard() for number in sorted(self._records))
         return [row for row in rows if row is not None]
+
+    @external
+    def robots(self) -> list[HeardRobot]:
+        """The robots whose base stations this one has heard, by name."""
+        return self._links.heard()
 
     @external
     def request_stored(self, mote: str) -> None:
@@ -142,7 +159,7 @@ class SNwExploration(Unit):
             readings=self._readings,
             repeated=self._repeated,
             unreadable=self._unreadable,
-            requests=self._requests,
+            requests=self._asking.requests,
             acknowledgements=self._acknowledgements,
             duties=self._duties,
             duties_given_up=self._given_up,
@@ -153,6 +170,8 @@ class SNwExploration(Unit):
 
     def _take(self, packet: HeardPacket) -> None:
         message = packet.message
+        if message.type == BEACON_TYPE:
+            self._take_beacon(message.payload, packet.stamp_ns)
         if message.type not in (READING_TYPE, STORED_TYPE):
             return
         try:
@@ -213,32 +232,15 @@ class SNwExploration(Unit):
         if record.asked is not None:  # it is still answering
             return
         if self.parameters.collect or record.is_asked_for:
-            record.asked = window.request(self.parameters.request_span)
-            record.is_asked_for = record.is_asked_for and record.asked is not None
-        if record.asked is not None:
-            record.asked_until_ns = now_ns + to_ns(self.parameters.request_patience_s)
-            self._ask(record)
+            is_owing = self._asking.ask(record, now_ns)
+            record.is_asked_for = record.is_asked_for and is_owing
         complete = window.complete()
         if complete is not None and complete[1] >= self.parameters.acknowledge_every:
             self._acknowledgements += 1
             self._base.send(record.number, ACKNOWLEDGE_TYPE, complete[0].pack())
 
-    def _ask(self, record: MoteRecord) -> None:
-        assert record.asked is not None
-        self._asked[record.number] = record
-        self._requests += 1
-        self._base.send(record.number, REQUEST_TYPE, record.asked.pack())
-
-    def _ask_again(self, now_ns: int) -> None:
-        """Once more for what a mote owes that has fallen silent: the request was lost, or the end of the answer."""
-        for number, record in list(self._asked.items()):
-            if record.asked is None or record.was_asked_again:
-                del self._asked[number]
-            elif now_ns - record.stamp_ns >= to_ns(self.parameters.repeat_after_s):
-                record.was_asked_again = True
-                record.asked = record.window.request(self.parameters.request_span)
-                if record.asked is not None:
-                    self._ask(record)
+    def _send(self, mote: int, kind: int, payload: bytes) -> None:
+        self._base.send(mote, kind, payload)
 
     def _answer_duty(self, record: MoteRecord) -> None:
         if record.wanted_period_ds is None or record.latest is None:
@@ -252,6 +254,28 @@ class SNwExploration(Unit):
             record.duty_tries += 1
             self._duties += 1
             self._base.send(record.number, DUTY_TYPE, DutyPayload(record.wanted_period_ds).pack())
+
+    # -- between robots -----------------------------------------------------------------------------------------
+
+    def _take_beacon(self, payload: bytes, stamp_ns: int) -> None:
+        try:
+            self._links.hear(payload, stamp_ns)
+        except BadPacket:
+            self._unreadable += 1
+
+    def _speak_to_robots(self, now_ns: int) -> None:
+        if not self._links.has_mates:
+            for change in self._alive.changes():
+                self._links.note_there(change.names["robot"])
+        beacon = self._links.beacon()
+        if beacon is not None:
+            self._base.send(BROADCAST, BEACON_TYPE, beacon)
+        self._tells_links = not self._tells_links
+        if self._tells_links:
+            return
+        message = self._links.message(now_ns, to_ns(self.parameters.link_fresh_s), self._records.values())
+        if message is not None:
+            self._links_out.put(message)
 
     # -- from the team ------------------------------------------------------------------------------------------
 

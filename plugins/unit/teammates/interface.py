@@ -1,5 +1,6 @@
 """What is known of the other robots."""
 
+import math
 from enum import StrEnum
 from typing import Protocol
 
@@ -27,7 +28,8 @@ class Doing(StrEnum):
     STANDING = "standing"
     """It has no path, and may be given one at any time."""
     OBSTACLE = "obstacle"
-    """It is halted, lost, or does not move although nobody holds it up: it stays where it was seen last."""
+    """It is halted, silent, does not know where it is, or does not move although nobody holds it up: it is taken to
+    stay where it was seen last."""
 
 
 class Mate(msgspec.Struct, frozen=True, eq=False):
@@ -36,12 +38,19 @@ class Mate(msgspec.Struct, frozen=True, eq=False):
     name: str
     pose: Pose2D
     radius_m: float
+    """Larger than it is for one that does not know where it is."""
     doing: Doing
     claim: Claim
     track: Track
     """Its way still to go; its `keep_m` is this mate's radius alone, and `goes_first` is for the asker to fill in."""
     task: str
     """The id of the task that it is at; empty if none."""
+    bound: Point2D
+    """Where its path ends; where it is if it has none."""
+    behavior: str = ""
+    """What drives it."""
+    endurance_s: float = math.inf
+    """For how long its battery surely lasts at what it usually draws; inf if it does not say."""
 
 
 class TeammatesInterface(Protocol):

@@ -1,0 +1,183 @@
+"""Forms out of JSON Schema: which fields a function's arguments need, and the arguments that the fields give.
+
+The schemas are those that msgspec makes of type hints: one object with a property for each parameter.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from enum import StrEnum
+from typing import Any
+
+import msgspec
+
+Schema = Mapping[str, Any]
+UNITS = {"m": "m", "s": "s", "rad": "rad", "j": "J", "w": "W", "v": "V", "dbm": "dBm", "ns": "ns"}
+DEEPEST = 8
+"""References that lead to references; no signature has more."""
+
+
+class FieldKind(StrEnum):
+    """What is typed into a field."""
+
+    NUMBER = "number"
+    INTEGER = "integer"
+    BOOLEAN = "boolean"
+    CHOICE = "choice"
+    TEXT = "text"
+    JSON = "json"
+    """Anything else, as JSON."""
+
+
+class Field(msgspec.Struct, frozen=True, kw_only=True):
+    """One field of a form."""
+
+    path: tuple[str, ...]
+    """Where its value goes: the parameter's name, and within an object the property's."""
+    kind: FieldKind
+    required: bool
+    choices: tuple[str, ...] = ()
+    default: str = ""
+    """As it stands in the field at first; an empty field that is not required is left out."""
+    hint: str = ""
+
+    @property
+    def label(self) -> str:
+        """Its name in errors and in what was typed."""
+        return ".".join(self.path)
+
+    @property
+    def title(self) -> str:
+        """What stands beside it.
+
+        >>> Field(path=("place", "x_m"), kind=FieldKind.NUMBER, required=True).title
+        'x (m)'
+        """
+        words = [part for part in self.path if part != "place"] or list(self.path)
+        last, _, unit = words[-1].rpartition("_")
+        if last and unit in UNITS:
+            words[-1] = f"{last} ({UNITS[unit]})"
+        return " ".join(words).replace("_", " ")
+
+
+def fields_of(schema: Schema) -> list[Field]:
+    """The fields of a form for an object of this schema; objects in it are taken apart once."""
+    definitions = _mapping(schema.get("$defs"))
+    schema = _resolved(schema, definitions)
+    fields: list[Field] = []
+    required = _names(schema.get("required"))
+    for name, given in _mapping(schema.get("properties")).items():
+        inner = _resolved(given, definitions)
+        is_required = name in required
+        properties = inner.get("properties")
+        if isinstance(properties, Mapping) and properties and is_required:
+            inner_required = _names(inner.get("required"))
+            fields += [
+                _field((name, part), _resolved(shape, definitions), part in inner_required)
+                for part, shape in properties.items()
+            ]
+        else:
+            fields.append(_field((name,), inner, is_required))
+    return fields
+
+
+def arguments_of(fields: Sequence[Field], typed: Mapping[str, str | bool]) -> dict[str, Any]:
+    """The arguments by name, out of what was typed into the fields, by label.
+
+    Raises:
+        ValueError: naming the field that is empty or cannot be read.
+
+    """
+    arguments: dict[str, Any] = {}
+    for field in fields:
+        given = typed.get(field.label, "")
+        if isinstance(given, str) and field.kind not in (FieldKind.TEXT, FieldKind.CHOICE):
+            given = given.strip()
+        if given == "":
+            if not field.required:
+                continue
+            if field.kind is not FieldKind.TEXT:
+                raise ValueError(f"{field.label}: expected a {_expected(field)}, got nothing")
+        value = _value(field, given)
+        if len(field.path) == 1:
+            arguments[field.path[0]] = value
+        else:
+            arguments.setdefault(field.path[0], {})[field.path[1]] = value
+    return arguments
+
+
+def _field(path: tuple[str, ...], shape: Schema, required: bool) -> Field:
+    kind, choices = _kind_of(shape)
+    default = shape.get("default")
+    shown = "" if default is None else default if isinstance(default, str) else msgspec.json.encode(default).decode()
+    hint = str(shape.get("description", "")) or (_example(shape) if kind is FieldKind.JSON else "")
+    return Field(path=path, kind=kind, required=required, choices=choices, default=shown, hint=hint)
+
+
+def _mapping(value: Any) -> Mapping[str, Any]:
+    return value if isinstance(value, Mapping) else {}
+
+
+def _names(value: Any) -> set[str]:
+    return {name for name in value if isinstance(name, str)} if isinstance(value, list | tuple) else set()
+
+
+def _kind_of(shape: Schema) -> tuple[FieldKind, tuple[str, ...]]:
+    choices = shape.get("enum")
+    if isinstance(choices, Sequence) and choices and all(isinstance(choice, str) for choice in choices):
+        return FieldKind.CHOICE, tuple(choices)
+    kinds = {
+        "number": FieldKind.NUMBER,
+        "integer": FieldKind.INTEGER,
+        "boolean": FieldKind.BOOLEAN,
+        "string": FieldKind.TEXT,
+    }
+    found = shape.get("type")
+    return kinds.get(found, FieldKind.JSON) if isinstance(found, str) else FieldKind.JSON, ()
+
+
+def _resolved(shape: Any, definitions: Mapping[str, Any]) -> Schema:
+    """Follows references; of a choice between null and one other thing takes the other."""
+    found: dict[str, Any] = dict(shape) if isinstance(shape, Mapping) else {}
+    for _ in range(DEEPEST):
+        reference = found.get("$ref")
+        options = found.get("anyOf")
+        if isinstance(reference, str):
+            rest = {key: value for key, value in found.items() if key != "$ref"}
+            target = definitions.get(reference.rpartition("/")[2])
+            found = {**(target if isinstance(target, Mapping) else {}), **rest}
+        elif isinstance(options, Sequence) and len(others := [one for one in options if one != {"type": "null"}]) == 1:
+            rest = {key: value for key, value in found.items() if key != "anyOf"}
+            found = {**(others[0] if isinstance(others[0], Mapping) else {}), **rest}
+        else:
+            break
+    return found
+
+
+def _value(field: Field, given: str | bool) -> Any:
+    if field.kind is FieldKind.BOOLEAN:
+        return given is True or given == "true"
+    typed = str(given)
+    try:
+        if field.kind is FieldKind.NUMBER:
+            number = float(typed)
+            if math.isfinite(number):
+                return number
+        elif field.kind is FieldKind.INTEGER:
+            return int(typed)
+        elif field.kind is FieldKind.JSON:
+            return msgspec.json.decode(typed)
+        elif field.kind is FieldKind.TEXT or typed in field.choices:
+            return typed
+    except (ValueError, RecursionError):  # what cannot be read is told below; msgspec's errors are ValueErrors
+        pass
+    raise ValueError(f"{field.label}: expected a {_expected(field)}, got {typed[:40]!r}")
+
+
+def _expected(field: Field) -> str:
+    if field.kind is FieldKind.CHOICE:
+        return f"choice of {', '.join(field.choices)}"
+    return {"integer": "whole number", "json": "value in JSON"}.get(field.kind.value, field.kind.value)
+
+
+def _example(shape: Schema) -> str:
+    return "a list in JSON, such as [1, 2]" if shape.get("type") == "array" else "in JSON"

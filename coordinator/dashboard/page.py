@@ -1,0 +1,150 @@
+"""One browser's page: its tabs, its selection, its camera. Several browsers look on at once, each with its own.
+
+Clicks are served on viser's threads and only leave a note here; the dashboard's step does what they ask for.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import viser
+
+from robrain.coordinator.dashboard.gui_values import set_html
+from robrain.coordinator.dashboard.page_context import PageContext
+from robrain.coordinator.dashboard.panel_html import strip_html
+from robrain.coordinator.dashboard.picking import floor_hit, robot_near
+from robrain.coordinator.dashboard.robot_tab import RobotTab
+from robrain.coordinator.dashboard.selection import SelectionMark
+from robrain.coordinator.dashboard.task_tab import TaskTab
+from robrain.coordinator.dashboard.team_tab import TeamTab
+from robrain.coordinator.dashboard.team_view import TeamView
+from robrain.coordinator.dashboard.view_tab import ViewTab
+
+NOTES = 256
+PERIOD_S = 0.4
+MANY_ROBOTS = 25
+MANY_PERIOD_S = 1.0
+Action = Callable[[], None]
+
+
+class ClientPage:
+    """The page of one client; all but `post` is called by the dashboard's step."""
+
+    def __init__(self, client: viser.ClientHandle, context: PageContext) -> None:
+        self.client = client
+        self.context = context
+        self.selected = ""
+        """Name of the robot that is selected; nobody if empty."""
+        self.follows = False
+        """Whether the camera goes along with the selected robot."""
+        self.dark = True
+        self._notes: deque[Action] = deque(maxlen=NOTES)
+        self._drawn_s: float | None = None
+        self._view: TeamView | None = None
+        gui = client.gui
+        gui.main_panel.dock_right()
+        self._strip = gui.add_html("")
+        gui.add_html('<div class="rb-channel"></div>')
+        self._channel = gui.add_text("rows", "")
+        self._channel.on_update(self._hear_row)
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Team", viser.Icon.USERS):
+            self.team = TeamTab(self)
+        with tabs.add_tab("Robot", viser.Icon.ROBOT):
+            self.robot = RobotTab(self)
+        with tabs.add_tab("Tasks", viser.Icon.LIST_CHECK):
+            self.tasks = TaskTab(self)
+        with tabs.add_tab("View", viser.Icon.EYE):
+            self.looks = ViewTab(self)
+        self._mark = SelectionMark(client)
+        context.scene.show_overview(client)
+
+    def post(self, action: Action) -> None:
+        """Have something done in the dashboard's next step; may be called from any thread."""
+        self._notes.append(action)
+
+    def step(self, now_s: float) -> None:
+        """Do what was clicked, and bring the page up to date."""
+        while self._notes:
+            self._notes.popleft()()
+        view = self.context.view
+        if view is not self._view:
+            self._view, self._drawn_s = view, None
+            self.team.hurry()
+            self.robot.hurry()
+        if not self.selected and view.robots:
+            self.select(next(iter(view.robots)))
+        robot = view.robots.get(self.selected)
+        self._mark.show(robot, follows=self.follows)
+        self.context.scene.keep_framed(self.client)
+        self.robot.drive.step(now_s)
+        period_s = MANY_PERIOD_S if len(view.robots) > MANY_ROBOTS else PERIOD_S
+        if self._drawn_s is not None and now_s - self._drawn_s < period_s:
+            return
+        self._drawn_s = now_s
+        set_html(self._strip, strip_html(view, now_s))
+        self.team.draw(now_s)
+        self.robot.draw(now_s)
+        self.tasks.draw(now_s)
+        self.looks.draw(now_s)
+
+    def close(self) -> None:
+        """The browser has gone."""
+        self.robot.drive.let_go()
+        self.context.scene.forget(self.client.client_id)
+
+    # -- what is clicked ------------------------------------------------------------------------------------
+
+    def select(self, robot: str) -> None:
+        """Select a robot, if there is one of that name."""
+        if robot in self.context.view.robots:
+            self.selected = robot
+            self.robot.select(robot)
+            self._drawn_s = None
+
+    def select_next(self, step: int) -> None:
+        """Select the robot that comes so many places later."""
+        names = list(self.context.view.robots)
+        if names:
+            at = names.index(self.selected) if self.selected in names else -step
+            self.select(names[(at + step) % len(names)])
+
+    def click_floor(self, origin: tuple[float, float, float], direction: tuple[float, float, float]) -> None:
+        """The scene was clicked, along a ray: a place for a task if one is wanted, else the robot that stands there."""
+        hit = floor_hit(origin, direction)
+        if hit is None:
+            return
+        place, distance_m = hit
+        if self.tasks.wants_place:
+            self.tasks.place(place)
+            return
+        found = robot_near(self.context.view, place, distance_m)
+        if found is not None:
+            self.select(found.name)
+
+    def tell(self, title: str, body: str = "", *, color: Any = "green") -> None:
+        """A notice in the corner; its text is shown as text."""
+        self.client.add_notification(title[:80], body[:300], color=color, auto_close_seconds=6.0)
+
+    def set_dark(self, dark: bool) -> None:
+        """Dark or light."""
+        self.dark = dark
+        self.client.gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False, control_width="large")
+
+    def _hear_row(self, event: viser.GuiEvent[viser.GuiTextHandle]) -> None:
+        said = event.target.value
+        self.post(lambda: self._do_row(said))
+
+    def _do_row(self, said: str) -> None:
+        _, _, rest = said.partition(" ")
+        verb, _, subject = rest.partition(" ")
+        if verb == "select":
+            self.select(subject)
+        elif verb == "plugin":
+            self.robot.select_plugin(subject)
+        elif verb == "why":
+            self.tasks.ask_why(subject)
+        elif verb == "cancel":
+            self.tasks.cancel(subject)
+        elif verb == "seek" and self.context.replay is not None and subject.replace(".", "", 1).isdecimal():
+            self.context.replay.seek(float(subject))

@@ -1,0 +1,154 @@
+"""From the team at one moment to the question that the allocators are asked."""
+
+from typing import NamedTuple
+
+from robrain.coordinator.admission import GATHERING, needed_plugins
+from robrain.coordinator.allocation.problem import Job, Worker
+from robrain.coordinator.planning.energy import kinds_of, means_of, profile_of
+from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.planning.question import Question, pack_ways
+from robrain.coordinator.planning.situation import Member, Situation, service_s, urgency
+from robrain.coordinator.planning.ways import Ways
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.task import TaskState, place_of
+from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.wire.task_messages import TaskRecord
+
+MARGIN_M = 0.08
+"""Beyond a robot's radius, as the robots plan."""
+
+
+class Asked(NamedTuple):
+    """A question, and what could not be part of it."""
+
+    question: Question
+    waiting: dict[str, str]
+    """Tasks that no plan can have yet, and why."""
+
+
+def ask(situation: Situation, ways: Ways, policy: PlanningPolicy) -> Asked:
+    """The question.
+
+    A task that a robot is at is pinned to it. A robot that explores counts as free. A task that is not to be offered to
+    some robot now needs a leave that all others have.
+    """
+    chosen, waiting = _chosen(situation, policy)
+    names = sorted(situation.members)
+    members = [situation.members[name] for name in names]
+    profiles, kinds = kinds_of([profile_of(member.state.energy, policy.time_margin) for member in members])
+    waits_s = sum(service_s(record.task) for record in chosen)
+    waits_s += max((to_seconds(max(0, record.task.earliest_ns - situation.now_ns)) for record in chosen), default=0.0)
+    means = [means_of(member.state, waits_s, policy) for member in members]
+    standing_w = max((mean.standing_w for mean in means), default=0.0)
+
+    goals: dict[Point2D, int] = {}
+    for place in [place_of(record.task) for record in chosen] + [end for one in members for end in _ends(one)]:
+        goals.setdefault(place, len(goals))
+    starts = [_here(member) for member in members]
+    length_m = ways.lengths_m(list(goals), starts)
+
+    prize_j = max([policy.prize_j, *(2.0 * mean.capacity_j for mean in means)])
+    jobs = [_job(record, goals[place_of(record.task)], situation, prize_j, standing_w) for record in chosen]
+    paused = {task for task, _ in situation.pauses}
+    everything = frozenset().union(*(job.needs for job in jobs))
+    workers = []
+    for index, (name, member, mean) in enumerate(zip(names, members, means, strict=True)):
+        offers = everything if member.offers is None else member.offers
+        leaves = {leave(task) for task in paused if (task, name) not in situation.pauses}
+        workers.append(
+            Worker(
+                name=name,
+                start=len(goals) + index,
+                ends=tuple(goals[end] for end in _ends(member)),
+                usable_j=mean.usable_j,
+                offers=(offers | leaves) & everything,
+                profile=kinds[index],
+                wait_w=mean.standing_w,
+                capacity_j=mean.capacity_j,
+                reserve_j=mean.reserve_j,
+            )
+        )
+    question = Question(
+        jobs=tuple(jobs),
+        workers=tuple(workers),
+        profiles=tuple(profiles),
+        places=len(goals) + len(starts),
+        ways_cm=pack_ways(length_m),
+    )
+    return Asked(question, waiting)
+
+
+def leave(task_id: str) -> str:
+    """What a robot needs for a task that is not to be offered to some other now; no plugin is named so."""
+    return f"leave to do {task_id}"
+
+
+def needed_m(situation: Situation) -> float:
+    """The clearance that the greatest robot needs."""
+    return MARGIN_M + max((member.state.radius_m for member in situation.members.values()), default=0.0)
+
+
+def _chosen(situation: Situation, policy: PlanningPolicy) -> tuple[list[TaskRecord], dict[str, str]]:
+    """The most urgent tasks, those that robots are at first; and why the others cannot be in a plan."""
+    there = situation.members
+    at_work = [record for record in situation.records if record.robot]
+    running = [record for record in at_work if record.robot in there]
+    free = [record for record in situation.records if not record.robot]
+    queued = sorted((record for record in free if record.state is TaskState.QUEUED), key=urgency)
+    waiting = {record.task.id: f"{record.robot} is at it, and is not to be counted on" for record in at_work
+               if record.robot not in there}  # fmt: skip
+    waiting |= {record.task.id: record.why for record in free if record.state is not TaskState.QUEUED}
+    for record in queued[policy.tasks_max :]:
+        waiting[record.task.id] = f"there are {policy.tasks_max} tasks that are more urgent"
+    queued = queued[: policy.tasks_max]
+    known = {record.task.id for record in [*running, *queued]}
+    while True:
+        late = {
+            record.task.id: other
+            for record in queued
+            if record.task.id in known
+            for other in record.task.after
+            if other not in known and other not in situation.ended
+        }
+        if not late:
+            return running + [record for record in queued if record.task.id in known], waiting
+        for task_id, other in late.items():
+            known.discard(task_id)
+            waiting[task_id] = f"{other}, which it waits for, is not planned"
+
+
+def _job(record: TaskRecord, place: int, situation: Situation, prize_j: float, standing_w: float) -> Job:
+    task = record.task
+    takes_s = service_s(task)
+    pinned = record.robot
+    if pinned:
+        takes_s = max(0.0, takes_s - situation.served_s.get(task.id, 0.0))
+    needs = set() if pinned else set(needed_plugins(task))
+    if task.robots > 1:
+        needs.add(GATHERING)
+    if not pinned and any(name == task.id for name, _ in situation.pauses):
+        needs.add(leave(task.id))
+    latest_s = to_seconds(task.deadline_ns - situation.now_ns) if task.deadline_ns is not None else float("inf")
+    return Job(
+        id=task.id,
+        place=place,
+        prize_j=prize_j * task.priority,
+        service_s=takes_s,
+        service_j=takes_s * standing_w,
+        earliest_s=max(0.0, to_seconds(task.earliest_ns - situation.now_ns)),
+        latest_s=max(0.0, latest_s),
+        needs=frozenset(needs),
+        after=() if pinned else tuple(name for name in task.after if name not in situation.ended),
+        robots=1 if pinned else task.robots,
+        pinned_to=pinned,
+    )
+
+
+def _here(member: Member) -> Point2D:
+    pose = member.state.pose
+    assert pose is not None  # a robot that does not know where it is is no member
+    return Point2D(pose.x_m, pose.y_m)
+
+
+def _ends(member: Member) -> tuple[Point2D, ...]:
+    return member.chargers or (member.home,)

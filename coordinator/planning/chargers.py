@@ -1,0 +1,76 @@
+"""Which chargers each robot knows, and where it started, as it tells when it is asked."""
+
+import msgspec
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.topics import ROBOT_CALL
+
+ASK_AGAIN_NS = to_ns(30.0)
+"""A robot learns of chargers by tasks to recharge (chosen)."""
+ASK_UNHEARD_NS = to_ns(2.0)
+"""The first pause of one that does not answer; each is twice as long as the last, up to a minute."""
+LONGEST_NS = to_ns(60.0)
+PLUGIN = "home"
+
+
+class _Charger(msgspec.Struct):
+    x_m: float
+    y_m: float
+    yaw_rad: float | None = None
+
+
+class Charger(msgspec.Struct, frozen=True):
+    """A place to charge at, arena frame."""
+
+    place: Point2D
+    yaw_rad: float | None = None
+
+
+class KnownChargers:
+    """Asks each robot's skill `home`, without waiting for the answers.
+
+    Args:
+        wire: the coordinator's place on the wire.
+
+    """
+
+    def __init__(self, wire: Endpoint) -> None:
+        self.of: dict[str, tuple[Charger, ...]] = {}
+        """Of each robot that has told them."""
+        self.home: dict[str, Point2D] = {}
+        """Where it started; of one that has not told it, where it was first seen."""
+        self._wire = wire
+        self._inbox = Inbox()
+        self._due_ns: dict[str, int] = {}
+        self._pause_ns: dict[str, int] = {}
+
+    def follow(self, robots: dict[str, Point2D], now_ns: int) -> None:
+        """Take in what was answered, and ask these robots if it is time."""
+        for robot, place in robots.items():
+            self.home.setdefault(robot, place)
+            if now_ns >= self._due_ns.get(robot, 0):
+                pause_ns = ASK_AGAIN_NS if robot in self.of else self._pause_ns.get(robot, ASK_UNHEARD_NS)
+                self._due_ns[robot] = now_ns + pause_ns
+                self._pause_ns[robot] = min(2 * pause_ns, LONGEST_NS)
+                for function in ("chargers", "start"):
+                    self._wire.ask_into(
+                        self._inbox, ROBOT_CALL, ROBOT_CALL, robot=robot, plugin=PLUGIN, function=function
+                    )
+        for received in self._inbox.drain():
+            robot = received.names["robot"]
+            try:
+                if received.names["function"] == "start":
+                    self.home[robot] = msgspec.json.decode(received.message, type=Point2D)
+                    continue
+                found = msgspec.json.decode(received.message, type=list[_Charger])
+            except (msgspec.DecodeError, UnicodeDecodeError):
+                continue  # a robot that speaks otherwise ends where it was first seen
+            self.of[robot] = tuple(Charger(Point2D(one.x_m, one.y_m), one.yaw_rad) for one in found)
+
+    def came(self, robot: str) -> None:
+        """A robot came, maybe another than before: it is asked anew."""
+        self._due_ns.pop(robot, None)
+        self._pause_ns.pop(robot, None)

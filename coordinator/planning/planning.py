@@ -1,0 +1,360 @@
+"""The plan as it lives: made anew when something has happened that matters, and followed in between.
+
+What was planned is followed until there is a better plan: a robot that is done is offered the next task of its route in
+the same step in which it says so. A robot that explores is taken away from that for a task; one whose next task is
+soon to be begun is not sent exploring.
+"""
+
+import logging
+from collections.abc import Callable, Iterator
+from functools import cache
+from typing import NamedTuple
+
+import msgspec
+
+from robrain.coordinator.allocation.warm_up import warm_up
+from robrain.coordinator.capabilities import Capabilities
+from robrain.coordinator.planning.chargers import KnownChargers
+from robrain.coordinator.planning.live_planner import LivePlanner
+from robrain.coordinator.planning.members import HOMEWARD, why_out
+from robrain.coordinator.planning.news import News
+from robrain.coordinator.planning.planned import Planned, Step
+from robrain.coordinator.planning.planner import LockstepPlanner, Planner
+from robrain.coordinator.planning.policy import Method, PlanningPolicy
+from robrain.coordinator.planning.situation import Situation
+from robrain.coordinator.planning.watching import TeamWatch
+from robrain.coordinator.roster import Robot, Roster
+from robrain.coordinator.shunning import Shunning
+from robrain.coordinator.task_book import TaskBook
+from robrain.coordinator.team_map import TeamMap
+from robrain.protocol.model.task import Explore, TaskState
+from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
+from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.messages import RobotState
+from robrain.protocol.wire.plan_messages import ObjectiveRequest, PlanningStatus, TaskDecision
+from robrain.protocol.wire.task_messages import TaskRecord
+from robrain.protocol.wire.topics import COORDINATOR_OBJECTIVE, COORDINATOR_PLANNING, TASK_DECISION, TASK_PROBLEM
+
+logger = logging.getLogger(__name__)
+
+LOOK_NS = to_ns(0.5)
+"""How often robots and map are looked at for what asks for another plan; tasks are at each step."""
+SOON_NS = to_ns(30.0)
+"""A robot whose next task is begun within this is not sent exploring (chosen)."""
+KEPT_DECISIONS = 2000
+Due = tuple[str, str]
+"""A task, and the robot that is to be offered it."""
+
+
+class LeftOut(NamedTuple):
+    """A task that nobody is to do."""
+
+    why: str
+    since_ns: int
+
+
+class Planning:
+    """Makes and follows plans.
+
+    Args:
+        wire: the coordinator's place on the wire.
+        book: of its tasks.
+        roster: the robots that there are.
+        capabilities: what they can do.
+        shunning: what they refused or failed at.
+        team_map: what is known of the floor.
+        policy: what plans are for.
+        waits: why a task cannot be offered to anybody yet, given the way to it in seconds; empty if it can.
+
+    """
+
+    def __init__(
+        self,
+        wire: Endpoint,
+        book: TaskBook,
+        roster: Roster,
+        capabilities: Capabilities,
+        shunning: Shunning,
+        team_map: TeamMap,
+        policy: PlanningPolicy,
+        waits: Callable[[TaskRecord, int, float], str],
+    ) -> None:
+        self.policy = policy
+        self.chargers = KnownChargers(wire)
+        self.held: dict[str, str] = {}
+        """Robots that are at a task with others, and what they are at."""
+        self.left_out: dict[str, LeftOut] = {}
+        """Tasks that nobody is to do by the plan, why, and since when."""
+        self.waiting: dict[str, str] = {}
+        """Tasks that could be no part of the plan, and why."""
+        self._clock = wire.clock
+        self._book = book
+        self._roster = roster
+        self._shunning = shunning
+        self._watch = TeamWatch(book, roster, capabilities, team_map, self.chargers, self.why_out)
+        self._waits = waits
+        self._news = News()
+        self._planner: Planner = LivePlanner(lambda: _wake(wire)) if wire.drive is Drive.LIVE else LockstepPlanner()
+        self._plan: Planned | None = None
+        self._number = 0
+        self._told: dict[str, tuple[str, ...]] = {}
+        self._decisions: dict[str, tuple[int, TaskDecision]] = {}
+        self._look_ns = 0
+        self._not_before_ns = 0
+        self._seen_version = -1
+        self._asked_ns: int | None = None
+        self._cause = ""
+        self._say_decision = wire.publisher(TASK_DECISION)
+        self._say_problem = wire.publisher(TASK_PROBLEM)
+        wire.answer(COORDINATOR_PLANNING, lambda _: self.status(), serve=Serve.IN_STEP)
+        wire.answer(COORDINATOR_OBJECTIVE, self._choose, serve=Serve.IN_STEP)
+        _warm_up_once()
+
+    @property
+    def is_on(self) -> bool:
+        """Whether there are plans at all."""
+        return self.policy.method is not Method.NEAREST
+
+    def close(self) -> None:
+        """End what runs beside the coordinator's loop."""
+        self._planner.close()
+
+    # -- making plans ---------------------------------------------------------------------------------------
+
+    def step(self, now_ns: int) -> bool:
+        """Look for news, have a plan made of them, take in what was made; True if there is a new plan."""
+        if not self.is_on:
+            return False
+        if now_ns >= self._look_ns or self._seen_version != self._book.version:
+            self._look(now_ns)
+        if self._cause and now_ns >= self._not_before_ns:
+            self._ask(now_ns)
+        return self._take(now_ns)
+
+    def hear(self, before: RobotState | None, state: RobotState) -> None:
+        """A robot said how it is; if plans depend on it, that is not to wait."""
+        if before is None or _standing(before) != _standing(state):
+            self._look_ns = 0
+
+    def blocked(self) -> None:
+        """A robot did not get through: the map is to be looked at again."""
+        self._watch.is_blocked = True
+
+    def _look(self, now_ns: int) -> None:
+        self._seen_version = self._book.version
+        if now_ns >= self._look_ns:
+            self._look_ns = now_ns + LOOK_NS
+            self.chargers.follow(self._watch.places(now_ns), now_ns)
+        records = self._watch.records()
+        if not records and not self._news.has_tasks:
+            return
+        members = self._watch.members(now_ns)
+        pauses = self._shunning.pauses(now_ns)
+        area_m2 = self._watch.area_m2
+        cause = self._news.since(records, members, pauses, area_m2, left_out=len(self.left_out))
+        if not cause and records and now_ns - (self._asked_ns or now_ns) > to_ns(self.policy.refresh_s):
+            cause = "a while has passed"
+        self._cause = self._cause or cause
+
+    def _ask(self, now_ns: int) -> None:
+        cause, self._cause = self._cause, ""
+        self._asked_ns = now_ns
+        records, members, pauses = self._watch.records(), self._watch.members(now_ns), self._shunning.pauses(now_ns)
+        self._news.note(records, members, pauses, self._watch.area_m2)
+        if not members or not records:
+            self._plan = None
+            self.left_out, self.waiting = {}, {}
+            return
+        self._not_before_ns = now_ns + to_ns(self.policy.settle_s)
+        self._number += 1
+        open_ids = {record.task.id for record in records}
+        situation = Situation(
+            number=self._number,
+            now_ns=now_ns,
+            cause=cause,
+            records=tuple(records),
+            ended=self._watch.done_before(records, open_ids),
+            members=members,
+            pauses={pair: why for pair, why in pauses.items() if pair[0] in open_ids},
+            served_s=self._watch.served_s(records, now_ns),
+            floor=self._watch.floor(now_ns, wanted=bool(self.left_out)),
+            orders=self._orders(),
+            told=dict(self._told),
+        )
+        self._planner.ask(situation, self.policy)
+
+    def _take(self, now_ns: int) -> bool:
+        made = self._planner.take()
+        for plan in made:
+            self._plan = plan
+            self._say_problem.put(plan.problem)
+            for decision in plan.decisions:
+                self._told.pop(decision.task, None)
+                self._told[decision.task] = decision.robots
+                self._decisions.pop(decision.task, None)
+                self._decisions[decision.task] = (plan.problem.asked_ns, decision)
+                self._say_decision.put(decision)
+            for kept in (self._told, self._decisions):
+                while len(kept) > KEPT_DECISIONS:
+                    kept.pop(next(iter(kept)))
+            self.waiting = plan.waiting
+            self.left_out = {
+                task: LeftOut(why, self.left_out[task].since_ns if task in self.left_out else now_ns)
+                for task, why in plan.left_out.items()
+            }
+        return bool(made)
+
+    # -- following them -------------------------------------------------------------------------------------
+
+    def due(self, now_ns: int) -> Iterator[Due]:
+        """What is to be offered to whom now, by the plan; a robot that explores is to be taken away from that."""
+        if self._plan is None:
+            return
+        for name in sorted(self._plan.steps):
+            at = self._book.of_robot(name)
+            if at is not None and not (at.own and isinstance(at.task, Explore)):
+                continue
+            step = self._next(name)
+            robot = self._roster.robots.get(name)
+            if step is None or robot is None or self.why_out(robot, now_ns):
+                continue
+            record = self._book.find(step.task)
+            if record is None or record.task.robots > 1 or self._waits(record, now_ns, step.way_s):
+                continue
+            if not self._shunning.why(step.task, name, now_ns):
+                yield step.task, name
+
+    @property
+    def has_teamwork(self) -> bool:
+        """Whether a task for several robots waits for them."""
+        return any(record.task.robots > 1 and record.state is TaskState.QUEUED for record in self._watch.records())
+
+    def due_together(self, now_ns: int) -> Iterator[tuple[str, list[str]]]:
+        """Tasks for several robots which all of these can begin now, by the plan."""
+        robots: dict[str, list[str]] = {}
+        for name in sorted(self._plan.steps) if self._plan is not None else ():
+            step, robot, at = self._next(name), self._roster.robots.get(name), self._book.of_robot(name)
+            is_free = at is None or (at.own and isinstance(at.task, Explore))
+            if step is not None and robot is not None and is_free and not self.why_out(robot, now_ns):
+                robots.setdefault(step.task, []).append(name)
+        for task_id, names in robots.items():
+            record = self._book.find(task_id)
+            if record is not None and len(names) == record.task.robots > 1 and not self._waits(record, now_ns, 0.0):
+                yield task_id, names
+
+    def begun(self, task_id: str, robot: str) -> None:
+        """A task was offered as it was planned, and taken."""
+        self._news.begun(task_id, robot)
+
+    def is_reserved(self, robot: str, now_ns: int) -> bool:
+        """Whether a robot has something to do soon, so that it is not to be sent elsewhere."""
+        if robot in self.held:
+            return True
+        step = self._next(robot)
+        return step is not None and step.leave_ns - now_ns < SOON_NS
+
+    def has_unplanned(self) -> bool:
+        """Whether a plan is about to come that may have something for anybody, so that nobody is sent elsewhere."""
+        if not (self._cause or self._planner.is_busy):
+            return False
+        known = set() if self._plan is None else {step.task for steps in self._plan.steps.values() for step in steps}
+        known |= self.left_out.keys() | self.waiting.keys()
+        return any(record.task.id not in known for record in self._watch.records() if record.state is TaskState.QUEUED)
+
+    def has_route(self, robot: str) -> bool:
+        """Whether a robot has tasks by the plan that it has not begun."""
+        return self._next(robot) is not None
+
+    def _next(self, robot: str) -> Step | None:
+        steps = self._plan.steps.get(robot, ()) if self._plan is not None else ()
+        for step in steps:
+            record = self._book.find(step.task)
+            if record is not None and record.state is TaskState.QUEUED:
+                return step
+        return None
+
+    # -- telling --------------------------------------------------------------------------------------------
+
+    def decision(self, task_id: str) -> tuple[int, TaskDecision] | None:
+        """When a task was last decided on, and how."""
+        return self._decisions.get(task_id)
+
+    def why_out(self, robot: Robot, now_ns: int) -> str:
+        """Why a robot is no part of plans now; empty if it is."""
+        out = why_out(robot, self._book.of_robot(robot.name), now_ns)
+        return out or self.held.get(robot.name, "")
+
+    @property
+    def number(self) -> int:
+        """Of the plan that is followed; 0 if there is none."""
+        return 0 if self._plan is None else self._plan.problem.plan
+
+    def words(self, task_id: str, now_ns: int) -> str:
+        """What the plan has for a queued task; empty if it knows nothing of it."""
+        if task_id in self.left_out:
+            return f"the plan leaves it out: {self.left_out[task_id].why}"
+        if task_id in self.waiting:
+            return self.waiting[task_id]
+        for robot, steps in self._plan.steps.items() if self._plan is not None else ():
+            for step in steps:
+                if step.task == task_id:
+                    return f"{robot} is to begin it in {max(0.0, to_seconds(step.start_ns - now_ns)):.0f} s"
+        return ""
+
+    def anybody_out(self, now_ns: int) -> bool:
+        """Whether a robot of the team is no part of plans now."""
+        return any(robot.has_token and self.why_out(robot, now_ns) for robot in self._roster.robots.values())
+
+    def status(self) -> PlanningStatus:
+        """How plans are made."""
+        plan = self._plan
+        places = {charger.place for known in self.chargers.of.values() for charger in known}
+        return PlanningStatus(
+            objective=self.policy.objective,
+            method=self.policy.method,
+            plans=self._number,
+            planned=sum(len(tasks) for tasks in self._orders().values()),
+            left_out=len(self.left_out),
+            took_s=0.0 if plan is None else round(plan.took_s, 4),
+            chargers=tuple(sorted(places, key=lambda place: (place.x_m, place.y_m))),
+        )
+
+    def _choose(self, request: Request) -> PlanningStatus:
+        try:
+            asked = msgspec.json.decode(request.payload or b"{}", type=ObjectiveRequest)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+            raise CallError(ErrorCode.BAD_ARGUMENTS, f"expected an ObjectiveRequest: {error}") from error
+        if asked.objective is not self.policy.objective:
+            logger.info("plans are for %s from now on%s", asked.objective, f", says {asked.by}" if asked.by else "")
+            self.policy = msgspec.structs.replace(self.policy, objective=asked.objective)
+            self._cause = f"plans are for {asked.objective} now"
+            self._not_before_ns = 0
+        return self.status()
+
+    def _orders(self) -> dict[str, tuple[str, ...]]:
+        if self._plan is None:
+            return {}
+        orders = {}
+        for robot, tasks in self._plan.orders.items():
+            left = tuple(
+                task
+                for task in tasks
+                if (record := self._book.find(task)) is not None and record.state is TaskState.QUEUED
+            )
+            if left:
+                orders[robot] = left
+        return orders
+
+
+def _standing(state: RobotState) -> tuple[bool, bool, bool, bool]:
+    charging = state.battery is not None and state.battery.charging
+    return state.pose is None, state.halted, state.behavior in HOMEWARD or bool(state.lost), charging
+
+
+def _wake(wire: Endpoint) -> None:
+    if wire.on_heard is not None:
+        wire.on_heard()
+
+
+_warm_up_once = cache(warm_up)

@@ -1,0 +1,41 @@
+"""The recorder's inbox: bounded in messages and in bytes, and it knows of which topics it had to refuse some."""
+
+from collections import Counter
+
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.topic import Topic
+
+
+class RecorderInbox(Inbox):
+    """Keeps every message until the recorder's step. What comes when it is full is not taken in.
+
+    Refusing the newest, where other inboxes let the oldest go, leaves a recording that breaks off at a known place
+    and is whole before it.
+
+    Args:
+        capacity: messages held at the most.
+        capacity_bytes: bytes of their payloads held at the most.
+    """
+
+    def __init__(self, capacity: int, capacity_bytes: int) -> None:
+        super().__init__(capacity, every=True)
+        self.capacity_bytes = capacity_bytes
+        self.dropped_by_topic: Counter[str] = Counter()
+        self._bytes = 0
+
+    def append(self, topic: Topic, key: str, payload: bytes, *, outside: bool = False) -> None:
+        """Take a message in, or count it as dropped."""
+        if len(self) >= self.capacity or self._bytes + len(payload) > self.capacity_bytes:
+            self.received += 1
+            self.outside += outside
+            self.dropped += 1
+            self.dropped_by_topic[topic.name] += 1
+            return
+        self._bytes += len(payload)
+        super().append(topic, key, payload, outside=outside)
+
+    def drain_raw(self) -> list[tuple[Topic, str, bytes]]:
+        """Take everything out as topic, key and payload, in order of arrival."""
+        raw = super().drain_raw()
+        self._bytes -= sum(len(payload) for _, _, payload in raw)
+        return raw

@@ -1,0 +1,132 @@
+"""`robrain bench`: measurements that anybody can repeat, each figure beside the bound that it is to keep."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+BENCHES = {
+    "allocation": "who does what: gaps to exact optima, times of first plans, public routing instances",
+    "responses": "from an event to the wheels: a live team of processes on loopback",
+    "agents": "a thousand simulated agents at 10 Hz, and what they cost a coordinator",
+}
+"""Name, and what it measures."""
+
+bench_app = typer.Typer(
+    name="bench",
+    help="Measure, and show each figure beside the bound that it is to keep.",
+    rich_markup_mode=None,
+)
+
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
+SecondsOption = Annotated[float, typer.Option(help="With --instance: seconds of a core to think.")]
+
+
+@bench_app.callback(invoke_without_command=True)
+def benches(
+    context: typer.Context,
+    names: Annotated[bool, typer.Option("--list", help="Say which benchmarks there are.")] = False,
+) -> None:
+    """Measure, and show each figure beside the bound that it is to keep."""
+    if names:
+        for name, what in BENCHES.items():
+            sys.stdout.write(f"{name:<12}{what}\n")
+    elif context.invoked_subcommand is None:
+        sys.stdout.write(context.get_help() + "\n")
+
+
+@bench_app.command(help=BENCHES["allocation"])
+def allocation(
+    instance: Annotated[
+        Path | None, typer.Option(help="Solve this public instance instead: VRPLIB .vrp, or Solomon .txt.")
+    ] = None,
+    best: Annotated[
+        float | None, typer.Option(help="Its best known value; default is the Cost of the .sol file beside it.")
+    ] = None,
+    seconds: SecondsOption = 5.0,
+    seed: Annotated[int, typer.Option(help="With --instance: seed of the search.")] = 0,
+    sizes: Annotated[int, typer.Option(help="Without: so many sizes of 5 × 50, 20 × 200, 100 × 1000.")] = 3,
+    as_json: JsonOption = False,
+) -> None:
+    """Measure the allocators."""
+    from robrain.deploy.bench_allocation import SIZES, measure
+    from robrain.deploy.errors import UsageError
+
+    if instance is not None:
+        _solve(instance, best, seconds, seed, as_json=as_json)
+        return
+    if best is not None:
+        raise UsageError("--best: expected together with --instance FILE")
+    if sizes not in range(1, len(SIZES) + 1):
+        raise UsageError(f"--sizes {sizes}: expected 1 to {len(SIZES)}")
+    from robrain.deploy.bench_figure import report
+
+    report("allocation", measure(SIZES[:sizes]), as_json=as_json)
+
+
+@bench_app.command(help=BENCHES["responses"])
+def responses(
+    rounds: Annotated[int, typer.Option(help="How often each event is caused; a second or two each.")] = 100,
+    as_json: JsonOption = False,
+) -> None:
+    """Measure response times."""
+    from robrain.deploy.bench_figure import report
+    from robrain.deploy.bench_responses import measure
+
+    _at_least("--rounds", rounds, 1)
+    report("responses", measure(rounds), as_json=as_json)
+
+
+@bench_app.command(help=BENCHES["agents"])
+def agents(
+    robots: Annotated[int, typer.Option(help="How many agents.")] = 1000,
+    minutes: Annotated[float, typer.Option(help="For how long they are watched.")] = 1.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Measure what many agents cost."""
+    from robrain.deploy.bench_agents import measure
+    from robrain.deploy.bench_figure import report
+    from robrain.deploy.errors import UsageError
+
+    _at_least("--robots", robots, 1)
+    if not minutes > 0:
+        raise UsageError(f"--minutes {minutes:g}: expected a number above 0")
+    report("agents", measure(robots, minutes), as_json=as_json)
+
+
+def _at_least(option: str, value: int, least: int) -> None:
+    from robrain.deploy.errors import UsageError
+
+    if value < least:
+        raise UsageError(f"{option} {value}: expected at least {least}")
+
+
+def _solve(path: Path, best: float | None, seconds: float, seed: int, *, as_json: bool) -> None:
+    import time
+
+    import msgspec
+
+    from robrain.coordinator.allocation.optimal import OptimalAllocator
+    from robrain.coordinator.allocation.problem import Objective
+    from robrain.coordinator.allocation.warm_up import warm_up
+    from robrain.deploy.bench_public import read_best, read_public, solve_public
+    from robrain.deploy.errors import UsageError
+
+    if seconds <= 0:
+        raise UsageError(f"--seconds {seconds:g}: expected a number above 0")
+    if best is not None and best <= 0:
+        raise UsageError(f"--best {best:g}: expected a number above 0")
+    public = read_public(path)
+    known = best if best is not None else read_best(path)
+    warm_up()
+    allocator = OptimalAllocator(Objective.ENERGY, time.process_time)
+    result = solve_public(public, allocator, known, deadline_s=seconds, seed=seed)
+    if as_json:
+        sys.stdout.write(msgspec.json.encode(result).decode() + "\n")
+        return
+    sys.stdout.write(f"{result.instance}: {result.customers} customers, {result.vehicles} vehicles used\n")
+    sys.stdout.write(f"value {result.value:g}, best known {'–' if known is None else f'{known:g}'}")
+    sys.stdout.write("\n" if result.gap is None else f", gap {100 * result.gap:.2f} %\n")
+    if result.note:
+        sys.stdout.write(f"note: {result.note}\n")

@@ -1,0 +1,198 @@
+"""The commands about recordings. Each reads its options, and leaves the work to what it belongs to."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import typer
+
+from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
+from robrain.protocol.wire.safe_text import safe_json
+
+recording_app = typer.Typer(rich_markup_mode=None)
+
+DIFFERENT = 1
+"""Exit status of `check` with problems, and of `diff` with a difference."""
+
+RecordingArgument = Annotated[Path, typer.Argument(help="A recording, an MCAP file.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
+
+
+@recording_app.command()
+def record(
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="MCAP file to write; default is runs/TEAM-N.mcap.")
+    ] = None,
+    connect: Annotated[
+        str | None, typer.Option(help="Endpoint of the team, tcp/HOST:PORT; default is $ROBRAIN_CONNECT.")
+    ] = None,
+    team: Annotated[str, typer.Option(help="Name of the team.")] = DEFAULT_TEAM,
+    split_mb: Annotated[float | None, typer.Option(help="Go on in a next file after so many megabytes.")] = None,
+    split_s: Annotated[float | None, typer.Option(help="Go on in a next file after so many seconds.")] = None,
+    visual: Annotated[bool, typer.Option(help="Write what Foxglove, Lichtblick and Rerun draw, too.")] = True,
+    as_json: JsonOption = False,
+) -> None:
+    """Record a live team until Ctrl-C."""
+    from robrain.deploy.errors import UsageError
+    from robrain.deploy.live_process import LiveStop, endpoints, live_endpoint, session_of
+    from robrain.deploy.recording_display import record_display, show_recorded
+    from robrain.deploy.recording_live import next_name, record_team, split_of
+
+    check_name("team", team)
+    split = split_of(split_mb, split_s)
+    if output is None:
+        Path("runs").mkdir(exist_ok=True)
+    path = output if output is not None else next_name(Path("runs"), team)
+    if path.exists():
+        raise UsageError(f"--output {path}: it exists already; give another name or move it away")
+    should_stop = LiveStop()
+    with (
+        session_of(endpoints(connect), None) as session,
+        live_endpoint(session, team) as wire,
+        record_display(path, quiet=as_json) as show,
+    ):
+        summary = record_team(wire, path, split, visual=visual, should_stop=should_stop, on_progress=show)
+    if as_json:
+        _print_json(summary)
+    else:
+        show_recorded(summary)
+
+
+@recording_app.command()
+def foxglove(
+    connect: Annotated[
+        str | None, typer.Option(help="Endpoint of the team, tcp/HOST:PORT; default is $ROBRAIN_CONNECT.")
+    ] = None,
+    team: Annotated[str, typer.Option(help="Name of the team.")] = DEFAULT_TEAM,
+    port: Annotated[int, typer.Option(help="Port on 127.0.0.1; 0 takes a free one.")] = 8765,
+) -> None:
+    """Show a live team in Foxglove or Lichtblick: a WebSocket on 127.0.0.1 to open there."""
+    from robrain.deploy.live_process import LiveStop, endpoints, live_endpoint, session_of, tell
+    from robrain.deploy.recording_live import serve_foxglove
+
+    check_name("team", team)
+    should_stop = LiveStop()
+    with session_of(endpoints(connect), None) as session, live_endpoint(session, team) as wire:
+        serve_foxglove(wire, "127.0.0.1", port, lambda address: tell(f"foxglove: {address}"), should_stop)
+
+
+@recording_app.command()
+def info(recording: RecordingArgument, as_json: JsonOption = False) -> None:
+    """Say what is in a recording: where it comes from, rates and gaps of each key."""
+    from robrain.coordinator.recording.contents import read_contents
+    from robrain.deploy.recording_display import progress, show_contents
+
+    with progress("reading", quiet=as_json) as show:
+        contents = read_contents(recording, show)
+    if as_json:
+        _print_json(contents)
+    else:
+        show_contents(contents)
+
+
+@recording_app.command()
+def check(recording: RecordingArgument, as_json: JsonOption = False) -> None:
+    """Check a recording: messages as their schemas say, stamps that grow, no numbers missing. Exit status 1 if not."""
+    from robrain.coordinator.recording.checking import check_recording
+    from robrain.deploy.recording_display import progress, show_verdict
+
+    with progress("checking", quiet=as_json) as show:
+        verdict = check_recording(recording, show)
+    if as_json:
+        _print_json(verdict)
+    else:
+        show_verdict(verdict)
+    if not verdict.good:
+        raise typer.Exit(DIFFERENT)
+
+
+@recording_app.command()
+def diff(
+    first: Annotated[Path, typer.Argument(help="A recording.")],
+    second: Annotated[Path, typer.Argument(help="Another.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Name the first message in which two runs differ. Exit status 1 if they do."""
+    from robrain.coordinator.recording.comparing import first_difference
+    from robrain.deploy.recording_display import progress, show_difference
+
+    with progress("comparing", quiet=as_json) as show:
+        difference, same = first_difference(first, second, show)
+    if as_json:
+        _print_json({"same": same, "difference": difference})
+    else:
+        show_difference(first, second, difference, same)
+    if difference is not None:
+        raise typer.Exit(DIFFERENT)
+
+
+@recording_app.command()
+def recover(
+    recording: RecordingArgument,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="File to write; default is NAME_recovered.mcap beside it.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Make a whole file of a recording whose end is missing or that is damaged."""
+    from robrain.coordinator.recording.recovering import recover as recover_recording
+    from robrain.deploy.recording_display import progress, show_recovery
+
+    path = output if output is not None else recording.with_name(f"{recording.stem}_recovered{recording.suffix}")
+    with progress("recovering", quiet=as_json) as show:
+        recovery = recover_recording(recording, path, show)
+    if as_json:
+        _print_json(recovery)
+    else:
+        show_recovery(recovery)
+
+
+@recording_app.command()
+def report(
+    recordings: Annotated[list[Path], typer.Argument(help="A recording, or several to compare.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder to write to; default is NAME_report beside the first.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Make a page of figures of a run, or compare several: explored, tracks, tasks, energy, batteries, faults."""
+    from robrain.coordinator.recording.report import write_report
+    from robrain.deploy.recording_display import progress, show_report
+
+    folder = output if output is not None else recordings[0].with_name(f"{recordings[0].stem}_report")
+    with progress("reading and drawing", quiet=as_json) as show:
+        written = write_report(recordings, folder, show)
+    if as_json:
+        _print_json(written)
+    else:
+        show_report(written.page, written.figures)
+
+
+@recording_app.command()
+def export(
+    recording: RecordingArgument,
+    form: Annotated[
+        str, typer.Option("--to", help="csv or parquet (a file for each topic), html (a page that plays it), foxglove.")
+    ] = "csv",
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder (csv, parquet) or file to write; default is beside it."),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write a recording for other tools: tables, a page that plays it, or with what Foxglove and its like draw."""
+    from robrain.deploy.exporting import export_recording
+    from robrain.deploy.recording_display import progress, show_files
+
+    with progress("exporting", quiet=as_json) as show:
+        files = export_recording(recording, form, output, show)
+    if as_json:
+        _print_json({"files": files})
+    else:
+        show_files(files)
+
+
+def _print_json(value: object) -> None:
+    sys.stdout.write(safe_json(msgspec.json.encode(value, enc_hook=str)) + "\n")
+    sys.stdout.flush()

@@ -1,0 +1,18 @@
+"""Tasks for a team: where, how urgent, by when. The coordinator decides who goes, and says why."""
+
+from robrain import Inspect, LockstepTeam, Point2D, Scenario, Visit
+
+with LockstepTeam(Scenario.builtin("arena_small").replace(robots=2, seed=3)) as team:
+    team.run_for(1.0)  # the robots start, and look around
+    team.submit(Visit(id="door", place=Point2D(4.2, 3.0), service_s=2.0))
+    team.submit(Visit(id="corner", place=Point2D(1.0, 1.0), priority=5.0))
+    team.submit(Inspect(id="picture", place=Point2D(6.0, 3.0), look_at=Point2D(7.5, 5.0)), deadline_in_s=60.0)
+
+    for record in team.wait("door", "corner", "picture"):
+        result = record.result
+        print(f"{record.task.id:8}{record.state} by {record.robot}: {result['way_m']} m, {result['energy_j']} J")
+
+    print("corner:", team.why("corner").now)
+    for change in team.why("corner").changes:
+        print(f"  {change.stamp_ns / 1e9:5.1f} s  {change.state}  {change.robot}")
+    print(f"{team.now_s:.0f} simulated seconds")

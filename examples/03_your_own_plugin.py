@@ -1,0 +1,16 @@
+"""Your own plugin, loaded into a robot that is driving: the folder beside this file has it, in ten lines."""
+
+from pathlib import Path
+
+from robrain import LockstepTeam, Scenario
+
+FOLDER = Path(__file__).with_name("03_your_own_plugin")
+
+with LockstepTeam(Scenario.builtin("arena_small").replace(robots=1)) as team:
+    team.run_for(5.0)
+    for info in team.load("r1", FOLDER):
+        functions = ", ".join(function.name for function in info.functions)
+        print(f"loaded {info.name}, a {info.level}: {functions}")
+    for _ in range(3):
+        team.run_for(5.0)
+        print(f"{team.now_s:4.0f} s: r1 has come {team.call('r1', 'trip', 'distance_m')} m since")

@@ -1,0 +1,33 @@
+"""Energy: a robot with a small battery patrols; when it could not come home any more, it charges and goes on."""
+
+from robrain import BatterySpec, ChargerSpec, LockstepTeam, Point2D, RobotHardware, Scenario, Visit
+
+POSTS = [Point2D(1.0, 1.0), Point2D(4.2, 3.0), Point2D(3.6, 4.8), Point2D(6.0, 3.0)]
+battery = BatterySpec(capacity_wh=2.5, soc_at_start=0.6)  # some minutes
+scenario = Scenario.builtin("arena_small").replace(
+    robots=1, motes=0, seed=2, hardware=RobotHardware(battery=battery), chargers=(ChargerSpec(place_m=(0.6, 5.2)),)
+)
+
+with LockstepTeam(scenario) as team:
+    team.run_for(30.0)  # it explores the floor
+    told = ""
+    rounds, charges = 0, 0
+
+    def patrol() -> bool:
+        """Begin a new round when the last one is done; True once the robot has charged and is at its posts again."""
+        global told, rounds, charges
+        if all(record.state.ended for record in team.list()):
+            rounds += 1
+            for number, post in enumerate(POSTS):
+                team.submit(Visit(id=f"round-{rounds}-post-{number}", place=post, service_s=5.0))
+        state = team.state("r1")
+        before, told = told, state.behavior
+        if told != before and "recharge" in (told, before) and state.battery is not None:
+            charges += told == "recharge"
+            left = f"{state.battery.soc:.0%}, {state.battery.remaining_j:.0f} J left"
+            print(f"{team.now_s:4.0f} s, round {rounds}: from {before or 'nothing'} to {told}, {left}")
+        return charges > 0 and told == "visit"
+
+    team.run_for(900.0, until=patrol)
+    done = [record for record in team.list() if record.state == "done" and not record.own]
+    print(f"{len(done)} posts in {rounds} rounds, {sum(record.result['energy_j'] for record in done):.0f} J for them")

@@ -1,0 +1,57 @@
+"""Search: how a robot that does not know where it is finds itself.
+
+It drives slowly, in legs that are not in line, with nothing but the driver's own stop before obstacles: localisation
+needs motes' signals along some metres of way, or walls seen from more than one place. After a while it stands.
+"""
+
+import math
+
+from robrain.plugins.unit.driver.interface import DriverInterface, Motion
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.wire.clock import to_ns
+
+SPEED_M_S = 0.25
+LEG_M = 1.5
+CORNER_RAD = math.radians(100.0)
+"""From one leg to the next: after seven of them all directions have been gone in, and no two lie in line."""
+ASIDE_RAD = math.radians(137.5)
+"""From a leg that is blocked to the next, the golden angle: the directions tried spread out evenly."""
+BLOCKED_S = 0.6
+PATIENCE_S = 120.0
+"""Chosen: some 25 m of way. Who has not found itself by then will not."""
+
+
+class Search:
+    """One robot's search; made when it is lost, stepped until it is not.
+
+    Args:
+        driver: what it drives with.
+        now_ns: when it begins.
+
+    """
+
+    def __init__(self, driver: DriverInterface, now_ns: int) -> None:
+        self._driver = driver
+        self._until_ns = now_ns + to_ns(PATIENCE_S)
+        self._heading_rad = driver.pose().yaw_rad
+        self._is_at_it = False
+        self.has_given_up = False
+
+    def step(self, now_ns: int) -> None:
+        """Go on, or stand for good."""
+        if self.has_given_up:
+            return
+        if now_ns >= self._until_ns:
+            self.has_given_up = True
+            self._driver.stop()
+            return
+        if self._is_at_it and self._driver.motion() is not Motion.STANDING:
+            if self._driver.blocked_s() < BLOCKED_S:
+                return
+            self._heading_rad += ASIDE_RAD
+        elif self._is_at_it:
+            self._heading_rad += CORNER_RAD
+        self._is_at_it = True
+        pose = self._driver.pose()
+        end = Point2D(pose.x_m + LEG_M * math.cos(self._heading_rad), pose.y_m + LEG_M * math.sin(self._heading_rad))
+        self._driver.follow([end], SPEED_M_S)

@@ -1,0 +1,46 @@
+"""Text from elsewhere made harmless: what came over the wire or out of a file, before it is shown."""
+
+import html
+import json
+import re
+
+_UNSAFE = re.compile(
+    "[\x00-\x1f\x7f-\x9f"  # C0, DEL, C1: cursor, colours, titles and clipboard of a terminal
+    "\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"  # invisible, or turns the direction of what follows
+    "\ud800-\udfff\ufff9-\ufffb\U000e0000-\U000e007f]"  # halves of a character, annotations, tags
+)
+CUT = "…"
+
+
+def safe_text(text: str, limit: int | None = None) -> str:
+    r"""One line that a terminal only shows: what would steer it, or hide or turn the text, is spelled out.
+
+    Args:
+        text: from a recording, the wire or a file.
+        limit: cut to so many characters, counted as they are shown.
+
+    >>> safe_text("red: \x1b[31m, and\na line")
+    'red: \\x1b[31m, and\\na line'
+    >>> safe_text("much too long", limit=8)
+    'much to…'
+    """
+    shown = _UNSAFE.sub(lambda match: match[0].encode("unicode_escape", "surrogatepass").decode(), text)
+    return shown if limit is None or len(shown) <= limit else shown[: limit - 1] + CUT
+
+
+def safe_html(text: str, limit: int | None = None) -> str:
+    r"""The same for a page: a text node or the value of a quoted attribute, and nothing else.
+
+    >>> safe_html("<b onclick='x'>\x00")
+    '&lt;b onclick=&#x27;x&#x27;&gt;\\x00'
+    """
+    return html.escape(safe_text(text, limit))
+
+
+def safe_json(encoded: bytes) -> str:
+    r"""JSON with the same characters escaped as JSON does: it means what it meant, and a terminal only shows it.
+
+    >>> safe_json('"\x9b31m"'.encode())
+    '"\\u009b31m"'
+    """
+    return _UNSAFE.sub(lambda match: json.dumps(match[0])[1:-1], encoded.decode())

@@ -1,0 +1,146 @@
+"""Planning: what a team takes for a dozen tasks that are planned, against nearest first, with real robots in lockstep.
+
+The team first explores the floor, the same for both; then the tasks come all at once. `SEEDS` of them; each is another
+set of tasks. `python -m tests.bench.planning`.
+"""
+
+import statistics
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from robrain.coordinator.planning.policy import Method, PlanningPolicy
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.objective import Objective
+from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.warm_up import warm_up
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord, TaskSubmission
+from robrain.protocol.wire.topics import TASK_LIST, TASK_SUBMIT
+from robrain.sim.lockstep import LockstepRun
+from robrain.sim.maps.placement import scatter_points
+from robrain.sim.scenario import Scenario
+from tests.bench.plugin_host import Row
+
+FLOOR = "depot"
+ROBOTS, TASKS = 3, 12
+SEEDS = (1, 2, 3)
+EXPLORED = 0.93
+EXPLORE_LIMIT_S = 120.0
+LONGEST_S = 600.0
+CLEARANCE_M = 0.5
+LOOK_TICKS = 10
+STANDING_W = 8.0
+"""What each robot draws whatever it does; no plan changes that, but a short one ends it sooner."""
+
+
+class Outcome(NamedTuple):
+    """One run, from the moment at which the tasks came."""
+
+    energy_j: float
+    """Of all robots, standing included."""
+    moving_j: float
+    """The same without what standing takes."""
+    distance_m: float
+    makespan_s: float
+    done: int
+
+
+def measure(seeds: tuple[int, ...] = SEEDS) -> list[Row]:
+    """The table's rows: each a way of deciding, against nearest first."""
+    warm_up()
+    ways = {
+        "nearest first": PlanningPolicy(method=Method.NEAREST),
+        "auction, energy": PlanningPolicy(method=Method.AUCTION),
+        "planned, energy": PlanningPolicy(),
+        "planned, makespan": PlanningPolicy(objective=Objective.MAKESPAN),
+    }
+    outcomes = {name: [run_tasks(seed, policy) for seed in seeds] for name, policy in ways.items()}
+    base = outcomes["nearest first"]
+    rows = []
+    for name, found in outcomes.items():
+        shares = [_share(found, base, field) for field in ("energy_j", "moving_j", "distance_m", "makespan_s")]
+        done = sum(one.done for one in found)
+        rows.append(
+            Row(
+                f"{ROBOTS} robots, {TASKS} tasks, {name}",
+                f"{100 * shares[0]:.0f} % energy, {100 * shares[1]:.0f} % of what moving takes,"
+                f" {100 * shares[2]:.0f} % way, {100 * shares[3]:.0f} % makespan",
+                f"{_mean(found, 'energy_j'):.0f} J, {_mean(found, 'distance_m'):.0f} m,"
+                f" {_mean(found, 'makespan_s'):.0f} s; {done} of {TASKS * len(found)} done",
+                "makespan < 100 %" if "makespan" in name else "of moving < 100 %" if "planned" in name else "–",
+                done == TASKS * len(found) and _is_less(name, shares),
+            )
+        )
+    return rows
+
+
+def run_tasks(seed: int, policy: PlanningPolicy, floor: str = FLOOR, record: Path | None = None) -> Outcome:
+    """Explore, then do a set of tasks that only the seed decides."""
+    scenario = Scenario.builtin(floor).replace(robots=ROBOTS, motes=0, seed=seed)
+    run = LockstepRun(scenario.world(), planning=policy, record=record)
+    asker = Endpoint(run.session, "default", run.clock, Drive.LOCKSTEP)
+    try:
+        while run.explored_fraction < EXPLORED and run.sim_time_s < EXPLORE_LIMIT_S:
+            run.tick()
+        places = _places(run, seed)
+        begun_s = run.sim_time_s
+        energy_j, distance_m = _spent(run)
+        for number, place in enumerate(places):
+            task = Visit(id=f"t{number}", place=place, service_s=2.0)
+            asker.ask(TASK_SUBMIT, TaskSubmission(task=task, by="bench"))
+        records: list[TaskRecord] = []
+        while run.sim_time_s - begun_s < LONGEST_S:
+            for _ in range(LOOK_TICKS):
+                run.tick()
+            records = msgspec.json.decode(asker.ask(TASK_LIST, TaskFilter()), type=list[TaskRecord])
+            if all(record.state.ended for record in records):
+                break
+        spent_j, gone_m = _spent(run)
+        done = sum(record.state is TaskState.DONE for record in records)
+        took_s, took_j = run.sim_time_s - begun_s, spent_j - energy_j
+        return Outcome(took_j, took_j - ROBOTS * STANDING_W * took_s, gone_m - distance_m, took_s, done)
+    finally:
+        asker.close()
+        run.close()
+
+
+def _places(run: LockstepRun, seed: int) -> list[Point2D]:
+    """On floor that the team knows, so that nobody has to find the way first."""
+    plan, grid = run.world.plan, run.coordinator.team_map.grid
+    starts = [Point2D(robot.start.x_m, robot.start.y_m) for robot in run.world.robots]
+    reachable = plan.reachable(starts, run.world.robots[0].radius_m)
+    rng = np.random.default_rng([seed, 77])
+    found = scatter_points(plan, 3 * TASKS, reachable, rng=rng, min_clearance_m=CLEARANCE_M, spacing_m=1.0)
+    known = [
+        place for place in found if grid is not None and grid.log_odds[grid.geometry.cell_of(place.x_m, place.y_m)] < 0
+    ]
+    return known[:TASKS]
+
+
+def _spent(run: LockstepRun) -> tuple[float, float]:
+    robots = run.truth.robots
+    return sum(robot.energy_j for robot in robots), sum(robot.distance_m for robot in robots)
+
+
+def _mean(outcomes: list[Outcome], field: str) -> float:
+    return statistics.fmean(getattr(one, field) for one in outcomes)
+
+
+def _is_less(name: str, shares: list[float]) -> bool:
+    return "planned" not in name or shares[3 if "makespan" in name else 1] < 1.0
+
+
+def _share(outcomes: list[Outcome], base: list[Outcome], field: str) -> float:
+    return statistics.fmean(
+        getattr(one, field) / getattr(other, field) for one, other in zip(outcomes, base, strict=True)
+    )
+
+
+if __name__ == "__main__":
+    for row in measure(tuple(int(text) for text in sys.argv[1:]) or SEEDS):
+        words = (row.what, row.value, row.beside, row.bound, "yes" if row.is_kept else "no")
+        sys.stdout.write(" | ".join(words) + "\n")

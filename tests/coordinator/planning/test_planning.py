@@ -1,0 +1,301 @@
+"""The coordinator plans: what it tells of it, what it does on news, and what it does not."""
+
+import msgspec
+import pytest
+
+from robrain.coordinator.planning.policy import Method, PlanningPolicy
+from robrain.coordinator.planning.question import decode
+from robrain.coordinator.planning.replaying import plan_again
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.objective import Objective
+from robrain.protocol.model.task import Explore, Recharge, TaskState, Visit
+from robrain.protocol.wire.errors import CallError
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.plan_messages import ObjectiveRequest, PlanningStatus
+from robrain.protocol.wire.task_messages import TaskRequest, TaskWhy
+from robrain.protocol.wire.topics import (
+    COORDINATOR_OBJECTIVE,
+    COORDINATOR_PLANNING,
+    TASK_DECISION,
+    TASK_PROBLEM,
+    TASK_WHY,
+)
+from tests.coordinator.planning.worlds import CAPACITY_J, Worker, run
+
+
+def visit(name: str, x_m: float = 6.0, y_m: float = 4.0, **fields) -> Visit:
+    return Visit(id=name, place=Point2D(x_m, y_m), **fields)
+
+
+class Ears:
+    def __init__(self, team):
+        self.decisions, self.problems = Inbox(10_000, every=True), Inbox(10_000, every=True)
+        wire = team.endpoint()
+        wire.subscribe(self.decisions, TASK_DECISION)
+        wire.subscribe(self.problems, TASK_PROBLEM)
+
+    def decided(self):
+        return [received.message for received in self.decisions.drain()]
+
+    def asked(self):
+        return [received.message for received in self.problems.drain()]
+
+
+@pytest.fixture
+def ears(team):
+    return Ears(team)
+
+
+def offered(robot):
+    return [offer.task.id for offer in robot.offers]
+
+
+# -- who gets what --------------------------------------------------------------------------------------------
+
+
+def test_tasks_are_planned_as_routes_and_not_one_by_one(team):
+    """Nearest first would send r1 to the task in the middle, and then both across the room."""
+    west, east = team.robot("r1", 5.0), team.robot("r2", 8.0)
+    workers = [Worker(one, remaining_j=CAPACITY_J) for one in (west, east)]
+    team.closed_room()
+    team.run(1.0)
+    for number, x_m in enumerate((5.8, 4.0, 3.5, 7.0, 8.5)):
+        team.submit(visit(f"t{number}", x_m))
+    assert run(team, workers, 60.0, until=lambda: set(team.states().values()) == {TaskState.DONE})
+    assert {task: name for name, one in (("r1", west), ("r2", east)) for task in offered(one)} == {
+        "t0": "r1", "t1": "r1", "t2": "r1", "t3": "r2", "t4": "r2",
+    }  # fmt: skip
+
+
+def test_the_next_task_of_the_route_is_offered_in_the_step_in_which_the_last_is_done(team):
+    robot = team.robot("r1", 4.0)
+    team.closed_room()
+    team.run(1.0)
+    for number in range(3):
+        team.submit(visit(f"t{number}", 5.0 + number))
+    team.run(0.5)
+    for count in (2, 3):
+        robot.end(TaskState.DONE)
+        robot.say_state()
+        team.run(0.02)
+        assert len(robot.offers) == count
+
+
+def test_a_robot_that_explores_is_taken_away_from_it_for_a_task(team):
+    robot = team.robot("r1")
+    team.hall()
+    team.run(1.0)
+    assert isinstance(robot.offers[-1].task, Explore)
+    explored = robot.task.id
+    team.submit(visit("t1", 5.0))
+    team.run(0.1)
+    assert offered(robot)[-1] == "t1"
+    assert team.history(explored)[-1] is TaskState.CANCELLED
+    assert team.why(explored) == "r1 is needed for t1"
+    team.run(2.0)
+    assert robot.withdrawals == []
+
+
+def test_a_robot_whose_task_begins_soon_is_not_sent_exploring_and_sets_out_in_time(team):
+    robot = team.robot("r1", 5.0)
+    worker = Worker(robot, remaining_j=CAPACITY_J)
+    team.hall()
+    team.submit(visit("t1", 7.5), earliest_in_s=20.0)
+    run(team, [worker], 10.0)
+    assert robot.offers == []
+    run(team, [worker], 6.0)
+    assert offered(robot) == ["t1"]  # 2.5 m at 0.5 m/s, and a little margin
+
+
+def test_plans_do_not_change_hands_for_next_to_nothing(team, ears):
+    first, second = team.robot("r1", 5.0), team.robot("r2", 7.0)
+    workers = [Worker(one, remaining_j=CAPACITY_J) for one in (first, second)]
+    team.closed_room()
+    team.submit(visit("a", 3.5))
+    team.submit(visit("b", 8.5))
+    team.submit(visit("middle", 6.0, 5.5))
+    team.submit(visit("again", 6.01, 2.5))
+    run(team, workers, 30.0, until=lambda: set(team.states().values()) == {TaskState.DONE})
+    whose: dict[str, list[str]] = {}
+    for one in ears.decided():
+        whose.setdefault(one.task, []).append(one.robots[0])
+    assert all(len(robots) <= 2 for robots in whose.values()), whose
+
+
+# -- energy -----------------------------------------------------------------------------------------------------
+
+
+def test_a_task_that_would_not_leave_the_reserve_is_left_out_and_everybody_is_told_why(team, ears):
+    robot = team.robot("r1", 3.5)
+    robot.plugins = ["visit"]
+    worker = Worker(robot, remaining_j=0.101 * CAPACITY_J)
+    team.closed_room()
+    team.run(1.0)
+    team.submit(visit("t1", 8.5))
+    run(team, [worker], 2.0)
+    assert robot.offers == []
+    assert team.states() == {"t1": TaskState.QUEUED}
+    assert "% reserve" in team.why("t1")
+    decision = ears.decided()[-1]
+    assert (decision.task, decision.robots) == ("t1", ())
+    assert "< 10" in decision.bids[0].why_not
+    found = team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy)
+    assert found.robots[0].why_not == decision.bids[0].why_not
+    assert found.now.startswith("it is queued: the plan leaves it out: r1, which comes nearest: would leave")
+    queued = team.history("t1")
+    run(team, [worker], 5.0)
+    assert team.history("t1") == queued  # told once
+
+
+def test_the_task_of_higher_priority_is_done_when_there_is_energy_for_one(team):
+    robot = team.robot("r1", 6.0)
+    robot.plugins = ["visit"]
+    worker = Worker(robot, remaining_j=0.1 * CAPACITY_J + 260.0)
+    team.closed_room()
+    team.run(1.0)
+    team.submit(visit("near", 6.8))
+    team.submit(visit("dear", 3.4, priority=1.5))
+    run(team, [worker], 20.0)
+    assert offered(robot) == ["dear"]
+
+
+def test_a_robot_that_is_low_charges_first_and_then_does_what_was_left_out(team):
+    robot = team.robot("r1", 4.0)
+    robot.plugins = ["visit", "recharge", "explore"]
+    robot.chargers = [Point2D(3.5, 4.0)]
+    worker = Worker(robot, remaining_j=0.102 * CAPACITY_J)
+    team.closed_room()
+    team.run(1.0)
+    team.submit(visit("t1", 8.5))
+    assert run(team, [worker], 120.0, until=lambda: team.states() == {"t1": TaskState.DONE})
+    assert [type(offer.task) for offer in robot.offers][:2] == [Recharge, Visit]
+    records = team.coordinator.tasks.journal
+    assert records.find(robot.offers[0].task.id).own
+
+
+def test_robots_take_turns_at_a_charger(team):
+    robots = [team.robot(f"r{number}", 4.0 + number) for number in range(3)]
+    workers = []
+    for number, robot in enumerate(robots):
+        robot.plugins = ["visit", "recharge"]
+        robot.chargers = [Point2D(3.5, 2.5)]
+        workers.append(Worker(robot, remaining_j=(0.3 - 0.05 * number) * CAPACITY_J))
+    team.closed_room()
+    order: list[str] = []
+
+    def check():
+        docked = [worker.robot.name for worker in workers if worker.at_charger is not None]
+        assert len(docked) <= 1
+        if docked and docked[0] not in order:
+            order.extend(docked)
+
+    full = 0.9 * CAPACITY_J
+    assert run(team, workers, 400.0, until=lambda: all(one.remaining_j > full for one in workers), check=check)
+    assert order == ["r2", "r1", "r0"]  # least first
+
+
+def test_a_robot_that_goes_home_of_its_own_accord_is_not_planned_with(team):
+    tired, fresh = team.robot("r1", 6.0), team.robot("r2", 8.5)
+    tired.behavior = "recharge"
+    team.closed_room()
+    team.run(1.0)
+    team.submit(visit("t1", 6.0))
+    team.run(1.0)
+    assert offered(fresh) == ["t1"]
+    found = team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy)
+    assert [one.why_not for one in found.robots] == ["goes home to charge", ""]
+    fresh.end(TaskState.DONE)
+    fresh.behavior, tired.behavior = "go home", "idle"
+    team.run(0.5)
+    team.submit(visit("t2", 6.5))
+    team.run(0.5)
+    assert offered(tired) == ["t2"]
+
+
+# -- told, recorded, decided again ----------------------------------------------------------------------------------
+
+
+def test_a_decision_has_each_robots_bid(team, ears):
+    for name, x_m, plugins in (("r1", 5.0, ["visit"]), ("r2", 8.0, ["visit"]), ("r3", 6.0, ["explore"])):
+        team.robot(name, x_m).plugins = plugins
+    team.closed_room()
+    team.run(1.0)
+    team.submit(visit("t1", 6.0))
+    team.run(0.5)
+    decision = ears.decided()[-1]
+    assert (decision.task, decision.robots) == ("t1", ("r1",))
+    near, far, blind = decision.bids
+    assert near.chosen
+    assert near.energy_j < far.energy_j
+    assert near.time_s < far.time_s
+    assert blind.why_not == "no visit"
+    found = team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy)
+    assert [(one.robot, one.chosen, one.energy_j) for one in found.robots] == [
+        ("r1", True, near.energy_j), ("r2", False, far.energy_j), ("r3", False, None),
+    ]  # fmt: skip
+
+
+def test_what_a_plan_was_made_from_is_told_with_it_and_makes_it_again(team, ears):
+    robots = [team.robot(f"r{number}", 4.0 + 2.0 * number) for number in range(3)]
+    workers = [Worker(robot, remaining_j=CAPACITY_J, dearer=1.0 + index) for index, robot in enumerate(robots)]
+    team.closed_room()
+    run(team, workers, 1.0)
+    for number in range(9):
+        team.submit(visit(f"t{number}", 3.4 + 0.55 * number, 2.6 + 2.5 * (number % 2), service_s=1.0))
+    run(team, workers, 60.0, until=lambda: set(team.states().values()) == {TaskState.DONE})
+    problems = ears.asked()
+    assert len(problems) > 5
+    assert [one.plan for one in problems] == list(range(1, len(problems) + 1))
+    for one in problems:
+        assert plan_again(one) == one.routes
+        assert len(msgspec.json.encode(one)) < 6000
+    assert len(decode(problems[0].question).profiles) == 3
+
+
+# -- the objective ----------------------------------------------------------------------------------------------
+
+
+def test_the_objective_is_told_and_changed_while_the_team_works(team, ears):
+    robots = [team.robot("r1", 5.0), team.robot("r2", 5.2)]
+    workers = [Worker(robot, remaining_j=CAPACITY_J) for robot in robots]
+    team.closed_room()
+    run(team, workers, 1.0)
+    for number in range(4):
+        team.submit(visit(f"t{number}", 3.6 + 0.3 * number, service_s=60.0))
+    run(team, workers, 1.0)
+    assert [len(robot.offers) for robot in robots] == [1, 0]  # least energy: one robot for all
+    status = team.ask(COORDINATOR_PLANNING, None, PlanningStatus)
+    assert (status.objective, status.method, status.planned) == (Objective.ENERGY, "optimal", 3)
+    status = team.ask(COORDINATOR_OBJECTIVE, ObjectiveRequest(objective=Objective.MAKESPAN, by="ann"), PlanningStatus)
+    assert status.objective is Objective.MAKESPAN
+    run(team, workers, 1.0)
+    assert [len(robot.offers) for robot in robots] == [1, 1]
+    assert ears.asked()[-1].objective is Objective.MAKESPAN
+    with pytest.raises(CallError, match="ObjectiveRequest"):
+        team.asker.ask(COORDINATOR_OBJECTIVE, b'{"objective":"speed"}')
+
+
+def test_without_plans_the_nearest_idle_robot_is_taken(team, ears):
+    team.begin(None, PlanningPolicy(method=Method.NEAREST))
+    robot = team.robot("r1")
+    team.closed_room()
+    team.run(1.0)
+    team.submit(visit("t1"))
+    team.run(0.5)
+    assert offered(robot) == ["t1"]
+    assert ears.asked() == []
+
+
+@pytest.mark.parametrize(
+    ("fields", "named"),
+    [
+        ({"prize_j": 0.0}, "prize_j > 0"),
+        ({"confidence": 1.0}, "confidence from 0.5"),
+        ({"reserve_share": 1.0}, "reserve_share from 0"),
+        ({"tasks_max": 0}, "tasks_max >= 1"),
+        ({"seed": -1}, "seed >= 0"),
+    ],
+)
+def test_a_policy_that_makes_no_sense_is_refused(fields, named):
+    with pytest.raises(ValueError, match=named):
+        PlanningPolicy(**fields)

@@ -1,0 +1,109 @@
+"""A recorded run is put through the allocator again: it decides the same."""
+
+import hashlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import msgspec
+
+from robrain.coordinator.planning.replaying import plan_again, replay_decisions
+from robrain.coordinator.recording.provenance import Provenance
+from robrain.coordinator.recording.recorder import Recorder
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.objective import Objective
+from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.plan_messages import PlanProblem
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.topics import TASK_DECISION, TASK_PROBLEM
+from tests.coordinator.conftest import Team
+from tests.coordinator.planning.worlds import CAPACITY_J, Worker, run
+
+PROVENANCE = Provenance(scenario="room", scenario_toml="", seed=1, map_png=b"", drive="lockstep", team="default")
+
+
+def test_a_recorded_run_decides_the_same_again(team, tmp_path):
+    path = tmp_path / "run.mcap"
+    recorder = Recorder(team.endpoint(), path, PROVENANCE)
+    workers = [Worker(team.robot(f"r{number}", 4.0 + 2.0 * number), remaining_j=CAPACITY_J) for number in range(3)]
+    team.closed_room()
+    run(team, workers, 1.0)
+    for number in range(8):
+        after = (f"t{number - 3}",) if number % 4 == 3 else ()
+        task = Visit(id=f"t{number}", place=Point2D(3.5 + 0.6 * number, 2.5 + 3.0 * (number % 2)), after=after)
+        team.submit(task, deadline_in_s=100.0 if number % 3 else None)
+    done = run(
+        team,
+        workers,
+        100.0,
+        until=lambda: set(team.states().values()) == {TaskState.DONE},
+        check=recorder.step,
+    )
+    recorder.close()
+    assert done
+    plans = list(replay_decisions(path))
+    assert len(plans) > 5
+    assert all(plan.is_same for plan in plans)
+    assert plans[0].recorded.cause.endswith("more")
+
+
+def test_another_question_is_decided_otherwise(team):
+    """The comparison can fail: a plan that is told wrongly is seen."""
+    inbox = Inbox(100, every=True)
+    team.endpoint().subscribe(inbox, TASK_PROBLEM)
+    team.robot("r1")
+    team.closed_room()
+    team.submit(Visit(id="a", place=Point2D(4.0, 4.0)))
+    team.submit(Visit(id="b", place=Point2D(8.0, 4.0)))
+    team.run(1.0)
+    told = inbox.drain()[-1].message
+    assert plan_again(told) == told.routes
+    wrong = msgspec.structs.replace(told, routes=(("r1", tuple(reversed(told.routes[0][1]))),))
+    assert plan_again(wrong) != wrong.routes
+    other = msgspec.structs.replace(told, objective=Objective.LIFETIME, question=told.question)
+    assert isinstance(other, PlanProblem)
+    assert plan_again(other) is not None
+
+
+def digest() -> str:
+    """Of all that is said of the plans of a run in which robots can do different things, and refuse some."""
+    with open_lockstep_session() as session:
+        team = Team(session)
+        inbox = Inbox(10_000, every=True)
+        ears = team.endpoint()
+        for topic in (TASK_PROBLEM, TASK_DECISION):
+            ears.subscribe(inbox, topic)
+        workers = []
+        for number, extra in enumerate((["camera"], ["sensor_board", "arm"], ["camera", "arm"])):
+            robot = team.robot(f"r{number}", 4.0 + 2.0 * number)
+            robot.plugins = ["visit", "explore", *extra]
+            robot.accepts = number != 1
+            workers.append(Worker(robot, remaining_j=CAPACITY_J))
+        team.closed_room()
+        run(team, workers, 1.0)
+        for number in range(9):
+            needs = ((), ("camera", "arm"), ("sensor_board",))[number % 3]
+            place = Point2D(3.5 + 0.6 * number, 2.5 + 3.0 * (number % 2))
+            team.submit(Visit(id=f"t{number}", place=place, needs=needs), deadline_in_s=60.0)
+        run(team, workers, 40.0)
+        found = hashlib.sha256(b"".join(payload for _, _, payload in inbox.drain_raw())).hexdigest()
+        team.close()
+        return found
+
+
+def test_what_is_said_of_plans_does_not_depend_on_the_hash_seed():
+    code = "from tests.coordinator.planning.test_replaying import digest; import sys; sys.stdout.write(digest())"
+    found = set()
+    for hash_seed in ("1", "2"):
+        said = subprocess.run(
+            [sys.executable, "-c", code],
+            cwd=Path(__file__).parents[3],
+            env={**os.environ, "PYTHONHASHSEED": hash_seed},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        found.add(said.stdout)
+    assert len(found) == 1

@@ -1,0 +1,121 @@
+"""How far it is along the floor, and what that takes whom."""
+
+import numpy as np
+import pytest
+
+from robrain.coordinator.planning.chargers import Charger
+from robrain.coordinator.planning.charging import Charge, Idle, assign_chargers
+from robrain.coordinator.planning.energy import kinds_of, mean_within, profile_of
+from robrain.coordinator.planning.question import Profile, Question, decode, pack_ways
+from robrain.coordinator.planning.ways import DETOUR, Floor, Ways
+from robrain.protocol.model.energy_model import Work, estimate
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
+from tests.coordinator.planning.worlds import model
+
+GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 100, 60)
+
+
+def floor(*, unknown_from_m: float = 99.0) -> Floor:
+    """A room of 10 × 6 m with a wall at x = 5 that is open above y = 5."""
+    classes = np.full(GEOMETRY.shape, FREE, np.int8)
+    classes[:50, 50] = OCCUPIED
+    classes[:, round(10 * unknown_from_m) :] = UNKNOWN
+    return Floor(classes, GEOMETRY, 1)
+
+
+WEST, EAST, NEAR = Point2D(4.0, 1.0), Point2D(6.0, 1.0), Point2D(4.0, 3.0)
+
+
+def test_a_way_goes_around_the_wall():
+    length_m = Ways(floor(), 0.3, 1.5).lengths_m([WEST, EAST], [NEAR])
+    assert length_m[0, 1] == pytest.approx(9.0, abs=1.0)
+    assert length_m[0, 2] == pytest.approx(2.0, abs=0.1)
+    assert length_m[1, 2] == pytest.approx(7.0, abs=1.0)
+    assert (length_m == length_m.T).all()
+    assert (np.diag(length_m) == 0).all()
+
+
+def test_unknown_floor_may_be_gone_over_and_counts_for_more():
+    known = Ways(floor(), 0.3, 1.5).lengths_m([WEST, Point2D(1.0, 1.0)], [])[0, 1]
+    classes = np.full(GEOMETRY.shape, UNKNOWN, np.int8)
+    unknown = Ways(Floor(classes, GEOMETRY, 1), 0.3, 1.5).lengths_m([WEST, Point2D(1.0, 1.0)], [])[0, 1]
+    assert unknown == pytest.approx(1.5 * known, rel=0.05)
+
+
+def test_there_is_no_way_into_a_wall_or_through_a_gap_that_is_too_narrow():
+    ways = Ways(floor(), 0.3, 1.5)
+    assert np.isinf(ways.lengths_m([Point2D(-5.0, 1.0), WEST], [])[0, 1])
+    assert np.isinf(Ways(floor(), 1.2, 1.5).lengths_m([WEST, EAST], [])[0, 1])
+
+
+def test_without_a_map_ways_are_straight_and_half_as_long_again():
+    assert Ways(None, 0.3, 1.5).lengths_m([WEST, EAST], [])[0, 1] == DETOUR * 2.0
+
+
+def test_what_a_way_takes_is_what_the_robots_own_model_says():
+    one = model(50_000.0)
+    profile = profile_of(one, 1.0)
+    for length_m in (1.0, 7.0, 100.0):
+        told = estimate(one, Work(path_m=length_m))
+        assert profile.start_j + profile.j_per_m * length_m == pytest.approx(told.mean_j)
+        assert profile.s_per_m * length_m == pytest.approx(told.duration_s)
+
+
+@pytest.mark.parametrize("waits_s", [0.0, 100.0, 5000.0])
+def test_work_within_the_mean_is_within_the_bound(waits_s):
+    one = model(50_000.0)
+    mean_j = mean_within(one, 40_000.0, waits_s, 0.95)
+    assert 20_000.0 < mean_j < 40_000.0
+    profile = profile_of(one, 1.0)
+    for share in np.linspace(0.0, 1.0, 11):
+        wait_s = share * min(waits_s, mean_j / 8.0)
+        path_m = max(0.0, mean_j - 8.0 * wait_s) / profile.j_per_m
+        assert estimate(one, Work(path_m=path_m, wait_s=wait_s)).high_j(0.95) <= 40_000.0 * 1.005
+    assert mean_within(one, -5.0, 10.0, 0.95) == -5.0
+
+
+def test_equal_robots_are_one_kind_and_no_robots_ways_take_more_than_its_kinds():
+    rng = np.random.default_rng(1)
+    profiles = [Profile(float(a), float(b), float(c)) for a, b, c in rng.uniform(1.0, 60.0, (200, 3))]
+    merged, index = kinds_of(profiles)
+    assert len(merged) <= 16
+    for one, kind in zip(profiles, index, strict=True):
+        assert merged[kind].j_per_m >= one.j_per_m
+        assert merged[kind].s_per_m >= one.s_per_m
+    assert len(kinds_of([Profile(1.0, 30.0, 2.0), Profile(1.0, 30.1, 2.0)])[0]) == 1
+    assert len(kinds_of([Profile(1.0, 30.0, 2.0), Profile(1.0, 40.0, 2.0)])[0]) == 2
+
+
+def test_a_question_is_the_same_after_it_was_written_down():
+    length_m = np.array([[0.0, 1.234, np.inf], [1.234, 0.0, 5.0], [np.inf, 5.0, 0.0]])
+    asked = Question(
+        jobs=(), workers=(), profiles=(Profile(2.0, 10.0, 0.5),), places=3, ways_cm=pack_ways(length_m)
+    )  # fmt: skip
+    again = decode(asked.encode())
+    assert again == asked
+    problem = again.problem()
+    assert problem.energy_j[0, 0, 1] == pytest.approx(2.0 + 10.0 * 1.24)
+    assert np.isinf(problem.time_s[0, 0, 2])
+    with pytest.raises(ValueError, match="expected a question"):
+        decode(b"nonsense")
+
+
+# -- chargers -------------------------------------------------------------------------------------------------------
+
+
+def test_those_with_least_charge_first_and_never_two_at_one_charger():
+    here, there = Charger(Point2D(0.0, 0.0)), Charger(Point2D(9.0, 0.0), 1.0)
+    robots = [
+        Idle("r1", Point2D(1.0, 0.0), 0.2, (here, there)),
+        Idle("r2", Point2D(1.0, 1.0), 0.1, (here, there)),
+        Idle("r3", Point2D(1.0, 2.0), 0.25, (here, there)),
+        Idle("r4", Point2D(1.0, 2.0), 0.6, (here, there)),
+        Idle("r5", Point2D(1.0, 2.0), 0.1, ()),
+    ]
+    charges, waiting = assign_chargers(robots, [], 0.3)
+    assert charges == [Charge("r2", here), Charge("r1", there)]
+    assert waiting == {"r3": "waits for a charger: 2 of 2 are taken"}
+    charges, waiting = assign_chargers(robots, [Point2D(0.2, 0.0)], 0.3)
+    assert charges == [Charge("r2", there)]
+    assert set(waiting) == {"r1", "r3"}

@@ -1,0 +1,130 @@
+"""A robot that does not know where it is takes on nothing, looks for itself slowly, and goes on once it is found."""
+
+import math
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from robrain.plugins.behavior.search import PATIENCE_S, SPEED_M_S
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.localiser import NO_FIT
+from robrain.protocol.model.task import Explore, Recharge, TaskState, Visit
+from robrain.protocol.wire.topics import ROBOT_PATH
+from tests.plugins.errands import CHARGER, Errands
+
+FAR = Point2D(5.0, 3.0)
+WHY = "walls and wheels disagree"
+SAYS = f"r1 does not know where it is: {WHY}"
+
+
+@pytest.fixture
+def errands() -> Iterator[Callable[..., Errands]]:
+    opened: list[Errands] = []
+
+    def build(*load: str, **options: object) -> Errands:
+        opened.append(Errands("visit", *load, **options))
+        opened[-1].run(1.0)
+        assert not opened[-1].why_not_running()
+        return opened[-1]
+
+    yield build
+    for one in opened:
+        one.close()
+
+
+def lose(run: Errands) -> None:
+    """Have localisation say that it is lost, and see nothing that it knows, until `find`."""
+    localiser = run.hosts["r1"].manager.get("localisation").live_plugin()._localiser
+    localiser.lost = WHY
+    localiser.see = lambda *_, **__: NO_FIT
+
+
+def find(run: Errands) -> None:
+    """Have it know again."""
+    localiser = run.hosts["r1"].manager.get("localisation").live_plugin()._localiser
+    del localiser.see
+    localiser.lost = ""
+
+
+def speed_m_s(run: Errands) -> float:
+    velocity = run.hosts["r1"].board.velocity
+    return math.hypot(velocity.forward_m_s, velocity.left_m_s)
+
+
+def test_a_lost_robot_refuses_what_it_is_offered_and_says_why(errands):
+    run = errands("explore", "recharge")
+    lose(run)
+    run.run(0.3)
+    for task in (Visit(id="v", place=FAR), Explore(id="x", goal=FAR), Recharge(id="c", place=CHARGER)):
+        answer = run.offer(task)
+        assert (answer.accepted, answer.why) == (False, SAYS)
+    find(run)
+    run.run(0.3)
+    assert run.finish(Visit(id="v", place=FAR)).state is TaskState.DONE
+
+
+@pytest.mark.parametrize("task", [Visit(id="t", place=FAR, service_s=1.0), Explore(id="t", goal=FAR)])
+def test_a_task_pauses_while_the_robot_looks_for_itself_slowly_and_then_goes_on(errands, task):
+    run = errands("explore")
+    explore = run.hosts["r1"].manager.get("explore").live_plugin()
+    explore._is_seen = lambda *_: False  # there is nothing unknown in this room
+    assert run.offer(task).accepted
+    run.run(2.0)
+    paths = run.inbox(ROBOT_PATH, robot="r1")
+    lose(run)
+    run.run(1.5)
+    assert paths.drain()[-1].message.points == []
+    way_m = run.way_m()
+    for _ in range(60):
+        run.run(0.2)
+        assert speed_m_s(run) <= SPEED_M_S + 0.01
+    assert run.status().state is TaskState.RUNNING
+    assert run.way_m() - way_m > 2.0  # what localisation needs to find it by motes
+    assert run.arena.collisions == 0
+    find(run)
+    for _ in range(100):
+        run.run(0.2)
+        if run.status().state.ended:
+            break
+    assert run.status().state is TaskState.DONE, run.status().why
+    assert run.pose().distance_m(FAR) < 0.5
+
+
+def test_a_task_whose_robot_does_not_find_itself_fails_with_why_and_the_robot_stands(errands):
+    run = errands()
+    assert run.offer(Visit(id="v", place=FAR)).accepted
+    run.run(1.0)
+    lose(run)
+    run.run(PATIENCE_S + 3.0)
+    assert (run.status().state, run.status().why) == (TaskState.FAILED, SAYS)
+    way_m = run.way_m()
+    run.run(10.0)
+    assert run.way_m() == way_m
+    assert run.arena.collisions == 0
+
+
+def test_one_with_nothing_to_do_looks_for_itself_once_and_stands_when_it_is_found(errands):
+    run = errands("idle")
+    lose(run)
+    run.run(3.0)
+    assert run.hosts["r1"].board.behavior == "find itself"
+    assert run.offer(Visit(id="v", place=FAR)).why == SAYS
+    run.run(10.0)
+    assert run.way_m() > 1.5
+    find(run)
+    run.run(3.0)
+    assert run.hosts["r1"].board.behavior == "idle"
+    way_m = run.way_m()
+    run.run(5.0)
+    assert run.way_m() == way_m
+    assert run.finish(Visit(id="v", place=FAR)).state is TaskState.DONE
+
+
+def test_one_that_does_not_find_itself_stands_until_it_is_found(errands):
+    run = errands("idle")
+    lose(run)
+    run.run(PATIENCE_S + 5.0)
+    way_m = run.way_m()
+    run.run(60.0)
+    assert run.way_m() == way_m
+    assert run.hosts["r1"].board.behavior == "idle"

@@ -1,0 +1,65 @@
+"""A dozen tasks in a floor with walls, done by simulated robots: planned they take less than nearest first."""
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from robrain.coordinator.planning.policy import Method, PlanningPolicy
+from robrain.coordinator.planning.replaying import replay_decisions
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.task_messages import TaskRecord, TaskRequest, TaskSubmission
+from robrain.protocol.wire.topics import TASK_GET, TASK_SUBMIT
+from robrain.sim.lockstep import LockstepRun
+from robrain.sim.scenario import Scenario
+from tests.bench.planning import TASKS, Outcome, run_tasks
+
+FLOOR, SEED = "arena_small", 2
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("planned") / "run.mcap"
+
+
+@pytest.fixture(scope="module")
+def planned(recording: Path) -> Outcome:
+    return run_tasks(SEED, PlanningPolicy(), FLOOR, recording)
+
+
+def test_planned_tasks_take_less_energy_than_nearest_first(planned: Outcome) -> None:
+    nearest = run_tasks(SEED, PlanningPolicy(method=Method.NEAREST), FLOOR)
+    assert (planned.done, nearest.done) == (TASKS, TASKS)
+    assert planned.energy_j < nearest.energy_j
+    assert planned.distance_m < nearest.distance_m
+
+
+def test_the_recorded_run_decides_the_same_again(planned: Outcome, recording: Path) -> None:
+    plans = list(replay_decisions(recording))
+    assert planned.done == TASKS
+    assert len(plans) >= TASKS / 3
+    assert all(plan.is_same for plan in plans)
+
+
+def test_simulated_robots_do_a_task_together() -> None:
+    run = LockstepRun(Scenario.builtin(FLOOR).replace(robots=2, motes=0, seed=5).world())
+    asker = Endpoint(run.session, "default", run.clock, Drive.LOCKSTEP)
+    try:
+        while run.sim_time_s < 12.0:
+            run.tick()
+        task = Visit(id="lift", place=Point2D(2.0, 2.6), robots=2, service_s=3.0)
+        asker.ask(TASK_SUBMIT, TaskSubmission(task=task))
+        state = TaskState.QUEUED
+        while not state.ended and run.sim_time_s < 120.0:
+            run.tick()
+            reply = asker.ask(TASK_GET, TaskRequest(id="lift"))
+            record = msgspec.json.decode(reply, type=TaskRecord)
+            state = record.state
+    finally:
+        asker.close()
+        run.close()
+    assert state is TaskState.DONE, record.why
+    assert record.result["robots"] == ["r1", "r2"]
+    assert record.result["energy_j"] > 0

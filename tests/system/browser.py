@@ -1,0 +1,126 @@
+"""A real Chromium for tests of the dashboard; one at a time, as it draws in software on the test's own cores."""
+
+import io
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import BrowserContext, Page, expect, sync_playwright
+
+CHROMIUM = Path("/usr/bin/chromium")
+ARGUMENTS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--use-angle=swiftshader",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+ARTIFACTS = Path(__file__).parents[2] / "test-artifacts"
+WAIT_S = 15.0
+MIDDLE_OF = """(selector) => {
+  const found = document.querySelector(selector);
+  if (!found) return null;
+  found.scrollIntoView({ block: "nearest" });
+  const box = found.getBoundingClientRect();
+  return { x: box.x + box.width / 2, y: box.y + box.height / 2 };
+}"""
+T = TypeVar("T")
+
+
+@contextmanager
+def chromium(width: int = 1280, height: int = 800) -> Iterator[BrowserContext]:
+    """A browser, closed at the end; skips the test where there is none, and fails it in CI, which must have one."""
+    if not CHROMIUM.exists():
+        missing = f"the dashboard was not looked at: there is no {CHROMIUM} (apt install chromium)"
+        if os.environ.get("CI"):
+            pytest.fail(missing)
+        pytest.skip(missing)
+    expect.set_options(timeout=1000 * WAIT_S)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
+        try:
+            context = browser.new_context(viewport={"width": width, "height": height})
+            context.set_default_timeout(1000 * WAIT_S)
+            yield context
+        finally:
+            browser.close()
+
+
+def open_page(context: BrowserContext, url: str) -> tuple[Page, list[str]]:
+    """A page on a dashboard, and the errors and dialogs that it has had so far."""
+    page = context.new_page()
+    errors: list[str] = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("dialog", lambda dialog: (errors.append(f"dialog: {dialog.message}"), dialog.dismiss()))
+    page.goto(f"{url}?fixedDpr=0.5")
+    expect(page.get_by_test_id("team")).to_be_visible()
+    # viser tells in a corner that there is no graphics card.
+    page.locator(".mantine-Notification-closeButton").first.click()
+    return page, errors
+
+
+def click_on(page: Page, selector: str) -> None:
+    """Click on something in a table, which may be drawn anew at any moment; the mouse does not mind."""
+    found = wait_for(lambda: page.evaluate(MIDDLE_OF, selector), bool, selector)
+    page.mouse.click(found["x"], found["y"])
+
+
+def keep(page: Page, name: str) -> None:
+    """Keep a picture of the page for people to look at."""
+    ARTIFACTS.mkdir(exist_ok=True)
+    page.screenshot(path=ARTIFACTS / f"{name}.png")
+
+
+def picture_of(page: Page) -> np.ndarray:
+    """The scene without panels and notices, uint8 (H, W, 3)."""
+    shot = page.screenshot(clip={"x": 330, "y": 160, "width": 480, "height": 400})
+    return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"))
+
+
+def colors_in(picture: np.ndarray) -> int:
+    """How many colours a picture has."""
+    return len(np.unique(picture.reshape(-1, 3), axis=0))
+
+
+def wait_for(read: Callable[[], T], is_good: Callable[[T], bool], what: str, timeout_s: float = WAIT_S) -> T:
+    """Read until it is good."""
+    end_s = time.monotonic() + timeout_s
+    while not is_good(value := read()):
+        assert time.monotonic() < end_s, f"{what} did not come; last: {value!r:.300}"
+        time.sleep(0.05)
+    return value
+
+
+def browser_processes() -> list[int]:
+    """The browser that this test started, with all of its processes, and none but those."""
+    parents: dict[int, int] = {}
+    commands: dict[int, str] = {}
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                fields = (entry / "stat").read_text().rpartition(")")[2].split()
+                commands[int(entry.name)] = (entry / "cmdline").read_text().partition("\0")[0]
+            except OSError:
+                continue
+            parents[int(entry.name)] = int(fields[1])
+
+    def is_ours(process: int) -> bool:
+        while process in parents:
+            if process == os.getpid():
+                return True
+            process = parents[process]
+        return False
+
+    found = [process for process, command in commands.items() if "chromium" in command and is_ours(process)]
+    assert found
+    return found

@@ -1,0 +1,69 @@
+"""`robrain bench`: what there is, tables and JSON, public instances, live measurements that leave no process behind."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+R101 = Path(__file__).parents[1] / "coordinator" / "allocation" / "data" / "R101_25.txt"
+pytestmark = pytest.mark.system
+
+
+def test_the_benchmarks_that_there_are_are_listed(commands) -> None:
+    done = commands.run("bench", "--list")
+    assert done.returncode == 0, done.stderr
+    assert [line.split()[0] for line in done.stdout.splitlines()] == ["allocation", "responses", "agents"]
+
+
+def test_public_instance_is_solved_and_its_gap_told(commands) -> None:
+    done = commands.run("bench", "allocation", "--instance", str(R101), "--best", "617.1", "--seconds", "3", "--json")
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert (told["customers"], told["over_capacity"], told["left_out"]) == (25, 0, 0)
+    assert 0.0 <= told["gap"] < 0.05
+
+
+def test_value_of_a_public_instance_is_told_in_words_too(commands) -> None:
+    done = commands.run("bench", "allocation", "--instance", str(R101), "--seconds", "1")
+    assert done.returncode == 0, done.stderr
+    first, second = done.stdout.splitlines()
+    assert first.startswith("R101: 25 customers, ")
+    assert second.endswith("best known –")
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["allocation", "--instance", "gone.vrp"], ["gone.vrp", "No such file"]),
+        (["allocation", "--instance", str(R101), "--seconds", "0"], ["--seconds 0", "above 0"]),
+        (["allocation", "--instance", str(R101), "--best", "-1"], ["--best -1", "above 0"]),
+        (["allocation", "--best", "3"], ["--best", "--instance"]),
+        (["allocation", "--sizes", "9"], ["--sizes 9", "1 to 3"]),
+        (["responses", "--rounds", "0"], ["--rounds 0", "at least 1"]),
+        (["agents", "--robots", "0"], ["--robots 0", "at least 1"]),
+        (["agents", "--minutes", "0"], ["--minutes 0", "above 0"]),
+    ],
+)
+def test_bad_words_are_told_in_one_sentence(commands, words: list[str], named: list[str]) -> None:
+    done = commands.run("bench", *words)
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr
+    for text in named:
+        assert text in done.stderr
+
+
+def test_responses_of_a_live_robot_are_measured(commands) -> None:
+    done = commands.run("bench", "responses", "--rounds", "3", "--json", timeout_s=110.0)
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert len(told["figures"]) == 8
+    assert all(figure["number"] > 0 for figure in told["figures"] if "turn of a wheel" in figure["what"])
+
+
+def test_agents_on_the_wire_are_counted_by_a_real_coordinator(commands) -> None:
+    done = commands.run("bench", "agents", "--robots", "20", "--minutes", "0.05", "--json", timeout_s=110.0)
+    assert done.returncode == 0, done.stderr
+    cpu, age, memory = json.loads(done.stdout)["figures"]
+    assert cpu["unit"] == "%"
+    assert age["number"] > 0
+    assert memory["unit"] == "MB"

@@ -1,0 +1,114 @@
+"""A browser that hangs is nobody else's trouble."""
+
+import os
+import signal
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from playwright.sync_api import expect
+
+from robrain.coordinator.dashboard import Dashboard
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.session import open_session
+from robrain.protocol.wire.topics import ROBOT_STATE
+from tests.system.browser import browser_processes, chromium, open_page, wait_for
+from tests.system.fake_team import FakeTeam
+
+pytestmark = pytest.mark.system
+
+HUNG_S = 6.0
+PERIOD_S = 0.1
+
+
+class Stepped:
+    """A dashboard that is stepped on a thread, and how its steps went."""
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        self.dashboard = Dashboard(endpoint, port=0)
+        self.steps = 0
+        self.longest_s = 0.0
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def stop(self) -> None:
+        self._stop.set()
+        self._thread.join()
+        self.dashboard.close()
+
+    def waiting(self) -> int:
+        """Messages that are kept for browsers, those for all of them included."""
+        server = self.dashboard._server._websock_server
+        clients = list(server._client_state_from_id.values())
+        return sum(len(client.message_buffer.message_from_id) for client in clients) + len(
+            server._broadcast_buffer.message_from_id
+        )
+
+    def narrow(self) -> None:
+        """Leave hardly any room in the sockets: what a hung browser does not take piles up at once."""
+        for connection in self.dashboard._server._websock_server._live_connections.values():
+            connection.transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
+
+    def _run(self) -> None:
+        while not self._stop.wait(PERIOD_S):
+            began_s = time.monotonic()
+            self.dashboard.step()
+            self.longest_s = max(self.longest_s, time.monotonic() - began_s)
+            self.steps += 1
+
+
+@pytest.fixture
+def team() -> Iterator[FakeTeam]:
+    with FakeTeam() as team:
+        yield team
+
+
+@pytest.fixture
+def endpoint(team: FakeTeam) -> Iterator[Endpoint]:
+    session = open_session(mode="client", connect=(team.address,))
+    endpoint = Endpoint(session, "default", WallClock(), Drive.LIVE)
+    yield endpoint
+    endpoint.close()
+    session.close()  # type: ignore[no-untyped-call]
+
+
+def test_hung_browser_holds_up_neither_team_nor_dashboard(team: FakeTeam, endpoint: Endpoint) -> None:
+    heard = Inbox(every=True)
+    endpoint.subscribe(heard, ROBOT_STATE)
+    stepped = Stepped(endpoint)
+    try:
+        with chromium(width=900, height=600) as context:
+            page, _ = open_page(context, stepped.dashboard.url)
+            expect(page.get_by_test_id("robot-r1-contact")).to_have_text("● up")
+            stepped.narrow()
+            with _stopped(browser_processes()):
+                time.sleep(HUNG_S / 2)
+                heard.drain()
+                stepped.longest_s, steps, kept = 0.0, stepped.steps, stepped.waiting()
+                time.sleep(HUNG_S / 2)
+                # Ten states a second of each robot, as before; steps go on; what waits for the browser does not grow.
+                assert len(heard) >= 2 * 10 * HUNG_S / 2 * 0.7
+                assert stepped.steps - steps >= HUNG_S / 2 / PERIOD_S * 0.6
+                assert stepped.longest_s < 0.5
+                assert stepped.waiting() <= kept + 20
+            value = page.get_by_test_id("sim-time").inner_text()
+            wait_for(lambda: page.get_by_test_id("sim-time").inner_text(), lambda now: now != value, "another time")
+    finally:
+        stepped.stop()
+
+
+@contextmanager
+def _stopped(processes: list[int]) -> Iterator[None]:
+    for process in processes:
+        os.kill(process, signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        for process in processes:
+            os.kill(process, signal.SIGCONT)

@@ -1,0 +1,59 @@
+"""The dashboard on a recording: the same page, with a time that can be moved."""
+
+import re
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from tests.system.browser import chromium, keep, open_page, picture_of, wait_for
+
+pytestmark = pytest.mark.system
+
+
+def test_recording_is_scrubbed_stepped_and_played(commands) -> None:
+    done = commands.run("run", "depot", "--robots", "3", "--seed", "7", "--time-limit", "20", "--record", "run.mcap")
+    assert done.returncode == 0, done.stderr
+    process = commands.start("dashboard", "--replay", "run.mcap", "--port", "0")
+    url = commands.line_with(process, "dashboard: ").split()[1]
+    with chromium() as context:
+        page, errors = open_page(context, url)
+        expect(page.get_by_role("button", name="EMERGENCY HALT")).to_have_count(0)
+        page.get_by_role("button", name="▶ / ❚❚", exact=True).click()
+        expect(page.get_by_test_id("replay-time")).to_contain_text("❚❚")
+
+        _scrub_to(page, "2")
+        early, share = picture_of(page), _explored(page)
+        _scrub_to(page, "18")
+        wait_for(lambda: _explored(page), lambda later: later > share + 10, "more of the floor")
+        late = wait_for(lambda: picture_of(page), lambda picture: bool((picture != early).any()), "another picture")
+        _scrub_to(page, "2")
+        wait_for(lambda: _explored(page), lambda again: abs(again - share) < 3, "less of the floor")
+        wait_for(lambda: picture_of(page), lambda picture: bool((picture != late).any()), "the picture of before")
+
+        page.get_by_role("button", name="+10 s", exact=True).click()
+        wait_for(lambda: _position_s(page), lambda at_s: 11.5 <= at_s <= 12.5, "ten seconds on")
+        keep(page, "dashboard-replay")
+        page.keyboard.press(" ")
+        wait_for(lambda: _position_s(page), lambda at_s: at_s >= 14, "the replay going on")
+        expect(page.get_by_test_id("robot-r1-contact")).to_have_text("● up")
+        assert errors == []
+
+
+def _scrub_to(page: Page, time_s: str) -> None:
+    """By the number beside the slider, as a drag of it sends the same."""
+    field = page.get_by_text("Time (s)", exact=True).locator("xpath=ancestor::div[.//input][1]//input").last
+    field.fill(time_s)
+    field.press("Enter")
+    field.blur()
+    expect(page.get_by_test_id("replay-time")).to_contain_text(f"0:{int(time_s):02} of 0:")
+
+
+def _explored(page: Page) -> float:
+    found = re.match(r"([0-9.]+) %", page.get_by_test_id("explored").inner_text())
+    return float(found[1]) if found else 0.0
+
+
+def _position_s(page: Page) -> float:
+    found = re.search(r"(\d+):(\d\d) of", page.get_by_test_id("replay-time").inner_text())
+    assert found
+    return 60 * int(found[1]) + int(found[2])

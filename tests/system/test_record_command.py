@@ -1,0 +1,118 @@
+"""`robrain record`: a live team in a file that others read, also after a kill -9."""
+
+import json
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from robrain.coordinator.recording.checking import check_recording
+from robrain.coordinator.recording.reading import read_messages, recording_info
+from robrain.coordinator.recording.recovering import recover
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages import RecorderState, RobotState
+from robrain.protocol.wire.session import listening_at, open_session
+from robrain.protocol.wire.topics import RECORDER_STATE, ROBOT_ALIVE, ROBOT_STATE
+
+pytestmark = pytest.mark.system
+
+LOST_S = 0.6
+TRIES = 5
+"""A busy machine may hold a process up for longer than half a second; it does not do so each time."""
+
+
+class Speaker:
+    """A robot that says its state, and hears how the recorder does."""
+
+    def __init__(self) -> None:
+        self.session = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
+        self.address = listening_at(self.session)[0]
+        self.wire = Endpoint(self.session, "default", WallClock(), Drive.LIVE)
+        self.wire.token(ROBOT_ALIVE, robot="r1")
+        self.states = self.wire.publisher(ROBOT_STATE, robot="r1")
+        self.inbox = Inbox(every=True)
+        self.wire.subscribe(self.inbox, RECORDER_STATE)
+        self.said = 0
+
+    def speak_until(self, heard: int, limit_s: float = 60.0) -> RecorderState:
+        """Speak at 50 Hz until a recorder says that it has heard so many messages."""
+        deadline_s = time.monotonic() + limit_s
+        while time.monotonic() < deadline_s:
+            self.states.put(RobotState(robot="r1", pose=Pose2D(self.said, 0.0, 0.0)))
+            self.said += 1
+            time.sleep(0.02)
+            for received in self.inbox.drain():
+                if received.message.messages >= heard:
+                    state: RecorderState = received.message
+                    return state
+        raise AssertionError(f"no recorder has heard {heard} messages")
+
+    def close(self) -> None:
+        self.wire.close()
+        self.session.close()
+
+
+@pytest.fixture
+def speaker() -> Iterator[Speaker]:
+    speaker = Speaker()
+    yield speaker
+    speaker.close()
+
+
+def test_kill_9_costs_the_last_moment_alone(commands, speaker: Speaker, tmp_path: Path) -> None:
+    lost_s = []
+    for attempt in range(TRIES):
+        path = commands.folder / f"killed{attempt}.mcap"
+        process = commands.start("record", "--connect", speaker.address, "--output", str(path))
+        speaker.speak_until(heard=80)
+        killed_ns = time.time_ns()
+        process.send_signal(signal.SIGKILL)
+        process.wait(10)
+        info = recording_info(path)
+        assert info.truncated
+        last_ns = max(message.log_time_ns for message in read_messages(path))
+        lost_s.append((killed_ns - last_ns) / 1e9)
+        speaker.inbox.drain()
+        if lost_s[-1] <= LOST_S:
+            break
+    assert min(lost_s) <= LOST_S
+    recovered = tmp_path / "recovered.mcap"
+    assert recover(path, recovered).messages == sum(info.counts.values())
+    assert not recording_info(recovered).truncated
+
+
+def test_ctrl_c_finishes_the_file_and_says_what_is_in_it(commands, speaker: Speaker) -> None:
+    process = commands.start("record", "--connect", speaker.address, "--output", "run.mcap", "--split-s", "1")
+    state = speaker.speak_until(heard=100)
+    assert (state.recorder, state.lost, state.why) == ("rec_run", [], "")
+    process.send_signal(signal.SIGINT)
+    said, _ = process.communicate(timeout=20)
+    assert process.returncode == 0, said
+    parts = sorted(commands.folder.glob("run_*.mcap"))
+    assert len(parts) > 1
+    assert "messages" in said
+    for part in parts:
+        assert check_recording(part).good
+    states = [m for part in parts for m in read_messages(part) if m.topic_key.endswith("/state")]
+    numbers = [json.loads(message.payload)["seq"] for message in states]
+    assert numbers == list(range(numbers[0], numbers[-1] + 1))
+
+
+def test_a_recording_is_never_overwritten_and_a_wrong_split_is_told(commands, speaker: Speaker) -> None:
+    (commands.folder / "run.mcap").write_bytes(b"mine")
+    for words, named in (
+        (["--output", "run.mcap"], "run.mcap"),
+        (["--output", "other.mcap", "--split-mb", "-1"], "--split-mb"),
+        (["--output", "other.txt"], ".mcap"),
+    ):
+        done = commands.run("record", "--connect", speaker.address, *words)
+        assert done.returncode == 2
+        assert named in done.stderr
+        assert "Traceback" not in done.stderr
+    assert (commands.folder / "run.mcap").read_bytes() == b"mine"
+    assert not (commands.folder / "other.mcap").exists()

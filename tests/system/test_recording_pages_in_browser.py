@@ -1,0 +1,79 @@
+"""The pages that are made of a recording, in a real Chromium: nothing in one runs, and nothing is fetched."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import BrowserContext, Page
+
+from robrain.coordinator.recording.html_player import write_html
+from robrain.coordinator.recording.report import write_report
+from robrain.sim.scenario import Scenario
+from tests.coordinator.test_recording_report import hostile_said, write
+from tests.system.browser import chromium, colors_in, keep, wait_for
+
+pytestmark = pytest.mark.system
+
+
+def looked_at(context: BrowserContext, path: Path) -> tuple[Page, list[str], list[str]]:
+    """A page, what went wrong or popped up on it, and what it fetched beside itself."""
+    page = context.new_page()
+    wrong: list[str] = []
+    fetched: list[str] = []
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.on("dialog", lambda dialog: (wrong.append(f"dialog: {dialog.message}"), dialog.dismiss()))
+    page.on("request", lambda request: fetched.append(request.url))
+    page.goto(f"{path.as_uri()}?fixedDpr=0.5")
+    return page, wrong, fetched
+
+
+def scene_of(page: Page) -> np.ndarray:
+    """The picture between the notice above and the player's bar below, uint8 (H, W, 3)."""
+    shot = page.screenshot(clip={"x": 0, "y": 180, "width": 1280, "height": 540})
+    return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"))
+
+
+def beside(path: Path, fetched: list[str]) -> list[str]:
+    return [url for url in fetched if not url.startswith(("data:", "blob:", path.as_uri()))]
+
+
+def test_a_hostile_recording_does_nothing_in_its_report(tmp_path: Path) -> None:
+    report = write_report([write(tmp_path / "run.mcap", hostile_said())], tmp_path / "out")
+    with chromium() as context:
+        page, wrong, fetched = looked_at(context, report.page)
+        page.evaluate("document.querySelectorAll('details').forEach(one => { one.open = true })")
+        assert page.locator("img").count() == len(report.figures)
+        widths = page.evaluate("[...document.images].map(one => one.naturalWidth)")
+        assert min(widths) > 500
+        assert page.locator("script").count() == 0
+        assert page.get_by_text("<script>alert(1)</script>").count() > 0
+        keep(page, "report_of_a_hostile_run")
+        assert wrong == []
+        assert beside(report.page, fetched) == []
+
+
+def test_a_page_plays_a_run_by_itself(tmp_path: Path) -> None:
+    recording = tmp_path / "run.mcap"
+    Scenario.builtin("depot").replace(robots=2, motes=4).run(time_limit_s=20.0, record=recording)
+    path = tmp_path / "run.html"
+    write_html(recording, path)
+    with chromium() as context:
+        page, wrong, fetched = looked_at(context, path)
+        before = wait_for(lambda: scene_of(page), lambda picture: colors_in(picture) > 20, "a picture", 40.0)
+        wait_for(lambda: scene_of(page), lambda picture: bool(np.any(picture != before)), "another picture", 40.0)
+        keep(page, "recording_as_a_page")
+        assert wrong == []
+        assert beside(path, fetched) == []
+
+
+def test_a_hostile_recording_does_nothing_in_the_page_that_plays_it(tmp_path: Path) -> None:
+    path = tmp_path / "run.html"
+    write_html(write(tmp_path / "run.mcap", hostile_said()), path, frames_max=100)
+    with chromium() as context:
+        page, wrong, fetched = looked_at(context, path)
+        wait_for(lambda: scene_of(page), lambda picture: colors_in(picture) > 3, "a picture", 40.0)
+        page.wait_for_timeout(3000)
+        assert wrong == []
+        assert beside(path, fetched) == []

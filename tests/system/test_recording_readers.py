@@ -1,0 +1,131 @@
+"""Recordings, recovered ones too, are read by others than us: the official TypeScript reader, and Rerun's checker.
+
+The TypeScript reader comes from npm into the project's cache. Where there is no npm the test is skipped, and fails
+where `CI` is set.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robrain.coordinator.recording.reading import read_messages
+from robrain.coordinator.recording.recorder import Recorder
+from robrain.coordinator.recording.recording_files import SplitAt
+from robrain.coordinator.recording.recovering import recover, with_visual
+from robrain.sim.scenario import Scenario
+
+pytestmark = pytest.mark.system
+
+ROOT = Path(__file__).parents[2]
+CACHE = ROOT / ".cache" / "mcap-reader"
+PACKAGES = ("@mcap/core@2.2.2", "@mcap/nodejs@1.0.2", "@mcap/support@1.1.0")
+SCRIPT = Path(__file__).with_name("read_mcap.mjs")
+
+
+def absent(what: str) -> None:
+    """Skip, or fail in CI, which must have everything."""
+    if "CI" in os.environ:
+        pytest.fail(f"there is no {what} here; CI must have it")
+    pytest.skip(f"there is no {what} here")
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """A whole recording, one that was cut off and recovered, and one with a damaged chunk, recovered."""
+    folder = tmp_path_factory.mktemp("readers")
+    whole = folder / "whole.mcap"
+    Scenario.builtin("depot").replace(robots=2, motes=6).run(time_limit_s=10.0, record=whole)
+    content = whole.read_bytes()
+    (folder / "cut.mcap").write_bytes(content[: len(content) * 2 // 3])
+    damaged = bytearray(content)
+    damaged[damaged.rindex(b"\x28\xb5\x2f\xfd", 0, len(damaged) // 2) + 30] ^= 0xFF
+    (folder / "damaged.mcap").write_bytes(damaged)
+    paths = [whole]
+    for name in ("cut", "damaged"):
+        paths.append(folder / f"{name}_recovered.mcap")
+        recover(folder / f"{name}.mcap", paths[-1])
+    paths.append(folder / "drawn.mcap")
+    with_visual(whole, paths[-1])
+    return paths
+
+
+@pytest.fixture(scope="module")
+def typescript() -> Path:
+    """The script, where it finds the reader's packages."""
+    npm, node = shutil.which("npm"), shutil.which("node")
+    if npm is None or node is None:
+        absent("npm")
+    assert npm is not None
+    if not (CACHE / "node_modules" / "@mcap" / "support").is_dir():
+        CACHE.mkdir(parents=True, exist_ok=True)
+        (CACHE / "package.json").write_text('{"name": "mcap-reader", "private": true}')
+        done = subprocess.run(
+            [npm, "install", "--no-audit", "--no-fund", "--ignore-scripts", *PACKAGES],
+            cwd=CACHE, capture_output=True, text=True, timeout=100, check=False,
+        )  # fmt: skip
+        if done.returncode:
+            absent(f"way to install {', '.join(PACKAGES)} from npm ({done.stderr.strip()[-200:]})")
+    # Modules are looked for beside the script.
+    return Path(shutil.copy(SCRIPT, CACHE / SCRIPT.name))
+
+
+def read_with_typescript(script: Path, paths: list[Path]) -> list[dict[str, Any]]:
+    done = subprocess.run(
+        ["node", str(script), *map(str, paths)], capture_output=True, text=True, timeout=100, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def test_the_official_typescript_reader_counts_what_we_count(typescript: Path, recordings: list[Path]) -> None:
+    for found, path in zip(read_with_typescript(typescript, recordings), recordings, strict=True):
+        messages = list(read_messages(path))
+        assert found["counts"] == Counter(message.topic_key for message in messages)
+        assert found["bytes"] == sum(len(message.payload) for message in messages)
+        assert found["metadata"]["robrain.run"]["scenario"] == "depot"
+        assert found["attachments"]["scenario.toml"] > 0
+
+
+def test_each_part_of_a_split_recording_is_read_by_itself(
+    typescript: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[Recorder] = []
+
+    def split_recorder(*arguments: Any, **options: Any) -> Recorder:
+        made.append(Recorder(*arguments, **options, split=SplitAt(duration_s=2.0)))
+        return made[-1]
+
+    monkeypatch.setattr("robrain.sim.lockstep.Recorder", split_recorder)
+    Scenario.builtin("depot").replace(robots=2, motes=6).run(time_limit_s=7.0, record=tmp_path / "run.mcap")
+    summary = made[0].close()
+    found = read_with_typescript(typescript, summary.paths)
+    assert len(found) >= 3
+    wire = sum(n for part in found for key, n in part["counts"].items() if not key.startswith("/visual/"))
+    assert wire == summary.messages
+    assert [part["metadata"]["robrain.part"]["part"] for part in found] == [str(n + 1) for n in range(len(found))]
+
+
+def test_rerun_finds_nothing_wrong(recordings: list[Path], tmp_path: Path) -> None:
+    rerun = Path(sys.executable).with_name("rerun")
+    if not rerun.exists():
+        absent("rerun")
+    # Its settings, and whether it may report on its use, belong to a folder of this test.
+    environment = {**os.environ, "HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path)}
+    subprocess.run([rerun, "analytics", "disable"], env=environment, capture_output=True, timeout=60, check=False)
+    for path in recordings:
+        done = subprocess.run(
+            [rerun, "mcap", "check", "--full", str(path)],
+            env=environment, capture_output=True, text=True, timeout=100, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stdout + done.stderr
+        lines = [line for line in done.stdout.splitlines() if line.startswith(("ok", "warn", "err", "fail"))]
+        channels = {message.topic_key for message in read_messages(path)}
+        assert len(lines) >= len(channels)
+        assert all(line.startswith("ok") for line in lines), done.stdout

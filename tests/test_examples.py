@@ -1,0 +1,70 @@
+"""The numbered examples run, say what they are said to say, and stay short."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+SCRIPTS = sorted(EXAMPLES.glob("[0-9][0-9]_*.py"))
+LINES_MAX = 60
+SAYS = {
+    "01_explore": [r"9\d% explored in \d+ s", "digest [0-9a-f]{16}"],
+    "02_submit_tasks": [r"door +done by r\d", r"picture +done", r"corner: it is done at r\d", r"queued"],
+    "03_your_own_plugin": [r"loaded trip, a unit: distance_m", r"r1 has come \d\.\d+ m since"],
+    "04_energy": [
+        r"from visit to recharge, \d+%, \d+ J left",
+        r"from recharge to visit, 9\d%",
+        r"\d+ posts in \d+ rounds",
+    ],
+    "05_motes": [
+        r"6 of 6 motes were heard",
+        r"mule: done by r\d: .*'readings': \d+",
+        r"warmth: done by mote:m1: .*'value'",
+        r"light: done by r\d",
+        r"watch: done by mote:m2: .*'rounds': \d+",
+        r"r1: would take \S+ % of its energy; m1 takes",
+    ],
+    "06_together": [r"fetch +done by r\d", r"bring +done by r\d", r"lift +done by two robots"],
+    "07_objectives": [r"energy: \d+ J, \d+ s", r"makespan: \d+ J, \d+ s", r"visit-5 to r1: \d+ J"],
+}
+"""What each prints, as patterns."""
+
+
+def test_there_are_patterns_for_every_example_and_a_line_in_the_readme() -> None:
+    assert [script.stem for script in SCRIPTS] == sorted(SAYS)
+    told = re.findall(r"\]\((\d\d_\w+\.py)\)", (EXAMPLES / "README.md").read_text(encoding="utf-8"))
+    assert told == [script.name for script in SCRIPTS]
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
+def test_example_is_short_and_begins_with_what_it_shows(script: Path) -> None:
+    text = script.read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= LINES_MAX
+    assert text.startswith('"""')
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
+def test_example_runs_and_says_what_it_should(script: Path, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=110
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    for pattern in SAYS[script.stem]:
+        assert re.search(pattern, done.stdout), f"{pattern} in:\n{done.stdout}"
+
+
+def test_energy_comes_before_time_or_the_other_way_round_as_the_objective_says(tmp_path: Path) -> None:
+    script = EXAMPLES / "07_objectives.py"
+    said = subprocess.run(
+        [sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, check=True
+    ).stdout
+    (energy_j, slow_s), (more_j, quick_s) = (
+        map(int, re.search(rf"{name}: (\d+) J, (\d+) s", said).groups()) for name in ("energy", "makespan")
+    )
+    assert energy_j < more_j
+    assert slow_s > quick_s
