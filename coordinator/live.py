@@ -7,6 +7,7 @@ from collections.abc import Callable
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.protocol.wire.collector import CalmCollector
 from robrain.protocol.wire.endpoint import Endpoint
 
 PERIOD_S = 0.02
@@ -28,6 +29,7 @@ def run_coordinator(
     arrived = threading.Event()
     wire.on_heard = wire.on_waiting = arrived.set
     coordinator = Coordinator(wire, journal, policy)
+    collector = CalmCollector()
     on_ready()
     try:
         while not should_stop():
@@ -38,4 +40,5 @@ def run_coordinator(
             time.sleep(rest_s)
             arrived.wait(PERIOD_S - rest_s)
     finally:
+        collector.release()
         coordinator.close()

@@ -13,6 +13,7 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.recording.provenance import Provenance
 from robrain.coordinator.recording.recorder import Recorder, RecordingSummary
 from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.wire.collector import CalmCollector
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM
@@ -20,7 +21,6 @@ from robrain.protocol.wire.messages import ArenaTruth, OutsideInput
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, COORDINATOR_STATE, MOTE_READING
 from robrain.sim.arena import TICK_S
-from robrain.sim.collector import CalmCollector
 from robrain.sim.manifests import manifest_texts
 from robrain.sim.world import World
 

@@ -1,5 +1,6 @@
 """The dashboard: hears what the team says, or what a recording tells, and draws it for browsers."""
 
+import logging
 import time
 from collections import deque
 from collections.abc import Callable
@@ -18,6 +19,8 @@ from robrain.coordinator.dashboard.scene import Scene
 from robrain.coordinator.dashboard.server import close_server, open_server
 from robrain.coordinator.dashboard.team_view import TeamView
 from robrain.protocol.wire.endpoint import Endpoint
+
+logger = logging.getLogger(__name__)
 
 UNWATCHED_PERIOD_S = 1.0
 """With no browser looking on, the picture is only kept fit for one that comes."""
@@ -97,9 +100,8 @@ class Dashboard:
                 self._draw_halt(view, now_s)
                 if self._replay is not None:
                     self._replay.draw(now_s)
-            for page in self._pages.values():
-                with page.client.atomic():
-                    page.step(now_s)
+            for client_id, page in list(self._pages.items()):
+                self._step_page(client_id, page, now_s)
 
     def close(self) -> None:
         """Stop serving the page."""
@@ -109,6 +111,14 @@ class Dashboard:
             self._asker.close()
         self._source.close()
         close_server(self._server)
+
+    def _step_page(self, client_id: int, page: ClientPage, now_s: float) -> None:
+        try:
+            with page.client.atomic():
+                page.step(now_s)
+        except Exception:
+            logger.exception("a page cannot show what there is: its panel stands still until it is loaded again")
+            self._pages.pop(client_id).close()
 
     def _draw_halt(self, view: TeamView, now_s: float) -> None:
         if self._halt is None:

@@ -1,11 +1,14 @@
 """What a layer of the scene is: something that can be shown or hidden, and is drawn now and then."""
 
+import logging
 from abc import ABC, abstractmethod
 from typing import ClassVar
 
 import viser
 
 from robrain.coordinator.dashboard.team_view import TeamView
+
+logger = logging.getLogger(__name__)
 
 MANY_ROBOTS = 25
 SLOWER = 3.0
@@ -39,11 +42,15 @@ class Layer(ABC):
         self._root.visible = shown
 
     def draw(self, view: TeamView, now_s: float) -> None:
-        """Draw what changed, if it is time to."""
+        """Draw what changed, if it is time to; a layer that cannot is hidden, so that the page and its halt go on."""
         period_s = self.period_s * (SLOWER if len(view.robots) > MANY_ROBOTS else 1.0)
         if self.shown and (self._drawn_s is None or now_s - self._drawn_s >= period_s):
             self._drawn_s = now_s
-            self._draw(view, now_s)
+            try:
+                self._draw(view, now_s)
+            except Exception:
+                logger.exception("the layer %s cannot draw what there is, and is hidden", self.label)
+                self.shown = False
 
     def hurry(self) -> None:
         """Draw the next time, whenever the last one was: all has become another."""

@@ -5,6 +5,7 @@ import pytest
 import viser
 
 from robrain.coordinator.dashboard import Dashboard
+from robrain.coordinator.dashboard.place_layers import ChargerLayer
 from robrain.coordinator.dashboard.server import close_server, open_server
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -50,6 +51,23 @@ def test_two_dashboards_on_free_ports_stand_side_by_side_and_print_nothing(
     out, err = capfd.readouterr()
     assert out == ""
     assert "viser" not in err
+
+
+def test_a_layer_that_cannot_draw_is_hidden_and_the_page_with_its_halt_goes_on(
+    endpoint: Endpoint, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(ChargerLayer, "_draw", lambda *_: 1 / 0)
+    dashboard = Dashboard(endpoint, port=0)
+    try:
+        dashboard.step()
+        dashboard.step()
+        hidden = [layer.label for layer in dashboard._scene.layers if not layer.shown]
+        assert ChargerLayer.label in hidden
+        assert [record.getMessage() for record in caplog.records if record.exc_info] == [
+            f"the layer {ChargerLayer.label} cannot draw what there is, and is hidden"
+        ]
+    finally:
+        dashboard.close()
 
 
 def test_no_public_tunnel_is_opened_when_a_client_asks_for_one() -> None:

@@ -5,7 +5,7 @@ import weakref
 
 import pytest
 
-from robrain.sim.collector import YOUNG_OBJECTS, CalmCollector
+from robrain.protocol.wire.collector import YOUNG_OBJECTS, CalmCollector
 from robrain.sim.lockstep import LockstepRun
 from robrain.sim.scenario import Scenario
 

@@ -1,4 +1,7 @@
-"""Python's garbage collector during a lockstep run: what was built stays, so it is not looked at again and again."""
+"""Python's garbage collector during a run: what was built stays, so it is not looked at again and again.
+
+To look through all that a coordinator has imported takes a tenth of a second, in which nothing else runs.
+"""
 
 import gc
 
