@@ -1,0 +1,46 @@
+"""What is said about plans: one of each message, all fields filled, as on the wire and in recordings.
+
+Changed bytes break both: think first.
+"""
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.objective import Objective
+from robrain.protocol.wire import plan_messages
+from robrain.protocol.wire.task_messages import RobotVerdict
+
+EXAMPLES = [
+    plan_messages.TaskDecision(
+        stamp_ns=1_500_000_000,
+        seq=3,
+        task="task-7",
+        plan=12,
+        robots=("r1",),
+        start_in_s=4.5,
+        why="r1 takes least; the next would take 80 J",
+        bids=(
+            RobotVerdict(robot="r1", chosen=True, energy_j=61.2, time_s=4.5),
+            RobotVerdict(robot="r2", why_not="would leave 3 % < 10 % reserve"),
+        ),
+    ),
+    plan_messages.PlanProblem(
+        stamp_ns=1_500_000_000,
+        seq=4,
+        plan=12,
+        asked_ns=1_490_000_000,
+        objective=Objective.MAKESPAN,
+        method="optimal",
+        seed=1,
+        rounds=2,
+        iterations=50,
+        gain_min=0.02,
+        question=b"\x00\x01",
+        warm_start=(("r1", ("task-7",)),),
+        routes=(("r1", ("task-7", "task-8")),),
+        cause="task-8 is queued",
+    ),
+    plan_messages.ObjectiveRequest(objective=Objective.LIFETIME, by="ann"),
+    plan_messages.PlanningStatus(
+        objective=Objective.ENERGY, method="optimal", plans=12, planned=3, left_out=1, took_s=0.25,
+        chargers=(Point2D(2.0, 1.5),),
+    ),
+]  # fmt: skip

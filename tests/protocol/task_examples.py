@@ -1,0 +1,45 @@
+"""What is said about tasks: one of each message, all fields filled, as on the wire and in journals.
+
+Changed bytes break peers and journals: think first.
+"""
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.wire import task_messages
+
+TASK = Visit(id="task-7", place=Point2D(1.5, -2.0), priority=2.0)
+RECORD = task_messages.TaskRecord(
+    task=TASK,
+    state=TaskState.DONE,
+    robot="r1",
+    epoch=12,
+    why="there",
+    result={"energy_j": 12.5},
+    changed_ns=1_500_000_000,
+    change=41,
+    submitted_ns=1_400_000_000,
+    by="ann",
+    own=True,
+    attempts=1,
+)
+EXAMPLES = [
+    task_messages.TaskSubmission(task=TASK, by="ann", earliest_in_s=1.0, deadline_in_s=60.0),
+    RECORD,
+    task_messages.TaskRequest(id="task-7", by="ann", why="too late"),
+    task_messages.TaskFilter(
+        states=[TaskState.DONE], kinds=["visit"], robot="r1", by="ann", own=True, limit=10
+    ),
+    task_messages.TaskChange(
+        number=41, stamp_ns=1_500_000_000, state=TaskState.DONE, robot="r1", epoch=12, why="there"
+    ),
+    task_messages.RobotVerdict(
+        robot="r1", chosen=True, why_not="r2 is nearer", distance_m=1.5, energy_j=20.0, time_s=3.0
+    ),
+    task_messages.TaskWhy(
+        record=RECORD,
+        now="it is done at r1: there",
+        robots=[task_messages.RobotVerdict(robot="r1", chosen=True)],
+        decided_ns=1_450_000_000,
+        changes=[task_messages.TaskChange(number=41, stamp_ns=1_500_000_000, state=TaskState.DONE)],
+    ),
+]  # fmt: skip
