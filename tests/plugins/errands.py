@@ -1,5 +1,6 @@
 """A small floor with motes, a charger and robots whose behaviors are given tasks, for the tests of errands."""
 
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.mote import ArenaMote
 from robrain.sim.referee import team_geometry
 
+Build = Callable[..., "Errands"]
 TICK_NS = 20_000_000
 TEAM = "errands"
 SPEAKS_EVERY = 25
@@ -44,6 +46,21 @@ def room() -> FloorPlan:
     occupied[2:-2, 2:-2] = False
     occupied[38:44, 58:64] = True
     return FloorPlan(occupied, RESOLUTION_M, 0.0, 0.0, "room")
+
+
+def open_errands(*always: str) -> Iterator[Build]:
+    """For fixtures: builds rooms whose robots have these plugins and run, and closes them at the end."""
+    opened: list[Errands] = []
+
+    def build(*load: str, **options: Any) -> Errands:
+        opened.append(Errands(*always, *load, **options))
+        opened[-1].run(1.0)
+        assert not opened[-1].why_not_running()
+        return opened[-1]
+
+    yield build
+    for one in opened:
+        one.close()
 
 
 class Errands:

@@ -1,6 +1,6 @@
 """What all behaviors that do tasks have in common, shown with the simplest of them."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import pytest
 
@@ -8,7 +8,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import Explore, TaskState, Visit
 from robrain.protocol.wire.messages import Halt
 from robrain.protocol.wire.topics import HALT, ROBOT_PATH, ROBOT_STATE
-from tests.plugins.errands import START, Errands
+from tests.plugins.errands import START, Build, Errands, open_errands
 
 FAR = Point2D(5.0, 3.0)
 WALLED = Point2D(-3.0, 1.0)
@@ -18,18 +18,8 @@ UNSEEN = Point2D(5.6, 2.0)
 
 
 @pytest.fixture
-def errands() -> Iterator[Callable[..., Errands]]:
-    opened: list[Errands] = []
-
-    def build(*load: str, **options: object) -> Errands:
-        opened.append(Errands(*load, **options))
-        opened[-1].run(1.0)
-        assert not opened[-1].why_not_running()
-        return opened[-1]
-
-    yield build
-    for one in opened:
-        one.close()
+def errands() -> Iterator[Build]:
+    yield from open_errands()
 
 
 def usable(run: Errands, energy_j: float) -> None:

@@ -3,7 +3,7 @@
 import io
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -13,22 +13,12 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.task import Collect, Inspect, Monitor, Relay, Replace, Sense, TaskState, Visit
 from robrain.protocol.wire.topics import MOTE_READING, ROBOT_EVENT, ROBOT_IMAGE
 from robrain.sim.picture_paint import PLATE
-from tests.plugins.errands import MOTES, TEAM, Errands
+from tests.plugins.errands import MOTES, TEAM, Build, open_errands
 
 
 @pytest.fixture
-def errands() -> Iterator[Callable[..., Errands]]:
-    opened: list[Errands] = []
-
-    def build(*load: str, **options: object) -> Errands:
-        opened.append(Errands(*load, **options))
-        opened[-1].run(1.0)
-        assert not opened[-1].why_not_running()
-        return opened[-1]
-
-    yield build
-    for one in opened:
-        one.close()
+def errands() -> Iterator[Build]:
+    yield from open_errands()
 
 
 # -- inspect --------------------------------------------------------------------------------------------------------

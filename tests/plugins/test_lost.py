@@ -1,7 +1,7 @@
 """A robot that does not know where it is takes on nothing, looks for itself slowly, and goes on once it is found."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import pytest
 
@@ -10,7 +10,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.localiser import NO_FIT
 from robrain.protocol.model.task import Explore, Recharge, TaskState, Visit
 from robrain.protocol.wire.topics import ROBOT_PATH
-from tests.plugins.errands import CHARGER, Errands
+from tests.plugins.errands import CHARGER, Build, Errands, open_errands
 
 FAR = Point2D(5.0, 3.0)
 WHY = "walls and wheels disagree"
@@ -18,18 +18,8 @@ SAYS = f"r1 does not know where it is: {WHY}"
 
 
 @pytest.fixture
-def errands() -> Iterator[Callable[..., Errands]]:
-    opened: list[Errands] = []
-
-    def build(*load: str, **options: object) -> Errands:
-        opened.append(Errands("visit", *load, **options))
-        opened[-1].run(1.0)
-        assert not opened[-1].why_not_running()
-        return opened[-1]
-
-    yield build
-    for one in opened:
-        one.close()
+def errands() -> Iterator[Build]:
+    yield from open_errands("visit")
 
 
 def lose(run: Errands) -> None:

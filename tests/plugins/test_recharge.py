@@ -1,5 +1,5 @@
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import pytest
 
@@ -7,25 +7,15 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import Explore, Recharge, TaskState, Visit
 from robrain.protocol.wire.topics import ROBOT_EVENT
 from robrain.sim.firmware.battery import BatterySpec
-from tests.plugins.errands import CHARGER, START, Errands
+from tests.plugins.errands import CHARGER, START, Build, Errands, open_errands
 
 KNOWN = {"home": {"chargers": [{"x_m": CHARGER.x_m, "y_m": CHARGER.y_m, "yaw_rad": 0.0}]}}
 FAR = Point2D(5.0, 3.0)
 
 
 @pytest.fixture
-def errands() -> Iterator[Callable[..., Errands]]:
-    opened: list[Errands] = []
-
-    def build(*load: str, **options: object) -> Errands:
-        opened.append(Errands("recharge", "visit", *load, **options))
-        opened[-1].run(1.0)
-        assert not opened[-1].why_not_running()
-        return opened[-1]
-
-    yield build
-    for one in opened:
-        one.close()
+def errands() -> Iterator[Build]:
+    yield from open_errands("recharge", "visit")
 
 
 def usable(run: Errands, energy_j: float | None) -> None:

@@ -1,4 +1,4 @@
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import pytest
 
@@ -7,22 +7,12 @@ from robrain.protocol.model.task import TaskState, Visit
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.messages import Halt
 from robrain.protocol.wire.topics import HALT
-from tests.plugins.errands import Errands
+from tests.plugins.errands import Build, open_errands
 
 
 @pytest.fixture
-def errands() -> Iterator[Callable[..., Errands]]:
-    opened: list[Errands] = []
-
-    def build(*load: str, **options: object) -> Errands:
-        opened.append(Errands("wander", *load, **options))
-        opened[-1].run(1.0)
-        assert not opened[-1].why_not_running()
-        return opened[-1]
-
-    yield build
-    for one in opened:
-        one.close()
+def errands() -> Iterator[Build]:
+    yield from open_errands("wander")
 
 
 def test_a_robot_does_not_wander_before_it_is_told_to(errands):
