@@ -42,9 +42,9 @@ BY = "coordinator"
 class Errand:
     """A task that a mote is at."""
 
-    def __init__(self, record: TaskRecord, mote: Mote, now_ns: int) -> None:
-        self.task_id = record.task.id
-        self.task = record.task
+    def __init__(self, task: Sense | Monitor, mote: Mote, now_ns: int) -> None:
+        self.task_id = task.id
+        self.task = task
         self.mote = mote
         self.began_ns = now_ns
         self.usual_s = mote.period_s
@@ -54,14 +54,14 @@ class Errand:
         """When it last brought something in."""
         self.interval_s = self.usual_s
         self.until_ns = now_ns
-        if isinstance(record.task, Monitor):
-            self.interval_s = min(self.usual_s, record.task.interval_s)
-            self.until_ns = now_ns + to_ns(record.task.duration_s)
-        self.patience_s = max(PATIENCE_PERIODS * self.usual_s, getattr(record.task, "timeout_s", 0.0))
+        if isinstance(task, Monitor):
+            self.interval_s = min(self.usual_s, task.interval_s)
+            self.until_ns = now_ns + to_ns(task.duration_s)
+        self.patience_s = max(PATIENCE_PERIODS * self.usual_s, getattr(task, "timeout_s", 0.0))
 
     def take(self, reading: MoteReading, now_ns: int) -> None:
         """The mote has told something."""
-        quantity = self.task.quantity  # type: ignore[union-attr]  # only such tasks go to motes
+        quantity = self.task.quantity
         if (reading.taken_ns or reading.stamp_ns) >= self.began_ns and reading.quantity == quantity:
             self.values.append(reading.value)
             self.last_ns = now_ns
@@ -71,7 +71,7 @@ class Errand:
         """What came of it."""
         told: dict[str, Any] = {
             "mote": self.mote.name,
-            "quantity": self.task.quantity,  # type: ignore[union-attr]
+            "quantity": self.task.quantity,
             "energy_j": round(len(self.values) * reading_j(), 4),
         }
         if isinstance(self.task, Sense):
@@ -171,13 +171,14 @@ class MoteDesk:
     def _give_out(self, record: TaskRecord, now_ns: int) -> None:
         if self._reasons.waits(record, now_ns):
             return
+        task = record.task
         verdicts, mote = self.judge(record, now_ns)
-        if mote is None:
+        if mote is None or not isinstance(task, Sense | Monitor):
             return
         self._reasons.note(record.task.id, verdicts, now_ns)
         self._book.offered(record.task.id, f"{MEMBER_PREFIX}{mote.name}")
         self._book.move(record.task.id, TaskState.RUNNING)
-        errand = self._errands[record.task.id] = Errand(record, mote, now_ns)
+        errand = self._errands[record.task.id] = Errand(task, mote, now_ns)
         if errand.interval_s < errand.usual_s:
             self._ask_duty(mote.name, errand.interval_s)
 

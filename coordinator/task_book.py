@@ -86,7 +86,7 @@ class TaskBook:
         For a coordinator that begins anew: what its journal holds may not have been told.
         """
         for record in self.journal.last_changed(count):
-            self._tell(_event(record))
+            self._tell(record.event)
 
     # -- changing -------------------------------------------------------------------------------------------
 
@@ -182,22 +182,10 @@ class TaskBook:
             self.done_count += record.state is TaskState.DONE
         else:
             self._open[record.task.id] = record
-        self._tell(_event(record))
+        self._tell(record.event)
         return record
 
     def _keep(self, ended: TaskRecord) -> None:
         self._ended[ended.task.id] = ended
         if len(self._ended) > KEPT_ENDED:
             del self._ended[next(iter(self._ended))]
-
-
-def _event(record: TaskRecord) -> TaskEvent:
-    return TaskEvent(
-        task=record.task,
-        state=record.state,
-        robot=record.robot,
-        epoch=record.epoch,
-        why=record.why,
-        result=record.result,
-        change=record.change,
-    )

@@ -164,7 +164,7 @@ class TaskClient:
         while True:
             events = [received.message for received in inbox.drain()]
             if wanted and time.monotonic() >= look_s:
-                events += [_as_event(self.get(task_id)) for task_id in sorted(running)]
+                events += [self.get(task_id).event for task_id in sorted(running)]
                 look_s = time.monotonic() + LOOK_S
             for event in events:
                 if event.change > last.get(event.task.id, 0):
@@ -194,19 +194,6 @@ class TaskClient:
             except msgspec.DecodeError as error:
                 raise WireError(f"the coordinator answered {topic.name} with something else: {error}") from error
             time.sleep(AGAIN_S)
-
-
-def _as_event(record: TaskRecord) -> TaskEvent:
-    return TaskEvent(
-        stamp_ns=record.changed_ns,
-        task=record.task,
-        state=record.state,
-        robot=record.robot,
-        epoch=record.epoch,
-        why=record.why,
-        result=record.result,
-        change=record.change,
-    )
 
 
 def open_states() -> list[TaskState]:

@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 
 from robrain.protocol.model.task import Task, TaskState
+from robrain.protocol.wire.messages import TaskEvent
 
 
 class TaskSubmission(msgspec.Struct, frozen=True, kw_only=True):
@@ -45,6 +46,20 @@ class TaskRecord(msgspec.Struct, frozen=True, kw_only=True):
     """Whether the coordinator made it for itself: such a task is not tried again."""
     attempts: int = 0
     """How many robots have failed at it."""
+
+    @property
+    def event(self) -> TaskEvent:
+        """Its last change, as it is told; whoever sends it puts his own stamp on it."""
+        return TaskEvent(
+            stamp_ns=self.changed_ns,
+            task=self.task,
+            state=self.state,
+            robot=self.robot,
+            epoch=self.epoch,
+            why=self.why,
+            result=self.result,
+            change=self.change,
+        )
 
 
 class TaskRequest(msgspec.Struct, frozen=True, kw_only=True):

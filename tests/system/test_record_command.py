@@ -22,8 +22,7 @@ from robrain.protocol.wire.topics import RECORDER_STATE, ROBOT_ALIVE, ROBOT_STAT
 pytestmark = pytest.mark.system
 
 LOST_S = 0.6
-TRIES = 5
-"""A busy machine may hold a process up for longer than half a second; it does not do so each time."""
+KILLS = 3
 
 
 class Speaker:
@@ -65,8 +64,7 @@ def speaker() -> Iterator[Speaker]:
 
 
 def test_kill_9_costs_the_last_moment_alone(commands, speaker: Speaker, tmp_path: Path) -> None:
-    lost_s = []
-    for attempt in range(TRIES):
+    for attempt in range(KILLS):
         path = commands.folder / f"killed{attempt}.mcap"
         process = commands.start("record", "--connect", speaker.address, "--output", str(path))
         speaker.speak_until(heard=80)
@@ -76,11 +74,8 @@ def test_kill_9_costs_the_last_moment_alone(commands, speaker: Speaker, tmp_path
         info = recording_info(path)
         assert info.truncated
         last_ns = max(message.log_time_ns for message in read_messages(path))
-        lost_s.append((killed_ns - last_ns) / 1e9)
+        assert (killed_ns - last_ns) / 1e9 <= LOST_S
         speaker.inbox.drain()
-        if lost_s[-1] <= LOST_S:
-            break
-    assert min(lost_s) <= LOST_S
     recovered = tmp_path / "recovered.mcap"
     assert recover(path, recovered).messages == sum(info.counts.values())
     assert not recording_info(recovered).truncated
