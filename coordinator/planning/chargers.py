@@ -13,6 +13,8 @@ ASK_AGAIN_NS = to_ns(30.0)
 ASK_UNHEARD_NS = to_ns(2.0)
 """The first pause of one that does not answer; each is twice as long as the last, up to a minute."""
 LONGEST_NS = to_ns(60.0)
+ASKED_MAX = 32
+"""Robots at a time: to ask a thousand at once takes a quarter of a second, in which the team waits."""
 PLUGIN = "home"
 
 
@@ -49,9 +51,11 @@ class KnownChargers:
 
     def follow(self, robots: dict[str, Point2D], now_ns: int) -> None:
         """Take in what was answered, and ask these robots if it is time."""
+        left = ASKED_MAX
         for robot, place in robots.items():
             self.home.setdefault(robot, place)
-            if now_ns >= self._due_ns.get(robot, 0):
+            if left and now_ns >= self._due_ns.get(robot, 0):
+                left -= 1
                 pause_ns = ASK_AGAIN_NS if robot in self.of else self._pause_ns.get(robot, ASK_UNHEARD_NS)
                 self._due_ns[robot] = now_ns + pause_ns
                 self._pause_ns[robot] = min(2 * pause_ns, LONGEST_NS)
