@@ -1,6 +1,9 @@
 """The dashboard in a process of its own, beside a run, a team or a replay."""
 
 import threading
+from collections.abc import Sequence
+from pathlib import Path
+from urllib.parse import urlsplit
 
 from robrain.deploy.children import Children
 from robrain.deploy.errors import ChildFailed
@@ -25,6 +28,30 @@ def start_dashboard(children: Children, endpoint: str, team: str, port: int | No
         ChildFailed: it did not start; the text says why.
 
     """
+    arguments = ["dashboard", "--connect", endpoint, "--team", team]
+    if port is not None:
+        arguments += ["--port", str(port)]
+    return _start_page(children, arguments)
+
+
+def go_on_with_recording(children: Children, url: str, recording: Path) -> None:
+    """Have a dashboard's page show a recording of the team that has gone; browsers that look on find it by themselves.
+
+    Args:
+        children: owns the dashboard's process, and nothing else by now: it is stopped for another one.
+        url: the page's address, which stays the same.
+        recording: an MCAP file.
+
+    Raises:
+        ChildFailed: it did not start; the text says why.
+
+    """
+    children.stop()
+    _start_page(children, ["dashboard", "--replay", str(recording), "--port", str(urlsplit(url).port)])
+
+
+def _start_page(children: Children, arguments: Sequence[str]) -> str:
+    """Start a dashboard and wait until its page is served; the page's address."""
     ready = threading.Event()
     url = ""
 
@@ -34,9 +61,6 @@ def start_dashboard(children: Children, endpoint: str, team: str, port: int | No
             url = line.removeprefix(READY_PREFIX)
             ready.set()
 
-    arguments = ["dashboard", "--connect", endpoint, "--team", team]
-    if port is not None:
-        arguments += ["--port", str(port)]
     child = children.start("dashboard", arguments, note)
     waited_s = 0.0
     while not ready.wait(0.1):

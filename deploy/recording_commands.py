@@ -78,7 +78,13 @@ def foxglove(
 
 
 @recording_app.command()
-def info(recording: RecordingArgument, as_json: JsonOption = False) -> None:
+def info(
+    recording: RecordingArgument,
+    every_key: Annotated[
+        bool, typer.Option("--every-key", help="A line for each of the many keys of a topic.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
     """Say what is in a recording: where it comes from, rates and gaps of each key."""
     from robrain.coordinator.recording.contents import read_contents
     from robrain.deploy.recording_display import progress, show_contents
@@ -88,7 +94,7 @@ def info(recording: RecordingArgument, as_json: JsonOption = False) -> None:
     if as_json:
         _print_json(contents)
     else:
-        show_contents(contents)
+        show_contents(contents, every_key=every_key)
 
 
 @recording_app.command()

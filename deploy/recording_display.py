@@ -22,6 +22,7 @@ from rich.table import Table
 from robrain.coordinator.recording.checking import Severity, Verdict
 from robrain.coordinator.recording.comparing import Difference
 from robrain.coordinator.recording.contents import KeyContents, RecordingContents
+from robrain.coordinator.recording.folded_keys import folded
 from robrain.coordinator.recording.recorder import Recorder, RecordingSummary
 from robrain.coordinator.recording.recovering import Recovery
 from robrain.protocol.wire.safe_text import safe_text
@@ -74,8 +75,8 @@ def show_recorded(summary: RecordingSummary) -> None:
         console.print(f"[red]lost[/]: {messages} of {said(topic)}", soft_wrap=True)
 
 
-def show_contents(contents: RecordingContents) -> None:
-    """Where a recording comes from, and a line for each key."""
+def show_contents(contents: RecordingContents, *, every_key: bool = False) -> None:
+    """Where a recording comes from, and a line for each key; many of one topic have one together, unless asked for."""
     console = _console()
     info = contents.info
     _line(
@@ -99,7 +100,7 @@ def show_contents(contents: RecordingContents) -> None:
     table.add_column("key", overflow="fold")
     for heading in ("messages", "rate", "bytes", "first", "last", "longest gap", "at", "gaps", "missing"):
         table.add_column(heading, justify="right", no_wrap=True)
-    for key in contents.keys:
+    for key in contents.keys if every_key else folded(contents.keys):
         table.add_row(*_contents_row(key))
     console.print()
     console.print(table)

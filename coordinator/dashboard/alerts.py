@@ -3,6 +3,7 @@
 from enum import StrEnum
 from typing import NamedTuple
 
+from robrain.coordinator.dashboard.recorder_view import RecorderView
 from robrain.coordinator.dashboard.robot_view import Condition, RobotView
 from robrain.coordinator.dashboard.team_view import TeamView
 
@@ -36,6 +37,9 @@ def alerts_of(view: TeamView, now_s: float) -> list[Alert]:
     if low:
         names = ", ".join(low[:4]) + (f" and {len(low) - 4} more" if len(low) > 4 else "")
         found.append(Alert(Level.WARN, "Motes", f"nearly empty: {names}"))
+    if not view.is_replay:
+        for recorder in view.recorders.values():
+            found += _of_recorder(recorder, now_s)
     if view.rejected:
         found.append(Alert(Level.WARN, "Messages", f"{view.rejected} made no sense and were left out"))
     return sorted(found, key=lambda alert: alert.level is not Level.BAD)
@@ -61,3 +65,12 @@ def _of_robot(robot: RobotView, now_s: float) -> list[Alert]:
     if battery is not None and battery.soc < LOW_SOC and not battery.charging:
         found.append(Alert(Level.WARN, robot.name, f"battery at {100 * battery.soc:.0f} %"))
     return found
+
+
+def _of_recorder(recorder: RecorderView, now_s: float) -> list[Alert]:
+    subject = f"Recorder {recorder.name}"
+    if recorder.is_silent(now_s):
+        return [Alert(Level.BAD, subject, "says nothing any more: what happens now may not be recorded")]
+    state = recorder.state
+    said = "; ".join(filter(None, (state.why, recorder.lost_text))) if state is not None else ""
+    return [Alert(Level.BAD, subject, said)] if said else []

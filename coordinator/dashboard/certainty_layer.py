@@ -9,9 +9,9 @@ import viser
 from robrain.coordinator.dashboard.layer import Layer
 from robrain.coordinator.dashboard.merged_meshes import MergedMeshes, by_color, copies
 from robrain.coordinator.dashboard.meshes import hoop
-from robrain.coordinator.dashboard.palette import look_of
 from robrain.coordinator.dashboard.scene_nodes import rows
 from robrain.coordinator.dashboard.team_view import TeamView
+from robrain.coordinator.palette import look_of
 
 SIGMAS = 2.4477
 """The ellipse holds the robot with 95 %: √5.991, the chi-square quantile of two degrees of freedom."""

@@ -1,13 +1,15 @@
 """A robot's charts: battery, power, energy as predicted and as measured, position error."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 import viser
+from numpy.typing import NDArray
 from viser import uplot
 
-from robrain.coordinator.dashboard.palette import ROBOT_COLORS, css
-from robrain.coordinator.dashboard.robot_history import RobotHistory
+from robrain.coordinator.palette import ROBOT_COLORS, css
+from robrain.coordinator.robot_history import RobotHistory
 
 GREY = "rgba(130, 140, 155, 0.9)"
 FAINT = "rgba(130, 140, 155, 0.18)"
@@ -37,8 +39,37 @@ class RobotCharts:
         if len(columns["time_s"]) < 2:
             empty = np.array([0.0, 1.0])
             columns = {name: empty if name == "time_s" else np.full(2, np.nan) for name in columns}
-        for chart, (_, lines) in zip(self._charts, self.LAYOUT, strict=True):
-            chart.data = (columns["time_s"], *(columns[name] for name, _ in lines))
+        for chart, (title, lines) in zip(self._charts, self.LAYOUT, strict=True):
+            values = [columns[name] for name, _ in lines]
+            chart.data = (columns["time_s"], *values)
+            if title not in RANGES:
+                _set_range(chart, nice_range(np.concatenate(values)))
+
+
+def nice_range(values: NDArray[np.float64]) -> tuple[float, float]:
+    """A range that holds these values and 0, with ends that change seldom: 1, 2 or 5 times a power of ten.
+
+    The browser finds none by itself where a value is not known.
+
+    >>> nice_range(np.array([np.nan, 3.0, 14.4])), nice_range(np.array([np.nan])), nice_range(np.array([-30.0, 0.2]))
+    ((0.0, 20.0), (0.0, 1.0), (-50.0, 0.2))
+    """
+    known = values[np.isfinite(values)]
+    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
+    upper = _nice(high) if high > 0 else 0.0
+    lower = -_nice(-low) if low < 0 else 0.0
+    return (lower, upper) if upper > lower else (0.0, 1.0)
+
+
+def _nice(value: float) -> float:
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(round(step * power, 12) for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value * (1 - 1e-9))
+
+
+def _set_range(chart: viser.GuiUplotHandle, y_range: tuple[float, float]) -> None:
+    known = chart.scales["y"].get("range") if chart.scales is not None else None
+    if known is None or tuple(known) != y_range:
+        chart.scales = {"x": uplot.Scale(time=False), "y": uplot.Scale(range=y_range)}
 
 
 def add_chart(

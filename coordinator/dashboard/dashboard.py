@@ -62,7 +62,7 @@ class Dashboard:
             self._source = team
             self._replay = ReplayBar(self._server, team)
         inquiries = Inquiries(self.view, self._asker) if self._asker is not None else None
-        self._context = PageContext(self.view, self._scene, self._asker, inquiries, self._replay)
+        self._context = PageContext(self.view, self._scene, self._asker, inquiries, self._replay, self._halt)
         self._pages: dict[int, ClientPage] = {}
         self._come: deque[viser.ClientHandle] = deque()
         self._drawn_s: float | None = None
@@ -95,6 +95,7 @@ class Dashboard:
             self._asker.deliver()
         if self._pages or self._drawn_s is None or now_s - self._drawn_s >= UNWATCHED_PERIOD_S:
             self._drawn_s = now_s
+            self._note_what_is_looked_at()
             with self._server.atomic():
                 self._scene.draw(view, now_s)
                 self._draw_halt(view, now_s)
@@ -111,6 +112,12 @@ class Dashboard:
             self._asker.close()
         self._source.close()
         close_server(self._server)
+
+    def _note_what_is_looked_at(self) -> None:
+        """A layer that nobody shows is not drawn; with nobody there, those are that the next one will see."""
+        seen = {switch.layer for page in self._pages.values() for switch in page.switches if switch.shown}
+        for layer in self._scene.layers:
+            layer.needed = layer in seen if self._pages else layer.shown
 
     def _step_page(self, client_id: int, page: ClientPage, now_s: float) -> None:
         try:

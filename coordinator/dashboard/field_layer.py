@@ -7,8 +7,8 @@ import viser
 from numpy.typing import NDArray
 
 from robrain.coordinator.dashboard.layer import Layer
-from robrain.coordinator.dashboard.palette import HEAT
 from robrain.coordinator.dashboard.team_view import TeamView
+from robrain.coordinator.palette import HEAT
 
 FIELD_Z_M = 0.01
 CELLS = 96

@@ -6,8 +6,8 @@ import viser
 from robrain.coordinator.dashboard.layer import Layer
 from robrain.coordinator.dashboard.merged_meshes import MergedMeshes, copies
 from robrain.coordinator.dashboard.meshes import cube
-from robrain.coordinator.dashboard.palette import FREE, OCCUPIED, UNKNOWN, WALL
 from robrain.coordinator.dashboard.team_view import TeamView
+from robrain.coordinator.palette import FREE, OCCUPIED, UNKNOWN, WALL
 from robrain.protocol.model.occupancy_grid import GridGeometry
 
 FLOOR_Z_M = -0.01

@@ -43,7 +43,7 @@ class HaltControl:
         panel.float(x=MARGIN_PX, y=-MARGIN_PX, width=WIDTH_PX)
         panel.expand()
         halt.on_click(self._halt)
-        self._resume.on_click(self._ask_to_resume)
+        self._resume.on_click(lambda event: self.ask_to_resume(event.client))
         command = server.gui.add_command("Emergency halt", description="Halt all robots", hotkey="H")
         command.on_trigger(self._halt)
 
@@ -57,8 +57,8 @@ class HaltControl:
     def _halt(self, event: viser.GuiEvent[Any] | viser.CommandEvent) -> None:
         self._send(Halt(halted=True, by=BY, reason="the button on the dashboard was pressed"), event.client)
 
-    def _ask_to_resume(self, event: viser.GuiEvent[Any]) -> None:
-        client = event.client
+    def ask_to_resume(self, client: viser.ClientHandle | None) -> None:
+        """Ask in one browser whether all may move again."""
         if client is None:
             return
         modal = client.gui.add_modal("Resume after the emergency halt?")

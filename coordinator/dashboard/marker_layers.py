@@ -6,10 +6,11 @@ import viser
 from robrain.coordinator.dashboard.layer import Layer
 from robrain.coordinator.dashboard.merged_meshes import MergedMeshes, copies
 from robrain.coordinator.dashboard.meshes import Mesh, cube, diamond, tent
-from robrain.coordinator.dashboard.palette import FRONTIER, MOTE_COLORS, look_of, mote_class
+from robrain.coordinator.dashboard.own_layer import OwnLayer
 from robrain.coordinator.dashboard.robot_view import MoteView, RobotView
-from robrain.coordinator.dashboard.scene_nodes import Colors, Labels, Rows, rows, to_linear
+from robrain.coordinator.dashboard.scene_nodes import Labels, Rows, colors, rows, to_linear
 from robrain.coordinator.dashboard.team_view import TeamView
+from robrain.coordinator.palette import FRONTIER, MOTE_COLORS, look_of, mote_class
 
 FRONTIER_SIZE_M = 0.1
 MOTE_LABEL_Z_M = 0.35
@@ -73,8 +74,8 @@ class MoteLayer(Layer):
         )
 
 
-class ScanLayer(Layer):
-    """What the lidars of the selected robots see, in the robots' colours."""
+class ScanLayer(OwnLayer):
+    """What the lidar of the selected robot sees, in the robot's colour."""
 
     name, label, period_s = "scans", "Lidar", 0.2
 
@@ -83,21 +84,16 @@ class ScanLayer(Layer):
         self._handle: viser.PointCloudHandle | None = None
 
     def _draw(self, view: TeamView, now_s: float) -> None:
-        robots = [robot for robot in view.robots_in_order() if robot.name in view.selected]
-        clouds = [scan_points(robot) for robot in robots]
-        shades = [
-            np.tile(np.array(look_of(robot.index).color, np.uint8), (len(cloud), 1))
-            for robot, cloud in zip(robots, clouds, strict=True)
-        ]
-        if not any(map(len, clouds)):
+        robot = view.robots.get(self.selected)
+        points: Rows = scan_points(robot) if robot is not None else rows([])
+        if robot is None or not len(points):
             if self._handle is not None:
                 self._handle.remove()
                 self._handle = None
             return
-        points: Rows = np.concatenate(clouds)
-        colored: Colors = np.concatenate(shades)
+        color = to_linear(colors([look_of(robot.index).color]))[0]
         self._handle = self.scene.add_point_cloud(
-            self.node("points"), points, to_linear(colored), point_size=0.05, point_shape="circle", precision="float32"
+            self.node("points"), points, color, point_size=0.05, point_shape="circle", precision="float32"
         )
 
 

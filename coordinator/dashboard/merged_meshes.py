@@ -12,8 +12,8 @@ import numpy as np
 import viser
 
 from robrain.coordinator.dashboard.meshes import Mesh, join
-from robrain.coordinator.dashboard.palette import Rgb
 from robrain.coordinator.dashboard.scene_nodes import Rows
+from robrain.coordinator.palette import Rgb
 
 WIDE_M = 24.0
 """Of a map of this size strips have the width that they are given."""
@@ -22,9 +22,10 @@ WIDE_M = 24.0
 class MergedMeshes:
     """One node for each colour, made anew when its mesh has become another."""
 
-    def __init__(self, scene: viser.SceneApi, name: str) -> None:
+    def __init__(self, scene: viser.SceneApi, name: str, opacity: float | None = None) -> None:
         self._scene = scene
         self._name = name
+        self._opacity = opacity
         self._shown: dict[Rgb, _Shown] = {}
         self._made = 0
 
@@ -48,6 +49,7 @@ class MergedMeshes:
             mesh.vertices,
             mesh.faces,
             color=color,
+            opacity=self._opacity,
             flat_shading=True,
             side="double",
             cast_shadow=False,

@@ -10,6 +10,7 @@ from typing import Any
 import viser
 
 from robrain.coordinator.dashboard.gui_values import set_html
+from robrain.coordinator.dashboard.layer_switches import switches_of
 from robrain.coordinator.dashboard.page_context import PageContext
 from robrain.coordinator.dashboard.panel_html import strip_html
 from robrain.coordinator.dashboard.picking import floor_hit, robot_near
@@ -38,6 +39,8 @@ class ClientPage:
         self.follows = False
         """Whether the camera goes along with the selected robot."""
         self.dark = True
+        self.switches = switches_of(client, context.scene.layers)
+        """Which layers of the picture it shows."""
         self._notes: deque[Action] = deque(maxlen=NOTES)
         self._drawn_s: float | None = None
         self._view: TeamView | None = None
@@ -76,6 +79,8 @@ class ClientPage:
             self.select(next(iter(view.robots)))
         robot = view.robots.get(self.selected)
         self._mark.show(robot, follows=self.follows)
+        for switch in self.switches:
+            switch.draw(view, self.selected, now_s)
         self.context.scene.keep_framed(self.client)
         self.robot.drive.step(now_s)
         period_s = MANY_PERIOD_S if len(view.robots) > MANY_ROBOTS else PERIOD_S
@@ -144,6 +149,8 @@ class ClientPage:
             self.robot.select_plugin(subject)
         elif verb == "why":
             self.tasks.ask_why(subject)
+        elif verb == "resume" and self.context.halt is not None:
+            self.context.halt.ask_to_resume(self.client)
         elif verb == "cancel":
             self.tasks.cancel(subject)
         elif verb == "seek" and self.context.replay is not None and subject.replace(".", "", 1).isdecimal():

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from robrain.coordinator.dashboard.asker import TIMEOUT_S, Answer, Asker, Then
+from robrain.coordinator.dashboard.halt_control import HaltControl
 from robrain.coordinator.dashboard.replay_bar import ReplayBar
 from robrain.coordinator.dashboard.scene import Scene
 from robrain.coordinator.dashboard.team_view import TeamView
@@ -89,6 +90,8 @@ class PageContext:
     """None where there is nobody to be asked: the page is of a recording."""
     inquiries: Inquiries | None
     replay: ReplayBar | None
+    halt: HaltControl | None
+    """None where there is nobody to be halted."""
 
     @property
     def is_live(self) -> bool:

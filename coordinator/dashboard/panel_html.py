@@ -3,11 +3,10 @@
 Values carry `data-testid` so that browser tests, and people's own scripts, can read them.
 """
 
-import re
-
 from robrain.coordinator.dashboard.alerts import Level, alerts_of
-from robrain.coordinator.dashboard.palette import battery_class, look_of, mote_class
+from robrain.coordinator.dashboard.halt_control import NAMES_SHOWN, acknowledgements
 from robrain.coordinator.dashboard.robot_view import Condition, MoteView, RobotView
+from robrain.coordinator.dashboard.task_html import LONG_ID
 from robrain.coordinator.dashboard.team_view import TeamView
 from robrain.coordinator.dashboard.words import (
     CONDITIONS,
@@ -21,13 +20,12 @@ from robrain.coordinator.dashboard.words import (
     text,
     tile,
 )
+from robrain.coordinator.palette import battery_class, look_of, mote_class
 from robrain.protocol.model.task import kind_of, place_of
 
 ROWS = 200
 """Rows of a table at the most; a browser is slow with more, and nobody reads them."""
 ALERTS = 6
-LONG_ID = re.compile(r"^([a-z_]+)-\d{8,}$")
-"""The ids that the coordinator gives its own tasks say no more than the kind."""
 LOG_LINES = 12
 MOTE_SHAPES = ("◆", "▲", "■", "◇")
 MOTE_KINDS = ("good", "warn", "bad", "soft")
@@ -136,7 +134,17 @@ def _banners(view: TeamView) -> str:
         stopped = sum(robot.halted for robot in view.robots.values())
         told = f"{stopped} of {len(view.robots)} robots say that they are halted"
         banners.append(banner("halt-state", f"EMERGENCY HALT{by}{reason}.<br>{told}."))
+        if not view.is_replay:
+            banners.append(_narrow_halt(view))
     return "".join(banners)
+
+
+def _narrow_halt(view: TeamView) -> str:
+    """On a narrow screen there is no room for the panel of the halt: what it tells and does is here instead."""
+    _, missing = acknowledgements(view)
+    names = ", ".join(text(name, 40) for name in missing[:NAMES_SHOWN]) + (" …" if missing[NAMES_SHOWN:] else "")
+    waits = f'<div data-testid="halt-missing">Not stopped: {names}</div>' if missing else ""
+    return f'<div class="rb-banner rb-narrow">{waits}<button data-rb="resume">Resume …</button></div>'
 
 
 def _alerts(view: TeamView, now_s: float) -> str:
@@ -187,10 +195,10 @@ def task_text(robot: RobotView, view: TeamView) -> str:
         place = place_of(event.task) if event is not None else None
         what = LONG_ID.sub(r"\1", status.id)
         if event is not None and place is not None:
-            what = f"{kind_of(event.task)} at {place.x_m:.1f}, {place.y_m:.1f} m"
+            what = f"{kind_of(event.task)} at {place.x_m:.1f}, {place.y_m:.1f} m,"
         said = f"{what} {status.state}" + (f": {why}" if why else "")
     elif summary is not None and (summary.task or summary.why):
-        said = ": ".join(filter(None, (summary.task, summary.why)))
+        said = ": ".join(filter(None, (LONG_ID.sub(r"\1", summary.task), summary.why)))
     else:
         said = "no task"
     return text(said)

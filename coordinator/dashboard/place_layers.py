@@ -6,9 +6,9 @@ import viser
 from robrain.coordinator.dashboard.layer import Layer
 from robrain.coordinator.dashboard.merged_meshes import MergedMeshes, by_color, copies
 from robrain.coordinator.dashboard.meshes import Mesh, bolt, cube, flag, pin
-from robrain.coordinator.dashboard.palette import CHARGER, CHARGER_PLATE, TASK_WAITING, Rgb, look_of
 from robrain.coordinator.dashboard.scene_nodes import Labels, rows
 from robrain.coordinator.dashboard.team_view import TeamView
+from robrain.coordinator.palette import CHARGER, CHARGER_PLATE, TASK_WAITING, Rgb, look_of
 from robrain.protocol.model.task import TaskState, kind_of, place_of
 from robrain.protocol.wire.messages import TaskEvent
 
@@ -16,7 +16,6 @@ PLATE_M = (0.55, 0.55, 0.03)
 FLAG, PIN = flag(), pin(0.16, 0.65)
 TASKS = 400
 TASK_LABELS = 25
-TASK_LABEL_Z_M = 0.75
 
 
 class ChargerLayer(Layer):
@@ -44,7 +43,7 @@ class TaskLayer(Layer):
     def __init__(self, scene: viser.SceneApi) -> None:
         super().__init__(scene)
         self._solids = MergedMeshes(scene, self.node("solids"))
-        self._labels = Labels(scene, self.node("label"), 0.8)
+        self._labels = Labels(scene, self.node("label"), 0.8, below=True)  # above are the names of robots and motes
 
     def _draw(self, view: TeamView, now_s: float) -> None:
         events = [event for event in view.tasks.values() if kind_of(event.task) != "explore"][-TASKS:]
@@ -59,7 +58,7 @@ class TaskLayer(Layer):
         labelled = events if len(events) <= TASK_LABELS else []
         self._labels.show(
             {
-                event.task.id: (task_label(event), (place.x_m, place.y_m, TASK_LABEL_Z_M))
+                event.task.id: (task_label(event), (place.x_m, place.y_m, 0.0))
                 for event in labelled
                 for place in [place_of(event.task)]
             }

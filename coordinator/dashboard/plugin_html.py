@@ -2,12 +2,12 @@
 
 import msgspec
 
-from robrain.coordinator.dashboard.palette import battery_class, look_of
 from robrain.coordinator.dashboard.panel_html import task_text
-from robrain.coordinator.dashboard.robot_history import position_sigma_m
 from robrain.coordinator.dashboard.robot_view import RobotView
 from robrain.coordinator.dashboard.team_view import TeamView
 from robrain.coordinator.dashboard.words import NONE, colored, condition_html, span_text, text, tile
+from robrain.coordinator.palette import battery_class, look_of
+from robrain.coordinator.robot_history import position_sigma_m
 from robrain.protocol.wire.messages import PluginInfo
 
 LEVELS = ("device", "unit", "skill", "behavior")

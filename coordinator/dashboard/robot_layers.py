@@ -5,10 +5,10 @@ import viser
 
 from robrain.coordinator.dashboard.layer import Layer
 from robrain.coordinator.dashboard.meshes import hoop, robot_base, robot_body, robot_dart, robot_nose
-from robrain.coordinator.dashboard.palette import HALTED, LOST, NOSE, TRUTH, Rgb, look_of
 from robrain.coordinator.dashboard.robot_view import Condition, Contact, RobotView
 from robrain.coordinator.dashboard.scene_nodes import Instances, Labels, colors, rows
 from robrain.coordinator.dashboard.team_view import TeamView
+from robrain.coordinator.palette import HALTED, LOST, NOSE, TRUTH, Rgb, look_of
 
 DEFAULT_RADIUS_M = 0.2
 """Of a Robertino, where a robot does not tell."""

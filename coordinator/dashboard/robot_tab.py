@@ -8,7 +8,7 @@ from robrain.coordinator.dashboard.asker import Answer
 from robrain.coordinator.dashboard.charts import RobotCharts
 from robrain.coordinator.dashboard.form_panel import FormPanel
 from robrain.coordinator.dashboard.function_form import fields_of
-from robrain.coordinator.dashboard.gui_values import set_html, set_options
+from robrain.coordinator.dashboard.gui_values import set_html, set_options, set_value
 from robrain.coordinator.dashboard.hand_drive import HandDrive
 from robrain.coordinator.dashboard.page_context import BY, PluginsOf
 from robrain.coordinator.dashboard.plugin_html import (
@@ -102,6 +102,9 @@ class RobotTab:
         """Show a plugin of the selected robot, and offer its functions."""
         self._plugin = name
         self._drawn_plugins = None
+        self._offer_functions()
+
+    def _offer_functions(self) -> None:
         plugin = self._found()
         names = tuple(function.name for function in plugin.functions) if plugin is not None else ()
         if names:
@@ -118,6 +121,11 @@ class RobotTab:
         self._drawn_plugins = state
         set_html(self._plugins, plugins_html(*state))
         set_html(self._plugin_card, plugin_card_html(self._found()))
+        if (
+            self._plugin and known.plugins and self._found() is None
+        ):  # it has been unloaded, or this robot has none such
+            self._plugin = ""
+            self._offer_functions()
 
     def _found(self) -> PluginInfo | None:
         known = self._page.context.plugins_of(self._page.selected)
@@ -178,6 +186,8 @@ class RobotTab:
         def take(answer: Answer) -> None:
             done = answer.error or "done"
             self._page.tell(f"{robot}: {verb} {plugin}", done, color="red" if answer.error else "green")
+            if verb == "unload" and not answer.error:
+                set_value(self._to_load, plugin)  # so that it can come back by one click
             if self._page.context.inquiries is not None:
                 self._page.context.inquiries.soon(robot)
 

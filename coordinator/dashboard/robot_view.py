@@ -4,9 +4,9 @@ from collections import deque
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from robrain.coordinator.dashboard.robot_history import RobotHistory
+from robrain.coordinator.robot_history import RobotHistory
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.wire.messages import Event, MoteReading, RobotState, RobotSummary, RobotTruth, Scan
+from robrain.protocol.wire.messages import Event, MoteReading, RadioLink, RobotState, RobotSummary, RobotTruth, Scan
 
 SILENT_AFTER_S = 3.0
 """A robot whose token stands but whose state is older than this may hang: its liveliness would last 10 s more."""
@@ -56,6 +56,8 @@ class RobotView:
     truth: RobotTruth | None = None
     scan: Scan | None = None
     path: list[Point2D] = field(default_factory=list)
+    links: list[RadioLink] = field(default_factory=list)
+    """Whom its base station hears."""
     trail: deque[Point2D] = field(default_factory=lambda: deque(maxlen=TRAIL_POINTS))
     poses: deque[tuple[int, Pose2D]] = field(default_factory=lambda: deque(maxlen=POSES))
     """The last ones with their stamps."""
@@ -122,7 +124,7 @@ class RobotView:
         self.poses.clear()
         self.events.clear()
         self.history = RobotHistory()
-        self.path = []
+        self.path, self.links = [], []
         self.scan = self.truth = self.summary = None
 
 

@@ -16,7 +16,7 @@ from robrain.coordinator.dashboard.certainty_layer import CertaintyLayer
 from robrain.coordinator.dashboard.field_layer import FieldLayer
 from robrain.coordinator.dashboard.floor_layers import FloorLayer, WallLayer
 from robrain.coordinator.dashboard.layer import Layer
-from robrain.coordinator.dashboard.marker_layers import FrontierLayer, MoteLayer, ScanLayer
+from robrain.coordinator.dashboard.marker_layers import FrontierLayer, MoteLayer
 from robrain.coordinator.dashboard.place_layers import ChargerLayer, TaskLayer
 from robrain.coordinator.dashboard.radio_layer import RadioLayer
 from robrain.coordinator.dashboard.robot_layers import NameLayer, RobotLayer, TruthLayer
@@ -37,10 +37,9 @@ LAYERS: tuple[type[Layer], ...] = (
     RadioLayer,
     FieldLayer,
     CertaintyLayer,
-    ScanLayer,
     TruthLayer,
 )
-"""In the order of their checkboxes."""
+"""Those that are drawn once for all browsers, in the order of their checkboxes."""
 EMPTY_BOUNDS: Bounds = (-6.0, -5.0, 6.0, 5.0)
 """Looked at until there is a map."""
 EXPECTED_ASPECT = 1.1

@@ -69,12 +69,13 @@ class Instances:
 
 
 class Labels:
-    """Texts that stand in the scene, each under a key of its own."""
+    """Texts that stand in the scene, each under a key of its own; above their places, or below them."""
 
-    def __init__(self, scene: viser.SceneApi, name: str, size: float = 1.0) -> None:
+    def __init__(self, scene: viser.SceneApi, name: str, size: float = 1.0, *, below: bool = False) -> None:
         self._scene = scene
         self._name = name
         self._size = size
+        self._below = below
         self._handles: dict[str, viser.LabelHandle] = {}
         self._made = 0
 
@@ -93,7 +94,7 @@ class Labels:
                     shown,
                     position=position,
                     font_screen_scale=self._size,
-                    anchor="bottom-center",
+                    anchor="top-center" if self._below else "bottom-center",
                 )
                 continue
             if handle.text != shown:

@@ -9,9 +9,10 @@ import viser
 from robrain.coordinator.dashboard.asker import Answer
 from robrain.coordinator.dashboard.form_panel import FormPanel
 from robrain.coordinator.dashboard.function_form import Field, fields_of
+from robrain.coordinator.dashboard.gantt_html import gantt_html
 from robrain.coordinator.dashboard.gui_values import set_html, set_value
 from robrain.coordinator.dashboard.page_context import BY
-from robrain.coordinator.dashboard.task_html import gantt_html, queue_html, why_html
+from robrain.coordinator.dashboard.task_html import queue_html, why_html
 from robrain.coordinator.dashboard.words import text
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.objective import Objective
@@ -39,6 +40,7 @@ class TaskTab:
         self.wants_place = False
         """Whether the next click on the map is a place for a new task."""
         self._drawn_s: float | None = None
+        self._known_objective: Objective | None = None
         live = page.context.is_live
         self._summary = gui.add_html("")
         with gui.add_folder("Add a task", visible=live):
@@ -158,7 +160,9 @@ class TaskTab:
         if status is None:
             set_html(self._planning, "")
             return
-        set_value(self._objective, status.objective)
+        if status.objective != self._known_objective:  # else leave what somebody has just chosen
+            self._known_objective = status.objective
+            set_value(self._objective, status.objective)
         set_html(
             self._planning,
             f'<div class="rb rb-soft" data-testid="planning">{text(status.method, 40)}: {status.plans} plans, '

@@ -4,10 +4,11 @@ import math
 from collections import deque
 from collections.abc import Callable
 
-from robrain.coordinator.dashboard.map_view import FAR_M, MapView
 from robrain.coordinator.dashboard.rate_meter import RateMeter
+from robrain.coordinator.dashboard.recorder_view import RecorderView
 from robrain.coordinator.dashboard.robot_view import MoteView, RobotView
 from robrain.coordinator.dashboard.task_board import TaskBoard
+from robrain.coordinator.map_view import FAR_M, MapView
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.task import place_of
 from robrain.protocol.wire.inbox import Received
@@ -20,11 +21,14 @@ from robrain.protocol.wire.messages import (
     MapPatch,
     MoteReading,
     PlannedPath,
+    RecorderState,
+    RobotLinks,
     RobotState,
     Scan,
     TaskEvent,
     TeamState,
 )
+from robrain.protocol.wire.plan_messages import ChargeSchedule, PlannedCharge
 from robrain.protocol.wire.presence import Change
 from robrain.protocol.wire.reading_sieve import ReadingSieve, taken_at_ns
 from robrain.protocol.wire.topic import Topic
@@ -32,10 +36,13 @@ from robrain.protocol.wire.topics import (
     ARENA_CLOCK,
     ARENA_SCAN,
     ARENA_TRUTH,
+    COORDINATOR_CHARGES,
     COORDINATOR_STATE,
     HALT,
     MOTE_READING,
+    RECORDER_STATE,
     ROBOT_EVENT,
+    ROBOT_LINKS,
     ROBOT_LOG,
     ROBOT_MAP,
     ROBOT_PATH,
@@ -47,6 +54,8 @@ from robrain.protocol.wire.topics import (
 HISTORY_POINTS = 400
 HISTORY_STEP_S = 1.0
 LOG_LINES = 100
+LINKS = 200
+RECORDERS = 20
 FAR_MM = round(FAR_M * 1000)
 FULL_TURN_RAD = 2 * math.pi
 RESTART_S = 1.0
@@ -67,6 +76,7 @@ class TeamView:
         self.board = TaskBoard()
         self.log: deque[LogRecord] = deque(maxlen=LOG_LINES)
         """What robots told last, oldest first."""
+        self.recorders: dict[str, RecorderView] = {}
         self.map = MapView()
         self.team: TeamState | None = None
         self.truth: ArenaTruth | None = None
@@ -79,6 +89,8 @@ class TeamView:
         self.coordinator_up = False
         self.chargers: tuple[Point2D, ...] = ()
         """Where robots can charge, arena frame, as far as anybody has told."""
+        self.charges: tuple[PlannedCharge, ...] = ()
+        """Who charges where and when, as the coordinator foresees it."""
         self.selected: frozenset[str] = frozenset()
         """Robots that somebody who looks on has selected."""
         self.explored: list[tuple[float, float]] = []
@@ -174,12 +186,15 @@ class TeamView:
             (ROBOT_STATE, self._take_state),
             (ROBOT_MAP, self._take_patch),
             (ROBOT_PATH, self._take_path),
+            (ROBOT_LINKS, self._take_links),
             (ROBOT_EVENT, self._take_event),
             (ROBOT_LOG, self._take_log),
             (MOTE_READING, self._take_reading),
             (TASK_EVENT, self._take_task),
             (TASK_DECISION, self._take_decision),
             (COORDINATOR_STATE, self._take_team),
+            (COORDINATOR_CHARGES, self._take_charges),
+            (RECORDER_STATE, self._take_recorder),
             (HALT, self._take_halt),
             (ARENA_SCAN, self._take_scan),
             (ARENA_CLOCK, self._take_clock),
@@ -201,6 +216,10 @@ class TeamView:
         for point in path.points:
             _check_place(point)
         self._robot(received.names["robot"]).path = path.points
+
+    def _take_links(self, received: Received, now_s: float) -> None:
+        heard: RobotLinks = received.message
+        self._robot(received.names["robot"]).links = heard.links[:LINKS]
 
     def _take_scan(self, received: Received, now_s: float) -> None:
         scan: Scan = received.message
@@ -243,6 +262,18 @@ class TeamView:
         self.team = team
         for summary in team.robots:
             self._robot(summary.name).summary = summary
+
+    def _take_charges(self, received: Received, now_s: float) -> None:
+        schedule: ChargeSchedule = received.message
+        for charge in schedule.charges:
+            _check_place(charge.charger)
+        self.charges = schedule.charges
+
+    def _take_recorder(self, received: Received, now_s: float) -> None:
+        state: RecorderState = received.message
+        name = received.names["recorder"]
+        if name in self.recorders or len(self.recorders) < RECORDERS:
+            self.recorders.setdefault(name, RecorderView(name)).take(state, now_s)
 
     def _take_halt(self, received: Received, now_s: float) -> None:
         self.halt = received.message
@@ -287,6 +318,7 @@ class TeamView:
         self._explored_step_s = HISTORY_STEP_S
         self._sieve = ReadingSieve()
         self.truth = self.team = self.halt = self.sim_time_s = None
+        self.charges = ()
         for robot in self.robots.values():
             robot.forget_run()
 

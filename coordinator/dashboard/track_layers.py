@@ -8,10 +8,10 @@ import viser
 from robrain.coordinator.dashboard.layer import Layer
 from robrain.coordinator.dashboard.merged_meshes import MergedMeshes, by_color, copies, strips, widen_for
 from robrain.coordinator.dashboard.meshes import Mesh, pin
-from robrain.coordinator.dashboard.palette import look_of
 from robrain.coordinator.dashboard.robot_view import Contact
 from robrain.coordinator.dashboard.scene_nodes import Rows, dashed, rows
 from robrain.coordinator.dashboard.team_view import TeamView
+from robrain.coordinator.palette import look_of
 from robrain.protocol.model.geometry import Point2D
 
 TRAIL_Z_M = 0.015

@@ -6,10 +6,10 @@ import viser
 
 from robrain.coordinator.dashboard.field_layer import FieldLayer
 from robrain.coordinator.dashboard.gui_values import set_html, set_value
-from robrain.coordinator.dashboard.layer import Layer
-from robrain.coordinator.dashboard.palette import HEAT, css
+from robrain.coordinator.dashboard.layer_switches import Switch
 from robrain.coordinator.dashboard.panel_html import motes_html
 from robrain.coordinator.dashboard.words import text
+from robrain.coordinator.palette import HEAT, css
 
 if TYPE_CHECKING:
     from robrain.coordinator.dashboard.page import ClientPage
@@ -20,9 +20,9 @@ LEGEND = (
     '<div class="rb"><h4>Motes</h4><div class="rb-legend"><span class="rb-good">◆ well</span>'
     '<span class="rb-warn">▲ low</span><span class="rb-bad">■ nearly empty</span>'
     '<span class="rb-soft">◇ not heard</span></div>'
-    '<h4>Radio links</h4><div class="rb-legend"><span class="rb-good">— strong</span>'
+    '<h4>Radio links</h4><div class="rb-legend"><span class="rb-good">━ strong</span>'
     '<span class="rb-warn">– – weak</span>'
-    '<span class="rb-bad">· · very weak</span><span>▬ relay</span></div>'
+    '<span class="rb-bad">· · very weak</span><span>wider: between robots</span><span>▬ relay</span></div>'
     '<h4>Tasks</h4><div class="rb-legend"><span>⚑ flag: waits</span><span>▼ pin: a robot is at it</span>'
     "<span>⚡ plate: charger</span><span>yellow diamond: border of the known</span></div><h4>Keys</h4>"
     '<div class="rb-legend"><span><b>H</b> halt all</span><span><b>O</b> overview</span><span><b>T</b> top view</span>'
@@ -45,10 +45,10 @@ class ViewTab:
         self._follow.on_update(lambda event: page.post(lambda: self.set_follow(event.target.value)))
         theme = gui.add_button_group("Colours", ("Dark", "Light"))
         theme.on_click(lambda event: page.post(lambda: page.set_dark(event.target.value == "Dark")))
-        self._boxes: list[tuple[Layer, viser.GuiCheckboxHandle]] = []
-        with gui.add_folder("Layers (for all who look on)"):
-            for layer in page.context.scene.layers:
-                self._add_layer(gui, layer)
+        self._boxes: list[_Box] = []
+        with gui.add_folder("Layers"):
+            for switch in page.switches:
+                self._boxes.append(_Box(page, switch))
             self._scale = gui.add_html("", visible=False)
         with gui.add_folder("Legend and keys", expand_by_default=False):
             gui.add_html(LEGEND)
@@ -59,19 +59,19 @@ class ViewTab:
     def draw(self, now_s: float) -> None:
         """Bring it up to date."""
         view = self._page.context.view
-        for layer, box in self._boxes:
-            set_value(box, layer.shown)  # another browser may have switched it
+        for box in self._boxes:
+            box.show()
         if bool(view.motes) != self._mote_folder.visible:
             self._mote_folder.visible = bool(view.motes)
         if view.motes and (self._listed_s is None or now_s - self._listed_s >= MOTES_PERIOD_S):
             self._listed_s = now_s
             set_html(self._motes, motes_html(view))
-        field = next((layer for layer, _ in self._boxes if isinstance(layer, FieldLayer)), None)
-        shown = field is not None and field.shown and field.range is not None
-        if self._scale.visible != shown:
-            self._scale.visible = shown
-        if field is not None and field.range is not None and shown:
-            set_html(self._scale, scale_html(*field.range))
+        layers = [box.switch.layer for box in self._boxes if box.shown]
+        scale = next((layer.range for layer in layers if isinstance(layer, FieldLayer)), None)
+        if self._scale.visible != (scale is not None):
+            self._scale.visible = scale is not None
+        if scale is not None:
+            set_html(self._scale, scale_html(*scale))
 
     def overview(self) -> None:
         """See all of the map."""
@@ -91,15 +91,33 @@ class ViewTab:
     def _move_camera(self, event: viser.GuiEvent[Any]) -> None:
         self._page.post(self.top if event.target.value == TOP else self.overview)
 
-    def _add_layer(self, gui: viser.GuiApi, layer: Layer) -> None:
-        box = gui.add_checkbox(layer.label, layer.shown)
-        self._boxes.append((layer, box))
 
-        @box.on_update
+class _Box:
+    """The checkbox of a layer."""
+
+    def __init__(self, page: "ClientPage", switch: Switch) -> None:
+        self.switch = switch
+        self.shown = switch.shown
+        """What the box says, as far as has been taken up."""
+        self._box = page.client.gui.add_checkbox(switch.label, switch.shown)
+
+        @self._box.on_update
         def _(event: viser.GuiEvent[Any]) -> None:
             if event.client is not None:  # and not our own setting of it
-                shown = box.value
-                self._page.post(lambda: setattr(layer, "shown", shown))
+                shown = event.target.value
+                page.post(lambda: self._choose(shown))
+
+    def show(self) -> None:
+        """Have the box say what is the case: what cannot be drawn is hidden.
+
+        It is left alone as long as nothing has changed by itself, as somebody may be clicking on it just now.
+        """
+        if self.switch.shown != self.shown:
+            self.shown = self.switch.shown
+            set_value(self._box, self.shown)
+
+    def _choose(self, shown: bool) -> None:
+        self.switch.shown = self.shown = shown
 
 
 def scale_html(quantity: str, low: float, high: float) -> str:

@@ -2,8 +2,8 @@
 
 from html import escape
 
-from robrain.coordinator.dashboard.palette import Rgb, css
 from robrain.coordinator.dashboard.robot_view import Condition
+from robrain.coordinator.palette import Rgb, css
 from robrain.protocol.model.task import TaskState
 
 NONE = "–"

@@ -10,7 +10,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from robrain.coordinator.dashboard.palette import ROBOT_COLORS, css
+from robrain.coordinator.palette import ROBOT_COLORS, css
 from robrain.protocol.wire.safe_text import safe_text
 
 YELLOW = 5

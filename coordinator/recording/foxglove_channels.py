@@ -11,15 +11,15 @@ import msgspec
 from google.protobuf.message import Message
 from mcap_protobuf.schema import build_file_descriptor_set
 
-from robrain.coordinator.dashboard.map_view import MapView
 from robrain.coordinator.recording import foxglove_messages as make
 from robrain.coordinator.recording import foxglove_scene, visual_topics
+from robrain.coordinator.recording.known_map import KnownMap
+from robrain.coordinator.recording.plain_schema import plain_schema
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages import (
     Halt,
     LogRecord,
-    MapPatch,
     MoteReading,
     PlannedPath,
     RobotState,
@@ -90,9 +90,8 @@ class VisualMessage(NamedTuple):
         if isinstance(self.message, Message):
             described = build_file_descriptor_set(type(self.message)).SerializeToString()
             return self.message.DESCRIPTOR.full_name, "protobuf", described
-        schema = msgspec.json.schema(type(self.message))
-        root = schema["$ref"].rpartition("/")[2]
-        return BATTERY_SCHEMA, "jsonschema", msgspec.json.encode(schema["$defs"][root])
+        schema = plain_schema(msgspec.json.schema(type(self.message)))
+        return BATTERY_SCHEMA, "jsonschema", msgspec.json.encode(schema)
 
 
 class FoxgloveChannels:
@@ -105,12 +104,13 @@ class FoxgloveChannels:
         self._scans: dict[str, bytes] = {}
         self._paths: dict[str, bytes] = {}
         self._readings: dict[str, bytes] = {}
-        self._patches: list[bytes] = []
+        self.known_map = KnownMap()
+        """The map so far."""
         self._lines: list[tuple[Topic, bytes]] = []
         self._open_tasks: dict[str, TaskEvent] = {}
         self._tasks_changed = False
         self._trails: dict[str, list[Point2D]] = {}
-        self._map = MapView()
+        self._map_view = self.known_map.merged()
         self._map_shown = self._walls_shown = 0
         self._due_ns: dict[str, int] = {}
         self._decoders: dict[type, msgspec.json.Decoder[Any]] = {}
@@ -119,7 +119,7 @@ class FoxgloveChannels:
             ARENA_SCAN.name: self._scans.__setitem__,
             ROBOT_PATH.name: self._paths.__setitem__,
             MOTE_READING.name: self._readings.__setitem__,
-            ROBOT_MAP.name: lambda _key, payload: self._patches.append(payload),
+            ROBOT_MAP.name: lambda _key, payload: self.known_map.take(payload),
         }
         self._told = {topic.name for topic in (ROBOT_LOG, TASK_EVENT, HALT)}
 
@@ -165,7 +165,7 @@ class FoxgloveChannels:
             for robot, trail in self._trails.items():
                 channel = visual_topics.of_robot(robot, "trail")
                 yield VisualMessage(channel, make.poses_in_frame(trail, now_ns), now_ns)
-        if (self._patches or self._map_shown != self._map.version) and self._is_due(
+        if (self.known_map.has_news or self._map_shown != self._map_view.version) and self._is_due(
             "map", self._map_period_ns(), now_ns
         ):
             yield from self._map_messages(now_ns)
@@ -216,31 +216,24 @@ class FoxgloveChannels:
             yield VisualMessage(visual_topics.TASKS, foxglove_scene.scene(entities, now_ns), now_ns)
 
     def _map_period_ns(self) -> int:
-        grid = self._map.grid
+        grid = self._map_view.grid
         cells = 0 if grid is None else grid.geometry.width * grid.geometry.height
         return max(MAP_NS, to_ns(cells / CELLS_A_SECOND))
 
     def _map_messages(self, now_ns: int) -> Iterator[VisualMessage]:
-        for payload in self._patches:
-            patch = self._decode(payload, MapPatch)
-            if patch is not None:
-                try:
-                    self._map.merge(patch)
-                except ValueError:  # it fits no map; whoever listened left it out as well
-                    continue
-        self._patches.clear()
-        if self._map.grid is None or self._map.version == self._map_shown:
+        view = self._map_view = self.known_map.merged()
+        if view.grid is None or view.version == self._map_shown:
             return
-        self._map_shown = self._map.version
-        yield VisualMessage(visual_topics.MAP, make.map_grid(self._map.grid, now_ns), now_ns)
+        self._map_shown = view.version
+        yield VisualMessage(visual_topics.MAP, make.map_grid(view.grid, now_ns), now_ns)
 
     def _walls(self, now_ns: int) -> Iterator[VisualMessage]:
-        grid = self._map.grid
-        if grid is not None and self._walls_shown != self._map.version and self._is_due("walls", WALLS_NS, now_ns):
-            self._walls_shown = self._map.version
-            walls = foxglove_scene.walls_entity(self._map.wall_boxes(), now_ns)
+        view = self._map_view
+        if view.grid is not None and self._walls_shown != view.version and self._is_due("walls", WALLS_NS, now_ns):
+            self._walls_shown = view.version
+            walls = foxglove_scene.walls_entity(view.wall_boxes(), now_ns)
             yield VisualMessage(visual_topics.WALLS, foxglove_scene.scene([walls], now_ns), now_ns)
-            yield VisualMessage(visual_topics.WALL_POINTS, make.wall_points(grid, now_ns), now_ns)
+            yield VisualMessage(visual_topics.WALL_POINTS, make.wall_points(view.grid, now_ns), now_ns)
 
     def _told_lines(self, now_ns: int) -> Iterator[VisualMessage]:
         lines, self._lines = self._lines, []

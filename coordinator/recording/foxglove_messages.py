@@ -26,7 +26,7 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
 
-from robrain.coordinator.dashboard.palette import FREE, OCCUPIED, UNKNOWN, Rgb
+from robrain.coordinator.palette import FREE, OCCUPIED, UNKNOWN, Rgb
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.occupancy_grid import OCCUPIED as OCCUPIED_CELL
 from robrain.protocol.model.occupancy_grid import OccupancyGrid

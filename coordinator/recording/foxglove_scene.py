@@ -18,7 +18,7 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from numpy import float32
 from numpy.typing import NDArray
 
-from robrain.coordinator.dashboard.palette import (
+from robrain.coordinator.palette import (
     BAD,
     FRONTIER,
     GOOD,
@@ -121,7 +121,8 @@ def task_entity(event: TaskEvent, stamp_ns: int) -> SceneEntity:
     )
     entity.lines.append(mast)
     holder = f" {event.robot}" if event.robot else ""
-    text = f"{kind_of(event.task)} {event.task.id} {event.state.replace('_', ' ')}{holder}"
+    kind = "" if event.task.id.startswith(kind_of(event.task)) else f"{kind_of(event.task)} "
+    text = f"{kind}{event.task.id} {event.state.replace('_', ' ')}{holder}"
     entity.texts.append(_label(text, 0.75, at.x_m, at.y_m, size_m=0.22))
     return entity
 

@@ -12,6 +12,7 @@ from robrain.coordinator.dashboard.server import close_server, open_server
 from robrain.coordinator.dashboard.team_view import TeamView
 from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.player import Player
+from robrain.protocol.wire.topics import ROBOT_MAP
 
 FRAME_S = 0.1
 FRAMES_MAX = 3000
@@ -53,6 +54,7 @@ def _page(player: Player, show: Callable[[float], None], frames_max: int) -> tup
     server = open_server("127.0.0.1", 0)
     try:
         scene, view, decoder = Scene(server), TeamView(), Decoder()
+        _frame(scene, player, decoder)
         serializer = server.get_scene_serializer()
         messages = player.seek(0.0)
         for frame in range(frames + 1):
@@ -70,3 +72,14 @@ def _page(player: Player, show: Callable[[float], None], frames_max: int) -> tup
         close_server(server)
     show(1.0)
     return page, frames + 1
+
+
+def _frame(scene: Scene, player: Player, decoder: Decoder) -> None:
+    """Point the camera at the whole map, of which the first frame knows nothing; viser's player does so only once."""
+    end = TeamView()
+    for recorded in player.seek(player.duration_s):
+        received = decoder.decode(recorded)
+        if received is not None and received.topic is ROBOT_MAP:
+            end.apply(received, player.duration_s)
+    scene.draw(end, 0.0)
+    scene.draw(TeamView(), 0.0)

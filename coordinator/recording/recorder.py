@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 
 from robrain.coordinator.recording.errors import RecordingError
+from robrain.coordinator.recording.known_map import KnownMap
 from robrain.coordinator.recording.provenance import Provenance
 from robrain.coordinator.recording.recorder_inbox import RecorderInbox
-from robrain.coordinator.recording.recording_files import RecordingFiles, SplitAt
-from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.coordinator.recording.recorder_telling import RecorderTelling
+from robrain.coordinator.recording.recording_files import RecordingFiles, SplitAt, ToldMessage
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import LostMessages, RecorderState
-from robrain.protocol.wire.topic import JSON, Kind
+from robrain.protocol.wire.topic import JSON, Kind, Topic
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, RECORDER_STATE, ROBOT_MAP, ROBOT_MAP_WHOLE, TOPICS
 
 if TYPE_CHECKING:
@@ -28,12 +29,11 @@ logger = logging.getLogger(__name__)
 
 INBOX_CAPACITY = 65536
 INBOX_BYTES = 256 * 1024 * 1024
-STATE_NS = to_ns(1.0)
-"""How often a live recorder tells how it does."""
-SLOW_NS = to_ns(1.0)
-"""A step that takes longer than this is told: the disk does not keep up."""
 SEQUENCE_MASK = 0xFFFF_FFFF
 """MCAP's sequence numbers have 32 bits."""
+
+DIGESTED_AT_ONCE = 64
+"""Messages put together for the digest: few enough that what is put together stays in the processor's cache."""
 
 _STAMP_AND_PAYLOAD_LENGTH = struct.Struct("<QQ")
 
@@ -71,7 +71,7 @@ class Recorder:
     """Hears every recorded topic of a team, in order of arrival, and writes each message as it was on the wire.
 
     Two runs that said the same, in the same order, have the same `digest`; with a file or without. A disk that is
-    full or too slow is told, in the log and on the wire (`recorder/R/state`), and what is lost is counted by topic;
+    full, slow or hangs is told, in the log and on the wire (`recorder/R/state`), and what is lost is counted by topic;
     nobody waits for the recorder.
 
     Args:
@@ -95,6 +95,7 @@ class Recorder:
         visual: bool = False,
     ) -> None:
         self._clock = endpoint.clock
+        self._team = endpoint.team
         self._messages = 0
         self._outside_queries = 0
         self._inbox = RecorderInbox(INBOX_CAPACITY, INBOX_BYTES)
@@ -103,17 +104,18 @@ class Recorder:
         self._stamps = msgspec.json.Decoder(_Stamp)
         self._summary: RecordingSummary | None = None
         self._path = path
-        self._slow_ns = 0
-        self._lost_told = 0
-        self._state_ns: int | None = None
-        self._live = endpoint.drive is Drive.LIVE
         self._visual: FoxgloveChannels | None = None
+        self._known_map = KnownMap()
         self._file = self._open(path, provenance, split, visual=visual) if path is not None else None
         self._name = "rec_" + re.sub(r"[^A-Za-z0-9_.\-]", "_", path.stem)[:60] if path is not None else ""
         for topic in TOPICS:
             if topic.recorded and topic.kind is Kind.PUT:
                 endpoint.subscribe(self._inbox, topic)
-        self._states = endpoint.publisher(RECORDER_STATE, recorder=self._name) if path is not None else None
+        self._telling: RecorderTelling | None = None
+        if path is not None:
+            states = endpoint.publisher(RECORDER_STATE, recorder=self._name)
+            live = endpoint.drive is Drive.LIVE
+            self._telling = RecorderTelling(states, self._clock, self._state, live=live)
 
     @property
     def messages(self) -> int:
@@ -161,8 +163,14 @@ class Recorder:
         """Record what has arrived since the last step. After `close` it does nothing."""
         if self._summary is not None:
             return
-        self._record()
-        self._tell_state()
+        if self._telling is None:
+            self._record()
+            return
+        self._telling.begin()
+        try:
+            self._record()
+        finally:
+            self._telling.end(self.lost)
 
     def close(self) -> RecordingSummary:
         """Record what is left, finish the file and return what was done; calling it again returns the same."""
@@ -183,39 +191,36 @@ class Recorder:
                 lost_by_topic=dict(lost + self._inbox.dropped_by_topic),
                 paths=paths,
             )
-            if self._states is not None:
-                self._tell()
+            if self._telling is not None:
+                self._telling.close()
         return self._summary
 
     def _record(self) -> None:
         now_ns = self._clock.now_ns()
         file, visual = self._file, self._visual
-        digested: list[bytes] = []
-        for topic, key, payload in self._inbox.drain_raw():
-            stamp = self._stamp(payload) if topic.encoding == JSON else _UNSTAMPED
-            stamp_ns = stamp.stamp_ns or now_ns
-            prefix = self._key_prefixes.get(key) or self._add_key(key)
-            digested += (prefix, _STAMP_AND_PAYLOAD_LENGTH.pack(stamp_ns, len(payload)), payload)
-            self._messages += 1
-            self._outside_queries += topic is ARENA_OUTSIDE
-            if file is not None:
-                file.write(
-                    topic,
-                    key,
-                    payload,
-                    log_time_ns=now_ns,
-                    publish_time_ns=stamp_ns,
-                    sequence=stamp.seq & SEQUENCE_MASK,
-                )
+        told = self._stamped(self._inbox.drain_raw(), now_ns)
+        self._messages += len(told)
+        for start in range(0, len(told), DIGESTED_AT_ONCE):
+            self._digest.update(self._digested(told[start : start + DIGESTED_AT_ONCE]))
+        if file is not None:
+            file.write(told, now_ns)
+            for topic, key, payload, _, _ in told:
                 if visual is not None:
                     visual.take(topic, key, payload)
-        self._digest.update(b"".join(digested))
-        if file is not None:
+                elif topic is ROBOT_MAP:
+                    self._known_map.take(payload)
             if visual is not None:
                 self._draw(visual, file, now_ns)
-            if file.step(now_ns) and visual is not None:
-                visual.begin_anew()
-            self._slow_ns = self._clock.now_ns() - now_ns
+            if file.step(now_ns):
+                self._tell_map(file, now_ns)
+                if visual is not None:
+                    visual.begin_anew()
+
+    def _tell_map(self, file: RecordingFiles, now_ns: int) -> None:
+        """Have a new file begin with the whole map, so that it can be looked at alone."""
+        key = ROBOT_MAP.key(self._team, robot=self._name)
+        for patch in self._known_map.patches(self._name, now_ns):
+            file.write_beside(ROBOT_MAP, key, msgspec.json.encode(patch), now_ns)
 
     def _draw(self, visual: "FoxgloveChannels", file: RecordingFiles, now_ns: int) -> None:
         try:
@@ -226,46 +231,26 @@ class Recorder:
             logger.exception("recording to %s goes on without what others draw", file.paths[-1])
             self._visual = None
 
-    def _tell_state(self) -> None:
-        """Say how it does: each second in live, and in both drives when something was lost."""
-        if self._file is None:
-            return
-        lost = self._file.lost_by_topic.total() + self._inbox.dropped
-        slow = self._slow_ns > SLOW_NS
-        if slow:
-            logger.warning(
-                "recording to %s is slow: the disk took %.1f s", self._file.paths[-1], to_seconds(self._slow_ns)
-            )
-        now_ns = self._clock.now_ns()
-        due = self._state_ns is None or not 0 <= now_ns - self._state_ns < STATE_NS
-        if due and (self._live or lost > self._lost_told or slow):
-            self._state_ns = now_ns
-            self._lost_told = lost
-            self._tell()
-
-    def _tell(self) -> None:
+    def _state(self) -> RecorderState:
+        """How it does; also asked while it writes, on another thread."""
         assert self._file is not None
-        assert self._states is not None
         dropped = self._inbox.dropped
         words = [self._file.why] if self._file.why else []
-        words += [f"the disk took {to_seconds(self._slow_ns):.1f} s"] if self._slow_ns > SLOW_NS else []
         words += [f"{dropped} messages came faster than they are written"] if dropped else []
-        self._states.put(
-            RecorderState(
-                recorder=self._name,
-                file=self._file.paths[-1].name,
-                messages=self._messages,
-                bytes=self._file.size_bytes,
-                lost=[LostMessages(topic, messages) for topic, messages in sorted(self._lost().items())],
-                waiting=len(self._inbox),
-                why="; ".join(words),
-                closed=self._summary is not None,
-            )
+        return RecorderState(
+            recorder=self._name,
+            file=self._file.paths[-1].name,
+            messages=self._messages,
+            bytes=self._file.size_bytes,
+            lost=[LostMessages(topic, messages) for topic, messages in sorted(self._lost().items())],
+            waiting=len(self._inbox),
+            why="; ".join(words),
+            closed=self._summary is not None,
         )
 
     def _lost(self) -> dict[str, int]:
         written = self._file.lost_by_topic if self._file is not None else Counter[str]()
-        return dict(written + self._inbox.dropped_by_topic)
+        return dict(written + self._inbox.dropped_by_topic.copy())  # others count there meanwhile
 
     def _said(self) -> dict[str, str]:
         """What stands in the metadata at the end of a file."""
@@ -288,24 +273,40 @@ class Recorder:
                 from robrain.coordinator.recording.foxglove_channels import FoxgloveChannels
 
                 self._visual = FoxgloveChannels()
+                self._known_map = self._visual.known_map
         except ModuleNotFoundError as error:
             raise RecordingError(
                 path, f"cannot record to {path}: {error.name} is not installed; pip install 'robrain[team]'"
             ) from error
         return RecordingFiles(
             path,
-            lambda part, now_ns, number: RecordingFile(part, provenance, now_ns, number),
+            lambda part, now_ns, said: RecordingFile(part, provenance, now_ns, said),
             self._clock.now_ns(),
             split or SplitAt(),
             self._said,
         )
 
-    def _stamp(self, payload: bytes) -> _Stamp:
-        try:
-            return self._stamps.decode(payload)
-        except (msgspec.DecodeError, UnicodeDecodeError):
-            # What does not decode was on the wire all the same.
-            return _UNSTAMPED
+    def _stamped(self, raw: Iterable[tuple[Topic, str, bytes]], now_ns: int) -> list[ToldMessage]:
+        """With the sender's stamp and number; what has none was said now."""
+        decode = self._stamps.decode
+        told = []
+        for topic, key, payload in raw:
+            try:
+                stamp = decode(payload) if topic.encoding == JSON else _UNSTAMPED
+            except (msgspec.DecodeError, UnicodeDecodeError):  # it was on the wire all the same
+                stamp = _UNSTAMPED
+            told.append((topic, key, payload, stamp.stamp_ns or now_ns, stamp.seq & SEQUENCE_MASK))
+            if topic is ARENA_OUTSIDE:
+                self._outside_queries += 1
+        return told
+
+    def _digested(self, told: list[ToldMessage]) -> bytes:
+        """What goes into the digest."""
+        prefixes, pack = self._key_prefixes, _STAMP_AND_PAYLOAD_LENGTH.pack
+        parts: list[bytes] = []
+        for _, key, payload, stamp_ns, _ in told:
+            parts += (prefixes.get(key) or self._add_key(key), pack(stamp_ns, len(payload)), payload)
+        return b"".join(parts)
 
     def _add_key(self, key: str) -> bytes:
         encoded = key.encode()

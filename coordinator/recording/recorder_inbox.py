@@ -25,14 +25,14 @@ class RecorderInbox(Inbox):
 
     def append(self, topic: Topic, key: str, payload: bytes, *, outside: bool = False) -> None:
         """Take a message in, or count it as dropped."""
-        if len(self) >= self.capacity or self._bytes + len(payload) > self.capacity_bytes:
-            self.received += 1
-            self.outside += outside
+        self.received += 1
+        self.outside += outside
+        if len(self._every) >= self.capacity or self._bytes + len(payload) > self.capacity_bytes:
             self.dropped += 1
             self.dropped_by_topic[topic.name] += 1
             return
         self._bytes += len(payload)
-        super().append(topic, key, payload, outside=outside)
+        self._every.append((topic, key, payload))
 
     def drain_raw(self) -> list[tuple[Topic, str, bytes]]:
         """Take everything out as topic, key and payload, in order of arrival."""

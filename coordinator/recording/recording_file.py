@@ -7,15 +7,17 @@ so that a file whose writer was killed still says what it is and holds all but t
 import contextlib
 import logging
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from io import FileIO
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import msgspec
-from mcap.writer import CompressionType, Writer
+from mcap.writer import LIBRARY_IDENTIFIER
 
+from robrain.coordinator.recording.chunk_writer import ChunkWriter
 from robrain.coordinator.recording.errors import RecordingError
+from robrain.coordinator.recording.plain_schema import plain_schema
 from robrain.coordinator.recording.provenance import (
     HOST_METADATA,
     MANIFESTS_METADATA,
@@ -34,6 +36,7 @@ from robrain.protocol.wire.topic import JSON, Topic
 
 if TYPE_CHECKING:
     from robrain.coordinator.recording.foxglove_channels import VisualMessage
+    from robrain.coordinator.recording.recording_files import ToldMessage
 
 logger = logging.getLogger(__name__)
 
@@ -42,8 +45,6 @@ FLUSH_PERIOD_NS = to_ns(0.5)
 CHUNK_BYTES = 1024 * 1024
 CHANNELS_MAX = 65535
 """MCAP numbers channels with 16 bits, from 1."""
-NEVER = 1 << 62
-"""Chunk size that mcap's writer does not reach: chunks end in `_write_out`, the one place where a disk can fail."""
 
 
 class RecordingFile:
@@ -53,13 +54,13 @@ class RecordingFile:
         path: file to write; an older recording of that name is replaced.
         provenance: goes to the front of the file.
         now_ns: the run's clock at opening.
-        part: number of the file in a recording that is split, from 1; None if it is not.
+        part: what is said of a file that is one of several; None if it is not.
 
     Raises:
         RecordingError: the file cannot be written; nothing is left behind then.
     """
 
-    def __init__(self, path: Path, provenance: Provenance, now_ns: int, part: int | None = None) -> None:
+    def __init__(self, path: Path, provenance: Provenance, now_ns: int, part: Mapping[str, str] | None = None) -> None:
         self.path = path
         self.opened_ns = now_ns
         self.messages = 0
@@ -68,8 +69,11 @@ class RecordingFile:
         """Messages of the wire that could not be written, by the topic's name."""
         self.why = ""
         """Why it failed; empty as long as it has not."""
+        self.has_messages = False
+        """Whether any message is on the disk."""
         self._failed = False
-        self._held: Counter[str] = Counter()
+        self._held: list[str] = []
+        """Topic's name of each message of the wire that waits to be written."""
         self._held_bytes = 0
         self._flushed_ns = now_ns
         self._schemas: dict[str, int] = {}
@@ -79,9 +83,7 @@ class RecordingFile:
             self._stream = _Stream(open_file(path))
         except OSError as error:
             raise _cannot_write(path, error) from error
-        self._writer = Writer(
-            cast(IO[bytes], self._stream), chunk_size=NEVER, compression=CompressionType.ZSTD, use_chunking=True
-        )
+        self._writer = ChunkWriter(self._stream)
         try:
             self._write_front(provenance, part)
         except OSError as error:
@@ -105,30 +107,33 @@ class RecordingFile:
         """Bytes of payloads that wait to be written."""
         return self._held_bytes
 
-    def write(
-        self, topic: Topic, key: str, payload: bytes, *, log_time_ns: int, publish_time_ns: int, sequence: int
-    ) -> None:
-        """Add a message; counted in `lost` when the file has failed."""
-        self.messages += 1
+    def write(self, told: Iterable["ToldMessage"], log_time_ns: int) -> None:
+        """Add messages; counted in `lost` when the file has failed."""
+        add_message, hold, channels = self._writer.add_message, self._held.append, self._channels
+        for topic, key, payload, publish_time_ns, sequence in told:
+            self.messages += 1
+            channel_id = 0 if self._failed else channels.get(key) or self._add_channel(topic, key)
+            if not channel_id:
+                self.lost_by_topic[topic.name] += 1
+                continue
+            add_message(channel_id, log_time_ns, payload, publish_time_ns, sequence)
+            hold(topic.name)
+            self._held_bytes += len(payload)
+            if self._held_bytes >= CHUNK_BYTES:
+                self._write_out()
+
+    def write_beside(self, topic: Topic, key: str, payload: bytes, now_ns: int) -> None:
+        """Add a message that was not on the wire; it is never counted as lost."""
         channel_id = 0 if self._failed else self._channels.get(key) or self._add_channel(topic, key)
-        if not channel_id:
-            self.lost_by_topic[topic.name] += 1
-            return
-        self._writer.add_message(channel_id, log_time_ns, payload, publish_time_ns, sequence)
-        self._held[topic.name] += 1
-        self._held_bytes += len(payload)
-        if self._held_bytes >= CHUNK_BYTES:
-            self._write_out()
+        if channel_id:
+            self.messages += 1
+            self._add(channel_id, now_ns, payload, now_ns)
 
     def write_visual(self, visual: "VisualMessage", log_time_ns: int) -> None:
         """Add a derived message; nothing is lost with it that could not be derived again."""
         channel_id = 0 if self._failed else self._channels.get(visual.channel) or self._add_visual(visual)
         if channel_id:
-            data = visual.data()
-            self._writer.add_message(channel_id, log_time_ns, data, visual.stamp_ns)
-            self._held_bytes += len(data)
-            if self._held_bytes >= CHUNK_BYTES:
-                self._write_out()
+            self._add(channel_id, log_time_ns, visual.data(), visual.stamp_ns)
 
     def flush_if_due(self, now_ns: int) -> None:
         """Hand what is held to the operating system when half a second of the run's clock has passed."""
@@ -144,26 +149,34 @@ class RecordingFile:
             return
         try:
             self._writer.add_metadata(SUMMARY_METADATA, dict(summary))
-            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._writer.finish()
             self._stream.close()
         except OSError as error:
             self._fail(error)
+
+    def _add(self, channel_id: int, log_time_ns: int, payload: bytes, publish_time_ns: int) -> None:
+        self._writer.add_message(channel_id, log_time_ns, payload, publish_time_ns)
+        self._held_bytes += len(payload)
+        if self._held_bytes >= CHUNK_BYTES:
+            self._write_out()
 
     def _write_out(self) -> None:
         if self._failed or not self._held_bytes:
             return
         try:
-            self._writer.flush()  # type: ignore[no-untyped-call]
+            self._writer.flush()
         except OSError as error:
             self._fail(error)
             return
         self._held.clear()
         self._held_bytes = 0
         self._whole_bytes = self._stream.size_bytes
+        self.has_messages = True
 
     def _fail(self, error: OSError) -> None:
         logger.error(
-            "recording to %s stopped: %s; what was written until now can be read, the run goes on unrecorded",
+            "recording to %s stopped: %s; what was written until now can be read, the run goes on, unrecorded until "
+            "there is room again",
             self.path,
             error.strerror or error,
         )
@@ -176,17 +189,17 @@ class RecordingFile:
         with contextlib.suppress(OSError):
             self._stream.close()
 
-    def _write_front(self, provenance: Provenance, part: int | None) -> None:
+    def _write_front(self, provenance: Provenance, part: Mapping[str, str] | None) -> None:
         writer = self._writer
-        writer.start(profile="robrain")
+        writer.start("robrain", LIBRARY_IDENTIFIER)
         writer.add_metadata(RUN_METADATA, provenance.run_metadata())
         writer.add_metadata(VERSIONS_METADATA, software_versions())
         writer.add_metadata(HOST_METADATA, host_description())
         if part is not None:
-            writer.add_metadata(PART_METADATA, {"part": str(part)})
-        writer.add_attachment(0, 0, SCENARIO_ATTACHMENT, "application/toml", provenance.scenario_toml.encode())
+            writer.add_metadata(PART_METADATA, dict(part))
+        writer.add_attachment(SCENARIO_ATTACHMENT, "application/toml", provenance.scenario_toml.encode())
         if provenance.map_png is not None:
-            writer.add_attachment(0, 0, MAP_ATTACHMENT, "image/png", provenance.map_png)
+            writer.add_attachment(MAP_ATTACHMENT, "image/png", provenance.map_png)
         if provenance.manifests:
             writer.add_metadata(MANIFESTS_METADATA, provenance.manifest_metadata())
 
@@ -236,9 +249,6 @@ class _Stream:
     def tell(self) -> int:
         return self.size_bytes
 
-    def flush(self) -> None:
-        """Nothing is held here; mcap's writer asks all the same."""
-
     def cut(self, size_bytes: int) -> None:
         self._file.truncate(size_bytes)
         self.size_bytes = size_bytes
@@ -253,10 +263,8 @@ def open_file(path: Path) -> FileIO:
 
 
 def object_schema(topic: Topic) -> bytes:
-    """JSON Schema of a topic's message with `"type": "object"` at its root, where Foxglove looks for it."""
-    schema = topic.json_schema()
-    root = schema.pop("$ref", "").rpartition("/")[2]
-    return msgspec.json.encode(schema["$defs"][root] | schema if root else schema)
+    """JSON Schema of a topic's message in the form that Foxglove and Lichtblick take."""
+    return msgspec.json.encode(plain_schema(topic.json_schema()))
 
 
 def _check_writable(path: Path) -> None:

@@ -1,8 +1,9 @@
-"""The files of one recording: a single one, or one after the other when it is split by size or time."""
+"""The files of one recording: a single one, or several, when it is split or its disk was full for a while."""
 
 import logging
+import shutil
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +20,9 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 RETRY_NS = to_ns(5.0)
-"""A split recording whose disk failed tries to go on in its next file this often."""
+"""A recording whose disk failed tries to go on in its next file this often."""
+ROOM_BYTES = 4 * 1024 * 1024
+"""It does not try with less room than this: a file that ends after a moment helps nobody."""
 
 
 class SplitAt(msgspec.Struct, frozen=True, kw_only=True):
@@ -49,8 +52,10 @@ def part_path(path: Path, number: int) -> Path:
     return path.with_name(f"{path.stem}_{number:04d}{path.suffix}")
 
 
-OpenFile = Callable[[Path, int, int | None], "RecordingFile"]
-"""Opens one file: its path, the run's clock, and its number if there are several."""
+ToldMessage = tuple[Topic, str, bytes, int, int]
+"""A message of the wire: topic, key, payload, its sender's stamp and number."""
+OpenFile = Callable[[Path, int, Mapping[str, str] | None], "RecordingFile"]
+"""Opens one file: its path, the run's clock, and what is said of it if there are several."""
 
 
 class RecordingFiles:
@@ -77,7 +82,7 @@ class RecordingFiles:
         self._parts = 1 if split.splits else 0
         self._closed_bytes = 0
         self._closed_lost: Counter[str] = Counter()
-        self._retry_ns = 0
+        self._retry_ns: int | None = None
         self._file = self._open(now_ns)
         self.paths = [self._file.path]
         """Every file so far."""
@@ -85,7 +90,7 @@ class RecordingFiles:
     @property
     def size_bytes(self) -> int:
         """Bytes in all files."""
-        return self._closed_bytes + self._file.size_bytes
+        return self._closed_bytes + (self._file.size_bytes if self._file.path in self.paths else 0)
 
     @property
     def lost_by_topic(self) -> Counter[str]:
@@ -97,13 +102,9 @@ class RecordingFiles:
         """Why nothing is written now; empty as long as it is."""
         return self._file.why
 
-    def write(
-        self, topic: Topic, key: str, payload: bytes, *, log_time_ns: int, publish_time_ns: int, sequence: int
-    ) -> None:
-        """Add a message to the present file."""
-        self._file.write(
-            topic, key, payload, log_time_ns=log_time_ns, publish_time_ns=publish_time_ns, sequence=sequence
-        )
+    def write(self, told: Iterable[ToldMessage], log_time_ns: int) -> None:
+        """Add messages to the present file."""
+        self._file.write(told, log_time_ns)
 
     def write_visual(self, visual: "VisualMessage", log_time_ns: int) -> None:
         """Add a derived message to the present file."""
@@ -112,11 +113,21 @@ class RecordingFiles:
     def step(self, now_ns: int) -> bool:
         """Flush and split as it is due; returns whether a new file was begun."""
         self._file.flush_if_due(now_ns)
-        if not self._split.splits:
+        if not (self._file.why or self._is_full(now_ns)):
             return False
-        if self._file.why:
-            return self._try_again(now_ns)
-        return self._is_full(now_ns) and self._begin_next(now_ns)
+        if self._file.why and self._retry_ns is None:
+            self._retry_ns = now_ns
+        if self._retry_ns is not None and 0 <= now_ns - self._retry_ns < RETRY_NS:
+            return False
+        if self._begin_next(now_ns):
+            self._retry_ns = None
+            return True
+        self._retry_ns = now_ns
+        return False
+
+    def write_beside(self, topic: Topic, key: str, payload: bytes, now_ns: int) -> None:
+        """Add a message that was not on the wire to the present file."""
+        self._file.write_beside(topic, key, payload, now_ns)
 
     def close(self) -> None:
         """Finish the last file."""
@@ -132,30 +143,38 @@ class RecordingFiles:
             return True
         return duration_s is not None and now_ns - self._file.opened_ns >= to_ns(duration_s)
 
-    def _try_again(self, now_ns: int) -> bool:
-        if 0 <= now_ns - self._retry_ns < RETRY_NS:
-            return False
-        self._retry_ns = now_ns
-        return self._begin_next(now_ns)
-
     def _begin_next(self, now_ns: int) -> bool:
         before = self._file
-        self._parts += 1
+        if before.why and shutil.disk_usage(self._path.parent).free < ROOM_BYTES:
+            return False
+        # One that failed before it held anything is of no use, and gives its number to the next.
+        useless = bool(before.why) and not before.has_messages and self._parts > 1
+        number = self._parts if useless else self._free_number(max(self._parts, 1) + 1)
+        if useless and before.path in self.paths:
+            self.paths.remove(before.path)
         try:
-            following = self._open(now_ns)
+            following = self._open_part(number, now_ns)
         except RecordingError as error:
-            self._parts -= 1
             if not before.why:  # the old one goes on; a disk that is full will be told by it
                 logger.warning("%s", error)
             return False
-        self._parts -= 1
-        before.close(self._said())
-        self._parts += 1
-        self._closed_bytes += before.size_bytes
+        if not before.why:
+            before.close(self._said())
+        if not useless:
+            self._closed_bytes += before.size_bytes
         self._closed_lost += before.lost_by_topic
-        self._file = following
+        self._file, self._parts = following, number
         self.paths.append(following.path)
+        if before.why:
+            missing = self._closed_lost.total()
+            logger.warning("recording goes on in %s; %d messages before it are missing", following.path, missing)
         return True
+
+    def _free_number(self, number: int) -> int:
+        """The first number from `number` on that no file has: nothing is overwritten."""
+        while part_path(self._path, number).exists():
+            number += 1
+        return number
 
     def _open(self, now_ns: int) -> "RecordingFile":
         if not self._parts:
@@ -163,4 +182,11 @@ class RecordingFiles:
         path = part_path(self._path, self._parts)
         if path.exists():
             raise RecordingError(path, f"cannot record to {path}: it exists already; give another name or move it away")
-        return self._open_file(path, now_ns, self._parts)
+        return self._open_part(self._parts, now_ns)
+
+    def _open_part(self, number: int, now_ns: int) -> "RecordingFile":
+        lost = self.lost_by_topic if number > 1 else Counter[str]()
+        said = {"part": str(number)}
+        if lost:
+            said["lost_before"] = msgspec.json.encode(lost).decode()
+        return self._open_file(part_path(self._path, number), now_ns, said)

@@ -8,11 +8,11 @@ from typing import Any
 
 import msgspec
 
-from robrain.coordinator.dashboard.map_view import MapView
-from robrain.coordinator.dashboard.robot_history import model_power_w
+from robrain.coordinator.map_view import MapView
 from robrain.coordinator.recording.contents import RecordingContents, read_contents
 from robrain.coordinator.recording.happenings import Happening, Happenings
 from robrain.coordinator.recording.reading import read_messages
+from robrain.coordinator.robot_history import model_power_w
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import kind_of
 from robrain.protocol.wire.clock import to_seconds

@@ -8,17 +8,27 @@ from robrain.coordinator.dashboard.alerts import Level, alerts_of
 from robrain.coordinator.dashboard.certainty_layer import ellipse
 from robrain.coordinator.dashboard.halt_control import acknowledgements
 from robrain.coordinator.dashboard.picking import floor_hit, robot_near
-from robrain.coordinator.dashboard.radio_layer import relay_lines
-from robrain.coordinator.dashboard.robot_history import RobotHistory
+from robrain.coordinator.dashboard.radio_links import relay_lines
 from robrain.coordinator.dashboard.robot_view import Condition, MoteView, RobotView
 from robrain.coordinator.dashboard.task_board import TaskBoard
 from robrain.coordinator.dashboard.team_view import TeamView
+from robrain.coordinator.robot_history import RobotHistory
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.task import Relay, TaskState, Visit
-from robrain.protocol.wire.messages import BatteryState, PluginFault, RobotState, RobotTruth, TaskEvent
+from robrain.protocol.wire.inbox import Received
+from robrain.protocol.wire.messages import (
+    BatteryState,
+    LostMessages,
+    PluginFault,
+    RecorderState,
+    RobotState,
+    RobotTruth,
+    TaskEvent,
+)
 from robrain.protocol.wire.plan_messages import TaskDecision
 from robrain.protocol.wire.task_messages import RobotVerdict
+from robrain.protocol.wire.topics import RECORDER_STATE
 
 PLACE = Point2D(0.0, 0.0)
 MODEL = EnergyModel(
@@ -193,3 +203,34 @@ def test_ellipse_is_turned_as_the_covariance_is() -> None:
     assert ellipse(()) is None
     assert ellipse((math.nan,) * 9) is None
     assert ellipse((-1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0)) is None
+
+
+def recorder_says(view: TeamView, now_s: float, **told: object) -> list[str]:
+    """What the alerts say of a recorder that has told this."""
+    if told:
+        state = RecorderState(recorder="main", **told)  # type: ignore[arg-type]
+        key = RECORDER_STATE.key("default", recorder="main")
+        view.apply(Received(RECORDER_STATE, key, {"recorder": "main"}, state), now_s)
+    return [alert.text for alert in alerts_of(view, now_s) if alert.subject == "Recorder main"]
+
+
+def test_recorder_that_cannot_write_or_loses_messages_is_an_alert() -> None:
+    view = TeamView()
+    assert recorder_says(view, 0.0, file="run.mcap") == []
+    assert recorder_says(view, 1.0, why="the disk is full") == ["the disk is full"]
+    lost = [LostMessages("robot_state", 7), LostMessages("robot_map", 2)]
+    assert recorder_says(view, 2.0, lost=lost) == ["9 messages are not in it, 7 of them robot_state"]
+    assert recorder_says(view, 3.0, file="run.mcap") == []
+
+
+def test_recorder_that_falls_silent_is_an_alert_unless_it_has_closed_its_file() -> None:
+    view = TeamView()
+    assert recorder_says(view, 0.0, file="run.mcap") == []
+    assert recorder_says(view, 60.0) == []  # in lockstep it tells only what was lost
+    recorder_says(view, 60.0, file="run.mcap")
+    recorder_says(view, 61.0, file="run.mcap")
+    assert recorder_says(view, 64.0) == []
+    (said,) = recorder_says(view, 70.0)
+    assert said.startswith("says nothing any more")
+    assert recorder_says(view, 71.0, file="run.mcap", closed=True) == []
+    assert recorder_says(view, 99.0) == []

@@ -13,14 +13,14 @@ from robrain.coordinator.dashboard.camera import (
     Bounds,
     stand_to_see,
 )
-from robrain.coordinator.dashboard.map_view import cover_with_boxes
 from robrain.coordinator.dashboard.marker_layers import scan_points
 from robrain.coordinator.dashboard.merged_meshes import copies
-from robrain.coordinator.dashboard.palette import look_of
 from robrain.coordinator.dashboard.rate_meter import RateMeter
 from robrain.coordinator.dashboard.robot_view import RobotView
 from robrain.coordinator.dashboard.scene_nodes import plain, to_linear
 from robrain.coordinator.dashboard.track_layers import DASHES, dashes, tapering_line
+from robrain.coordinator.map_view import cover_with_boxes
+from robrain.coordinator.palette import look_of
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.messages import RobotState, Scan
 

@@ -2,6 +2,7 @@ from html.parser import HTMLParser
 
 import pytest
 
+from robrain.coordinator.dashboard.gantt_html import gantt_html
 from robrain.coordinator.dashboard.halt_control import acknowledgements_html
 from robrain.coordinator.dashboard.panel_html import log_html, motes_html, robots_html, strip_html, summary_html
 from robrain.coordinator.dashboard.plugin_html import (
@@ -14,7 +15,7 @@ from robrain.coordinator.dashboard.plugin_html import (
 from robrain.coordinator.dashboard.replay_bar import marks_html
 from robrain.coordinator.dashboard.replay_index import Mark
 from robrain.coordinator.dashboard.robot_view import MoteView
-from robrain.coordinator.dashboard.task_html import gantt_html, queue_html, why_html
+from robrain.coordinator.dashboard.task_html import queue_html, why_html
 from robrain.coordinator.dashboard.team_view import TeamView
 from robrain.coordinator.dashboard.view_tab import scale_html
 from robrain.protocol.model.geometry import Point2D, Pose2D

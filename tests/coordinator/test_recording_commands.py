@@ -17,6 +17,7 @@ from robrain.coordinator.recording.checking import Kind, Severity, check_recordi
 from robrain.coordinator.recording.comparing import differing_path, first_difference
 from robrain.coordinator.recording.contents import read_contents
 from robrain.coordinator.recording.errors import RecordingError
+from robrain.coordinator.recording.folded_keys import FOLDED_ABOVE, folded
 from robrain.coordinator.recording.reading import read_messages, read_provenance, recording_info
 from robrain.coordinator.recording.recovering import recover
 from robrain.protocol.model.geometry import Pose2D
@@ -108,6 +109,19 @@ def test_contents_of_a_real_run_agree_with_the_recorder(run: Path) -> None:
     assert {"plugins/driver.toml", "robots/r1.toml"} <= set(contents.manifests)
     assert "[plugin]" in read_provenance(run).manifests["plugins/driver.toml"]
     assert contents.host["machine"]
+
+
+def test_many_keys_of_a_topic_are_one_line_that_says_their_sums(tmp_path: Path) -> None:
+    logs = [f"robrain/default/robot/r{number}/log" for number in range(FOLDED_ABOVE + 1)]
+    log = LogRecord(robot="r1", level="info", source="a", text="b")
+    said: list[tuple[str, float, Any]] = [(key, float(place), log) for place, key in enumerate(logs)]
+    said += [(STATE, 20.0 + seq / 10, state(seq)) for seq in range(10)]
+    keys = read_contents(write(tmp_path / "run.mcap", said)).keys
+    assert [line.key for line in folded(keys)] == [f"robrain/default/robot/*/log ({len(logs)} keys)", STATE]
+    [line, _] = folded(keys)
+    assert (line.messages, line.first_s, line.last_s) == (len(logs), 0.0, float(len(logs) - 1))
+    assert line.rate_hz == pytest.approx(1.0)
+    assert folded(keys[1:]) == sorted(keys[1:], key=lambda key: key.key)
 
 
 # -- check ------------------------------------------------------------------------------------------------------

@@ -145,25 +145,21 @@ def test_a_path_that_cannot_be_written_is_told_in_a_sentence_and_leaves_nothing(
 
 
 class FullDisk(FileIO):
-    """A file on a disk with little room: it takes what fits, then no more."""
+    """A file on a disk with little room, for all of its files together: it takes what fits, then no more."""
 
     room_bytes = 0
 
     def write(self, data: Any) -> int:
-        fits = min(len(data), self.room_bytes)
+        fits = min(len(data), FullDisk.room_bytes)
         if not fits:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        self.room_bytes -= fits
+        FullDisk.room_bytes -= fits
         return super().write(data[:fits])
 
 
 def with_room(monkeypatch: pytest.MonkeyPatch, room_bytes: int) -> None:
-    def open_file(path: Path) -> FileIO:
-        file = FullDisk(path, "w")
-        file.room_bytes = room_bytes
-        return file
-
-    monkeypatch.setattr(recording_file, "open_file", open_file)
+    monkeypatch.setattr(FullDisk, "room_bytes", room_bytes)
+    monkeypatch.setattr(recording_file, "open_file", lambda path: FullDisk(path, "w"))
 
 
 def test_a_disk_that_is_full_at_the_start_is_told_and_leaves_nothing(

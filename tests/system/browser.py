@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import BrowserContext, Page, expect, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 
 CHROMIUM = Path("/usr/bin/chromium")
 ARGUMENTS = (
@@ -38,7 +38,7 @@ T = TypeVar("T")
 
 
 @contextmanager
-def chromium(width: int = 1280, height: int = 800) -> Iterator[BrowserContext]:
+def browser_process() -> Iterator[Browser]:
     """A browser, closed at the end; skips the test where there is none, and fails it in CI, which must have one."""
     if not CHROMIUM.exists():
         missing = f"the dashboard was not looked at: there is no {CHROMIUM} (apt install chromium)"
@@ -49,11 +49,27 @@ def chromium(width: int = 1280, height: int = 800) -> Iterator[BrowserContext]:
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
         try:
-            context = browser.new_context(viewport={"width": width, "height": height})
-            context.set_default_timeout(1000 * WAIT_S)
-            yield context
+            yield browser
         finally:
             browser.close()
+
+
+@contextmanager
+def window(browser: Browser, width: int = 1280, height: int = 800) -> Iterator[BrowserContext]:
+    """A window of a browser, with its pages closed at the end."""
+    context = browser.new_context(viewport={"width": width, "height": height})
+    context.set_default_timeout(1000 * WAIT_S)
+    try:
+        yield context
+    finally:
+        context.close()
+
+
+@contextmanager
+def chromium(width: int = 1280, height: int = 800) -> Iterator[BrowserContext]:
+    """A browser of one window, as `browser_process`."""
+    with browser_process() as browser, window(browser, width, height) as context:
+        yield context
 
 
 def open_page(context: BrowserContext, url: str) -> tuple[Page, list[str]]:
@@ -99,6 +115,17 @@ def wait_for(read: Callable[[], T], is_good: Callable[[T], bool], what: str, tim
         assert time.monotonic() < end_s, f"{what} did not come; last: {value!r:.300}"
         time.sleep(0.05)
     return value
+
+
+def switch_layer(page: Page, label: str) -> None:
+    """Tick the box of a layer, or untick it; its tab is to be open."""
+    page.get_by_text(label, exact=True).first.locator("xpath=ancestor::div[.//input][1]//input").dispatch_event("click")
+
+
+def share_of(picture: np.ndarray, color: tuple[int, int, int], within: int = 20) -> float:
+    """Which share of a picture is about so coloured, 0 to 1."""
+    near = np.abs(picture.astype(int) - color).max(axis=2) <= within
+    return float(near.mean())
 
 
 def browser_processes() -> list[int]:

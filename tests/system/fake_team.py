@@ -94,7 +94,7 @@ class FakeTeam:
                     mote="m1", place=Point2D(0, 0), quantity=EVIL, value=1.0, voltage_v=2.0, rssi_dbm=-60, via=EVIL
                 )
                 readings.put(reading)
-            truth.put(ArenaTruth(sim_time_s=0.2 * tick, robots=[], explored_fraction=min(1.0, tick / 300)))
+            truth.put(ArenaTruth(sim_time_s=0.2 * tick, robots=[], explored_fraction=tick % 300 / 300))
 
 
 def whole_map(_: Request) -> MapPatch:

@@ -109,8 +109,9 @@ class Ears:
                 self.poses = {robot.robot: robot.pose for robot in received.message.robots}
                 continue
             state = received.message
-            if state.task is not None and state.task.state is TaskState.DONE:
-                self.done.add((state.robot, state.task.id, state.task.epoch))
+            for status in (state.task_before, state.task):  # the next may begin in the step in which one ends
+                if status is not None and status.state is TaskState.DONE:
+                    self.done.add((state.robot, status.id, status.epoch))
 
     def listen(self, duration_s: float) -> None:
         until_s = time.monotonic() + duration_s

@@ -28,6 +28,7 @@ MAP = "image: {image}\nresolution: 0.05\norigin: [0.0, 0.0, 0.0]\nnegate: 0\nocc
         (["run", "arena_small", "--record", "run.bag"], ["run.bag", ".mcap"]),
         (["replay", "nosuch.mcap"], ["nosuch.mcap"]),
         (["agent", "nosuch.toml"], ["nosuch.toml", "no such file"]),
+        (["coordinator", "--planning", "nosuch.toml"], ["--planning", "nosuch.toml", "no such file"]),
         (["status"], ["--connect", "ROBRAIN_CONNECT"]),
         (["status", "--connect", "tcp/127.0.0.1:9"], ["tcp/127.0.0.1:9", "nobody"]),
         (["status", "--connect", "localhost"], ["localhost", "tcp/127.0.0.1:7447"]),  # not an endpoint

@@ -56,7 +56,7 @@ def test_responses_of_a_live_robot_are_measured(commands) -> None:
     done = commands.run("bench", "responses", "--rounds", "3", "--json", timeout_s=110.0)
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
-    assert len(told["figures"]) == 8
+    assert len(told["figures"]) == 10
     assert all(figure["number"] > 0 for figure in told["figures"] if "turn of a wheel" in figure["what"])
 
 

@@ -1,12 +1,9 @@
 """A browser that hangs is nobody else's trouble."""
 
-import os
-import signal
 import socket
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 
 import pytest
 from playwright.sync_api import expect
@@ -19,6 +16,7 @@ from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ROBOT_STATE
 from tests.system.browser import browser_processes, chromium, open_page, wait_for
 from tests.system.fake_team import FakeTeam
+from tests.system.hanging import stopped
 
 pytestmark = pytest.mark.system
 
@@ -87,7 +85,7 @@ def test_hung_browser_holds_up_neither_team_nor_dashboard(team: FakeTeam, endpoi
             page, _ = open_page(context, stepped.dashboard.url)
             expect(page.get_by_test_id("robot-r1-contact")).to_have_text("● up")
             stepped.narrow()
-            with _stopped(browser_processes()):
+            with stopped(browser_processes()):
                 time.sleep(HUNG_S / 2)
                 heard.drain()
                 stepped.longest_s, steps, kept = 0.0, stepped.steps, stepped.waiting()
@@ -101,14 +99,3 @@ def test_hung_browser_holds_up_neither_team_nor_dashboard(team: FakeTeam, endpoi
             wait_for(lambda: page.get_by_test_id("sim-time").inner_text(), lambda now: now != value, "another time")
     finally:
         stepped.stop()
-
-
-@contextmanager
-def _stopped(processes: list[int]) -> Iterator[None]:
-    for process in processes:
-        os.kill(process, signal.SIGSTOP)
-    try:
-        yield
-    finally:
-        for process in processes:
-            os.kill(process, signal.SIGCONT)

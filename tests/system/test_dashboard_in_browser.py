@@ -7,27 +7,51 @@ from collections.abc import Iterator
 from queue import Queue
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Page, expect
 
 from robrain.coordinator.dashboard import run_dashboard
+from robrain.coordinator.palette import FREE
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages import (
-    Halt,
-)
+from robrain.protocol.wire.messages import Halt
 from robrain.protocol.wire.session import open_session
-from tests.system.browser import chromium, click_on, colors_in, keep, open_page, picture_of, wait_for
+from tests.system.browser import (
+    browser_process,
+    click_on,
+    colors_in,
+    keep,
+    open_page,
+    picture_of,
+    share_of,
+    switch_layer,
+    wait_for,
+    window,
+)
 from tests.system.fake_team import FakeTeam
 
 pytestmark = pytest.mark.system
 
 WAIT_S = 15.0
+SEEN, HIDDEN = 0.03, 0.003
+"""Shares of the picture that have the colour of free floor."""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with browser_process() as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def everybody() -> Iterator[FakeTeam]:
+    with FakeTeam() as team:
+        yield team
 
 
 @pytest.fixture
-def team() -> Iterator[FakeTeam]:
-    with FakeTeam() as team:
-        yield team
+def team(everybody: FakeTeam) -> FakeTeam:
+    everybody.heard.drain()
+    return everybody
 
 
 class Stoppable:
@@ -63,8 +87,8 @@ def url(stoppable: Stoppable) -> str:
     return stoppable.url
 
 
-def test_team_is_seen_and_halted_in_a_browser(team: FakeTeam, url: str) -> None:
-    with chromium(width=1100, height=740) as context:
+def test_team_is_seen_and_halted_in_a_browser(browser: Browser, team: FakeTeam, url: str) -> None:
+    with window(browser, width=1100, height=740) as context:
         page, errors = open_page(context, url)
         title = page.title()
         assert title == "robrain"
@@ -103,11 +127,11 @@ def test_team_is_seen_and_halted_in_a_browser(team: FakeTeam, url: str) -> None:
         assert errors == []
 
 
-def test_two_browsers_have_selections_of_their_own_one_halt_and_see_the_dashboard_go(
-    team: FakeTeam, stoppable: Stoppable
+def test_two_browsers_have_selections_and_layers_of_their_own_one_halt_and_see_the_dashboard_go(
+    browser: Browser, team: FakeTeam, stoppable: Stoppable
 ) -> None:
     url = stoppable.url
-    with chromium(width=1000, height=700) as context:
+    with window(browser, width=1000, height=700) as context:
         (first, first_errors), (second, second_errors) = open_page(context, url), open_page(context, url)
         for page, robot in ((first, "r1"), (second, "r2")):
             page.bring_to_front()
@@ -118,6 +142,8 @@ def test_two_browsers_have_selections_of_their_own_one_halt_and_see_the_dashboar
         expect(first.get_by_test_id("selected-robot")).to_have_text("r1")
         first.keyboard.press("n")
         expect(first.get_by_test_id("selected-robot")).to_have_text("r2")
+        _layers_are_each_browsers_own(first, second)
+        first.bring_to_front()
         first.keyboard.press("h")
         assert next_halt(team).halted
         for page in (first, second):
@@ -129,15 +155,40 @@ def test_two_browsers_have_selections_of_their_own_one_halt_and_see_the_dashboar
         expect(second.locator("#rb-lost")).to_be_visible()
 
 
-def test_halt_stays_in_reach_on_a_narrow_screen(team: FakeTeam, url: str) -> None:
-    with chromium(width=390, height=800) as context:
+def test_halt_and_resume_stay_in_reach_on_a_narrow_screen(browser: Browser, team: FakeTeam, url: str) -> None:
+    with window(browser, width=390, height=800) as context:
         page, errors = open_page(context, url)
         keep(page, "dashboard-narrow")
         page.locator("#rb-halt-always").click()
         assert next_halt(team).halted
         expect(page.get_by_test_id("halt-state")).to_be_visible()
+        expect(page.get_by_test_id("halt-missing")).to_have_text("Not stopped: r1, r2")
+        click_on(page, "[data-rb='resume']")
+        page.get_by_role("button", name="Resume all robots", exact=True).click()
+        assert not next_halt(team).halted
+        expect(page.get_by_test_id("halt-state")).to_have_count(0)
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
         assert errors == []
+
+
+def _layers_are_each_browsers_own(first: Page, second: Page) -> None:
+    """What one hides the other still sees."""
+    first.bring_to_front()
+    first.get_by_role("tab", name="View", exact=True).click()
+    wait_for(lambda: _floor_in(first), lambda share: share > SEEN, "the floor")
+    switch_layer(first, "Floor")
+    wait_for(lambda: _floor_in(first), lambda share: share < HIDDEN, "a picture without the floor")
+    second.bring_to_front()
+    second.get_by_role("tab", name="View", exact=True).click()
+    second.wait_for_timeout(500)
+    assert _floor_in(second) > SEEN
+    first.bring_to_front()
+    switch_layer(first, "Floor")
+    wait_for(lambda: _floor_in(first), lambda share: share > SEEN, "the floor again")
+
+
+def _floor_in(page: Page) -> float:
+    return share_of(picture_of(page), FREE, within=40)
 
 
 def _check_figures(page: Page) -> None:

@@ -1,19 +1,26 @@
 """The dashboard as an operator uses it, on a team of real processes: arena, coordinator and agents."""
 
+import re
 import time
 from collections.abc import Iterator
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Locator, Page, expect
 
 from robrain.protocol.model.geometry import wrap_angle_rad
-from robrain.protocol.wire.clock import WallClock
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import ArenaTruth, RobotTruth
-from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.topics import ARENA_TRUTH
-from tests.system.browser import chromium, click_on, colors_in, keep, open_page, picture_of, wait_for
+from tests.system.browser import (
+    browser_process,
+    browser_processes,
+    click_on,
+    colors_in,
+    keep,
+    open_page,
+    picture_of,
+    wait_for,
+    window,
+)
+from tests.system.hanging import stopped, unread_socket
+from tests.system.live_team import LiveTeam, live_team
 
 pytestmark = pytest.mark.system
 
@@ -21,49 +28,125 @@ ROBOTS = ("r1", "r2")
 TASK_S = 60.0
 STOPPED_M = 0.01
 STANDS_S = 1.0
+TYPING_S = 0.15
+"""From one field to the next: viser sends what is typed each 50 ms, and of what came in between the last alone."""
+PULSE_S = 3.0
+HUNG_S = 5.0
 
 
-class Truth:
-    """Where the arena says that the robots are."""
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with browser_process() as browser:
+        yield browser
 
-    def __init__(self, endpoint: Endpoint) -> None:
-        self._inbox = Inbox()
-        self._told: ArenaTruth | None = None
-        endpoint.subscribe(self._inbox, ARENA_TRUTH)
 
-    def robots(self) -> dict[str, RobotTruth]:
-        for received in self._inbox.drain():
-            self._told = received.message
-        return {robot.robot: robot for robot in self._told.robots} if self._told is not None else {}
+@pytest.fixture(scope="module")
+def team(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveTeam]:
+    with live_team(tmp_path_factory.mktemp("live"), "arena_small", "--robots", "2", "--seed", "7") as team:
+        yield team
 
-    def way_m(self) -> float:
-        """How far all robots have come together."""
-        return sum(robot.distance_m for robot in self.robots().values())
+
+@pytest.fixture(scope="module")
+def everything(browser: Browser, team: LiveTeam) -> Iterator[tuple[Page, list[str]]]:
+    with window(browser) as context:
+        yield open_page(context, team.url)
 
 
 @pytest.fixture
-def team(commands) -> Iterator[tuple[str, Truth]]:
-    """The page's address, and the truth."""
-    process = commands.start("up", "arena_small", "--robots", "2", "--seed", "7", "--port", "0")
-    hub = commands.line_with(process, "hub: ").split()[1]
-    url = commands.line_with(process, "dashboard: ").split()[1]
-    session = open_session(mode="client", connect=(hub,))
-    endpoint = Endpoint(session, "default", WallClock(), Drive.LIVE)
-    yield url, Truth(endpoint)
-    endpoint.close()
-    session.close()
+def page(everything: tuple[Page, list[str]]) -> Iterator[Page]:
+    """The operator's page, on which no test may leave an error."""
+    page, errors = everything
+    page.bring_to_front()
+    yield page
+    assert errors == []
 
 
-def test_operator_sees_asks_tasks_and_halts_a_live_team(team: tuple[str, Truth]) -> None:
-    url, truth = team
-    with chromium() as context:
-        page, errors = open_page(context, url)
-        _team_is_drawn_and_moves(page)
-        _function_is_called_by_its_form(page)
-        _task_is_added_by_a_click_and_done(page)
-        _robot_is_driven_by_a_held_key(page, truth)
-        _halt_stops_the_wheels(page, truth)
-        assert errors == []
+def test_operator_sees_asks_tasks_drives_and_halts_a_live_team(page: Page, team: LiveTeam) -> None:
+    _team_is_drawn_and_moves(page)
+    _function_is_called_by_its_form(page)
+    _task_is_added_by_a_click_and_done(page)
+    _robot_is_driven_by_a_held_key(page, team)
+    _halt_stops_the_wheels(page, team)
+
+
+def test_plugin_is_unloaded_loaded_and_reloaded_by_its_buttons(page: Page) -> None:
+    page.get_by_role("tab", name="Robot", exact=True).click()
+    chip = page.get_by_test_id("plugin-counter")
+    card = page.get_by_test_id("plugin-card")
+    click_on(page, "[data-testid='plugin-counter']")
+    expect(card).to_contain_text("counter")
+    before_s = _seconds_since_start(page)
+    page.get_by_role("button", name="Unload", exact=True).click()
+    _is_told(page, "unload counter", "done")
+    expect(chip).to_have_count(0)
+    expect(card).to_have_count(0)
+    expect(page.get_by_role("button", name="Call", exact=True)).to_be_disabled()
+
+    expect(_field(page, "Name or path")).to_have_value("counter")
+    page.get_by_role("button", name="Load", exact=True).click()
+    _is_told(page, "load counter", "done")
+    expect(chip).to_have_attribute("title", re.compile("^active"))
+    click_on(page, "[data-testid='plugin-counter']")
+    loaded_s = _seconds_since_start(page)
+    assert loaded_s < before_s
+
+    time.sleep(1.0)
+    page.get_by_role("button", name="Reload", exact=True).click()
+    _is_told(page, "reload counter", "done")
+    expect(chip).to_have_attribute("title", re.compile("^active"))
+    keep(page, "dashboard-plugins")
+    # What cannot be loaded is told in the robot's own words.
+    _fill(page, "Name or path", "no_such_plugin")
+    page.get_by_role("button", name="Load", exact=True).click()
+    _is_told(page, "load no_such_plugin", "no_such_plugin")
+
+
+def test_task_is_called_off_by_its_button(page: Page, team: LiveTeam) -> None:
+    page.get_by_role("tab", name="Tasks", exact=True).click()
+    here = team.robots()["r1"].pose
+    _fill(page, "x (m)", f"{here.x_m:.2f}")
+    _fill(page, "y (m)", f"{here.y_m:.2f}")
+    _fill(page, "service (s)", "600")
+    page.get_by_role("button", name="Add task", exact=True).click()
+    told = page.get_by_test_id("task-told")
+    said = wait_for(told.inner_text, lambda said: said.startswith("✓"), "the task's being accepted")
+    task = said.split()[1]
+    click_on(page, f"[data-rb='cancel {task}']")
+    expect(page.get_by_test_id(f"task-{task}-state")).to_have_text("⊘ cancelled")
+    expect(page.locator(f"[data-rb='cancel {task}']")).to_have_count(0)
+    expect(page.locator("table[data-testid='tasks']")).to_contain_text("called off on the dashboard")
+
+
+def test_hung_browser_holds_up_neither_robots_nor_coordinator(page: Page, team: LiveTeam) -> None:
+    calm, calm_slowest_s = team.pulse(PULSE_S)
+    assert set(calm) == {*ROBOTS, "coordinator"}
+    with unread_socket(team.url), stopped(browser_processes()):
+        time.sleep(HUNG_S - PULSE_S)
+        hung, slowest_s = team.pulse(PULSE_S)
+    for speaker, count in calm.items():
+        assert hung.get(speaker, 0) >= 0.7 * count, (speaker, calm, hung)
+    assert slowest_s < max(0.5, 3 * calm_slowest_s)
+    time_told = page.get_by_test_id("sim-time").inner_text()
+    wait_for(lambda: page.get_by_test_id("sim-time").inner_text(), lambda now: now != time_told, "another time")
+
+
+def test_robot_that_does_not_acknowledge_a_halt_is_named_until_it_does(page: Page, team: LiveTeam) -> None:
+    page.get_by_role("tab", name="Team", exact=True).click()
+    expect(page.get_by_test_id("robot-r2-contact")).to_have_text("● up")
+    with stopped([team.process_of("r2")]):
+        page.get_by_role("button", name="EMERGENCY HALT", exact=True).click()
+        expect(page.get_by_test_id("stopped")).to_have_text("r1")
+        expect(page.get_by_test_id("not-stopped")).to_have_text("r2")
+        expect(page.get_by_test_id("robot-r2-contact")).to_have_text(re.compile("^(◐ silent|✕ lost)"))
+        expect(page.get_by_test_id("halt-state")).to_contain_text("1 of 2 robots say that they are halted")
+        keep(page, "dashboard-not-acknowledged")
+        # Its wheels stand all the same: the firmware hears no more commands.
+        before_m = team.robots()["r2"].distance_m
+        time.sleep(STANDS_S)
+        assert team.robots()["r2"].distance_m - before_m < STOPPED_M
+    expect(page.get_by_test_id("stopped")).to_have_text("r1, r2")
+    expect(page.get_by_test_id("not-stopped")).to_have_count(0)
+    _resume(page)
 
 
 def _team_is_drawn_and_moves(page: Page) -> None:
@@ -122,45 +205,72 @@ def _task_is_added_by_a_click_and_done(page: Page) -> None:
     keep(page, "dashboard-tasks")
 
 
-def _robot_is_driven_by_a_held_key(page: Page, truth: Truth) -> None:
+def _robot_is_driven_by_a_held_key(page: Page, team: LiveTeam) -> None:
     page.get_by_role("tab", name="Robot", exact=True).click()
     robot = page.get_by_test_id("selected-robot").inner_text()
     page.get_by_text("Drive by hand", exact=True).click()
     page.get_by_role("checkbox", name="Armed").check()
     expect(page.get_by_test_id("teleop")).to_contain_text("Armed")
-    before_rad = truth.robots()[robot].pose.yaw_rad
+    before_rad = team.robots()[robot].pose.yaw_rad
     page.keyboard.down("a")
     expect(page.get_by_test_id("teleop")).to_contain_text(f"{robot} is driven")
-    wait_for(lambda: _turned_rad(truth, robot, before_rad), lambda turned: turned > 0.3, "the robot's turning left")
+    wait_for(lambda: _turned_rad(team, robot, before_rad), lambda turned: turned > 0.3, "the robot's turning left")
     page.keyboard.up("a")
     expect(page.get_by_test_id("teleop")).to_contain_text(f"{robot} stands")
     page.get_by_role("checkbox", name="Armed").uncheck()
 
 
-def _turned_rad(truth: Truth, robot: str, before_rad: float) -> float:
-    return wrap_angle_rad(truth.robots()[robot].pose.yaw_rad - before_rad)
+def _turned_rad(team: LiveTeam, robot: str, before_rad: float) -> float:
+    return wrap_angle_rad(team.robots()[robot].pose.yaw_rad - before_rad)
 
 
-def _halt_stops_the_wheels(page: Page, truth: Truth) -> None:
+def _halt_stops_the_wheels(page: Page, team: LiveTeam) -> None:
     page.get_by_role("tab", name="Team", exact=True).click()
     page.get_by_role("button", name="EMERGENCY HALT", exact=True).click()
     expect(page.get_by_test_id("stopped")).to_have_text("r1, r2")
     expect(page.get_by_test_id("not-stopped")).to_have_count(0)
     expect(page.get_by_test_id("robot-r1-contact")).to_have_text("■ halted")
     time.sleep(STANDS_S)
-    before_m = truth.way_m()
+    before_m = team.way_m()
     time.sleep(STANDS_S)
     assert before_m > 0
-    assert truth.way_m() - before_m < STOPPED_M
+    assert team.way_m() - before_m < STOPPED_M
     keep(page, "dashboard-halted")
+    _resume(page)
+
+
+def _resume(page: Page) -> None:
     page.get_by_role("button", name="Resume after halt …", exact=True).click()
     page.get_by_role("button", name="Resume all robots", exact=True).click()
-    expect(page.get_by_test_id("robot-r1-contact")).to_have_text("● up")
+    for robot in ROBOTS:
+        expect(page.get_by_test_id(f"robot-{robot}-contact")).to_have_text("● up")
+
+
+def _seconds_since_start(page: Page) -> float:
+    """What the selected counter says when it is asked by its form."""
+    _choose(page, "Function", "seconds")
+    page.get_by_role("button", name="Call", exact=True).click()
+    result = page.get_by_test_id("call-result")
+    expect(result).to_contain_text("✓ counter.seconds")
+    return float(result.inner_text().rpartition(":")[2])
+
+
+def _is_told(page: Page, title: str, said: str) -> None:
+    """A notice of this title comes, and is closed."""
+    notice = page.locator(".mantine-Notification-root").filter(has_text=title)
+    expect(notice).to_contain_text(said)
+    notice.locator("button").first.click()
+    expect(notice).to_have_count(0)
 
 
 def _fill(page: Page, label: str, value: str) -> None:
-    """Type into the input that stands beside a label; viser gives it no name of its own."""
-    page.get_by_text(label, exact=True).locator("xpath=ancestor::div[.//input][1]//input").fill(value)
+    _field(page, label).fill(value)
+    page.wait_for_timeout(1000 * TYPING_S)
+
+
+def _field(page: Page, label: str) -> Locator:
+    """The input that stands beside a label; viser gives it no name of its own."""
+    return page.get_by_text(label, exact=True).locator("xpath=ancestor::div[.//input][1]//input")
 
 
 def _choose(page: Page, label: str, option: str) -> None:

@@ -1,6 +1,12 @@
 """The dashboard on a recording: the same page, with a time that can be moved."""
 
+import os
+import pty
 import re
+import signal
+import subprocess
+import sys
+import urllib.request
 
 import pytest
 from playwright.sync_api import Page, expect
@@ -37,6 +43,25 @@ def test_recording_is_scrubbed_stepped_and_played(commands) -> None:
         wait_for(lambda: _position_s(page), lambda at_s: at_s >= 14, "the replay going on")
         expect(page.get_by_test_id("robot-r1-contact")).to_have_text("● up")
         assert errors == []
+
+
+def test_page_of_a_demo_in_a_terminal_goes_on_with_its_recording_until_ctrl_c(commands) -> None:
+    keyboard, terminal = pty.openpty()
+    try:
+        words = [sys.executable, "-m", "robrain.cli", "demo", "--speed", "0", "--port", "0"]
+        process = subprocess.Popen(
+            words, cwd=commands.folder, stdin=terminal, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+        commands.adopt(process)
+        url = commands.line_with(process, "dashboard: ").split()[1]
+        assert commands.line_with(process, "now plays the recording").startswith(url)
+        with urllib.request.urlopen(url) as page:
+            assert page.status == 200
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 0
+    finally:
+        os.close(keyboard)
+        os.close(terminal)
 
 
 def _scrub_to(page: Page, time_s: str) -> None:

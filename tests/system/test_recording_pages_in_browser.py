@@ -8,11 +8,12 @@ import pytest
 from PIL import Image
 from playwright.sync_api import BrowserContext, Page
 
+from robrain.coordinator.palette import FREE, UNKNOWN
 from robrain.coordinator.recording.html_player import write_html
 from robrain.coordinator.recording.report import write_report
 from robrain.sim.scenario import Scenario
 from tests.coordinator.test_recording_report import hostile_said, write
-from tests.system.browser import chromium, colors_in, keep, wait_for
+from tests.system.browser import chromium, colors_in, keep, share_of, wait_for
 
 pytestmark = pytest.mark.system
 
@@ -63,6 +64,8 @@ def test_a_page_plays_a_run_by_itself(tmp_path: Path) -> None:
         page, wrong, fetched = looked_at(context, path)
         before = wait_for(lambda: scene_of(page), lambda picture: colors_in(picture) > 20, "a picture", 40.0)
         wait_for(lambda: scene_of(page), lambda picture: bool(np.any(picture != before)), "another picture", 40.0)
+        middle = scene_of(page)[:, 320:960]
+        assert share_of(middle, UNKNOWN) + share_of(middle, FREE) > 0.3, "the map is not in the middle"
         keep(page, "recording_as_a_page")
         assert wrong == []
         assert beside(path, fetched) == []

@@ -20,20 +20,12 @@ from robrain.coordinator.recording.recorder import Recorder
 from robrain.coordinator.recording.recording_files import SplitAt
 from robrain.coordinator.recording.recovering import recover, with_visual
 from robrain.sim.scenario import Scenario
+from tests.system.npm_packages import absent, installed
 
 pytestmark = pytest.mark.system
 
-ROOT = Path(__file__).parents[2]
-CACHE = ROOT / ".cache" / "mcap-reader"
 PACKAGES = ("@mcap/core@2.2.2", "@mcap/nodejs@1.0.2", "@mcap/support@1.1.0")
 SCRIPT = Path(__file__).with_name("read_mcap.mjs")
-
-
-def absent(what: str) -> None:
-    """Skip, or fail in CI, which must have everything."""
-    if "CI" in os.environ:
-        pytest.fail(f"there is no {what} here; CI must have it")
-    pytest.skip(f"there is no {what} here")
 
 
 @pytest.fixture(scope="module")
@@ -59,21 +51,9 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 @pytest.fixture(scope="module")
 def typescript() -> Path:
     """The script, where it finds the reader's packages."""
-    npm, node = shutil.which("npm"), shutil.which("node")
-    if npm is None or node is None:
-        absent("npm")
-    assert npm is not None
-    if not (CACHE / "node_modules" / "@mcap" / "support").is_dir():
-        CACHE.mkdir(parents=True, exist_ok=True)
-        (CACHE / "package.json").write_text('{"name": "mcap-reader", "private": true}')
-        done = subprocess.run(
-            [npm, "install", "--no-audit", "--no-fund", "--ignore-scripts", *PACKAGES],
-            cwd=CACHE, capture_output=True, text=True, timeout=100, check=False,
-        )  # fmt: skip
-        if done.returncode:
-            absent(f"way to install {', '.join(PACKAGES)} from npm ({done.stderr.strip()[-200:]})")
+    folder = installed("mcap-reader", PACKAGES)
     # Modules are looked for beside the script.
-    return Path(shutil.copy(SCRIPT, CACHE / SCRIPT.name))
+    return Path(shutil.copy(SCRIPT, folder / SCRIPT.name))
 
 
 def read_with_typescript(script: Path, paths: list[Path]) -> list[dict[str, Any]]:
@@ -107,6 +87,10 @@ def test_each_part_of_a_split_recording_is_read_by_itself(
     summary = made[0].close()
     found = read_with_typescript(typescript, summary.paths)
     assert len(found) >= 3
+    # What was known of the map stands at the front of each part but the first, and nothing else was added.
+    known = [part["counts"].pop("robrain/default/robot/rec_run/map", 0) for part in found]
+    assert known[0] == 0
+    assert all(known[1:])
     wire = sum(n for part in found for key, n in part["counts"].items() if not key.startswith("/visual/"))
     assert wire == summary.messages
     assert [part["metadata"]["robrain.part"]["part"] for part in found] == [str(n + 1) for n in range(len(found))]

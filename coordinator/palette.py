@@ -1,4 +1,4 @@
-"""Colours and shapes of the dashboard, told apart by colour-blind eyes too.
+"""Colours and shapes of what is drawn, told apart by colour-blind eyes too.
 
 Robots wear the colours of Okabe and Ito, *Color Universal Design* (2008), without black, which is lost on a dark
 page. A robot's shape in the table changes after each round of colours, so that no two of the first 40 look alike.

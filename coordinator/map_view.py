@@ -1,4 +1,4 @@
-"""The team's map as the dashboard knows it: patches merged, and made into pictures."""
+"""The team's map as it is drawn: patches merged, and made into pictures."""
 
 import numpy as np
 from numpy.typing import NDArray

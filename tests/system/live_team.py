@@ -1,0 +1,94 @@
+"""A team of real processes that a module's tests share: its page, the truth about its robots, their processes."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages import ArenaTruth, RobotTruth
+from robrain.protocol.wire.session import open_session
+from robrain.protocol.wire.topics import ARENA_TRUTH, COORDINATOR_STATE, ROBOT_STATE, TASK_LIST
+from tests.system.conftest import Commands
+
+ASK_S = 0.1
+
+
+class LiveTeam:
+    """What tests know of the team.
+
+    Args:
+        url: the dashboard's page.
+        endpoint: a client of the team's hub.
+        process: of `robrain up`, whose children the robots are.
+    """
+
+    def __init__(self, url: str, endpoint: Endpoint, process: int) -> None:
+        self.url = url
+        self._endpoint = endpoint
+        self._process = process
+        self._truths = Inbox()
+        self._told: ArenaTruth | None = None
+        self._said = Inbox(every=True)
+        endpoint.subscribe(self._truths, ARENA_TRUTH)
+        for topic in (ROBOT_STATE, COORDINATOR_STATE):
+            endpoint.subscribe(self._said, topic)
+
+    def robots(self) -> dict[str, RobotTruth]:
+        """Where the arena says that the robots are."""
+        for received in self._truths.drain():
+            self._told = received.message
+        return {robot.robot: robot for robot in self._told.robots} if self._told is not None else {}
+
+    def way_m(self) -> float:
+        """How far all robots have come together."""
+        return sum(robot.distance_m for robot in self.robots().values())
+
+    def process_of(self, robot: str) -> int:
+        """The process of a robot's agent."""
+        for entry in Path("/proc").iterdir():
+            if not entry.name.isdigit():
+                continue
+            try:
+                parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
+                words = (entry / "cmdline").read_text().split("\0")
+            except OSError:
+                continue
+            if parent == self._process and "agent" in words and any(word.endswith(f"/{robot}.toml") for word in words):
+                return int(entry.name)
+        raise AssertionError(f"{robot} has no process")
+
+    def pulse(self, duration_s: float) -> tuple[dict[str, int], float]:
+        """Messages of each robot and of the coordinator in so long, and the coordinator's slowest answer, seconds."""
+        self._said.drain()
+        ends_s, slowest_s = time.monotonic() + duration_s, 0.0
+        while (asked_s := time.monotonic()) < ends_s:
+            self._endpoint.ask(TASK_LIST)
+            slowest_s = max(slowest_s, time.monotonic() - asked_s)
+            time.sleep(ASK_S)
+        counts: dict[str, int] = {}
+        for received in self._said.drain():
+            speaker = received.names.get("robot", "coordinator")
+            counts[speaker] = counts.get(speaker, 0) + 1
+        return counts, slowest_s
+
+
+@contextmanager
+def live_team(folder: Path, *words: str) -> Iterator[LiveTeam]:
+    """`robrain up` with a dashboard, gone at the end."""
+    commands = Commands(folder)
+    try:
+        process = commands.start("up", *words, "--port", "0")
+        hub = commands.line_with(process, "hub: ").split()[1]
+        url = commands.line_with(process, "dashboard: ").split()[1]
+        session = open_session(mode="client", connect=(hub,))
+        endpoint = Endpoint(session, "default", WallClock(), Drive.LIVE)
+        try:
+            yield LiveTeam(url, endpoint, process.pid)
+        finally:
+            endpoint.close()
+            session.close()  # type: ignore[no-untyped-call]
+    finally:
+        commands.stop_all()

@@ -1,0 +1,99 @@
+"""A coordinator's process from its start to its end: live first, then all that it needs; nobody stays behind."""
+
+import signal
+import time
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from robrain.protocol.model.occupancy_grid import FREE, GridGeometry, PatchCells
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.map_patch import to_message
+from robrain.protocol.wire.plan_messages import PlanningStatus
+from robrain.protocol.wire.session import listening_at, open_session
+from robrain.protocol.wire.topics import COORDINATOR_ALIVE, COORDINATOR_PLANNING, COORDINATOR_STATE, ROBOT_MAP
+
+pytestmark = pytest.mark.system
+
+WAIT_S = 60.0
+POLICY = '[planning]\nmethod = "greedy"\nobjective = "lifetime"\n'
+
+
+@pytest.fixture
+def hub():
+    session = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
+    yield session
+    session.close()
+
+
+@pytest.fixture
+def team(hub):
+    """What a member of the team hears and says."""
+    wire = Endpoint(hub, "default", WallClock(), Drive.LIVE)
+    yield wire
+    wire.close()
+
+
+def start(commands, hub, *words: str):
+    where = next(endpoint for endpoint in listening_at(hub) if endpoint.startswith("tcp/"))
+    return commands.start("coordinator", "--connect", where, *words)
+
+
+def wait_until(holds):
+    ends_s = time.monotonic() + WAIT_S
+    while not (found := holds()):
+        assert time.monotonic() < ends_s
+        time.sleep(0.01)
+    return found
+
+
+def planner_of(pid: int) -> int:
+    """Process id of a coordinator's planner; 0 if there is none."""
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        for child in (task / "children").read_text(encoding="ascii").split():
+            if b"planner_child" in Path(f"/proc/{child}/cmdline").read_bytes():
+                return int(child)
+    return 0
+
+
+def is_there(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+def test_it_plans_as_its_file_says_except_for_what_the_command_line_does(commands, hub, team):
+    (commands.folder / "team.toml").write_text(POLICY)
+    coordinator = start(commands, hub, "--planning", "team.toml", "--objective", "makespan")
+    commands.line_with(coordinator, "coordinator: of team default")
+    status = msgspec.json.decode(team.ask(COORDINATOR_PLANNING), type=PlanningStatus)
+    assert (status.method, str(status.objective)) == ("greedy", "makespan")
+
+
+def test_a_map_that_comes_as_soon_as_it_is_live_is_taken_in(commands, hub, team):
+    summaries = Inbox()
+    team.subscribe(summaries, COORDINATOR_STATE)
+    presence = team.watch(COORDINATOR_ALIVE)
+    start(commands, hub)
+    wait_until(lambda: (list(presence.changes()), presence.present)[1])
+    cells = PatchCells(0, 0, np.full((10, 10), FREE), 1)
+    team.publisher(ROBOT_MAP, robot="r1").put(to_message("r1", GridGeometry(0.1, 0.0, 0.0, 40, 40), cells))
+    known_m2 = wait_until(lambda: [m for one in summaries.drain() if (m := one.message.known_area_m2) > 0.0])
+    assert known_m2[-1] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+def test_however_it_ends_its_planner_does_too_and_nobody_complains(commands, hub, how):
+    coordinator = start(commands, hub)
+    commands.line_with(coordinator, "coordinator: of team default")
+    planner = wait_until(lambda: planner_of(coordinator.pid))
+    coordinator.send_signal(how)
+    said, _ = coordinator.communicate(timeout=WAIT_S)  # until the planner has closed it, too
+    assert said == ""
+    assert coordinator.returncode == (-signal.SIGKILL if how is signal.SIGKILL else 0)
+    wait_until(lambda: not is_there(planner))
