@@ -58,6 +58,8 @@ from robrain.protocol.wire.topics import (
 T = TypeVar("T")
 
 STATE_PERIOD_NS = to_ns(1 / 10)
+WOKEN_PASSES = 2
+"""A task that follows another at once: its behavior is told in the first, the driver in the second."""
 CREW_TIMEOUT_S = 1.0
 """How long the end waits for plugins that are being started."""
 
@@ -106,6 +108,7 @@ class AgentHost:
         self._faulted: dict[str, str] = {}
         self._telling = threading.Lock()
         self._told = RobotState(robot=self.name)
+        self._told_facts = self.desk.facts
         self.halting = HaltDesk(self.manager, self._wire, self._publish_halt)
         self._door = OutsideDoor(self.manager)
         self._distributions = entry_point_places()
@@ -166,10 +169,13 @@ class AgentHost:
         self.manager.settle(now_ns)
         if self.drive is Drive.LOCKSTEP:
             self._step_plugins(now_ns)
+        if self.desk.go_on(now_ns) and self.drive is Drive.LOCKSTEP:
+            for _ in range(WOKEN_PASSES):
+                self._step_plugins(now_ns)
         if now_ns >= self._state_due_ns:
             self._state_due_ns = max(self._state_due_ns + STATE_PERIOD_NS, now_ns)
             self._publish_state()
-        elif self.desk.status is not self._told.task:  # the next task must not wait for the period
+        elif self.desk.facts != self._told_facts:  # the next task must not wait for the period
             self._publish_state()
 
     def close(self) -> None:
@@ -203,6 +209,8 @@ class AgentHost:
     def _publish_state(self) -> None:
         board = self.board
         self._tell_faults()
+        self._told_facts = self.desk.facts
+        standing = self.desk.standing(self.clock.now_ns())
         with self._telling:
             self._told = RobotState(
                 robot=self.name,
@@ -213,7 +221,9 @@ class AgentHost:
                 battery=board.battery,
                 energy=board.energy,
                 behavior=board.behavior,
-                task=self.desk.status,
+                task=standing.task,
+                next_task=standing.next_task,
+                task_before=standing.before,
                 lost=board.lost,
                 loaded=self._loaded(),
                 faulted=[PluginFault(plugin=name, why=why) for name, why in self._faulted.items()],

@@ -1,7 +1,8 @@
 """The robot's side of a task: offers, fencing epochs, leases.
 
-One task at a time. An offer with an older epoch than the last one accepted is refused, so that a coordinator that
-was replaced cannot steer the robot; a task whose coordinator is silent for longer than the lease is let go.
+One task at a time, and one more that is held: it is begun in the step in which the first has ended. An offer with an
+older epoch than the last one accepted is refused, so that a coordinator that was replaced cannot steer the robot; a
+task whose coordinator is silent for longer than the lease is let go, and one that is held is forgotten.
 
 One behavior drives at a time. A task that is accepted while another runs takes its place: the behavior of the old one
 is told to let go, then the new one may begin (`may_begin`). What a behavior does of its own accord (it wanders, it goes
@@ -14,8 +15,9 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from robrain.agent.errors import FOREIGN_ERRORS
 from robrain.protocol.model.task import Recharge, TaskState
-from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.messages import TaskAnswer, TaskOffer, TaskStatus, TaskWithdrawal
 
 Accept = Callable[[Any], TaskAnswer]
@@ -38,6 +40,23 @@ class _Said(NamedTuple):
     result: dict[str, Any]
 
 
+class Standing(NamedTuple):
+    """How the robot stands to its tasks."""
+
+    task: TaskStatus | None
+    """The last one that it began."""
+    next_task: TaskStatus | None
+    """The one that it holds."""
+    before: TaskStatus | None
+    """How the one before `task` ended."""
+
+
+class _Held(NamedTuple):
+    offer: TaskOffer
+    status: TaskStatus
+    since_ns: int
+
+
 class _Own(NamedTuple):
     """What a behavior does of its own accord."""
 
@@ -50,6 +69,10 @@ class TaskDesk:
 
     def __init__(self) -> None:
         self._status: TaskStatus | None = None
+        self._before: TaskStatus | None = None
+        self._held: _Held | None = None
+        self._foreseen: tuple[str, int] | None = None
+        self._checked_ns: int | None = None
         self._said: deque[_Said] = deque()
         self.coordinator_heard_ns: int | None = None
         self._epoch = 0
@@ -68,6 +91,24 @@ class TaskDesk:
         while self._said:
             self._end(*self._said.popleft())
         return self._status
+
+    @property
+    def facts(self) -> Standing:
+        """How all tasks stand; for the host's own thread. What differs from the last is worth telling at once."""
+        return Standing(self.status, self._held.status if self._held is not None else None, self._before)
+
+    def standing(self, now_ns: int) -> Standing:
+        """The same, with what is known of when the running task ends."""
+        facts, foreseen = self.facts, self._foreseen
+        status = facts.task
+        if status is None or status.state.ended or foreseen is None or foreseen[0] != status.id:
+            return facts
+        left_s = round(max(0.0, to_seconds(foreseen[1] - now_ns)), 2)
+        return facts._replace(task=msgspec.structs.replace(status, left_s=left_s))
+
+    def foresee(self, task_id: str, end_ns: int | None) -> None:
+        """A behavior says when its task will end, as well as it knows, if it does; on any thread."""
+        self._foreseen = None if end_ns is None else (task_id, end_ns)
 
     @property
     def is_busy(self) -> bool:
@@ -128,44 +169,93 @@ class TaskDesk:
         self._end_if_abandoned()
 
     def offer(self, offer: TaskOffer, now_ns: int) -> TaskAnswer:
-        """Answer the coordinator's offer; the same offer twice is accepted twice and started once."""
-        if offer.epoch < self._epoch:
-            return TaskAnswer(accepted=False, why=f"epoch {offer.epoch} is older than {self._epoch}")
-        status = self.status
-        if status is not None and status.id == offer.task.id and status.epoch == offer.epoch:
-            return TaskAnswer(accepted=True)
+        """Answer the coordinator's offer; the same offer twice is accepted twice and started once.
+
+        One that is for after the running task is held; it takes the place of another that was held. Where that task has
+        just ended by itself, it is begun.
+        """
+        held, status = self._held, self.status
+        newest = max(self._epoch, held.offer.epoch if held is not None else 0)
+        if offer.epoch < newest:
+            return TaskAnswer(accepted=False, why=f"epoch {offer.epoch} is older than {newest}")
+        for known in (status, held.status if held is not None else None):
+            if known is not None and (known.id, known.epoch) == (offer.task.id, offer.epoch):
+                return TaskAnswer(accepted=True)
+        if not offer.after:
+            return self._begin(offer, now_ns)
+        if status is None or status.id != offer.after or status.state is TaskState.CANCELLED:
+            return TaskAnswer(accepted=False, why=f"is not at {offer.after}")
+        if status.state.ended:
+            return self._begin(offer, now_ns)
+        why = self._why_not(offer)
+        if not why:
+            waiting = TaskStatus(id=offer.task.id, epoch=offer.epoch, state=TaskState.OFFERED)
+            self._held = _Held(offer, waiting, now_ns)
+            self.coordinator_heard_ns = now_ns
+        return TaskAnswer(accepted=not why, why=why)
+
+    def go_on(self, now_ns: int) -> bool:
+        """Begin what is held if the task before it has ended; whether it was begun."""
+        held, ended = self._held, self.status
+        if held is None or (ended is not None and not ended.state.ended):
+            return False
+        self._held = None
+        try:
+            answer = self._begin(held.offer, now_ns)
+        except FOREIGN_ERRORS as error:  # a behavior's own
+            answer = TaskAnswer(accepted=False, why=str(error))
+        if not answer.accepted:
+            self._before = ended
+            self._status = TaskStatus(
+                id=held.status.id, epoch=held.status.epoch, state=TaskState.CANCELLED, why=answer.why
+            )
+        return answer.accepted
+
+    def _why_not(self, offer: TaskOffer) -> str:
         own = self._own
         if own is not None and own.firm and not isinstance(offer.task, Recharge):
-            return TaskAnswer(accepted=False, why=own.firm)
-        executor = self._executors.get(type(offer.task))
-        if executor is None:
-            return TaskAnswer(accepted=False, why=f"no behavior does {type(offer.task).__name__} tasks")
+            return own.firm
+        return "" if type(offer.task) in self._executors else f"no behavior does {type(offer.task).__name__} tasks"
+
+    def _begin(self, offer: TaskOffer, now_ns: int) -> TaskAnswer:
+        why = self._why_not(offer)
+        if why:
+            return TaskAnswer(accepted=False, why=why)
+        executor = self._executors[type(offer.task)]
         before = (self.status, self._current)
         # Said before the behavior starts, for it may be done with the task before `accept` returns.
         self._status = TaskStatus(id=offer.task.id, epoch=offer.epoch, state=TaskState.RUNNING)
-        self._current, self._begun = executor, ""
+        self._current, self._begun, self._foreseen = executor, "", None
         try:
             answer = executor.accept(offer.task)
         except BaseException:
             self._go_back(*before)
             raise
-        if answer.accepted:
-            self._epoch = offer.epoch
-            self._lease_ns = to_ns(offer.lease_s)
-            self.coordinator_heard_ns = now_ns
-            self._own = None
-            self._recalled = ""
-            if before[1] is not None and before[1] is not executor:
-                before[1].let_go(f"{offer.task.id} has taken its place")
-            self._begun = offer.task.id
-        else:
+        if not answer.accepted:
             self._go_back(*before)
+            return answer
+        self._before = before[0] if before[0] is not None and before[0].state.ended else None
+        self._held = None
+        self._epoch = offer.epoch
+        self._lease_ns = to_ns(offer.lease_s)
+        self.coordinator_heard_ns = now_ns
+        self._own = None
+        self._recalled = ""
+        if before[1] is not None and before[1] is not executor:
+            before[1].let_go(f"{offer.task.id} has taken its place")
+        self._begun = offer.task.id
         return answer
 
     def withdraw(self, withdrawal: TaskWithdrawal) -> TaskAnswer:
-        """Answer the coordinator's wish to have a task back."""
-        if withdrawal.epoch < self._epoch:
-            return TaskAnswer(accepted=False, why=f"epoch {withdrawal.epoch} is older than {self._epoch}")
+        """Answer the coordinator's wish to have a task back. What is held is begun if it was the one before."""
+        held = self._held
+        is_held = held is not None and held.offer.task.id == withdrawal.id
+        newest = held.offer.epoch if held is not None and is_held else self._epoch
+        if withdrawal.epoch < newest:
+            return TaskAnswer(accepted=False, why=f"epoch {withdrawal.epoch} is older than {newest}")
+        if is_held:
+            self._held = None
+            return TaskAnswer(accepted=True)
         if self.status is None or self.status.id != withdrawal.id or self.status.state.ended:
             return TaskAnswer(accepted=True, why="not running here")
         self._let_go(TaskState.CANCELLED, withdrawal.why or "withdrawn")
@@ -192,6 +282,7 @@ class TaskDesk:
     def halted(self) -> None:
         """The robot is halted: what it was at is given back; the behavior has forgotten it in `emergency_halt`."""
         self._own = None
+        self._held = None
         if self._current is not None and self.status is not None:
             self._end(self.status.id, TaskState.CANCELLED, "the robot is halted")
 
@@ -202,8 +293,19 @@ class TaskDesk:
             self._current = None
 
     def check_lease(self, now_ns: int) -> None:
-        """Let go of a task whose coordinator has been silent for longer than the lease, or that was recalled."""
+        """Let go of a task whose coordinator has been silent for longer than the lease, or that was recalled.
+
+        What is held is forgotten then, and also when the robot itself has stood still for so long, as a process does
+        that is stopped: others may have been given it.
+        """
+        checked_ns, self._checked_ns = self._checked_ns, now_ns
         recalled, self._recalled = self._recalled, ""
+        held, heard_ns = self._held, self.coordinator_heard_ns
+        if held is not None:
+            since_ns = max(held.since_ns, now_ns if checked_ns is None else checked_ns)
+            silent_ns = now_ns - (heard_ns if heard_ns is not None else held.since_ns)
+            if recalled or max(silent_ns, now_ns - since_ns) > to_ns(held.offer.lease_s):
+                self._held = None
         if recalled and self.is_busy:
             self._let_go(TaskState.FAILED, recalled)
         if self.status is None or self._current is None or self.coordinator_heard_ns is None:

@@ -5,15 +5,18 @@ nobody has seen may be free, and a task that is waited for may be asked for late
 """
 
 from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
 
 import msgspec
 
-from robrain.protocol.model.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.task import Task, TaskState, kind_of, place_of
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.errors import BadName
 from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.task_messages import TaskRecord, TaskSubmission
+
+if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
+    from robrain.protocol.model.occupancy_grid import OccupancyGrid
 
 GATHERING = "visit"
 """What robots need, besides, to gather for a task for several."""
@@ -49,7 +52,7 @@ def why_impossible(
     task: Task,
     now_ns: int,
     *,
-    grid: OccupancyGrid | None,
+    grid: "OccupancyGrid | None",
     plugins: Mapping[str, Iterable[str] | None],
     others: Mapping[str, TaskRecord],
 ) -> str:
@@ -123,7 +126,7 @@ def _why_late(task: Task, now_ns: int) -> str:
     return ""
 
 
-def _why_no_place(task: Task, grid: OccupancyGrid | None) -> str:
+def _why_no_place(task: Task, grid: "OccupancyGrid | None") -> str:
     place = place_of(task)
     if grid is None:
         return ""

@@ -1,5 +1,7 @@
 """The coordinator: hears the team, merges its maps, hands out frontiers, tells how it stands."""
 
+import math
+
 from robrain.coordinator.capabilities import Capabilities
 from robrain.coordinator.exploration.explorer import Explorer
 from robrain.coordinator.halts import HaltWatch
@@ -7,6 +9,7 @@ from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.motes_desk import MoteDesk
 from robrain.coordinator.planning.charge_desk import ChargeDesk
 from robrain.coordinator.planning.following import Following
+from robrain.coordinator.planning.own_tasks import own_decision
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.together import Together
@@ -19,8 +22,9 @@ from robrain.protocol.model.task import Explore, Recharge, TaskState, place_of
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import FrontierSummary, TaskEvent, TeamState
+from robrain.protocol.wire.messages import FrontierSummary, TaskEvent, TaskStatus, TeamState
 from robrain.protocol.wire.publisher import Publisher
+from robrain.protocol.wire.task_messages import TaskRecord
 from robrain.protocol.wire.topics import (
     COORDINATOR_ALIVE,
     COORDINATOR_STATE,
@@ -74,9 +78,10 @@ class Coordinator:
             policy or PlanningPolicy(),
             lifecycle.reasons.waits,
         )
+        lifecycle.on_refused = self._note_refusal
         self.motes = MoteDesk(wire, self.tasks, self.roster, lifecycle.reasons)
         self._following = Following(self.planning, lifecycle, self.tasks)
-        self._charge_desk = ChargeDesk(self.planning, self.tasks, self.roster)
+        self._charge_desk = ChargeDesk(wire, self.planning, self.tasks, self.roster)
         self._together = Together(self.planning, lifecycle, self.tasks, self.roster, self.team_map, self._new_number)
         self._wire = wire
         self._inbox = Inbox(capacity=16384)
@@ -103,6 +108,8 @@ class Coordinator:
         self._wire.serve()
         has_heard = len(self._inbox) > 0
         self._hear(now_ns)
+        if self.lifecycle.hear_answers(now_ns):
+            self._decide_due_ns = now_ns
         if self.halts.hear():
             self._summary_due_ns = now_ns
         looks = has_heard or self._requests.news or now_ns >= self._look_due_ns
@@ -146,20 +153,34 @@ class Coordinator:
                 continue
             state = received.message
             known = self.roster.robots.get(state.robot)
-            self.planning.hear(known.state if known is not None else None, state)
+            before = known.state if known is not None else None
+            self.planning.hear(before, state)
             self.roster.note_state(state, now_ns)
             self.halts.note_state(state)
-            if state.task is not None:
-                ended = self.lifecycle.hear(state.robot, state.task, now_ns)
-                if ended is not None:
-                    if isinstance(ended.task, Recharge):
-                        self._charge_desk.ended(state.robot, state.task.state, now_ns)
-                    self._decide_due_ns = now_ns  # the next goal is there before the wheels stop
-                    if state.task.state is TaskState.FAILED:
-                        self.explorer.note_failure(state.robot, place_of(ended.task), now_ns)
-                        self.planning.blocked()
-                    elif isinstance(ended.task, Explore):
-                        self.explorer.note_visit(ended.task.goal)
+            for status in (state.task_before, state.task):  # in the order in which they ended
+                if status is not None:
+                    self._hear_task(state.robot, status, now_ns)
+            self.planning.ends_soon(before, state, now_ns)
+
+    def _hear_task(self, robot: str, status: TaskStatus, now_ns: int) -> None:
+        ended = self.lifecycle.hear(robot, status, now_ns)
+        if ended is None:
+            return
+        if isinstance(ended.task, Recharge):
+            self._charge_desk.ended(robot, status.state, now_ns)
+        self._decide_due_ns = now_ns  # the next goal is there before the wheels stop
+        if status.state is TaskState.FAILED:
+            self.explorer.note_failure(robot, place_of(ended.task), now_ns)
+            self.planning.blocked()
+        elif isinstance(ended.task, Explore):
+            self.explorer.note_visit(ended.task.goal)
+
+    def _note_refusal(self, record: TaskRecord, robot: str, now_ns: int) -> None:
+        """A robot has refused a task of the coordinator's own."""
+        if isinstance(record.task, Recharge):
+            self._charge_desk.ended(robot, TaskState.FAILED, now_ns)
+        elif isinstance(record.task, Explore) and not record.by:
+            self.explorer.note_failure(robot, record.task.goal, now_ns)
 
     # -- deciding -------------------------------------------------------------------------------------------
 
@@ -187,11 +208,20 @@ class Coordinator:
             self._hand_out_frontiers(up, now_ns)
 
     def _send_to_charge(self, up: list[Robot], now_ns: int) -> None:
-        for robot, charger in self._charge_desk.choose(self._idle(up), now_ns):
-            task = Recharge(id=f"recharge-{self._new_number()}", place=charger.place, yaw_rad=charger.yaw_rad)
-            self.tasks.add(task, own=True)
-            if not self.lifecycle.offer(task.id, robot, now_ns).accepted:
-                self._charge_desk.ended(robot, TaskState.FAILED, now_ns)
+        for robot, charger, to_soc in self._charge_desk.choose(self._idle(up), now_ns):
+            name = f"recharge-{self._new_number()}"
+            task = Recharge(id=name, place=charger.place, yaw_rad=charger.yaw_rad, until_soc=to_soc)
+            self._offer_own(task, robot, now_ns)
+
+    def _offer_own(self, task: Explore | Recharge, robot: str, now_ns: int, way_m: float = math.nan) -> None:
+        self.tasks.add(task, own=True)
+        known, planning = self.roster.robots.get(robot), self.planning
+        decision = own_decision(
+            task, known.state if known is not None else None, way_m, planning.number, planning.policy
+        )
+        if decision is not None:
+            planning.tell_own(decision)
+        self.lifecycle.offer(task.id, robot, now_ns)
 
     def _idle(self, robots: list[Robot]) -> list[Robot]:
         return [robot for robot in robots if self.tasks.of_robot(robot.name) is None]
@@ -206,9 +236,7 @@ class Coordinator:
             self._busy_ns = now_ns
         for choice in choices:
             task = Explore(id=f"explore-{self._new_number()}", goal=choice.place)
-            self.tasks.add(task, own=True)
-            if not self.lifecycle.offer(task.id, choice.robot, now_ns).accepted:
-                self.explorer.note_failure(choice.robot, task.goal, now_ns)
+            self._offer_own(task, choice.robot, now_ns, choice.way_m)
 
     # -- telling --------------------------------------------------------------------------------------------
 

@@ -1,5 +1,6 @@
 """The coordinator in the live drive."""
 
+import gc
 import threading
 import time
 from collections.abc import Callable
@@ -16,6 +17,7 @@ REST = 3.0
 """A step is followed by at least so many times its own time of rest, and by `LEAST_REST_S`: with many robots something
 arrives all the time, and is worth more by the dozen."""
 LEAST_REST_S = 0.002
+JOIN_S = 3.0
 
 
 def run_coordinator(
@@ -25,20 +27,46 @@ def run_coordinator(
     journal: Journal | None = None,
     policy: PlanningPolicy | None = None,
 ) -> None:
-    """Coordinate a team until `should_stop()`."""
+    """Coordinate a team until `should_stop()`.
+
+    The team hears of its coordinator first: what makes plans starts after that, and what the map needs is loaded beside
+    the loop. Until it is there, the robots' patches wait.
+    """
     arrived = threading.Event()
     wire.on_heard = wire.on_waiting = arrived.set
     coordinator = Coordinator(wire, journal, policy)
-    collector = CalmCollector()
-    on_ready()
+    coordinator.team_map.hold()
+    collector = None
+    loading = threading.Thread(target=_load, name="loading", daemon=True)
+    is_loading = False
     try:
+        coordinator.step()
+        on_ready()
+        coordinator.planning.prepare()
+        collector = CalmCollector()
+        loading.start()
+        is_loading = True
         while not should_stop():
             arrived.clear()
             began_s = time.thread_time()  # of the CPU: to wait for the disk is no reason to rest
+            if is_loading and not loading.is_alive():
+                is_loading = False
+                coordinator.team_map.release()
             coordinator.step()
             rest_s = min(max(REST * (time.thread_time() - began_s), LEAST_REST_S), PERIOD_S)
             time.sleep(rest_s)
             arrived.wait(PERIOD_S - rest_s)
     finally:
-        collector.release()
+        if collector is not None:
+            collector.release()
         coordinator.close()
+        if is_loading:
+            loading.join(JOIN_S)  # it may be amid code that does not bear the interpreter's end
+
+
+def _load() -> None:
+    # Here: numba and scipy take half a second, and robots that wait for their coordinator let go of their tasks.
+    from robrain.coordinator.exploration.warm_up import warm_up
+
+    warm_up()
+    gc.freeze()  # what was loaded stays, as what was there when the collector was calmed

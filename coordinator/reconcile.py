@@ -1,19 +1,22 @@
 """Does what the robots say agree with the book? Pure: of a record, a robot and the time, what follows.
 
-A robot tells with each state which task it was last at, with its epoch and how that stands; the journal tells what the
-book knew at any moment. Between the two, whatever ended and began anew meanwhile:
+A robot tells with each state which task it was last at, with its epoch and how that stands, which one it holds for
+after it, and how the one before ended; the journal tells what the book knew at any moment. Between the two, whatever
+ended and began anew meanwhile:
 
 | the book says | the robot | then |
 |---|---|---|
 | anything open | has ended it, same epoch | its word counts (`TaskBook.note_status`) |
 | offered, lost contact | is at it, same epoch | running |
+| offered | holds it, same epoch | offered |
 | running | silent for 1 s, or its token has gone | lost contact |
 | lost contact | silent for the lease and a guard | given back |
 | running | there, and does not speak of it for 1 s | given back: it has lost it in a restart |
-| offered | has not said that it took it, for the lease and a guard | given back |
-| another task, or none | is at a task | that one is withdrawn |
+| offered | does not speak of it, for the lease and a guard from the offer | given back |
+| another task, or none | is at a task, or holds one | that one is withdrawn |
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from robrain.coordinator.roster import LOST_AFTER_S, Robot
@@ -54,9 +57,9 @@ def reconcile(record: TaskRecord, robot: Robot | None, now_ns: int, since_ns: in
     silent_ns = now_ns - heard_ns
     held_ns = now_ns - max(record.changed_ns, since_ns)
     if robot is not None and robot.is_up(now_ns):
-        status = robot.state.task if robot.state is not None else None
-        if status is not None and (status.id, status.epoch) == (record.task.id, record.epoch):
-            return None if status.state.ended else _confirmed(record)
+        status = _spoken(record, robot)
+        if status is not None:
+            return None if status.state.ended or status.state is TaskState.OFFERED else _confirmed(record)
         if record.state is TaskState.OFFERED:
             waits = held_ns <= to_ns(FREE_AFTER_S)
             return None if waits else Move(TaskState.QUEUED, f"{name} never said that it took it")
@@ -75,16 +78,40 @@ def _confirmed(record: TaskRecord) -> Move | None:
     return Move(TaskState.RUNNING, "it is back") if record.state is TaskState.LOST_CONTACT else None
 
 
-def stray(robot: Robot, record: TaskRecord | None) -> TaskStatus | None:
-    """A task that a robot is at and should not be; None if all is as it should be.
+def strays(robot: Robot, records: Sequence[TaskRecord]) -> list[TaskStatus]:
+    """Tasks that a robot is at or holds and should not; none if all is as it should be.
 
     Args:
         robot: one that is there.
-        record: the open task that the book has for it, if any.
+        records: the open tasks that the book has for it.
 
     """
-    status = robot.state.task if robot.state is not None else None
-    if status is None or status.state.ended:
+    state = robot.state
+    if state is None:
+        return []
+    found = []
+    at, held = state.task, state.next_task
+    # A robot that was offered another task is about to leave this one: the offer itself takes its place. But one that
+    # it holds waits for the end of this one.
+    is_to_end = all(held is not None and _is(record, held) for record in records)
+    if at is not None and not at.state.ended and is_to_end and not _has(records, at):
+        found.append(at)
+    if held is not None and not _has(records, held):
+        found.append(held)
+    return found
+
+
+def _spoken(record: TaskRecord, robot: Robot) -> TaskStatus | None:
+    state = robot.state
+    if state is None:
         return None
-    # A robot that was offered another task is about to leave this one: the offer itself takes its place.
-    return status if record is None else None
+    told = (state.task, state.next_task, state.task_before)
+    return next((status for status in told if status is not None and _is(record, status)), None)
+
+
+def _is(record: TaskRecord, status: TaskStatus) -> bool:
+    return (record.task.id, record.epoch) == (status.id, status.epoch)
+
+
+def _has(records: Sequence[TaskRecord], status: TaskStatus) -> bool:
+    return any(_is(record, status) for record in records)

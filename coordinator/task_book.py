@@ -59,7 +59,10 @@ class TaskBook:
         self._tell = tell
         self._open = {record.task.id: record for record in self.journal.open_records()}
         self._ended: dict[str, TaskRecord] = {}
-        self._of_robot = {record.robot: record.task.id for record in self._open.values() if record.robot}
+        self._of_robot: dict[str, list[str]] = {}
+        """Of each robot its open tasks, the one that it is at first: later offers have greater epochs."""
+        for record in self._open.values():
+            self._bind(record)
         self.done_count = self.journal.count(TaskState.DONE)
         self.version = 0
         """Grows with each change."""
@@ -77,8 +80,18 @@ class TaskBook:
         return record
 
     def of_robot(self, robot: str) -> TaskRecord | None:
-        """The task that a robot is at."""
-        return self._open.get(self._of_robot.get(robot, ""))
+        """The task that a robot is at, or is asked to begin."""
+        bound = self._of_robot.get(robot)
+        return self._open[bound[0]] if bound else None
+
+    def next_of(self, robot: str) -> TaskRecord | None:
+        """The task that it is to begin when it is done with that; offered, and accepted or not."""
+        bound = self._of_robot.get(robot, ())
+        return self._open[bound[1]] if len(bound) > 1 else None
+
+    def bound_to(self, robot: str) -> list[TaskRecord]:
+        """Both."""
+        return [self._open[task_id] for task_id in self._of_robot.get(robot, ())]
 
     def tell_again(self, count: int) -> None:
         """Tell the last change of each of the tasks that changed last: whoever was told before knows it by its number.
@@ -104,10 +117,10 @@ class TaskBook:
         record = TaskRecord(task=task, state=TaskState.QUEUED, changed_ns=now_ns, submitted_ns=now_ns, by=by, own=own)
         return self._take(self.journal.accept(record, asked))
 
-    def offered(self, task_id: str, robot: str) -> TaskRecord:
-        """A task is about to be offered; the record has a new epoch."""
+    def offered(self, task_id: str, robot: str, why: str = "") -> TaskRecord:
+        """A task is about to be offered, also to a robot that is still at another; the record has a new epoch."""
         epoch = self.journal.new_epoch(self._first_epoch + 1)
-        return self._change(self._open[task_id], TaskState.OFFERED, robot=robot, epoch=epoch)
+        return self._change(self._open[task_id], TaskState.OFFERED, why, robot=robot, epoch=epoch)
 
     def begin_together(self, task_id: str, why: str) -> TaskRecord:
         """Several robots set out for a task at once; it is nobody's alone."""
@@ -172,18 +185,23 @@ class TaskBook:
     def _take(self, record: TaskRecord) -> TaskRecord:
         self.version += 1
         before = self._open.get(record.task.id)
-        if before is not None and self._of_robot.get(before.robot) == record.task.id:
-            del self._of_robot[before.robot]
-        if record.robot and not record.state.ended:
-            self._of_robot[record.robot] = record.task.id
+        if before is not None and before.robot:
+            self._of_robot[before.robot].remove(record.task.id)
         if record.state.ended:
             del self._open[record.task.id]
             self._keep(record)
             self.done_count += record.state is TaskState.DONE
         else:
             self._open[record.task.id] = record
+            self._bind(record)
         self._tell(record.event)
         return record
+
+    def _bind(self, record: TaskRecord) -> None:
+        if record.robot:
+            bound = self._of_robot.setdefault(record.robot, [])
+            bound.append(record.task.id)
+            bound.sort(key=lambda task_id: self._open[task_id].epoch)
 
     def _keep(self, ended: TaskRecord) -> None:
         self._ended[ended.task.id] = ended

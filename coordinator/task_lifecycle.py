@@ -5,17 +5,16 @@ what is ready to whoever is idle; have withdrawn what is done by a robot that sh
 """
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-
-import msgspec
 
 from robrain.coordinator.admission import why_dependency_ended
 from robrain.coordinator.capabilities import Capabilities
 from robrain.coordinator.dispatch import dispatch, verdicts
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.motes import MEMBER_PREFIX
-from robrain.coordinator.reconcile import LEASE_S, reconcile, stray
+from robrain.coordinator.offers import Answered, Offers
+from robrain.coordinator.reconcile import LEASE_S, reconcile, strays
 from robrain.coordinator.roster import Robot, Roster
 from robrain.coordinator.shunning import Shunning
 from robrain.coordinator.task_book import TaskBook
@@ -23,15 +22,11 @@ from robrain.coordinator.task_reasons import TaskReasons
 from robrain.protocol.model.task import TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.wire.messages import TaskAnswer, TaskOffer, TaskStatus, TaskWithdrawal
+from robrain.protocol.wire.messages import TaskStatus, TaskWithdrawal
 from robrain.protocol.wire.task_messages import TaskRecord
-from robrain.protocol.wire.topics import ROBOT_OFFER, ROBOT_WITHDRAW
 
 logger = logging.getLogger(__name__)
 
-ASK_TIMEOUT_S = 0.5
-"""A robot that does not answer holds the coordinator up for so long, once: it must be well below the lease."""
 WITHDRAW_AGAIN_NS = to_ns(0.5)
 COMPLAIN_AGAIN_NS = to_ns(10.0)
 
@@ -48,7 +43,11 @@ class TaskLifecycle:
     """
 
     def __init__(self, wire: Endpoint, book: TaskBook, roster: Roster, capabilities: Capabilities) -> None:
-        self._wire = wire
+        self.on_refused: Callable[[TaskRecord, str, int], None] = lambda _record, _robot, _now_ns: None
+        """Told of each task of the coordinator's own that a robot refuses, and when."""
+        self._offers = Offers(wire, LEASE_S)
+        self._ahead: dict[str, tuple[str, str]] = {}
+        """Of each robot the task after which it was last offered another, and that one."""
         self._book = book
         self._roster = roster
         self._since_ns = wire.clock.now_ns()
@@ -67,7 +66,43 @@ class TaskLifecycle:
             record = self._book.note_status(robot, status)
         if record is not None and status.state is TaskState.FAILED:
             self._shunning.note(record.task.id, robot, f"failed: {status.why}", now_ns)
+        elif record is not None and status.state is TaskState.CANCELLED and self._was_held(record):
+            self._shun_refused(status.id, robot, status.why, now_ns)  # when its turn came, it was refused
         return record
+
+    def _was_held(self, record: TaskRecord) -> bool:
+        return record.state is TaskState.OFFERED and self._ahead.get(record.robot, ("", ""))[1] == record.task.id
+
+    def hear_answers(self, now_ns: int) -> bool:
+        """What robots say to offers; True if one was refused."""
+        refused = False
+        for answered in self._offers.answered():
+            with self.as_far_as_written(now_ns):
+                refused |= self._take_answer(answered, now_ns)
+        return refused
+
+    def _take_answer(self, answered: Answered, now_ns: int) -> bool:
+        offered, after, answer = answered
+        task_id, robot = offered.task.id, offered.robot
+        record = self._book.find(task_id)
+        if record is None or record.state is not TaskState.OFFERED or record.epoch != offered.epoch:
+            return False  # the robot's state was quicker, or it was called off
+        if answer.accepted:
+            if not after:  # what is for later stays offered until the robot says that it has begun it
+                self._book.move(task_id, TaskState.RUNNING)
+            return False
+        self._book.give_back(task_id, f"{robot} refused: {answer.why}")
+        if not after:  # what is refused for later is asked again when the robot is free
+            self._shun_refused(task_id, robot, answer.why, now_ns)
+        if record.own:
+            self.on_refused(record, robot, now_ns)
+        return True
+
+    def _shun_refused(self, task_id: str, robot: str, why: str, now_ns: int) -> None:
+        self._shunning.note(task_id, robot, f"refused: {why}", now_ns)
+        record = self._book.find(task_id)
+        if record is not None and not record.state.ended and (words := self.reasons.hopeless(record, now_ns)):
+            self._book.move(task_id, TaskState.FAILED, f"nobody does it: {words}")
 
     # -- deciding -------------------------------------------------------------------------------------------
 
@@ -128,9 +163,6 @@ class TaskLifecycle:
             for task_id, robot in dispatch(ready, idle, why_not):
                 reasons.note(task_id, verdicts(by_id[task_id], robots, why_not, robot), now_ns)
                 self.offer(task_id, robot, now_ns)
-                offered = self._book.find(task_id)
-                if offered is not None and offered.state is TaskState.OFFERED:
-                    break  # no answer in time: the others are not kept waiting for more of that
 
     def tell_nobody_can(self, now_ns: int) -> None:
         """Tell of ready tasks that no robot of the team has what they take."""
@@ -149,47 +181,50 @@ class TaskLifecycle:
         if record is not None:
             self.reasons.note(task_id, self.reasons.judge(record, now_ns, robots), now_ns)
 
-    def offer(self, task_id: str, robot: str, now_ns: int) -> TaskAnswer:
+    def may_be_next(self, robot: str, at: str) -> bool:
+        """Whether a robot can be offered something for after the task that it is at: once for each."""
+        return self._ahead.get(robot, ("", ""))[0] != at
+
+    def offer(self, task_id: str, robot: str, now_ns: int, *, after: str = "") -> str:
         """Offer a queued task to a robot. Refused, it is queued again, or ends if it is the coordinator's own.
+
+        Args:
+            task_id: of the task.
+            robot: who is to do it.
+            now_ns: the time.
+            after: the task that the robot is at, if it is to end that first.
+
+        Returns:
+            Why it was refused, if that is known already; in live that comes later.
 
         Raises:
             JournalUnwritable: a step of it is not in the journal; what the robot says later counts.
 
         """
-        record = self._book.offered(task_id, robot)
-        offer = TaskOffer(task=record.task, epoch=record.epoch, lease_s=LEASE_S)
-        try:
-            reply = self._wire.ask(ROBOT_OFFER, offer, robot=robot, timeout_s=ASK_TIMEOUT_S)
-            answer = msgspec.json.decode(reply, type=TaskAnswer)
-        except CallError as error:
-            if error.code is ErrorCode.TIMEOUT:
-                # It may have taken it all the same: its next state will tell, or the lease runs out.
-                return TaskAnswer(accepted=True, why="no answer in time")
-            answer = TaskAnswer(accepted=False, why=str(error))
-        except (NobodyThere, msgspec.DecodeError) as error:
-            answer = TaskAnswer(accepted=False, why=str(error))
-        if answer.accepted:
-            self._book.move(task_id, TaskState.RUNNING)
-        else:
-            self._shunning.note(task_id, robot, f"refused: {answer.why}", now_ns)
-            record = self._book.give_back(task_id, f"{robot} refused: {answer.why}")
-            if not record.state.ended and (words := self.reasons.hopeless(record, now_ns)):
-                self._book.move(task_id, TaskState.FAILED, f"nobody does it: {words}")
-        return answer
+        record = self._book.offered(task_id, robot, f"it is next, after {after}" if after else "")
+        if after:
+            self._ahead[robot] = (after, task_id)
+        self._offers.offer(record, after)
+        refused = ""
+        for answered in self._offers.answered():
+            if self._take_answer(answered, now_ns) and answered.record is record:
+                refused = answered.answer.why or "it does not say why"
+        return refused
 
     def withdraw_strays(self, now_ns: int) -> None:
-        """Tell robots that are at a task which the book has closed, or given to another, to stop."""
-        bound = {record.robot: record for record in self._book.open if record.robot}
+        """Tell robots that are at a task, or hold one, which the book has closed, or given to another, to stop."""
         for robot in self._roster.up(now_ns):
-            status = stray(robot, bound.get(robot.name))
-            if status is None:
+            if robot.state is None or (robot.state.task is None and robot.state.next_task is None):
                 continue
-            told = (robot.name, status.id, status.epoch)
-            if now_ns - self._withdrawn_ns.get(told, -WITHDRAW_AGAIN_NS) < WITHDRAW_AGAIN_NS:
-                continue
-            self._withdrawn_ns = {key: at for key, at in self._withdrawn_ns.items() if now_ns - at < WITHDRAW_AGAIN_NS}
-            self._withdrawn_ns[told] = now_ns
-            self._withdraw(robot.name, status)
+            for status in strays(robot, self._book.bound_to(robot.name)):
+                told = (robot.name, status.id, status.epoch)
+                if now_ns - self._withdrawn_ns.get(told, -WITHDRAW_AGAIN_NS) < WITHDRAW_AGAIN_NS:
+                    continue
+                self._withdrawn_ns = {
+                    key: at for key, at in self._withdrawn_ns.items() if now_ns - at < WITHDRAW_AGAIN_NS
+                }
+                self._withdrawn_ns[told] = now_ns
+                self._withdraw(robot.name, status)
 
     def _withdraw(self, robot: str, status: TaskStatus) -> None:
         record = self._book.find(status.id)
@@ -199,11 +234,7 @@ class TaskLifecycle:
             why = record.why
         else:
             why = f"it was given to others: it is {record.state}{f' at {record.robot}' if record.robot else ''}"
-        try:
-            withdrawal = TaskWithdrawal(id=status.id, epoch=status.epoch, why=why)
-            self._wire.ask(ROBOT_WITHDRAW, withdrawal, robot=robot, timeout_s=ASK_TIMEOUT_S)
-        except (CallError, NobodyThere) as error:
-            logger.debug("%s: task %s could not be withdrawn: %s", robot, status.id, error)
+        self._offers.withdraw(robot, TaskWithdrawal(id=status.id, epoch=status.epoch, why=why))
 
     # -- the journal ----------------------------------------------------------------------------------------
 

@@ -7,6 +7,7 @@ import msgspec
 from robrain.coordinator.admission import needed_plugins, why_nobody_can
 from robrain.coordinator.capabilities import Capabilities
 from robrain.coordinator.dispatch import verdicts
+from robrain.coordinator.motes import MEMBER_PREFIX
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.roster import Robot, Roster
 from robrain.coordinator.shunning import Shunning
@@ -52,6 +53,8 @@ class TaskReasons:
         decided_ns, judged = self._verdicts.get(record.task.id, (0, []))
         if record.state is TaskState.QUEUED:
             judged, decided_ns = self.judge(record, now_ns), now_ns
+        else:
+            judged = _as_it_went(record, judged)
         return TaskWhy(
             record=record,
             now=self._now(record, now_ns),
@@ -177,11 +180,32 @@ class TaskReasons:
 
     def _now(self, record: TaskRecord, now_ns: int) -> str:
         told = f": {record.why}" if record.why else ""
+        if record.robot and self._book.next_of(record.robot) == record:
+            return f"it is next at {record.robot}{told.replace(': it is next,', '', 1)}"
         if record.state is not TaskState.QUEUED:
             return f"it is {record.state.replace('_', ' ')}{f' at {record.robot}' if record.robot else ''}{told}"
         why = self.waits(record, now_ns) or self.nobody_can(record)
-        if not why and self.planning is not None and not self.able_but_out(record, now_ns):
-            why = self.planning.words(record.task.id, now_ns)
+        planning, task_id = self.planning, record.task.id
+        is_planned = planning is not None and bool(planning.waits_for_charge(task_id))
+        if not why and planning is not None and (is_planned or not self.able_but_out(record, now_ns)):
+            why = planning.words(task_id, now_ns)
         if not why:
             why = "it waits for a robot to be free" if self._roster.up(now_ns) else "no robot is there"
         return f"it is queued: {why}{f' ({record.why})' if record.why not in ('', why) else ''}"
+
+
+def _as_it_went(record: TaskRecord, judged: list[RobotVerdict]) -> list[RobotVerdict]:
+    """The verdicts with those chosen that have it, or had it when it ended.
+
+    That may be others than were chosen last: a robot that was lost had done it before it was given to another.
+    """
+    team = record.result.get("robots")
+    whose = {record.robot.removeprefix(MEMBER_PREFIX)} if record.robot else set(team if isinstance(team, list) else ())
+    if not whose:
+        return judged
+    known = {one.robot for one in judged}
+    told = [*judged, *(RobotVerdict(robot=name) for name in sorted(whose - known))]
+    return [
+        msgspec.structs.replace(one, chosen=one.robot in whose, why_not="" if one.robot in whose else one.why_not)
+        for one in told
+    ]

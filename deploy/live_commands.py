@@ -3,6 +3,8 @@
 import time
 from pathlib import Path
 
+import msgspec
+
 from robrain.deploy.children import Children
 from robrain.deploy.dashboard_process import READY_PREFIX, start_dashboard
 from robrain.deploy.errors import UsageError
@@ -20,19 +22,44 @@ GATHER_S = 0.5
 
 
 def coordinator_command(
-    connect: list[str], listen: str | None, team: str, journal: Path | None, objective: Objective = Objective.ENERGY
+    connect: list[str],
+    listen: str | None,
+    team: str,
+    journal: Path | None,
+    objective: Objective | None = None,
+    planning: Path | None = None,
 ) -> None:
-    """Coordinate a team until Ctrl-C; its tasks are kept in a journal, `TEAM.journal` if none is given."""
+    """Coordinate a team until Ctrl-C.
+
+    Args:
+        connect: endpoints of the team.
+        listen: an endpoint of its own, if there is none to connect to.
+        team: its name.
+        journal: file of its tasks; `TEAM.journal` if None.
+        objective: what plans are to be good at, whatever the file says.
+        planning: file with a `[planning]` table.
+
+    Raises:
+        RobrainError: in one sentence.
+
+    """
     from robrain.coordinator.journal.journal import Journal
     from robrain.coordinator.live import run_coordinator
     from robrain.coordinator.planning.policy import PlanningPolicy
 
+    policy = PlanningPolicy()
+    if planning is not None:
+        from robrain.deploy.planning_file import read_planning  # here: most coordinators read none, and are up sooner
+
+        policy = read_planning(planning)
+    if objective is not None:
+        policy = msgspec.structs.replace(policy, objective=objective)
     should_stop = LiveStop()
     with session_of(connect, listen) as session, live_endpoint(session, team) as wire:
         kept = Journal(journal if journal is not None else Path(f"{team}.journal"))
         try:
             ready = f"coordinator: of team {team}; Ctrl-C ends it"
-            run_coordinator(wire, should_stop, lambda: tell(ready), kept, PlanningPolicy(objective=objective))
+            run_coordinator(wire, should_stop, lambda: tell(ready), kept, policy)
         finally:
             kept.close()
 

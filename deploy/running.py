@@ -5,7 +5,7 @@ from pathlib import Path
 import msgspec
 
 from robrain.deploy.children import Children
-from robrain.deploy.dashboard_process import start_dashboard
+from robrain.deploy.dashboard_process import go_on_with_recording, start_dashboard
 from robrain.deploy.errors import UsageError
 from robrain.deploy.live_process import LiveStop
 from robrain.deploy.options import above_zero, until_explored
@@ -29,7 +29,7 @@ class RunOptions(msgspec.Struct, frozen=True, kw_only=True):
     quiet: bool = False
     """Say nothing but errors."""
     stay: bool = False
-    """Keep the dashboard up after the run, until Ctrl-C."""
+    """Keep the dashboard up after the run, until Ctrl-C: it then plays the recording."""
 
 
 def run_scenario(scenario: Scenario, options: RunOptions) -> RunResult:
@@ -45,9 +45,11 @@ def run_scenario(scenario: Scenario, options: RunOptions) -> RunResult:
     if speed < 0:
         raise UsageError(f"--speed {speed:g}: expected 0 (as fast as it goes) or more")
     target = until if until is not None else scenario.until_explored
+    url = ""
     with Children() as children:
 
         def open_dashboard(endpoints: list[str]) -> None:
+            nonlocal url
             if options.dashboard:
                 url = start_dashboard(children, endpoints[0], DEFAULT_TEAM, options.port)
                 if not options.quiet:
@@ -67,15 +69,16 @@ def run_scenario(scenario: Scenario, options: RunOptions) -> RunResult:
             )
         if not options.quiet:
             show_result(result)
-        if options.stay and options.dashboard and result.ended != "interrupted":
-            _stay()
+        if options.stay and url and options.record is not None and result.ended != "interrupted":
+            go_on_with_recording(children, url, options.record)
+            _stay(url)
     return result
 
 
-def _stay() -> None:
+def _stay(url: str) -> None:
     import time
 
-    console.print("the dashboard stays open: Ctrl-C ends it")
+    console.print(f"{url} now plays the recording: Ctrl-C ends it")
     should_stop = LiveStop()
     while not should_stop():
         time.sleep(0.1)

@@ -15,6 +15,7 @@ from robrain.coordinator.roster import Roster
 from robrain.deploy.children import Children
 from robrain.deploy.dashboard_process import start_dashboard
 from robrain.deploy.forwarders import read_said
+from robrain.deploy.planning_file import write_planning
 from robrain.deploy.robot_files import write_robot_files
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -117,7 +118,8 @@ def run_up(
             robot_files = write_robot_files(world, Path(folder), team=options.team, connect=endpoint)
             children.start("arena", ["arena", *scenario_argument, *common])
             journal = options.journal if options.journal is not None else Path(folder) / "team.journal"
-            kept = ["--journal", str(journal), "--objective", str(scenario.planning.objective)]
+            planning = write_planning(Path(folder) / "planning.toml", scenario.planning)
+            kept = ["--journal", str(journal), "--planning", str(planning)]
             children.start("coordinator", ["coordinator", *kept, *common])
             for path in robot_files:
                 children.start(path.stem, ["agent", str(path)])

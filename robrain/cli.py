@@ -100,17 +100,19 @@ def run(
 @app.command()
 def demo(
     headless: Annotated[bool, typer.Option(help="Without the dashboard, for servers.")] = False,
-    speed: Annotated[float, typer.Option(help="Times real time.")] = 5.0,
+    speed: Annotated[
+        float | None, typer.Option(help="Times real time; 0 is as fast as it goes. Default: 1, headless 0.")
+    ] = None,
     seed: SeedOption = None,
     port: PortOption = None,
 ) -> None:
-    """A team explores the built-in depot: seen in the browser, recorded in runs/."""
+    """A team explores the built-in depot, for a minute: seen in the browser, recorded in runs/."""
     from robrain.deploy.options import choose_scenario, next_recording
     from robrain.deploy.running import RunOptions, run_scenario
 
     chosen = choose_scenario("depot", None, None, None, seed)
     options = RunOptions(
-        speed=speed,
+        speed=speed if speed is not None else 0.0 if headless else 1.0,
         record=next_recording(Path("runs"), chosen.name),
         dashboard=not headless,
         port=port,
@@ -207,13 +209,18 @@ def coordinator(
     listen: ListenOption = None,
     team: TeamOption = DEFAULT_TEAM,
     journal: JournalOption = None,
-    objective: Annotated[Objective, typer.Option(help="What plans are to be good at.")] = Objective.ENERGY,
+    objective: Annotated[
+        Objective | None, typer.Option(help="What plans are to be good at; default is the file's, or energy.")
+    ] = None,
+    planning: Annotated[
+        Path | None, typer.Option(help="TOML file whose [planning] table says how plans are made; a scenario will do.")
+    ] = None,
 ) -> None:
     """Coordinate a team: merge its maps, hand out its tasks, and go on where the journal ends."""
     from robrain.deploy.live_commands import coordinator_command
     from robrain.deploy.live_process import endpoints
 
-    coordinator_command(endpoints(connect), listen, check_name("team", team), journal, objective)
+    coordinator_command(endpoints(connect), listen, check_name("team", team), journal, objective, planning)
 
 
 @app.command()

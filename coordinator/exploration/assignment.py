@@ -7,14 +7,15 @@ Multi-Robot Exploration, 2005). The assignment is optimal for these costs (Kuhn 
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.navigation import NavigationGrid
+
+if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
+    from robrain.protocol.model.navigation import NavigationGrid
 
 GAIN_M_PER_M = 1.0
 """Metres of way that a metre of frontier is worth."""
@@ -48,10 +49,12 @@ class Choice(NamedTuple):
     robot: str
     place: Point2D
     cost_m: float
+    way_m: float = math.nan
+    """How far it is."""
 
 
 def assign_frontiers(
-    navigation: NavigationGrid,
+    navigation: "NavigationGrid",
     candidates: Sequence[Candidate],
     seekers: Sequence[Seeker],
     taken: Sequence[Point2D],
@@ -70,6 +73,9 @@ def assign_frontiers(
     """
     if not candidates or not seekers:
         return []
+    # Here: it takes a third of a second, and a coordinator is to be up before.
+    from scipy.optimize import linear_sum_assignment
+
     cells = [navigation.snap(candidate.place, SNAP_M) for candidate in candidates]
     reachable = [(index, cell) for index, cell in enumerate(cells) if cell is not None]
     worth_m = np.array([GAIN_M_PER_M * min(candidate.length_m, GAIN_LIMIT_M) for candidate in candidates])
@@ -82,7 +88,12 @@ def assign_frontiers(
                 costs[row, column] = way_m - worth_m[column] + crowd_m[column]
     rows, columns = linear_sum_assignment(costs)
     return [
-        Choice(seekers[row].name, candidates[column].place, float(costs[row, column]))
+        Choice(
+            seekers[row].name,
+            candidates[column].place,
+            float(costs[row, column]),
+            float(costs[row, column] + worth_m[column] - crowd_m[column]),
+        )
         for row, column in zip(rows.tolist(), columns.tolist(), strict=True)
         if costs[row, column] < UNREACHABLE
     ]

@@ -1,17 +1,18 @@
 """The explorer: finds the frontiers of the team's map and hands each idle robot its own."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from robrain.coordinator.exploration.assignment import Candidate, Choice, Seeker, assign_frontiers
 from robrain.coordinator.roster import Robot
 from robrain.coordinator.team_map import TeamMap
-from robrain.protocol.model.frontier import find_frontiers
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.navigation import NavigationGrid
-from robrain.protocol.model.occupancy_grid import OccupancyGrid
 from robrain.protocol.wire.clock import to_ns
+
+if TYPE_CHECKING:
+    from robrain.protocol.model.navigation import NavigationGrid
+    from robrain.protocol.model.occupancy_grid import OccupancyGrid
 
 MARGIN_M = 0.08
 SHUN_NS = to_ns(15.0)
@@ -84,10 +85,14 @@ class Explorer:
         self._vain = None if choices else question
         return choices
 
-    def _look(self, needed_m: float) -> NavigationGrid | None:
+    def _look(self, needed_m: float) -> "NavigationGrid | None":
         grid = self._map.grid
         if grid is None:
             return None
+        # Here: they bring the map's kernels, which a coordinator loads when it is up (coordinator/live.py).
+        from robrain.protocol.model.frontier import find_frontiers
+        from robrain.protocol.model.navigation import NavigationGrid
+
         known = self._navigation
         if known is None or self._version != grid.version or known.needed_m != needed_m:
             self._version = grid.version
@@ -111,7 +116,7 @@ class Explorer:
         return tuple(failure.place for failure in self._failures if failure.robot == robot)
 
 
-def _unknown_around(grid: OccupancyGrid, place: Point2D) -> int:
+def _unknown_around(grid: "OccupancyGrid", place: Point2D) -> int:
     """How many of the cells around a place nobody has seen."""
     row, column = grid.geometry.cell_of(place.x_m, place.y_m)
     reach = round(LOOK_M / grid.geometry.resolution_m)

@@ -7,7 +7,7 @@ from robrain.coordinator.allocation.problem import Job, Worker
 from robrain.coordinator.planning.energy import kinds_of, means_of, profile_of
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.question import Question, pack_ways
-from robrain.coordinator.planning.situation import Member, Situation, service_s, urgency
+from robrain.coordinator.planning.situation import ChargerWays, Member, Situation, service_s, urgency
 from robrain.coordinator.planning.ways import Ways
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import TaskState, place_of
@@ -24,13 +24,16 @@ class Asked(NamedTuple):
     question: Question
     waiting: dict[str, str]
     """Tasks that no plan can have yet, and why."""
+    charger_ways: dict[str, ChargerWays]
+    """Of each robot that is free."""
 
 
 def ask(situation: Situation, ways: Ways, policy: PlanningPolicy) -> Asked:
     """The question.
 
-    A task that a robot is at is pinned to it. A robot that explores counts as free. A task that is not to be offered to
-    some robot now needs a leave that all others have.
+    A task that a robot is at is pinned to it; one that it is about to end is taken for done, and the robot for free
+    there and now. A robot that explores counts as free. A task that is not to be offered to some robot now needs a
+    leave that all others have.
     """
     chosen, waiting = _chosen(situation, policy)
     names = sorted(situation.members)
@@ -44,7 +47,10 @@ def ask(situation: Situation, ways: Ways, policy: PlanningPolicy) -> Asked:
     goals: dict[Point2D, int] = {}
     for place in [place_of(record.task) for record in chosen] + [end for one in members for end in _ends(one)]:
         goals.setdefault(place, len(goals))
-    starts = [_here(member) for member in members]
+    ending = situation.ending
+    starts = [
+        ending[name].place if name in ending else _here(member) for name, member in zip(names, members, strict=True)
+    ]
     length_m = ways.lengths_m(list(goals), starts)
 
     prize_j = max([policy.prize_j, *(2.0 * mean.capacity_j for mean in means)])
@@ -62,6 +68,7 @@ def ask(situation: Situation, ways: Ways, policy: PlanningPolicy) -> Asked:
                 ends=tuple(goals[end] for end in _ends(member)),
                 usable_j=mean.usable_j,
                 offers=(offers | leaves) & everything,
+                ready_s=max(0.0, to_seconds(member.free_ns - situation.now_ns)) if member.free_ns else 0.0,
                 profile=kinds[index],
                 wait_w=mean.standing_w,
                 capacity_j=mean.capacity_j,
@@ -75,7 +82,15 @@ def ask(situation: Situation, ways: Ways, policy: PlanningPolicy) -> Asked:
         places=len(goals) + len(starts),
         ways_cm=pack_ways(length_m),
     )
-    return Asked(question, waiting)
+    charger_ways = {
+        name: ChargerWays(
+            starts[index],
+            tuple((place, float(length_m[len(goals) + index, goals[place]])) for place in member.chargers),
+        )
+        for index, (name, member) in enumerate(zip(names, members, strict=True))
+        if not member.free_ns
+    }
+    return Asked(question, waiting, charger_ways)
 
 
 def leave(task_id: str) -> str:
@@ -92,7 +107,9 @@ def _chosen(situation: Situation, policy: PlanningPolicy) -> tuple[list[TaskReco
     """The most urgent tasks, those that robots are at first; and why the others cannot be in a plan."""
     there = situation.members
     at_work = [record for record in situation.records if record.robot]
-    running = [record for record in at_work if record.robot in there]
+    ended = {one.task for one in situation.ending.values()}
+    running = [record for record in at_work if record.robot in there and record.task.id not in ended]
+    running.sort(key=lambda record: record.task.id in situation.held)  # what a robot holds comes after what it is at
     free = [record for record in situation.records if not record.robot]
     queued = sorted((record for record in free if record.state is TaskState.QUEUED), key=urgency)
     waiting = {record.task.id: f"{record.robot} is at it, and is not to be counted on" for record in at_work
@@ -108,7 +125,7 @@ def _chosen(situation: Situation, policy: PlanningPolicy) -> tuple[list[TaskReco
             for record in queued
             if record.task.id in known
             for other in record.task.after
-            if other not in known and other not in situation.ended
+            if other not in known and other not in situation.ended and other not in ended
         }
         if not late:
             return running + [record for record in queued if record.task.id in known], waiting
@@ -128,6 +145,10 @@ def _job(record: TaskRecord, place: int, situation: Situation, prize_j: float, s
         needs.add(GATHERING)
     if not pinned and any(name == task.id for name, _ in situation.pauses):
         needs.add(leave(task.id))
+    ending_s = {one.task: one.in_s for one in situation.ending.values()}
+    earliest_s = max(
+        0.0, to_seconds(task.earliest_ns - situation.now_ns), *(ending_s.get(name, 0.0) for name in task.after)
+    )
     latest_s = to_seconds(task.deadline_ns - situation.now_ns) if task.deadline_ns is not None else float("inf")
     return Job(
         id=task.id,
@@ -135,10 +156,12 @@ def _job(record: TaskRecord, place: int, situation: Situation, prize_j: float, s
         prize_j=prize_j * task.priority,
         service_s=takes_s,
         service_j=takes_s * standing_w,
-        earliest_s=max(0.0, to_seconds(task.earliest_ns - situation.now_ns)),
+        earliest_s=earliest_s,
         latest_s=max(0.0, latest_s),
         needs=frozenset(needs),
-        after=() if pinned else tuple(name for name in task.after if name not in situation.ended),
+        after=()
+        if pinned
+        else tuple(name for name in task.after if name not in situation.ended and name not in ending_s),
         robots=1 if pinned else task.robots,
         pinned_to=pinned,
     )

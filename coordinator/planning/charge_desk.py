@@ -1,18 +1,30 @@
-"""Sends robots to charge, by tasks of the coordinator's own."""
+"""Sends robots to charge, by tasks of the coordinator's own, as the schedule of the chargers says.
+
+It also says how those who charge will be when they have, so that plans count on them, and calls off a charge that has
+brought enough while another robot waits.
+"""
 
 import re
 
-from robrain.coordinator.planning.charging import FULL_ENOUGH, Charge, Idle, assign_chargers, nearest
-from robrain.coordinator.planning.members import HOMEWARD
+from robrain.coordinator.planning.charge_schedule import Demand, Seeker, Turn, is_same_charger, schedule_charges
+from robrain.coordinator.planning.charge_telling import ChargeTelling
+from robrain.coordinator.planning.charge_watch import ChargeWatch
+from robrain.coordinator.planning.charging import FULL_ENOUGH, TO_SOC, Charge, Idle, assign_chargers, nearest
+from robrain.coordinator.planning.members import HOMEWARD, is_charging
 from robrain.coordinator.planning.planning import Planning
+from robrain.coordinator.planning.policy import Charging
+from robrain.coordinator.planning.situation import AfterCharge
 from robrain.coordinator.roster import Robot, Roster
 from robrain.coordinator.task_book import TaskBook
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import Recharge, TaskState, place_of
 from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.endpoint import Endpoint
 
 AGAIN_NS = to_ns(30.0)
 """A robot that refused to charge, or failed at it, is not sent again for so long (chosen)."""
+EARLY_S = 5.0
+"""A robot sets out so much before it must: on its way it may have to stop (chosen)."""
 FOR_ENERGY = re.compile(r"reserve|lacks \d+ J|not the energy")
 """How the allocators say that a robot has too little energy for a task."""
 
@@ -21,48 +33,119 @@ class ChargeDesk:
     """Decides who is to charge.
 
     Args:
+        wire: the coordinator's place on the wire.
         planning: knows the chargers, and who has tasks.
         book: of the tasks.
         roster: the robots that there are.
 
     """
 
-    def __init__(self, planning: Planning, book: TaskBook, roster: Roster) -> None:
+    def __init__(self, wire: Endpoint, planning: Planning, book: TaskBook, roster: Roster) -> None:
         self.waiting: dict[str, str] = {}
-        """Robots that should charge and do not, and why."""
+        """Robots that should charge and have not set out, and why."""
         self._planning = planning
         self._book = book
         self._roster = roster
+        self._watch = ChargeWatch(planning, book, roster)
+        self._telling = ChargeTelling(wire, planning, book)
         self._not_before_ns: dict[str, int] = {}
+        self._to_soc: dict[str, float] = {}
+        """What each robot was last sent to charge to."""
 
     def choose(self, idle: list[Robot], now_ns: int) -> list[Charge]:
-        """Robots, of those without a task, that are to set out for a charger now."""
+        """Robots, of those without a task, that are to be asked to charge now.
+
+        Raises:
+            JournalUnwritable: a charge that has brought enough could not be called off, or of a task not be told what
+                it waits for; both are tried again.
+
+        """
         planning = self._planning
-        if not any(planning.chargers.of.values()):
-            return []
         self._not_before_ns = {name: at for name, at in self._not_before_ns.items() if at > now_ns}
-        short = any(FOR_ENERGY.search(left.why) for left in planning.left_out.values())
-        below = FULL_ENOUGH if short else planning.policy.charge_below
-        found = [one for robot in idle if (one := self._idle(robot, now_ns)) is not None]
+        if not any(planning.chargers.of.values()):
+            self.waiting = {}
+            planning.after_charge.clear()
+            self._telling.schedule((), {}, set(), now_ns)
+            return []
+        is_short = self._is_short()
+        below = FULL_ENOUGH if is_short else planning.policy.charge_below
+        if planning.policy.charging is Charging.TURNS:
+            return self._in_turns(idle, below, now_ns)
+        seekers = self._watch.seekers(idle, below, set(self._not_before_ns), now_ns)
+        demand = Demand(TO_SOC, planning.policy.charge_turn, is_short)
+        turns = schedule_charges(seekers.values(), demand, self._watch.power.of)
+        charges = [charge for turn in turns if (charge := self._charge(turn, seekers[turn.robot])) is not None]
+        has_set_out = {one.robot for one in charges}
+        has_set_out |= {name for name, one in seekers.items() if one.bound_for is not None}
+        planning.after_charge.clear()
+        for turn in turns:
+            if turn.robot in has_set_out:
+                free_ns = now_ns + to_ns(turn.until_s)
+                planning.after_charge[turn.robot] = AfterCharge(free_ns, turn.charger, turn.to_soc)
+        self.waiting = self._telling.schedule(turns, seekers, has_set_out, now_ns)
+        self._end(turns, seekers)
+        self._telling.tasks(now_ns)
+        return charges
+
+    def ended(self, robot: str, state: TaskState, now_ns: int) -> None:
+        """A robot's charge has ended, or was refused."""
+        self._planning.after_charge.pop(robot, None)
+        if state is not TaskState.DONE:
+            self._not_before_ns[robot] = now_ns + AGAIN_NS
+        elif self._to_soc.get(robot, TO_SOC) < TO_SOC:
+            self._watch.cut_short.add(robot)
+        else:
+            self._watch.cut_short.discard(robot)
+
+    def _is_short(self) -> bool:
+        """Whether tasks wait for energy: nobody has it, or only who charges will."""
+        planning, book, robots = self._planning, self._book, self._roster.robots
+        if any(FOR_ENERGY.search(left.why) for left in planning.left_out.values()):
+            return True
+        return any(
+            name in robots and is_charging(robots[name], book.of_robot(name)) and planning.has_route(name)
+            for name in planning.after_charge
+        )
+
+    def _charge(self, turn: Turn, one: Seeker) -> Charge | None:
+        """What a robot is to be asked now: to set out, as its time has come; or, charging of its own accord, to end."""
+        is_due = one.bound_for is None and turn.set_out_s <= EARLY_S
+        is_firm = one.bound_for is not None and one.to_soc is None and self._book.of_robot(turn.robot) is None
+        if not (is_due or (is_firm and one.is_there and one.soc >= turn.to_soc < TO_SOC)):
+            return None
+        self._to_soc[turn.robot] = turn.to_soc
+        known = self._planning.chargers.of.get(turn.robot, ())
+        charger = next(one for one in known if is_same_charger(one.place, turn.charger))
+        return Charge(turn.robot, charger, round(turn.to_soc, 3))
+
+    def _end(self, turns: tuple[Turn, ...], seekers: dict[str, Seeker]) -> None:
+        """Call off a charge that has brought enough, for whoever waits for the charger."""
+        next_one = {turn.behind: turn.robot for turn in turns}
+        for turn in turns:
+            at, one = self._book.of_robot(turn.robot), seekers[turn.robot]
+            if at is None or not at.own or not isinstance(at.task, Recharge) or not one.is_there:
+                continue
+            if turn.to_soc < at.task.until_soc and one.soc >= turn.to_soc:
+                self._watch.cut_short.add(turn.robot)
+                why = f"{turn.robot} has charged to {one.soc:.0%}, enough for now: {next_one[turn.robot]} waits"
+                self._book.move(at.task.id, TaskState.CANCELLED, why)
+
+    # -- in turns, for comparison -------------------------------------------------------------------------------
+
+    def _in_turns(self, idle: list[Robot], below: float, now_ns: int) -> list[Charge]:
+        found = []
+        for robot in idle:
+            one, state = self._watch.seeker(robot, None, below, robot.name in self._not_before_ns, now_ns), robot.state
+            if one is None or one.bound_for is not None or state is None or state.pose is None:
+                continue
+            if state.battery is not None and not state.battery.charging:
+                here = Point2D(state.pose.x_m, state.pose.y_m)
+                found.append(Idle(robot.name, here, one.soc, self._planning.chargers.of.get(robot.name, ())))
         if not any(one.soc < below for one in found):
             self.waiting = {}
             return []
         charges, self.waiting = assign_chargers(found, self._taken(), below)
         return charges
-
-    def ended(self, robot: str, state: TaskState, now_ns: int) -> None:
-        """A robot's charge has ended, or was refused."""
-        if state is not TaskState.DONE:
-            self._not_before_ns[robot] = now_ns + AGAIN_NS
-
-    def _idle(self, robot: Robot, now_ns: int) -> Idle | None:
-        state, name = robot.state, robot.name
-        if state is None or state.pose is None or state.battery is None or state.battery.charging:
-            return None
-        if name in self._not_before_ns or self._planning.why_out(robot, now_ns) or self._planning.has_route(name):
-            return None
-        chargers = self._planning.chargers.of.get(name, ())
-        return Idle(name, Point2D(state.pose.x_m, state.pose.y_m), state.battery.soc, chargers)
 
     def _taken(self) -> list[Point2D]:
         """Where somebody charges or goes to, by a task or of its own accord."""

@@ -1,5 +1,7 @@
 """Which chargers each robot knows, and where it started, as it tells when it is asked."""
 
+from collections.abc import Mapping
+
 import msgspec
 
 from robrain.protocol.model.geometry import Point2D
@@ -36,24 +38,29 @@ class KnownChargers:
 
     Args:
         wire: the coordinator's place on the wire.
+        plugins: of each robot, as far as it has told them: only who has `home` is asked. None asks all.
 
     """
 
-    def __init__(self, wire: Endpoint) -> None:
+    def __init__(self, wire: Endpoint, plugins: Mapping[str, frozenset[str] | None] | None = None) -> None:
         self.of: dict[str, tuple[Charger, ...]] = {}
         """Of each robot that has told them."""
         self.home: dict[str, Point2D] = {}
         """Where it started; of one that has not told it, where it was first seen."""
         self._wire = wire
+        self._plugins = plugins
         self._inbox = Inbox()
         self._due_ns: dict[str, int] = {}
         self._pause_ns: dict[str, int] = {}
+        self._seen_ns: dict[str, int] = {}
 
     def follow(self, robots: dict[str, Point2D], now_ns: int) -> None:
         """Take in what was answered, and ask these robots if it is time."""
         left = ASKED_MAX
         for robot, place in robots.items():
             self.home.setdefault(robot, place)
+            if not self._may_have_it(robot, now_ns):
+                continue
             if left and now_ns >= self._due_ns.get(robot, 0):
                 left -= 1
                 pause_ns = ASK_AGAIN_NS if robot in self.of else self._pause_ns.get(robot, ASK_UNHEARD_NS)
@@ -74,7 +81,19 @@ class KnownChargers:
                 continue  # a robot that speaks otherwise ends where it was first seen
             self.of[robot] = tuple(Charger(Point2D(one.x_m, one.y_m), one.yaw_rad) for one in found)
 
+    def _may_have_it(self, robot: str, now_ns: int) -> bool:
+        """Whether a robot has the plugin, or has not told its plugins for long enough that it never may."""
+        if self._plugins is None:
+            return True
+        plugins = self._plugins.get(robot)
+        if plugins is None:
+            return now_ns >= self._seen_ns.setdefault(robot, now_ns) + ASK_UNHEARD_NS
+        if PLUGIN not in plugins:
+            self.of.pop(robot, None)  # it may have had it
+        return PLUGIN in plugins
+
     def came(self, robot: str) -> None:
         """A robot came, maybe another than before: it is asked anew."""
         self._due_ns.pop(robot, None)
         self._pause_ns.pop(robot, None)
+        self._seen_ns.pop(robot, None)

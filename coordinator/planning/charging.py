@@ -1,7 +1,8 @@
-"""Who is to charge, and at which charger: never two robots at one.
+"""Who is to charge, and at which charger, in turns: never two robots at one.
 
 Robots without tasks charge when they have little left, or when a task is left out for want of energy; those with least
-come first, the others wait for their turn where they are. Pure: of the robots and chargers as they are now.
+come first, the others wait for their turn where they are. Pure: of the robots and chargers as they are now. It is what
+`charge_schedule.py`, which looks ahead, is compared with.
 """
 
 import math
@@ -13,6 +14,8 @@ from robrain.protocol.model.geometry import Point2D
 
 SAME_M = 0.6
 """Chargers nearer to each other than this are one to two robots; a robot so near to one is at it (chosen)."""
+TO_SOC = 0.95
+"""What a charge is for that nothing cuts short."""
 FULL_ENOUGH = 0.9
 """A robot with so much charge does not go for more, whatever is left out."""
 
@@ -32,6 +35,7 @@ class Charge(NamedTuple):
 
     robot: str
     charger: Charger
+    to_soc: float = TO_SOC
 
 
 def assign_chargers(

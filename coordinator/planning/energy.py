@@ -8,9 +8,13 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import msgspec
+
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.question import Profile
+from robrain.coordinator.planning.situation import AfterCharge
 from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
+from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.messages import RobotState
 
 UNKNOWN = Profile(start_j=0.0, j_per_m=30.0, s_per_m=2.0)
@@ -22,6 +26,8 @@ SAME_SHARE = 0.02
 KINDS_MAX = 16
 """At the most: each kind has matrices of its own."""
 SOC_LEAST = 0.01
+CHARGED_SHARE = 0.95
+"""Of what a charge is to bring, so much is counted on before it is there (chosen)."""
 HALVINGS = 40
 
 
@@ -60,6 +66,22 @@ def means_of(state: RobotState, waits_s: float, policy: PlanningPolicy) -> Means
     surely_j = model.usable_j - reserve_j
     return Means(mean_within(model, surely_j, waits_s, policy.confidence), capacity_j, reserve_j,
                  max(0.0, model.coefficients[0]))  # fmt: skip
+
+
+def when_charged(state: RobotState, after: AfterCharge) -> RobotState:
+    """How a robot that charges will be when it has: where, and with what. As it is now if it tells too little of it."""
+    battery, model, pose = state.battery, state.energy, state.pose
+    if battery is None or model is None or pose is None:
+        return state
+    gain_j = max(0.0, after.soc - battery.soc) * battery.remaining_j / max(battery.soc, SOC_LEAST)
+    return msgspec.structs.replace(
+        state,
+        pose=Pose2D(after.charger.x_m, after.charger.y_m, pose.yaw_rad),
+        battery=msgspec.structs.replace(
+            battery, soc=max(battery.soc, after.soc), remaining_j=battery.remaining_j + gain_j
+        ),
+        energy=msgspec.structs.replace(model, usable_j=model.usable_j + CHARGED_SHARE * gain_j),
+    )
 
 
 def mean_within(model: EnergyModel, bound_j: float, waits_s: float, confidence: float) -> float:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from robrain.coordinator.task_lifecycle import TaskLifecycle
 
 OFFERS_MAX = 16
-"""In one step: the answer to each is waited for, and the team is not to wait for the coordinator meanwhile."""
+"""In one step: each is written down first, and the team is not to wait for the coordinator meanwhile."""
 TELL_NS = to_ns(5.0)
 """How often what is left out is looked at while the plan stays the same."""
 NUMBER = re.compile(r"\d+(\.\d+)?")
@@ -45,20 +45,18 @@ class Following:
         book, lifecycle, planning = self._book, self._lifecycle, self._planning
         with lifecycle.as_far_as_written(now_ns):
             self._tell_left_out(now_ns)
-            for count, (task_id, robot) in enumerate(planning.due(now_ns)):
+            for count, (task_id, robot, after) in enumerate(planning.due(now_ns)):
                 if count == OFFERS_MAX:
                     return True
+                if after and not lifecycle.may_be_next(robot, after):
+                    continue
                 at = book.of_robot(robot)
-                if at is not None:
+                if at is not None and not after:
                     book.move(at.task.id, TaskState.CANCELLED, f"{robot} is needed for {task_id}")
                 lifecycle.note_decision(task_id, [robot], now_ns)
-                lifecycle.offer(task_id, robot, now_ns)
+                lifecycle.offer(task_id, robot, now_ns, after=after)
                 record = book.find(task_id)
-                if record is None:
-                    continue
-                if record.state is TaskState.OFFERED:
-                    break  # no answer in time: the others are not kept waiting for more of that
-                if record.state is TaskState.RUNNING:
+                if record is not None and record.state in (TaskState.OFFERED, TaskState.RUNNING):
                     planning.begun(task_id, robot)
         return False
 

@@ -32,3 +32,14 @@ def why_out(robot: Robot, at: TaskRecord | None, now_ns: int) -> str:
     if at is None and state.lost:
         return f"does not know where it is: {state.lost}"
     return ""
+
+
+def is_charging(robot: Robot, at: TaskRecord | None) -> bool:
+    """Whether a robot is out because it charges or goes to charge, and will be free when it has."""
+    state = robot.state
+    if state is None or state.halted or state.lost:
+        return False
+    if at is not None:
+        return isinstance(at.task, Recharge)
+    is_busy = state.task is not None and not state.task.state.ended
+    return state.behavior in HOMEWARD and not is_busy

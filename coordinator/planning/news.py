@@ -21,7 +21,7 @@ class News:
 
     def __init__(self) -> None:
         self._tasks: frozenset[tuple[str, TaskState, str]] = frozenset()
-        self._members: dict[str, tuple[frozenset[str] | None, tuple[Point2D, ...]]] = {}
+        self._members: dict[str, tuple[frozenset[str] | None, tuple[Point2D, ...], bool]] = {}
         self._figures: dict[str, tuple[float, float]] = {}
         self._pauses: frozenset[tuple[str, str]] = frozenset()
         self._area_m2 = 0.0
@@ -105,8 +105,8 @@ def _difference(now: frozenset[tuple[str, TaskState, str]], before: frozenset[tu
     return ", ".join(words[:3]) + (f" and {len(words) - 3} more" if len(words) > 3 else "")
 
 
-def _abilities(member: Member) -> tuple[frozenset[str] | None, tuple[Point2D, ...]]:
-    return member.offers, member.chargers
+def _abilities(member: Member) -> tuple[frozenset[str] | None, tuple[Point2D, ...], bool]:
+    return member.offers, member.chargers, member.free_ns > 0
 
 
 def _figures(member: Member) -> tuple[float, float]:

@@ -2,16 +2,19 @@
 
 import math
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import msgspec
 
-from robrain.coordinator.allocation.explain import Decision, explain
 from robrain.coordinator.allocation.plan import Plan
 from robrain.coordinator.allocation.problem import Problem
-from robrain.coordinator.planning.asking import Asked
-from robrain.coordinator.planning.situation import Orders, Situation
+from robrain.coordinator.planning.situation import ChargerWays, Orders, Situation
 from robrain.protocol.wire.plan_messages import PlanProblem, TaskDecision
 from robrain.protocol.wire.task_messages import RobotVerdict
+
+if TYPE_CHECKING:
+    from robrain.coordinator.allocation.explain import Decision
+    from robrain.coordinator.planning.asking import Asked
 
 BIDS_MAX = 4000
 """In the decisions that are told of one plan, those first that are to be begun first; the rest follow with the next
@@ -41,6 +44,8 @@ class Planned(msgspec.Struct, frozen=True, kw_only=True):
     decisions: list[TaskDecision]
     """Those that are new."""
     took_s: float = 0.0
+    charger_ways: dict[str, ChargerWays] = {}
+    """How far it was to the chargers, for each robot that was free."""
 
     @property
     def orders(self) -> Orders:
@@ -49,14 +54,17 @@ class Planned(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def planned(
-    situation: Situation, asked: Asked, problem: Problem, plan: Plan, written: PlanProblem, took_s: float
+    situation: Situation, asked: "Asked", problem: Problem, plan: Plan, written: PlanProblem, took_s: float
 ) -> Planned:
     """What the coordinator makes of a plan."""
+    # Here: it brings the allocators' kernels, and who only follows plans in live does without them.
+    from robrain.coordinator.allocation.explain import explain
+
     pinned = {job.id for job in problem.jobs if job.pinned_to}
     earliest_s = {job.id: job.earliest_s for job in problem.jobs}
     steps: dict[str, tuple[Step, ...]] = {}
-    for route in plan.routes:
-        found, free_s = [], 0.0
+    for worker, route in zip(problem.workers, plan.routes, strict=True):
+        found, free_s = [], worker.ready_s
         for stop in route.stops:
             way_s = max(0.0, stop.arrive_s - free_s)
             free_s = stop.end_s
@@ -79,14 +87,14 @@ def planned(
     del new[max(1, BIDS_MAX // max(1, len(problem.workers))) :]
     decisions = [_told(one, situation, written.plan) for one in explain(problem, plan, new)]
     return Planned(problem=written, steps=steps, left_out=left_out, waiting=asked.waiting, decisions=decisions,
-                   took_s=took_s)  # fmt: skip
+                   took_s=took_s, charger_ways=asked.charger_ways)  # fmt: skip
 
 
 def _at(situation: Situation, in_s: float) -> int:
     return situation.now_ns + round(1e9 * in_s)
 
 
-def _told(decision: Decision, situation: Situation, number: int) -> TaskDecision:
+def _told(decision: "Decision", situation: Situation, number: int) -> TaskDecision:
     return TaskDecision(
         task=decision.job,
         plan=number,
@@ -97,7 +105,7 @@ def _told(decision: Decision, situation: Situation, number: int) -> TaskDecision
     )
 
 
-def _bids(decision: Decision, situation: Situation) -> Iterable[RobotVerdict]:
+def _bids(decision: "Decision", situation: Situation) -> Iterable[RobotVerdict]:
     for option in decision.options:
         why_not = situation.pauses.get((decision.job, option.worker), "") or option.why_not
         yield RobotVerdict(

@@ -1,19 +1,17 @@
-"""Makes plans of situations: in lockstep there and then."""
+"""What makes plans of situations, as the coordinator sees it."""
 
-from collections.abc import Iterator
 from typing import Protocol
 
-from robrain.coordinator.planning.asking import Asked, ask, needed_m
-from robrain.coordinator.planning.planned import Planned, planned
+from robrain.coordinator.planning.planned import Planned
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.situation import Situation
-from robrain.coordinator.planning.thinking import Thinking
-from robrain.coordinator.planning.ways import Ways
-from robrain.protocol.wire.plan_messages import PlanProblem
 
 
 class Planner(Protocol):
     """Makes plans; the last question counts."""
+
+    def prepare(self) -> None:
+        """Get ready for the first question, if that takes a while; returns at once in live."""
 
     def ask(self, situation: Situation, policy: PlanningPolicy) -> None:
         """A plan is wanted; returns at once in live."""
@@ -29,93 +27,3 @@ class Planner(Protocol):
 
     def close(self) -> None:
         """End it."""
-
-
-class Drafting:
-    """Turns situations into plans, the auction's first; keeps the ways of the floor for as long as that is the same."""
-
-    def __init__(self) -> None:
-        self._ways: Ways | None = None
-
-    def draft(self, situation: Situation, policy: PlanningPolicy) -> "Draft":
-        """A plan in the making."""
-        needed = needed_m(situation)
-        version = 0 if situation.floor is None else situation.floor.version
-        ways = self._ways
-        if ways is None or (ways.version, ways.needed_m, ways.unknown_cost) != (version, needed, policy.unknown_cost):
-            ways = self._ways = Ways(situation.floor, needed, policy.unknown_cost)
-        return Draft(situation, policy, ask(situation, ways, policy))
-
-
-class Draft:
-    """One plan in the making."""
-
-    def __init__(self, situation: Situation, policy: PlanningPolicy, asked: Asked) -> None:
-        self._situation = situation
-        self._policy = policy
-        self._asked = asked
-        self._problem = asked.question.problem()
-        visits = sum(job.robots for job in self._problem.jobs if not job.pinned_to)
-        self._iterations = policy.iterations_for(visits)
-        self.thinking = Thinking(
-            self._problem,
-            policy.objective,
-            policy.method,
-            seed=policy.seed,
-            iterations=self._iterations,
-            gain_min=policy.gain_min,
-            orders=situation.orders,
-        )
-
-    def improve(self) -> Iterator[None]:
-        """Yields before each search."""
-        return self.thinking.improve()
-
-    def planned(self, took_s: float = 0.0) -> Planned:
-        """The plan as it is so far."""
-        situation, policy = self._situation, self._policy
-        plan = self.thinking.plan
-        written = PlanProblem(
-            plan=situation.number,
-            asked_ns=situation.now_ns,
-            objective=policy.objective,
-            method=policy.method,
-            seed=policy.seed,
-            rounds=self.thinking.rounds,
-            iterations=self._iterations,
-            gain_min=policy.gain_min,
-            question=self._asked.question.encode(),
-            warm_start=tuple(situation.orders.items()),
-            routes=tuple((route.worker, route.jobs) for route in plan.routes if route.stops),
-            cause=situation.cause,
-        )
-        return planned(situation, self._asked, self._problem, plan, written, took_s)
-
-
-class LockstepPlanner:
-    """Plans when it is asked to, with so many rounds: equal runs have equal plans."""
-
-    def __init__(self) -> None:
-        self._drafting = Drafting()
-        self._made: list[Planned] = []
-
-    def ask(self, situation: Situation, policy: PlanningPolicy) -> None:
-        """See `Planner`."""
-        draft = self._drafting.draft(situation, policy)
-        for _ in draft.improve():
-            if draft.thinking.rounds >= policy.rounds:
-                break
-        self._made.append(draft.planned())
-
-    def take(self) -> list[Planned]:
-        """See `Planner`."""
-        made, self._made = self._made, []
-        return made
-
-    @property
-    def is_busy(self) -> bool:
-        """See `Planner`."""
-        return False
-
-    def close(self) -> None:
-        """See `Planner`."""

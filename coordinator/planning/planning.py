@@ -6,22 +6,22 @@ soon to be begun is not sent exploring.
 """
 
 import logging
+import math
 from collections.abc import Callable, Iterator
-from functools import cache
 from typing import NamedTuple
 
 import msgspec
 
-from robrain.coordinator.allocation.warm_up import warm_up
 from robrain.coordinator.capabilities import Capabilities
+from robrain.coordinator.planning.ahead import LATEST_S, free_in_s, is_ending
 from robrain.coordinator.planning.chargers import KnownChargers
 from robrain.coordinator.planning.live_planner import LivePlanner
 from robrain.coordinator.planning.members import HOMEWARD, why_out
 from robrain.coordinator.planning.news import News
 from robrain.coordinator.planning.planned import Planned, Step
-from robrain.coordinator.planning.planner import LockstepPlanner, Planner
+from robrain.coordinator.planning.planner import Planner
 from robrain.coordinator.planning.policy import Method, PlanningPolicy
-from robrain.coordinator.planning.situation import Situation
+from robrain.coordinator.planning.situation import AfterCharge, ChargerWays, Situation
 from robrain.coordinator.planning.watching import TeamWatch
 from robrain.coordinator.roster import Robot, Roster
 from robrain.coordinator.shunning import Shunning
@@ -32,7 +32,7 @@ from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages import RobotState
-from robrain.protocol.wire.plan_messages import ObjectiveRequest, PlanningStatus, TaskDecision
+from robrain.protocol.wire.plan_messages import ObjectiveRequest, PlannedCharge, PlanningStatus, TaskDecision
 from robrain.protocol.wire.task_messages import TaskRecord
 from robrain.protocol.wire.topics import COORDINATOR_OBJECTIVE, COORDINATOR_PLANNING, TASK_DECISION, TASK_PROBLEM
 
@@ -43,8 +43,15 @@ LOOK_NS = to_ns(0.5)
 SOON_NS = to_ns(30.0)
 """A robot whose next task is begun within this is not sent exploring (chosen)."""
 KEPT_DECISIONS = 2000
-Due = tuple[str, str]
-"""A task, and the robot that is to be offered it."""
+
+
+class Due(NamedTuple):
+    """What is to be offered."""
+
+    task: str
+    robot: str
+    after: str
+    """The task that the robot is to end first; empty if it is to begin at once."""
 
 
 class LeftOut(NamedTuple):
@@ -81,7 +88,11 @@ class Planning:
         waits: Callable[[TaskRecord, int, float], str],
     ) -> None:
         self.policy = policy
-        self.chargers = KnownChargers(wire)
+        self.chargers = KnownChargers(wire, capabilities.plugins)
+        self.after_charge: dict[str, AfterCharge] = {}
+        """How robots that charge, or go to, will be when they have. Whoever sends them there keeps it."""
+        self.charges: tuple[PlannedCharge, ...] = ()
+        """Who charges where and when, kept by the same."""
         self.held: dict[str, str] = {}
         """Robots that are at a task with others, and what they are at."""
         self.left_out: dict[str, LeftOut] = {}
@@ -92,14 +103,16 @@ class Planning:
         self._book = book
         self._roster = roster
         self._shunning = shunning
-        self._watch = TeamWatch(book, roster, capabilities, team_map, self.chargers, self.why_out)
+        self._watch = TeamWatch(book, roster, capabilities, team_map, self.chargers, self.why_out, self.after_charge)
         self._waits = waits
         self._news = News()
-        self._planner: Planner = LivePlanner(lambda: _wake(wire)) if wire.drive is Drive.LIVE else LockstepPlanner()
+        self._planner = _planner_of(wire)
         self._plan: Planned | None = None
         self._number = 0
         self._told: dict[str, tuple[str, ...]] = {}
         self._decisions: dict[str, tuple[int, TaskDecision]] = {}
+        self._ending_ns: dict[str, int] = {}
+        """Since when each robot is about to end its task."""
         self._look_ns = 0
         self._not_before_ns = 0
         self._seen_version = -1
@@ -109,12 +122,16 @@ class Planning:
         self._say_problem = wire.publisher(TASK_PROBLEM)
         wire.answer(COORDINATOR_PLANNING, lambda _: self.status(), serve=Serve.IN_STEP)
         wire.answer(COORDINATOR_OBJECTIVE, self._choose, serve=Serve.IN_STEP)
-        _warm_up_once()
 
     @property
     def is_on(self) -> bool:
         """Whether there are plans at all."""
         return self.policy.method is not Method.NEAREST
+
+    def prepare(self) -> None:
+        """Get ready beside the coordinator's loop for the first plan, if there are to be any."""
+        if self.is_on:
+            self._planner.prepare()
 
     def close(self) -> None:
         """End what runs beside the coordinator's loop."""
@@ -175,6 +192,8 @@ class Planning:
             cause=cause,
             records=tuple(records),
             ended=self._watch.done_before(records, open_ids),
+            held=self._watch.held(records),
+            ending=self._watch.ending(members),
             members=members,
             pauses={pair: why for pair, why in pauses.items() if pair[0] in open_ids},
             served_s=self._watch.served_s(records, now_ns),
@@ -212,18 +231,25 @@ class Planning:
         if self._plan is None:
             return
         for name in sorted(self._plan.steps):
-            at = self._book.of_robot(name)
-            if at is not None and not (at.own and isinstance(at.task, Explore)):
-                continue
-            step = self._next(name)
-            robot = self._roster.robots.get(name)
+            robot, bound = self._roster.robots.get(name), self._book.bound_to(name)
+            left_s = math.inf if robot is None else free_in_s(robot, bound)
+            step = self._next(name) if left_s < math.inf else None
             if step is None or robot is None or self.why_out(robot, now_ns):
                 continue
             record = self._book.find(step.task)
-            if record is None or record.task.robots > 1 or self._waits(record, now_ns, step.way_s):
+            if record is None or record.task.robots > 1 or self._waits(record, now_ns, left_s + step.way_s):
                 continue
+            after = "" if not bound or bound[0].own else bound[0].task.id
+            if after and left_s > LATEST_S and self._plan.problem.asked_ns < self._ending_ns.get(name, 0):
+                continue  # the plan is being made anew for this
             if not self._shunning.why(step.task, name, now_ns):
-                yield step.task, name
+                yield Due(step.task, name, after)
+
+    def ends_soon(self, before: RobotState | None, state: RobotState, now_ns: int) -> None:
+        """If a robot is from now on about to end its task, have the plan looked at: what it is offered stays so."""
+        if state.task is not None and is_ending(state) and not is_ending(before) and self.has_route(state.robot):
+            self._ending_ns[state.robot] = now_ns
+            self._cause = self._cause or f"{state.robot} is about to end {state.task.id}"
 
     @property
     def has_teamwork(self) -> bool:
@@ -266,6 +292,18 @@ class Planning:
         """Whether a robot has tasks by the plan that it has not begun."""
         return self._next(robot) is not None
 
+    def waits_for_charge(self, task_id: str) -> str:
+        """The robot that is to do a queued task when it has charged; empty if it waits for no charge."""
+        steps = {} if self._plan is None else self._plan.steps
+        for robot in self.after_charge:
+            if any(step.task == task_id for step in steps.get(robot, ())):
+                return robot
+        return ""
+
+    def ways_to_chargers(self, robot: str) -> ChargerWays | None:
+        """How far it was for a robot to the chargers that it knows, when it was last planned for."""
+        return None if self._plan is None else self._plan.charger_ways.get(robot)
+
     def _next(self, robot: str) -> Step | None:
         steps = self._plan.steps.get(robot, ()) if self._plan is not None else ()
         for step in steps:
@@ -275,6 +313,10 @@ class Planning:
         return None
 
     # -- telling --------------------------------------------------------------------------------------------
+
+    def tell_own(self, decision: TaskDecision) -> None:
+        """A task of the coordinator's own is about to be offered: what it will take its robot."""
+        self._say_decision.put(decision)
 
     def decision(self, task_id: str) -> tuple[int, TaskDecision] | None:
         """When a task was last decided on, and how."""
@@ -299,7 +341,10 @@ class Planning:
         for robot, steps in self._plan.steps.items() if self._plan is not None else ():
             for step in steps:
                 if step.task == task_id:
-                    return f"{robot} is to begin it in {max(0.0, to_seconds(step.start_ns - now_ns)):.0f} s"
+                    when = f"in {max(0.0, to_seconds(step.start_ns - now_ns)):.0f} s"
+                    after = self.after_charge.get(robot)
+                    charged = f", when it has charged to {after.soc:.0%}" if after is not None else ""
+                    return f"{robot} is to begin it {when}{charged}"
         return ""
 
     def anybody_out(self, now_ns: int) -> bool:
@@ -318,6 +363,7 @@ class Planning:
             left_out=len(self.left_out),
             took_s=0.0 if plan is None else round(plan.took_s, 4),
             chargers=tuple(sorted(places, key=lambda place: (place.x_m, place.y_m))),
+            charges=self.charges,
         )
 
     def _choose(self, request: Request) -> PlanningStatus:
@@ -352,9 +398,15 @@ def _standing(state: RobotState) -> tuple[bool, bool, bool, bool]:
     return state.pose is None, state.halted, state.behavior in HOMEWARD or bool(state.lost), charging
 
 
+def _planner_of(wire: Endpoint) -> Planner:
+    if wire.drive is Drive.LIVE:
+        return LivePlanner(lambda: _wake(wire))
+    # Here: it brings the allocators, which in live are another process'.
+    from robrain.coordinator.planning.lockstep_planner import LockstepPlanner
+
+    return LockstepPlanner()
+
+
 def _wake(wire: Endpoint) -> None:
     if wire.on_heard is not None:
         wire.on_heard()
-
-
-_warm_up_once = cache(warm_up)

@@ -19,6 +19,15 @@ class Method(StrEnum):
     """No plan: each task goes to the nearest robot that is idle. What plans are compared with."""
 
 
+class Charging(StrEnum):
+    """How robots come to chargers."""
+
+    SCHEDULE = "schedule"
+    """Planned ahead."""
+    TURNS = "turns"
+    """To a charger that is free, when one is; until the battery is full. What the schedule is compared with."""
+
+
 class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What plans are made for and how. Raises ValueError where it is built with what makes no sense."""
 
@@ -38,8 +47,9 @@ class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """Ways are taken to last so much longer than the robot's usual pace tells: stops to give way, corners."""
     unknown_cost: float = 1.5
     """What a metre of unknown floor counts as. A robot that knows better refuses, and is not asked for a while."""
-    gain_min: float = 0.02
-    """Tasks change hands only for a plan that is better by this share."""
+    gain_min: float = 0.05
+    """Tasks change hands only for a plan that is better by this share. Chosen: a plan is made whenever a robot is about
+    to end a task, and again when it has, and what each finds anew is mostly worth less than that."""
     settle_s: float = 0.02
     """From one plan to the next at least, so that a burst of news makes one plan (the first makes one at once)."""
     refresh_s: float = 10.0
@@ -55,13 +65,17 @@ class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     give_up_s: float = 300.0
     """A task that for so long no robot that is there and well could do, by the plan, has failed."""
     charge_below: float = 0.35
-    """A robot without tasks goes to charge below this state of charge, while others wait for their turn."""
+    """A robot without tasks goes to charge below this state of charge."""
+    charging: Charging = Charging.SCHEDULE
+    charge_turn: float = 0.6
+    """While tasks wait for energy and a robot with much less waits for the charger, a charge ends here. Chosen: half a
+    battery is worth a trip, and above about 0.8 a battery takes less and less."""
 
     def __post_init__(self) -> None:
         for name in ("prize_j", "time_margin", "unknown_cost", "deadline_s", "refresh_s", "give_up_s"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
-        for name in ("reserve_share", "gain_min", "charge_below"):
+        for name in ("reserve_share", "gain_min", "charge_below", "charge_turn"):
             if not 0 <= getattr(self, name) < 1:
                 raise ValueError(f"expected {name} from 0 to below 1, got {getattr(self, name)}")
         if not 0.5 <= self.confidence < 1:

@@ -1,11 +1,11 @@
-"""The team at one moment, as far as a plan depends on it. Nothing in it changes: other threads may read it."""
+"""The team at one moment, as far as a plan depends on it. Nothing in it changes: others may read it."""
 
 import math
 from typing import NamedTuple
 
 import msgspec
 
-from robrain.coordinator.planning.ways import Floor
+from robrain.coordinator.planning.floor import Floor
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import Collect, Inspect, Monitor, Relay, Replace, Sense, Task
 from robrain.protocol.wire.messages import RobotState
@@ -19,6 +19,21 @@ Orders = dict[str, tuple[str, ...]]
 """Tasks of robots, in the order in which they are to be done."""
 
 
+class AfterCharge(NamedTuple):
+    """How a robot will be that charges, or is on its way to."""
+
+    free_ns: int
+    charger: Point2D
+    soc: float
+
+
+class ChargerWays(NamedTuple):
+    """How far it was for a robot to the chargers that it knows, from where it was."""
+
+    start: Point2D
+    ways_m: tuple[tuple[Point2D, float], ...]
+
+
 class Member(NamedTuple):
     """A robot that can be counted on."""
 
@@ -28,6 +43,16 @@ class Member(NamedTuple):
     chargers: tuple[Point2D, ...]
     home: Point2D
     """Where it ends if it knows no charger: where it started."""
+    free_ns: int = 0
+    """A robot that charges is free then, and `state` says how it will be; 0 if it is free now."""
+
+
+class Ending(NamedTuple):
+    """The end of the task that a robot is at, where it is near."""
+
+    task: str
+    place: Point2D
+    in_s: float
 
 
 class Situation(msgspec.Struct, frozen=True, kw_only=True):
@@ -41,6 +66,10 @@ class Situation(msgspec.Struct, frozen=True, kw_only=True):
     """Open tasks that somebody asked for."""
     ended: frozenset[str]
     """Those of the tasks that they wait for which are done."""
+    held: frozenset[str] = frozenset()
+    """Those that a robot is to begin after the one that it is at."""
+    ending: dict[str, Ending] = {}
+    """Of robots that are about to end a task; what they do next is planned from there."""
     members: dict[str, Member]
     pauses: dict[tuple[str, str], str]
     """Which task is not to be offered to which robot now, and why."""

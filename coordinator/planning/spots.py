@@ -1,18 +1,21 @@
 """Where k robots stand that are to be at one place at once: around it, each with room of its own."""
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.occupancy_grid import OccupancyGrid
+
+if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
+    from robrain.protocol.model.occupancy_grid import OccupancyGrid
 
 ROOM_M = 0.3
 """Between the edges of two robots at their spots (chosen: they give way to each other on less)."""
 DIRECTIONS = 24
 
 
-def spots_around(place: Point2D, robots: int, radius_m: float, grid: OccupancyGrid | None) -> list[Point2D]:
+def spots_around(place: Point2D, robots: int, radius_m: float, grid: "OccupancyGrid | None") -> list[Point2D]:
     """Spots on a ring around a place, evenly spread, turned so that most of them are on floor known to be free.
 
     Args:
@@ -39,7 +42,7 @@ def _on_ring(place: Point2D, ring_m: float, angle_rad: float) -> Point2D:
     )  # fmt: skip
 
 
-def _is_free(spot: Point2D, radius_m: float, grid: OccupancyGrid | None) -> bool:
+def _is_free(spot: Point2D, radius_m: float, grid: "OccupancyGrid | None") -> bool:
     if grid is None:
         return True
     row, column = grid.geometry.cell_of(spot.x_m, spot.y_m)

@@ -14,6 +14,7 @@ from robrain.coordinator.allocation.problem import Problem
 from robrain.coordinator.allocation.refusal import reasons
 from robrain.coordinator.allocation.repair import keep
 from robrain.coordinator.planning.eager import without_idling
+from robrain.coordinator.planning.patience import for_the_ready, with_those_who_charge
 from robrain.coordinator.planning.policy import Method
 from robrain.protocol.model.objective import Objective
 
@@ -48,13 +49,17 @@ class Thinking:
     ) -> None:
         self.rounds = 0
         """Searches so far."""
-        self._problem = problem
+        first: Allocator = GreedyAllocator(objective) if method is Method.GREEDY else AuctionAllocator(objective)
+        self.problem = problem
+        """What was asked; once there is a plan, with what those who charge are not to do."""
+        self._asked = problem
+        self._allocator = first
+        self._problem = problem = for_the_ready(problem)
         self._iterations = iterations
         self._gain_min = gain_min
         self._seed = seed
         self._orders = orders
         self._before = _warm(orders, objective) if orders else None
-        first: Allocator = GreedyAllocator(objective) if method is Method.GREEDY else AuctionAllocator(objective)
         self._best = first.plan(problem, warm_start=self._before, iterations=1)
         self._search = _searcher(objective) if method is Method.OPTIMAL and _is_worth_it(problem) else None
 
@@ -73,7 +78,9 @@ class Thinking:
     @property
     def plan(self) -> Plan:
         """The best so far; the one before, as far as it can be kept, unless the best is worth the change."""
-        return without_idling(self._problem, self._chosen())
+        chosen = self._chosen()
+        self.problem, plan = with_those_who_charge(self._asked, chosen, self._orders, self._allocator)
+        return without_idling(self.problem, plan)
 
     def _chosen(self) -> Plan:
         best = self._best

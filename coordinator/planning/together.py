@@ -134,9 +134,9 @@ class Together:
 
     def _offer(self, task_id: str, robots: Sequence[str], parts: Sequence[str], now_ns: int) -> None:
         for robot, part in zip(robots, parts, strict=True):
-            answer = self._lifecycle.offer(part, robot, now_ns)
-            if not answer.accepted:
-                self._fail(task_id, robot, f"refused: {answer.why}", now_ns, failed=False)
+            why = self._lifecycle.offer(part, robot, now_ns)
+            if why:
+                self._fail(task_id, robot, f"refused: {why}", now_ns, failed=False)
                 return
 
     def _fail(self, task_id: str, robot: str, why: str, now_ns: int, *, failed: bool) -> None:

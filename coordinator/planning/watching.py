@@ -1,11 +1,15 @@
 """The team as planning sees it: open tasks, robots that can be counted on, the floor, how far running tasks are."""
 
-from collections.abc import Callable, Iterable
+import math
+from collections.abc import Callable, Iterable, Mapping
 
 from robrain.coordinator.capabilities import Capabilities
+from robrain.coordinator.planning.ahead import AHEAD_S, left_of
 from robrain.coordinator.planning.chargers import KnownChargers
-from robrain.coordinator.planning.situation import Member
-from robrain.coordinator.planning.ways import Floor
+from robrain.coordinator.planning.energy import when_charged
+from robrain.coordinator.planning.floor import Floor
+from robrain.coordinator.planning.members import is_charging
+from robrain.coordinator.planning.situation import AfterCharge, Ending, Member
 from robrain.coordinator.roster import Robot, Roster
 from robrain.coordinator.task_book import TaskBook
 from robrain.coordinator.team_map import TeamMap
@@ -17,6 +21,8 @@ from robrain.protocol.wire.task_messages import TaskRecord
 
 AT_PLACE_M = 1.0
 """A robot so near to the place of its task is taken to be at it."""
+SOON_FREE_NS = to_ns(1.0)
+"""A robot that charges still is not free for so long, whatever was foreseen."""
 FLOOR_NS = to_ns(10.0)
 """The map is looked at again after so long, or when it has grown and that may help, or a robot was blocked."""
 
@@ -31,6 +37,7 @@ class TeamWatch:
         team_map: what is known of the floor.
         chargers: what the robots know of them.
         why_out: why a robot is no part of plans now; empty if it is.
+        after_charge: how robots that charge will be when they have, as `Planning` is told.
 
     """
 
@@ -42,6 +49,7 @@ class TeamWatch:
         team_map: TeamMap,
         chargers: KnownChargers,
         why_out: Callable[[Robot, int], str],
+        after_charge: Mapping[str, AfterCharge],
     ) -> None:
         self.is_blocked = False
         """A robot did not get through since the map was looked at."""
@@ -51,6 +59,7 @@ class TeamWatch:
         self._map = team_map
         self._chargers = chargers
         self._why_out = why_out
+        self._after_charge = after_charge
         self._there_ns: dict[str, int] = {}
         self._floor: Floor | None = None
         self._floor_ns = 0
@@ -69,16 +78,21 @@ class TeamWatch:
         return {name: _here(state) for name, state in self._up(now_ns).items()}
 
     def members(self, now_ns: int) -> dict[str, Member]:
-        """The robots that plans can count on."""
+        """The robots that plans can count on, now or when they have charged."""
         members = {}
         for name, state in self._up(now_ns).items():
+            free_ns = 0
             if self._why_out(self._roster.robots[name], now_ns):
-                continue
+                after = self._after_charge.get(name)
+                if after is None or not is_charging(self._roster.robots[name], self._book.of_robot(name)):
+                    continue
+                state, free_ns = when_charged(state, after), max(after.free_ns, now_ns + SOON_FREE_NS)
             members[name] = Member(
                 state=state,
                 offers=self._capabilities.plugins.get(name),
                 chargers=tuple(one.place for one in self._chargers.of.get(name, ())),
                 home=self._chargers.home.get(name) or _here(state),
+                free_ns=free_ns,
             )
         return members
 
@@ -88,12 +102,29 @@ class TeamWatch:
         found = (self._book.find(name) for name in names)
         return frozenset(one.task.id for one in found if one is not None and one.state is TaskState.DONE)
 
+    def held(self, records: Iterable[TaskRecord]) -> frozenset[str]:
+        """Those of the tasks that robots are to begin after the one that they are at."""
+        robots = {record.robot for record in records if record.robot}
+        return frozenset(record.task.id for name in robots if (record := self._book.next_of(name)) is not None)
+
+    def ending(self, members: dict[str, Member]) -> dict[str, Ending]:
+        """Of robots that are about to end the task that they are at, where and when they do."""
+        found = {}
+        for name, member in members.items():
+            at = self._book.of_robot(name)
+            left_s = math.inf if at is None or at.own else left_of(at, member.state)
+            if at is not None and left_s <= AHEAD_S:
+                found[name] = Ending(at.task.id, place_of(at.task), left_s)
+        return found
+
     def served_s(self, records: Iterable[TaskRecord], now_ns: int) -> dict[str, float]:
         """How long the robots of running tasks have been at their places; of those that are there."""
         there: dict[str, int] = {}
         for record in records:
             robot = self._roster.robots.get(record.robot)
             if robot is None or robot.state is None or robot.state.pose is None:
+                continue
+            if self._book.of_robot(record.robot) is not record:  # it is to begin that later
                 continue
             if robot.state.pose.distance_m(place_of(record.task)) <= AT_PLACE_M:
                 there[record.task.id] = self._there_ns.get(record.task.id, now_ns)

@@ -7,14 +7,14 @@ longer than a straight line, about what keeping clear of walls adds to a robot's
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robrain.coordinator.planning.floor import Floor
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.navigation import NavigationGrid
-from robrain.protocol.model.occupancy_grid import FREE, GridGeometry
+from robrain.protocol.model.occupancy_grid import FREE
 from robrain.protocol.model.path_planning import distance_field
 
 COARSE = 2
@@ -25,14 +25,6 @@ DETOUR = 1.5
 """How much longer than a straight line a way is taken to be where there is no map (chosen, as the robots do)."""
 KEPT_BYTES = 96_000_000
 """Of fields; beyond, the oldest are made anew when they are needed."""
-
-
-class Floor(NamedTuple):
-    """What is known of the floor at one moment."""
-
-    classes: NDArray[np.int8]
-    geometry: GridGeometry
-    version: int
 
 
 class Ways:

@@ -81,6 +81,10 @@ class Budget:
         bound_j = self._energy.estimate(work + Work(path_m=home_m)).high_j(CONFIDENCE)
         return Verdict(bound_j, self._energy.usable_j(), self._energy.estimate(work).duration_s)
 
+    def duration_s(self, work: Work) -> float:
+        """How long this work takes."""
+        return self._energy.estimate(work).duration_s
+
     def learn(self, work: Work, cost_j: float) -> None:
         """A work that went as planned has cost so much."""
         self._energy.outcome(work, cost_j)

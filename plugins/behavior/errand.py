@@ -130,6 +130,10 @@ class Errand(Behavior, ABC):
         """What `do` takes; while it runs, waiting that has been done is counted off."""
         return Work(wait_s=task.service_s)
 
+    def left_s(self, run: Run) -> float | None:
+        """How long a task still takes, as well as is known; None if nobody knows."""
+        return self.budget.duration_s(self._left(run))
+
     def place(self, task: Any) -> Point2D:
         """Where the robot goes for it, arena frame."""
         at: Point2D = task.place
@@ -192,6 +196,8 @@ class Errand(Behavior, ABC):
         self.travel.connect()
         self.budget.connect()
         self.env.observe(self.accepted, lambda _task_id: self.step())
+        self.env.observe(self.travel.driver.arrived, lambda _end: self._go_on())
+        self.env.observe(self.travel.driver.finished, lambda _end: self._go_on())
         self.env.do_tasks(self.kind, self.accept, self._let_go)
 
     def deactivate(self) -> None:
@@ -229,12 +235,25 @@ class Errand(Behavior, ABC):
             return
         try:
             next(run.script)
+            self._foresee(run)
         except StopIteration as end:
             self.finish(TaskState.DONE, "", end.value)
         except Failed as failed:
             self.finish(TaskState.FAILED, str(failed))
         except CallError as error:  # a device that a script asked gives no answer
             self.finish(TaskState.FAILED, error.message)
+
+    def _foresee(self, run: Run) -> None:
+        """So that the next task can be there when this one ends."""
+        if run.own or run is not self.run:
+            return
+        left_s = self.left_s(run)
+        self.env.tasks.foresee(run.task.id, None if left_s is None else self._now_ns() + to_ns(left_s))
+
+    def _go_on(self) -> None:
+        """The wheels have come to a stand: what follows is not to wait for the period."""
+        if self.run is not None and self.run.has_begun:
+            self.env.hurry()
 
     def _is_lost(self, run: Run) -> bool:
         """Whether the robot does not know where it is; it then looks for itself, unless it stands at a charger."""

@@ -167,7 +167,10 @@ class Replace(PlacedTask, frozen=True, kw_only=True, tag="replace", omit_default
 
 
 class Recharge(PlacedTask, frozen=True, kw_only=True, tag="recharge", omit_defaults=True):
-    """Dock at a charger, which is the place, and stay until the battery is full enough. Result: `soc`, `docked_m`."""
+    """Dock at a charger, which is the place, and stay until the battery is full enough.
+
+    Result: `soc`, `docked_m`, and `charged_j`; `energy_j` is what it took to get there.
+    """
 
     yaw_rad: float | None = None
     """How the docked robot faces; None leaves it to the robot."""

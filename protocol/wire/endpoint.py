@@ -19,9 +19,10 @@ from zenoh import ext
 
 from robrain.protocol.wire.answering import Answering
 from robrain.protocol.wire.clock import Clock
-from robrain.protocol.wire.errors import CallError, ErrorCode, ErrorReply, NobodyThere
+from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.inbox import NOTHING, Inbox
 from robrain.protocol.wire.keys import check_name
+from robrain.protocol.wire.later import Later, call_error
 from robrain.protocol.wire.presence import Presence
 from robrain.protocol.wire.publisher import PRIORITY, Publisher
 from robrain.protocol.wire.topic import JSON, Delivery, Topic
@@ -38,8 +39,6 @@ BY = "by"
 HISTORY_TIMEOUT_S = 5.0
 STUCK_TIMEOUT_S = 2.0
 """How long the end of an endpoint waits for answers that are being made."""
-ZENOH_TIMEOUT = b"Timeout"
-"""What Zenoh itself replies with when nobody has replied in time."""
 
 
 class Drive(StrEnum):
@@ -331,8 +330,30 @@ class Endpoint:
         for reply in self.session.get(selector, payload=body, timeout=timeout_s, encoding=JSON, priority=priority):
             if reply.ok is not None:
                 return reply.ok.payload.to_bytes()
-            raise _call_error(reply.err)
+            raise call_error(reply.err)
         raise NobodyThere(f"nobody answers {key}")
+
+    def ask_later(self, topic: Topic, payload: Any = None, *, timeout_s: float = 2.0, **names: str) -> Later:
+        """Ask one concrete key without waiting; in lockstep the reply is there when this returns.
+
+        Args:
+            topic: a query topic.
+            payload: encoded as JSON unless it is bytes or None.
+            timeout_s: how long a reply is waited for.
+            names: the names in the key.
+
+        """
+        key = topic.key(self.team, **names)
+        if self.drive is Drive.LOCKSTEP:
+            try:
+                return Later(key, known=self.ask(topic, payload, timeout_s=timeout_s, **names))
+            except (CallError, NobodyThere) as error:
+                return Later(key, known=error)
+        body = payload if payload is None or isinstance(payload, bytes) else msgspec.json.encode(payload)
+        replies: Any = zenoh.handlers.FifoChannel(REPLIES)
+        priority = PRIORITY[topic.urgency]
+        channel = self.session.get(key, replies, payload=body, timeout=timeout_s, encoding=JSON, priority=priority)
+        return Later(key, channel)
 
     def ask_into(self, inbox: Inbox, topic: Topic, reply_topic: Topic, *, timeout_s: float = 2.0, **names: str) -> None:
         """Ask one concrete key without waiting: the reply arrives in `inbox` as a message of another topic.
@@ -397,14 +418,3 @@ class Endpoint:
 
 def _reply_error(query: zenoh.Query, error: CallError) -> None:
     query.reply_err(msgspec.json.encode(error.reply()), encoding=JSON)
-
-
-def _call_error(reply: zenoh.ReplyError | None) -> CallError:
-    payload = reply.payload.to_bytes() if reply is not None else b""
-    if payload == ZENOH_TIMEOUT:
-        return CallError(ErrorCode.TIMEOUT, "no reply in time")
-    try:
-        error = msgspec.json.decode(payload, type=ErrorReply)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-        return CallError(ErrorCode.FAILED, f"an error that is none of ours: {payload[:200].decode(errors='replace')}")
-    return CallError(error.code, error.message, error.detail)

@@ -50,6 +50,8 @@ class TaskStatus(msgspec.Struct, frozen=True, kw_only=True):
     why: str = ""
     result: dict[str, Any] = {}
     """What it was for, once it has ended: a few numbers, the key of an image; `energy_j` is what it took."""
+    left_s: float | None = None
+    """In how long it ends, as well as the robot knows; None if it does not, and once the task has ended."""
 
 
 class PluginFault(msgspec.Struct, frozen=True, kw_only=True):
@@ -74,6 +76,10 @@ class RobotState(Message, frozen=True, kw_only=True):
     """What the robot knows of its own consumption."""
     behavior: str = ""
     task: TaskStatus | None = None
+    next_task: TaskStatus | None = None
+    """A task that it holds and begins in the step in which `task` ends; `offered` until then."""
+    task_before: TaskStatus | None = None
+    """How the one before `task` ended, so that its end is told also where the next began in the same step."""
     halted: bool = False
     """Emergency halt: all plugins refuse calls and have been told to stop."""
     halted_by: list[str] = []
@@ -202,6 +208,8 @@ class TaskOffer(msgspec.Struct, frozen=True, kw_only=True):
     task: Task
     epoch: int
     lease_s: float
+    after: str = ""
+    """Id of the task that the robot is at: this one is begun when that one has ended. Empty: now, in its place."""
 
 
 class TaskWithdrawal(msgspec.Struct, frozen=True, kw_only=True):

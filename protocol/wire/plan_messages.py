@@ -61,6 +61,36 @@ class ObjectiveRequest(msgspec.Struct, frozen=True, kw_only=True):
     by: str = ""
 
 
+class PlannedCharge(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One robot's time at a charger, as it is foreseen; stamps of the run's clock."""
+
+    robot: str
+    charger: Point2D
+    """Arena frame."""
+    set_out_ns: int
+    """When it sets out, so as to be there when the charger comes free; the stamp of this word if it has set out."""
+    from_ns: int
+    until_ns: int
+    soc: float
+    """State of charge now."""
+    to_soc: float
+    """What it charges to."""
+    behind: str = ""
+    """The robot that has the charger before it; empty if none has."""
+    has_set_out: bool = False
+    """It charges, or is on its way; else it waits where it is."""
+    is_there: bool = False
+    """It stands at the charger."""
+    why: str = ""
+    """In words what it waits for; empty if it waits for nothing."""
+
+
+class ChargeSchedule(Message, frozen=True, kw_only=True):
+    """Who charges where and when; said when it has changed."""
+
+    charges: tuple[PlannedCharge, ...] = ()
+
+
 class PlanningStatus(msgspec.Struct, frozen=True, kw_only=True):
     """How the coordinator plans."""
 
@@ -76,3 +106,5 @@ class PlanningStatus(msgspec.Struct, frozen=True, kw_only=True):
     """What the last plan took; 0 in lockstep."""
     chargers: tuple[Point2D, ...] = ()
     """All that robots of the team know of, arena frame."""
+    charges: tuple[PlannedCharge, ...] = ()
+    """Who charges where and when."""

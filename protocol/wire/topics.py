@@ -225,6 +225,16 @@ TASK_PROBLEM = Topic(
     urgency=Urgency.DATA_LOW,
     recorded=True,
 )
+COORDINATOR_CHARGES = Topic(
+    name="coordinator_charges",
+    pattern="coordinator/charges",
+    doc="Who charges where and when, as it is foreseen",
+    by=Role.COORDINATOR,
+    message=plan_messages.ChargeSchedule,
+    delivery=Delivery.LOSSLESS,
+    recorded=True,
+    cache=1,
+)
 COORDINATOR_PLANNING = Topic(
     name="coordinator_planning",
     pattern="coordinator/planning",
@@ -403,6 +413,7 @@ TOPICS: tuple[Topic, ...] = (
     TASK_WHY,
     TASK_DECISION,
     TASK_PROBLEM,
+    COORDINATOR_CHARGES,
     COORDINATOR_PLANNING,
     COORDINATOR_OBJECTIVE,
     COORDINATOR_ALIVE,

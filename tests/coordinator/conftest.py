@@ -145,7 +145,8 @@ class FakeRobot:
         return self.start if function == "start" else [{"x_m": at.x_m, "y_m": at.y_m} for at in self.chargers]
 
     def _plugins(self) -> list[PluginInfo]:
-        return [PluginInfo(name=name, level="behavior", state="active") for name in self.plugins]
+        names = self.plugins if self.chargers is None else [*self.plugins, "home"]
+        return [PluginInfo(name=name, level="behavior", state="active") for name in names]
 
     def _whole(self):
         patch = self.grid.full_patch()

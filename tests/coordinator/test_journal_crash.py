@@ -101,6 +101,11 @@ class World:
         self.done: dict[str, int] = {}
         """Effects in the world: how often robots did a task."""
         self.said: dict[str, TaskStatus] = {}
+        self.held: dict[str, TaskStatus] = {}
+        """What robots are to begin after that."""
+        self.before: dict[str, TaskStatus] = {}
+        self.begun: list[tuple[str, int]] = []
+        """Tasks that robots went on to, with their epochs."""
         self.epochs: list[int] = []
         self.answered: set[str] = set()
         """Tasks whose acceptance was answered: these must never be lost."""
@@ -149,26 +154,55 @@ class World:
         self.said[robot] = TaskStatus(id=task_id, epoch=epoch, state=TaskState.RUNNING)  # the offer reaches it
         self.book.move(task_id, TaskState.RUNNING)
 
+    def offer_next(self, task_id: str, robot: str) -> None:
+        """For after the task that the robot is at."""
+        record, at, last = self.book.find(task_id), self.book.of_robot(robot), self.said.get(robot)
+        if record is None or record.state is not TaskState.QUEUED or at is None or self.book.next_of(robot) is not None:
+            return
+        if last is None or (last.id, last.epoch) != (at.task.id, at.epoch) or last.state.ended:
+            return
+        epoch = self.book.offered(task_id, robot, f"it is next, after {at.task.id}").epoch
+        self.held[robot] = TaskStatus(id=task_id, epoch=epoch, state=TaskState.OFFERED)  # the offer reaches it
+
     def work(self, robot: str, state: TaskState) -> None:
-        """The robot ends its task, in the world."""
+        """The robot ends its task, in the world, and goes on to the next."""
         status = self.said.get(robot)
         if status is not None and not status.state.ended:
             self.done[status.id] = self.done.get(status.id, 0) + (state is TaskState.DONE)
-            self.said[robot] = TaskStatus(id=status.id, epoch=status.epoch, state=state, why="so it went")
+            ended = TaskStatus(id=status.id, epoch=status.epoch, state=state, why="so it went")
+            self.said[robot] = ended
+            held = self.held.pop(robot, None)
+            if held is not None and state is not TaskState.CANCELLED:
+                self.begun.append((held.id, held.epoch))
+                self.before[robot] = ended
+                self.said[robot] = TaskStatus(id=held.id, epoch=held.epoch, state=TaskState.RUNNING)
 
     def listen(self, robot: str) -> None:
-        if robot in self.said:
-            self.book.note_status(robot, self.said[robot])
+        for status in (self.before.get(robot), self.said.get(robot)):
+            if status is not None:
+                self.book.note_status(robot, status)
 
     def reconcile(self) -> None:
         """A robot that runs is at it, one that is at nothing has none."""
         for record in self.book.open:
             status = self.said.get(record.robot)
             same = status is not None and (status.id, status.epoch) == (record.task.id, record.epoch)
+            held = self.held.get(record.robot)
+            if held is not None and (held.id, held.epoch) == (record.task.id, record.epoch):
+                continue
             if record.state is TaskState.OFFERED and same:
                 self.book.move(record.task.id, TaskState.RUNNING)
             elif record.robot and not same:
                 self.book.give_back(record.task.id, "it knows nothing of it")
+
+    def withdraw(self, robot: str) -> None:
+        """What a robot is at or holds, and the book has for another or for nobody, is taken back from it."""
+        bound = [(record.task.id, record.epoch) for record in self.book.bound_to(robot)]
+        held, status = self.held.get(robot), self.said.get(robot)
+        if held is not None and (held.id, held.epoch) not in bound:
+            del self.held[robot]
+        if status is not None and not status.state.ended and (status.id, status.epoch) not in bound:
+            self.work(robot, TaskState.CANCELLED)
 
     def lose(self, task_id: str) -> None:
         record = self.book.find(task_id)
@@ -191,6 +225,11 @@ class World:
             name: record for name, record in records.items() if not record.state.ended
         }
         assert self.epochs == sorted(set(self.epochs)), "an epoch was given out twice"
+        assert len(self.begun) == len(set(self.begun)), "gone on to twice"
+        for robot in ROBOTS:
+            assert [one.epoch for one in self.book.bound_to(robot)] == sorted(
+                one.epoch for one in records.values() if one.robot == robot and not one.state.ended
+            )
         for name, record in records.items():
             history = journal.history(name)
             before = None
@@ -223,6 +262,21 @@ SCRIPT: list[Callable[[World], None]] = [
     lambda world: world.work("r1", TaskState.DONE),
     lambda world: world.listen("r1"),
     lambda world: world.cancel("t3"),
+]
+NEXT: list[Callable[[World], None]] = [
+    lambda world: world.submit("t1"),
+    lambda world: world.submit("t2"),
+    lambda world: world.submit("t3"),
+    lambda world: world.offer("t1", "r1"),
+    lambda world: world.offer_next("t2", "r1"),
+    lambda world: world.work("r1", TaskState.DONE),
+    lambda world: world.listen("r1"),
+    World.reconcile,
+    lambda world: world.offer_next("t3", "r1"),
+    lambda world: world.work("r1", TaskState.DONE),
+    lambda world: world.listen("r1"),
+    lambda world: world.work("r1", TaskState.DONE),
+    lambda world: world.listen("r1"),
 ]
 FINISH = [*[lambda world, name=name: world.listen(name) for name in ROBOTS], World.reconcile]
 
@@ -274,6 +328,38 @@ def test_a_kill_between_any_two_statements_loses_nothing_and_does_nothing_twice(
         world.disk.clean_up()
 
 
+def test_a_kill_while_a_robot_goes_from_one_task_to_the_next_loses_neither(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(journal_module, "EPOCH_BLOCK", 2)
+    at, was_killed = 0, True
+    while was_killed:
+        folder = tmp_path / str(at)
+        folder.mkdir()
+        world = World(folder)
+        world.disk.fuse.left = at
+        was_killed = False
+        for step in NEXT:
+            if world.is_killed_in(lambda step=step, world=world: step(world)):
+                was_killed = True
+                for settle in FINISH:
+                    settle(world)
+                world.check()
+                step(world)
+        world.disk.fuse.left = None
+        for settle in [*FINISH, *(lambda world, name=name: world.withdraw(name) for name in ROBOTS)]:
+            settle(world)
+        world.check()
+        records = {record.task.id: record for record in world.book.journal.select(TaskFilter())}
+        assert set(records) == {"t1", "t2", "t3"}
+        assert max(world.done.values()) == 1
+        for name, record in records.items():
+            assert (record.state is TaskState.DONE) == (world.done.get(name, 0) == 1), record
+        world.disk.clean_up()
+        at += 1
+    assert at > 60
+
+
 def test_a_kill_while_the_journal_is_made_or_migrated_leaves_one_that_opens(tmp_path: Path) -> None:
     for at in range(60):
         folder = tmp_path / str(at)
@@ -318,6 +404,14 @@ class CrashMachine(RuleBasedStateMachine):
     def offer(self, name: str, robot: str, kill: int | None) -> None:
         self.world.run(lambda: self.world.offer(name, robot), kill)
 
+    @rule(name=names, robot=robots, kill=kills)
+    def offer_next(self, name: str, robot: str, kill: int | None) -> None:
+        self.world.run(lambda: self.world.offer_next(name, robot), kill)
+
+    @rule(robot=robots)
+    def withdraw(self, robot: str) -> None:
+        self.world.withdraw(robot)
+
     @rule(robot=robots, state=st.sampled_from([TaskState.DONE, TaskState.FAILED, TaskState.CANCELLED]))
     def work(self, robot: str, state: TaskState) -> None:
         self.world.work(robot, state)
@@ -342,6 +436,8 @@ class CrashMachine(RuleBasedStateMachine):
     def forget(self, robot: str) -> None:
         """The agent is killed and starts anew."""
         self.world.said.pop(robot, None)
+        self.world.held.pop(robot, None)
+        self.world.before.pop(robot, None)
 
     @rule()
     def kill(self) -> None:

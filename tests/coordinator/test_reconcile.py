@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.coordinator.reconcile import FORGOTTEN_S, FREE_AFTER_S, LEASE_S, Move, reconcile, stray
+from robrain.coordinator.reconcile import FORGOTTEN_S, FREE_AFTER_S, LEASE_S, Move, reconcile, strays
 from robrain.coordinator.roster import LOST_AFTER_S, Robot
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import TaskState, Visit
@@ -18,11 +18,18 @@ def record(state: TaskState, changed_s: float = 0.0) -> TaskRecord:
     return TaskRecord(task=TASK, state=state, robot="r1", epoch=7, changed_ns=to_ns(changed_s))
 
 
-def robot(heard_s: float, task: TaskStatus | None = None, *, has_token: bool = True) -> Robot:
+def robot(
+    heard_s: float,
+    task: TaskStatus | None = None,
+    held: TaskStatus | None = None,
+    before: TaskStatus | None = None,
+    *,
+    has_token: bool = True,
+) -> Robot:
     found = Robot("r1")
     found.has_token = has_token
     found.heard_ns = to_ns(heard_s)
-    found.state = RobotState(robot="r1", task=task)
+    found.state = RobotState(robot="r1", task=task, next_task=held, task_before=before)
     return found
 
 
@@ -113,10 +120,50 @@ def test_a_coordinator_that_begins_anew_does_not_take_a_running_task_for_forgott
 
 
 def test_a_robot_is_told_to_stop_what_nobody_wants_of_it() -> None:
-    assert stray(robot(0.0, None), None) is None
-    assert stray(robot(0.0, status(TaskState.DONE)), None) is None
+    assert strays(robot(0.0, None), []) == []
+    assert strays(robot(0.0, status(TaskState.DONE)), []) == []
     old = status(epoch=3)
-    assert stray(robot(0.0, old), None) is old
-    assert stray(robot(0.0, status()), record(TaskState.RUNNING)) is None
+    assert strays(robot(0.0, old), []) == [old]
+    assert strays(robot(0.0, status()), [record(TaskState.RUNNING)]) == []
     # The book has just given it another task: that offer takes the place of what it is at.
-    assert stray(robot(0.0, old), record(TaskState.OFFERED)) is None
+    assert strays(robot(0.0, old), [record(TaskState.OFFERED)]) == []
+
+
+# -- the next task -------------------------------------------------------------------------------------------------
+
+OTHER = status(task_id="t0", epoch=6)
+HELD = status(TaskState.OFFERED)
+
+
+def test_what_a_robot_holds_stays_offered_for_as_long_as_it_says_so() -> None:
+    assert judge(record(TaskState.OFFERED), robot(99.9, OTHER, HELD), 100.0) is None
+
+
+def test_what_a_robot_holds_no_more_is_given_back() -> None:
+    back = Move(TaskState.QUEUED, "r1 never said that it took it")
+    assert judge(record(TaskState.OFFERED, 9.0), robot(9.9, OTHER), 10.0) is None
+    assert judge(record(TaskState.OFFERED), robot(9.9, OTHER), 10.0) == back
+    assert judge(record(TaskState.OFFERED), robot(9.9, OTHER, status(TaskState.OFFERED, epoch=5)), 10.0) == back
+
+
+def test_what_a_silent_robot_held_is_given_back_with_the_lease() -> None:
+    silent = robot(10.0, OTHER, HELD)
+    assert judge(record(TaskState.OFFERED), silent, 12.0) is None
+    assert judge(record(TaskState.OFFERED), silent, 12.05) == Move(
+        TaskState.QUEUED, "r1 is silent, and the lease ran out"
+    )
+
+
+def test_a_task_that_ended_before_the_one_that_runs_is_left_to_the_robots_word() -> None:
+    both = robot(9.9, status(task_id="t2", epoch=8), before=status(TaskState.DONE))
+    assert judge(record(TaskState.RUNNING), both, 10.0) is None
+
+
+def test_what_a_robot_holds_and_should_not_is_taken_back() -> None:
+    assert strays(robot(0.0, status(), HELD), []) == [status(), HELD]
+    held = status(TaskState.OFFERED, epoch=9, task_id="t2")
+    assert strays(robot(0.0, status(), held), [record(TaskState.RUNNING)]) == [held]
+    assert strays(robot(0.0, OTHER, HELD), [record(TaskState.OFFERED)]) == [OTHER]  # the one it is at was called off
+    after = TaskRecord(task=Visit(id="t2", place=Point2D(1.0, 2.0)), state=TaskState.OFFERED, robot="r1", epoch=9)
+    assert strays(robot(0.0, status(), held), [record(TaskState.RUNNING), after]) == []
+    assert strays(robot(0.0, status()), [record(TaskState.RUNNING), after]) == []  # it is on its way

@@ -128,6 +128,22 @@ class BookMachine(RuleBasedStateMachine):
         assert all(bool(record.robot) == (record.state is not TaskState.QUEUED) for record in self.book.open)
 
     @invariant()
+    def a_robot_is_at_the_task_that_it_was_offered_first(self):
+        """Whatever becomes of them: silence, and a robot that is back, change nothing about the order."""
+        for robot in ("r1", "r2"):
+            bound = sorted((one for one in self.book.open if one.robot == robot), key=lambda one: one.epoch)
+            assert self.book.bound_to(robot) == bound
+            assert self.book.of_robot(robot) == next(iter(bound), None)
+            assert self.book.next_of(robot) == next(iter(bound[1:]), None)
+
+    @invariant()
+    def a_book_that_is_opened_anew_says_the_same(self):
+        again = TaskBook(self.clock, 7, lambda event: None, self.book.journal)
+        assert [again.bound_to(robot) for robot in ("r1", "r2")] == [
+            self.book.bound_to(robot) for robot in ("r1", "r2")
+        ]
+
+    @invariant()
     def done_is_counted(self):
         assert self.book.done_count == sum(event.state is TaskState.DONE for event in self.told)
 

@@ -314,6 +314,27 @@ def test_why_says_how_each_robot_was_judged_and_what_happened(team):
     assert found.robots[0].why_not == "is halted"
 
 
+def test_why_a_task_is_done_names_the_robot_that_did_it_and_not_the_one_that_was_chosen_last(team):
+    """A robot that was lost did it all the same, and another had got it meanwhile."""
+    first = team.robot("r1", 5.5)
+    team.closed_room()
+    team.run(1.0)
+    team.submit(visit())
+    team.run(0.2)
+    assert team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy).robots[0].chosen
+    second = team.robot("r2", 8.0)
+    first.speaks = False
+    team.run(3.0)
+    assert second.offers[-1].task.id == "t1"
+    first.end(TaskState.DONE)
+    first.speaks = True
+    team.run(1.0)
+    found = team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy)
+    assert (found.record.state, found.record.robot) == (TaskState.DONE, "r1")
+    assert [(verdict.robot, verdict.chosen) for verdict in found.robots] == [("r1", True), ("r2", False)]
+    assert found.robots[0].why_not == ""
+
+
 # -- the disk ---------------------------------------------------------------------------------------------------
 
 

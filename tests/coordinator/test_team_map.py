@@ -98,3 +98,29 @@ def test_a_broken_patch_does_not_say_which_grid_the_team_maps_on(changes):
     assert team_map.grid is None
     team_map.merge(patch("r1"))
     assert team_map.known_area_m2 == pytest.approx(0.2)
+
+
+def test_patches_that_are_held_are_taken_in_when_they_are_released_and_not_before():
+    held, straight = TeamMap(), TeamMap()
+    held.hold()
+    for word in (patch("r1"), patch("r2", row=10, kind=OCCUPIED), patch("r1", geometry=GridGeometry(0.2, 0, 0, 9, 9))):
+        held.merge(word)
+        straight.merge(word)
+        assert (held.grid, held.version, held.known_area_m2) == (None, 0, 0.0)
+    held.release()
+    assert np.array_equal(held.grid.classes(), straight.grid.classes())
+    assert held.known_area_m2 == straight.known_area_m2
+    held.merge(patch("r3", row=20))
+    assert held.known_area_m2 == pytest.approx(0.6)
+
+
+def test_patches_that_are_too_many_to_be_held_are_counted_and_told(caplog, monkeypatch):
+    monkeypatch.setattr("robrain.coordinator.team_map.HELD_PATCHES", 2)
+    team_map = TeamMap()
+    team_map.hold()
+    for row in (2, 10, 20):
+        team_map.merge(patch(row=row))
+    team_map.release()
+    assert team_map.dropped == 1
+    assert team_map.known_area_m2 == pytest.approx(0.4)
+    assert "1 patches of the map were too many" in refusals(caplog)[0]

@@ -137,10 +137,10 @@ class Errands:
                 self._speaks.put(TeamState(robots=[]))
             self.recorder.step()
 
-    def offer(self, task: Task, robot: str = "r1") -> TaskAnswer:
-        """Offer a task as the coordinator does."""
+    def offer(self, task: Task, robot: str = "r1", *, after: str = "") -> TaskAnswer:
+        """Offer a task as the coordinator does, for now or for after the one that the robot is at."""
         self._epoch += 1
-        offer = TaskOffer(task=task, epoch=self._epoch, lease_s=5.0)
+        offer = TaskOffer(task=task, epoch=self._epoch, lease_s=5.0, after=after)
         return msgspec.json.decode(self.wire.ask(ROBOT_OFFER, offer, robot=robot), type=TaskAnswer)
 
     def withdraw(self, task: str, robot: str = "r1") -> TaskAnswer:

@@ -49,6 +49,15 @@ def test_a_robot_that_is_told_to_docks_within_5_cm_and_is_charged(errands, seed)
     assert docked(run)
 
 
+def test_what_the_charger_gave_is_told_apart_from_what_the_way_to_it_took(errands):
+    run = errands(hardware={"battery": BatterySpec(soc_at_start=0.7)})
+    before = run.hosts["r1"].board.battery
+    status = run.finish(Recharge(id="c", place=CHARGER, until_soc=before.soc + 0.004), 300.0)
+    gained_j = run.hosts["r1"].board.battery.remaining_j - before.remaining_j
+    assert status.result["charged_j"] > 0.5 * gained_j > 0.0
+    assert 10.0 < status.result["energy_j"] < 400.0
+
+
 def test_a_charger_that_a_task_names_is_known_from_then_on(errands):
     run = errands()
     assert run.call("home", "chargers") == []

@@ -42,5 +42,27 @@ EXAMPLES = [
     plan_messages.PlanningStatus(
         objective=Objective.ENERGY, method="optimal", plans=12, planned=3, left_out=1, took_s=0.25,
         chargers=(Point2D(2.0, 1.5),),
+        charges=(
+            plan_messages.PlannedCharge(
+                robot="r1", charger=Point2D(2.0, 1.5), set_out_ns=1_490_000_000, from_ns=1_490_000_000,
+                until_ns=61_490_000_000, soc=0.4, to_soc=0.6, has_set_out=True, is_there=True,
+            ),
+        ),
+    ),
+    plan_messages.PlannedCharge(
+        robot="r2", charger=Point2D(2.0, 1.5), set_out_ns=61_490_000_000, from_ns=71_490_000_000,
+        until_ns=161_490_000_000, soc=0.2, to_soc=0.95, behind="r1", has_set_out=True, is_there=True,
+        why="waits for the charger at (2.0, 1.5), free in 70 s: r1 has it before",
+    ),
+    plan_messages.ChargeSchedule(
+        stamp_ns=1_500_000_000,
+        seq=5,
+        charges=(
+            plan_messages.PlannedCharge(
+                robot="r2", charger=Point2D(2.0, 1.5), set_out_ns=61_490_000_000, from_ns=71_490_000_000,
+                until_ns=161_490_000_000, soc=0.2, to_soc=0.95, behind="r1",
+                why="waits for the charger at (2.0, 1.5), free in 70 s: r1 has it before",
+            ),
+        ),
     ),
 ]  # fmt: skip

@@ -63,6 +63,7 @@ class RechargeBehavior(Errand):
         super().init()
         self._wanted = ""
         """Why the robot is to go home of its own accord; empty if it need not."""
+        self._charged_j = 0.0
         self._not_before_ns = 0
         self._home_m = 0.0
         self._home_from: Point2D | None = None
@@ -85,9 +86,14 @@ class RechargeBehavior(Errand):
         """Docking; what is used at the charger comes from the charger."""
         return Work(wait_s=DOCK_S)
 
+    def left_s(self, run: Run) -> float | None:
+        """Nobody knows: others may have the charger."""
+        return None
+
     def play(self, task: Recharge, goal: Point2D) -> Script:
         """To a charger that nobody else has, and to the next if that one is of no use; waits while there is none."""
         self._queue = Queue(self, task)
+        self._charged_j = 0.0
         while True:
             charger = self._queue.choose()
             if charger is None:
@@ -111,7 +117,10 @@ class RechargeBehavior(Errand):
         return (yield from self.charge_at(ChargerPlace(task.place.x_m, task.place.y_m, task.yaw_rad), task))
 
     def charge_at(self, charger: ChargerPlace, task: Recharge) -> Script:
-        """Dock and charge. Result: `soc`, `docked_m`, how far from the place it stood; none if a mate needs it more."""
+        """Dock and charge; no result if a mate needs the charger more.
+
+        Result: `soc`; `docked_m`, how far from the place it stood; `charged_j`, what came from the charger.
+        """
         docking = Docking(self, charger, self.parameters.no_power_s)
         yield from docking.dock()
         docked_m = self.away_m(charger.place)
@@ -125,7 +134,16 @@ class RechargeBehavior(Errand):
             if docking.has_charged:
                 raise Failed(f"the charger has stopped at {soc:.0%}")
             raise Failed(f"the charger gives nothing, {docked_m:.2f} m from its place")
-        return {"soc": round(soc, 3), "docked_m": round(docked_m, 3)}
+        return {"soc": round(soc, 3), "docked_m": round(docked_m, 3), "charged_j": round(self._charged_j, 1)}
+
+    def _measure(self, run: Run) -> None:
+        """What is used at the charger comes from the charger: `energy_j` is what the way to it has cost."""
+        before_j = run.energy_j
+        super()._measure(run)
+        battery = self.env.board.battery
+        if battery is not None and battery.charging:
+            self._charged_j += before_j - run.energy_j
+            run.energy_j = before_j
 
     def battery(self) -> BatteryState:
         """What the battery says; Failed if it says nothing."""

@@ -5,33 +5,15 @@ import threading
 import pytest
 
 from robrain.coordinator.planning.live_planner import LivePlanner
-from robrain.coordinator.planning.planner import LockstepPlanner
+from robrain.coordinator.planning.lockstep_planner import LockstepPlanner
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.replaying import plan_again
-from robrain.coordinator.planning.situation import Member, Situation
-from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.coordinator.planning.situation import Member
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.messages import RobotState
-from robrain.protocol.wire.task_messages import TaskRecord
+from tests.coordinator.planning.situations import open_floor_situation
 
 WAIT_S = 60.0
-
-
-def situation(number: int, tasks: int, robots: int = 2) -> Situation:
-    records = tuple(
-        TaskRecord(
-            task=Visit(id=f"t{k}", place=Point2D((7 * k) % 11 + 0.5, (5 * k) % 13 + 0.5)), state=TaskState.QUEUED
-        )
-        for k in range(tasks)
-    )
-    members = {
-        f"r{k}": Member(RobotState(robot=f"r{k}", pose=Pose2D(3.0 * k, 2.0, 0.0)), None, (), Point2D(3.0 * k, 2.0))
-        for k in range(robots)
-    }
-    return Situation(
-        number=number, now_ns=0, cause="test", records=records, ended=frozenset(), members=members, pauses={},
-        served_s={}, floor=None, orders={}, told={},
-    )  # fmt: skip
 
 
 @pytest.fixture
@@ -57,29 +39,29 @@ def wait_for(planner, made, until):
 
 
 def test_an_answer_comes_before_the_search_is_over_and_a_better_one_after_it(planner, made):
-    planner.ask(situation(1, 30), PlanningPolicy(deadline_s=2.0))
+    planner.ask(open_floor_situation(1, 30), PlanningPolicy(deadline_s=2.0))
     plans = wait_for(planner, made, lambda found: found and found[-1].problem.rounds > 0)
     assert plans[0].problem.rounds == 0
     assert [plan_again(plan.problem) == plan.problem.routes for plan in plans] == [True] * len(plans)
     lockstep = LockstepPlanner()
-    lockstep.ask(situation(1, 30), PlanningPolicy(rounds=plans[-1].problem.rounds))
+    lockstep.ask(open_floor_situation(1, 30), PlanningPolicy(rounds=plans[-1].problem.rounds))
     assert lockstep.take()[0].problem.routes == plans[-1].problem.routes
 
 
 def test_of_many_questions_the_last_is_answered(planner, made):
     for number in range(1, 30):
-        planner.ask(situation(number, 12), PlanningPolicy(deadline_s=0.2))
+        planner.ask(open_floor_situation(number, 12), PlanningPolicy(deadline_s=0.2))
     plans = wait_for(planner, made, lambda found: found and found[-1].problem.plan == 29)
     assert len({plan.problem.plan for plan in plans}) < 29
 
 
 def test_a_question_that_cannot_be_answered_does_not_end_planning(planner, made, caplog):
-    bad = situation(1, 2)
+    bad = open_floor_situation(1, 2)
     bad.members["r0"] = Member(RobotState(robot="r0"), None, (), Point2D(0.0, 0.0))  # it has no pose
     planner.ask(bad, PlanningPolicy())
     while not caplog.records:
         made.wait(0.01)
-    planner.ask(situation(2, 2), PlanningPolicy())
+    planner.ask(open_floor_situation(2, 2), PlanningPolicy())
     plans = wait_for(planner, made, bool)
     assert plans[0].problem.plan == 2
     assert "no plan could be made" in caplog.text

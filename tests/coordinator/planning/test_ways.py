@@ -1,13 +1,20 @@
 """How far it is along the floor, and what that takes whom."""
 
+import zlib
+
+import msgspec
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from robrain.coordinator.planning.chargers import Charger
 from robrain.coordinator.planning.charging import Charge, Idle, assign_chargers
 from robrain.coordinator.planning.energy import kinds_of, mean_within, profile_of
+from robrain.coordinator.planning.floor import Floor
 from robrain.coordinator.planning.question import Profile, Question, decode, pack_ways
-from robrain.coordinator.planning.ways import DETOUR, Floor, Ways
+from robrain.coordinator.planning.way_deltas import NO_WAY, from_deltas, to_deltas
+from robrain.coordinator.planning.ways import DETOUR, Ways
 from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
@@ -99,6 +106,36 @@ def test_a_question_is_the_same_after_it_was_written_down():
     assert np.isinf(problem.time_s[0, 0, 2])
     with pytest.raises(ValueError, match="expected a question"):
         decode(b"nonsense")
+
+
+def test_what_was_written_down_before_lengths_were_written_as_differences_is_still_read():
+    length_m = np.array([[0.0, 1.234, np.inf], [1.234, 0.0, 2.0], [np.inf, 2.0, 0.0]])
+    asked = Question(jobs=(), workers=(), profiles=(Profile(2.0, 10.0, 0.5),), places=3, ways_cm=pack_ways(length_m))
+    assert decode(zlib.compress(msgspec.msgpack.encode(asked), 1)) == asked
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 12), st.randoms(use_true_random=False))
+def test_lengths_come_back_as_they_were(places, chance):
+    count = places * (places - 1) // 2
+    lengths = [chance.choice([NO_WAY, 0, chance.randrange(5000), chance.randrange(2**30)]) for _ in range(count)]
+    cm = np.array(lengths, np.uint32)
+    packed = to_deltas(cm, places)
+    assert from_deltas(packed, places).tolist() == lengths
+    if places > 1:
+        with pytest.raises(ValueError, match="expected"):
+            from_deltas(packed[:-1], places)
+        with pytest.raises(ValueError, match="order"):
+            from_deltas(packed[4:8] + packed[4:], places)
+
+
+def test_a_thousand_places_are_told_in_few_bytes():
+    rng = np.random.default_rng(1)
+    xy = rng.uniform(0.0, 30.0, (500, 2))
+    length_m = np.hypot(*(xy[:, None] - xy[None]).transpose(2, 0, 1))
+    asked = Question(jobs=(), workers=(), profiles=(Profile(2.0, 10.0, 0.5),), places=500, ways_cm=pack_ways(length_m))
+    assert len(asked.encode()) < 0.45 * len(zlib.compress(asked.ways_cm, 1))
+    assert decode(asked.encode()) == asked
 
 
 # -- chargers -------------------------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ PACE_M_S = 0.5
 CAPACITY_J = 100_000.0
 CHARGE_W = 2000.0
 """Quick, so that tests are."""
+BESIDE_M = 1.3
 COVARIANCE = (0.01, *([0.0] * 14))
 
 
@@ -48,6 +49,11 @@ class Worker:
         self.least_j = remaining_j
         self.done: list[str] = []
         self.at_charger: Point2D | None = None
+        self.mates: list[Worker] = []
+        """The others: at a charger that one of them has it waits beside, as real robots do."""
+        self.waited_s = 0.0
+        """So long it waited there, the longest time."""
+        self._waits_s = 0.0
         self._working_s = 0.0
         self._at = ""
         self.tell()
@@ -84,6 +90,11 @@ class Worker:
         place = place_of(task)
         away_m = math.hypot(place.x_m - robot.pose.x_m, place.y_m - robot.pose.y_m)
         go_m = min(away_m, PACE_M_S * dt_s)
+        if isinstance(task, Recharge) and away_m <= BESIDE_M and any(mate.at_charger == place for mate in self.mates):
+            self._waits_s += dt_s
+            self.waited_s = max(self.waited_s, self._waits_s)
+            return
+        self._waits_s = 0.0
         if go_m > 0:
             share = go_m / away_m
             x_m = robot.pose.x_m + share * (place.x_m - robot.pose.x_m)
@@ -112,6 +123,8 @@ class Worker:
 
 def run(team: Team, workers: list[Worker], duration_s: float, *, until=lambda: False, check=lambda: None) -> bool:
     """Run team and robots; True as soon as `until` says so."""
+    for worker in workers:
+        worker.mates = [other for other in workers if other is not worker]
     for _ in range(round(duration_s / (5 * TICK_S))):
         for worker in workers:
             worker.step(5 * TICK_S)

@@ -1,0 +1,45 @@
+"""How plans are made, as a file says: the `[planning]` table of a scenario, or of a file that has only that."""
+
+import tomllib
+from pathlib import Path
+
+import msgspec
+
+from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.deploy.errors import UsageError
+
+
+class _Tables(msgspec.Struct, frozen=True):
+    """What is read of a file; a scenario has other tables besides."""
+
+    planning: PlanningPolicy | None = None
+
+
+def read_planning(path: Path) -> PlanningPolicy:
+    """The policy in a file.
+
+    Raises:
+        UsageError: naming file, key and what was expected.
+
+    """
+    try:
+        found = msgspec.convert(tomllib.loads(path.read_text(encoding="utf-8")), _Tables).planning
+    except FileNotFoundError as error:
+        raise UsageError(f"--planning {path}: there is no such file") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(f"--planning {path}: cannot be read: {error}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise UsageError(f"--planning {path}: is not TOML: {error}") from error
+    except msgspec.ValidationError as error:
+        what, _, key = str(error).partition(" - at `$")
+        key = key.rstrip("`").lstrip(".")
+        raise UsageError(f"--planning {path}: {f'{key}: ' if key else ''}{what}") from error
+    if found is None:
+        raise UsageError(f"--planning {path}: expected a table [planning]")
+    return found
+
+
+def write_planning(path: Path, policy: PlanningPolicy) -> Path:
+    """Write a file that `read_planning` reads; returns its path."""
+    path.write_bytes(msgspec.toml.encode(_Tables(policy)))
+    return path

@@ -1,0 +1,395 @@
+"""The task that a robot holds: begun in the step in which the one before has ended, and forgotten when it must be."""
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+
+from robrain.agent.task_desk import TaskDesk
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.task import Explore, TaskState, Visit
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages import TaskAnswer, TaskOffer, TaskStatus, TaskWithdrawal, TeamState
+from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_OFFER, ROBOT_STATE
+
+GOAL = Point2D(1.0, 2.0)
+YES, NO = TaskAnswer(accepted=True), TaskAnswer(accepted=False, why="no way there")
+
+
+def offer(task_id="t1", epoch=1, after="", lease_s=5.0):
+    return TaskOffer(task=Explore(id=task_id, goal=GOAL), epoch=epoch, lease_s=lease_s, after=after)
+
+
+class Explorer:
+    """A behavior that does what it is told to."""
+
+    def __init__(self, desk):
+        self.answer = YES
+        self.started = []
+        self.let_go_of = []
+        desk.register(Explore, self.accept, self.let_go_of.append)
+
+    def accept(self, task):
+        self.started.append(task.id)
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return self.answer
+
+
+@pytest.fixture
+def desk():
+    return TaskDesk()
+
+
+@pytest.fixture
+def explorer(desk):
+    one = Explorer(desk)
+    desk.offer(offer("t1", 1), 0)
+    return one
+
+
+def hold(desk, task_id="t2", epoch=2, after="t1", now_ns=0):
+    return desk.offer(offer(task_id, epoch, after), now_ns)
+
+
+def test_a_task_that_is_for_later_is_held_and_not_begun(desk, explorer):
+    assert hold(desk) == YES
+    assert explorer.started == ["t1"]
+    assert desk.facts.task.id == "t1"
+    assert desk.facts.next_task == TaskStatus(id="t2", epoch=2, state=TaskState.OFFERED)
+
+
+@pytest.mark.parametrize("how", [TaskState.DONE, TaskState.FAILED])
+def test_it_is_begun_when_the_one_before_has_ended_by_itself_and_both_are_told(desk, explorer, how):
+    hold(desk)
+    desk.end("t1", how, "so it went", {"energy_j": 3.0})
+    assert desk.go_on(0)
+    assert explorer.started == ["t1", "t2"]
+    task, held, before = desk.facts
+    assert (task.id, task.epoch, task.state) == ("t2", 2, TaskState.RUNNING)
+    assert held is None
+    assert before == TaskStatus(id="t1", epoch=1, state=how, why="so it went", result={"energy_j": 3.0})
+    assert desk.may_begin("t2")
+    assert not desk.go_on(0)
+
+
+def test_the_same_offer_twice_is_accepted_twice_and_held_once(desk, explorer):
+    assert hold(desk) == YES
+    assert hold(desk) == YES
+    desk.end("t1", TaskState.DONE)
+    desk.go_on(0)
+    assert hold(desk) == YES  # a third time, on its way for long
+    assert explorer.started == ["t1", "t2"]
+    assert desk.facts.next_task is None
+
+
+def test_what_comes_when_the_one_before_has_just_ended_is_begun(desk, explorer):
+    desk.end("t1", TaskState.DONE)
+    assert hold(desk) == YES
+    assert (desk.facts.task.id, desk.facts.before.id) == ("t2", "t1")
+    assert explorer.started == ["t1", "t2"]
+
+
+def test_what_is_for_after_a_task_that_the_robot_is_not_at_is_refused(desk, explorer):
+    assert hold(desk, after="t0") == TaskAnswer(accepted=False, why="is not at t0")
+    desk.halted()
+    assert hold(desk) == TaskAnswer(accepted=False, why="is not at t1")
+    assert TaskDesk().offer(offer(after="t0"), 0) == TaskAnswer(accepted=False, why="is not at t0")
+
+
+def test_what_no_behavior_does_is_not_held(desk, explorer):
+    visit = TaskOffer(task=Visit(id="v", place=GOAL), epoch=2, lease_s=5.0, after="t1")
+    assert desk.offer(visit, 0) == TaskAnswer(accepted=False, why="no behavior does Visit tasks")
+
+
+@pytest.mark.parametrize("answer", [NO, RuntimeError("no way there")])
+def test_a_held_task_that_is_refused_when_its_turn_comes_is_cancelled_with_why(desk, explorer, answer):
+    hold(desk)
+    desk.end("t1", TaskState.DONE)
+    explorer.answer = answer
+    assert not desk.go_on(0)
+    task, held, before = desk.facts
+    assert task == TaskStatus(id="t2", epoch=2, state=TaskState.CANCELLED, why="no way there")
+    assert (held, before.id, before.state) == (None, "t1", TaskState.DONE)
+    explorer.answer = YES
+    assert desk.offer(offer("t3", 2), 0) == YES  # an epoch that was never begun is none that was accepted
+
+
+def test_the_running_task_can_be_withdrawn_with_its_own_epoch_and_the_next_is_begun(desk, explorer):
+    hold(desk)
+    assert desk.withdraw(TaskWithdrawal(id="t1", epoch=1, why="called off")) == YES
+    assert explorer.let_go_of == ["called off"]
+    assert desk.go_on(0)
+    assert (desk.facts.task.id, desk.facts.before.state) == ("t2", TaskState.CANCELLED)
+
+
+def test_the_held_task_can_be_withdrawn_and_the_running_one_goes_on(desk, explorer):
+    hold(desk)
+    stale = desk.withdraw(TaskWithdrawal(id="t2", epoch=1))
+    assert stale == TaskAnswer(accepted=False, why="epoch 1 is older than 2")
+    assert desk.withdraw(TaskWithdrawal(id="t2", epoch=2)) == YES
+    assert desk.facts.next_task is None
+    assert desk.facts.task.state is TaskState.RUNNING
+    desk.end("t1", TaskState.DONE)
+    assert not desk.go_on(0)
+
+
+def test_a_newer_task_takes_the_place_of_the_one_that_is_held_and_an_older_does_not(desk, explorer):
+    hold(desk, "t2", 4)
+    assert hold(desk, "t3", 3) == TaskAnswer(accepted=False, why="epoch 3 is older than 4")
+    assert hold(desk, "t3", 5) == YES
+    assert desk.facts.next_task.id == "t3"
+
+
+def test_an_offer_that_is_for_now_takes_the_place_of_both(desk, explorer):
+    hold(desk)
+    assert desk.offer(offer("t3", 3), 0) == YES
+    assert (desk.facts.task.id, desk.facts.next_task, desk.facts.before) == ("t3", None, None)
+
+
+def test_an_offer_for_now_that_is_refused_leaves_both(desk, explorer):
+    hold(desk)
+    explorer.answer = NO
+    assert desk.offer(offer("t3", 3), 0) == NO
+    assert (desk.facts.task.id, desk.facts.next_task.id) == ("t1", "t2")
+
+
+def test_a_halt_forgets_what_is_held(desk, explorer):
+    hold(desk)
+    desk.halted()
+    assert desk.facts.next_task is None
+    assert not desk.go_on(0)
+    assert desk.facts.task.state is TaskState.CANCELLED
+
+
+def test_the_end_of_the_lease_forgets_what_is_held(desk, explorer):
+    hold(desk)
+    for second in range(6):
+        desk.check_lease(to_ns(second))
+    assert desk.facts.next_task is not None
+    desk.check_lease(to_ns(5.01))
+    assert desk.facts.next_task is None
+    assert not desk.go_on(0)
+    assert explorer.started == ["t1"]
+
+
+def test_a_robot_that_stood_still_for_longer_than_the_lease_forgets_what_it_held(desk, explorer):
+    """A process that was stopped: the coordinator has spoken meanwhile, and others have been given the task."""
+    hold(desk)
+    desk.check_lease(to_ns(1))
+    desk.coordinator_heard_ns = to_ns(7)
+    desk.end("t1", TaskState.DONE)
+    desk.check_lease(to_ns(7))
+    assert not desk.go_on(to_ns(7))
+    assert explorer.started == ["t1"]
+
+
+def test_a_task_that_is_recalled_takes_the_next_one_with_it(desk, explorer):
+    hold(desk)
+    desk.recall("the way home needs 9 J of 8 J usable")
+    desk.check_lease(0)
+    assert not desk.go_on(0)
+    assert desk.facts.next_task is None
+
+
+def test_how_long_a_task_takes_is_told_while_it_runs(desk, explorer):
+    desk.foresee("t0", to_ns(9.0))
+    assert desk.standing(to_ns(1.0)).task.left_s is None
+    desk.foresee("t1", to_ns(3.5))
+    assert desk.standing(to_ns(1.0)).task.left_s == 2.5
+    assert desk.standing(to_ns(5.0)).task.left_s == 0.0
+    assert desk.facts.task.left_s is None
+    desk.end("t1", TaskState.DONE)
+    assert desk.standing(to_ns(5.0)).task.left_s is None
+    desk.offer(offer("t1", 2), to_ns(6.0))  # the same again
+    assert desk.standing(to_ns(6.0)).task.left_s is None
+
+
+IDS, EPOCHS = st.sampled_from(["t1", "t2", "t3"]), st.integers(0, 6)
+
+
+class DeskWithNext(RuleBasedStateMachine):
+    """Offers for now and for later, withdrawals, silence, halts and ends in any order, against a plain model."""
+
+    def __init__(self):
+        super().__init__()
+        self.desk = TaskDesk()
+        self.now_ns = 0
+        self.heard_ns = None
+        self.answer = YES
+        self.task = None
+        """Id, epoch, state of the last that was begun."""
+        self.held = None
+        self.before = None
+        self.epoch = 0
+        self.started = []
+        """Each with its epoch, as the model has it; the behavior's own list must be the same."""
+        self.begun = []
+        self.desk.register(Explore, self.accept, lambda why: None)
+
+    def accept(self, task):
+        if self.answer.accepted:
+            self.begun.append(task.id)
+        return self.answer
+
+    @property
+    def runs(self):
+        return self.task is not None and self.task[2] is TaskState.RUNNING
+
+    def begins(self, task_id, epoch):
+        self.before = self.task if self.task is not None and self.task[2].ended else None
+        self.task, self.held, self.epoch = (task_id, epoch, TaskState.RUNNING), None, epoch
+        self.started.append(task_id)
+
+    @rule(
+        task_id=IDS, epoch=EPOCHS, after=st.sampled_from(["", "", "t1", "t2", "t3"]), answer=st.sampled_from([YES, NO])
+    )
+    def offer(self, task_id, epoch, after, answer):
+        self.answer = answer
+        answered = self.desk.offer(offer(task_id, epoch, after), self.now_ns)
+        known = [one[:2] for one in (self.task, self.held) if one is not None]
+        if epoch < max(self.epoch, self.held[1] if self.held is not None else 0):
+            assert not answered.accepted
+        elif (task_id, epoch) in known:
+            assert answered.accepted
+        elif after and (self.task is None or self.task[0] != after or self.task[2] is TaskState.CANCELLED):
+            assert answered.why == f"is not at {after}"
+        elif after and self.runs:
+            assert answered.accepted
+            self.held, self.heard_ns = (task_id, epoch), self.now_ns
+        else:
+            assert answered == answer
+            if answer.accepted:
+                self.begins(task_id, epoch)
+                self.heard_ns = self.now_ns
+
+    @rule(task_id=IDS, epoch=EPOCHS)
+    def withdraw(self, task_id, epoch):
+        answered = self.desk.withdraw(TaskWithdrawal(id=task_id, epoch=epoch))
+        is_held = self.held is not None and self.held[0] == task_id
+        assert answered.accepted == (epoch >= (self.held[1] if is_held else self.epoch))
+        if answered.accepted and is_held:
+            self.held = None
+        elif answered.accepted and self.runs and self.task[0] == task_id:
+            self.task = (*self.task[:2], TaskState.CANCELLED)
+
+    @rule(task_id=IDS, state=st.sampled_from([TaskState.DONE, TaskState.FAILED]))
+    def end(self, task_id, state):
+        self.desk.end(task_id, state, "said so")
+        if self.runs and self.task[0] == task_id:
+            self.task = (*self.task[:2], state)
+
+    @rule(answer=st.sampled_from([YES, NO]))
+    def go_on(self, answer):
+        self.answer = answer
+        begun = self.desk.go_on(self.now_ns)
+        assert begun == (self.held is not None and not self.runs and answer.accepted)
+        if begun:
+            self.begins(*self.held)
+        elif self.held is not None and not self.runs:
+            self.before, self.task, self.held = self.task, (*self.held, TaskState.CANCELLED), None
+
+    @rule()
+    def halt(self):
+        self.desk.halted()
+        self.held = None
+        if self.runs:
+            self.task = (*self.task[:2], TaskState.CANCELLED)
+
+    @rule()
+    def recall(self):
+        self.desk.recall("no energy")
+        self.desk.check_lease(self.now_ns)
+        self.held = None
+        if self.runs:
+            self.task = (*self.task[:2], TaskState.FAILED)
+
+    @rule(steps=st.integers(1, 8))
+    def wait(self, steps):
+        for _ in range(steps):
+            self.now_ns += to_ns(1.0)
+            self.desk.check_lease(self.now_ns)
+        if self.heard_ns is not None and self.now_ns - self.heard_ns > to_ns(5.0):
+            self.held = None
+            if self.runs:
+                self.task = (*self.task[:2], TaskState.CANCELLED)
+
+    @precondition(lambda self: self.heard_ns is not None)
+    @rule()
+    def hear_the_coordinator(self):
+        self.heard_ns = self.desk.coordinator_heard_ns = self.now_ns
+
+    @invariant()
+    def the_desk_says_what_the_model_says(self):
+        task, held, before = self.desk.facts
+        assert (None if task is None else (task.id, task.epoch, task.state)) == self.task
+        assert (None if held is None else (held.id, held.epoch)) == self.held
+        assert (None if before is None else (before.id, before.epoch, before.state)) == self.before
+
+    @invariant()
+    def everything_that_is_begun_is_begun_once(self):
+        assert self.begun == self.started
+
+
+DeskWithNext.TestCase.settings = settings(max_examples=100, stateful_step_count=30, deadline=None)
+TestDeskWithNext = DeskWithNext.TestCase
+
+
+# -- in its host ------------------------------------------------------------------------------------------------------
+
+SEEKER = """
+    from robrain.protocol.model.task import Explore, TaskState
+    from robrain.protocol.wire.messages import TaskAnswer
+
+    class Seeker(Behavior):
+        period_s = 0.02
+        ends = False
+        def init(self): self.log = []
+        def activate(self): self.env.do_tasks(Explore, self.accept, lambda why: self.log.append(why))
+        def accept(self, task):
+            self.log.append(task.id)
+            self.task = task.id
+            return TaskAnswer(accepted=True)
+        def step(self):
+            if self.ends:
+                self.ends = False
+                self.env.tasks.end(self.task, TaskState.DONE, "", {"n": 1})
+"""
+
+
+@pytest.fixture
+def seeker(bench):
+    bench.code("seeker", SEEKER)
+    bench.manifest("seeker", "seeker:Seeker")
+    bench.start("seeker")
+    bench.coordinator = bench.operator.publisher(COORDINATOR_STATE)
+    return bench
+
+
+def test_end_and_beginning_are_told_in_one_message_in_the_step_of_the_end(seeker):
+    seeker.operator.ask(ROBOT_OFFER, offer("t1", 1), robot="r1")
+    seeker.operator.ask(ROBOT_OFFER, offer("t2", 2, after="t1"), robot="r1")
+    states = Inbox(every=True)
+    seeker.operator.subscribe(states, ROBOT_STATE)
+    seeker.tick(6)
+    last = states.drain()[-1].message
+    assert (last.task.id, last.next_task.id, last.task_before) == ("t1", "t2", None)
+    seeker.plugin("seeker").ends = True
+    seeker.tick(1)
+    (told,) = [received.message for received in states.drain()]
+    assert (told.task.id, told.task.state, told.next_task) == ("t2", TaskState.RUNNING, None)
+    assert (told.task_before.id, told.task_before.state, told.task_before.result) == ("t1", TaskState.DONE, {"n": 1})
+    assert seeker.plugin("seeker").log == ["t1", "t2"]
+
+
+def test_a_robot_whose_coordinator_falls_silent_does_not_go_on_to_the_next(seeker):
+    seeker.operator.ask(ROBOT_OFFER, offer("t1", 1, lease_s=1.0), robot="r1")
+    seeker.operator.ask(ROBOT_OFFER, offer("t2", 2, after="t1", lease_s=1.0), robot="r1")
+    for _ in range(20):
+        seeker.coordinator.put(TeamState(robots=[]))
+        seeker.tick(5)
+    assert seeker.hosts[-1].desk.facts.next_task is not None
+    seeker.tick(60)
+    assert seeker.plugin("seeker").log == ["t1", "the coordinator is silent, the lease ran out"]
+    assert seeker.hosts[-1].desk.facts.next_task is None

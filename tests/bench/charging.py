@@ -1,0 +1,142 @@
+"""Chargers: what it takes four robots with small batteries to do many visits, by the schedule and in turns.
+
+Real robots in lockstep; their batteries last some minutes, so that each has to charge. The team first explores the
+floor, then the tasks come all at once. `python -m tests.bench.charging [SEED …]`.
+"""
+
+import statistics
+import sys
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from robrain.coordinator.planning.policy import Charging, PlanningPolicy
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.warm_up import warm_up
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord, TaskSubmission
+from robrain.protocol.wire.topics import TASK_LIST, TASK_SUBMIT
+from robrain.sim.chargers import ChargerSpec
+from robrain.sim.firmware.battery import BatterySpec
+from robrain.sim.lockstep import LockstepRun
+from robrain.sim.maps.placement import scatter_points
+from robrain.sim.robot_hardware import RobotHardware
+from robrain.sim.scenario import Scenario
+from tests.bench.plugin_host import Row
+
+FLOOR = "arena_small"
+ROBOTS, TASKS = 4, 20
+SEEDS = (1,)
+CHARGERS = (1, 2, 4)
+DOCKS = ((0.7, 0.7), (7.3, 0.7), (4.3, 5.4), (0.7, 5.4))
+SMALL_WH = 4.0
+SOC_AT_START = 0.4
+CHARGER_W, CHARGE_A = 90.0, 5.0
+"""One charger gives more than four robots draw that stand, or nobody could last."""
+SERVICE_S = 30.0
+"""At each place: what makes batteries empty here is standing."""
+EXPLORED = 0.93
+EXPLORE_LIMIT_S = 60.0
+LONGEST_S = 900.0
+LOOK_TICKS = 10
+CUT_OFF_SOC = 0.02
+
+
+class Outcome(NamedTuple):
+    """One run, from the moment at which the tasks came."""
+
+    makespan_s: float
+    done: int
+    least_soc: float
+    """Of any robot at any time."""
+    charged: int
+    """How often somebody came to a charger."""
+
+
+def measure(seeds: tuple[int, ...] = SEEDS) -> list[Row]:
+    """The table's rows: each number of chargers, by the schedule, against turns."""
+    warm_up()
+    rows = []
+    for chargers in CHARGERS:
+        planned = [run_tasks(seed, chargers, Charging.SCHEDULE) for seed in seeds]
+        turns = [run_tasks(seed, chargers, Charging.TURNS) for seed in seeds]
+        share = statistics.fmean(one.makespan_s / other.makespan_s for one, other in zip(planned, turns, strict=True))
+        done = sum(one.done for one in planned)
+        least = min(one.least_soc for one in planned)
+        rows.append(
+            Row(
+                f"{ROBOTS} robots, {TASKS} visits, {chargers} charger{'s' if chargers > 1 else ''}",
+                f"{100 * share:.0f} % of the time: {_words(planned)}",
+                f"in turns: {_words(turns)}",
+                "all done, nobody stranded, <= 105 %",
+                done == TASKS * len(seeds) and least > CUT_OFF_SOC and share <= 1.05,
+            )
+        )
+    return rows
+
+
+def run_tasks(seed: int, chargers: int, charging: Charging) -> Outcome:
+    """Explore, then do a set of tasks that only the seed decides."""
+    scenario = Scenario.builtin(FLOOR).replace(
+        robots=ROBOTS,
+        motes=0,
+        seed=seed,
+        chargers=tuple(ChargerSpec(place_m=place, power_w=CHARGER_W) for place in DOCKS[:chargers]),
+        hardware=RobotHardware(battery=BatterySpec(capacity_wh=SMALL_WH, soc_at_start=SOC_AT_START, charge_a=CHARGE_A)),
+    )
+    run = LockstepRun(scenario.world(), planning=PlanningPolicy(charging=charging))
+    asker = Endpoint(run.session, "default", run.clock, Drive.LOCKSTEP)
+    try:
+        while run.explored_fraction < EXPLORED and run.sim_time_s < EXPLORE_LIMIT_S:
+            run.tick()
+        begun_s = run.sim_time_s
+        for number, place in enumerate(_places(run, seed)):
+            task = Visit(id=f"t{number}", place=place, service_s=SERVICE_S)
+            asker.ask(TASK_SUBMIT, TaskSubmission(task=task, by="bench"))
+        records: list[TaskRecord] = []
+        least_soc, charged, docked = 1.0, 0, set[int]()
+        while run.sim_time_s - begun_s < LONGEST_S:
+            for _ in range(LOOK_TICKS):
+                run.tick()
+            least_soc = min([least_soc, *(one.board.battery.soc for one in run.hosts if one.board.battery is not None)])
+            now = {robot for robot in run.arena.chargers.docked if robot is not None}
+            charged, docked = charged + len(now - docked), now
+            records = msgspec.json.decode(asker.ask(TASK_LIST, TaskFilter()), type=list[TaskRecord])
+            if all(record.state.ended for record in records):
+                break
+        done = sum(record.state is TaskState.DONE for record in records)
+        return Outcome(run.sim_time_s - begun_s, done, least_soc, charged)
+    finally:
+        asker.close()
+        run.close()
+
+
+def _places(run: LockstepRun, seed: int) -> list[Point2D]:
+    """On floor that the team knows, some of them several times."""
+    plan, grid = run.world.plan, run.coordinator.team_map.grid
+    starts = [Point2D(robot.start.x_m, robot.start.y_m) for robot in run.world.robots]
+    reachable = plan.reachable(starts, run.world.robots[0].radius_m)
+    rng = np.random.default_rng([seed, 78])
+    found = scatter_points(plan, 20, reachable, rng=rng, min_clearance_m=0.5, spacing_m=0.8)
+    known = [
+        place for place in found if grid is not None and grid.log_odds[grid.geometry.cell_of(place.x_m, place.y_m)] < 0
+    ]
+    return [known[number % len(known)] for number in range(TASKS)]
+
+
+def _words(outcomes: list[Outcome]) -> str:
+    mean_s = statistics.fmean(one.makespan_s for one in outcomes)
+    done, charged = sum(one.done for one in outcomes), sum(one.charged for one in outcomes)
+    return (
+        f"{mean_s:.0f} s, {done} of {TASKS * len(outcomes)} done, {charged} charges,"
+        f" least {100 * min(one.least_soc for one in outcomes):.0f} %"
+    )
+
+
+if __name__ == "__main__":
+    for row in measure(tuple(int(text) for text in sys.argv[1:]) or SEEDS):
+        words = (row.what, row.value, row.beside, row.bound, "yes" if row.is_kept else "no")
+        sys.stdout.write(" | ".join(words) + "\n")
+        sys.stdout.flush()

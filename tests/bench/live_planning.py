@@ -1,0 +1,355 @@
+"""Plans beside the coordinator: how soon it is there, how soon the first plan, and what its loop feels of them.
+
+The process that plans is measured against the same work on a thread of the coordinator's own, in the same run.
+`python -m tests.bench.live_planning`.
+"""
+
+import math
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from robrain.coordinator.live import LEAST_REST_S, PERIOD_S
+from robrain.coordinator.planning.drafting import Drafting
+from robrain.coordinator.planning.live_planner import LivePlanner
+from robrain.coordinator.planning.planned import Planned
+from robrain.coordinator.planning.planner_link import Question, QuestionReader, Questions
+from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.planning.rehearsal import rehearse
+from robrain.coordinator.planning.situation import Member, Situation
+from robrain.coordinator.planning.ways import DETOUR
+from robrain.protocol.model.energy_model import EnergyModel
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.keys import DEFAULT_TEAM
+from robrain.protocol.wire.messages import BatteryState, RobotState
+from robrain.protocol.wire.session import listening_at, open_session
+from robrain.protocol.wire.task_messages import TaskRecord
+from robrain.protocol.wire.topics import COORDINATOR_ALIVE, COORDINATOR_STATE
+from tests.bench.plugin_host import Row
+
+STARTS = 7
+START_BOUND_S = 1.0
+START_LIMIT_S = 60.0
+SIZES = ((5, 50, 10.0), (20, 200, 50.0), (100, 1000, 600.0))
+"""Robots, tasks, and the bound of the first plan in milliseconds."""
+REPEATS = {50: 20, 200: 10, 1000: 3}
+LOOP_S = 12.0
+LOOK_S = 0.0005
+CHARGERS = 10
+J_PER_M, STANDING_W, TASK_J = 30.0, 8.0, 80.0
+HEAVY = "import numba, scipy.optimize, scipy.ndimage, pyvrp"
+"""What a coordinator loads when it is up, or has another process load."""
+
+
+class Start(NamedTuple):
+    """One start of a coordinator's process."""
+
+    live_s: float
+    """Until its token and its first summary were there."""
+    cpu_s: float
+
+
+def measure() -> list[Row]:
+    """The table's rows."""
+    rehearse()
+    return [*_start_rows(), *(_first_plan_row(*size) for size in SIZES), *_loop_rows()]
+
+
+# -- start --------------------------------------------------------------------------------------------------
+
+
+def _start_rows() -> list[Row]:
+    starts = measure_starts()
+    heavy_s = statistics.median(_took_s([sys.executable, "-c", HEAVY]) for _ in range(3))
+    live_s = statistics.median(start.live_s for start in starts)
+    longest_s = max(start.live_s for start in starts)
+    cpu_s = statistics.median(start.cpu_s for start in starts)
+    first_s = statistics.median(_cold_plan_s() for _ in range(3))
+    return [
+        Row(
+            "coordinator, from its start until it is live",
+            f"{live_s:.2f} s, {longest_s:.2f} s at most of {STARTS}",
+            f"{cpu_s:.2f} s of CPU; loading what the map and the plans need: {heavy_s:.2f} s",
+            f"{START_BOUND_S:g} s",
+            longest_s <= START_BOUND_S,
+        ),
+        Row("the planner's process, from its start to the first plan", f"{first_s:.2f} s", "", "–", True),
+    ]
+
+
+def measure_starts(starts: int = STARTS) -> list[Start]:
+    """Start a coordinator again and again, on one journal, by a hub of its own."""
+    hub = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
+    wire = Endpoint(hub, DEFAULT_TEAM, WallClock(), Drive.LIVE)
+    try:
+        where = next(endpoint for endpoint in listening_at(hub) if endpoint.startswith("tcp/"))
+        summaries = Inbox()
+        wire.subscribe(summaries, COORDINATOR_STATE)
+        presence = wire.watch(COORDINATOR_ALIVE)
+
+        def is_live() -> bool:
+            for _ in presence.changes():
+                pass
+            return bool(presence.present)
+
+        found = []
+        with tempfile.TemporaryDirectory() as folder:
+            for _ in range(starts):
+                _wait(lambda: not is_live())
+                summaries.drain()
+                found.append(_start(lambda: is_live() and len(summaries) > 0, where, Path(folder)))
+        return found
+    finally:
+        wire.close()
+        hub.close()
+
+
+def _start(is_live: Callable[[], bool], where: str, folder: Path) -> Start:
+    began_s = time.monotonic()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "robrain.cli", "coordinator", "--connect", where, "--journal", folder / "team.journal"],
+        stdout=subprocess.DEVNULL,
+    )
+    try:
+        _wait(is_live)
+        live_s = time.monotonic() - began_s
+        ticks = Path(f"/proc/{process.pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[11:13]
+        cpu_s = sum(map(int, ticks)) / os.sysconf("SC_CLK_TCK")
+    finally:
+        process.kill()
+        process.wait()
+    return Start(live_s, cpu_s)
+
+
+def _cold_plan_s() -> float:
+    made = threading.Event()
+    planner = LivePlanner(made.set)
+    try:
+        began_s = time.monotonic()
+        planner.ask(team_situation(5, 50), PlanningPolicy())
+        made.wait(START_LIMIT_S)
+        return time.monotonic() - began_s
+    finally:
+        planner.close()
+
+
+def _took_s(command: list[str]) -> float:
+    began_s = time.monotonic()
+    subprocess.run(command, check=True)
+    return time.monotonic() - began_s
+
+
+def _wait(until: Callable[[], bool]) -> None:
+    ends_s = time.monotonic() + START_LIMIT_S
+    while not until():
+        if time.monotonic() > ends_s:
+            raise TimeoutError("what is waited for does not come")
+        time.sleep(LOOK_S)
+
+
+# -- the first plan -----------------------------------------------------------------------------------------
+
+
+def _first_plan_row(robots: int, tasks: int, bound_ms: float) -> Row:
+    policy = PlanningPolicy(deadline_s=0.001)  # the first plan is what counts
+    made = threading.Event()
+    planner = LivePlanner(made.set)
+    here_ms, through_ms, link_ms = [], [], []
+    drafting = Drafting()
+    try:
+        for repeat in range(REPEATS[tasks] + 1):
+            situation = team_situation(robots, tasks, seed=repeat)
+            began_s = time.perf_counter()
+            planned = drafting.draft(situation, policy).planned()
+            here_s = time.perf_counter() - began_s
+            _wait(lambda: not planner.is_busy)
+            made.clear()
+            began_s = time.perf_counter()
+            planner.ask(situation, policy)
+            made.wait(START_LIMIT_S)
+            through_s = time.perf_counter() - began_s
+            _wait(lambda: bool(planner.take()) or not planner.is_busy)
+            if repeat:  # the first waits for the process to be there
+                here_ms.append(1e3 * here_s)
+                through_ms.append(1e3 * through_s)
+                link_ms.append(1e3 * _link_s(situation, policy, planned))
+            _wait(lambda: bool(planner.take()) or not planner.is_busy)
+    finally:
+        planner.close()
+    through, here, link = (statistics.median(found) for found in (through_ms, here_ms, link_ms))
+    return Row(
+        f"{robots} robots, {tasks} tasks: first plan, from the question to the answer",
+        f"{through:.0f} ms, {through - here:+.1f} ms to the same work in place",
+        f"in place {here:.0f} ms; to write and read question and plan {link:.1f} ms",
+        f"{bound_ms:g} ms (the auction alone)",
+        through <= bound_ms,
+    )
+
+
+def _link_s(situation: Situation, policy: PlanningPolicy, planned: Planned) -> float:
+    began_s = time.perf_counter()
+    QuestionReader().read(Questions().encode(Question(1, situation, policy)))
+    msgspec.msgpack.decode(msgspec.msgpack.encode(planned), type=Planned)
+    return time.perf_counter() - began_s
+
+
+def team_situation(robots: int, tasks: int, seed: int = 0, number: int = 1) -> Situation:
+    """Tasks all over an open floor of 6 m a side for each square root of a task, and robots with tight budgets."""
+    rng = np.random.default_rng(seed)
+    side_m = 6.0 * math.sqrt(tasks)
+    places = [Point2D(*xy) for xy in rng.uniform(0.0, side_m, (tasks, 2)).tolist()]
+    homes = [Point2D(*xy) for xy in rng.uniform(0.0, side_m, (robots, 2)).tolist()]
+    chargers = tuple(Point2D(*xy) for xy in rng.uniform(0.0, side_m, (CHARGERS, 2)).tolist())
+    share_j = 1.5 * tasks / robots * (0.7 * 6.0 * J_PER_M + TASK_J)
+    members = {f"r{index}": _member(index, home, chargers, share_j) for index, home in enumerate(homes)}
+    records = tuple(
+        TaskRecord(task=Visit(id=f"t{index}", place=place), state=TaskState.QUEUED)
+        for index, place in enumerate(places)
+    )
+    return Situation(
+        number=number, now_ns=0, cause="bench", records=records, ended=frozenset(), members=members, pauses={},
+        served_s={}, floor=None, orders={}, told={},
+    )  # fmt: skip
+
+
+def _member(index: int, home: Point2D, chargers: tuple[Point2D, ...], share_j: float) -> Member:
+    """A robot that has energy for about its share of the tasks, and the way to a charger."""
+    way_m = min(math.hypot(home.x_m - place.x_m, home.y_m - place.y_m) for place in chargers)
+    usable_j = share_j + DETOUR * way_m * J_PER_M
+    battery = BatteryState(
+        voltage_v=16.0, current_a=1.0, temperature_c=20.0, soc=0.9, remaining_j=usable_j, remaining_low_j=usable_j
+    )
+    energy = EnergyModel(
+        coefficients=(STANDING_W, 0.0, J_PER_M, 0.0, 0.0),
+        covariance=(0.01, *([0.0] * 14)),
+        residual_w2_s=1.0,
+        drift_w2_per_s=1e-5,
+        relative_sd=0.03,
+        way_ratio=1.0,
+        pace_m_s=0.5,
+        turn_rate_rad_s=1.0,
+        packet_j=0.0,
+        usable_j=usable_j,
+        power_w=10.0,
+        usual_power_w=10.0,
+    )
+    pose = Pose2D(home.x_m, home.y_m, 0.0)
+    return Member(RobotState(robot=f"r{index}", pose=pose, battery=battery, energy=energy), None, chargers, home)
+
+
+# -- the loop beside ----------------------------------------------------------------------------------------
+
+
+class _ThreadPlanner:
+    """The same work on a thread: what the process is compared with."""
+
+    def __init__(self) -> None:
+        self.plans = 0
+        self._situation: Situation | None = None
+        self._policy = PlanningPolicy()
+        self._has_ended = False
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def ask(self, situation: Situation, policy: PlanningPolicy) -> None:
+        self._situation, self._policy = situation, policy
+        self._thread.start()
+
+    def take(self) -> int:
+        plans, self.plans = self.plans, 0
+        return plans
+
+    def close(self) -> None:
+        self._has_ended = True
+        with suppress(RuntimeError):  # it was never asked
+            self._thread.join()
+
+    def _run(self) -> None:
+        drafting = Drafting()
+        assert self._situation is not None
+        while not self._has_ended:
+            draft = drafting.draft(self._situation, self._policy)
+            draft.planned()
+            began_s = time.monotonic()
+            for _ in draft.improve():
+                if self._has_ended or time.monotonic() - began_s > self._policy.deadline_s:
+                    break
+            draft.planned()
+            self.plans += 1
+
+
+def _loop_rows() -> list[Row]:
+    situation = team_situation(100, 1000)
+    alone = _gaps_ms(lambda: None)
+    thread = _ThreadPlanner()
+    thread.ask(situation, PlanningPolicy())
+    try:
+        beside_thread = _gaps_ms(lambda: None)
+    finally:
+        thread.close()
+    planner = LivePlanner(lambda: None)
+    planner.ask(situation, PlanningPolicy())
+    plans = 0
+
+    def follow() -> None:
+        nonlocal plans
+        plans += len(planner.take())
+        if not planner.is_busy:
+            planner.ask(situation, PlanningPolicy())
+
+    try:
+        _wait(lambda: bool(planner.take()))
+        beside_process = _gaps_ms(follow)
+    finally:
+        planner.close()
+    return [
+        Row(
+            "gaps between the loop's steps beside plans for 100 robots, 1000 tasks",
+            f"{_p99(beside_process):.1f} ms at p99, {max(beside_process):.0f} ms at most; {plans} plans taken",
+            f"on a thread {_p99(beside_thread):.1f} and {max(beside_thread):.0f} ms; without plans"
+            f" {_p99(alone):.1f} and {max(alone):.0f} ms",
+            "p99 below that on a thread",
+            _p99(beside_process) < _p99(beside_thread),
+        )
+    ]
+
+
+def _gaps_ms(follow: Callable[[], None]) -> list[float]:
+    """Times between steps of a loop like the coordinator's, which has little to do of its own."""
+    arrived = threading.Event()
+    gaps_ms: list[float] = []
+    last_s = began_s = time.perf_counter()
+    while last_s - began_s < LOOP_S:
+        arrived.clear()
+        follow()
+        time.sleep(LEAST_REST_S)
+        arrived.wait(PERIOD_S - LEAST_REST_S)
+        now_s = time.perf_counter()
+        gaps_ms.append(1e3 * (now_s - last_s))
+        last_s = now_s
+    return gaps_ms
+
+
+def _p99(gaps_ms: list[float]) -> float:
+    return float(np.quantile(gaps_ms, 0.99))
+
+
+if __name__ == "__main__":
+    for row in measure():
+        sys.stdout.write(
+            " | ".join((row.what, row.value, row.beside, row.bound, "yes" if row.is_kept else "no")) + "\n"
+        )

@@ -1,0 +1,25 @@
+"""Situations to plan from, for tests of what makes the plans."""
+
+from robrain.coordinator.planning.situation import Member, Situation
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.wire.messages import RobotState
+from robrain.protocol.wire.task_messages import TaskRecord
+
+
+def open_floor_situation(number: int, tasks: int, robots: int = 2) -> Situation:
+    """Tasks all over a floor without walls, and robots with all the energy that they want."""
+    records = tuple(
+        TaskRecord(
+            task=Visit(id=f"t{k}", place=Point2D((7 * k) % 11 + 0.5, (5 * k) % 13 + 0.5)), state=TaskState.QUEUED
+        )
+        for k in range(tasks)
+    )
+    members = {
+        f"r{k}": Member(RobotState(robot=f"r{k}", pose=Pose2D(3.0 * k, 2.0, 0.0)), None, (), Point2D(3.0 * k, 2.0))
+        for k in range(robots)
+    }
+    return Situation(
+        number=number, now_ns=0, cause="test", records=records, ended=frozenset(), members=members, pauses={},
+        served_s={}, floor=None, orders={}, told={},
+    )  # fmt: skip

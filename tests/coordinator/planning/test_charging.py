@@ -1,0 +1,269 @@
+"""Teams with fewer chargers than robots: who charges when, what waits for it, and what is told of it."""
+
+import math
+
+import msgspec
+import pytest
+
+from robrain.coordinator.planning.charging import TO_SOC
+from robrain.coordinator.planning.policy import Charging, PlanningPolicy
+from robrain.coordinator.planning.replaying import plan_again
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.task import Recharge, TaskState, Visit
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.plan_messages import PlanningStatus
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.task_messages import TaskRequest, TaskWhy
+from robrain.protocol.wire.topics import (
+    COORDINATOR_CHARGES,
+    COORDINATOR_PLANNING,
+    ROBOT_CALL,
+    TASK_DECISION,
+    TASK_PROBLEM,
+    TASK_WHY,
+)
+from tests.coordinator.conftest import Team
+from tests.coordinator.planning.worlds import CAPACITY_J, Worker, run
+
+DOCKS = (Point2D(3.5, 2.5), Point2D(8.5, 2.5), Point2D(8.5, 5.5), Point2D(3.5, 5.5))
+RESERVE_SOC = 0.1
+DEAR = 100.0
+"""So many times what usual ways take: a battery is empty after 40 m."""
+
+
+def visit(name, x_m=6.0, y_m=4.0, **fields):
+    return Visit(id=name, place=Point2D(x_m, y_m), **fields)
+
+
+def staff(team, socs, docks=1, *, dearer=1.0):
+    workers = []
+    for number, soc in enumerate(socs, start=1):
+        robot = team.robot(f"r{number}", 4.0 + number, 4.0)
+        robot.plugins = ["visit", "recharge"]
+        robot.chargers = list(DOCKS[:docks])
+        workers.append(Worker(robot, remaining_j=soc * CAPACITY_J, dearer=dearer))
+    team.closed_room()
+    return workers
+
+
+def status(team):
+    return team.ask(COORDINATOR_PLANNING, None, PlanningStatus)
+
+
+def all_done(team):
+    return lambda: set(team.states().values()) == {TaskState.DONE}
+
+
+def charges_of(worker):
+    return [offer.task for offer in worker.robot.offers if isinstance(offer.task, Recharge)]
+
+
+# -- the whole ------------------------------------------------------------------------------------------------------
+
+
+def finish_s(charging, docks):
+    """How long four robots with little charge take for many dear visits, with so many chargers."""
+    with open_lockstep_session() as session:
+        team = Team(session)
+        team.begin(None, PlanningPolicy(charging=charging))
+        workers = staff(team, (0.22, 0.2, 0.18, 0.16), docks, dearer=DEAR)
+        for number, worker in enumerate(workers):  # near a charger: no robot is so low that it does not get to one
+            worker.robot.pose = Pose2D(4.0 + 0.6 * number, 3.0, 0.0)
+        docked_most = 0
+
+        def check():
+            nonlocal docked_most
+            docked = [worker.at_charger for worker in workers if worker.at_charger is not None]
+            assert len(docked) == len(set(docked))
+            docked_most = max(docked_most, len(docked))
+
+        run(team, workers, 1.0)
+        for number in range(50):
+            team.submit(visit(f"t{number}", 3.4 + 5.2 * (0.618 * number % 1.0), 2.4 + 3.2 * (0.755 * number % 1.0)))
+        begun_ns = team.clock.now_ns()
+        assert run(team, workers, 1500.0, until=all_done(team), check=check), team.states()
+        took_s = (team.clock.now_ns() - begun_ns) / 1e9
+        assert 1 <= docked_most <= docks
+        for worker in workers:
+            assert worker.least_j > (0.9 * RESERVE_SOC * CAPACITY_J if charging is Charging.SCHEDULE else 0.0)
+        team.close()
+        return took_s
+
+
+@pytest.mark.parametrize("docks", [1, 2, 4])
+def test_four_robots_do_many_visits_with_few_chargers_in_less_time_than_in_turns_and_keep_their_reserve(docks):
+    assert finish_s(Charging.SCHEDULE, docks) <= finish_s(Charging.TURNS, docks)
+
+
+# -- those who charge are counted on --------------------------------------------------------------------------------
+
+
+def test_a_task_that_only_a_robot_that_charges_can_do_waits_for_it_and_says_so(team):
+    ears = Inbox(1000, every=True)
+    team.endpoint().subscribe(ears, TASK_PROBLEM)
+    (worker,) = staff(team, (0.102,))
+    run(team, [worker], 1.0)
+    team.submit(visit("t1", 8.5))
+    assert run(team, [worker], 20.0, until=lambda: worker.at_charger is not None)
+    run(team, [worker], 1.0)
+    assert team.coordinator.planning.left_out == {}
+    why = team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy)
+    assert why.now.startswith("it is queued: r1 is to begin it in ")
+    assert "when it has charged to 95%" in why.now
+    assert why.record.why.startswith("waits until r1 has charged to 95%, in about ")
+    assert status(team).planned == 1
+    assert [type(offer.task) for offer in worker.robot.offers] == [Recharge]  # offered when it is free
+    assert run(team, [worker], 120.0, until=all_done(team))
+    problems = [received.message for received in ears.drain()]
+    assert all(plan_again(one) == one.routes for one in problems)
+    waited = [change.why for change in team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy).changes]
+    assert sum(why.startswith("waits until r1 has charged") for why in waited) == 1  # told once
+
+
+def test_what_somebody_free_can_do_does_not_wait_for_one_that_charges_though_that_is_cheaper(team):
+    low, fresh = staff(team, (0.102, 0.8))
+    fresh.dearer = 3.0
+    run(team, [low, fresh], 1.0)
+    low.robot.plugins.append("camera")
+    run(team, [low, fresh], 11.0)
+    team.submit(visit("only-r1", 8.5, needs=("camera",)))
+    assert run(team, [low, fresh], 30.0, until=lambda: low.at_charger is not None)
+    team.submit(visit("beside-r1", 3.8, 2.6))
+    run(team, [low, fresh], 0.5)
+    assert fresh.robot.offers[-1].task.id == "beside-r1"
+    why = team.ask(TASK_WHY, TaskRequest(id="beside-r1"), TaskWhy)
+    assert {one.robot: one.chosen for one in why.robots} == {"r1": False, "r2": True}
+
+
+def test_a_robot_that_is_halted_while_it_charges_is_counted_on_no_more(team):
+    (worker,) = staff(team, (0.102,))
+    run(team, [worker], 1.0)
+    team.submit(visit("t1", 8.5))
+    assert run(team, [worker], 20.0, until=lambda: worker.at_charger is not None)
+    assert status(team).planned == 1
+    worker.robot.halted = True
+    run(team, [worker], 1.5)
+    assert status(team).planned == 0
+
+
+# -- the schedule ---------------------------------------------------------------------------------------------------
+
+
+def test_who_waits_is_told_for_which_charger_and_sets_out_so_as_to_be_there_in_time(team):
+    ears = Inbox(1000, every=True)
+    team.endpoint().subscribe(ears, COORDINATOR_CHARGES)
+    workers = staff(team, (0.2, 0.1))
+    assert run(team, workers, 30.0, until=lambda: workers[1].at_charger is not None)
+    run(team, workers, 12.0)  # the charger's power is known by now
+    first, second = status(team).charges
+    assert (first.robot, first.is_there, first.behind, first.why) == ("r2", True, "", "")
+    assert (second.robot, second.has_set_out, second.behind) == ("r1", False, "r2")
+    assert second.why.startswith("waits for the charger at (3.5, 2.5), free in ")
+    assert second.why.endswith(" s: r2 has it before")
+    assert team.coordinator._charge_desk.waiting == {"r1": second.why}
+    assert second.from_ns >= first.until_ns
+    free_ns = first.until_ns
+    assert run(team, workers, 60.0, until=lambda: charges_of(workers[0]))
+    assert team.clock.now_ns() < free_ns  # it is on its way before the charger is free
+    assert run(team, workers, 60.0, until=lambda: workers[0].at_charger is not None)
+    assert workers[0].waited_s < 15.0
+    told = [received.message.charges for received in ears.drain()]
+    assert len(told) < 12
+    assert told[-1][-1].robot == "r1"
+    assert all(len({one.robot for one in charges}) == len(charges) for charges in told)
+    assert run(team, workers, 60.0, until=lambda: status(team).charges == ())
+
+
+def test_a_charge_ends_for_one_that_is_much_lower_while_tasks_wait_for_energy(team):
+    workers = staff(team, (0.118, 0.11), dearer=60.0)
+    assert run(team, workers, 30.0, until=lambda: workers[1].at_charger is not None)
+    assert charges_of(workers[1])[0].until_soc == TO_SOC  # nothing else is wanted
+    for number in range(30):
+        team.submit(visit(f"t{number}", 3.5 + 4.5 * (number % 2), 3.0 + 0.05 * number))
+    assert run(team, workers, 200.0, until=lambda: workers[1].at_charger is None)
+    ended = charges_of(workers[1])[0].id
+    assert team.history(ended)[-1] is TaskState.CANCELLED
+    assert team.why(ended).startswith("r2 has charged to 6")
+    assert team.why(ended).endswith("%, enough for now: r1 waits")
+    assert run(team, workers, 900.0, until=all_done(team))
+
+
+def test_a_charge_of_its_own_accord_that_has_brought_enough_is_ended_as_well(team):
+    low, own = staff(team, (0.12, 0.3), dearer=60.0)
+    own.robot.behavior = "recharge"
+    own.robot.pose = msgspec.structs.replace(own.robot.pose, x_m=DOCKS[0].x_m, y_m=DOCKS[0].y_m)
+    own.at_charger = DOCKS[0]
+
+    def step(worker, dt_s):
+        if worker.robot.behavior == "recharge" and not worker.robot.offers:
+            worker.remaining_j += 500.0 * dt_s
+            worker.at_charger = DOCKS[0]
+            worker.tell()
+
+    for number in range(30):
+        team.submit(visit(f"t{number}", 3.5 + 4.5 * (number % 2), 3.0 + 0.05 * number))
+    for _ in range(2000):
+        step(own, 0.1)
+        if own.robot.offers:
+            break
+        team.run(0.1)
+        low.step(0.1)
+    (charge,) = charges_of(own)
+    assert charge.until_soc == pytest.approx(0.6, abs=0.02)
+    own.robot.behavior = ""
+    assert run(team, [low, own], 900.0, until=all_done(team))
+
+
+def test_a_short_turn_that_was_of_no_use_is_not_cut_short_again(team):
+    """Each visit takes more than a short turn gives: two thirds of a battery."""
+    workers = staff(team, (0.3, 0.2), dearer=1.0)
+    for number in range(2):
+        team.submit(visit(f"t{number}", service_s=0.6 * CAPACITY_J / 8.0))
+    assert run(team, workers, 300.0, until=lambda: set(team.states().values()) == {TaskState.RUNNING})
+    assert max(len(charges_of(worker)) for worker in workers) <= 2
+
+
+# -- what it will take ----------------------------------------------------------------------------------------------
+
+
+def test_what_exploring_and_charging_will_take_is_told_before_it_is_done(team):
+    ears = Inbox(1000, every=True)
+    team.endpoint().subscribe(ears, TASK_DECISION)
+    robot = team.robot("r1", 5.0)
+    robot.plugins, robot.chargers = ["explore", "recharge"], [Point2D(7.0, 4.0)]
+    worker = Worker(robot, remaining_j=0.9 * CAPACITY_J)
+    team.hall()
+    run(team, [worker], 0.5)
+    (told,) = (received.message for received in ears.drain())
+    goal = robot.goal
+    away_m = math.hypot(goal.x_m - 5.0, goal.y_m - 4.0)
+    assert (told.task, told.robots, told.bids[0].chosen) == (robot.offers[0].task.id, ("r1",), True)
+    assert 20.0 * away_m < told.bids[0].energy_j < 1.5 * (20.0 + 16.0) * away_m
+    robot.plugins = ["recharge"]
+    worker.remaining_j = 0.2 * CAPACITY_J
+    robot.end(TaskState.DONE)
+    run(team, [worker], 2.0)
+    charge = [received.message for received in ears.drain()][-1]
+    assert charge.task == charges_of(worker)[0].id
+    assert charge.bids[0].energy_j > 0.0
+
+
+# -- who knows chargers ---------------------------------------------------------------------------------------------
+
+
+def test_only_robots_with_a_home_are_asked_for_chargers(team):
+    asked = []
+    with_home, without = team.robot("r1", 5.0), team.robot("r2", 7.0)
+    with_home.chargers = [DOCKS[0]]
+    for robot in (with_home, without):
+        told = robot._called
+        robot.wire.answer(
+            ROBOT_CALL,
+            lambda request, robot=robot, told=told: asked.append(robot.name) or told(request.names["function"]),
+            robot=robot.name,
+        )
+    team.closed_room()
+    team.run(120.0)
+    assert "r1" in asked
+    assert "r2" not in asked
+    assert team.coordinator.planning.chargers.of["r1"][0].place == DOCKS[0]

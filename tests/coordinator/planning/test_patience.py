@@ -1,0 +1,71 @@
+"""Who charges gets what is left over, and every plan with them keeps what plans must keep."""
+
+import msgspec
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from robrain.coordinator.allocation.auction import AuctionAllocator
+from robrain.coordinator.allocation.validate import validate
+from robrain.coordinator.planning.patience import for_the_ready, with_those_who_charge
+from robrain.coordinator.planning.policy import Method
+from robrain.coordinator.planning.thinking import Thinking
+from robrain.protocol.model.objective import Objective
+from tests.coordinator.allocation.instances import team_problem
+
+
+@st.composite
+def problems(draw):
+    """Random teams of which some charge."""
+    robots = draw(st.integers(1, 4))
+    share = st.sampled_from([0.0, 0.0, 0.4])
+    problem = team_problem(
+        robots,
+        draw(st.integers(1, 9)),
+        draw(st.integers(0, 10_000)),
+        tightness=draw(st.sampled_from([0.5, 0.8, 1.5])),
+        windows=draw(share),
+        needs=draw(share),
+        after=draw(share),
+        pairs=draw(share),
+        chargers=2,
+        area_m=10.0,
+    )
+    late = draw(st.sets(st.integers(0, robots - 1)))
+    workers = tuple(
+        msgspec.structs.replace(worker, ready_s=40.0) if index in late else worker
+        for index, worker in enumerate(problem.workers)
+    )
+    return msgspec.structs.replace(problem, workers=workers)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(problems(), st.sampled_from(list(Objective)))
+def test_those_who_charge_get_nothing_that_somebody_else_was_to_do(problem, objective):
+    allocator = AuctionAllocator(objective)
+    ready = for_the_ready(problem)
+    first = allocator.plan(ready, iterations=1)
+    assert validate(ready, first) == []
+    shared, plan = with_those_who_charge(problem, first, {}, allocator)
+    assert validate(shared, plan) == []
+    assert validate(problem, plan) == []  # what is asked for beyond the problem takes nothing from it
+    assert plan.rank <= first.rank
+    done = {job for route in first.routes for job in route.jobs}
+    late = {worker.name for worker in problem.workers if worker.ready_s > 0}
+    if len(late) < len(problem.workers):
+        assert not done & {job for route in plan.routes if route.worker in late for job in route.jobs}
+    assert all(one.why for one in plan.unassigned)
+
+
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(problems(), st.sampled_from(list(Objective)))
+def test_a_plan_with_those_who_charge_is_valid_and_the_same_again(problem, objective):
+    def think():
+        thinking = Thinking(problem, objective, Method.OPTIMAL, seed=1, iterations=20, gain_min=0.02, orders={})
+        for _ in thinking.improve():
+            if thinking.rounds >= 1:
+                break
+        return thinking.plan, thinking.problem
+
+    plan, shared = think()
+    assert validate(shared, plan) == []
+    assert think()[0] == plan

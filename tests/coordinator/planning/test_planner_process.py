@@ -1,0 +1,226 @@
+"""The process that makes plans: killed, stopped, interrupted, left alone, it costs the coordinator no question."""
+
+import logging
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robrain.coordinator.planning.floor import Floor
+from robrain.coordinator.planning.live_planner import LivePlanner
+from robrain.coordinator.planning.planner_link import Question, QuestionReader, Questions
+from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.protocol.model.occupancy_grid import GridGeometry
+from tests.coordinator.planning.situations import open_floor_situation
+
+WAIT_S = 60.0
+ROOT = Path(__file__).parents[3]
+LONG = PlanningPolicy(deadline_s=600.0)
+SHORT = PlanningPolicy(deadline_s=0.2)
+PARENT = """
+import threading
+from robrain.coordinator.planning.live_planner import LivePlanner
+from robrain.coordinator.planning.policy import PlanningPolicy
+from tests.coordinator.planning.situations import open_floor_situation
+
+made = threading.Event()
+planner = LivePlanner(made.set)
+planner.ask(open_floor_situation(1, 200, robots=10), PlanningPolicy(deadline_s=600.0))
+made.wait()
+print(planner.pid, flush=True)
+threading.Event().wait()
+"""
+
+
+@pytest.fixture
+def made():
+    return threading.Event()
+
+
+@pytest.fixture
+def planner(made):
+    found = LivePlanner(made.set)
+    yield found
+    found.close()
+
+
+def next_plan(planner, made):
+    assert made.wait(WAIT_S)
+    made.clear()
+    return planner.take()
+
+
+def wait_until(holds):
+    ends_s = time.monotonic() + WAIT_S
+    while not holds():
+        assert time.monotonic() < ends_s
+        threading.Event().wait(0.01)
+
+
+def is_there(pid: int) -> bool:
+    """Whether a process runs; one that has ended and that nobody has waited for does not."""
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0]
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+    return state != "Z"
+
+
+def test_a_process_that_is_killed_amid_a_plan_is_followed_by_another_that_makes_it(planner, made, caplog):
+    planner.ask(open_floor_situation(7, 200, robots=10), LONG)
+    next_plan(planner, made)
+    first = planner.pid
+    os.kill(first, signal.SIGKILL)
+    wait_until(lambda: planner.pid not in (first, None))
+    assert planner.is_busy
+    plans = next_plan(planner, made)
+    assert plans[-1].problem.plan == 7
+    assert "was ended by SIGKILL" in caplog.text
+
+
+def test_a_process_that_is_killed_while_nobody_asks_is_there_again_for_the_next_question(planner, made):
+    planner.ask(open_floor_situation(1, 3), SHORT)
+    next_plan(planner, made)
+    wait_until(lambda: not planner.is_busy)
+    os.kill(planner.pid, signal.SIGKILL)
+    planner.ask(open_floor_situation(2, 3), SHORT)
+    assert next_plan(planner, made)[-1].problem.plan == 2
+
+
+def test_a_process_that_never_answers_is_replaced_and_the_last_question_asked_again(made, caplog):
+    planner = LivePlanner(made.set, grace_s=2.0)
+    try:
+        planner.prepare()
+        planner.ask(open_floor_situation(1, 3), SHORT)
+        next_plan(planner, made)
+        wait_until(lambda: not planner.is_busy)
+        stopped = planner.pid
+        os.kill(stopped, signal.SIGSTOP)
+        for number in range(2, 5):
+            planner.ask(open_floor_situation(number, 3), SHORT)
+        assert next_plan(planner, made)[-1].problem.plan == 4
+        assert planner.pid != stopped
+        assert not is_there(stopped)
+        assert "has said nothing for 2.2 s" in caplog.text
+    finally:
+        planner.close()
+
+
+class Poison(str):
+    """Ends whoever reads it."""
+
+    __slots__ = ()
+
+    def __reduce__(self):
+        return os._exit, (3,)
+
+
+def test_a_question_that_no_process_survives_is_given_up_and_the_next_is_answered(planner, made, caplog, monkeypatch):
+    monkeypatch.setattr("robrain.coordinator.planning.live_planner.FIRST_PAUSE_S", 0.01)
+    monkeypatch.setattr(planner, "_pause_s", 0.01)
+    poisoned = open_floor_situation(1, 3)
+    poisoned.told[Poison("t1")] = ()
+    planner.ask(poisoned, SHORT)
+    wait_until(lambda: not planner.is_busy)
+    assert "no plan 1 could be made: 3 processes were lost over it" in caplog.text
+    assert caplog.text.count("has ended with status 3") == 3
+    planner.ask(open_floor_situation(2, 3), SHORT)
+    assert next_plan(planner, made)[-1].problem.plan == 2
+
+
+def test_closing_leaves_no_process_whatever_it_is_at(made):
+    planner = LivePlanner(made.set)
+    planner.ask(open_floor_situation(1, 200, robots=10), LONG)
+    next_plan(planner, made)
+    pid = planner.pid
+    planner.close()
+    assert not is_there(pid)
+    with pytest.raises(ProcessLookupError):  # it was waited for
+        os.kill(pid, 0)
+    assert not [one for one in threading.enumerate() if one.name.startswith("planner")]
+    planner.ask(open_floor_situation(2, 3), SHORT)  # nobody does so, but nothing comes of it
+    assert planner.pid is None
+
+
+def test_closing_while_it_starts_leaves_no_process(made):
+    planner = LivePlanner(made.set)
+    planner.prepare()
+    wait_until(lambda: planner.pid is not None)
+    pid = planner.pid
+    planner.close()
+    assert not is_there(pid)
+
+
+@pytest.mark.parametrize("is_stopped", [False, True])
+def test_when_the_coordinator_is_killed_the_process_ends_though_it_be_amid_a_search_or_stopped(is_stopped):
+    parent = subprocess.Popen([sys.executable, "-c", PARENT], cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    try:
+        pid = int(parent.stdout.readline())
+        assert is_there(pid)
+        if is_stopped:
+            os.kill(pid, signal.SIGSTOP)
+    finally:
+        parent.kill()
+        parent.communicate()
+    wait_until(lambda: not is_there(pid))
+
+
+def test_an_interrupt_for_the_whole_terminal_is_none_for_the_process(planner, made, capfd):
+    planner.ask(open_floor_situation(1, 3), SHORT)
+    next_plan(planner, made)
+    pid = planner.pid
+    os.kill(pid, signal.SIGINT)
+    wait_until(lambda: not planner.is_busy)
+    planner.ask(open_floor_situation(2, 3), SHORT)
+    assert next_plan(planner, made)[-1].problem.plan == 2
+    assert planner.pid == pid
+    assert os.getpgid(pid) != os.getpgid(0)
+    assert os.getpriority(os.PRIO_PROCESS, pid) > os.getpriority(os.PRIO_PROCESS, 0)
+    planner.close()
+    assert capfd.readouterr().err == ""
+
+
+def test_the_floor_goes_over_once_for_as_long_as_it_stays_the_same():
+    def asked(number: int, floor: Floor | None) -> Question:
+        situation = open_floor_situation(number, 2)
+        return Question(number, type(situation)(**{**_fields(situation), "floor": floor}), PlanningPolicy())
+
+    floor = Floor(np.zeros((200, 300), np.int8), GridGeometry(0.1, 0.0, 0.0, 300, 200), 1)
+    grown = floor._replace(classes=np.ones((200, 300), np.int8), version=2)
+    questions, reader = Questions(), QuestionReader()
+    sizes = []
+    for number, sent in enumerate([None, floor, floor, grown, grown, None, floor]):
+        body = questions.encode(asked(number, sent))
+        sizes.append(len(body))
+        read = reader.read(body)
+        assert read.number == number
+        assert read.policy == PlanningPolicy()
+        assert {**_fields(read.situation), "floor": None} == {**_fields(asked(number, None).situation)}
+        if sent is None:
+            assert read.situation.floor is None
+        else:
+            assert read.situation.floor.geometry == sent.geometry
+            assert np.array_equal(read.situation.floor.classes, sent.classes)
+    assert [size > 60_000 for size in sizes] == [False, True, False, True, False, False, True]
+
+
+def _fields(situation):
+    return {name: getattr(situation, name) for name in situation.__struct_fields__}
+
+
+def test_a_planner_that_cannot_be_started_is_tried_again_and_says_so(planner, made, caplog, monkeypatch):
+    caplog.set_level(logging.WARNING)
+    monkeypatch.setattr("robrain.coordinator.planning.live_planner.FIRST_PAUSE_S", 0.01)
+    monkeypatch.setattr(planner, "_pause_s", 0.01)
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, "executable", "/nonexistent/python")
+        planner.prepare()
+        wait_until(lambda: "cannot be started" in caplog.text)
+    planner.ask(open_floor_situation(1, 3), SHORT)
+    assert next_plan(planner, made)[-1].problem.plan == 1

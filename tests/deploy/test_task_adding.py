@@ -1,0 +1,59 @@
+"""`robrain task add` makes tasks of its options; `robrain task charges` prints the schedule of the chargers."""
+
+from contextlib import nullcontext
+
+import pytest
+from typer.testing import CliRunner
+
+from robrain.deploy import task_adding, task_commands
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.objective import Objective
+from robrain.protocol.model.task import Relay, TaskState
+from robrain.protocol.wire.plan_messages import PlannedCharge, PlanningStatus
+from robrain.protocol.wire.task_messages import TaskRecord
+
+CHARGES = (
+    PlannedCharge(robot="r1", charger=Point2D(2.0, 1.5), set_out_ns=0, from_ns=0, until_ns=60, soc=0.4, to_soc=0.6,
+                  has_set_out=True, is_there=True),
+    PlannedCharge(robot="r2", charger=Point2D(2.0, 1.5), set_out_ns=40, from_ns=70, until_ns=160, soc=0.2, to_soc=0.95,
+                  behind="r1", why="waits for the charger at (2.0, 1.5), free in 70 s: r1 has it before"),
+)  # fmt: skip
+
+
+class Client:
+    """Takes whatever it is asked for."""
+
+    def __init__(self):
+        self.submitted = []
+
+    def submit(self, task, **_times):
+        self.submitted.append(task)
+        return TaskRecord(task=task, state=TaskState.QUEUED)
+
+    def planning(self, _objective):
+        return PlanningStatus(objective=Objective.ENERGY, method="optimal", charges=CHARGES)
+
+
+@pytest.fixture
+def client(monkeypatch):
+    asked = Client()
+    for module in (task_adding, task_commands):
+        monkeypatch.setattr(module, "task_client", lambda _connect, _team: nullcontext(asked))
+    return asked
+
+
+def run(*words):
+    return CliRunner().invoke(task_commands.task_app, [*words], catch_exceptions=False)
+
+
+def test_the_next_robot_of_a_chain_is_an_option_of_relay(client):
+    found = run("add", "relay", "--at", "3,4", "--duration", "60", "--robot", "r2", "--id", "chain")
+    assert found.stdout == "chain: queued\n"
+    assert client.submitted == [Relay(id="chain", place=Point2D(3.0, 4.0), duration_s=60.0, robot="r2")]
+
+
+def test_the_schedule_of_the_chargers_is_printed_one_robot_a_line(client):
+    assert run("charges").stdout.splitlines() == [
+        "r1: charges at (2.0, 1.5), 40% to 60%",
+        f"r2: is to charge at (2.0, 1.5), 20% to 95%: {CHARGES[1].why}",
+    ]
