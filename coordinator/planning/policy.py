@@ -47,9 +47,8 @@ class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """Ways are taken to last so much longer than the robot's usual pace tells: stops to give way, corners."""
     unknown_cost: float = 1.5
     """What a metre of unknown floor counts as. A robot that knows better refuses, and is not asked for a while."""
-    gain_min: float = 0.05
-    """Tasks change hands only for a plan that is better by this share. Chosen: a plan is made whenever a robot is about
-    to end a task, and again when it has, and what each finds anew is mostly worth less than that."""
+    gain_min: float = 0.02
+    """Tasks change hands only for a plan that is better by this share."""
     settle_s: float = 0.02
     """From one plan to the next at least, so that a burst of news makes one plan (the first makes one at once)."""
     refresh_s: float = 10.0

@@ -17,6 +17,8 @@ from robrain.sim.scenario import Scenario
 from tests.bench.planning import TASKS, Outcome, run_tasks
 
 FLOOR, SEED = "arena_small", 2
+SEEDS = (1, 2, 3, 4)
+"""Of one set of tasks either may come out ahead by luck."""
 
 
 @pytest.fixture(scope="module")
@@ -30,10 +32,12 @@ def planned(recording: Path) -> Outcome:
 
 
 def test_planned_tasks_take_less_energy_than_nearest_first(planned: Outcome) -> None:
-    nearest = run_tasks(SEED, PlanningPolicy(method=Method.NEAREST), FLOOR)
-    assert (planned.done, nearest.done) == (TASKS, TASKS)
-    assert planned.energy_j < nearest.energy_j
-    assert planned.distance_m < nearest.distance_m
+    nearest = [run_tasks(seed, PlanningPolicy(method=Method.NEAREST), FLOOR) for seed in SEEDS]
+    plans = [planned if seed == SEED else run_tasks(seed, PlanningPolicy(), FLOOR) for seed in SEEDS]
+    assert {run.done for run in nearest + plans} == {TASKS}
+    assert sum(run.energy_j for run in plans) < sum(run.energy_j for run in nearest)
+    assert sum(run.moving_j for run in plans) < 0.7 * sum(run.moving_j for run in nearest)
+    assert sum(run.distance_m for run in plans) < 0.7 * sum(run.distance_m for run in nearest)
 
 
 def test_the_recorded_run_decides_the_same_again(planned: Outcome, recording: Path) -> None:
