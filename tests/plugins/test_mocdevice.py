@@ -63,6 +63,23 @@ def test_encoder_frames_of_a_metre_forward_are_a_metre_of_odometry(stage):
     assert counted(one, "believed", "rejected", "foreign") == [101, 0, 0]
 
 
+def test_frames_that_arrive_in_a_burst_tell_of_no_greater_speed(stage):
+    one = stage()
+    host = one.host("mocdevice")
+    controller = Controller(one)
+    per_tick = [round(ticks) for ticks in ticks_for(Twist2D(0.01))]
+    controller.turn(0, 0, 0)
+    one.run(0.02)
+    one.clock.advance_to(one.clock.now_ns() + 100_000_000)  # the computer was busy, or the bus
+    told_m_s = []
+    for _ in range(5):
+        controller.turn(*per_tick)
+        one.clock.advance_to(one.clock.now_ns() + 1_000_000)
+        host.step()
+        told_m_s.append(device(host).velocity().forward_m_s)
+    assert told_m_s == pytest.approx([0.5] * 5, rel=0.01)
+
+
 def test_a_turn_on_the_spot_turns_the_odometry_alone(stage):
     one = stage()
     host = one.host("mocdevice")

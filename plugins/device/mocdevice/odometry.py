@@ -6,7 +6,6 @@ from collections import deque
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.model.odometry import moved
 from robrain.protocol.model.omni_drive import OmniBase
-from robrain.protocol.wire.clock import NS_PER_S
 
 ENCODER_MODULUS = 1 << 16
 HALF_TURN = ENCODER_MODULUS // 2
@@ -60,7 +59,8 @@ class WheelOdometry:
                 self.jumps += 1
                 has_jumped = True
             else:
-                self._move([count * self._rad_per_tick for count in turned], stamp_ns, since_ns)
+                elapsed_s = frames * ENCODER_PERIOD_S if since_ns is not None else None
+                self._move([count * self._rad_per_tick for count in turned], elapsed_s)
         self._history.append((stamp_ns, self.pose))
         return not has_jumped
 
@@ -74,11 +74,14 @@ class WheelOdometry:
             index -= 1
         return history[index][1]
 
-    def _move(self, turns_rad: list[float], stamp_ns: int, since_ns: int | None) -> None:
+    def _move(self, turns_rad: list[float], elapsed_s: float | None) -> None:
+        """Go on by what the wheels have turned within this time; None if nobody knows for how long they did.
+
+        The time is the controller's, which counts its frames: on a busy computer they arrive in bursts.
+        """
         displacement = self._base.twist(*turns_rad)
         self.pose = moved(self.pose, displacement)
-        if since_ns is not None and stamp_ns > since_ns:
-            elapsed_s = (stamp_ns - since_ns) / NS_PER_S
+        if elapsed_s is not None:
             self.velocity = Twist2D(
                 displacement.forward_m_s / elapsed_s,
                 displacement.left_m_s / elapsed_s,
