@@ -10,10 +10,11 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.topics import ARENA_TRUTH, COORDINATOR_STATE, ROBOT_STATE, TASK_LIST
+from robrain.protocol.wire.topics import ARENA_TRUTH, COORDINATOR_STATE, ROBOT_CALL, ROBOT_STATE, TASK_LIST
 from tests.system.conftest import Commands
 
 ASK_S = 0.1
+WANDER_S = 3.0
 
 
 class LiveTeam:
@@ -45,6 +46,11 @@ class LiveTeam:
     def way_m(self) -> float:
         """How far all robots have come together."""
         return sum(robot.distance_m for robot in self.robots().values())
+
+    def stir(self) -> None:
+        """Have robots that have nothing to do go about for a while: what is explored, they stand on."""
+        for robot in self.robots():
+            self._endpoint.ask(ROBOT_CALL, [WANDER_S], robot=robot, plugin="wander", function="start")
 
     def process_of(self, robot: str) -> int:
         """The process of a robot's agent."""
