@@ -17,8 +17,8 @@ $(STAMP): pyproject.toml constraints.txt
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all,dev]'
 	@touch $@
 
-test: install browser
-	$(BIN)/python -m pytest $(ARGS)
+test: install browser ## side by side on up to four cores, each file of tests in one process (ARGS="-n 0 tests/agent" for less)
+	$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile $(ARGS)
 
 browser: ## Chromium for the dashboard's tests, from the distribution's packages where that is allowed
 	@if ! test -x /usr/bin/chromium && test "$$(id -u)" = 0 && command -v apt-get >/dev/null; then \
