@@ -6,35 +6,12 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from robrain.agent.task_desk import TaskDesk
-from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import Explore, TaskState, Visit
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import TaskAnswer, TaskOffer, TaskStatus, TaskWithdrawal, TeamState
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_OFFER, ROBOT_STATE
-
-GOAL = Point2D(1.0, 2.0)
-YES, NO = TaskAnswer(accepted=True), TaskAnswer(accepted=False, why="no way there")
-
-
-def offer(task_id="t1", epoch=1, after="", lease_s=5.0):
-    return TaskOffer(task=Explore(id=task_id, goal=GOAL), epoch=epoch, lease_s=lease_s, after=after)
-
-
-class Explorer:
-    """A behavior that does what it is told to."""
-
-    def __init__(self, desk):
-        self.answer = YES
-        self.started = []
-        self.let_go_of = []
-        desk.register(Explore, self.accept, self.let_go_of.append)
-
-    def accept(self, task):
-        self.started.append(task.id)
-        if isinstance(self.answer, Exception):
-            raise self.answer
-        return self.answer
+from tests.agent.desk_of_one import GOAL, NO, YES, Explorer, offer
 
 
 @pytest.fixture

@@ -21,9 +21,9 @@ from robrain.protocol.wire.topics import TASK_LIST, TASK_SUBMIT
 from robrain.sim.chargers import ChargerSpec
 from robrain.sim.firmware.battery import BatterySpec
 from robrain.sim.lockstep import LockstepRun
-from robrain.sim.maps.placement import scatter_points
 from robrain.sim.robot_hardware import RobotHardware
 from robrain.sim.scenario import Scenario
+from tests.bench.planning import known_places
 from tests.bench.plugin_host import Row
 
 FLOOR = "arena_small"
@@ -114,15 +114,8 @@ def run_tasks(seed: int, chargers: int, charging: Charging) -> Outcome:
 
 
 def _places(run: LockstepRun, seed: int) -> list[Point2D]:
-    """On floor that the team knows, some of them several times."""
-    plan, grid = run.world.plan, run.coordinator.team_map.grid
-    starts = [Point2D(robot.start.x_m, robot.start.y_m) for robot in run.world.robots]
-    reachable = plan.reachable(starts, run.world.robots[0].radius_m)
-    rng = np.random.default_rng([seed, 78])
-    found = scatter_points(plan, 20, reachable, rng=rng, min_clearance_m=0.5, spacing_m=0.8)
-    known = [
-        place for place in found if grid is not None and grid.log_odds[grid.geometry.cell_of(place.x_m, place.y_m)] < 0
-    ]
+    """Some of them several times."""
+    known = known_places(run, np.random.default_rng([seed, 78]), 20, 0.8)
     return [known[number % len(known)] for number in range(TASKS)]
 
 

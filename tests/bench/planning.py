@@ -86,7 +86,7 @@ def run_tasks(seed: int, policy: PlanningPolicy, floor: str = FLOOR, record: Pat
     try:
         while run.explored_fraction < EXPLORED and run.sim_time_s < EXPLORE_LIMIT_S:
             run.tick()
-        places = _places(run, seed)
+        places = known_places(run, np.random.default_rng([seed, 77]), 3 * TASKS, 1.0)[:TASKS]
         begun_s = run.sim_time_s
         energy_j, distance_m = _spent(run)
         for number, place in enumerate(places):
@@ -108,17 +108,15 @@ def run_tasks(seed: int, policy: PlanningPolicy, floor: str = FLOOR, record: Pat
         run.close()
 
 
-def _places(run: LockstepRun, seed: int) -> list[Point2D]:
-    """On floor that the team knows, so that nobody has to find the way first."""
+def known_places(run: LockstepRun, rng: np.random.Generator, count: int, spacing_m: float) -> list[Point2D]:
+    """Of so many places, those on floor that the team knows, so that nobody has to find the way first."""
     plan, grid = run.world.plan, run.coordinator.team_map.grid
     starts = [Point2D(robot.start.x_m, robot.start.y_m) for robot in run.world.robots]
     reachable = plan.reachable(starts, run.world.robots[0].radius_m)
-    rng = np.random.default_rng([seed, 77])
-    found = scatter_points(plan, 3 * TASKS, reachable, rng=rng, min_clearance_m=CLEARANCE_M, spacing_m=1.0)
-    known = [
+    found = scatter_points(plan, count, reachable, rng=rng, min_clearance_m=CLEARANCE_M, spacing_m=spacing_m)
+    return [
         place for place in found if grid is not None and grid.log_odds[grid.geometry.cell_of(place.x_m, place.y_m)] < 0
     ]
-    return known[:TASKS]
 
 
 def _spent(run: LockstepRun) -> tuple[float, float]:

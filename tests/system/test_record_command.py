@@ -12,12 +12,9 @@ from robrain.coordinator.recording.checking import check_recording
 from robrain.coordinator.recording.reading import read_messages, recording_info
 from robrain.coordinator.recording.recovering import recover
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.clock import WallClock
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import RecorderState, RobotState
-from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.topics import RECORDER_STATE, ROBOT_ALIVE, ROBOT_STATE
+from robrain.protocol.wire.topics import ROBOT_STATE
+from tests.system.speaker import Speaker
 
 pytestmark = pytest.mark.system
 
@@ -25,24 +22,14 @@ LOST_S = 0.6
 KILLS = 3
 
 
-class Speaker:
-    """A robot that says its state, and hears how the recorder does."""
-
-    def __init__(self) -> None:
-        self.session = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
-        self.address = listening_at(self.session)[0]
-        self.wire = Endpoint(self.session, "default", WallClock(), Drive.LIVE)
-        self.wire.token(ROBOT_ALIVE, robot="r1")
-        self.states = self.wire.publisher(ROBOT_STATE, robot="r1")
-        self.inbox = Inbox(every=True)
-        self.wire.subscribe(self.inbox, RECORDER_STATE)
-        self.said = 0
+class StateSpeaker(Speaker):
+    """Says its state."""
 
     def speak_until(self, heard: int, limit_s: float = 60.0) -> RecorderState:
         """Speak at 50 Hz until a recorder says that it has heard so many messages."""
         deadline_s = time.monotonic() + limit_s
         while time.monotonic() < deadline_s:
-            self.states.put(RobotState(robot="r1", pose=Pose2D(self.said, 0.0, 0.0)))
+            self.publisher.put(RobotState(robot="r1", pose=Pose2D(self.said, 0.0, 0.0)))
             self.said += 1
             time.sleep(0.02)
             for received in self.inbox.drain():
@@ -51,19 +38,15 @@ class Speaker:
                     return state
         raise AssertionError(f"no recorder has heard {heard} messages")
 
-    def close(self) -> None:
-        self.wire.close()
-        self.session.close()
-
 
 @pytest.fixture
-def speaker() -> Iterator[Speaker]:
-    speaker = Speaker()
+def speaker() -> Iterator[StateSpeaker]:
+    speaker = StateSpeaker(ROBOT_STATE)
     yield speaker
     speaker.close()
 
 
-def test_kill_9_costs_the_last_moment_alone(commands, speaker: Speaker, tmp_path: Path) -> None:
+def test_kill_9_costs_the_last_moment_alone(commands, speaker: StateSpeaker, tmp_path: Path) -> None:
     for attempt in range(KILLS):
         path = commands.folder / f"killed{attempt}.mcap"
         process = commands.start("record", "--connect", speaker.address, "--output", str(path))
@@ -81,7 +64,7 @@ def test_kill_9_costs_the_last_moment_alone(commands, speaker: Speaker, tmp_path
     assert not recording_info(recovered).truncated
 
 
-def test_ctrl_c_finishes_the_file_and_says_what_is_in_it(commands, speaker: Speaker) -> None:
+def test_ctrl_c_finishes_the_file_and_says_what_is_in_it(commands, speaker: StateSpeaker) -> None:
     process = commands.start("record", "--connect", speaker.address, "--output", "run.mcap", "--split-s", "1")
     state = speaker.speak_until(heard=100)
     assert (state.recorder, state.lost, state.why) == ("rec_run", [], "")
@@ -98,7 +81,7 @@ def test_ctrl_c_finishes_the_file_and_says_what_is_in_it(commands, speaker: Spea
     assert numbers == list(range(numbers[0], numbers[-1] + 1))
 
 
-def test_a_recording_is_never_overwritten_and_a_wrong_split_is_told(commands, speaker: Speaker) -> None:
+def test_a_recording_is_never_overwritten_and_a_wrong_split_is_told(commands, speaker: StateSpeaker) -> None:
     (commands.folder / "run.mcap").write_bytes(b"mine")
     for words, named in (
         (["--output", "run.mcap"], "run.mcap"),

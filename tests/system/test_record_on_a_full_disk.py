@@ -12,12 +12,9 @@ from pathlib import Path
 import pytest
 
 from robrain.coordinator.recording.reading import read_messages, recording_info
-from robrain.protocol.wire.clock import WallClock
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import RecorderState
-from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.topics import RECORDER_STATE, ROBOT_ALIVE, ROBOT_LOG
+from robrain.protocol.wire.topics import ROBOT_LOG
+from tests.system.speaker import Speaker
 
 pytestmark = pytest.mark.system
 
@@ -35,25 +32,15 @@ cp {disk}/*.mcap {kept}
 """The file system is the script's own: what lies in it is copied out before it is gone."""
 
 
-class Speaker:
-    """A robot that logs, and hears how the recorder does."""
-
-    def __init__(self) -> None:
-        self.session = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
-        self.address = listening_at(self.session)[0]
-        self.wire = Endpoint(self.session, "default", WallClock(), Drive.LIVE)
-        self.wire.token(ROBOT_ALIVE, robot="r1")
-        self.logs = self.wire.publisher(ROBOT_LOG, robot="r1")
-        self.inbox = Inbox(every=True)
-        self.wire.subscribe(self.inbox, RECORDER_STATE)
-        self.said = 0
+class LogSpeaker(Speaker):
+    """Writes its log."""
 
     def speak_until(self, why: str, file: str, heard: int = 0) -> RecorderState:
         """Speak until a recorder says this, of this file."""
         deadline_s = time.monotonic() + LIMIT_S
         state = None
         while time.monotonic() < deadline_s:
-            self.logs.put_bytes(LINE % str(self.said).encode())
+            self.publisher.put_bytes(LINE % str(self.said).encode())
             self.said += 1
             time.sleep(0.02)
             for received in self.inbox.drain():
@@ -62,10 +49,6 @@ class Speaker:
                     told: RecorderState = state
                     return told
         raise AssertionError(f"no recorder has said {why!r} of {file}; the last: {state}")
-
-    def close(self) -> None:
-        self.wire.close()
-        self.session.close()
 
 
 def fill(ballast: Path) -> None:
@@ -76,13 +59,13 @@ def fill(ballast: Path) -> None:
 
 
 @pytest.fixture
-def speaker() -> Iterator[Speaker]:
-    speaker = Speaker()
+def speaker() -> Iterator[LogSpeaker]:
+    speaker = LogSpeaker(ROBOT_LOG)
     yield speaker
     speaker.close()
 
 
-def test_a_recording_outlasts_a_full_disk(commands, speaker: Speaker, tmp_path: Path) -> None:
+def test_a_recording_outlasts_a_full_disk(commands, speaker: LogSpeaker, tmp_path: Path) -> None:
     disk, kept = tmp_path / "disk", tmp_path / "kept"
     disk.mkdir()
     kept.mkdir()

@@ -1,0 +1,29 @@
+"""A task desk with one behavior that does what it is told to."""
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.task import Explore
+from robrain.protocol.wire.messages import TaskAnswer, TaskOffer
+
+GOAL = Point2D(1.0, 2.0)
+YES, NO = TaskAnswer(accepted=True), TaskAnswer(accepted=False, why="no way there")
+
+
+def offer(task_id="t1", epoch=1, after="", lease_s=5.0):
+    return TaskOffer(task=Explore(id=task_id, goal=GOAL), epoch=epoch, lease_s=lease_s, after=after)
+
+
+class Explorer:
+    """Notes what it was asked for, and answers as the test says."""
+
+    def __init__(self, desk):
+        self.desk = desk
+        self.answer = YES
+        self.started = []
+        self.let_go_of = []
+        desk.register(Explore, self.accept, self.let_go_of.append)
+
+    def accept(self, task):
+        self.started.append(task.id)
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return self.answer
