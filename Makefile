@@ -49,7 +49,7 @@ format: install
 bench: install
 	$(BIN)/python -m tests.bench $(ARGS)
 
-soak: install ## kill -9, 200 times the coordinator and 100 times an agent of a live team: half an hour
+soak: install ## kill -9, 200 times the coordinator and 100 times an agent of a live team: a quarter of an hour
 	$(BIN)/python -m tests.system.soak --of coordinator --kills 200 $(ARGS)
 	$(BIN)/python -m tests.system.soak --of agent --kills 100 $(ARGS)
 
