@@ -24,6 +24,9 @@ class ReplayBar:
     def __init__(self, server: viser.ViserServer, source: ReplaySource) -> None:
         self._source = source
         self._drawn_s: float | None = None
+        self._shown_s = 0.0
+        """Where the slider was put last. If it is elsewhere, somebody has moved it, and `_slid` is about to be told: to
+        put it back would undo that."""
         gui = server.gui
         panel = gui.add_panel(order=0)
         duration_s = max(source.player.duration_s, 0.1)
@@ -52,8 +55,9 @@ class ReplayBar:
         self._drawn_s = now_s
         player = self._source.player
         at_s = min(round(player.position_s, 1), self._slider.max)
-        if abs(self._slider.value - at_s) >= 0.05:
+        if self._slider.value == self._shown_s and abs(self._shown_s - at_s) >= 0.05:
             set_value(self._slider, at_s)
+            self._shown_s = self._slider.value
         set_html(
             self._marks,
             marks_html(self._source.marks, max(player.duration_s, 0.1), player.position_s, playing=player.playing),
@@ -67,7 +71,8 @@ class ReplayBar:
 
     def _slid(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:  # a slider that is set in code tells of it as well
-            self._source.seek(float(event.target.value))
+            self._shown_s = event.target.value
+            self._source.seek(float(self._shown_s))
 
     def _choose_speed(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:

@@ -107,9 +107,10 @@ def test_task_is_called_off_by_its_button(page: Page, team: LiveTeam) -> None:
     _fill(page, "x (m)", f"{here.x_m:.2f}")
     _fill(page, "y (m)", f"{here.y_m:.2f}")
     _fill(page, "service (s)", "600")
+    before = _said_of_tasks(page)
     page.get_by_role("button", name="Add task", exact=True).click()
-    told = page.get_by_test_id("task-told")
-    said = wait_for(told.inner_text, lambda said: said.startswith("✓"), "the task's being accepted")
+    said = _answer_to_task(page, before)
+    assert said.startswith("✓")
     task = said.split()[1]
     click_on(page, f"[data-rb='cancel {task}']")
     expect(page.get_by_test_id(f"task-{task}-state")).to_have_text("⊘ cancelled")
@@ -191,15 +192,16 @@ def _function_is_called_by_its_form(page: Page) -> None:
 
 def _task_is_added_by_a_click_and_done(page: Page) -> None:
     page.get_by_role("tab", name="Tasks", exact=True).click()
-    told = page.get_by_test_id("task-told")
+    said = ""
     for x, y in ((400, 330), (300, 300), (500, 380), (420, 260)):  # some may lie in what is not known yet
         page.get_by_role("button", name="Add by a click on the map", exact=True).click()
         page.get_by_role("button", name="Click on the map now, or here to cancel", exact=True).wait_for()
+        before = _said_of_tasks(page)
         page.mouse.click(x, y)
-        wait_for(told.inner_text, lambda said: said.startswith(("✓", "✕")), "an answer to the task")
-        if told.inner_text().startswith("✓"):
+        said = _answer_to_task(page, before)
+        if said.startswith("✓"):
             break
-    task = told.inner_text().split()[1]
+    task = said.split()[1]
     assert task.startswith("visit-")
     state = page.get_by_test_id(f"task-{task}-state")
     click_on(page, f"[data-rb='why {task}']")
@@ -209,6 +211,20 @@ def _task_is_added_by_a_click_and_done(page: Page) -> None:
     expect(state).to_have_text("✓ done", timeout=1000 * TASK_S)
     expect(page.get_by_test_id("gantt")).to_be_visible()
     keep(page, "dashboard-tasks")
+
+
+def _said_of_tasks(page: Page) -> str:
+    told = page.get_by_test_id("task-told")
+    return told.inner_text() if told.count() else ""
+
+
+def _answer_to_task(page: Page, before: str) -> str:
+    """What is said of the task that was sent now; until that comes, the page shows what was said of the last one."""
+    return wait_for(
+        lambda: _said_of_tasks(page),
+        lambda said: said != before and said.startswith(("✓", "✕")),
+        "an answer to the task",
+    )
 
 
 def _robot_is_driven_by_a_held_key(page: Page, team: LiveTeam) -> None:
