@@ -182,11 +182,11 @@ class TaskDesk:
             if known is not None and (known.id, known.epoch) == (offer.task.id, offer.epoch):
                 return TaskAnswer(accepted=True)
         if not offer.after:
-            return self._begin(offer, now_ns)
+            return self._begin_as_asked(offer, now_ns)
         if status is None or status.id != offer.after or status.state is TaskState.CANCELLED:
             return TaskAnswer(accepted=False, why=f"is not at {offer.after}")
         if status.state.ended:
-            return self._begin(offer, now_ns)
+            return self._begin_as_asked(offer, now_ns)
         why = self._why_not(offer)
         if not why:
             waiting = TaskStatus(id=offer.task.id, epoch=offer.epoch, state=TaskState.OFFERED)
@@ -201,7 +201,7 @@ class TaskDesk:
             return False
         self._held = None
         try:
-            answer = self._begin(held.offer, now_ns)
+            answer = self._begin(held.offer)  # the lease goes on: nobody was heard
         except FOREIGN_ERRORS as error:  # a behavior's own
             answer = TaskAnswer(accepted=False, why=str(error))
         if not answer.accepted:
@@ -217,7 +217,13 @@ class TaskDesk:
             return own.firm
         return "" if type(offer.task) in self._executors else f"no behavior does {type(offer.task).__name__} tasks"
 
-    def _begin(self, offer: TaskOffer, now_ns: int) -> TaskAnswer:
+    def _begin_as_asked(self, offer: TaskOffer, now_ns: int) -> TaskAnswer:
+        answer = self._begin(offer)
+        if answer.accepted:
+            self.coordinator_heard_ns = now_ns
+        return answer
+
+    def _begin(self, offer: TaskOffer) -> TaskAnswer:
         why = self._why_not(offer)
         if why:
             return TaskAnswer(accepted=False, why=why)
@@ -238,7 +244,6 @@ class TaskDesk:
         self._held = None
         self._epoch = offer.epoch
         self._lease_ns = to_ns(offer.lease_s)
-        self.coordinator_heard_ns = now_ns
         self._own = None
         self._recalled = ""
         if before[1] is not None and before[1] is not executor:

@@ -61,6 +61,17 @@ def test_the_same_offer_twice_is_accepted_twice_and_held_once(desk, explorer):
     assert desk.facts.next_task is None
 
 
+def test_to_begin_what_is_held_is_no_word_of_the_coordinator_and_the_lease_goes_on(desk, explorer):
+    hold(desk)
+    desk.end("t1", TaskState.DONE)
+    assert desk.go_on(to_ns(4.0))
+    desk.check_lease(to_ns(4.9))
+    assert desk.facts.task.state is TaskState.RUNNING
+    desk.check_lease(to_ns(5.1))
+    assert desk.facts.task.state is TaskState.CANCELLED
+    assert explorer.let_go_of == ["the coordinator is silent, the lease ran out"]
+
+
 def test_what_comes_when_the_one_before_has_just_ended_is_begun(desk, explorer):
     desk.end("t1", TaskState.DONE)
     assert hold(desk) == YES

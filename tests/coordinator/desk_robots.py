@@ -32,6 +32,8 @@ class DeskRobot(FakeRobot):
         self.refuses: set[str] = set()
         self.begun: list[str] = []
         self.done: list[str] = []
+        self.done_unheard: set[str] = set()
+        """Those of them that it ended within its lease while nothing of it arrived: others may be given them."""
         self.resumed_ns: int | None = None
         self._new_desk()
         super().__init__(team, name, x_m, y_m)
@@ -85,6 +87,8 @@ class DeskRobot(FakeRobot):
         if self.running and now_ns >= self._until_ns and self.is_settled:
             if self.ends_as is TaskState.DONE:
                 self.done.append(self.running)
+                if self.isolated:
+                    self.done_unheard.add(self.running)
             self.desk.end(self.running, self.ends_as, "so it went")
         self.desk.go_on(now_ns)
         if self.isolated:

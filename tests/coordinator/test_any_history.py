@@ -10,10 +10,10 @@ from robrain.coordinator.task_book import LEGAL
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import TaskState, Visit
 from robrain.protocol.wire.errors import CallError
-from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.task_messages import TaskFilter, TaskRequest
 from robrain.protocol.wire.topics import TASK_CANCEL
 from tests.coordinator.conftest import Team
+from tests.coordinator.histories import play
 
 ROBOTS = ("r1", "r2", "r3")
 AFTER = {"a": (), "b": ("a",), "c": (), "d": ("b", "c"), "e": ("f",), "f": (), "g": ("h",), "h": ()}
@@ -127,12 +127,4 @@ class History:
 @settings(max_examples=40, deadline=None)
 @given(actions=st.lists(ACTIONS, min_size=30, max_size=120))
 def test_no_task_is_lost_and_each_ends_once_whatever_happens(actions):
-    with open_lockstep_session() as session:
-        history = History(session)
-        try:
-            for do, *arguments in actions:
-                getattr(history, do)(*arguments)
-                history.check()
-            history.finish()
-        finally:
-            history.team.close()
+    play(History, actions)

@@ -1,10 +1,5 @@
 """Planning beside the coordinator's loop: the auction's plan at once, a better one later, the last question only."""
 
-import threading
-
-import pytest
-
-from robrain.coordinator.planning.live_planner import LivePlanner
 from robrain.coordinator.planning.lockstep_planner import LockstepPlanner
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.replaying import plan_again
@@ -14,18 +9,6 @@ from robrain.protocol.wire.messages import RobotState
 from tests.coordinator.planning.situations import open_floor_situation
 
 WAIT_S = 60.0
-
-
-@pytest.fixture
-def made():
-    return threading.Event()
-
-
-@pytest.fixture
-def planner(made):
-    found = LivePlanner(made.set)
-    yield found
-    found.close()
 
 
 def wait_for(planner, made, until):

@@ -38,18 +38,6 @@ threading.Event().wait()
 """
 
 
-@pytest.fixture
-def made():
-    return threading.Event()
-
-
-@pytest.fixture
-def planner(made):
-    found = LivePlanner(made.set)
-    yield found
-    found.close()
-
-
 def next_plan(planner, made):
     assert made.wait(WAIT_S)
     made.clear()
