@@ -1,17 +1,21 @@
 """Access: what speaks for and against a use of a plugin, from inside and from outside."""
 
+import logging
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from robrain.agent.errors import AccessDenied, PluginBusy, PluginError
+from robrain.agent.errors import FOREIGN_ERRORS, AccessDenied, PluginBusy, PluginError
 from robrain.agent.external import ExternalFunction, find_function
 from robrain.agent.manifest import ANYBODY, COMMAND
 from robrain.agent.plugin import Plugin
 from robrain.agent.plugin_state import PluginState
+from robrain.agent.plugin_traceback import log_error
 from robrain.protocol.wire.errors import CallError, ErrorCode
 
 if TYPE_CHECKING:
     from robrain.agent.tag import PluginTag
+
+logger = logging.getLogger(__name__)
 
 
 def check_use(callee: "PluginTag", caller: "PluginTag", interface: type) -> None:
@@ -86,8 +90,14 @@ def call_from_outside(callee: "PluginTag", known: ExternalFunction, call: Callab
             return call(callee.live_plugin())
         with callee.turn:
             return call(callee.live_plugin())
+    except CallError:
+        raise
     except PluginError as error:
         raise CallError(error.code, str(error), getattr(error, "holder", "")) from error
+    except FOREIGN_ERRORS as error:  # foreign plugin code; the caller reads where it failed, and so does the log
+        kind = type(error).__name__
+        detail = log_error(logger, f"plugin {callee.name}: {known.name} failed: {kind}", error)
+        raise CallError(ErrorCode.FAILED, f"{kind}: {error}", detail) from error
 
 
 def _offers(own: type, wanted: type) -> bool:

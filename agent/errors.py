@@ -24,6 +24,11 @@ FOREIGN_ERRORS = (Exception, SystemExit)
 """What plugin code may raise: `exit()` in a plugin is its fault as well, and does not end the robot."""
 
 
+def short_path(path: Path) -> str:
+    """A path as callers outside are shown it: the file and the folder that it lies in."""
+    return "/".join(path.parts[-2:])
+
+
 class PluginError(RobrainError):
     """Something about one plugin."""
 
@@ -41,6 +46,11 @@ class ManifestError(PluginError):
         super().__init__(path.stem, f"{path}: {key}: {expected}")
         self.path = path
         self.key = key
+        self.expected = expected
+
+    def for_outside(self) -> "ManifestError":
+        """The same for callers outside: it does not say where the robot keeps its files."""
+        return ManifestError(Path(short_path(self.path)), self.key, self.expected)
 
 
 class PluginMissing(PluginError):

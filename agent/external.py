@@ -18,6 +18,7 @@ from robrain.agent.text_form import (
     print_value,
     schema_of_own,
 )
+from robrain.agent.type_text import signature_text
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages import FunctionInfo
 
@@ -88,7 +89,7 @@ class Signature:
         self._returns_own = bool(own_types)
         self.info = FunctionInfo(
             name=name,
-            signature=str(signature.replace(parameters=parameters)),
+            signature=signature_text(signature.replace(parameters=parameters), hints),
             doc=inspect.getdoc(function) or "",
             parameters=msgspec.json.schema(self._struct, schema_hook=schema_of_own),
             returns=returned,

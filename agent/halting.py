@@ -15,10 +15,12 @@ import zenoh
 from robrain.agent.crew import Crew
 from robrain.agent.manager import PluginManager
 from robrain.protocol.model.halt_latch import HaltLatch
+from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.inbox import Inbox, Received
 from robrain.protocol.wire.messages import HaltAnswer, HaltStatus, LogRecord, RobotState, TeamState
+from robrain.protocol.wire.record_guard import RecordGuard
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import COORDINATOR_HALT, COORDINATOR_STATE, HALT, ROBOT_LOG
 
@@ -66,6 +68,7 @@ class HaltDesk:
         self._manager = manager
         self._robot = manager.robot
         self._wire = wire
+        self._guard = RecordGuard(wire.refusals)
         self._tell_state = tell_state
         self._log = wire.publisher(ROBOT_LOG, robot=self._robot)
         self._latch = HaltLatch()
@@ -106,15 +109,17 @@ class HaltDesk:
         with self._acting:
             if self._is_closed:
                 return
-            for received in self._arrivals.drain():
-                message = received.message
-                if isinstance(message, TeamState):
-                    self._note_team(message.halt)
-                elif message.halted:
-                    self._team_halt_ns = message.stamp_ns
-                    self._halt([message.by], message.reason, message.stamp_ns)
-                else:
-                    self._resume(message.by, message.stamp_ns)
+            self._guard.messages(self._arrivals.drain(), self._take)
+
+    def _take(self, received: Received) -> None:
+        message = received.message
+        if isinstance(message, TeamState):
+            self._note_team(message.halt)
+        elif message.halted:
+            self._team_halt_ns = message.stamp_ns
+            self._halt([message.by], message.reason, message.stamp_ns)
+        else:
+            self._resume(message.by, message.stamp_ns)
 
     def halt(self, by: str, reason: str) -> HaltAnswer:
         """Halt this robot alone."""
@@ -199,7 +204,7 @@ class HaltDesk:
 
     def _say(self, text: str, level: str = "warning") -> None:
         try:
-            self._log.put(LogRecord(robot=self._robot, level=level, source=LOG_SOURCE, text=text))
+            self._log.put(LogRecord(robot=self._robot, level=level, source=LOG_SOURCE, text=cut(text, TEXT_MAX)))
         except zenoh.ZError as error:  # the session is closing; a halt is a halt all the same
             logger.debug("%s: no log record: %s", self._robot, error)
         logger.log(logging.getLevelName(level.upper()), "%s: %s", self._robot, text)

@@ -3,6 +3,7 @@
 `step()` is called by the owner of time: the lockstep runner once a tick, the live process about as often.
 """
 
+import logging
 import threading
 import zlib
 from collections.abc import Callable
@@ -17,7 +18,7 @@ import zenoh
 from robrain.agent.board import Board
 from robrain.agent.crew import Crew
 from robrain.agent.environment import Environment
-from robrain.agent.errors import PluginError, PluginMissing, RobotFileError
+from robrain.agent.errors import ManifestError, PluginError, PluginMissing, RobotFileError
 from robrain.agent.foreign import ForeignPlugins
 from robrain.agent.halting import HaltDesk
 from robrain.agent.leases import Lease
@@ -26,9 +27,11 @@ from robrain.agent.manifest import COMMAND
 from robrain.agent.outside import OutsideDoor
 from robrain.agent.places import entry_point_places
 from robrain.agent.plugin_state import PluginState
-from robrain.agent.robot_file import RobotFile
+from robrain.agent.plugin_traceback import log_error, plugin_traceback
+from robrain.agent.robot_file import RobotFile, folder_of
 from robrain.agent.tag import PluginTag
 from robrain.agent.task_desk import TaskDesk
+from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.wire.clock import Clock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint, OnOutside, Request, Serve
 from robrain.protocol.wire.errors import BadName, CallError, ErrorCode
@@ -54,6 +57,8 @@ from robrain.protocol.wire.topics import (
     ROBOT_STATE,
     ROBOT_WITHDRAW,
 )
+
+logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
@@ -114,11 +119,16 @@ class AgentHost:
         self._distributions = entry_point_places()
         self._came_with: dict[Path, str] = {}
         """The distribution of each manifest that was asked for; empty for those of robrain and of the robot."""
-        own = [base / place for place in robot_file.robot.places]
+        own = [folder_of(base, place) for place in robot_file.robot.places]
+        self._loadable = [folder_of(base, folder) for folder in robot_file.robot.loadable]
         self._places = [stock_place(), *(place for place, _ in self._distributions), *own]
         self._load = robot_file.robot.load
         self._parameters = robot_file.parameters
         self._connect = list(robot_file.zenoh.connect)
+
+    def open_folder(self, folder: Path) -> None:
+        """Let plugins be loaded from a folder by their path, as if the robot's file had named it."""
+        self._loadable = [*self._loadable, folder]
 
     def on_wanted(self, wake: Callable[[], None]) -> None:
         """Have `wake` called, on any thread, whenever the next `step()` should not wait: in live, by its own loop."""
@@ -224,9 +234,9 @@ class AgentHost:
                 task=standing.task,
                 next_task=standing.next_task,
                 task_before=standing.before,
-                lost=board.lost,
+                lost=cut(board.lost),
                 loaded=self._loaded(),
-                faulted=[PluginFault(plugin=name, why=why) for name, why in self._faulted.items()],
+                faulted=[PluginFault(plugin=name, why=cut(why)) for name, why in self._faulted.items()],
             )
             self._state.put(self.halting.mark(self._told))
 
@@ -236,11 +246,13 @@ class AgentHost:
 
     def _tell_faults(self) -> None:
         before = self._faulted
-        tags = self.manager.tags.values()
-        self._faulted = {tag.name: tag.why for tag in tags if tag.state is PluginState.FAULTED}
-        for name, why in self._faulted.items():
-            if name not in before:
-                self._log.put(LogRecord(robot=self.name, level="error", source=name, text=f"does not run: {why}"))
+        faulted = [tag for tag in self.manager.tags.values() if tag.state is PluginState.FAULTED]
+        self._faulted = {tag.name: tag.raised.after(tag.why) for tag in faulted}
+        for tag in faulted:
+            if tag.name not in before:
+                said = f"does not run: {cut(self._faulted[tag.name])}"
+                text = cut(f"{said}\n{tag.raised.detail}" if tag.raised.detail else said, TEXT_MAX)
+                self._log.put(LogRecord(robot=self.name, level="error", source=tag.name, text=text))
         for name in [name for name in before if name not in self._faulted]:
             self._log.put(LogRecord(robot=self.name, level="warning", source=name, text="runs again, or has gone"))
 
@@ -286,7 +298,10 @@ class AgentHost:
             if verb == "resume":
                 return self.halting.resume(asked.by or request.by)
             if verb == "load":
-                return [self._info(tag) for tag in self.manager.load(asked.plugin)]
+                try:
+                    return [self._info(tag) for tag in self.manager.load(asked.plugin, self._loadable)]
+                except ManifestError as error:
+                    raise error.for_outside() from error
             if verb == "unload":
                 gone = self.manager.unload(asked.plugin, cascade=asked.cascade)
                 return [self._info(tag) for tag in gone]
@@ -300,7 +315,10 @@ class AgentHost:
                 return self.manager.leases.release(self.manager.get(asked.plugin).name, asked.by)
         except PluginError as error:
             code = ErrorCode.REFUSED if error.code is ErrorCode.FAILED else error.code
-            raise CallError(code, str(error), getattr(error, "holder", "")) from error
+            detail = plugin_traceback(error)
+            if detail:
+                log_error(logger, f"{self.name}: {verb} {cut(asked.plugin)}", error)
+            raise CallError(code, str(error), getattr(error, "holder", "") or detail) from error
         verbs = "load, unload, reload, command, hold, release, halt, resume"
         raise CallError(ErrorCode.UNKNOWN_FUNCTION, f"the host cannot {verb}: it can {verbs}")
 

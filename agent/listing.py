@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING
 
+from robrain.protocol.model.ranges import cut
 from robrain.protocol.wire.messages import PluginInfo
 
 if TYPE_CHECKING:
@@ -15,7 +16,9 @@ def plugin_info(tag: "PluginTag") -> PluginInfo:
         name=tag.name,
         level=known.plugin_class.level.name.lower() if known is not None else "",
         state=tag.state.value,
-        why=tag.why,
+        why=cut(tag.why),
+        where=cut(tag.raised.where),
+        detail=tag.raised.detail,
         visibility=tag.manifest.tag.visibility,
         requires=tag.manifest.tag.requires,
         holder=tag.held_by,

@@ -77,12 +77,13 @@ class Loaded(msgspec.Struct, frozen=True, eq=False):
         return {name: getattr(self.plugin, name) for name in self.code.events}
 
 
-def import_code(manifest: Manifest, *, fresh: bool = False) -> PluginCode:
+def import_code(manifest: Manifest, *, fresh: bool = False, live: bool = True) -> PluginCode:
     """Import the class that a manifest names.
 
     Args:
         manifest: its `class` is `module:Class`; the module lies beside the manifest or can be imported.
         fresh: read the module anew, after an edit; if that fails the old module stays.
+        live: whether it is for the live drive; in lockstep a plugin in a process of its own is refused unread.
 
     Raises:
         ManifestError: it cannot be imported, is no plugin, or has functions that cannot be described.
@@ -91,6 +92,9 @@ def import_code(manifest: Manifest, *, fresh: bool = False) -> PluginCode:
     module_name, _, class_name = manifest.class_path.partition(":")
     beside = manifest.path.parent / f"{module_name}.py"
     if manifest.tag.isolation == "process":
+        if not live:  # nor is it tried: how long that may take would be up to the wall clock
+            why = 'expected "none": "process" is for the live drive, another process cannot keep step'
+            raise ManifestError(manifest.path, "[tag] isolation", why)
         grief = try_import(module_name, beside if beside.is_file() else None, manifest.tag.start_s)
         if grief:
             why = f"cannot import {module_name}: a process for it {grief}"

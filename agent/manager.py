@@ -23,6 +23,7 @@ from robrain.agent.errors import (
     PluginInactive,
     PluginInUse,
     PluginMissing,
+    short_path,
 )
 from robrain.agent.faults import FaultDesk
 from robrain.agent.foreign import ForeignPlugins
@@ -86,6 +87,11 @@ class PluginManager:
         self._stopped = False
         self._new_faults: deque[PluginTag] = deque()
 
+    @property
+    def is_live(self) -> bool:
+        """Whether the wall clock may end what a plugin does: never in lockstep."""
+        return self.crew is not None
+
     def parameters_of(self, name: str) -> Mapping[str, Any]:
         """What the robot's own file says of a plugin's parameters."""
         return self._parameters.get(name, {})
@@ -146,22 +152,25 @@ class PluginManager:
 
     # -- while it runs --------------------------------------------------------------------------------------
 
-    def load(self, name_or_path: str) -> list[PluginTag]:
+    def load(self, name_or_path: str, within: Iterable[Path] | None = None) -> list[PluginTag]:
         """Load and activate a plugin, with what it requires, and whatever was left out for want of these.
 
         Args:
             name_or_path: a name in the robot's places, or the path of a manifest or of a folder with one or more.
+            within: folders in which a path must lie, beside the places; anywhere if None, which is for callers that
+                have not come over the wire.
 
         Returns:
             The tags of the plugins that were loaded.
 
         Raises:
+            AccessDenied: the path lies in none of the folders.
             PluginMissing, ManifestError, PluginError: why not; nothing is left behind then.
             HostBusy: another load, unload or reload is under way.
 
         """
         with self._alone():
-            wanted = {manifest.name: manifest for manifest in self._places.manifests_of(name_or_path)}
+            wanted = {manifest.name: manifest for manifest in self._places.manifests_of(name_or_path, within)}
             fresh: dict[str, PluginTag] = {}
             before = self.tags
             try:
@@ -356,7 +365,8 @@ class PluginManager:
         before = self.tags.get(name)
         if before is not None and before.state is not PluginState.FAULTED:
             raise PluginError(
-                name, f"{name} is loaded already, from {before.manifest.path}: reload it, or unload it first"
+                name,
+                f"{name} is loaded already, from {short_path(before.manifest.path)}: reload it, or unload it first",
             )
         tag = PluginTag(manifest, self)
         for required in manifest.tag.requires:

@@ -1,19 +1,24 @@
 """Manifests: the TOML file beside a plugin's class that says who it is and who may use it."""
 
-import tomllib
+import os
+import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
 
-from robrain.agent.errors import ManifestError
+from robrain.agent.errors import ManifestError, PluginMissing
 from robrain.agent.transform import TransformTable
-from robrain.protocol.wire.errors import BadName
+from robrain.protocol.wire.errors import BadName, BadToml
 from robrain.protocol.wire.keys import check_name
+from robrain.protocol.wire.toml_text import read_toml
 
 ANYBODY = "*"
 COMMAND = "command"
 """The name that opens a plugin to the outside."""
+_PLUGIN_TABLE = re.compile(rb"^\s*\[\s*plugin\s*\]", re.MULTILINE)
+_LOOKED_AT_BYTES = 65536
 
 
 class PluginTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"class_path": "class"}):
@@ -85,11 +90,11 @@ def read_manifest(path: Path) -> Manifest:
     except BadName as error:
         raise ManifestError(path, "file name", str(error)) from error
     try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ManifestError(path, "file", f"cannot be read: {error}") from error
-    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:  # nested too deep, a number too long
-        raise ManifestError(path, "file", f"is not TOML: {error}") from error
+        raw = read_toml(path)
+    except FileNotFoundError as error:
+        raise ManifestError(path, "file", "cannot be read: there is none") from error
+    except BadToml as error:
+        raise ManifestError(path, "file", str(error)) from error
     try:
         tables = msgspec.convert(raw, ManifestTables)
     except msgspec.ValidationError as error:
@@ -99,16 +104,50 @@ def read_manifest(path: Path) -> Manifest:
     return Manifest(name, path, tables.plugin.class_path, tables.parameters, tables.tag, tables.transform)
 
 
-def find_manifests(place: Path) -> list[Path]:
-    """All manifests below a place, ordered by name: TOML files that have a [plugin] table."""
+def find_manifests(place: Path, *, most_files: int | None = None) -> list[Path]:
+    """All manifests below a place, ordered by name: TOML files that have a [plugin] table.
+
+    One that cannot be read is among them if it looks like one: to read it again says in words what is wrong. Links to
+    folders are not followed.
+
+    Args:
+        place: a folder.
+        most_files: PluginMissing if there are more files and folders than this in it, of whatever kind.
+
+    """
     found = []
-    for path in sorted(place.rglob("*.toml")):
+    for path in sorted(_toml_files(place, most_files)):
         try:
-            if "plugin" in tomllib.loads(path.read_text(encoding="utf-8")):
+            if "plugin" in read_toml(path):
                 found.append(path)
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError, ValueError):
-            found.append(path)  # reading it again says in words what is wrong
+        except FileNotFoundError:
+            continue  # it has just gone, or is a link to nowhere
+        except BadToml:
+            if _looks_like_one(path):
+                found.append(path)
     return found
+
+
+def _toml_files(place: Path, most_files: int | None) -> Iterator[Path]:
+    looked_at = 0
+    for folder, folders, files in os.walk(place):
+        looked_at += len(folders) + len(files)
+        if most_files is not None and looked_at > most_files:
+            raise PluginMissing(
+                place.name, f"more than {most_files} files are in that folder: name the plugin's own folder"
+            )
+        yield from (Path(folder, name) for name in files if name.endswith(".toml"))
+
+
+def _looks_like_one(path: Path) -> bool:
+    try:
+        if not path.is_file():
+            return False
+        with path.open("rb") as file:
+            data = file.read(_LOOKED_AT_BYTES)
+    except OSError:
+        return True  # a manifest maybe; who reads it is told why it cannot be read
+    return len(data) < _LOOKED_AT_BYTES or _PLUGIN_TABLE.search(data) is not None
 
 
 def where_and_what(error: msgspec.ValidationError) -> tuple[str, str]:

@@ -13,12 +13,15 @@ from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
 
-from robrain.agent.errors import PluginMissing
+from robrain.agent.errors import AccessDenied, PluginMissing
 from robrain.agent.manifest import Manifest, find_manifests, read_manifest
 
 logger = logging.getLogger(__name__)
 
 GROUP = "robrain.plugins"
+MOST_FILES = 20_000
+"""A folder with more in it than this is not looked through when a plugin is loaded from it by its path."""
+SHOWN_CHARACTERS = 100
 
 
 def entry_point_places() -> list[tuple[Path, str]]:
@@ -76,10 +79,15 @@ class Places:
         path = self.find().get(name)
         return read_manifest(path) if path is not None else None
 
-    def manifests_of(self, name_or_path: str) -> list[Manifest]:
-        """What somebody means who names a plugin, a manifest, or a folder with some.
+    def manifests_of(self, name_or_path: str, within: Iterable[Path] | None = None) -> list[Manifest]:
+        """What is meant by the name of a plugin, or the path of a manifest or of a folder with some.
+
+        Args:
+            name_or_path: what was asked for.
+            within: folders in which a path must lie beside the places, links followed; anywhere if None.
 
         Raises:
+            AccessDenied: the path lies elsewhere, whether or not there is something.
             PluginMissing: none of these.
             ManifestError: a manifest is wrong.
 
@@ -87,19 +95,35 @@ class Places:
         found_by_name = self.find()
         if name_or_path in found_by_name:
             return [read_manifest(found_by_name[name_or_path])]
-        path = Path(name_or_path)
+        shown = name_or_path[:SHOWN_CHARACTERS]
+        opened = None if within is None else [folder.resolve() for folder in (*self._folders, *within)]
         try:
+            path = _real(Path(name_or_path), opened)
             if name_or_path and path.is_dir():
-                found = find_manifests(path)
+                found = find_manifests(path, most_files=MOST_FILES)
                 if not found:
                     expected = "expected a TOML file with a [plugin] table"
-                    raise PluginMissing(name_or_path, f"no manifest in {path}: {expected}")
-                return [read_manifest(each) for each in found]
+                    raise PluginMissing(shown, f"no manifest in {shown}: {expected}")
+                return [read_manifest(_real(each, opened)) for each in found]
             if path.suffix == ".toml" and path.is_file():
                 return [read_manifest(path)]
-        except OSError as error:  # a name that is too long for a path, a folder that may not be looked into
-            raise PluginMissing(name_or_path[:100], f"no plugin there: {error.strerror}") from error
+        except (OSError, ValueError, RuntimeError) as error:  # no path: too long, a NUL in it, links in a circle
+            raise PluginMissing(shown, f"no plugin there: {getattr(error, 'strerror', None) or error}") from error
+        except AccessDenied:
+            if "/" in name_or_path or name_or_path.endswith(".toml"):
+                raise
         known = ", ".join(sorted(found_by_name))
-        raise PluginMissing(
-            name_or_path, f"no plugin {name_or_path} in any place, and no such folder; there are: {known}"
-        )
+        raise PluginMissing(shown, f"no plugin {shown} in any place, and no such folder; there are: {known}")
+
+
+def _real(path: Path, opened: list[Path] | None) -> Path:
+    """A path without links and `..` (AccessDenied if it lies in none of the folders that are open)."""
+    if opened is None:
+        return path
+    real = path.resolve()
+    if any(real.is_relative_to(folder) for folder in opened):
+        return real
+    shown = str(path)[:SHOWN_CHARACTERS]
+    raise AccessDenied(
+        shown, f"{shown} lies in no folder from which this robot loads plugins; its file can open it: [robot] loadable"
+    )

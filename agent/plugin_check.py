@@ -2,7 +2,6 @@
 
 import difflib
 import inspect
-import tomllib
 import traceback
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
@@ -17,6 +16,8 @@ from robrain.agent.loading import PluginCode, check_parameters, import_code
 from robrain.agent.manifest import ANYBODY, COMMAND, Manifest, find_manifests, read_manifest
 from robrain.agent.places import entry_point_places
 from robrain.agent.plugin import EXTERNAL_MARK, Plugin
+from robrain.protocol.wire.errors import BadToml
+from robrain.protocol.wire.toml_text import read_toml
 
 
 class Finding(msgspec.Struct, frozen=True):
@@ -88,7 +89,10 @@ class _Check:
 
     def _without_plugin_table(self) -> Iterator[Finding]:
         for path in sorted(set(self._folder.rglob("*.toml")) - set(find_manifests(self._folder))):
-            tables = tomllib.loads(path.read_text(encoding="utf-8"))
+            try:
+                tables = read_toml(path)
+            except (BadToml, FileNotFoundError):
+                continue  # large data, a link to nowhere
             if "tag" in tables or path.with_suffix(".py").is_file():
                 yield Finding(path, "file", "expected a table [plugin]; without one it is passed over")
 

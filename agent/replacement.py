@@ -40,14 +40,23 @@ class Replacement:
         manifest: the plugin's, read anew.
         old: the instance that is there; None if there is none.
         old_code: what it was made from.
-        check_heir: the manager's word on the edited plugin.
+        check: the manager's word on the edited plugin.
+        live: see `import_code`.
 
     """
 
     def __init__(
-        self, tag: "PluginTag", manifest: Manifest, old: Loaded | None, old_code: PluginCode | None, check: CheckHeir
+        self,
+        tag: "PluginTag",
+        manifest: Manifest,
+        old: Loaded | None,
+        old_code: PluginCode | None,
+        check: CheckHeir,
+        *,
+        live: bool,
     ) -> None:
         self._tag = tag
+        self._live = live
         self._manifest = manifest
         self._check_heir = check
         self._old = old
@@ -63,7 +72,7 @@ class Replacement:
             PluginError, Exception: why it failed; the old one keeps running then.
 
         """
-        code = import_code(self._manifest, fresh=True)
+        code = import_code(self._manifest, fresh=True, live=self._live)
         self._check_heir(self._manifest, code.plugin_class)
         fresh = self._tag.create(self._manifest, code, heir_of=self._old)
         try:

@@ -1,6 +1,5 @@
 """ROBOT.toml: what one robot's agent needs to know before it starts."""
 
-import tomllib
 from pathlib import Path
 from typing import Any, Literal
 
@@ -8,9 +7,10 @@ import msgspec
 
 from robrain.agent.errors import RobotFileError
 from robrain.agent.manifest import where_and_what
-from robrain.protocol.wire.errors import BadName, WireError
+from robrain.protocol.wire.errors import BadName, BadToml, WireError
 from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
 from robrain.protocol.wire.session import check_endpoint
+from robrain.protocol.wire.toml_text import read_toml
 
 
 class RobotTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -20,6 +20,9 @@ class RobotTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_d
     team: str = DEFAULT_TEAM
     places: list[str] = []
     """Folders with plugins, beside the stock ones; relative to the file."""
+    loadable: list[str] = []
+    """Folders from which plugins may be loaded by their path while the robot runs, beside `places`; nothing in them is
+    loaded at the start. Relative to the file; `~` is the home of who runs the robot."""
     load: list[str] | None = None
     """Plugins to load, with what they require; all that are found if absent."""
 
@@ -37,6 +40,7 @@ class ZenohTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     connect: list[str] = []
     listen: list[str] = []
     mode: Literal["client", "peer", "router"] = "client"
+    """Left out of a file that says `listen`, it is `router`: others may join there."""
 
     def __post_init__(self) -> None:
         for endpoint in (*self.connect, *self.listen):
@@ -44,6 +48,8 @@ class ZenohTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 check_endpoint(endpoint)
             except WireError as error:
                 raise ValueError(str(error)) from error
+        if self.listen and self.mode == "client":
+            raise ValueError("mode: a client does not listen; leave it out, or expected peer or router")
 
 
 class RobotFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -54,6 +60,20 @@ class RobotFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     parameters: dict[str, dict[str, Any]] = {}
 
 
+def folder_of(base: Path, folder: str) -> Path:
+    """A folder as a robot's file names it.
+
+    Args:
+        base: where the file lies.
+        folder: relative to that, absolute, or `~/…`.
+
+    """
+    try:
+        return base / Path(folder).expanduser()
+    except RuntimeError as error:  # nobody of that name has a home
+        raise RobotFileError(f"robot: cannot find the folder {folder}: {error}") from error
+
+
 def read_robot_file(path: Path) -> RobotFile:
     """Read a ROBOT.toml.
 
@@ -62,19 +82,22 @@ def read_robot_file(path: Path) -> RobotFile:
 
     """
     try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+        raw = read_toml(path)
     except FileNotFoundError as error:
         raise RobotFileError(f"{path}: no such file; expected a ROBOT.toml with [robot] name") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise RobotFileError(f"{path}: cannot be read: {error}") from error
-    except tomllib.TOMLDecodeError as error:
-        raise RobotFileError(f"{path}: is not TOML: {error}") from error
+    except BadToml as error:
+        raise RobotFileError(f"{path}: {error}") from error
+    zenoh = raw.get("zenoh")
+    if isinstance(zenoh, dict) and zenoh.get("listen"):
+        zenoh.setdefault("mode", "router")
     try:
         robot_file = msgspec.convert(raw, RobotFile)
     except msgspec.ValidationError as error:
         where, what = where_and_what(error)
         raise RobotFileError(f"{path}: {where}: {what}") from error
-    for place in robot_file.robot.places:
-        if not (path.parent / place).is_dir():
-            raise RobotFileError(f"{path}: robot.places: expected a folder, {path.parent / place} is none")
+    for key, folders in (("places", robot_file.robot.places), ("loadable", robot_file.robot.loadable)):
+        for folder in folders:
+            found = folder_of(path.parent, folder)
+            if not found.is_dir():
+                raise RobotFileError(f"{path}: robot.{key}: expected a folder, {found} is none")
     return robot_file

@@ -5,8 +5,9 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from robrain.agent.access import must_merge
-from robrain.agent.errors import FOREIGN_ERRORS, HardwareAbsent, PluginError, PluginMissing
+from robrain.agent.errors import FOREIGN_ERRORS, HardwareAbsent, ManifestError, PluginError, PluginMissing
 from robrain.agent.plugin_state import PluginState
+from robrain.agent.plugin_traceback import log_error
 from robrain.agent.requirements import start_order, way_to_missing
 from robrain.agent.start_in_time import start_in_time
 
@@ -67,12 +68,10 @@ class Starter:
         manager.tags = {name: manager.tags[name] for name in order}
 
     def _import_class(self, tag: "PluginTag") -> None:
-        manager = self._manager
         try:
             self.in_time(tag, lambda: tag.plugin_class)
         except PluginError as error:
-            tag.leave_out(str(error))
-            logger.error("%s: plugin %s is left out: %s", manager.robot, tag.name, error)  # noqa: TRY400 - said in words
+            self._leave_out(tag, error)
 
     def attempt(self, tag: "PluginTag", do: Callable[[], None]) -> None:
         """Do one step of a plugin's start; if that fails it is left out with the reason."""
@@ -97,10 +96,11 @@ class Starter:
             self.in_time(tag, do)
         except HardwareAbsent as error:
             logger.warning("%s: plugin %s is left out: %s", manager.robot, tag.name, error)
-            self._leave_out(tag, f"hardware absent: {error}")
+            tag.leave_out(f"hardware absent: {error}")
+            tag.drop()
         except PluginError as error:
-            logger.error("%s: plugin %s is left out: %s", manager.robot, tag.name, error)  # noqa: TRY400 - said in words
-            self._leave_out(tag, str(error))
+            self._leave_out(tag, error)
+            tag.drop()
         except FOREIGN_ERRORS as error:  # foreign plugin code
             tag.fault(error)
 
@@ -112,6 +112,7 @@ class Starter:
         else:
             start_in_time(manager.crew, tag, do)
 
-    def _leave_out(self, tag: "PluginTag", why: str) -> None:
-        tag.leave_out(why)
-        tag.drop()
+    def _leave_out(self, tag: "PluginTag", error: PluginError) -> None:
+        outside = error.for_outside() if isinstance(error, ManifestError) else error
+        tag.leave_out(str(outside), error)
+        log_error(logger, f"{self._manager.robot}: plugin {tag.name} is left out", error)

@@ -20,6 +20,7 @@ from robrain.agent.loading import Loaded, PluginCode, check_parameters, import_c
 from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Level, Plugin
 from robrain.agent.plugin_state import PluginState
+from robrain.agent.plugin_traceback import raised
 from robrain.agent.replacement import Replacement
 from robrain.agent.task_desk import Accept, LetGo, TaskDesk
 from robrain.agent.turn import Turn
@@ -48,8 +49,7 @@ class PluginTag:
     def __init__(self, manifest: Manifest, manager: "PluginManager") -> None:
         self.manifest = manifest
         self.name = manifest.name
-        self.state = PluginState.DISCOVERED
-        self.why = ""
+        self.become(PluginState.DISCOVERED)
         self.turn = Turn(self.name, manifest.tag.hang_s, manager.clock)
         """Who is in the plugin at the moment: its lock."""
         self.mailbox = Mailbox()
@@ -79,7 +79,7 @@ class PluginTag:
     def code(self) -> PluginCode:
         """The plugin's class and functions; imported on first use (ManifestError if that fails)."""
         if self._code is None:
-            self._code = import_code(self.manifest)
+            self._code = import_code(self.manifest, live=self._manager.is_live)
         return self._code
 
     @property
@@ -185,7 +185,8 @@ class PluginTag:
 
     def replace(self, manifest: Manifest) -> None:
         """Take a new instance, made from the manifest and code as they are now on disk, in place of the old."""
-        replacement = Replacement(self, manifest, self._loaded, self._code, self._manager.check_heir)
+        manager = self._manager
+        replacement = Replacement(self, manifest, self._loaded, self._code, manager.check_heir, live=manager.is_live)
         self._replacement = replacement
         try:
             replacement.run()
@@ -198,7 +199,7 @@ class PluginTag:
         if self.state in (PluginState.FAULTED, PluginState.UNLOADED):
             return
         logger.error("%s: plugin %s faulted: %s", self._manager.robot, self.name, error, exc_info=error)
-        self.become(PluginState.FAULTED, f"{type(error).__name__}: {error}")
+        self.become(PluginState.FAULTED, f"{type(error).__name__}: {error}", error)
         self.let_go()
         self._manager.note_fault(self)
 
@@ -293,9 +294,9 @@ class PluginTag:
         self.close()
         self.become(PluginState.UNLOADED, "it was unloaded")
 
-    def leave_out(self, why: str) -> None:
+    def leave_out(self, why: str, error: BaseException | None = None) -> None:
         """The plugin cannot be started; it stays listed with the reason."""
-        self.become(PluginState.FAULTED, why)
+        self.become(PluginState.FAULTED, why, error)
         self.let_go()
 
     def hold_instance(self, loaded: Loaded | None, manifest: Manifest, code: PluginCode | None) -> None:
@@ -359,10 +360,11 @@ class PluginTag:
         if self.mailbox.wake is not None:
             self.mailbox.wake()  # its thread sleeps while there is nothing to step
 
-    def become(self, state: PluginState, why: str = "") -> None:
-        """Be in another state."""
+    def become(self, state: PluginState, why: str = "", error: BaseException | None = None) -> None:
+        """Be in another state, for a reason in words, and maybe because of what the plugin's code raised."""
         self.state = state
         self.why = why
+        self.raised = raised(error)
 
     def let_go(self) -> None:
         """It is active no more: give back all that it holds, and hear no more events."""
@@ -423,7 +425,8 @@ class PluginTag:
         """A handle on another plugin for this tag's plugin; the manager decides with the other's tag."""
         if name not in self.manifest.tag.requires:
             raise AccessDenied(
-                name, f"{self.name} must name {name} in [tag] requires of {self.manifest.path} to use it"
+                name,
+                f"{self.name} must name {name} in [tag] requires of {errors.short_path(self.manifest.path)} to use it",
             )
         return cast(InterfaceT, self._manager.request(self, name, interface))
 

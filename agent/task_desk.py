@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from robrain.agent.errors import FOREIGN_ERRORS
+from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.task import Recharge, TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.messages import TaskAnswer, TaskOffer, TaskStatus, TaskWithdrawal
@@ -24,8 +25,14 @@ Accept = Callable[[Any], TaskAnswer]
 """Takes a task of the kind that it was registered for."""
 LetGo = Callable[[str], None]
 
-RESULT_BYTES_MAX = 1024
+RESULT_BYTES_MAX, RESULT_FIELDS_MAX = 1024, 64
 """A result travels with every state of the robot: pictures and lists go elsewhere, and their key comes here."""
+
+NS_PER_MS = 1_000_000
+EPOCH_AHEAD_MAX = 24 * 3600 * 1000
+"""Coordinators begin with their clock's milliseconds and go on by one an offer, so that theirs are behind the clock. An
+epoch farther ahead of the robot's clock than this would lock out all that come after it; it is refused (chosen: no two
+clocks of a team differ so much)."""
 
 
 class _Executor(NamedTuple):
@@ -177,7 +184,10 @@ class TaskDesk:
         held, status = self._held, self.status
         newest = max(self._epoch, held.offer.epoch if held is not None else 0)
         if offer.epoch < newest:
-            return TaskAnswer(accepted=False, why=f"epoch {offer.epoch} is older than {newest}")
+            return _too_old(offer.epoch, newest)
+        if offer.epoch > now_ns // NS_PER_MS + EPOCH_AHEAD_MAX:
+            why = f"epoch {offer.epoch} is more than a day ahead of the robot's clock: no coordinator gives such a one"
+            return TaskAnswer(accepted=False, why=why)
         for known in (status, held.status if held is not None else None):
             if known is not None and (known.id, known.epoch) == (offer.task.id, offer.epoch):
                 return TaskAnswer(accepted=True)
@@ -203,7 +213,7 @@ class TaskDesk:
         try:
             answer = self._begin(held.offer)  # the lease goes on: nobody was heard
         except FOREIGN_ERRORS as error:  # a behavior's own
-            answer = TaskAnswer(accepted=False, why=str(error))
+            answer = TaskAnswer(accepted=False, why=cut(str(error)))
         if not answer.accepted:
             self._before = ended
             self._status = TaskStatus(
@@ -228,6 +238,7 @@ class TaskDesk:
         if why:
             return TaskAnswer(accepted=False, why=why)
         executor = self._executors[type(offer.task)]
+        lease_ns = to_ns(offer.lease_s)  # what may raise does so before anything of the desk has changed
         before = (self.status, self._current)
         # Said before the behavior starts, for it may be done with the task before `accept` returns.
         self._status = TaskStatus(id=offer.task.id, epoch=offer.epoch, state=TaskState.RUNNING)
@@ -239,11 +250,11 @@ class TaskDesk:
             raise
         if not answer.accepted:
             self._go_back(*before)
-            return answer
+            return msgspec.structs.replace(answer, why=cut(answer.why))
         self._before = before[0] if before[0] is not None and before[0].state.ended else None
         self._held = None
         self._epoch = offer.epoch
-        self._lease_ns = to_ns(offer.lease_s)
+        self._lease_ns = lease_ns
         self._own = None
         self._recalled = ""
         if before[1] is not None and before[1] is not executor:
@@ -257,7 +268,7 @@ class TaskDesk:
         is_held = held is not None and held.offer.task.id == withdrawal.id
         newest = held.offer.epoch if held is not None and is_held else self._epoch
         if withdrawal.epoch < newest:
-            return TaskAnswer(accepted=False, why=f"epoch {withdrawal.epoch} is older than {newest}")
+            return _too_old(withdrawal.epoch, newest)
         if is_held:
             self._held = None
             return TaskAnswer(accepted=True)
@@ -280,6 +291,8 @@ class TaskDesk:
             raise ValueError(f"expected a result of {task_id} that is JSON: {error}") from error
         if size > RESULT_BYTES_MAX:
             raise ValueError(f"expected a result of {task_id} of at most {RESULT_BYTES_MAX} bytes, got {size}")
+        if len(result) > RESULT_FIELDS_MAX:
+            raise ValueError(f"expected a result of {task_id} of at most {RESULT_FIELDS_MAX} fields, got {len(result)}")
         self._said.append(_Said(task_id, state, why, result))
         if self.on_said is not None:
             self.on_said()
@@ -294,7 +307,7 @@ class TaskDesk:
     def _end(self, task_id: str, state: TaskState, why: str, result: dict[str, Any] | None = None) -> None:
         status = self._status
         if status is not None and status.id == task_id and not status.state.ended:
-            self._status = TaskStatus(id=task_id, epoch=status.epoch, state=state, why=why, result=result or {})
+            self._status = TaskStatus(id=task_id, epoch=status.epoch, state=state, why=cut(why), result=result or {})
             self._current = None
 
     def check_lease(self, now_ns: int) -> None:
@@ -334,3 +347,7 @@ class TaskDesk:
             self._end(status.id, state, why)
         if executor is not None:
             executor.let_go(why)
+
+
+def _too_old(epoch: int, newest: int) -> TaskAnswer:
+    return TaskAnswer(accepted=False, why=f"epoch {epoch} is older than {newest}", epoch=newest)

@@ -19,6 +19,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args
 import msgspec
 
 from robrain.agent.errors import FOREIGN_ERRORS
+from robrain.agent.type_text import type_text
 from robrain.protocol.wire.errors import CallError, ErrorCode
 
 T = TypeVar("T")
@@ -225,9 +226,7 @@ def is_quoted(text: str) -> bool:
 
 def kind_name(hint: Any) -> str:
     """A type hint as a message says it."""
-    if hint is type(None):
-        return "null"
-    return hint.__name__ if isinstance(hint, type) and not get_args(hint) else str(hint).replace("typing.", "")
+    return "null" if hint is type(None) else type_text(hint)
 
 
 def shown(value: Any) -> str:

@@ -2,6 +2,8 @@
 
 import math
 
+import msgspec
+
 from robrain.coordinator.capabilities import Capabilities
 from robrain.coordinator.exploration.explorer import Explorer
 from robrain.coordinator.halts import HaltWatch
@@ -18,12 +20,16 @@ from robrain.coordinator.task_book import TaskBook
 from robrain.coordinator.task_lifecycle import TaskLifecycle
 from robrain.coordinator.task_requests import TaskRequests
 from robrain.coordinator.team_map import TeamMap
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import Explore, Recharge, TaskState, place_of
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import FrontierSummary, TaskEvent, TaskStatus, TeamState
+from robrain.protocol.wire.idle_reasons import IdleReason, PlanPending, TaskSoon, TeamHalted
+from robrain.protocol.wire.inbox import Inbox, Received
+from robrain.protocol.wire.messages import FrontierSummary, MapPatch, RobotState, TaskEvent, TaskStatus, TeamState
 from robrain.protocol.wire.publisher import Publisher
+from robrain.protocol.wire.record_guard import RecordGuard
+from robrain.protocol.wire.refusals import RefusalCode
 from robrain.protocol.wire.task_messages import TaskRecord
 from robrain.protocol.wire.topics import (
     COORDINATOR_ALIVE,
@@ -42,6 +48,9 @@ LOOK_PERIOD_NS = to_ns(0.1)
 SETTLED_NS = to_ns(3.0)
 """The floor counts as explored when for this long no robot could be given a frontier."""
 SHOWN_FRONTIERS = 64
+SHOWN_REFUSALS = 16
+GAP = "gap_m"
+"""In a task's result: the width of the gap that the robot did not fit through."""
 KEPT_TASK_EVENTS = 256
 NS_PER_MS = 1_000_000
 
@@ -85,6 +94,8 @@ class Coordinator:
         self._together = Together(self.planning, lifecycle, self.tasks, self.roster, self.team_map, self._new_number)
         self._wire = wire
         self._inbox = Inbox(capacity=16384)
+        self._guard = RecordGuard(wire.refusals)
+        self._now_ns = wire.clock.now_ns()
         self._presence = wire.watch(ROBOT_ALIVE)
         wire.subscribe(self._inbox, ROBOT_STATE)
         wire.subscribe(self._inbox, ROBOT_MAP)
@@ -97,9 +108,13 @@ class Coordinator:
         self._summary_due_ns = 0
         self._own_tasks = self.tasks.journal.new_epoch(first_epoch)
         self._busy_ns = wire.clock.now_ns()
+        self._kept_idle: dict[str, IdleReason] = {}
+        """Why robots were not even looked at for a frontier."""
         self._requests = TaskRequests(
             wire, self.tasks, self.team_map, lambda: self.capabilities.plugins, self.lifecycle.reasons.explain
         )
+        with self.lifecycle.as_far_as_written(wire.clock.now_ns()):
+            self.tasks.end_what_cannot_be_read()
         self.tasks.tell_again(KEPT_TASK_EVENTS)
 
     def step(self) -> None:
@@ -147,20 +162,43 @@ class Coordinator:
                 self._wire.ask_into(self._inbox, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=robot.name)
                 self.capabilities.came(robot.name)
                 self.planning.chargers.came(robot.name)
-        for received in self._inbox.drain():
-            if received.topic is ROBOT_MAP:
-                self.team_map.merge(received.message)
-                continue
-            state = received.message
-            known = self.roster.robots.get(state.robot)
-            before = known.state if known is not None else None
-            self.planning.hear(before, state)
-            self.roster.note_state(state, now_ns)
-            self.halts.note_state(state)
-            for status in (state.task_before, state.task):  # in the order in which they ended
-                if status is not None:
-                    self._hear_task(state.robot, status, now_ns)
-            self.planning.ends_soon(before, state, now_ns)
+        self._now_ns = now_ns
+        self._guard.messages(self._inbox.drain(), self._take)
+
+    def _take(self, received: Received) -> None:
+        now_ns = self._now_ns
+        if received.topic is ROBOT_MAP:
+            self._take_patch(received)
+            return
+        state: RobotState = received.message
+        if why := self.roster.why_unknown(state.robot, now_ns):
+            self._wire.refusals.note(ROBOT_STATE.name, received.key, RefusalCode.UNKNOWN_SENDER, why)
+            return
+        known = self.roster.robots.get(state.robot)
+        before = known.state if known is not None else None
+        self.planning.hear(before, state)
+        self.roster.note_state(state, now_ns)
+        self.halts.note_state(state)
+        for status in (state.task_before, state.task):  # in the order in which they ended
+            if status is not None:
+                self._hear_task(state.robot, status, now_ns)
+        self.planning.ends_soon(before, state, now_ns)
+
+    def _take_patch(self, received: Received) -> None:
+        patch: MapPatch = received.message
+        refusals = self._wire.refusals
+        known = self.roster.robots.get(patch.robot)
+        if known is None or not known.was_there:  # when its token comes it is asked for all that it knows
+            refusals.note(ROBOT_MAP.name, received.key, RefusalCode.UNKNOWN_SENDER, f"{patch.robot} is not there")
+            return
+        if why := self.team_map.merge(patch, self._now_ns):
+            refusals.note(ROBOT_MAP.name, received.key, RefusalCode.NOT_PLAUSIBLE, why)
+
+    def take_held_map(self) -> None:
+        """Take in the patches that waited for what a map needs; from now on none waits."""
+        for robot, why in self.team_map.release():
+            key = ROBOT_MAP.key(self._wire.team, robot=robot)
+            self._wire.refusals.note(ROBOT_MAP.name, key, RefusalCode.NOT_PLAUSIBLE, why)
 
     def _hear_task(self, robot: str, status: TaskStatus, now_ns: int) -> None:
         ended = self.lifecycle.hear(robot, status, now_ns)
@@ -171,9 +209,17 @@ class Coordinator:
         self._decide_due_ns = now_ns  # the next goal is there before the wheels stop
         if status.state is TaskState.FAILED:
             self.explorer.note_failure(robot, place_of(ended.task), now_ns)
+            self._note_gap(robot, status, now_ns)
             self.planning.blocked()
         elif isinstance(ended.task, Explore):
             self.explorer.note_visit(ended.task.goal)
+
+    def _note_gap(self, robot: str, status: TaskStatus, now_ns: int) -> None:
+        """A robot has not got through; it may tell the width of the gap that it stands before."""
+        known = self.roster.robots.get(robot)
+        pose = known.state.pose if known is not None and known.state is not None else None
+        if pose is not None and GAP in status.result:
+            self.explorer.note_gap(Point2D(pose.x_m, pose.y_m), status.result[GAP], now_ns)
 
     def _note_refusal(self, record: TaskRecord, robot: str, now_ns: int) -> None:
         """A robot has refused a task of the coordinator's own."""
@@ -208,7 +254,9 @@ class Coordinator:
             self._hand_out_frontiers(up, now_ns)
 
     def _send_to_charge(self, up: list[Robot], now_ns: int) -> None:
-        for robot, charger, to_soc in self._charge_desk.choose(self._idle(up), now_ns):
+        pauses = self.lifecycle.shunning.robots
+        free = [robot for robot in self._idle(up) if not pauses.why(robot.name, now_ns)]
+        for robot, charger, to_soc in self._charge_desk.choose(free, now_ns):
             name = f"recharge-{self._new_number()}"
             task = Recharge(id=name, place=charger.place, yaw_rad=charger.yaw_rad, until_soc=to_soc)
             self._offer_own(task, robot, now_ns)
@@ -231,8 +279,13 @@ class Coordinator:
         planning = self.planning
         free = [] if planning.has_unplanned() else self._idle(up)
         idle = [robot for robot in free if not planning.is_reserved(robot.name, now_ns)]
+        why = PlanPending() if planning.has_unplanned() else TaskSoon()
+        self._kept_idle = {robot.name: why for robot in self._idle(up) if robot not in idle}
+        paused = [robot for robot in idle if self.lifecycle.shunning.robots.why(robot.name, now_ns)]
+        if paused:
+            idle = [robot for robot in idle if robot not in paused]
         choices = self.explorer.choose(idle, bound, now_ns) if idle else []
-        if choices or bound or self.explorer.has_failures or not up or self.team_map.version == 0:
+        if choices or paused or bound or self.explorer.has_failures or not up or self.team_map.version == 0:
             self._busy_ns = now_ns
         for choice in choices:
             task = Explore(id=f"explore-{self._new_number()}", goal=choice.place)
@@ -248,11 +301,21 @@ class Coordinator:
                 self._task_events.pop(next(iter(self._task_events))).close()
         publisher.put(event)
 
+    def _why_idle(self, now_ns: int) -> dict[str, IdleReason]:
+        """Why robots that can be counted on have nothing to do."""
+        known: dict[str, IdleReason] = {**self.explorer.idle, **self._kept_idle}
+        idle = self._idle(self.roster.up(now_ns))
+        if self.halts.is_halted:
+            return {robot.name: TeamHalted() for robot in idle}
+        return {robot.name: known[robot.name] for robot in idle if robot.name in known}
+
     def _tell_summary(self, now_ns: int) -> None:
         frontiers = self.explorer.candidates[:SHOWN_FRONTIERS]
+        refused = self._wire.refusals.counts()
+        self.roster.forget_unseen(now_ns)
         self._summary.put(
             TeamState(
-                robots=self.roster.summaries(now_ns),
+                robots=self.roster.summaries(now_ns, self._why_idle(now_ns)),
                 known_area_m2=round(self.team_map.known_area_m2, 3),
                 frontiers=[FrontierSummary(place=found.place, length_m=found.length_m) for found in frontiers],
                 all_explored=self.team_map.version > 0 and now_ns - self._busy_ns > SETTLED_NS,
@@ -260,5 +323,6 @@ class Coordinator:
                 tasks_done=self.tasks.done_count,
                 messages=self._inbox.received,
                 halt=self.halts.status(now_ns),
+                refused=refused[:SHOWN_REFUSALS] or msgspec.UNSET,
             )
         )

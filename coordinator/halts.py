@@ -6,8 +6,9 @@ The coordinator stops nobody: robots hear the halt themselves. It tells those th
 from robrain.coordinator.roster import Roster
 from robrain.protocol.model.halt_latch import HaltLatch
 from robrain.protocol.wire.endpoint import Endpoint, Request
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.inbox import Inbox, Received
 from robrain.protocol.wire.messages import HaltStatus, RobotState
+from robrain.protocol.wire.record_guard import RecordGuard
 from robrain.protocol.wire.topics import COORDINATOR_HALT, HALT
 
 
@@ -26,6 +27,7 @@ class HaltWatch:
         self._latch = HaltLatch()
         self._has_halted = False
         self._arrivals = Inbox()
+        self._guard = RecordGuard(wire.refusals)
         self._told: list[str] = []
         wire.subscribe(self._arrivals, HALT)
         wire.answer(COORDINATOR_HALT, self._answer)
@@ -40,15 +42,17 @@ class HaltWatch:
         heard = self._arrivals.drain()
         if not heard and not self.is_halted:
             return False
-        for received in heard:
-            halt = received.message
-            if halt.halted:
-                self._has_halted = True
-                self._latch.hold(halt.by, halt.reason, halt.stamp_ns)
-            else:
-                self._latch.release(halt.by, halt.stamp_ns)
+        self._guard.messages(heard, self._take)
         stopped, self._told = self._told, self._stopped(self._clock.now_ns())
         return bool(heard) or (self.is_halted and stopped != self._told)
+
+    def _take(self, received: Received) -> None:
+        halt = received.message
+        if halt.halted:
+            self._has_halted = True
+            self._latch.hold(halt.by, halt.reason, halt.stamp_ns)
+        else:
+            self._latch.release(halt.by, halt.stamp_ns)
 
     def note_state(self, state: RobotState) -> None:
         """A robot may stand by a halt that this coordinator has not heard of: it came later, or was cut off."""

@@ -51,7 +51,7 @@ def run_coordinator(
             began_s = time.thread_time()  # of the CPU: to wait for the disk is no reason to rest
             if is_loading and not loading.is_alive():
                 is_loading = False
-                coordinator.team_map.release()
+                coordinator.take_held_map()
             coordinator.step()
             rest_s = min(max(REST * (time.thread_time() - began_s), LEAST_REST_S), PERIOD_S)
             time.sleep(rest_s)

@@ -20,9 +20,10 @@ from robrain.coordinator.task_reasons import TaskReasons
 from robrain.protocol.model.task import Monitor, Sense, TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.inbox import Inbox, Received
 from robrain.protocol.wire.messages import MoteDuty, MoteReading
 from robrain.protocol.wire.publisher import Publisher
+from robrain.protocol.wire.record_guard import RecordGuard
 from robrain.protocol.wire.task_messages import RobotVerdict, TaskRecord
 from robrain.protocol.wire.topics import MOTE_DUTY, MOTE_READING
 
@@ -97,6 +98,7 @@ class MoteDesk:
         self._roster = roster
         self._reasons = reasons
         self._inbox = Inbox(capacity=8192)
+        self._guard = RecordGuard(wire.refusals)
         self._look_ns = 0
         self._seen_version = -1
         self._errands: dict[str, Errand] = {}
@@ -135,12 +137,14 @@ class MoteDesk:
         return freed
 
     def _hear(self, now_ns: int) -> None:
-        for received in self._inbox.drain():
+        def take(received: Received) -> None:
             reading: MoteReading = received.message
             self.table.note(reading, now_ns)
             for errand in self._errands.values():
                 if errand.mote.name == reading.mote:
                     errand.take(reading, now_ns)
+
+        self._guard.messages(self._inbox.drain(), take)
 
     def _follow(self, record: TaskRecord, now_ns: int) -> bool:
         errand = self._errands.get(record.task.id)

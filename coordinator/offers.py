@@ -29,6 +29,8 @@ class Answered(NamedTuple):
     """As it was offered."""
     after: str
     answer: TaskAnswer
+    is_reached: bool = True
+    """False if nobody was there to answer: a robot that has come back may be heard before it can be asked."""
 
 
 class _Asked(NamedTuple):
@@ -85,7 +87,10 @@ class Offers:
                 if error.code is ErrorCode.TIMEOUT:
                     continue  # it may have taken it all the same: its next state will tell, or the lease runs out
                 answer = TaskAnswer(accepted=False, why=str(error))
-            except (NobodyThere, msgspec.DecodeError) as error:
+            except NobodyThere as error:
+                found.append(Answered(one.record, one.after, TaskAnswer(accepted=False, why=str(error)), False))
+                continue
+            except msgspec.DecodeError as error:
                 answer = TaskAnswer(accepted=False, why=str(error))
             found.append(Answered(one.record, one.after, answer))
         return found

@@ -1,9 +1,18 @@
 """The roster: which robots there are, and what they last said."""
 
+from collections.abc import Mapping
+
 from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.protocol.wire.idle_reasons import IdleReason, words
 from robrain.protocol.wire.messages import RobotState, RobotSummary
 from robrain.protocol.wire.presence import Change
 
+ROBOTS_MAX = 4096
+"""Robots that were there at some time; more are not taken in."""
+ROBOTS_UNSEEN_MAX = 32
+"""Names that spoke and never had a token; more are not taken in (chosen: tokens come with the first words)."""
+FORGET_UNSEEN_NS = to_ns(10.0)
+"""Such a name is forgotten when it has been silent for so long (chosen)."""
 LOST_AFTER_S = 1.0
 """A robot that has said nothing for this long is not counted on, whatever its token says."""
 _LOST_AFTER_NS = to_ns(LOST_AFTER_S)
@@ -17,6 +26,8 @@ class Robot:
         self.state: RobotState | None = None
         self.heard_ns: int | None = None
         self.has_token = False
+        self.was_there = False
+        """It has had a token."""
 
     def age_s(self, now_ns: int) -> float:
         """Time since its last state; infinite before the first."""
@@ -42,8 +53,36 @@ class Roster:
         self.robots: dict[str, Robot] = {}
         self._by_name: list[Robot] = []
         self._up: list[Robot] = []
+        self._unseen = 0
+        """Robots that never had a token."""
         self._up_at_ns: int | None = None
         """For when that was worked out; it is asked for several times a step, and there may be a thousand robots."""
+
+    def why_unknown(self, name: str, now_ns: int) -> str:
+        """Why a robot that speaks is not taken in; empty if it is known, or there is room for it."""
+        if name in self.robots:
+            return ""
+        if len(self.robots) >= ROBOTS_MAX:
+            return f"there are {ROBOTS_MAX} robots already"
+        if self._unseen >= ROBOTS_UNSEEN_MAX:
+            self.forget_unseen(now_ns)
+        return f"there are {self._unseen} without a token already" if self._unseen >= ROBOTS_UNSEEN_MAX else ""
+
+    def forget_unseen(self, now_ns: int) -> None:
+        """Forget names that never had a token and have been silent for a while."""
+        if not self._unseen:
+            return
+        old = [
+            robot.name
+            for robot in self._by_name
+            if not robot.was_there and (robot.heard_ns is None or now_ns - robot.heard_ns > FORGET_UNSEEN_NS)
+        ]
+        for name in old:
+            del self.robots[name]
+        if old:
+            self._unseen -= len(old)
+            self._by_name = [self.robots[known] for known in sorted(self.robots)]
+            self._up_at_ns = None
 
     def note_state(self, state: RobotState, now_ns: int) -> None:
         """A robot said how it is."""
@@ -56,6 +95,9 @@ class Roster:
         """A robot's token came or went."""
         robot = self._robot(change.names["robot"])
         robot.has_token = change.present
+        if not robot.was_there:
+            robot.was_there = True
+            self._unseen -= 1
         self._up_at_ns = None
         return robot
 
@@ -71,11 +113,12 @@ class Roster:
             self._up_at_ns = now_ns
         return self._up
 
-    def summaries(self, now_ns: int) -> list[RobotSummary]:
-        """Each robot in a line, by name."""
+    def summaries(self, now_ns: int, idle: Mapping[str, IdleReason] | None = None) -> list[RobotSummary]:
+        """Each robot in a line, by name, with why it has nothing to do if that is in `idle`."""
+        reasons = idle or {}
         summaries = []
         for robot in self._by_name:
-            state = robot.state
+            state, reason = robot.state, reasons.get(robot.name)
             summaries.append(
                 RobotSummary(
                     name=robot.name,
@@ -85,7 +128,8 @@ class Roster:
                     soc=state.battery.soc if state is not None and state.battery is not None else None,
                     behavior=state.behavior if state is not None else "",
                     task=state.task.id if state is not None and state.task and not state.task.state.ended else "",
-                    why=robot.why_not_up(now_ns),
+                    why=robot.why_not_up(now_ns) or ("" if reason is None else words(reason)),
+                    idle=reason,
                     faulted=state.faulted if state is not None else [],
                 )
             )
@@ -94,5 +138,6 @@ class Roster:
     def _robot(self, name: str) -> Robot:
         if name not in self.robots:
             self.robots[name] = Robot(name)
+            self._unseen += 1
             self._by_name = [self.robots[known] for known in sorted(self.robots)]
         return self.robots[name]

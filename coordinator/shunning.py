@@ -2,6 +2,8 @@
 
 from typing import NamedTuple
 
+from robrain.coordinator.robot_pauses import RobotPauses
+from robrain.protocol.model.ranges import cut
 from robrain.protocol.wire.clock import to_ns
 
 FIRST_PAUSE_S = 2.0
@@ -25,9 +27,12 @@ class Shunning:
 
     def __init__(self) -> None:
         self._shunned: dict[tuple[str, str], _Shunned] = {}
+        self.robots = RobotPauses()
+        """Those that are not to be offered anything, or nothing of the coordinator's own."""
 
     def note(self, task_id: str, robot: str, why: str, now_ns: int) -> None:
         """A robot refused a task or failed at it."""
+        why = cut(why)
         before = self._shunned.pop((task_id, robot), None)
         pause_s = FIRST_PAUSE_S if before is None else min(2.0 * before.pause_s, LONGEST_PAUSE_S)
         times = 1 if before is None else before.times + 1
@@ -38,7 +43,8 @@ class Shunning:
     def why(self, task_id: str, robot: str, now_ns: int) -> str:
         """Why a robot is not to be offered a task now; empty if it may be."""
         shunned = self._shunned.get((task_id, robot))
-        return shunned.why if shunned is not None and now_ns < shunned.until_ns else ""
+        why = shunned.why if shunned is not None and now_ns < shunned.until_ns else ""
+        return why or self.robots.why_unreached(robot, now_ns)
 
     def pauses(self, now_ns: int) -> dict[tuple[str, str], str]:
         """Which task is not to be offered to which robot now, and why."""

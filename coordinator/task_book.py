@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 
 from robrain.coordinator.journal.journal import Journal
+from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.model.task import Task, TaskState
 from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.messages import TaskEvent, TaskStatus
@@ -93,6 +94,13 @@ class TaskBook:
         """Both."""
         return [self._open[task_id] for task_id in self._of_robot.get(robot, ())]
 
+    def end_what_cannot_be_read(self) -> None:
+        """Tasks that the journal holds, and that no robot can be asked to do as they stand there, have failed."""
+        for task_id, why in self.journal.wrong.items():
+            if task_id in self._open:
+                self.move(task_id, TaskState.FAILED, f"it cannot be done as it was asked for: {why}")
+        self.journal.wrong.clear()
+
     def tell_again(self, count: int) -> None:
         """Tell the last change of each of the tasks that changed last: whoever was told before knows it by its number.
 
@@ -127,6 +135,10 @@ class TaskBook:
         epoch = self.journal.new_epoch(self._first_epoch + 1)
         self._change(self._open[task_id], TaskState.OFFERED, why, epoch=epoch)
         return self._change(self._open[task_id], TaskState.RUNNING, why)
+
+    def outbid(self, epoch: int) -> None:
+        """Give out greater epochs than this one from now on; a robot has accepted it from somebody else."""
+        self.journal.new_epoch(epoch + 1)
 
     def move(self, task_id: str, state: TaskState, why: str = "", result: dict[str, Any] | None = None) -> TaskRecord:
         """A task goes on to another state."""
@@ -179,6 +191,7 @@ class TaskBook:
         if state not in LEGAL[record.state]:
             raise ValueError(f"task {record.task.id}: {state} cannot follow {record.state}")
         fields = {"robot": "", **fields}  # a task that nobody is named for is nobody's
+        why = cut(why, TEXT_MAX)
         changed = msgspec.structs.replace(record, state=state, why=why, changed_ns=self._clock.now_ns(), **fields)
         return self._take(self.journal.change(changed))
 

@@ -23,12 +23,18 @@ from robrain.protocol.model.task import TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.messages import TaskStatus, TaskWithdrawal
+from robrain.protocol.wire.record_guard import RecordGuard
+from robrain.protocol.wire.refusals import RefusalCode
 from robrain.protocol.wire.task_messages import TaskRecord
+from robrain.protocol.wire.topics import ROBOT_OFFER
 
 logger = logging.getLogger(__name__)
 
 WITHDRAW_AGAIN_NS = to_ns(0.5)
 COMPLAIN_AGAIN_NS = to_ns(10.0)
+NS_PER_MS = 1_000_000
+OUTBID_MAX = 48 * 3600 * 1000
+"""Robots accept no epoch that is more than a day ahead of their clocks; twice that leaves room between clocks."""
 
 
 class TaskLifecycle:
@@ -51,6 +57,8 @@ class TaskLifecycle:
         self._book = book
         self._roster = roster
         self._since_ns = wire.clock.now_ns()
+        self._refusals = wire.refusals
+        self._guard = RecordGuard(wire.refusals, (JournalUnwritable,))
         self.shunning = self._shunning = Shunning()
         self.reasons = TaskReasons(book, roster, capabilities, self._shunning)
         self._withdrawn_ns: dict[tuple[str, str, int], int] = {}
@@ -76,27 +84,62 @@ class TaskLifecycle:
     def hear_answers(self, now_ns: int) -> bool:
         """What robots say to offers; True if one was refused."""
         refused = False
-        for answered in self._offers.answered():
+
+        def take(answered: Answered) -> None:
+            nonlocal refused
             with self.as_far_as_written(now_ns):
                 refused |= self._take_answer(answered, now_ns)
+
+        self._guard.records(self._offers.answered(), take, _task_of, "answer")
         return refused
 
     def _take_answer(self, answered: Answered, now_ns: int) -> bool:
-        offered, after, answer = answered
+        offered, after, answer, is_reached = answered
         task_id, robot = offered.task.id, offered.robot
         record = self._book.find(task_id)
         if record is None or record.state is not TaskState.OFFERED or record.epoch != offered.epoch:
             return False  # the robot's state was quicker, or it was called off
+        pauses = self.shunning.robots
         if answer.accepted:
+            pauses.accepted(robot)
             if not after:  # what is for later stays offered until the robot says that it has begun it
                 self._book.move(task_id, TaskState.RUNNING)
             return False
+        if not is_reached:
+            pauses.unreached(robot, answer.why, now_ns)
+            self._book.give_back(task_id, f"{robot} could not be asked: {answer.why}")
+            return True
         self._book.give_back(task_id, f"{robot} refused: {answer.why}")
+        if isinstance(answer.epoch, int) and self._catch_up(robot, answer.epoch, now_ns):
+            return True  # it was the epoch that was refused, not the task
+        if record.own:
+            pauses.refused(robot, answer.why, now_ns)
+        else:
+            pauses.answered(robot)
         if not after:  # what is refused for later is asked again when the robot is free
             self._shun_refused(task_id, robot, answer.why, now_ns)
         if record.own:
             self.on_refused(record, robot, now_ns)
         return True
+
+    def _catch_up(self, robot: str, epoch: int, now_ns: int) -> bool:
+        """A robot has accepted a greater epoch than this coordinator gives; whether greater ones are given from now on.
+
+        One that is ahead of the clock no coordinator can have begun with: it was forged, or comes from a clock that was
+        wrong, and is outbid. One that is not is that of a coordinator which began later, and which this one must not
+        steer against.
+        """
+        ahead_ms = epoch - now_ns // NS_PER_MS
+        outbids = 0 < ahead_ms <= OUTBID_MAX
+        if outbids:
+            self._book.outbid(epoch)
+            why = f"it has accepted epoch {epoch}, ahead of the clock, from somebody else; greater ones are given now"
+        elif ahead_ms > 0:
+            why = f"it tells of epoch {epoch}, which no robot accepts"
+        else:
+            why = f"it has accepted epoch {epoch} of another coordinator; if there is none, start this one again"
+        self._refusals.note(ROBOT_OFFER.name, robot, RefusalCode.OLD_EPOCH, why)
+        return outbids
 
     def _shun_refused(self, task_id: str, robot: str, why: str, now_ns: int) -> None:
         self._shunning.note(task_id, robot, f"refused: {why}", now_ns)
@@ -111,20 +154,24 @@ class TaskLifecycle:
         freed = False
         version, self._settled_version = self._settled_version, self._book.version
         others_changed = version != self._book.version
+
+        def settle(record: TaskRecord) -> None:
+            nonlocal freed
+            task_id = record.task.id
+            if record.robot.startswith(MEMBER_PREFIX):
+                return  # the desk of the motes follows it
+            if record.robot:
+                move = reconcile(record, self._roster.robots.get(record.robot), now_ns, self._since_ns)
+                if move is not None and move.state is TaskState.QUEUED:
+                    self._book.give_back(task_id, move.why)
+                    freed = True
+                elif move is not None:
+                    self._book.move(task_id, move.state, move.why)
+            elif end := self._why_over(record, now_ns, others_changed=others_changed):
+                self._book.move(task_id, *end)
+
         with self.as_far_as_written(now_ns):
-            for record in self._book.open:
-                task_id = record.task.id
-                if record.robot.startswith(MEMBER_PREFIX):
-                    continue  # the desk of the motes follows it
-                if record.robot:
-                    move = reconcile(record, self._roster.robots.get(record.robot), now_ns, self._since_ns)
-                    if move is not None and move.state is TaskState.QUEUED:
-                        self._book.give_back(task_id, move.why)
-                        freed = True
-                    elif move is not None:
-                        self._book.move(task_id, move.state, move.why)
-                elif end := self._why_over(record, now_ns, others_changed=others_changed):
-                    self._book.move(task_id, *end)
+            self._guard.records(self._book.open, settle, _task_id, "task")
         return freed
 
     def _why_over(self, record: TaskRecord, now_ns: int, *, others_changed: bool) -> tuple[TaskState, str] | None:
@@ -247,3 +294,11 @@ class TaskLifecycle:
             if self._complained_ns is None or now_ns - self._complained_ns > COMPLAIN_AGAIN_NS:
                 self._complained_ns = now_ns
                 logger.error("%s; no task changes until it can be", error)  # noqa: TRY400 - the words say it all
+
+
+def _task_id(record: TaskRecord) -> str:
+    return record.task.id
+
+
+def _task_of(answered: Answered) -> str:
+    return answered.record.task.id

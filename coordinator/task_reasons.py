@@ -12,6 +12,7 @@ from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.roster import Robot, Roster
 from robrain.coordinator.shunning import Shunning
 from robrain.coordinator.task_book import TaskBook
+from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.model.task import TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.task_messages import RobotVerdict, TaskRecord, TaskWhy
@@ -57,7 +58,7 @@ class TaskReasons:
             judged = _as_it_went(record, judged)
         return TaskWhy(
             record=record,
-            now=self._now(record, now_ns),
+            now=cut(self._now(record, now_ns), TEXT_MAX),
             robots=judged,
             decided_ns=decided_ns,
             changes=self._book.journal.history(record.task.id),
@@ -111,7 +112,7 @@ class TaskReasons:
 
     def nobody_can(self, record: TaskRecord) -> str:
         """Why no robot of the team has what the task takes; empty if one has, or may have."""
-        return why_nobody_can(record.task, self._capabilities.plugins)
+        return cut(why_nobody_can(record.task, self._capabilities.plugins))
 
     def hopeless(self, record: TaskRecord, now_ns: int) -> str:
         """What each robot that is there and has what the task takes has said, if none of them is to be asked again.

@@ -22,8 +22,7 @@ class TeamMap:
         self.grid: OccupancyGrid | None = None
         self.dropped = 0
         """Patches that were too many to be held."""
-        self._held: deque[MapPatch] | None = None
-        self._refused: set[str] = set()
+        self._held: deque[tuple[MapPatch, int | None]] | None = None
 
     @property
     def version(self) -> int:
@@ -39,25 +38,41 @@ class TeamMap:
         """Take nothing in until `release`: patches wait, the last 16384 of them."""
         self._held = deque(maxlen=HELD_PATCHES)
 
-    def release(self) -> None:
-        """Take in what was held, and from now on whatever comes."""
+    def release(self) -> list[tuple[str, str]]:
+        """Take in what was held, and from now on whatever comes.
+
+        Returns:
+            Of each patch that was refused, the robot and why.
+
+        """
         held, self._held = self._held, None
-        for patch in held or ():
-            self.merge(patch)
+        merged = [(patch.robot, self.merge(patch, now_ns)) for patch, now_ns in held or ()]
         if self.dropped:
             logger.warning("%d patches of the map were too many to be held, and are missing", self.dropped)
+        return [(robot, why) for robot, why in merged if why]
 
-    def merge(self, patch: MapPatch) -> None:
-        """Take a robot's patch in; one that does not fit is refused and logged once a robot."""
+    def merge(self, patch: MapPatch, now_ns: int | None = None) -> str:
+        """Take a robot's patch in; one that does not fit is refused, and changes nothing.
+
+        Args:
+            patch: of a robot of the team.
+            now_ns: the time, if what is claimed to be from later is to be refused.
+
+        Returns:
+            Why it was refused; empty if it was not, or waits.
+
+        """
         if self._held is not None:
             self.dropped += len(self._held) == HELD_PATCHES
-            self._held.append(patch)
-            return
+            self._held.append((patch, now_ns))
+            return ""
         # Here: they bring the map's kernels, which a coordinator loads when it is up (coordinator/live.py).
         from robrain.protocol.model.occupancy_grid import OccupancyGrid
-        from robrain.protocol.wire.map_patch import MAX_CELLS, geometry_of, merge_message
+        from robrain.protocol.wire.map_patch import MAX_CELLS, check_claim, geometry_of, merge_message
 
         try:
+            if now_ns is not None:
+                check_claim(patch, now_ns)
             grid = self.grid
             if grid is None:
                 geometry = geometry_of(patch)
@@ -69,6 +84,5 @@ class TeamMap:
             merge_message(grid, patch)
             self.grid = grid  # not before: a first patch that is broken must not say which grid it is
         except ValueError as error:
-            if patch.robot not in self._refused:
-                self._refused.add(patch.robot)
-                logger.warning("the map of %s cannot be merged: %s", patch.robot, error)
+            return f"the map of {patch.robot} cannot be merged: {error}"
+        return ""

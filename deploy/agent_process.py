@@ -1,38 +1,64 @@
 """`robrain agent`: one robot. Needs the plain install only."""
 
+from contextlib import closing
 from pathlib import Path
 
 import msgspec
 
 from robrain.agent.host import AgentHost
 from robrain.agent.live import run_agent
-from robrain.agent.robot_file import read_robot_file
-from robrain.deploy.live_process import LiveStop, endpoints, tell
+from robrain.agent.robot_file import ZenohTable, read_robot_file
+from robrain.deploy.live_process import LiveStop, note, open_when_there, tell
+from robrain.deploy.name_claim import claim_robot
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive
+from robrain.protocol.wire.hub import given_endpoints, team_endpoints
 from robrain.protocol.wire.keys import check_name
-from robrain.protocol.wire.session import open_session
+from robrain.protocol.wire.session import listening_at
 
 
 def agent_command(robot: Path, connect: str | None, team: str | None) -> None:
-    """Run one robot until Ctrl-C."""
+    """Run one robot until Ctrl-C; while nothing answers where it connects to, it waits.
+
+    Args:
+        robot: its ROBOT.toml.
+        connect: endpoint of the team; None is what the file says, $ROBRAIN_CONNECT, or else this machine's hub.
+        team: its name; None is what the file says.
+
+    Raises:
+        RobrainError: in one sentence.
+
+    """
     robot_file = read_robot_file(robot)
     table, settings = robot_file.robot, robot_file.zenoh
     if team is not None:
         table = msgspec.structs.replace(table, team=check_name("team", team))
-    given = endpoints(connect) if connect is not None or not (settings.connect or settings.listen) else settings.connect
-    robot_file = msgspec.structs.replace(robot_file, robot=table)
+    where = _endpoints(settings, connect)
     should_stop = LiveStop()
-    session = open_session(mode=settings.mode, connect=given, listen=settings.listen)
-    try:
+    session = open_when_there("agent", where, should_stop, mode=settings.mode, listen=settings.listen)
+    if session is None:
+        return
+    with closing(session), claim_robot(session, table.team, table.name) as claim:
+        if not claim.take(lambda text: note(f"agent: {text}"), should_stop):
+            return
+        # Plugins in processes of their own join where the robot has joined, or else at the robot itself.
+        zenoh = msgspec.structs.replace(settings, connect=where or listening_at(session))
+        robot_file = msgspec.structs.replace(robot_file, robot=table, zenoh=zenoh)
         host = AgentHost(robot_file, robot.parent, session, WallClock(), Drive.LIVE)
 
         def tell_plugins() -> None:
+            claim.settle()
             left_out = [f"{tag.name} ({tag.why})" for tag in host.manager.tags.values() if tag.why]
             tell(f"agent: {host.name} is up with {len(host.manager.tags) - len(left_out)} plugins")
             for text in left_out:
                 tell(f"agent: {host.name} without {text}")
 
         run_agent(host, should_stop, tell_plugins)
-    finally:
-        session.close()
+
+
+def _endpoints(settings: ZenohTable, connect: str | None) -> list[str]:
+    if connect is not None:
+        return given_endpoints(connect)
+    if settings.connect or settings.listen:
+        return settings.connect
+    return team_endpoints() if settings.mode == "client" else given_endpoints(None)

@@ -3,38 +3,55 @@
 from contextlib import ExitStack
 from pathlib import Path
 
+import zenoh
+
 from robrain.deploy.forwarders import addresses, open_forwarders, said
-from robrain.deploy.live_process import LiveStop, live_endpoint, session_of, tell
-from robrain.deploy.robot_files import write_robot_files
+from robrain.deploy.kernels import prepare_kernels
+from robrain.deploy.live_process import LiveStop, Place, live_endpoint, open_hub, open_when_there, tell
+from robrain.deploy.own_program import own_program
+from robrain.deploy.robot_files import loadable_from_here, write_robot_files
 from robrain.deploy.terminal import say
-from robrain.protocol.model.warm_up import warm_up
 from robrain.protocol.wire.session import listening_at
 from robrain.sim.live_arena import run_arena
 from robrain.sim.scenario import Scenario
 
-DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
-"""Zenoh's own port, on loopback only."""
 
+def arena_command(scenario: Scenario, place: Place, team: str, robot_files: Path | None) -> None:
+    """Simulate a scenario until Ctrl-C.
 
-def arena_command(
-    scenario: Scenario, connect: list[str], listen: str | None, team: str, robot_files: Path | None
-) -> None:
-    """Simulate a scenario until Ctrl-C."""
+    Args:
+        scenario: what is simulated.
+        place: where it joins the team, or else has others join it; without either it is this machine's hub.
+        team: its name.
+        robot_files: folder for a ROBOT.toml of each robot.
+
+    Raises:
+        RobrainError: in one sentence.
+
+    """
     world = scenario.world()
-    warm_up()
+    prepare_kernels()
     should_stop = LiveStop()
-    with (
-        session_of(connect, listen or DEFAULT_LISTEN) as session,
-        live_endpoint(session, team) as wire,
-        ExitStack() as closing,
-    ):
-        where = connect or listening_at(session)
+    with ExitStack() as closing:
+        session = _open(place, should_stop)
+        if session is None:
+            return
+        closing.callback(session.close)
+        wire = closing.enter_context(live_endpoint(session, team))
+        where = place.connect or listening_at(session)
         forwarders = open_forwarders(wire, [robot.name for robot in world.robots], closing)
         listening = addresses(forwarders)
         if robot_files is not None:
             robot_files.mkdir(parents=True, exist_ok=True)
-            for path in write_robot_files(world, robot_files, team=team, connect=where[0], forwarders=listening):
-                say(f"robrain agent {path}")
+            for path in write_robot_files(
+                world,
+                robot_files,
+                team=team,
+                connect=where[0],
+                forwarders=listening,
+                loadable=loadable_from_here(where),
+            ):
+                say(f"{own_program()} agent {path}")
         arena = world.arena(wire)
         try:
             names = ", ".join(robot.name for robot in world.robots)
@@ -44,3 +61,12 @@ def arena_command(
             run_arena(arena, should_stop, forwarders)
         finally:
             arena.close()
+
+
+def _open(place: Place, should_stop: LiveStop) -> zenoh.Session | None:
+    if place.connect:
+        return open_when_there("arena", place.connect, should_stop)
+    session, taken = open_hub(place.listen[0] if place.listen else None)
+    if taken:
+        say(f"arena: {taken} is taken: it listens elsewhere, other commands need --connect")
+    return session

@@ -21,11 +21,11 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from robrain.deploy.bench_figure import Figure
+from robrain.deploy.bench_figure import Figure, at_most, timing
 from robrain.deploy.bench_live_team import TEAM, await_ready, open_hub
 from robrain.deploy.children import Children
 from robrain.deploy.errors import ChildFailed
-from robrain.deploy.live_process import live_endpoint, session_of
+from robrain.deploy.live_process import client_session, live_endpoint
 from robrain.protocol.wire.clock import NS_PER_S
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
@@ -167,32 +167,27 @@ def _ages_s(summary: TeamState) -> list[float]:
 def _figures(robots: int, looks: list[Look], ages_s: np.ndarray[Any, Any], unseen: int) -> Iterator[Figure]:
     span_s = looks[-1].at_s - looks[0].at_s
     cpu = 100.0 * (looks[-1].cpu_s - looks[0].cpu_s) / span_s
-    what = f"{robots} agents at {RATE_HZ:g} Hz for {span_s / 60:.1f} min"
-    yield Figure(
-        f"{what}: coordinator's CPU", f"{cpu:.1f} % of a core", "–", f"<= {CPU_BOUND:g} %", cpu <= CPU_BOUND, cpu, "%"
-    )
+    what, watched = f"{robots} agents at {RATE_HZ:g} Hz", f"{span_s / 60:.1f} min"
+    yield timing(f"{what}: coordinator's CPU, share of a core", cpu, "%", at_most(CPU_BOUND), watched)
     median_ms, p99_ms = 1e3 * np.percentile(ages_s, (50, 99))
-    yield Figure(
-        f"{what}: age of a state in the summary, p99 of {len(ages_s)}",
-        f"{p99_ms:.0f} ms",
-        f"median {median_ms:.0f} ms, oldest {1e3 * ages_s.max():.0f} ms; {unseen} times a robot was not up",
-        f"<= {AGE_BOUND_MS:g} ms",
-        bool(p99_ms <= AGE_BOUND_MS),
-        float(p99_ms),
+    yield timing(
+        f"{what}: age of a state in the summary, p99",
+        p99_ms,
         "ms",
+        at_most(AGE_BOUND_MS),
+        f"{len(ages_s)} states, median {median_ms:.0f} ms, oldest {1e3 * ages_s.max():.0f} ms",
     )
+    yield timing(f"{what}: robots that a summary did not show as up", unseen, beside=watched)
     third = max(len(looks) // 3, 1)
     first_mb = float(np.median([look.resident_mb for look in looks[:third]]))
     last_mb = float(np.median([look.resident_mb for look in looks[-third:]]))
-    growth_mb = (last_mb - first_mb) * 600.0 / (span_s * 2 / 3)
-    yield Figure(
-        f"{what}: coordinator's memory, growth in ten minutes, last third over first",
-        f"{growth_mb:+.1f} MB",
-        f"{looks[0].resident_mb:.0f} MB at the beginning, {looks[-1].resident_mb:.0f} MB at the end",
-        f"<= {GROWTH_BOUND_MB:g} MB",
-        growth_mb <= GROWTH_BOUND_MB,
-        growth_mb,
+    yield timing(
+        f"{what}: growth of the coordinator's memory, for ten minutes",
+        (last_mb - first_mb) * 600.0 / (span_s * 2 / 3),
         "MB",
+        at_most(GROWTH_BOUND_MB),
+        f"last third of {watched} over the first; {looks[0].resident_mb:.0f} MB at the beginning, "
+        f"{looks[-1].resident_mb:.0f} MB at the end",
     )
 
 
@@ -224,7 +219,7 @@ def _drive(endpoint: str, numbers: list[int], template: Template, stop: Any) -> 
     """One process of agents; each speaks at a moment of its own within the tenth of a second."""
     parent = os.getppid()
     names = [f"r{number:04d}" for number in numbers]
-    with session_of([endpoint], None) as session, live_endpoint(session, TEAM) as wire:
+    with client_session(endpoint) as session, live_endpoint(session, TEAM) as wire:
         states = [wire.publisher(ROBOT_STATE, robot=name) for name in names]
         entities = [_answer(wire, name, template) for name in names]
         for name in names:

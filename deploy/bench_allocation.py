@@ -16,7 +16,7 @@ from robrain.coordinator.allocation.plan import Plan
 from robrain.coordinator.allocation.problem import Objective, Problem
 from robrain.coordinator.allocation.validate import validate
 from robrain.coordinator.allocation.warm_up import warm_up
-from robrain.deploy.bench_figure import Figure
+from robrain.deploy.bench_figure import Figure, at_least, at_most, deterministic, timing
 from robrain.deploy.bench_instances import team_problem
 
 BEST = Path(__file__).with_name("bench_allocation_best.json")
@@ -81,30 +81,17 @@ def _first_plans(sizes: tuple[tuple[int, int], ...]) -> Iterator[Figure]:
             begin_s = time.process_time()
             plan = AuctionAllocator().plan(problem)
             took_ms.append(1e3 * (time.process_time() - begin_s))
-        median_ms, bound_ms = sorted(took_ms)[2], FIRST_BOUND_MS[robots]
-        yield Figure(
-            f"{robots} × {tasks}: first feasible plan (auction)",
-            f"{median_ms:.1f} ms",
-            f"slowest of 5: {max(took_ms):.1f} ms",
-            f"<= {bound_ms:g} ms",
-            median_ms <= bound_ms and not validate(problem, plan),
-            median_ms,
-            "ms",
-        )
+        what = f"{robots} × {tasks}: first feasible plan (auction)"
+        slowest = f"median of 5, slowest {max(took_ms):.1f} ms"
+        yield timing(f"{what}, CPU", sorted(took_ms)[2], "ms", at_most(FIRST_BOUND_MS[robots]), slowest)
+        yield deterministic(f"{what}: rules that it breaks", len(validate(problem, plan)), bound=at_most(0))
     robots, tasks = sizes[-1]
     problem = instance(robots, tasks, Objective.ENERGY)
     begin_s = time.process_time()
     OptimalAllocator(Objective.ENERGY, time.process_time).plan(problem, deadline_s=SHORT_S)
     took_s = time.process_time() - begin_s
-    yield Figure(
-        f"{robots} × {tasks}: answer of optimal with a short deadline",
-        f"{took_s:.3f} s",
-        "the auction alone is the first answer",
-        f"<= {SHORT_S:g} s",
-        took_s <= SHORT_S,
-        took_s,
-        "s",
-    )
+    what = f"{robots} × {tasks}: answer of optimal with a deadline of {SHORT_S:g} s, CPU"
+    yield timing(what, took_s, "s", at_most(SHORT_S), "the auction alone is the first answer")
 
 
 def _best_known_gaps(sizes: tuple[tuple[int, int], ...]) -> Iterator[Figure]:
@@ -121,16 +108,12 @@ def _best_known_gaps(sizes: tuple[tuple[int, int], ...]) -> Iterator[Figure]:
             auction, greedy = (
                 kind(objective).plan(problem).value / known.value - 1 for kind in (AuctionAllocator, GreedyAllocator)
             )
-            is_comparable = all(_is_comparable(plan, known) for plan in plans)
-            yield Figure(
-                f"{robots} × {tasks}: {objective} after {THINK_S:g} s of a core, over the best known",
-                f"{100 * gap:.2f} %" + ("" if is_comparable else " (other prizes lost)"),
-                f"auction {100 * auction:.0f} %, greedy {100 * greedy:.0f} %",
-                f"<= {100 * bounds[robots]:g} %",
-                gap <= bounds[robots] and is_comparable and not any(validate(problem, plan) for plan in plans),
-                100 * gap,
-                "%",
-            )
+            what = f"{robots} × {tasks}: {objective} after {THINK_S:g} s of a core"
+            beside = f"auction {100 * auction:.0f} %, greedy {100 * greedy:.0f} %"
+            yield timing(f"{what}, over the best known", 100 * gap, "%", at_most(100 * bounds[robots]), beside)
+            wrong = sum(bool(validate(problem, plan)) or not _is_comparable(plan, known) for plan in plans)
+            beside = "rules broken, or other prizes lost than by the best known"
+            yield timing(f"{what}: plans that cannot be compared", wrong, bound=at_most(0), beside=beside)
 
 
 def _is_comparable(plan: Plan, known: BestKnown) -> bool:
@@ -165,15 +148,14 @@ def _exact_gaps() -> Iterator[Figure]:
             for kind, plan in plans.items():
                 sums[kind] += plan.value
         gaps = {kind: f"{100 * (total / exact_sum - 1):.2f} %" for kind, total in sums.items()}
-        yield Figure(
-            f"{name}: worst gap of optimal to the exact optimum, {count} instances of <= 36 pairs",
-            f"{100 * worst:.3f} %",
-            f"auction {gaps['auction']}, greedy {gaps['greedy']} in the mean",
-            f"<= {100 * EXACT_BOUND:g} %",
-            worst <= EXACT_BOUND and count == len(EXACT_SIZES),
+        yield deterministic(
+            f"{name}: worst gap of optimal to the exact optimum, instances of <= 36 pairs",
             100 * worst,
             "%",
+            at_most(100 * EXACT_BOUND),
+            f"mean of auction {gaps['auction']}, of greedy {gaps['greedy']}",
         )
+        yield timing(f"{name}: instances with a proved optimum", count, bound=at_least(len(EXACT_SIZES)))
     yield _coupled_gaps()
 
 
@@ -189,8 +171,7 @@ def _coupled_gaps() -> Figure:
         if exact is not None:
             gaps.append(plan.value / exact.value - 1)
     what = "energy and prizes, 30 % of the jobs after others, 30 % for two robots: worst gap of optimal, 4 of 3 × 8"
-    mean = f"{100 * sum(gaps) / len(gaps):.1f} % in the mean"
-    return Figure(what, f"{100 * max(gaps):.1f} %", mean, "none", True, 100 * max(gaps), "%")
+    return deterministic(what, 100 * max(gaps), "%", beside=f"{100 * sum(gaps) / len(gaps):.1f} % in the mean")
 
 
 # -- best known ---------------------------------------------------------------------------------------------------

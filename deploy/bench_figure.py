@@ -1,51 +1,164 @@
-"""Figures that benchmarks measure, and how they are shown: a table for people, one JSON object for programs."""
+"""Figures that benchmarks measure: one number each, with its unit and the bound that it is to keep.
 
+Every benchmark reports through `deterministic` and `timing`. A table is for people, JSON for programs; `make bench`
+keeps the same figures in docs/figures/bench.json.
+"""
+
+import math
 import sys
 from collections.abc import Iterable
+from enum import StrEnum
 
 import msgspec
 from rich.console import Console
 from rich.table import Table
 
 WIDTH = 110
-HEADINGS = ("what", "measured", "beside", "bound", "kept")
+HEADINGS = ("figure", "measured", "bound", "kept", "beside")
+KEPT_WORDS = {True: "yes", False: "no", None: "–"}
+NO_VALUE = "none"
 
 
-class Figure(msgspec.Struct, frozen=True):
-    """One figure, in words and, where it is a single number, as that."""
+class Kind(StrEnum):
+    """What a figure depends on."""
 
-    what: str
-    value: str
-    beside: str
-    """What it is compared with."""
-    bound: str
-    is_kept: bool
-    number: float | None = None
-    """The value in `unit`."""
+    DETERMINISTIC = "deterministic"
+    """The code alone: equal on every machine."""
+    TIMING = "timing"
+    """The machine as well, and what else it does."""
+
+
+class Bound(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """The values that a figure may have, in the figure's unit; several limits hold together."""
+
+    at_most: float | None = None
+    at_least: float | None = None
+    below: float | None = None
+    above: float | None = None
+
+    def __post_init__(self) -> None:
+        limits = [limit for limit in msgspec.structs.astuple(self) if limit is not None]
+        if not limits or not all(map(math.isfinite, limits)):
+            raise ValueError(f"expected a bound with finite limits, got {self!r}")
+
+    def is_kept_by(self, value: float | None) -> bool:
+        """Whether a value keeps the bound; no value keeps none."""
+        if value is None:
+            return False
+        return (
+            (self.at_most is None or value <= self.at_most)
+            and (self.at_least is None or value >= self.at_least)
+            and (self.below is None or value < self.below)
+            and (self.above is None or value > self.above)
+        )
+
+    def words(self, unit: str = "") -> str:
+        """The bound as a table shows it: `≤ 50 ms`."""
+        named = (("≥", self.at_least), (">", self.above), ("≤", self.at_most), ("<", self.below))
+        return " and ".join(f"{sign} {with_unit(limit, unit)}" for sign, limit in named if limit is not None)
+
+
+class Figure(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    """One measured number.
+
+    A value that is not finite becomes None: what was to be measured did not happen. `kept` follows from value and
+    bound, whatever it was given as; None where there is no bound.
+    """
+
+    name: str
+    """Unique within its benchmark, and the same in every run."""
+    value: float | None
     unit: str = ""
+    bound: Bound | None = None
+    kind: Kind
+    beside: str = ""
+    """What belongs to the number: a comparison in the same run, a spread, a size. In words."""
+    kept: bool | None = None
+
+    def __post_init__(self) -> None:
+        if self.value is not None and not math.isfinite(self.value):
+            self.value = None
+        self.kept = None if self.bound is None else self.bound.is_kept_by(self.value)
+
+    def value_words(self) -> str:
+        """The value with its unit as a table shows it."""
+        return NO_VALUE if self.value is None else with_unit(self.value, self.unit)
+
+    def bound_words(self) -> str:
+        """The bound with its unit as a table shows it."""
+        return "–" if self.bound is None else self.bound.words(self.unit)
 
 
 class Measured(msgspec.Struct, frozen=True, kw_only=True):
-    """What one benchmark says with `--json`."""
+    """What one benchmark prints with `--json`."""
 
     bench: str
     figures: list[Figure]
     all_kept: bool
 
 
+def deterministic(name: str, value: float, unit: str = "", bound: Bound | None = None, beside: str = "") -> Figure:
+    """A figure that is equal on every machine."""
+    return Figure(name=name, value=float(value), unit=unit, bound=bound, kind=Kind.DETERMINISTIC, beside=beside)
+
+
+def timing(name: str, value: float, unit: str = "", bound: Bound | None = None, beside: str = "") -> Figure:
+    """A figure that depends on the machine."""
+    return Figure(name=name, value=float(value), unit=unit, bound=bound, kind=Kind.TIMING, beside=beside)
+
+
+def at_most(limit: float) -> Bound:
+    """Values up to this one."""
+    return Bound(at_most=limit)
+
+
+def at_least(limit: float) -> Bound:
+    """Values from this one on."""
+    return Bound(at_least=limit)
+
+
+def below(limit: float) -> Bound:
+    """Values less than this one."""
+    return Bound(below=limit)
+
+
+def above(limit: float) -> Bound:
+    """Values greater than this one."""
+    return Bound(above=limit)
+
+
+def between(least: float, most: float) -> Bound:
+    """Values from the first to the second."""
+    return Bound(at_least=least, at_most=most)
+
+
+def with_unit(value: float, unit: str) -> str:
+    """A number to three significant digits but not more than four decimals, whole numbers in full, and its unit.
+
+    >>> with_unit(0.012345, "s"), with_unit(16504.1, ""), with_unit(99.96, "%"), with_unit(-0.00001, "MB")
+    ('0.0123 s', '16,504', '100 %', '0 MB')
+    """
+    rounded = round(value, 4) + 0.0  # no -0
+    number = f"{rounded:,.0f}" if abs(rounded) >= 99.95 or rounded == round(rounded) else f"{rounded:.3g}"
+    if "e" in number:
+        number = f"{rounded:.4f}"
+    return f"{number} {unit}" if unit else number
+
+
 def measured(bench: str, figures: Iterable[Figure]) -> Measured:
     """The figures of one benchmark, put together."""
     found = list(figures)
-    return Measured(bench=bench, figures=found, all_kept=all(figure.is_kept for figure in found))
+    return Measured(bench=bench, figures=found, all_kept=all(figure.kept is not False for figure in found))
 
 
 def show_figures(title: str, figures: Iterable[Figure], console: Console) -> None:
-    """A line for each figure, with what it is compared with and the bound that it is to keep."""
+    """A line for each figure, with its bound and what belongs to it."""
     table = Table(title=title, title_justify="left")
     for heading in HEADINGS:
         table.add_column(heading)
     for figure in figures:
-        table.add_row(figure.what, figure.value, figure.beside, figure.bound, "yes" if figure.is_kept else "no")
+        cells = (figure.name, figure.value_words(), figure.bound_words(), KEPT_WORDS[figure.kept], figure.beside)
+        table.add_row(*cells)
     console.print(table)
 
 
@@ -57,7 +170,7 @@ def report(bench: str, figures: Iterable[Figure], *, as_json: bool) -> None:
         for figure in figures:
             found.append(figure)
             if not as_json and console.is_terminal:
-                console.print(f"{figure.what}: {figure.value}", highlight=False)
+                console.print(f"{figure.name}: {figure.value_words()}", highlight=False)
     if as_json:
         sys.stdout.write(msgspec.json.encode(measured(bench, found)).decode() + "\n")
     else:

@@ -1,6 +1,6 @@
 """The dashboard in a process of its own, beside a run, a team or a replay."""
 
-import threading
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -10,6 +10,51 @@ from robrain.deploy.errors import ChildFailed
 
 READY_PREFIX = "dashboard: "
 START_TIMEOUT_S = 30.0
+LOOK_S = 0.05
+
+
+class StartingPage:
+    """A dashboard's process that has been started, until its page is served.
+
+    Args:
+        children: owns the process.
+        arguments: the command line after `robrain`.
+
+    """
+
+    def __init__(self, children: Children, arguments: Sequence[str]) -> None:
+        self._url = ""
+        self._begun_s = time.monotonic()
+        self._child = children.start("dashboard", arguments, self._note)
+
+    @property
+    def url(self) -> str:
+        """The page's address; empty while it is not served yet.
+
+        Raises:
+            ChildFailed: it did not start; the text says why.
+
+        """
+        if self._url:
+            return self._url
+        if self._child.exit_status is not None or time.monotonic() > self._begun_s + START_TIMEOUT_S:
+            self._child.ask_to_stop()
+            self._child.wait()
+            said = next((line for line in reversed(self._child.lines) if line.strip()), "it said nothing")
+            raise ChildFailed(f"the dashboard did not start: {said.removeprefix('robrain: ')}")
+        return ""
+
+    def _note(self, line: str) -> None:
+        if line.startswith(READY_PREFIX) and not self._url:
+            self._url = line.removeprefix(READY_PREFIX)
+
+
+def begin_dashboard(children: Children, endpoint: str, team: str, port: int | None) -> StartingPage:
+    """Start it; the arguments are those of `start_dashboard`."""
+    arguments = ["dashboard", "--connect", endpoint, "--team", team]
+    if port is not None:
+        arguments += ["--port", str(port)]
+    return StartingPage(children, arguments)
 
 
 def start_dashboard(children: Children, endpoint: str, team: str, port: int | None) -> str:
@@ -28,10 +73,7 @@ def start_dashboard(children: Children, endpoint: str, team: str, port: int | No
         ChildFailed: it did not start; the text says why.
 
     """
-    arguments = ["dashboard", "--connect", endpoint, "--team", team]
-    if port is not None:
-        arguments += ["--port", str(port)]
-    return _start_page(children, arguments)
+    return _served(begin_dashboard(children, endpoint, team, port))
 
 
 def go_on_with_recording(children: Children, url: str, recording: Path) -> None:
@@ -47,26 +89,11 @@ def go_on_with_recording(children: Children, url: str, recording: Path) -> None:
 
     """
     children.stop()
-    _start_page(children, ["dashboard", "--replay", str(recording), "--port", str(urlsplit(url).port)])
+    page = StartingPage(children, ["dashboard", "--replay", str(recording), "--port", str(urlsplit(url).port)])
+    _served(page)
 
 
-def _start_page(children: Children, arguments: Sequence[str]) -> str:
-    """Start a dashboard and wait until its page is served; the page's address."""
-    ready = threading.Event()
-    url = ""
-
-    def note(line: str) -> None:
-        nonlocal url
-        if line.startswith(READY_PREFIX) and not url:
-            url = line.removeprefix(READY_PREFIX)
-            ready.set()
-
-    child = children.start("dashboard", arguments, note)
-    waited_s = 0.0
-    while not ready.wait(0.1):
-        waited_s += 0.1
-        if child.exit_status is not None or waited_s > START_TIMEOUT_S:
-            children.stop()
-            said = next((line for line in reversed(child.lines) if line.strip()), "it said nothing")
-            raise ChildFailed(f"the dashboard did not start: {said.removeprefix('robrain: ')}")
+def _served(page: StartingPage) -> str:
+    while not (url := page.url):
+        time.sleep(LOOK_S)
     return url

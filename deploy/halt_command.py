@@ -6,10 +6,13 @@ import time
 
 import msgspec
 
-from robrain.deploy.live_process import endpoints, live_endpoint, session_of
-from robrain.protocol.model.halt_latch import OPERATOR
+from robrain.deploy.live_process import client_session, live_endpoint
+from robrain.deploy.team_found import no_robot
+from robrain.protocol.model.halt_latch import NAME_LENGTH, OPERATOR, REASON_LENGTH
+from robrain.protocol.model.ranges import cut
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, NobodyThere
+from robrain.protocol.wire.hub import wrong_team
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.messages import Halt, HaltAnswer, HostRequest, RobotState, TeamState
@@ -30,6 +33,7 @@ REPEAT_S = 0.2
 """A message may be lost: a halt is sent again while somebody has not said that it stopped."""
 POLL_S = 0.01
 EXIT_DISOBEYED = 1
+ABSENT = "it is not there"
 
 
 def halt_command(
@@ -38,11 +42,11 @@ def halt_command(
     """Halt a team, or one robot, and say who has stopped and who has not.
 
     Args:
-        connect: endpoint of the team; None is $ROBRAIN_CONNECT.
+        connect: endpoint of the team; None is $ROBRAIN_CONNECT, or else this machine's hub.
         team: its name.
         robot: only this one.
         by: who halts, and may resume later; default is `operator:USER`.
-        reason: why, for the logs.
+        reason: why, for the logs; what is too long is cut, for a halt is small.
 
     Returns:
         The exit status: 1 if somebody has not said in time that it stopped.
@@ -51,7 +55,7 @@ def halt_command(
         RobrainError: nobody is there, or a name or endpoint is none.
 
     """
-    return _command(connect, team, robot, Halt(halted=True, by=_who(by), reason=reason))
+    return _command(connect, team, robot, Halt(halted=True, by=_who(by), reason=cut(reason, REASON_LENGTH)))
 
 
 def resume_command(connect: str | None, team: str, robot: str | None = None, by: str | None = None) -> int:
@@ -63,8 +67,10 @@ def _command(connect: str | None, team: str, robot: str | None, wanted: Halt) ->
     check_name("team", team)
     if robot is not None:
         check_name("robot", robot)
-    with session_of(endpoints(connect), None) as session, live_endpoint(session, team) as wire:
+    with client_session(connect) as session, live_endpoint(session, team) as wire:
         outcomes = _TeamOrder(wire, wanted).give() if robot is None else {robot: _ask(wire, robot, wanted)}
+        if robot is not None and outcomes[robot] == ABSENT:
+            raise no_robot(wire, robot, "halts")
     done = "halted" if wanted.halted else "resumed"
     for name, why in sorted(outcomes.items()):
         _say(f"{name}: {f'NOT {done}: {why}' if why else done}")
@@ -112,7 +118,8 @@ class _TeamOrder:
                 self._publisher.put(self._wanted)
                 repeat_s += REPEAT_S
         if not self._robots:
-            raise NobodyThere(f"no robot of team {self._wire.team} is there; the word was given all the same")
+            text = f"no robot of team {self._wire.team} is there, the word was given all the same"
+            raise wrong_team(text, self._wire.session)
         return {name: self._why(name) for name in self._robots}
 
     def _hear(self) -> bool:
@@ -159,7 +166,7 @@ def _ask(wire: Endpoint, robot: str, wanted: Halt) -> str:
         reply = wire.ask(ROBOT_HOST, request, timeout_s=WAIT_S, robot=robot, verb=verb)
         answer = msgspec.json.decode(reply, type=HaltAnswer)
     except NobodyThere:
-        return "it is not there"
+        return ABSENT
     except (CallError, msgspec.DecodeError) as error:
         return str(error)
     if answer.halted is not wanted.halted:
@@ -172,7 +179,7 @@ def _not_stopped(plugins: list[str]) -> str:
 
 
 def _who(by: str | None) -> str:
-    return by if by is not None else f"{OPERATOR}:{os.environ.get('USER') or 'unknown'}"
+    return cut(by if by is not None else f"{OPERATOR}:{os.environ.get('USER') or 'unknown'}", NAME_LENGTH)
 
 
 def _say(text: str) -> None:

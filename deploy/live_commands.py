@@ -1,39 +1,47 @@
-"""The other live processes: coordinator, dashboard, replay, status."""
+"""The other live processes: coordinator, dashboard, replay."""
 
 import time
+from contextlib import closing
 from pathlib import Path
 
 import msgspec
+import zenoh
 
 from robrain.deploy.children import Children
 from robrain.deploy.dashboard_process import READY_PREFIX, start_dashboard
 from robrain.deploy.errors import UsageError
-from robrain.deploy.live_process import LiveStop, live_endpoint, session_of, tell
-from robrain.deploy.team_found import TeamFound
+from robrain.deploy.live_process import (
+    ANY_PORT,
+    LiveStop,
+    Place,
+    client_session,
+    live_endpoint,
+    note,
+    open_hub,
+    open_when_there,
+    tell,
+)
+from robrain.deploy.name_claim import claim_coordinator
 from robrain.protocol.model.objective import Objective
 from robrain.protocol.wire.clock import WallClock
-from robrain.protocol.wire.errors import NobodyThere
+from robrain.protocol.wire.hub import team_endpoints
 from robrain.protocol.wire.keys import check_name
-from robrain.protocol.wire.session import listening_at
-from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
+from robrain.protocol.wire.session import listening_at, open_session
 
 DEFAULT_DASHBOARD_PORT = 8080
-GATHER_S = 0.5
 
 
 def coordinator_command(
-    connect: list[str],
-    listen: str | None,
+    place: Place,
     team: str,
     journal: Path | None,
     objective: Objective | None = None,
     planning: Path | None = None,
 ) -> None:
-    """Coordinate a team until Ctrl-C.
+    """Coordinate a team until Ctrl-C; while nothing answers where it connects to, it waits.
 
     Args:
-        connect: endpoints of the team.
-        listen: an endpoint of its own, if there is none to connect to.
+        place: where it joins the team, or else has others join it; without either it looks for this machine's hub.
         team: its name.
         journal: file of its tasks; `TEAM.journal` if None.
         objective: what plans are to be good at, whatever the file says.
@@ -55,16 +63,28 @@ def coordinator_command(
     if objective is not None:
         policy = msgspec.structs.replace(policy, objective=objective)
     should_stop = LiveStop()
-    with session_of(connect, listen) as session, live_endpoint(session, team) as wire:
+    if place.listen:
+        session: zenoh.Session | None = open_hub(place.listen[0])[0]
+    else:
+        session = open_when_there("coordinator", place.connect or team_endpoints(), should_stop)
+    if session is None:
+        return
+    with closing(session), claim_coordinator(session, team) as claim, live_endpoint(session, team) as wire:
+        if not claim.take(lambda text: note(f"coordinator: {text}"), should_stop):
+            return  # before the journal is opened: one process at a time writes it
         kept = Journal(journal if journal is not None else Path(f"{team}.journal"))
+
+        def ready() -> None:
+            claim.settle()
+            tell(f"coordinator: of team {team}; Ctrl-C ends it")
+
         try:
-            ready = f"coordinator: of team {team}; Ctrl-C ends it"
-            run_coordinator(wire, should_stop, lambda: tell(ready), kept, policy)
+            run_coordinator(wire, should_stop, ready, kept, policy)
         finally:
             kept.close()
 
 
-def dashboard_command(connect: list[str], team: str, port: int | None, replay: Path | None = None) -> None:
+def dashboard_command(connect: str | None, team: str, port: int | None, replay: Path | None = None) -> None:
     """Show a team, or a recording, until Ctrl-C."""
     from robrain.coordinator.dashboard import ReplaySource, run_dashboard
     from robrain.deploy.ports import free_or
@@ -78,7 +98,7 @@ def dashboard_command(connect: list[str], team: str, port: int | None, replay: P
     if replay is not None:
         run_dashboard(ReplaySource(replay), "127.0.0.1", chosen, ready, should_stop)
         return
-    with session_of(connect, None) as session, live_endpoint(session, team) as wire:
+    with client_session(connect) as session, live_endpoint(session, team) as wire:
         run_dashboard(wire, "127.0.0.1", chosen, ready, should_stop)
 
 
@@ -98,25 +118,22 @@ def replay_command(
     from robrain.coordinator.recording.replay import Replay
     from robrain.deploy.replay_terminal import replay_terminal
     from robrain.deploy.replaying import run_replay
-    from robrain.deploy.terminal import say
+    from robrain.deploy.terminal import print_line, say
 
     if speed <= 0:
         raise UsageError(f"--speed {speed:g}: expected a number above 0")
     check_name("team", team)
     should_stop = LiveStop()
     clock = WallClock()
-    with (
-        session_of(connect, "tcp/127.0.0.1:0") as session,
-        Children() as children,
-        live_endpoint(session, team) as wire,
-    ):
+    session = open_session(mode="client", connect=connect) if connect else open_hub(ANY_PORT)[0]
+    with closing(session), Children() as children, live_endpoint(session, team) as wire:
         where = connect or listening_at(session)
-        say(f"{recording} as team {team} at {where[0]}")
-        if dashboard:
-            say(f"dashboard: {start_dashboard(children, where[0], team, port)}")
         with replay_terminal() as terminal:
 
             def begin(replay: Replay) -> None:
+                print_line(f"{recording} as team {team} at {where[0]}")
+                if dashboard:
+                    tell(f"{READY_PREFIX}{start_dashboard(children, where[0], team, port)}")
                 terminal.open(replay)
                 if start_s:
                     replay.seek(start_s)
@@ -137,20 +154,3 @@ def replay_command(
             say("the end; the dashboard stays open: Ctrl-C ends it")
             while not should_stop():
                 time.sleep(0.1)
-
-
-def status_of(connect: list[str], team: str) -> TeamFound:
-    """Who of a team is there.
-
-    Raises:
-        NobodyThere: nobody is.
-
-    """
-    with session_of(connect, None) as session, live_endpoint(session, team) as wire:
-        robots, coordinator = wire.watch(ROBOT_ALIVE), wire.watch(COORDINATOR_ALIVE)
-        time.sleep(GATHER_S)
-        names = sorted(change.names["robot"] for change in robots.changes() if change.present)
-        has_coordinator = any(change.present for change in coordinator.changes())
-    if not names and not has_coordinator:
-        raise NobodyThere(f"nobody of team {team} is at {', '.join(connect)}; `robrain up` brings a team up")
-    return TeamFound(team=team, coordinator=has_coordinator, robots=names)

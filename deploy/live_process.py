@@ -3,37 +3,121 @@
 import os
 import signal
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
+from typing import NamedTuple
 
 import zenoh
 
+from robrain.deploy.errors import UsageError
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import NobodyThere, PortTaken
+from robrain.protocol.wire.hub import given_endpoints, hub_endpoint, may_answer, nobody_answers, team_endpoints
 from robrain.protocol.wire.session import check_endpoint, open_session
 
-CONNECT_VARIABLE = "ROBRAIN_CONNECT"
 PARENT_VARIABLE = "ROBRAIN_PARENT"
 """Process id of the parent that started a process: it ends when that is not its parent any more."""
+LOOK_AGAIN_S = 0.2
+ANY_PORT = "tcp/127.0.0.1:0"
 
 
-def endpoints(connect: str | None) -> list[str]:
-    """`--connect`, or else the environment's ROBRAIN_CONNECT; several endpoints are separated by commas."""
-    text = connect if connect is not None else os.environ.get(CONNECT_VARIABLE, "")
-    return [check_endpoint(part.strip()) for part in text.split(",") if part.strip()]
+class Place(NamedTuple):
+    """Where a process joins a team, or has others join it: one of the two is empty."""
+
+    connect: list[str]
+    listen: list[str]
+
+
+def place_of(connect: str | None, listen: str | None) -> Place:
+    """What `--connect` and `--listen` mean together; without either it is ROBRAIN_CONNECT, or nothing.
+
+    Raises:
+        UsageError: both are given.
+        WireError: an endpoint is none.
+
+    """
+    if listen is None:
+        return Place(given_endpoints(connect), [])
+    if connect is not None:
+        raise UsageError(f"--connect {connect} and --listen {listen}: expected one of the two")
+    return Place([], [check_endpoint(listen)])
 
 
 @contextmanager
-def session_of(connect: Sequence[str], listen: str | None) -> Iterator[zenoh.Session]:
-    """A client of what is given to connect to, or else a hub that listens."""
-    if connect or listen is None:
-        session = open_session(mode="client", connect=connect)
-    else:
-        session = open_session(mode="router", listen=[listen])
+def client_session(connect: str | None) -> Iterator[zenoh.Session]:
+    """A client of what is given to connect to, or else of this machine's hub.
+
+    Raises:
+        NobodyThere: nothing answers there.
+        WireError: an endpoint is none.
+
+    """
+    where = team_endpoints(connect)
     try:
+        session = open_session(mode="client", connect=where)
+    except NobodyThere as error:
+        raise NobodyThere(nobody_answers(where)) from error
+    with closing(session):
         yield session
-    finally:
-        session.close()
+
+
+def open_hub(listen: str | None) -> tuple[zenoh.Session, str]:
+    """A hub, which its owner closes: at `listen`, or else where this machine's hub is to be, or else on a free port.
+
+    Returns:
+        The hub, and the endpoint of this machine's hub if that was taken by another process, else "".
+
+    Raises:
+        PortTaken: another process listens at `listen`.
+        WireError: it is no endpoint, or cannot be listened on.
+
+    """
+    try:
+        return open_session(mode="router", listen=[listen or hub_endpoint()]), ""
+    except PortTaken:
+        if listen is not None:
+            raise
+    return open_session(mode="router", listen=[ANY_PORT]), hub_endpoint()
+
+
+def open_when_there(
+    who: str,
+    connect: Sequence[str],
+    should_stop: Callable[[], bool],
+    *,
+    mode: str = "client",
+    listen: Sequence[str] = (),
+) -> zenoh.Session | None:
+    """A session as `open_session` opens it, as soon as something answers where it connects to.
+
+    Waits for as long as that takes, and says so once, on stderr.
+
+    Args:
+        who: waits, for the sentence.
+        connect: endpoints; without any there is nothing to wait for.
+        should_stop: asked several times a second.
+        mode: of the session.
+        listen: endpoints of its own.
+
+    Returns:
+        The session, whose owner closes it; None if it is to stop before there is one.
+
+    Raises:
+        WireError: an endpoint is none, or cannot be listened on.
+
+    """
+    has_said = False
+    while not should_stop():
+        if not connect or any(map(may_answer, connect)):
+            with suppress(NobodyThere):
+                return open_session(mode=mode, connect=connect, listen=listen)
+        if not has_said:
+            has_said = True
+            sys.stderr.write(f"{who}: nobody answers at {', '.join(connect)} yet: waits for `robrain up` or a router\n")
+        time.sleep(LOOK_AGAIN_S)
+    return None
 
 
 @contextmanager
@@ -47,9 +131,15 @@ def live_endpoint(session: zenoh.Session, team: str) -> Iterator[Endpoint]:
 
 
 def tell(text: str) -> None:
-    """A line on stdout, for whoever started the process, a program maybe."""
+    """A line on stdout, at once: what the command was asked for, for a person or for a program."""
     sys.stdout.write(text + "\n")
     sys.stdout.flush()
+
+
+def note(text: str) -> None:
+    """A line on stderr: how a process gets on, for a person."""
+    sys.stderr.write(text + "\n")
+    sys.stderr.flush()
 
 
 class LiveStop:

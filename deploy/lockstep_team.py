@@ -173,7 +173,11 @@ class LockstepTeam:
 
     def load(self, robot: str, place: Path | str) -> PluginInfos:
         """Load the plugins of a folder, or of one manifest, into a robot that is running (CallError if it cannot)."""
-        asked = HostRequest(plugin=str(Path(place).resolve()), by=BY)
+        path = Path(place).resolve()
+        for host in self.lockstep.hosts:
+            if host.name == robot:
+                host.open_folder(path)  # who writes the script may load what it names
+        asked = HostRequest(plugin=str(path), by=BY)
         reply = self._wire.ask(ROBOT_HOST, asked, robot=robot, verb="load")
         return msgspec.json.decode(reply, type=PluginInfos)
 

@@ -1,12 +1,13 @@
 """How plans are made, as a file says: the `[planning]` table of a scenario, or of a file that has only that."""
 
-import tomllib
 from pathlib import Path
 
 import msgspec
 
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.deploy.errors import UsageError
+from robrain.protocol.wire.errors import BadToml
+from robrain.protocol.wire.toml_text import LARGE, read_toml
 
 
 class _Tables(msgspec.Struct, frozen=True):
@@ -23,13 +24,11 @@ def read_planning(path: Path) -> PlanningPolicy:
 
     """
     try:
-        found = msgspec.convert(tomllib.loads(path.read_text(encoding="utf-8")), _Tables).planning
+        found = msgspec.convert(read_toml(path, LARGE), _Tables).planning
     except FileNotFoundError as error:
         raise UsageError(f"--planning {path}: there is no such file") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise UsageError(f"--planning {path}: cannot be read: {error}") from error
-    except tomllib.TOMLDecodeError as error:
-        raise UsageError(f"--planning {path}: is not TOML: {error}") from error
+    except BadToml as error:
+        raise UsageError(f"--planning {path}: {error}") from error
     except msgspec.ValidationError as error:
         what, _, key = str(error).partition(" - at `$")
         key = key.rstrip("`").lstrip(".")

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from robrain.deploy.team_options import ConnectOption, RobotArgument, TeamOption
 from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
+from robrain.protocol.wire.safe_text import safe_text
 
 if TYPE_CHECKING:
     from robrain.protocol.wire.messages import HostRequest, PluginInfo
@@ -27,12 +29,7 @@ plugin_app = typer.Typer(
     rich_markup_mode=None,
 )
 
-RobotArgument = Annotated[str, typer.Argument(help="Name of a robot that runs.")]
 PluginArgument = Annotated[str, typer.Argument(help="Name of the plugin.")]
-ConnectOption = Annotated[
-    str | None, typer.Option(help="Endpoint of the team, tcp/HOST:PORT; default is $ROBRAIN_CONNECT.")
-]
-TeamOption = Annotated[str, typer.Option(help="Name of the team.")]
 
 
 @plugin_app.command("list")
@@ -150,24 +147,18 @@ def _ask(
     """
     import msgspec
 
-    from robrain.deploy.live_commands import status_of
-    from robrain.deploy.live_process import endpoints, live_endpoint, session_of
+    from robrain.deploy.live_process import client_session, live_endpoint
+    from robrain.deploy.team_found import no_robot
     from robrain.protocol.wire.errors import NobodyThere, WireError
     from robrain.protocol.wire.messages import PluginInfo
 
-    where = endpoints(connect)
     check_name("robot", robot)
     check_name("team", team)
-    with session_of(where, None) as session, live_endpoint(session, team) as wire:
+    with client_session(connect) as session, live_endpoint(session, team) as wire:
         try:
             reply = wire.ask(topic, payload, timeout_s=timeout_s, robot=robot, **names)
         except NobodyThere as error:
-            there = status_of(where, team).robots
-            if robot in there:
-                text = f"{robot} does not answer {topic.name}: is its robrain older than this one?"
-            else:
-                text = f"no robot {robot} in team {team}; there are: {', '.join(there) or 'none'}"
-            raise NobodyThere(text) from error
+            raise no_robot(wire, robot, topic.name) from error
     try:
         return msgspec.json.decode(reply, type=list[PluginInfo])
     except msgspec.DecodeError as error:
@@ -222,11 +213,16 @@ def _show(infos: "list[PluginInfo]") -> None:
     for row in rows:
         table.add_row(*(escape(row[index]) for index in said))
     console.print(table)
+    for info in infos:
+        if info.detail:
+            lines = "".join(f"  {safe_text(line)}\n" for line in info.detail.splitlines())
+            _say(f"\n{info.name}: {safe_text(info.where)}\n{lines.rstrip()}")
 
 
 def _tell(infos: "list[PluginInfo]") -> None:
     for info in infos:
-        _say(f"{info.name}: {info.state}{f': {info.why}' if info.why else ''}")
+        where = f" ({info.where})" if info.where else ""
+        _say(f"{info.name}: {info.state}{f': {info.why}{where}' if info.why else ''}")
 
 
 def _say(text: str) -> None:

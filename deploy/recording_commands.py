@@ -1,12 +1,14 @@
 """The commands about recordings. Each reads its options, and leaves the work to what it belongs to."""
 
 import sys
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
 import msgspec
 import typer
 
+from robrain.deploy.team_options import ConnectOption, TeamOption
 from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
 from robrain.protocol.wire.safe_text import safe_json
 
@@ -24,35 +26,39 @@ def record(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="MCAP file to write; default is runs/TEAM-N.mcap.")
     ] = None,
-    connect: Annotated[
-        str | None, typer.Option(help="Endpoint of the team, tcp/HOST:PORT; default is $ROBRAIN_CONNECT.")
-    ] = None,
-    team: Annotated[str, typer.Option(help="Name of the team.")] = DEFAULT_TEAM,
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
     split_mb: Annotated[float | None, typer.Option(help="Go on in a next file after so many megabytes.")] = None,
     split_s: Annotated[float | None, typer.Option(help="Go on in a next file after so many seconds.")] = None,
     visual: Annotated[bool, typer.Option(help="Write what Foxglove, Lichtblick and Rerun draw, too.")] = True,
     as_json: JsonOption = False,
 ) -> None:
-    """Record a live team until Ctrl-C."""
+    """Record a live team until Ctrl-C; one that is not there yet is waited for."""
+    from robrain.coordinator.recording.recording_file import check_writable
     from robrain.deploy.errors import UsageError
-    from robrain.deploy.live_process import LiveStop, endpoints, live_endpoint, session_of
+    from robrain.deploy.live_process import LiveStop, live_endpoint, open_when_there
     from robrain.deploy.recording_display import record_display, show_recorded
     from robrain.deploy.recording_live import next_name, record_team, split_of
+    from robrain.protocol.wire.hub import team_endpoints, teams_there, wrong_team
 
     check_name("team", team)
     split = split_of(split_mb, split_s)
-    if output is None:
-        Path("runs").mkdir(exist_ok=True)
-    path = output if output is not None else next_name(Path("runs"), team)
-    if path.exists():
-        raise UsageError(f"--output {path}: it exists already; give another name or move it away")
+    if output is not None:
+        if output.exists():
+            raise UsageError(f"--output {output}: it exists already; give another name or move it away")
+        check_writable(output)
     should_stop = LiveStop()
-    with (
-        session_of(endpoints(connect), None) as session,
-        live_endpoint(session, team) as wire,
-        record_display(path, quiet=as_json) as show,
-    ):
-        summary = record_team(wire, path, split, visual=visual, should_stop=should_stop, on_progress=show)
+    session = open_when_there("record", team_endpoints(connect), should_stop)
+    if session is None:
+        return
+    with closing(session), live_endpoint(session, team) as wire:
+        if (others := teams_there(session)) and team not in others:
+            sys.stderr.write(f"robrain: {wrong_team(f'nobody of team {team} is there yet', session)}\n")
+        if output is None:
+            Path("runs").mkdir(exist_ok=True)
+        path = output if output is not None else next_name(Path("runs"), team)
+        with record_display(path, quiet=as_json) as show:
+            summary = record_team(wire, path, split, visual=visual, should_stop=should_stop, on_progress=show)
     if as_json:
         _print_json(summary)
     else:
@@ -61,19 +67,17 @@ def record(
 
 @recording_app.command()
 def foxglove(
-    connect: Annotated[
-        str | None, typer.Option(help="Endpoint of the team, tcp/HOST:PORT; default is $ROBRAIN_CONNECT.")
-    ] = None,
-    team: Annotated[str, typer.Option(help="Name of the team.")] = DEFAULT_TEAM,
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
     port: Annotated[int, typer.Option(help="Port on 127.0.0.1; 0 takes a free one.")] = 8765,
 ) -> None:
     """Show a live team in Foxglove or Lichtblick: a WebSocket on 127.0.0.1 to open there."""
-    from robrain.deploy.live_process import LiveStop, endpoints, live_endpoint, session_of, tell
+    from robrain.deploy.live_process import LiveStop, client_session, live_endpoint, tell
     from robrain.deploy.recording_live import serve_foxglove
 
     check_name("team", team)
     should_stop = LiveStop()
-    with session_of(endpoints(connect), None) as session, live_endpoint(session, team) as wire:
+    with client_session(connect) as session, live_endpoint(session, team) as wire:
         serve_foxglove(wire, "127.0.0.1", port, lambda address: tell(f"foxglove: {address}"), should_stop)
 
 

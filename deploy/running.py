@@ -7,9 +7,11 @@ import msgspec
 from robrain.deploy.children import Children
 from robrain.deploy.dashboard_process import go_on_with_recording, start_dashboard
 from robrain.deploy.errors import UsageError
+from robrain.deploy.kernels import prepare_kernels
 from robrain.deploy.live_process import LiveStop
 from robrain.deploy.options import above_zero, until_explored
-from robrain.deploy.terminal import console, run_display, say, show_result
+from robrain.deploy.run_display import run_display, show_result
+from robrain.deploy.terminal import print_line, say
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.sim.result import RunResult
 from robrain.sim.scenario import Scenario
@@ -29,7 +31,7 @@ class RunOptions(msgspec.Struct, frozen=True, kw_only=True):
     quiet: bool = False
     """Say nothing but errors."""
     stay: bool = False
-    """Keep the dashboard up after the run, until Ctrl-C: it then plays the recording."""
+    """Keep the dashboard up after the run, until Ctrl-C: it then shows the recording."""
 
 
 def run_scenario(scenario: Scenario, options: RunOptions) -> RunResult:
@@ -53,10 +55,11 @@ def run_scenario(scenario: Scenario, options: RunOptions) -> RunResult:
             if options.dashboard:
                 url = start_dashboard(children, endpoints[0], DEFAULT_TEAM, options.port)
                 if not options.quiet:
-                    say(f"dashboard: {url}")
+                    print_line(f"dashboard: {url}")
 
         if not options.quiet:
             say(f"{scenario.name}: {scenario.robots} robots, {scenario.motes} motes, seed {scenario.seed}")
+        prepare_kernels(quiet=options.quiet)
         with run_display(target, quiet=options.quiet) as display:
             result = scenario.run(
                 until_explored=until,
@@ -78,7 +81,7 @@ def run_scenario(scenario: Scenario, options: RunOptions) -> RunResult:
 def _stay(url: str) -> None:
     import time
 
-    console.print(f"{url} now plays the recording: Ctrl-C ends it")
+    say(f"{url} now shows the recording: Ctrl-C ends it")
     should_stop = LiveStop()
     while not should_stop():
         time.sleep(0.1)

@@ -16,8 +16,9 @@ from prompt_toolkit.history import FileHistory, History, InMemoryHistory
 from robrain.agent.outside import answer_question, usage, visible_to_command
 from robrain.agent.text_form import Question, parse_command
 from robrain.deploy.live_process import tell
+from robrain.deploy.team_found import no_robot
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.errors import CallError, RobrainError
+from robrain.protocol.wire.errors import CallError, NobodyThere, RobrainError
 from robrain.protocol.wire.messages import FunctionInfo, HostRequest, PluginInfo
 from robrain.protocol.wire.topics import ROBOT_HOST, ROBOT_PLUGINS
 
@@ -129,7 +130,10 @@ def run_shell(wire: Endpoint, robot: str, *, interactive: bool) -> int:
 
     """
     commands = RemoteCommands(wire, robot)
-    commands.refresh()
+    try:
+        commands.refresh()
+    except NobodyThere as error:
+        raise no_robot(wire, robot, "for its plugins") from error
     return _talk(commands, robot) if interactive else _read(commands)
 
 
@@ -148,7 +152,7 @@ def _talk(commands: RemoteCommands, robot: str) -> int:
         history=_history(),
         complete_while_typing=True,
     )
-    tell(f"{robot}: {len(commands.plugins)} plugins; `help` tells what can be called, Ctrl-D ends")
+    tell(f"{robot}: {len(commands.plugins)} plugins; `help` tells what can be called, `exit` or Ctrl-D ends")
     while True:
         try:
             line = session.prompt().strip()
@@ -166,6 +170,8 @@ def _read(commands: RemoteCommands) -> int:
     failed = False
     for line in sys.stdin.buffer:
         text = line.decode(errors="backslashreplace").strip()
+        if text in ENDS:
+            break
         if text:
             failed = not _execute(commands, text) or failed
     return 1 if failed else 0

@@ -7,17 +7,38 @@ from typing import Annotated, Any
 import typer
 
 from robrain.deploy.task_terminal import (
-    ConnectOption,
     JsonOption,
-    TeamOption,
     line_of,
     print_json,
     say,
     task_client,
 )
+from robrain.deploy.team_options import ConnectOption, TeamOption
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 
 EXIT_REFUSED = 2
+OPTIONS = {
+    "place": "--at",
+    "goal": "--at",
+    "id": "--id",
+    "priority": "--priority",
+    "deadline_ns": "--deadline",
+    "deadline_in_s": "--deadline",
+    "earliest_ns": "--earliest",
+    "earliest_in_s": "--earliest",
+    "service_s": "--service",
+    "needs": "--needs",
+    "after": "--after",
+    "robots": "--robots",
+    "mote": "--mote",
+    "robot": "--robot",
+    "duration_s": "--duration",
+    "interval_s": "--interval",
+    "quantity": "--quantity",
+    "look_at": "--look-at",
+    "until_soc": "--until-soc",
+}
+"""What each field of a task is typed as."""
 
 
 def add(
@@ -72,7 +93,7 @@ def add(
             raise UsageError(f"{what}: a file says all about its tasks itself; leave the options out")
         submissions = submissions_in(Path(what))
     else:
-        submissions = [submission_of(what, given)]
+        submissions = [submission_of(what, given, typed=OPTIONS)]
     records, refused = [], []
     with task_client(connect, team) as client:
         for asked in submissions:

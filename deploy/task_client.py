@@ -16,11 +16,12 @@ from typing import Any, Self, TypeVar
 
 import msgspec
 
-from robrain.deploy.live_process import endpoints, live_endpoint, session_of
+from robrain.deploy.live_process import client_session, live_endpoint
 from robrain.protocol.model.objective import Objective
 from robrain.protocol.model.task import Task, TaskState
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere, WireError
+from robrain.protocol.wire.hub import teams_there, wrong_team
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
 from robrain.protocol.wire.messages import TaskEvent
@@ -55,7 +56,7 @@ class TaskClient:
     patience ends. That is safe: a task's id makes a submission count once, however often it arrives.
 
     Args:
-        connect: endpoint of the team; None is $ROBRAIN_CONNECT.
+        connect: endpoint of the team; None is $ROBRAIN_CONNECT, or else this machine's hub.
         team: its name.
         by: who asks, for the records.
         patience_s: how long to wait for a coordinator.
@@ -74,7 +75,7 @@ class TaskClient:
         self._patience_s = patience_s
         self._open = ExitStack()
         check_name("team", team)
-        session = self._open.enter_context(session_of(endpoints(connect), None))
+        session = self._open.enter_context(client_session(connect))
         self._wire: Endpoint = self._open.enter_context(live_endpoint(session, team))
 
     def submit(
@@ -186,14 +187,19 @@ class TaskClient:
                 return msgspec.json.decode(reply, type=kind)
             except NobodyThere as error:
                 if time.monotonic() > gives_up_s:
-                    text = f"no coordinator of team {self._wire.team} answers; `robrain coordinator` starts one"
-                    raise NobodyThere(text) from error
+                    raise self._no_coordinator() from error
             except CallError as error:
                 if error.code not in _NOT_NOW or time.monotonic() > gives_up_s:
                     raise
             except msgspec.DecodeError as error:
                 raise WireError(f"the coordinator answered {topic.name} with something else: {error}") from error
             time.sleep(AGAIN_S)
+
+    def _no_coordinator(self) -> NobodyThere:
+        text = f"no coordinator of team {self._wire.team} answers"
+        if self._wire.team in teams_there(self._wire.session):
+            return NobodyThere(f"{text}; `robrain coordinator` starts one")
+        return wrong_team(text, self._wire.session)
 
 
 def open_states() -> list[TaskState]:

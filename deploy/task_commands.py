@@ -6,10 +6,8 @@ import typer
 
 from robrain.deploy.task_adding import add
 from robrain.deploy.task_terminal import (
-    ConnectOption,
     IdArgument,
     JsonOption,
-    TeamOption,
     line_of,
     print_json,
     say,
@@ -17,6 +15,7 @@ from robrain.deploy.task_terminal import (
     task_client,
     words_of,
 )
+from robrain.deploy.team_options import ConnectOption, TeamOption
 from robrain.protocol.model.objective import Objective
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 

@@ -9,10 +9,6 @@ import typer
 if TYPE_CHECKING:
     from robrain.deploy.task_client import TaskClient
 
-ConnectOption = Annotated[
-    str | None, typer.Option(help="Endpoint of the team, tcp/HOST:PORT; default is $ROBRAIN_CONNECT.")
-]
-TeamOption = Annotated[str, typer.Option(help="Name of the team.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else.")]
 IdArgument = Annotated[str, typer.Argument(metavar="ID", help="Name of the task.")]
 

@@ -1,9 +1,11 @@
 """Tasks from the words of a command line, or from a JSON or TOML file; each mistake is one sentence."""
 
 import json
-import tomllib
+import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, get_args
 from uuid import uuid4
 
@@ -11,23 +13,31 @@ import msgspec
 
 from robrain.deploy.errors import UsageError
 from robrain.protocol.model.task import Task
-from robrain.protocol.wire.errors import BadName
+from robrain.protocol.wire.errors import BadName, BadToml
 from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.task_messages import TaskSubmission
+from robrain.protocol.wire.toml_text import LARGE, parse_toml, read_toml_text
 
 KINDS: dict[str, type[msgspec.Struct]] = {str(kind.__struct_config__.tag): kind for kind in get_args(Task)}
 """Each kind of task by its tag."""
 POINTS = ("place", "goal", "look_at")
 RELATIVE = ("earliest_in_s", "deadline_in_s")
+ENGLISH = ("id", "needs", "after", "mote", "robot", "robots")
+"""Fields whose names are words of a sentence, too."""
+AS_ON_THE_WIRE: Mapping[str, str] = MappingProxyType({})
+"""Files name fields as the wire does."""
 
 
-def submission_of(kind: str, fields: Mapping[str, Any], where: str = "") -> TaskSubmission:
+def submission_of(
+    kind: str, fields: Mapping[str, Any], where: str = "", typed: Mapping[str, str] = AS_ON_THE_WIRE
+) -> TaskSubmission:
     """What is asked for by a kind and its fields, which are named as on the wire.
 
     Args:
         kind: as the tag says it.
         fields: those that are given; `earliest_in_s` and `deadline_in_s` count from now. An id is made up.
         where: file and number of the task, for the sentence.
+        typed: what a person types for a field, where that is something else than its name.
 
     Raises:
         UsageError: naming the field that is wrong.
@@ -39,7 +49,8 @@ def submission_of(kind: str, fields: Mapping[str, Any], where: str = "") -> Task
     allowed = {field.name for field in msgspec.structs.fields(known)}
     for name in fields:
         if name not in allowed and name not in RELATIVE:
-            raise UsageError(f"{where}a task to {kind} has no {name}; it has {', '.join(sorted(allowed))}")
+            known_as = sorted({typed.get(field, field) for field in allowed})
+            raise UsageError(f"{where}a task to {kind} has no {typed.get(name, name)}; it has {', '.join(known_as)}")
     content = {"id": f"{kind}-{uuid4().hex[:8]}", **fields, "type": kind}
     for name in POINTS:
         at = content.get(name)
@@ -52,9 +63,10 @@ def submission_of(kind: str, fields: Mapping[str, Any], where: str = "") -> Task
         submission = msgspec.convert({"task": content, **times}, TaskSubmission)
         check_name("task", submission.task.id)
     except msgspec.ValidationError as error:
-        raise UsageError(f"{where}{_words(str(error), kind)}") from error
+        raise UsageError(f"{where}{_words(str(error), kind, typed)}") from error
     except BadName as error:
-        raise UsageError(f"{where}{error}") from error
+        option = f"{typed['id']}: " if "id" in typed else ""
+        raise UsageError(f"{where}{option}{error}") from error
     return submission
 
 
@@ -66,13 +78,14 @@ def submissions_in(path: Path) -> list[TaskSubmission]:
 
     """
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise UsageError(f"{path}: cannot be read: {error}") from error
-    try:
-        content = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
+        text = read_toml_text(path, LARGE)
+        content = json.loads(text) if path.suffix == ".json" else parse_toml(text, LARGE)
+    except FileNotFoundError as error:
+        raise UsageError(f"{path}: cannot be read: there is none") from error
+    except BadToml as error:
+        raise UsageError(f"{path}: {error}") from error
     except (ValueError, RecursionError) as error:
-        raise UsageError(f"{path}: is no {path.suffix[1:].upper()}: {error}") from error
+        raise UsageError(f"{path}: is no JSON: {error}") from error
     tasks = content.get("task", [content]) if isinstance(content, dict) else content
     tasks = tasks if isinstance(tasks, list) else [tasks]
     if not tasks or not all(isinstance(task, dict) for task in tasks):
@@ -94,13 +107,20 @@ def point(option: str, text: str) -> list[float]:
         x_m, y_m = (float(part) for part in text.split(","))
     except ValueError as error:
         raise UsageError(f"{option} {text}: expected X,Y in metres, such as 3,4.5") from error
+    if not (math.isfinite(x_m) and math.isfinite(y_m)):
+        raise UsageError(f"expected a finite {option}, got {text}")
     return [x_m, y_m]
 
 
-def _words(text: str, kind: str) -> str:
+def _words(text: str, kind: str, typed: Mapping[str, str]) -> str:
     text, _, place = text.partition(" - at `$.")
     name = place.rstrip("`").removeprefix("task.").removeprefix("task")
     missing = text.removeprefix("Object missing required field ")
     if missing != text:
-        return f"a task to {kind} needs {missing.strip('`')}"
-    return f"{name}: {text}" if name else text
+        field = missing.strip("`")
+        return f"a task to {kind} needs {typed.get(field, field)}"
+    field, _, rest = name.partition(".")
+    if field:
+        return f"{typed.get(field, field)}{f'.{rest}' if rest else ''}: {text}"
+    # The sentences of the tasks themselves name their fields amid English, which "robot" and "after" are as well.
+    return re.sub(r"\w+", lambda word: typed.get(word[0], word[0]) if word[0] not in ENGLISH else word[0], text)

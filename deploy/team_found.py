@@ -1,6 +1,21 @@
-"""What `robrain status` tells."""
+"""Who of a team is there: what `robrain status` prints, and the errors that name those who are."""
+
+import time
 
 import msgspec
+
+from robrain.deploy.live_process import client_session, live_endpoint, tell
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.errors import NobodyThere
+from robrain.protocol.wire.hub import team_endpoints, wrong_team
+from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
+
+GATHER_S = 0.5
+"""For how long who is missing is asked for again: a token may take that long to come to its hub."""
+ASK_AGAIN_S = 0.1
+ANSWER_TIMEOUT_S = 10.0
+"""For a hub's answer, which is there at once unless its machine is overloaded."""
 
 
 class TeamFound(msgspec.Struct, frozen=True, kw_only=True):
@@ -9,3 +24,53 @@ class TeamFound(msgspec.Struct, frozen=True, kw_only=True):
     team: str
     coordinator: bool
     robots: list[str]
+
+
+def status_of(connect: str | None, team: str) -> TeamFound:
+    """Who of a team is there.
+
+    Raises:
+        NobodyThere: nobody is; names the teams of which somebody is.
+
+    """
+    with client_session(connect) as session, live_endpoint(session, team) as wire:
+        found = team_found(wire)
+        if not found.robots and not found.coordinator:
+            raise wrong_team(f"nobody of team {team} is at {', '.join(team_endpoints(connect))}", session)
+    return found
+
+
+def team_found(wire: Endpoint) -> TeamFound:
+    """Who of the endpoint's team is there, if anybody."""
+    until_s = time.monotonic() + GATHER_S
+    while True:
+        robots = sorted(names["robot"] for names in _tokens(wire, ROBOT_ALIVE))
+        found = TeamFound(team=wire.team, coordinator=bool(_tokens(wire, COORDINATOR_ALIVE)), robots=robots)
+        if (found.robots and found.coordinator) or time.monotonic() > until_s:
+            return found
+        time.sleep(ASK_AGAIN_S)
+
+
+def _tokens(wire: Endpoint, topic: Topic) -> list[dict[str, str]]:
+    """The names in all tokens of a topic that the hub knows now."""
+    replies = wire.session.liveliness().get(topic.selector(wire.team), timeout=ANSWER_TIMEOUT_S)
+    found = [topic.parse(str(reply.ok.key_expr)) for reply in replies if reply.ok is not None]
+    return [names for names in found if names is not None]
+
+
+def no_robot(wire: Endpoint, robot: str, what: str) -> NobodyThere:
+    """The error for a robot that did not answer `what`: names the robots that are there, or else the teams."""
+    found = team_found(wire)
+    if robot in found.robots:
+        return NobodyThere(f"{robot} does not answer {what}: is its robrain older than this one?")
+    text = f"no robot {robot} in team {wire.team}"
+    if not found.robots and not found.coordinator:
+        return wrong_team(text, wire.session)
+    return NobodyThere(f"{text}; there are: {', '.join(found.robots) or 'none'}")
+
+
+def show_status(found: TeamFound) -> None:
+    """Print who of a team is there."""
+    tell(f"team {found.team}: coordinator {'up' if found.coordinator else 'not there'}")
+    for name in found.robots:
+        tell(f"  {name} up")

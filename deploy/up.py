@@ -4,7 +4,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import msgspec
 import zenoh
@@ -13,16 +13,18 @@ from robrain.coordinator.recording.provenance import Provenance
 from robrain.coordinator.recording.recorder import Recorder
 from robrain.coordinator.roster import Roster
 from robrain.deploy.children import Children
-from robrain.deploy.dashboard_process import start_dashboard
+from robrain.deploy.dashboard_process import begin_dashboard
 from robrain.deploy.forwarders import read_said
+from robrain.deploy.kernels import prepare_kernels
+from robrain.deploy.live_process import open_hub
 from robrain.deploy.planning_file import write_planning
-from robrain.deploy.robot_files import write_robot_files
+from robrain.deploy.robot_files import loadable_from_here, write_robot_files
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import WireError
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import ArenaTruth
-from robrain.protocol.wire.session import listening_at, open_session
+from robrain.protocol.wire.session import listening_at
 from robrain.protocol.wire.topics import ARENA_TRUTH, COORDINATOR_ALIVE, ROBOT_ALIVE, ROBOT_STATE
 from robrain.sim.manifests import manifest_texts
 from robrain.sim.scenario import Scenario
@@ -44,8 +46,8 @@ class TeamStatus(NamedTuple):
     """`host:port` of the Serial Forwarder of each robot's base station."""
 
 
-class UpResult(msgspec.Struct, frozen=True, kw_only=True):
-    """What `robrain up` tells at its end."""
+class UpResult(msgspec.Struct, frozen=True, kw_only=True, tag_field="event", tag="result"):
+    """What `robrain up` tells at its end; the last line of `up --json`."""
 
     scenario: str
     ended: str
@@ -63,13 +65,32 @@ class UpOptions(NamedTuple):
     """How a team is brought up."""
 
     team: str
-    listen: str = "tcp/127.0.0.1:0"
+    listen: str | None = None
+    """Endpoint of the hub; None is this machine's hub, or a free port if that is taken."""
     dashboard: bool = True
     dashboard_port: int | None = None
     until_explored: float | None = None
     time_limit_s: float | None = None
     record: Path | None = None
     journal: Path | None = None
+    quiet: bool = False
+    """Do not say that kernels are compiled."""
+
+
+class UpDisplay(Protocol):
+    """What is told of a team while it comes up and runs."""
+
+    def hub(self, endpoint: str, taken: str) -> None:
+        """The hub listens at `endpoint`; `taken` is that of this machine's hub if another process has it, else ""."""
+
+    def dashboard(self, url: str) -> None:
+        """The page is served."""
+
+    def show(self, status: TeamStatus) -> None:
+        """How the team is, ten times a second."""
+
+    def ended(self, result: UpResult) -> None:
+        """How its time together ended."""
 
 
 def run_up(
@@ -78,8 +99,7 @@ def run_up(
     options: UpOptions,
     *,
     should_stop: Callable[[], bool],
-    on_ready: Callable[[str, str | None], None],
-    on_status: Callable[[TeamStatus], None],
+    display: UpDisplay,
 ) -> UpResult:
     """Start a team, watch it, and stop it.
 
@@ -88,15 +108,14 @@ def run_up(
         scenario_argument: the words of the command line that name the same scenario.
         options: how.
         should_stop: asked ten times a second.
-        on_ready: told the hub's endpoint and the dashboard's address, once all processes are started.
-        on_status: told ten times a second how the team is.
+        display: told each thing as soon as it is known.
 
     Raises:
         RobrainError: something cannot be started, in words.
 
     """
     world = scenario.world()
-    hub = open_session(mode="router", listen=[options.listen])
+    hub, taken = open_hub(options.listen)
     wire = Endpoint(hub, options.team, WallClock(), Drive.LIVE)
     recorder = None
     children = Children()
@@ -113,9 +132,13 @@ def run_up(
         recorder = Recorder(wire, options.record, provenance, visual=True) if options.record is not None else None
         watch = _Watch(wire, [robot.name for robot in world.robots], children)
         endpoint = _bound(hub)
+        display.hub(endpoint, taken)
+        prepare_kernels(quiet=options.quiet)  # here, once, and not by each of the processes at the same time
         common = ["--connect", endpoint, "--team", options.team]
         with tempfile.TemporaryDirectory(prefix="robrain-") as folder, children:
-            robot_files = write_robot_files(world, Path(folder), team=options.team, connect=endpoint)
+            robot_files = write_robot_files(
+                world, Path(folder), team=options.team, connect=endpoint, loadable=loadable_from_here(listening_at(hub))
+            )
             children.start("arena", ["arena", *scenario_argument, *common])
             journal = options.journal if options.journal is not None else Path(folder) / "team.journal"
             planning = write_planning(Path(folder) / "planning.toml", scenario.planning)
@@ -123,16 +146,18 @@ def run_up(
             children.start("coordinator", ["coordinator", *kept, *common])
             for path in robot_files:
                 children.start(path.stem, ["agent", str(path)])
-            url = (
-                start_dashboard(children, endpoint, options.team, options.dashboard_port) if options.dashboard else None
-            )
-            on_ready(endpoint, url)
+            page = None
+            if options.dashboard:
+                page = begin_dashboard(children, endpoint, options.team, options.dashboard_port)
             ended = ""
             while not ended:
+                if page is not None and page.url:
+                    display.dashboard(page.url)
+                    page = None
                 status = watch.look()
                 if recorder is not None:
                     recorder.step()
-                on_status(status)
+                display.show(status)
                 ended = _why_ended(status, options, interrupted=should_stop())
                 time.sleep(LOOK_PERIOD_S)
         return _result(scenario, ended, status, watch, recorder, options)

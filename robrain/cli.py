@@ -4,6 +4,7 @@ import logging
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,11 +12,13 @@ import msgspec
 import typer
 
 from robrain.deploy.bench_commands import bench_app
+from robrain.deploy.extras import missing_package
 from robrain.deploy.plugin_commands import plugin_app
 from robrain.deploy.recording_commands import recording_app
 from robrain.deploy.task_commands import task_app
+from robrain.deploy.team_options import ConnectOption, RobotArgument, TeamOption
 from robrain.protocol.model.objective import Objective
-from robrain.protocol.wire.errors import RobrainError
+from robrain.protocol.wire.errors import CallError, RobrainError
 from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
 from robrain.protocol.wire.safe_text import safe_text
 
@@ -24,11 +27,6 @@ if TYPE_CHECKING:
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
-EXTRAS = {"pymunk": "sim", "PIL": "sim", "yaml": "sim", "tomli_w": "sim", "mcap": "team", "viser": "team"}
-EXTRAS |= {"pyvrp": "team", "ortools": "bench", "vrplib": "bench"}
-EXTRAS |= {"mcap_protobuf": "team", "foxglove_schemas_protobuf": "team", "matplotlib": "report", "pandas": "report"}
-EXTRAS |= {"pyarrow": "parquet", "foxglove": "foxglove"}
-"""Packages that a plain install does not have, and the extra that brings each."""
 
 app = typer.Typer(
     name="robrain",
@@ -37,6 +35,22 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        sys.stdout.write(f"robrain {version('robrain')}\n")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    print_version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Coordinate teams of mobile robots and sensor motes over Zenoh."""
+
 
 app.add_typer(plugin_app, name="plugin")
 app.add_typer(task_app, name="task")
@@ -52,11 +66,7 @@ UntilOption = Annotated[str | None, typer.Option(help="Stop when so much is expl
 TimeLimitOption = Annotated[float | None, typer.Option(help="Stop after so many simulated seconds.")]
 RecordOption = Annotated[Path | None, typer.Option(help="Record to this new MCAP file.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
-ConnectOption = Annotated[
-    str | None, typer.Option(help="Endpoint of the team, tcp/HOST:PORT; default is $ROBRAIN_CONNECT.")
-]
 ListenOption = Annotated[str | None, typer.Option(help="Endpoint to listen on, tcp/127.0.0.1:7447.")]
-TeamOption = Annotated[str, typer.Option(help="Name of the team.")]
 JournalOption = Annotated[
     Path | None, typer.Option(help="File of the tasks; default is TEAM.journal here. With `up`: none is kept.")
 ]
@@ -133,16 +143,20 @@ def up(
     record: RecordOption = None,
     dashboard: Annotated[bool, typer.Option(help="Show the team in a browser page on 127.0.0.1.")] = True,
     port: PortOption = None,
-    listen: Annotated[str, typer.Option(help="Endpoint of the team's hub.")] = "tcp/127.0.0.1:0",
+    listen: Annotated[
+        str | None, typer.Option(help="Endpoint of the team's hub; default is where commands of this machine look.")
+    ] = None,
     journal: JournalOption = None,
     team: TeamOption = DEFAULT_TEAM,
-    as_json: JsonOption = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print a JSON object a line: hub, dashboard, forwarders, and the result.")
+    ] = False,
 ) -> None:
     """Bring a team up as separate processes in real time: arena, coordinator, one agent a robot."""
     from robrain.deploy.live_process import LiveStop
     from robrain.deploy.options import above_zero, choose_scenario, new_recording, until_explored
-    from robrain.deploy.terminal import show_up_result, up_display
     from robrain.deploy.up import UpOptions, run_up
+    from robrain.deploy.up_display import up_display
 
     check_name("team", team)
     chosen = choose_scenario(scenario, map_file, robots, motes, seed)
@@ -155,15 +169,13 @@ def up(
         time_limit_s=above_zero("--time-limit", time_limit),
         record=new_recording(record),
         journal=journal,
+        quiet=as_json,
     )
     words = _scenario_words(scenario, map_file, robots, motes, seed)
     should_stop = LiveStop()
-    with up_display(quiet=as_json) as display:
-        result = run_up(chosen, words, options, should_stop=should_stop, on_ready=display.ready, on_status=display.show)
-    if as_json:
-        _print_json(result)
-    else:
-        show_up_result(result)
+    with up_display(as_json=as_json) as display:
+        result = run_up(chosen, words, options, should_stop=should_stop, display=display)
+    display.ended(result)
     if result.ended == "interrupted" and as_json:
         raise typer.Exit(EXIT_INTERRUPTED)
 
@@ -184,11 +196,11 @@ def arena(
 ) -> None:
     """Simulate a scenario's robots and motes in real time; agents drive them over the wire."""
     from robrain.deploy.arena_process import arena_command
-    from robrain.deploy.live_process import endpoints
+    from robrain.deploy.live_process import place_of
     from robrain.deploy.options import choose_scenario
 
     chosen = choose_scenario(scenario, map_file, robots, motes, seed)
-    arena_command(chosen, endpoints(connect), listen, check_name("team", team), robot_files)
+    arena_command(chosen, place_of(connect, listen), check_name("team", team), robot_files)
 
 
 @app.command()
@@ -218,9 +230,9 @@ def coordinator(
 ) -> None:
     """Coordinate a team: merge its maps, hand out its tasks, and go on where the journal ends."""
     from robrain.deploy.live_commands import coordinator_command
-    from robrain.deploy.live_process import endpoints
+    from robrain.deploy.live_process import place_of
 
-    coordinator_command(endpoints(connect), listen, check_name("team", team), journal, objective, planning)
+    coordinator_command(place_of(connect, listen), check_name("team", team), journal, objective, planning)
 
 
 @app.command()
@@ -232,10 +244,8 @@ def dashboard(
 ) -> None:
     """Show a team, or a recording, in a browser page on 127.0.0.1."""
     from robrain.deploy.live_commands import dashboard_command
-    from robrain.deploy.live_process import endpoints
 
-    where = endpoints(connect) if replay is None else []
-    dashboard_command(where, check_name("team", team), port, replay)
+    dashboard_command(connect, check_name("team", team), port, replay)
 
 
 @app.command()
@@ -252,9 +262,9 @@ def replay(
 ) -> None:
     """Put a recording back on the wire, for the dashboard or for any other listener."""
     from robrain.deploy.live_commands import replay_command
-    from robrain.deploy.live_process import endpoints
+    from robrain.protocol.wire.hub import given_endpoints
 
-    where = endpoints(connect)
+    where = given_endpoints(connect)
     replay_command(recording, speed, loop=loop, dashboard=dashboard, port=port, connect=where, team=team,
                    start_s=start, paused=paused)  # fmt: skip
 
@@ -291,29 +301,47 @@ def resume(
 
 @app.command()
 def shell(
-    robot: Annotated[str, typer.Argument(help="Name of the robot.")],
+    robot: RobotArgument,
     connect: ConnectOption = None,
     team: TeamOption = DEFAULT_TEAM,
 ) -> None:
     """Talk to a robot's plugins: call driver stop(), list, help driver."""
-    from robrain.deploy.live_process import endpoints, live_endpoint, session_of
+    from robrain.deploy.live_process import client_session, live_endpoint
     from robrain.deploy.shell import run_shell
 
     check_name("robot", robot)
-    with session_of(endpoints(connect), None) as session, live_endpoint(session, check_name("team", team)) as wire:
+    with client_session(connect) as session, live_endpoint(session, check_name("team", team)) as wire:
         failed = run_shell(wire, robot, interactive=sys.stdin.isatty())
     if failed:
         raise typer.Exit(failed)
 
 
+@app.command(context_settings={"ignore_unknown_options": True})  # negative numbers are arguments
+def call(
+    robot: RobotArgument,
+    plugin: Annotated[str, typer.Argument(help="Name of the plugin.")],
+    function: Annotated[str, typer.Argument(help="Name of the function.")],
+    arguments: Annotated[
+        list[str] | None, typer.Argument(help="Each VALUE or NAME=VALUE; or one JSON array or object.")
+    ] = None,
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+) -> None:
+    """Call a function of a robot's plugin, and print its result: call r1 driver pose, call r1 driver drive 0.5."""
+    from robrain.deploy.call_command import call_command
+    from robrain.deploy.terminal import print_line
+
+    if said := call_command(connect, team, robot, plugin, function, arguments or [], as_json=as_json):
+        print_line(said)
+
+
 @app.command()
 def status(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False) -> None:
     """Say who of a team is there."""
-    from robrain.deploy.live_commands import status_of
-    from robrain.deploy.live_process import endpoints
-    from robrain.deploy.terminal import show_status
+    from robrain.deploy.team_found import show_status, status_of
 
-    found = status_of(endpoints(connect), check_name("team", team))
+    found = status_of(connect, check_name("team", team))
     if as_json:
         _print_json(found)
     else:
@@ -355,12 +383,14 @@ def _said_in_words() -> Iterator[None]:
         yield
     except RobrainError as error:
         sys.stderr.write(f"robrain: {safe_text(str(error))}\n")
+        if isinstance(error, CallError) and error.detail:
+            sys.stderr.write("".join(f"  {safe_text(line)}\n" for line in error.detail.splitlines()))
         sys.exit(EXIT_BAD_INPUT)
     except ModuleNotFoundError as error:
-        extra = EXTRAS.get((error.name or "").partition(".")[0])
-        if extra is None:
+        missing = missing_package(error)
+        if missing is None:
             raise
-        sys.stderr.write(f"robrain: {error.name} is not installed: pip install 'robrain[{extra}]'\n")
+        sys.stderr.write(f"robrain: {missing}\n")
         sys.exit(EXIT_BAD_INPUT)
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPTED)

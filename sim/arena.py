@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pymunk
 
+from robrain.protocol.model.clearance import least_clearance_m
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.occupancy_grid import GridGeometry
 from robrain.protocol.wire.endpoint import Endpoint
@@ -92,10 +93,15 @@ class Arena:
         walls = plan.occupied.copy()
         rows, columns = walls.shape
         geometry = GridGeometry(plan.resolution_m, plan.origin_x_m, plan.origin_y_m, columns, rows)
-        self._robots = [
-            SimulatedRobot(spec, self._space, walls, geometry, endpoint, index, tick_s, own_rng)
-            for index, (spec, own_rng) in enumerate(zip(robots, robots_rng.spawn(len(robots)), strict=True))
-        ]
+        self._robots: list[SimulatedRobot] = []
+        try:
+            for index, (spec, own_rng) in enumerate(zip(robots, robots_rng.spawn(len(robots)), strict=True)):
+                self._robots.append(
+                    SimulatedRobot(spec, self._space, walls, geometry, endpoint, index, tick_s, own_rng)
+                )
+        except BaseException:
+            self.close()  # nobody else can
+            raise
         self._bodies = [robot.body for robot in self._robots]
         self.chargers = Chargers(chargers, tick_s)
         self._charger_period_ticks = max(1, round(STATUS_PERIOD_S / tick_s))
@@ -138,7 +144,7 @@ class Arena:
         self._mote_truths = [MoteTruth(mote=mote.name, place=mote.place) for mote in motes]
         starts = [Point2D(robot.start.x_m, robot.start.y_m) for robot in robots]
         radius_m = min((robot.radius_m for robot in robots), default=0.0)
-        self.referee = Referee(plan, starts, radius_m, team_geometry(plan), endpoint)
+        self.referee = Referee(plan, starts, least_clearance_m(radius_m), team_geometry(plan), endpoint)
         self._faults = FaultSchedule(faults, self, endpoint)
         self._clock_publisher = endpoint.publisher(ARENA_CLOCK)
         self._truth_publisher = endpoint.publisher(ARENA_TRUTH)

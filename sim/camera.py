@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from robrain.protocol.model.elementary_functions import arctan2
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.occupancy_grid import GridGeometry
 from robrain.protocol.model.ray_cast import cast_rays
@@ -122,7 +123,7 @@ class Camera:
         columns = np.arange(spec.width) + 0.5
         self._aside = (0.5 * spec.width - columns) / self._focal
         """(W,) metres to the left for each metre ahead."""
-        self._angles_rad = np.arctan(self._aside)
+        self._angles_rad = arctan2(np.asarray(self._aside, np.float64), np.ones(spec.width))
         self._below = ((np.arange(spec.height) + 0.5 - 0.5 * spec.height) / self._focal)[:, None]
         """(H, 1) metres down for each metre ahead."""
 
@@ -230,7 +231,7 @@ class _View:
             return
         at_m = (half[hit] - np.sqrt(inside[hit])) / squared[hit]
         heights_m = self._camera_m - self._below * at_m
-        normal_rad = np.arctan2(at_m * self._aside[hit] - left_m, at_m - ahead_m)
+        normal_rad = arctan2(at_m * self._aside[hit] - left_m, at_m - ahead_m)
         facing = np.maximum(0.0, -np.cos(normal_rad))
         front_rad = np.abs(np.remainder(normal_rad + self._pose.yaw_rad - robot.pose.yaw_rad + np.pi, math.tau) - np.pi)
         color = np.empty((*heights_m.shape, 3))

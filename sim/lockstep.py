@@ -12,15 +12,18 @@ from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.recording.provenance import Provenance
 from robrain.coordinator.recording.recorder import Recorder, RecordingSummary
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.collector import CalmCollector
 from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.idle_reasons import IdleReason
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.messages import ArenaTruth, OutsideInput
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, COORDINATOR_STATE, MOTE_READING
 from robrain.sim.arena import TICK_S
+from robrain.sim.floor_left import FloorLeft, floor_left
 from robrain.sim.manifests import manifest_texts
 from robrain.sim.world import World
 
@@ -38,9 +41,11 @@ class LockstepRun:
         team: whose keys are used.
         listen: loopback endpoint on which other processes, a dashboard say, may join; None keeps to itself.
         planning: what the coordinator's plans are for.
+        should_stop: asked while robots are set up.
 
     Raises:
         RobrainError: saying what cannot be opened.
+        KeyboardInterrupt: `should_stop` said so; all that was opened is closed.
 
     """
 
@@ -54,15 +59,19 @@ class LockstepRun:
         team: str = DEFAULT_TEAM,
         listen: str | None = None,
         planning: PlanningPolicy | None = None,
+        should_stop: Callable[[], bool] = lambda: False,
     ) -> None:
         self.world = world
         self.clock = VirtualClock()
         self.nothing_left = False
+        self.idle: dict[str, IdleReason] = {}
+        """Why robots have nothing to do, as the coordinator last told."""
         self.mote_readings = 0
         self.wall_overlap_m = 0.0
         self._ticks = 0
         self._endpoints: list[Endpoint] = []
         self._planning = planning
+        self._should_stop = should_stop
         self._closers: list[Callable[[], object]] = []
         self._summary: RecordingSummary | None = None
         self.session = open_lockstep_session(listen)
@@ -92,6 +101,8 @@ class LockstepRun:
         self.coordinator = Coordinator(self._coordinator_wire, policy=self._planning)
         self.hosts = []
         for robot in world.robots:
+            if self._should_stop():
+                raise KeyboardInterrupt
             host = AgentHost(
                 world.robot_file(robot, team=team),
                 Path(),
@@ -115,6 +126,13 @@ class LockstepRun:
     def explored_fraction(self) -> float:
         """Share of the reachable floor that the team's maps know."""
         return self.arena.referee.explored_fraction
+
+    def floor_left(self) -> list[FloorLeft]:
+        """Floor that was not seen or cannot be reached, in regions, and why."""
+        robots = self.world.robots
+        starts = [Point2D(robot.start.x_m, robot.start.y_m) for robot in robots]
+        radius_m = min((robot.radius_m for robot in robots), default=0.0)
+        return floor_left(self.world.plan, starts, radius_m, self.arena.referee)
 
     @property
     def truth(self) -> ArenaTruth:
@@ -174,6 +192,7 @@ class LockstepRun:
                 self.mote_readings += 1
             else:
                 self.nothing_left = received.message.all_explored
+                self.idle = {robot.name: robot.idle for robot in received.message.robots if robot.idle is not None}
         plan = self.world.plan
         for robot in self.arena.truth.robots:
             row, column = plan.cell_of(robot.pose.x_m, robot.pose.y_m)

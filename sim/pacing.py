@@ -36,7 +36,7 @@ class Pacer:
 
 
 class StopOnInterrupt:
-    """While it is entered, Ctrl-C and SIGTERM ask the run to stop instead of tearing it apart.
+    """While it is entered, Ctrl-C and SIGTERM ask the run, or its set-up, to stop instead of tearing it apart.
 
     An exception in the middle of a direct Zenoh callback would be swallowed, and with it the interrupt. A second
     Ctrl-C is let through. Outside of the main thread it does nothing.

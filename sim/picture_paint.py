@@ -7,6 +7,8 @@ same whenever it is seen.
 import numpy as np
 from numpy.typing import NDArray
 
+from robrain.protocol.model.elementary_functions import arctan2
+
 Rgb = tuple[int, int, int]
 
 ROBOT_COLORS = np.array(
@@ -97,7 +99,7 @@ def charger_color(x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> tuple[N
     away_m = np.hypot(x_m, y_m)
     covers = away_m < CHARGER_RADIUS_M
     x_m, y_m, away_m = x_m[covers], y_m[covers], away_m[covers]
-    turn = np.floor(np.arctan2(y_m, x_m) * CHARGER_STRIPES / np.pi)
+    turn = np.floor(arctan2(y_m, x_m) * CHARGER_STRIPES / np.pi)
     color = np.where((turn % 2 == 0)[:, None], CHARGER_YELLOW, CHARGER_BLACK)
     inner = away_m < CHARGER_INNER_M
     bolt = np.abs(x_m + 0.5 * y_m - 0.05 * np.sign(y_m)) < CHARGER_BOLT_M

@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
+from robrain.protocol.model.elementary_functions import log10
 from robrain.sim.mote_power import send_ma
 
 PACKET_BYTES = 45
@@ -83,7 +84,7 @@ class RadioModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     def mean_rssi_dbm_of(self, distances_m: Floats) -> Floats:
         """`mean_rssi_dbm` of many distances."""
-        loss_db: Floats = 10.0 * self.exponent * np.log10(np.maximum(distances_m, 0.1))
+        loss_db: Floats = 10.0 * self.exponent * log10(np.maximum(distances_m, 0.1))
         return self.transmit_dbm - self.loss_at_1_m_db - loss_db
 
     @property

@@ -13,11 +13,11 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.map_patch import merge_message
+from robrain.protocol.wire.map_patch import check_claim, merge_message
 from robrain.protocol.wire.topics import ROBOT_MAP
+from robrain.sim.maps.extent import TEAM_RESOLUTION_M
 from robrain.sim.maps.floor_plan import FloorPlan
 
-TEAM_RESOLUTION_M = 0.1
 PATCHES_A_STEP = 4096
 
 
@@ -40,22 +40,29 @@ class Referee:
     Args:
         plan: the true floor.
         starts: where the robots start, arena frame.
-        radius_m: of the robots, for where they fit through.
+        clearance_m: what the robots cannot do without, for where they fit through (`protocol/model/clearance.py`).
         geometry: the team's grid; patches of another are refused and counted in `refused_patches`.
         endpoint: where the patches are heard.
 
     """
 
     def __init__(
-        self, plan: FloorPlan, starts: Sequence[Point2D], radius_m: float, geometry: GridGeometry, endpoint: Endpoint
+        self,
+        plan: FloorPlan,
+        starts: Sequence[Point2D],
+        clearance_m: float,
+        geometry: GridGeometry,
+        endpoint: Endpoint,
     ) -> None:
         self.grid = OccupancyGrid(geometry)
-        self.refused_patches = 0
+        self._misfits = 0
         self._inbox = Inbox(PATCHES_A_STEP)
-        self._weights = _cells_per_team_cell(plan, plan.reachable(list(starts), radius_m), geometry)
+        self._weights = _cells_per_team_cell(plan, plan.reachable(list(starts), clearance_m), geometry)
+        self._cell_m2 = plan.resolution_m**2
         self._total = int(self._weights.sum())
         self._fraction = 0.0
         self._version = self.grid.version
+        self._clock = endpoint.clock
         endpoint.subscribe(self._inbox, ROBOT_MAP)
 
     @property
@@ -63,13 +70,23 @@ class Referee:
         """Share of the reachable floor's area whose team cell is known, 0 to 1, as of the last `step()`."""
         return self._fraction
 
+    @property
+    def refused_patches(self) -> int:
+        """Patches that do not decode, do not fit, or claim what nobody can have seen."""
+        return self._misfits + self._inbox.malformed
+
+    def unseen_m2(self) -> NDArray[np.float64]:
+        """(H, W) of the team's grid: area of reachable floor in each cell that is not known, square metres."""
+        return np.where(self.grid.known(), 0.0, self._weights * self._cell_m2)
+
     def step(self) -> None:
         """Merge what has arrived."""
         for received in self._inbox.drain():
             try:
+                check_claim(received.message, self._clock.now_ns())
                 merge_message(self.grid, received.message)
             except ValueError:
-                self.refused_patches += 1
+                self._misfits += 1
         if self.grid.version != self._version and self._total:
             self._version = self.grid.version
             self._fraction = int(self._weights[self.grid.known()].sum()) / self._total

@@ -3,6 +3,8 @@
 import msgspec
 
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.wire.idle_reasons import IdleReason
+from robrain.sim.floor_left import FloorLeft
 
 
 class RobotResult(msgspec.Struct, frozen=True, kw_only=True):
@@ -13,6 +15,8 @@ class RobotResult(msgspec.Struct, frozen=True, kw_only=True):
     energy_j: float
     collisions: int
     pose: Pose2D
+    idle: IdleReason | None = None
+    """Why it had nothing to do when the run ended, by the coordinator; None if it had."""
 
 
 class RunResult(msgspec.Struct, frozen=True, kw_only=True):
@@ -31,6 +35,8 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     real_time_factor: float
     explored_fraction: float
     """Share of the floor that the robots can reach which the team's maps know."""
+    floor_left: list[FloorLeft] = []
+    """Floor that was not seen or cannot be reached, in regions, and why."""
     explored_curve: list[tuple[float, float]]
     """Pairs of sim_time_s and explored fraction."""
     distance_m: float

@@ -184,22 +184,26 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         setup = Pacer(0.0)
         world = self.world()
         warm_up()
-        run = LockstepRun(
-            world,
-            record=Path(record) if record is not None else None,
-            scenario=self.name,
-            scenario_toml=self.toml,
-            listen=listen,
-            planning=self.planning,
-        )
+        with StopOnInterrupt() as interrupt:  # not in the middle of opening something, which nothing would close
+            run = LockstepRun(
+                world,
+                record=Path(record) if record is not None else None,
+                scenario=self.name,
+                scenario_toml=self.toml,
+                listen=listen,
+                planning=self.planning,
+                should_stop=lambda: interrupt.requested,
+            )
         try:
+            if interrupt.requested:
+                raise KeyboardInterrupt
             if on_open is not None:
                 on_open(run.listening_at)
             setup_time_s = setup.wall_time_s
             pacer = Pacer(speed)
             ended, curve = _drive(run, until, limit_s, pacer, on_progress)
             wall_time_s = pacer.wall_time_s
-            truth = run.truth
+            truth, left = run.truth, run.floor_left()
         finally:
             summary = run.close()
         assert summary is not None  # the run was built, so it has a recorder
@@ -214,6 +218,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             setup_time_s=round(setup_time_s, 3),
             real_time_factor=round(truth.sim_time_s / max(wall_time_s, 1e-9), 2),
             explored_fraction=truth.explored_fraction,
+            floor_left=left,
             explored_curve=curve,
             distance_m=sum(robot.distance_m for robot in truth.robots),
             energy_j=sum(robot.energy_j for robot in truth.robots),
@@ -226,6 +231,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
                     energy_j=robot.energy_j,
                     collisions=robot.collisions,
                     pose=robot.pose,
+                    idle=run.idle.get(robot.robot),
                 )
                 for robot in truth.robots
             ],

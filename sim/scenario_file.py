@@ -1,12 +1,13 @@
 """Scenario files: the TOML that describes a floor, a team and its motes."""
 
-import tomllib
 from importlib import resources
 from pathlib import Path
 
 import msgspec
 
 from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.protocol.wire.errors import BadToml
+from robrain.protocol.wire.toml_text import LARGE, parse_toml, read_toml_text
 from robrain.sim.arena import RobotHardware
 from robrain.sim.chargers import ChargerSpec
 from robrain.sim.errors import ScenarioError
@@ -121,11 +122,11 @@ def read_scenario_file(path: Path) -> tuple[ScenarioTables, str]:
 
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_toml_text(path, LARGE)
     except FileNotFoundError as error:
         raise ScenarioError(f"{path}: no such scenario file") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{path}: cannot be read: {error}") from error
+    except BadToml as error:
+        raise ScenarioError(f"{path}: {error}") from error
     return parse_scenario(text, str(path)), text
 
 
@@ -137,9 +138,9 @@ def parse_scenario(text: str, where: str) -> ScenarioTables:
 
     """
     try:
-        return msgspec.convert(tomllib.loads(text), ScenarioTables)
-    except tomllib.TOMLDecodeError as error:
-        raise ScenarioError(f"{where}: is not TOML: {error}") from error
+        return msgspec.convert(parse_toml(text, LARGE), ScenarioTables)
+    except BadToml as error:
+        raise ScenarioError(f"{where}: {error}") from error
     except msgspec.ValidationError as error:
         what, _, key = str(error).partition(" - at `$")
         key = key.rstrip("`").lstrip(".")

@@ -1,8 +1,47 @@
-"""For all tests: no timing fails one, so hypothesis sets no deadline; in CI it draws the same examples each time."""
+"""For all tests: no timing fails one, so hypothesis sets no deadline; in CI it draws the same examples each time.
+
+Tests that were left out for want of the real maps are counted at the end of the run.
+System tests, which mostly wait, are spread among the others, which need the processor.
+Each process of tests has a hub endpoint of its own, at which nobody listens: no test meets a team by accident.
+"""
 
 import os
 
+import pytest
 from hypothesis import settings
+
+from robrain.protocol.wire.hub import CONNECT_VARIABLE, HUB_VARIABLE
+from tests.own_hub import OwnHub
+from tests.real_maps import WHY_NOT
 
 settings.register_profile("robrain", deadline=None, derandomize="CI" in os.environ)
 settings.load_profile("robrain")
+
+_HUB = OwnHub()
+os.environ.pop(CONNECT_VARIABLE, None)
+os.environ[HUB_VARIABLE] = _HUB.endpoint
+
+
+def pytest_unconfigure() -> None:
+    """Give the port back."""
+    _HUB.close()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Spread the files of system tests evenly among the others, except for the last fifth of those."""
+    files: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        files.setdefault(item.nodeid.partition("::")[0], []).append(item)
+    waiting = [name for name in files if "/system/" in name]
+    others = [name for name in files if "/system/" not in name]
+    order = {name: 0.8 * (place + 0.5) / len(waiting) for place, name in enumerate(waiting)}
+    order |= {name: place / len(others) for place, name in enumerate(others)}
+    items[:] = [item for name in sorted(files, key=order.__getitem__) for item in files[name]]
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """How many tests were left out for want of the real maps."""
+    left_out = sum(WHY_NOT in str(report.longrepr) for report in terminalreporter.getreports("skipped"))
+    if left_out:
+        terminalreporter.section("real maps", sep="!", yellow=True, bold=True)
+        terminalreporter.line(f"{left_out} tests were NOT RUN: {WHY_NOT}", yellow=True, bold=True)

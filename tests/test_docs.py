@@ -80,7 +80,10 @@ def _payload(topic: Topic) -> str:
 
 
 def _delivery(topic: Topic) -> str:
-    return f"{topic.delivery}, {topic.cache}" if topic.delivery is Delivery.LOSSLESS else topic.delivery
+    words = [f"{topic.delivery}, {topic.cache}" if topic.delivery is Delivery.LOSSLESS else str(topic.delivery)]
+    words += ["waits where the network is congested"] * topic.is_blocking
+    words += [f"at most {topic.max_bytes} bytes"] * (topic.max_bytes is not None)
+    return "; ".join(words)
 
 
 def test_topics_page_is_what_the_table_says() -> None:

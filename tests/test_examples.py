@@ -1,9 +1,13 @@
-"""The numbered examples run, say what they are said to say, and stay short."""
+"""The numbered examples run, say what they are said to say, and stay short.
+
+`python -m tests.test_examples` puts into README.md what the first example prints.
+"""
 
 import re
 import subprocess
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
@@ -11,7 +15,7 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("[0-9][0-9]_*.py"))
 LINES_MAX = 60
 SAYS = {
-    "01_explore": [r"9\d% explored in \d+ s", "digest [0-9a-f]{16}"],
+    "01_explore": [r"9\d% explored in \d+ s", "digest [0-9a-f]{16}"],  # and the README word for word
     "02_submit_tasks": [r"door +done by r\d", r"picture +done", r"corner: it is done at r\d", r"queued"],
     "03_your_own_plugin": [r"loaded trip, a unit: distance_m", r"r1 has come \d\.\d+ m since"],
     "04_energy": [
@@ -31,6 +35,11 @@ SAYS = {
     "07_objectives": [r"energy: \d+ J, \d+ s", r"makespan: \d+ J, \d+ s", r"visit-5 to r1: \d+ J"],
 }
 """What each prints, as patterns."""
+
+
+README = EXAMPLES.parent / "README.md"
+PRINTED = re.compile(r"(?<=^```text\n)\d+% explored in .*?\n(?=```$)", re.MULTILINE | re.DOTALL)
+"""What the README says that its ten lines, which are those of the first example, print."""
 
 
 def test_there_are_patterns_for_every_example_and_a_line_in_the_readme() -> None:
@@ -54,6 +63,8 @@ def test_example_runs_and_says_what_it_should(script: Path, tmp_path: Path) -> N
     )
     assert done.returncode == 0, done.stderr
     assert "Traceback" not in done.stderr
+    if script is SCRIPTS[0]:
+        assert PRINTED.findall(README.read_text(encoding="utf-8")) == [done.stdout], "python -m tests.test_examples"
     for pattern in SAYS[script.stem]:
         assert re.search(pattern, done.stdout), f"{pattern} in:\n{done.stdout}"
 
@@ -68,3 +79,11 @@ def test_energy_comes_before_time_or_the_other_way_round_as_the_objective_says(t
     )
     assert energy_j < more_j
     assert slow_s > quick_s
+
+
+if __name__ == "__main__":
+    with TemporaryDirectory() as folder:
+        said = subprocess.run(
+            [sys.executable, str(SCRIPTS[0])], cwd=folder, stdout=subprocess.PIPE, text=True, check=True
+        )
+    README.write_text(PRINTED.sub(lambda _: said.stdout, README.read_text(encoding="utf-8")), encoding="utf-8")

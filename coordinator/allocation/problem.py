@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.objective import Objective as Objective
 
+LARGEST = 1e25
+"""Of joules and seconds: sums and products of them stay finite."""
+
 
 class Job(msgspec.Struct, frozen=True, kw_only=True):
     """Something to be done at a place. Raises ValueError where it is built with what makes no sense."""
@@ -39,7 +42,7 @@ class Job(msgspec.Struct, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         for name in ("prize_j", "service_s", "service_j", "earliest_s"):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
+            if not 0 <= getattr(self, name) <= LARGEST:
                 raise ValueError(f"job {self.id}: expected a finite {name} >= 0, got {getattr(self, name)}")
         if not self.latest_s >= 0:
             raise ValueError(f"job {self.id}: expected latest_s >= 0, got {self.latest_s}")

@@ -6,9 +6,11 @@ from typing import NamedTuple
 from robrain.coordinator.dashboard.recorder_view import RecorderView
 from robrain.coordinator.dashboard.robot_view import Condition, RobotView
 from robrain.coordinator.dashboard.team_view import TeamView
+from robrain.protocol.wire.refusals import Refusal
 
 LOW_SOC = 0.2
 LOW_MOTE_V = 2.4
+REFUSALS_SHOWN = 4
 
 
 class Level(StrEnum):
@@ -42,7 +44,16 @@ def alerts_of(view: TeamView, now_s: float) -> list[Alert]:
             found += _of_recorder(recorder, now_s)
     if view.rejected:
         found.append(Alert(Level.WARN, "Messages", f"{view.rejected} made no sense and were left out"))
+    if view.team is not None and isinstance(view.team.refused, list):
+        found += [_of_refusal(one) for one in view.team.refused[:REFUSALS_SHOWN]]
     return sorted(found, key=lambda alert: alert.level is not Level.BAD)
+
+
+def _of_refusal(one: Refusal) -> Alert:
+    sender = one.key.partition("/")[2].partition("/")[2] or one.key  # without the root and the team
+    return Alert(
+        Level.WARN, "Coordinator", f"has refused {one.count} × {one.topic} of {sender} ({one.code}): {one.why}"
+    )
 
 
 def _of_robot(robot: RobotView, now_s: float) -> list[Alert]:
@@ -56,7 +67,9 @@ def _of_robot(robot: RobotView, now_s: float) -> list[Alert]:
         return found
     if state.halted and state.not_halted:
         found.append(Alert(Level.BAD, robot.name, f"has not stopped all of it: {', '.join(state.not_halted)}"))
-    found += [Alert(Level.BAD, robot.name, f"{fault.plugin} does not run: {fault.why}") for fault in state.faulted]
+    found += [
+        Alert(Level.BAD, robot.name, f"{fault.plugin} does not run: {last_line(fault.why)}") for fault in state.faulted
+    ]
     if state.lost:
         found.append(Alert(Level.BAD, robot.name, f"does not know where it is: {state.lost}"))
     battery = state.battery
@@ -65,6 +78,15 @@ def _of_robot(robot: RobotView, now_s: float) -> list[Alert]:
     if battery is not None and battery.soc < LOW_SOC and not battery.charging:
         found.append(Alert(Level.WARN, robot.name, f"battery at {100 * battery.soc:.0f} %"))
     return found
+
+
+def last_line(why: str) -> str:
+    r"""What a traceback says in the end.
+
+    >>> last_line("Traceback:\n  File ...\nValueError: no")
+    'ValueError: no'
+    """
+    return why.strip().rpartition("\n")[2].strip()
 
 
 def _of_recorder(recorder: RecorderView, now_s: float) -> list[Alert]:

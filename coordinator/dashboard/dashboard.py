@@ -44,7 +44,7 @@ class Dashboard:
 
     def __init__(self, team: Endpoint | ReplaySource, *, host: str = "127.0.0.1", port: int = 8080) -> None:
         self._host = host
-        self._server = open_server(host, port)
+        self._server = open_server(host, port, has_halt=isinstance(team, Endpoint))
         self._server.gui.configure_theme(
             dark_mode=True, show_logo=False, show_share_button=False, control_width="large"
         )
@@ -101,8 +101,8 @@ class Dashboard:
                 self._draw_halt(view, now_s)
                 if self._replay is not None:
                     self._replay.draw(now_s)
-            for client_id, page in list(self._pages.items()):
-                self._step_page(client_id, page, now_s)
+            for page in self._pages.values():
+                self._step_page(page, now_s)
 
     def close(self) -> None:
         """Stop serving the page."""
@@ -117,15 +117,22 @@ class Dashboard:
         """A layer that nobody shows is not drawn; with nobody there, those are that the next one will see."""
         seen = {switch.layer for page in self._pages.values() for switch in page.switches if switch.shown}
         for layer in self._scene.layers:
-            layer.needed = layer in seen if self._pages else layer.shown
+            layer.needed = layer in seen if self._pages else layer.wanted
 
-    def _step_page(self, client_id: int, page: ClientPage, now_s: float) -> None:
+    def _step_page(self, page: ClientPage, now_s: float) -> None:
+        """Bring one browser's page up to date; what fails there concerns no other browser."""
+        if not page.retry.is_due(now_s):
+            return
         try:
             with page.client.atomic():
                 page.step(now_s)
         except Exception:
-            logger.exception("a page cannot show what there is: its panel stands still until it is loaded again")
-            self._pages.pop(client_id).close()
+            pause_s = page.retry.fail(now_s)
+            logger.exception("a browser's page cannot be drawn; it stands still, next try in %.0f s", pause_s)
+            page.robot.drive.let_go()
+        else:
+            if failures := page.retry.succeed():
+                logger.warning("the browser's page is drawn again after %d failures", failures)
 
     def _draw_halt(self, view: TeamView, now_s: float) -> None:
         if self._halt is None:
@@ -142,9 +149,13 @@ class Dashboard:
             self._pages.pop(client_id).close()
         while self._come:
             client = self._come.popleft()
-            if client.client_id in there:
+            if client.client_id not in there:
+                continue
+            try:
                 with client.atomic():
                     self._pages[client.client_id] = ClientPage(client, self._context)
+            except Exception:
+                logger.exception("a browser's page cannot be built; it has to be loaded again")
 
     def _click(self, event: viser.SceneClickEvent) -> None:
         page = self._pages.get(event.client_id)

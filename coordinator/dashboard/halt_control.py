@@ -1,7 +1,8 @@
 """The emergency halt: one click or the key H halts the team, its end has to be confirmed.
 
-Clicks are served on viser's threads, not in the dashboard's step, so that a halt leaves at once whatever is being
-drawn or asked.
+The button is the page's own (`page.js`), as viser's panels lie below viser's windows. It triggers the same command as
+the key. Commands are served on viser's threads, not in the dashboard's step, so that a halt leaves at once whatever is
+being drawn or asked.
 """
 
 import threading
@@ -10,6 +11,7 @@ from typing import Any
 import viser
 import zenoh
 
+from robrain.coordinator.dashboard.page_head import CLOSE_MARK
 from robrain.coordinator.dashboard.team_view import TeamView
 from robrain.coordinator.dashboard.words import natural_key, text
 from robrain.protocol.wire.endpoint import Endpoint
@@ -18,8 +20,9 @@ from robrain.protocol.wire.topics import HALT
 
 WIDTH_PX = 290
 MARGIN_PX = 15
+BUTTON_PX = 64
+"""Height of the page's own button, which stands below the panel."""
 BY = "operator:dashboard"
-LABEL_HALT = "EMERGENCY HALT"
 LABEL_RESUME = "Resume after halt …"
 LABEL_CONFIRM = "Resume all robots"
 LABEL_KEEP = "Keep them halted"
@@ -27,7 +30,7 @@ NAMES_SHOWN = 12
 
 
 class HaltControl:
-    """The two buttons, what they send, and who has obeyed."""
+    """The halt and its end, what they send, and who has obeyed."""
 
     def __init__(self, server: viser.ViserServer, endpoint: Endpoint) -> None:
         self._publisher = endpoint.publisher(HALT)
@@ -36,13 +39,10 @@ class HaltControl:
         """Whether there is a link to send on; kept up to date by the owner."""
         panel = server.gui.add_panel(order=0)
         with panel.add_tab("All robots"):
-            server.gui.add_html('<div class="rb-halt"></div>')
-            halt = server.gui.add_button(LABEL_HALT, color=(200, 30, 30))
             self._told = server.gui.add_html("")
             self._resume = server.gui.add_button(LABEL_RESUME, color="gray", visible=False)
-        panel.float(x=MARGIN_PX, y=-MARGIN_PX, width=WIDTH_PX)
+        panel.float(x=MARGIN_PX, y=-(2 * MARGIN_PX + BUTTON_PX), width=WIDTH_PX)
         panel.expand()
-        halt.on_click(self._halt)
         self._resume.on_click(lambda event: self.ask_to_resume(event.client))
         command = server.gui.add_command("Emergency halt", description="Halt all robots", hotkey="H")
         command.on_trigger(self._halt)
@@ -54,8 +54,8 @@ class HaltControl:
         if self._resume.visible != halted:
             self._resume.visible = halted
 
-    def _halt(self, event: viser.GuiEvent[Any] | viser.CommandEvent) -> None:
-        self._send(Halt(halted=True, by=BY, reason="the button on the dashboard was pressed"), event.client)
+    def _halt(self, event: viser.CommandEvent) -> None:
+        self._send(Halt(halted=True, by=BY, reason="halted on the dashboard"), event.client)
 
     def ask_to_resume(self, client: viser.ClientHandle | None) -> None:
         """Ask in one browser whether all may move again."""
@@ -63,8 +63,9 @@ class HaltControl:
             return
         modal = client.gui.add_modal("Resume after the emergency halt?")
         with modal:
-            client.gui.add_markdown("All robots may move again at once. Is everybody out of their way?")
+            client.gui.add_markdown("All robots may move at once. Is everybody out of their way?")
             confirm = client.gui.add_button(LABEL_CONFIRM, color="green")
+            client.gui.add_html(CLOSE_MARK)
             keep = client.gui.add_button(LABEL_KEEP, color="gray")
 
         @confirm.on_click
@@ -105,7 +106,7 @@ def acknowledgements_html(view: TeamView, beat: int) -> str:
     begin = f'<div class="rb" data-rb-beat="{beat}" data-testid="acknowledged">'
     stopped, missing = acknowledgements(view)
     if not view.halted and not stopped:
-        return f'{begin}<span class="rb-soft">Nobody is halted. Key: H</span></div>'
+        return f'{begin}<span class="rb-soft">No robot is halted. Key: H</span></div>'
     parts = []
     if view.halted and missing:
         parts.append(_line("bad", "✕ not stopped", "not-stopped", missing))

@@ -10,6 +10,7 @@ from typing import ClassVar
 
 import viser
 
+from robrain.coordinator.dashboard.retry import Retry
 from robrain.coordinator.dashboard.team_view import TeamView
 
 logger = logging.getLogger(__name__)
@@ -35,35 +36,62 @@ class Layer(ABC):
         self.scene = scene
         self._root = scene.add_frame(f"/{self.name}", show_axes=False, visible=self.shown_at_first)
         self._drawn_s: float | None = None
+        self._wanted = self.shown_at_first
+        self._retry = Retry()
         self.needed = self.shown_at_first
-        """Whether anybody is to see it; it is not drawn otherwise."""
-        self.failures = 0
-        """How often it could not draw; each time it is hidden from everybody."""
+        """Whether any browser shows it; it is not drawn otherwise."""
+
+    @property
+    def wanted(self) -> bool:
+        """Whether browsers show it that have not switched it for themselves, unless it fails."""
+        return self._wanted
+
+    @wanted.setter
+    def wanted(self, wanted: bool) -> None:
+        self._wanted = wanted
+        self._show()
 
     @property
     def shown(self) -> bool:
-        """Whether browsers see it that have not switched it for themselves."""
-        return self._root.visible
+        """Whether it is visible: wanted, and drawn without an error the last time."""
+        return self._wanted and not self.failing
 
-    @shown.setter
-    def shown(self, shown: bool) -> None:
-        self._root.visible = shown
+    @property
+    def failing(self) -> bool:
+        """Whether it could not be drawn the last time; it is hidden until it can."""
+        return self._retry.failing
+
+    def retry_in_s(self, now_s: float) -> float:
+        """Time until a failing layer is drawn again, seconds."""
+        return self._retry.wait_s(now_s)
 
     def draw(self, view: TeamView, now_s: float) -> None:
-        """Draw what changed, if it is time to; a layer that cannot is hidden, so that the page and its halt go on."""
+        """Draw what changed, if it is time to.
+
+        A layer that cannot be drawn is hidden, so that the page and its halt go on, and is tried again after a while.
+        """
         period_s = self.period_s * (SLOWER if len(view.robots) > MANY_ROBOTS else 1.0)
-        if self.needed and (self._drawn_s is None or now_s - self._drawn_s >= period_s):
-            self._drawn_s = now_s
-            try:
-                self._draw(view, now_s)
-            except Exception:
-                logger.exception("the layer %s cannot draw what there is, and is hidden", self.label)
-                self.shown = self.needed = False
-                self.failures += 1
+        is_time = self._drawn_s is None or now_s - self._drawn_s >= period_s
+        if not (self.needed and is_time and self._retry.is_due(now_s)):
+            return
+        self._drawn_s = now_s
+        try:
+            self._draw(view, now_s)
+        except Exception:
+            pause_s = self._retry.fail(now_s)
+            logger.exception("the layer %s cannot be drawn; it is hidden, next try in %.0f s", self.label, pause_s)
+        else:
+            if failures := self._retry.succeed():
+                logger.warning("the layer %s is drawn again after %d failures", self.label, failures)
+        self._show()
 
     def hurry(self) -> None:
         """Draw the next time, whenever the last one was: all has become another."""
         self._drawn_s = None
+
+    def _show(self) -> None:
+        if self._root.visible != self.shown:
+            self._root.visible = self.shown
 
     def node(self, name: str) -> str:
         """The full name of a node of this layer."""

@@ -5,12 +5,16 @@ for all that hangs below. So a browser that hides a layer has a hidden frame of 
 and nothing is sent twice.
 """
 
+from collections.abc import Iterable
+
 import viser
 
+from robrain.coordinator.dashboard.alerts import Alert, Level
+from robrain.coordinator.dashboard.focus import Focus
 from robrain.coordinator.dashboard.layer import Layer
-from robrain.coordinator.dashboard.marker_layers import ScanLayer
+from robrain.coordinator.dashboard.marker_layers import MoteLabelLayer, MoteLayer, ScanLayer
 from robrain.coordinator.dashboard.own_layer import OwnLayer
-from robrain.coordinator.dashboard.radio_layer import RadioLayer, SelectedRadioLayer
+from robrain.coordinator.dashboard.radio_layer import FocusRadioLayer, RadioLayer
 from robrain.coordinator.dashboard.team_view import TeamView
 
 
@@ -26,8 +30,8 @@ class LayerSwitch:
     def __init__(self, client: viser.ClientHandle, layer: Layer, own: OwnLayer | None = None) -> None:
         self.layer = layer
         self._own = own
+        self._shown = layer.wanted
         self._frame = client.scene.add_frame(f"/{layer.name}", show_axes=False, visible=layer.shown)
-        self._failures = layer.failures
 
     @property
     def label(self) -> str:
@@ -36,21 +40,30 @@ class LayerSwitch:
 
     @property
     def shown(self) -> bool:
-        """Whether this browser shows it."""
-        return self._frame.visible
+        """Whether this browser shows it; while it fails it is hidden all the same."""
+        return self._shown
 
     @shown.setter
     def shown(self, shown: bool) -> None:
-        self._frame.visible = shown
+        self._shown = shown
+        self._show()
 
-    def draw(self, view: TeamView, selected: str, now_s: float) -> None:
+    @property
+    def layers(self) -> tuple[Layer, ...]:
+        """All that it switches."""
+        return (self.layer,) if self._own is None else (self.layer, self._own)
+
+    def draw(self, view: TeamView, focus: Focus, now_s: float) -> None:
         """Draw what is this browser's own, and hide what could not be drawn."""
-        if self.layer.failures != self._failures:
-            self._failures = self.layer.failures
-            self.shown = False
+        self._show()
         if self._own is not None:
-            self._own.shown = self._own.needed = self.shown and not self._own.failures
-            self._own.draw_for(selected, view, now_s)
+            self._own.wanted = self._own.needed = self._shown
+            self._own.draw_for(focus, view, now_s)
+
+    def _show(self) -> None:
+        visible = self._shown and not self.layer.failing
+        if self._frame.visible != visible:
+            self._frame.visible = visible
 
 
 class OwnSwitch:
@@ -67,24 +80,40 @@ class OwnSwitch:
     @property
     def shown(self) -> bool:
         """Whether this browser shows it."""
-        return self.layer.shown
+        return self.layer.wanted
 
     @shown.setter
     def shown(self, shown: bool) -> None:
-        self.layer.shown = self.layer.needed = shown
+        self.layer.wanted = self.layer.needed = shown
 
-    def draw(self, view: TeamView, selected: str, now_s: float) -> None:
-        """Draw it for the selected robot."""
-        self.layer.draw_for(selected, view, now_s)
+    @property
+    def layers(self) -> tuple[Layer, ...]:
+        """All that it switches."""
+        return (self.layer,)
+
+    def draw(self, view: TeamView, focus: Focus, now_s: float) -> None:
+        """Draw it for what is in focus."""
+        self.layer.draw_for(focus, view, now_s)
 
 
 Switch = LayerSwitch | OwnSwitch
+OWN: dict[type[Layer], type[OwnLayer]] = {MoteLayer: MoteLabelLayer, RadioLayer: FocusRadioLayer}
+"""Layers of one browser's own that go with one of all browsers."""
 
 
 def switches_of(client: viser.ClientHandle, layers: tuple[Layer, ...]) -> list[Switch]:
     """A browser's switches of all layers, in the order of their checkboxes."""
     switches: list[Switch] = [
-        LayerSwitch(client, layer, SelectedRadioLayer(client.scene) if isinstance(layer, RadioLayer) else None)
-        for layer in layers
+        LayerSwitch(client, layer, OWN[type(layer)](client.scene) if type(layer) in OWN else None) for layer in layers
     ]
     return [*switches, OwnSwitch(ScanLayer(client.scene))]
+
+
+def troubles_of(switches: Iterable[Switch], now_s: float) -> list[Alert]:
+    """What of the picture one browser wants to show and cannot."""
+    return [
+        Alert(Level.WARN, "Picture", f"{layer.label} cannot be drawn; next try in {layer.retry_in_s(now_s):.0f} s")
+        for switch in switches
+        for layer in switch.layers
+        if switch.shown and layer.failing
+    ]

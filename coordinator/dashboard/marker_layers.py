@@ -3,6 +3,7 @@
 import numpy as np
 import viser
 
+from robrain.coordinator.dashboard.focus import motes_in_focus
 from robrain.coordinator.dashboard.layer import Layer
 from robrain.coordinator.dashboard.merged_meshes import MergedMeshes, copies
 from robrain.coordinator.dashboard.meshes import Mesh, cube, diamond, tent
@@ -14,8 +15,6 @@ from robrain.coordinator.palette import FRONTIER, MOTE_COLORS, look_of, mote_cla
 
 FRONTIER_SIZE_M = 0.1
 MOTE_LABEL_Z_M = 0.35
-MOTE_LABELS = 40
-"""More motes than this go without their readings in the scene; the table has them."""
 SCAN_Z_M = 0.15
 
 
@@ -45,14 +44,13 @@ MOTE_MESHES: tuple[tuple[Mesh, float], ...] = (
 
 
 class MoteLayer(Layer):
-    """Motes with the colour and shape of their supply, and what they last read."""
+    """Motes with the colour and shape of their supply."""
 
     name, label, period_s = "motes", "Motes", 1.0
 
     def __init__(self, scene: viser.SceneApi) -> None:
         super().__init__(scene)
         self._bodies = MergedMeshes(scene, self.node("bodies"))
-        self._labels = Labels(scene, self.node("reading"), 0.8)
 
     def _draw(self, view: TeamView, now_s: float) -> None:
         placed = [(mote, mote.place) for mote in view.motes.values() if mote.place is not None]
@@ -68,9 +66,24 @@ class MoteLayer(Layer):
                 for kind, places in kinds.items()
             }
         )
-        labelled = placed if len(placed) <= MOTE_LABELS else []
+
+
+class MoteLabelLayer(OwnLayer):
+    """What the motes in focus last read."""
+
+    name, label, period_s = "mote_labels", "Readings of motes", 1.0
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        super().__init__(scene)
+        self._labels = Labels(scene, self.node("reading"), 0.8)
+
+    def _draw(self, view: TeamView, now_s: float) -> None:
         self._labels.show(
-            {mote.name: (reading_text(mote), (place.x_m, place.y_m, MOTE_LABEL_Z_M)) for mote, place in labelled}
+            {
+                mote.name: (reading_text(mote), (mote.place.x_m, mote.place.y_m, MOTE_LABEL_Z_M))
+                for mote in motes_in_focus(view, self.focus)
+                if mote.place is not None
+            }
         )
 
 
@@ -84,7 +97,7 @@ class ScanLayer(OwnLayer):
         self._handle: viser.PointCloudHandle | None = None
 
     def _draw(self, view: TeamView, now_s: float) -> None:
-        robot = view.robots.get(self.selected)
+        robot = view.robots.get(self.focus.robot)
         points: Rows = scan_points(robot) if robot is not None else rows([])
         if robot is None or not len(points):
             if self._handle is not None:

@@ -44,6 +44,45 @@
     const event = new KeyboardEvent("keydown", { key, code: `Key${key.toUpperCase()}`, bubbles: true, cancelable: true });
     document.documentElement.dispatchEvent(event);
   }
+  const WRITTEN = "input:not([type=checkbox], [type=radio], [type=range], [type=button], [readonly]), "
+    + "textarea, select, [contenteditable]";
+  let left = null;
+  // A field that is hidden, or that Escape has left, such as that of the closed palette, may keep the focus for a while.
+  function isTyping(event) {
+    const field = event.target instanceof Element ? event.target.closest(WRITTEN) : null;
+    return field !== null && field !== left && field.checkVisibility();
+  }
+
+  // -- the halt: its key works wherever nobody types, and its button lies above everything ---------------------------
+  const halt = () => again("h");
+  addEventListener("keydown", (event) => {
+    if (!event.isTrusted || event.key.toLowerCase() !== "h") return;  // what `again` sends is for viser
+    if (event.ctrlKey || event.metaKey || event.altKey || isTyping(event)) return;
+    event.stopImmediatePropagation();
+    event.preventDefault();
+    if (!event.repeat) halt();
+  }, true);
+
+  // -- Escape closes the window on top, and leaves a field -------------------------------------------------------------
+  addEventListener("focusin", () => { left = null; }, true);
+  addEventListener("keydown", (event) => {
+    const palette = document.querySelector(".mantine-Spotlight-content");
+    if (event.key !== "Escape" && !(event.key === "Enter" && palette)) return;
+    if (!palette) {
+      const mark = [...document.querySelectorAll(".mantine-Modal-content .rb-close-mark")].pop();
+      const button = mark?.parentElement?.nextElementSibling?.querySelector("button");
+      if (button) {
+        button.click();
+        return;
+      }
+    }
+    // Mantine closes the palette by itself, and leaves the focus in its field until that has faded.
+    const field = document.activeElement;
+    if (field instanceof HTMLElement && field !== document.body && field.closest("input, textarea")) {
+      left = field;
+      setTimeout(() => { if (document.activeElement === field && left === field) field.blur(); });
+    }
+  }, true);
   document.addEventListener("keydown", (event) => {
     const target = event.target;
     const isBox = target instanceof HTMLInputElement && (target.type === "checkbox" || target.readOnly);
@@ -66,10 +105,6 @@
   function pointer(button, kind) {
     button.dispatchEvent(new PointerEvent(kind, { bubbles: true, button: 0, pointerId: 1, isPrimary: true }));
   }
-  function isTyping(event) {
-    const target = event.target;
-    return target instanceof Element && target.closest("input, textarea, select, [contenteditable]") !== null;
-  }
   addEventListener("keydown", (event) => {
     const word = WORDS[event.key.toLowerCase()];
     if (!word || event.ctrlKey || event.metaKey || event.altKey || isTyping(event)) return;
@@ -88,16 +123,25 @@
   addEventListener("keyup", (event) => release(WORDS[event.key.toLowerCase()]), true);
   for (const gone of ["blur", "pagehide"]) addEventListener(gone, () => [...held.keys()].forEach(release));
 
-  // -- on a narrow screen panels fold away, and the halt must not: it has a button of its own --------------------------
   addEventListener("DOMContentLoaded", () => {
-    const halt = document.createElement("button");
-    halt.id = "rb-halt-always";
-    halt.textContent = "EMERGENCY HALT";
-    halt.addEventListener("click", () => again("h"));
+    if (document.querySelector("meta[name=rb-halt]")) {  // a recording has none
+      const button = document.createElement("button");
+      button.id = "rb-halt";
+      button.type = "button";
+      button.textContent = "EMERGENCY HALT";
+      button.title = "Halt all robots at once. Key: H";
+      // A press counts: a hand that slips off the button has meant it all the same.
+      button.addEventListener("pointerdown", (event) => { if (event.button === 0) { event.preventDefault(); halt(); } });
+      button.addEventListener("click", (event) => { if (event.detail === 0) halt(); });  // Enter, space, assistive tools
+      for (const kind of ["mousedown", "touchstart", "keydown"]) {
+        button.addEventListener(kind, (event) => event.stopPropagation());  // an open window stays as it is
+      }
+      document.body.append(button);
+    }
     const lost = document.createElement("div");
     lost.id = "rb-lost";
     lost.textContent = "No word from the dashboard: what is shown is old. To halt, use the robots' own buttons.";
-    document.body.append(halt, lost);
+    document.body.append(lost);
     let beat = "", since = performance.now();
     setInterval(() => {
       const now = document.querySelector("[data-rb-beat]")?.getAttribute("data-rb-beat") ?? "";

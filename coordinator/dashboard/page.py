@@ -9,11 +9,13 @@ from typing import Any
 
 import viser
 
+from robrain.coordinator.dashboard.focus import Focus
 from robrain.coordinator.dashboard.gui_values import set_html
-from robrain.coordinator.dashboard.layer_switches import switches_of
+from robrain.coordinator.dashboard.layer_switches import switches_of, troubles_of
 from robrain.coordinator.dashboard.page_context import PageContext
 from robrain.coordinator.dashboard.panel_html import strip_html
-from robrain.coordinator.dashboard.picking import floor_hit, robot_near
+from robrain.coordinator.dashboard.picking import floor_hit, mote_near, robot_near
+from robrain.coordinator.dashboard.retry import Retry
 from robrain.coordinator.dashboard.robot_tab import RobotTab
 from robrain.coordinator.dashboard.selection import SelectionMark
 from robrain.coordinator.dashboard.task_tab import TaskTab
@@ -36,11 +38,17 @@ class ClientPage:
         self.context = context
         self.selected = ""
         """Name of the robot that is selected; nobody if empty."""
+        self.chosen = False
+        """Whether a person selected it."""
+        self.mote = ""
+        """Name of the mote that is selected; none if empty."""
         self.follows = False
         """Whether the camera goes along with the selected robot."""
         self.dark = True
         self.switches = switches_of(client, context.scene.layers)
         """Which layers of the picture it shows."""
+        self.retry = Retry()
+        """When to draw it again after an error."""
         self._notes: deque[Action] = deque(maxlen=NOTES)
         self._drawn_s: float | None = None
         self._view: TeamView | None = None
@@ -76,18 +84,20 @@ class ClientPage:
             self.team.hurry()
             self.robot.hurry()
         if not self.selected and view.robots:
-            self.select(next(iter(view.robots)))
+            self.select(next(iter(view.robots)), by_person=False)
         robot = view.robots.get(self.selected)
         self._mark.show(robot, follows=self.follows)
-        for switch in self.switches:
-            switch.draw(view, self.selected, now_s)
         self.context.scene.keep_framed(self.client)
+        middle, reach_m = self.context.scene.looked_at(self.client)
+        focus = Focus(self.selected, self.chosen, self.mote, middle, reach_m)
+        for switch in self.switches:
+            switch.draw(view, focus, now_s)
         self.robot.drive.step(now_s)
         period_s = MANY_PERIOD_S if len(view.robots) > MANY_ROBOTS else PERIOD_S
         if self._drawn_s is not None and now_s - self._drawn_s < period_s:
             return
         self._drawn_s = now_s
-        set_html(self._strip, strip_html(view, now_s))
+        set_html(self._strip, strip_html(view, now_s, troubles_of(self.switches, now_s)))
         self.team.draw(now_s)
         self.robot.draw(now_s)
         self.tasks.draw(now_s)
@@ -100,10 +110,10 @@ class ClientPage:
 
     # -- what is clicked ------------------------------------------------------------------------------------
 
-    def select(self, robot: str) -> None:
+    def select(self, robot: str, *, by_person: bool = True) -> None:
         """Select a robot, if there is one of that name."""
         if robot in self.context.view.robots:
-            self.selected = robot
+            self.selected, self.chosen = robot, by_person
             self.robot.select(robot)
             self._drawn_s = None
 
@@ -115,7 +125,7 @@ class ClientPage:
             self.select(names[(at + step) % len(names)])
 
     def click_floor(self, origin: tuple[float, float, float], direction: tuple[float, float, float]) -> None:
-        """The scene was clicked, along a ray: a place for a task if one is wanted, else the robot that stands there."""
+        """The scene was clicked, along a ray: a place for a task if one is wanted, else what stands there."""
         hit = floor_hit(origin, direction)
         if hit is None:
             return
@@ -126,6 +136,13 @@ class ClientPage:
         found = robot_near(self.context.view, place, distance_m)
         if found is not None:
             self.select(found.name)
+            return
+        mote = mote_near(self.context.view, place, distance_m)
+        self.select_mote(mote.name if mote is not None else "")
+
+    def select_mote(self, mote: str) -> None:
+        """Show the reading and the link of a mote; of none if it is empty or selected already."""
+        self.mote = mote if mote in self.context.view.motes and mote != self.mote else ""
 
     def tell(self, title: str, body: str = "", *, color: Any = "green") -> None:
         """A notice in the corner; its text is shown as text."""
@@ -145,6 +162,8 @@ class ClientPage:
         verb, _, subject = rest.partition(" ")
         if verb == "select":
             self.select(subject)
+        elif verb == "mote":
+            self.select_mote(subject)
         elif verb == "plugin":
             self.robot.select_plugin(subject)
         elif verb == "why":

@@ -5,10 +5,17 @@ viser's own elements cannot say that a row was clicked, nor that a key is held; 
 
 from importlib import resources
 
+CLOSE_MARK = '<div class="rb-close-mark"></div>'
+"""Stands in a window before the button that closes it: Escape presses that button."""
 
-def page_head() -> str:
-    """HTML for the page's head, with `{nonce}` where the script's nonce belongs."""
+
+def page_head(*, has_halt: bool) -> str:
+    """HTML for the page's head, with `{nonce}` where the script's nonce belongs.
+
+    `has_halt` is whether there is a team to halt: a recording has no halt button.
+    """
     folder = resources.files("robrain.coordinator.dashboard")
     style = folder.joinpath("page.css").read_text(encoding="utf-8")
     script = folder.joinpath("page.js").read_text(encoding="utf-8")
-    return f'<style>{style}</style><script nonce="{{nonce}}">{script}</script>'
+    mark = '<meta name="rb-halt" content="yes">' if has_halt else ""
+    return f'{mark}<style>{style}</style><script nonce="{{nonce}}">{script}</script>'

@@ -3,8 +3,11 @@
 Values carry `data-testid` so that browser tests, and people's own scripts, can read them.
 """
 
-from robrain.coordinator.dashboard.alerts import Level, alerts_of
+from collections.abc import Sequence
+
+from robrain.coordinator.dashboard.alerts import Alert, Level, alerts_of
 from robrain.coordinator.dashboard.halt_control import NAMES_SHOWN, acknowledgements
+from robrain.coordinator.dashboard.headline import ROBOT_GRADES, Grade, headline_of, vitals_of
 from robrain.coordinator.dashboard.robot_view import Condition, MoteView, RobotView
 from robrain.coordinator.dashboard.task_html import LONG_ID
 from robrain.coordinator.dashboard.team_view import TeamView
@@ -27,23 +30,26 @@ ROWS = 200
 """Rows of a table at the most; a browser is slow with more, and nobody reads them."""
 ALERTS = 6
 LOG_LINES = 12
+GRADES: dict[Grade, tuple[str, str]] = {Grade.GOOD: ("●", "good"), Grade.WARN: ("◐", "warn"), Grade.BAD: ("▲", "bad")}
+"""Shape and class of the headline's dot."""
 MOTE_SHAPES = ("◆", "▲", "■", "◇")
 MOTE_KINDS = ("good", "warn", "bad", "soft")
 
 
-def strip_html(view: TeamView, now_s: float) -> str:
+def strip_html(view: TeamView, now_s: float, troubles: Sequence[Alert] = ()) -> str:
     """What is seen above all tabs: how the team is in one sentence, and what to look at."""
-    counts = dict.fromkeys(Condition, 0)
-    for robot in view.robots.values():
-        counts[robot.condition(now_s)] += 1
+    vitals = vitals_of(view, now_s)
+    headline, counts = headline_of(vitals), vitals.conditions
     up = counts[Condition.UP]
     worst = next((condition for condition in Condition if counts[condition]), None)
+    shape, kind = GRADES[headline.grade]
+    if worst is not None and ROBOT_GRADES[worst] is headline.grade:
+        shape, _, kind = CONDITIONS[worst]
     parts = [f"{up} of {len(view.robots)} robots up"]
     parts += [f"{counts[one]} {CONDITIONS[one][1]}" for one in Condition if counts[one] and one is not Condition.UP]
     if not view.robots:
         shape, kind, parts = "○", "soft", ["No robot has been heard yet"]
-    else:
-        shape, kind = (CONDITIONS[worst][0], CONDITIONS[worst][2]) if worst is not None else ("○", "soft")
+    parts += [text(finding.words, 60) for finding in headline.findings]
     share = view.explored_fraction
     if share is not None:
         parts.append(f"{100 * share:.0f} % explored")
@@ -51,7 +57,7 @@ def strip_html(view: TeamView, now_s: float) -> str:
         f'<div class="rb-sentence"><i class="rb-{kind}">{shape}</i>'
         f'<span data-testid="team">{" · ".join(parts)}</span></div>'
     )
-    return f'<div class="rb rb-strip">{_banners(view)}{sentence}{_alerts(view, now_s)}</div>'
+    return f'<div class="rb rb-strip">{_banners(view)}{sentence}{_alerts([*alerts_of(view, now_s), *troubles])}</div>'
 
 
 def summary_html(view: TeamView) -> str:
@@ -147,8 +153,7 @@ def _narrow_halt(view: TeamView) -> str:
     return f'<div class="rb-banner rb-narrow">{waits}<button data-rb="resume">Resume …</button></div>'
 
 
-def _alerts(view: TeamView, now_s: float) -> str:
-    alerts = alerts_of(view, now_s)
+def _alerts(alerts: Sequence[Alert]) -> str:
     lines = [
         f'<div class="rb-alert"><b class="rb-{alert.level}">{"▲" if alert.level is Level.BAD else "△"} '
         f"{text(alert.subject, 40)}</b><span>{text(alert.text)}</span></div>"
@@ -211,7 +216,8 @@ def _mote_row(mote: MoteView) -> str:
     supply = NONE if latest is None else f"{latest.voltage_v:.2f} V"
     number = mote_class(latest.voltage_v if latest is not None else None)
     return (
-        f'<tr class="rb-top"><td><span class="rb-{MOTE_KINDS[number]}">{MOTE_SHAPES[number]}</span> <b>{name}</b></td>'
+        f'<tr class="rb-top" data-rb="mote {name}" tabindex="0">'
+        f'<td><span class="rb-{MOTE_KINDS[number]}">{MOTE_SHAPES[number]}</span> <b>{name}</b></td>'
         f'<td data-testid="mote-{name}-reading" title="{readings}">{readings or NONE}</td>'
         f'<td class="rb-number" data-testid="mote-{name}-supply">{supply}</td>'
         f"<td>{text(latest.via, 40) if latest is not None else NONE}</td></tr>"

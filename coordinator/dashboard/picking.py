@@ -2,7 +2,7 @@
 
 import math
 
-from robrain.coordinator.dashboard.robot_view import RobotView
+from robrain.coordinator.dashboard.robot_view import MoteView, RobotView
 from robrain.coordinator.dashboard.team_view import TeamView
 from robrain.protocol.model.geometry import Point2D
 
@@ -33,3 +33,15 @@ def robot_near(view: TeamView, place: Point2D, camera_m: float) -> RobotView | N
         if robot.pose is not None and robot.pose.distance_m(place) <= reach_m
     ]
     return min(near, key=lambda found: found[0])[1] if near else None
+
+
+def mote_near(view: TeamView, place: Point2D, camera_m: float) -> MoteView | None:
+    """The nearest mote that may have been meant by a click at a place, seen from so far."""
+    reach_m = max(NEAR_M, NEAR_SHARE * camera_m)
+    near = [
+        (math.hypot(mote.place.x_m - place.x_m, mote.place.y_m - place.y_m), mote.name)
+        for mote in view.motes.values()
+        if mote.place is not None
+    ]
+    distance_m, name = min(near, default=(math.inf, ""))
+    return view.motes[name] if distance_m <= reach_m else None

@@ -20,6 +20,10 @@ STATES: dict[str, tuple[str, str]] = {
     "unloaded": ("✕", "soft"),
 }
 EVENTS = 12
+FAULTS = 5
+SHORT = 160
+WHY = 8000
+"""Characters of an error that are shown."""
 
 
 def robot_card_html(view: TeamView, robot: RobotView, now_s: float) -> str:
@@ -49,13 +53,14 @@ def robot_card_html(view: TeamView, robot: RobotView, now_s: float) -> str:
         tile("Speed", "card-speed", speed),
         tile("x, y (m)", f"robot-{name}-place", place),
         tile("Behavior", "card-behavior", text(state.behavior, 20) or NONE if state is not None else NONE),
-        tile("Known to", "card-sigma", f"± {sigma_m:.2f} m" if sigma_m == sigma_m else NONE),
+        tile("Position", "card-sigma", f"± {sigma_m:.2f} m" if sigma_m == sigma_m else NONE),
         tile("Power", "card-power", _power(robot)),
         tile("Heading", "card-heading", NONE if pose is None else f"{pose.yaw_rad * 57.29578:.0f}°"),
     ]
     return (
         f'<div class="rb">{title}<div class="rb-tiles">{"".join(tiles)}</div>'
-        f'<div class="rb-soft" style="padding-top: 4px; overflow-wrap: anywhere">{task_text(robot, view)}</div></div>'
+        f'<div class="rb-soft" style="padding-top: 4px; overflow-wrap: anywhere">{task_text(robot, view)}</div>'
+        f"{_faults_html(robot)}</div>"
     )
 
 
@@ -79,20 +84,22 @@ def plugin_card_html(plugin: PluginInfo | None) -> str:
     """The selected plugin in words."""
     if plugin is None:
         return '<div class="rb"><div class="rb-none">Click on a plugin.</div></div>'
+    is_long = "\n" in plugin.why or len(plugin.why) > SHORT
+    short = plugin.why.strip().rpartition("\n")[2] if is_long else plugin.why
     lines = [
-        ("Is", f"{plugin.state}{f': {plugin.why}' if plugin.why else ''}"),
-        ("Held by", plugin.holder or "nobody"),
-        ("Open to", ", ".join(plugin.visibility) or "nobody"),
-        ("Uses", ", ".join(plugin.requires) or "nothing"),
+        ("State", f"{plugin.state}{f': {short}' if short else ''}"),
+        ("Held by", plugin.holder or "none"),
+        ("Callable by", ", ".join(plugin.visibility) or "none"),
+        ("Requires", ", ".join(plugin.requires) or "none"),
         (
-            "Steps",
-            "none" if plugin.period_s is None else f"every {1000 * plugin.period_s:.0f} ms, {plugin.overruns} late",
+            "Period",
+            "none" if plugin.period_s is None else f"{1000 * plugin.period_s:.0f} ms, {plugin.overruns} overruns",
         ),
     ]
     if plugin.restarts:
-        lines.append(("Restarted", f"{plugin.restarts} times after faults"))
+        lines.append(("Restarts", f"{plugin.restarts} after faults"))
     if plugin.distribution:
-        lines.append(("Came with", plugin.distribution))
+        lines.append(("Package", plugin.distribution))
     rows = "".join(
         f'<tr><td style="width: 24%" class="rb-soft">{label}</td><td style="white-space: normal">{text(said)}</td></tr>'
         for label, said in lines
@@ -100,8 +107,15 @@ def plugin_card_html(plugin: PluginInfo | None) -> str:
     doc = text(plugin.doc.strip().partition("\n")[0])
     return (
         f'<div class="rb"><div data-testid="plugin-card"><b>{text(plugin.name)}</b> {doc}</div>'
-        f"<table>{rows}</table></div>"
+        f"<table>{rows}</table>{error_html(plugin.detail or plugin.why) if is_long or plugin.detail else ''}</div>"
     )
+
+
+def error_html(why: str) -> str:
+    """An error in full, with its traceback: each line as it came; of a very long one the end."""
+    said = why.strip()
+    said = said if len(said) <= WHY else "…" + said[-WHY:]
+    return f'<pre class="rb-bad" data-testid="plugin-why">{text(said, WHY + 1)}</pre>'
 
 
 def events_html(robot: RobotView) -> str:
@@ -120,7 +134,7 @@ def events_html(robot: RobotView) -> str:
 def result_html(function: str, reply: bytes, error: str) -> str:
     """What came of a call."""
     if error:
-        said = f"{text(function)}: {text(error, 2000)}"
+        said = f"{text(function)}: {text(error, WHY)}"
         return f'<div class="rb"><pre class="rb-bad" data-testid="call-result">✕ {said}</pre></div>'
     try:
         said = msgspec.json.format(reply, indent=2).decode()
@@ -144,6 +158,15 @@ def _chip(plugin: PluginInfo, selected: str) -> str:
         f'<span class="rb-chip{chosen}{closed}" data-rb="plugin {name}" tabindex="0" role="button" '
         f'title="{text(plugin.state, 20)} {text(plugin.why)}" data-testid="plugin-{name}">'
         f'<i class="rb-{kind}">{shape}</i> {name}{holder}</span>'
+    )
+
+
+def _faults_html(robot: RobotView) -> str:
+    faults = robot.state.faulted if robot.state is not None else []
+    return "".join(
+        f'<div class="rb-alert rb-bad" data-rb="plugin {text(fault.plugin)}" tabindex="0" role="button">'
+        f"<b>▲ {text(fault.plugin, 40)} does not run</b></div>{error_html(fault.why) if fault.why else ''}"
+        for fault in faults[:FAULTS]
     )
 
 

@@ -14,8 +14,7 @@ from robrain.coordinator.dashboard.meshes import Mesh
 from robrain.coordinator.dashboard.own_layer import OwnLayer
 from robrain.coordinator.dashboard.radio_links import (
     Link,
-    best_mote_links,
-    further_links,
+    links_in_focus,
     relay_lines,
     team_links,
 )
@@ -50,36 +49,34 @@ LOOKS = (LinkLook(GOOD, 0.05, 0.0), LinkLook(WARNING, 0.035, 0.3), LinkLook(BAD,
 
 
 class RadioLayer(Layer):
-    """Each mote's best link, the links that hold the team together, and thick lines from relays to whom they serve."""
+    """The links that hold the team together, and thick lines from relays to whom they serve."""
 
     name, label, period_s, shown_at_first = "radio", "Radio links", 1.0, True
 
     def __init__(self, scene: viser.SceneApi) -> None:
         super().__init__(scene)
-        self._motes = MergedMeshes(scene, self.node("motes"), OPACITY)
         self._team = MergedMeshes(scene, self.node("team"), OPACITY)
         self._relays = MergedMeshes(scene, self.node("relays"))
 
     def _draw(self, view: TeamView, now_s: float) -> None:
         widen = widen_for(view.map.size_m)
-        self._motes.show(link_meshes(best_mote_links(view), LINK_Z_M, widen))
         self._team.show(link_meshes(team_links(view, now_s), TEAM_Z_M, widen, TEAM_WIDER))
         lines = [strips(dashed([start, end], 0.0, LINK_Z_M, 1), RELAY_M * widen) for start, end in relay_lines(view)]
         self._relays.show(by_color((RELAY, line) for line in lines))
 
 
-class SelectedRadioLayer(OwnLayer):
-    """What else the selected robot hears; shown with the radio links of all."""
+class FocusRadioLayer(OwnLayer):
+    """All that the selected robot hears, and the best link of each mote in focus; shown with the radio links of all."""
 
-    name, label, period_s = "selected_radio", "Radio links of the selected robot", 1.0
+    name, label, period_s = "focus_radio", "Radio links of motes", 1.0
 
     def __init__(self, scene: viser.SceneApi) -> None:
         super().__init__(scene)
-        self._links = MergedMeshes(scene, self.node("links"))
+        self._links = MergedMeshes(scene, self.node("links"), OPACITY)
 
     def _draw(self, view: TeamView, now_s: float) -> None:
-        links = further_links(view, self.selected, now_s)
-        self._links.show(link_meshes(links, TEAM_Z_M, widen_for(view.map.size_m)))
+        links = links_in_focus(view, self.focus, now_s)
+        self._links.show(link_meshes(links, LINK_Z_M, widen_for(view.map.size_m)))
 
 
 def link_look(rssi_dbm: float) -> LinkLook:

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import minimum_spanning_tree
 
+from robrain.coordinator.dashboard.focus import Focus, motes_in_focus
 from robrain.coordinator.dashboard.robot_view import Contact, MoteView, RobotView
 from robrain.coordinator.dashboard.team_view import TeamView
 from robrain.protocol.model.geometry import Point2D
@@ -25,10 +26,10 @@ class Link(NamedTuple):
     rssi_dbm: float
 
 
-def best_mote_links(view: TeamView) -> list[Link]:
-    """Each mote's best link; with all of them nothing else would be seen."""
+def best_links(view: TeamView, motes: Iterable[MoteView]) -> list[Link]:
+    """The best link of each of these motes; with all of them nothing else would be seen."""
     found = []
-    for mote in view.motes.values():
+    for mote in motes:
         link = best_link(mote)
         end = place_of_robot(view, link.via) if link is not None else None
         if link is not None and mote.place is not None and end is not None:
@@ -62,10 +63,21 @@ def links_of_robot(view: TeamView, name: str, now_s: float) -> list[Link]:
     return found
 
 
-def further_links(view: TeamView, name: str, now_s: float) -> list[Link]:
-    """What a robot hears beyond the links that are drawn for everybody."""
-    drawn = {frozenset((link.start, link.end)) for link in (*best_mote_links(view), *team_links(view, now_s))}
-    return [link for link in links_of_robot(view, name, now_s) if frozenset((link.start, link.end)) not in drawn]
+def links_in_focus(view: TeamView, focus: Focus, now_s: float) -> list[Link]:
+    """All that a robot hears that a person selected, and the best link of each mote zoomed at or selected, once each.
+
+    Those that are drawn for everybody are left out.
+    """
+    drawn = {frozenset((link.start, link.end)) for link in team_links(view, now_s)}
+    found: list[Link] = []
+    of_robot = links_of_robot(view, focus.robot, now_s) if focus.chosen else []
+    of_motes = best_links(view, motes_in_focus(view, focus._replace(chosen=False)))
+    for link in (*of_robot, *of_motes):
+        line = frozenset((link.start, link.end))
+        if line not in drawn:
+            drawn.add(line)
+            found.append(link)
+    return found
 
 
 def team_links(view: TeamView, now_s: float) -> list[Link]:

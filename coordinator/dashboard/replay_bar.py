@@ -13,7 +13,7 @@ WIDTH_PX = 560
 MARGIN_PX = 15
 WIDTH, HEIGHT = 540, 26
 PERIOD_S = 0.4
-PLAY = "▶ / ❚❚"
+PLAY, PAUSE = "▶ Play", "❚❚ Pause"
 STEPS: tuple[tuple[str, float], ...] = (("−10 s", -10.0), ("−1 s", -1.0), ("+1 s", 1.0), ("+10 s", 10.0))
 SHAPES = {"halt": ("■", "#d63a2a"), "fault": ("▲", "#e69f00"), "task": ("●", "#2fa37c")}
 
@@ -31,13 +31,15 @@ class ReplayBar:
         panel = gui.add_panel(order=0)
         duration_s = max(source.player.duration_s, 0.1)
         with panel.add_tab("Replay"):
-            self._marks = gui.add_html(marks_html(source.marks, duration_s, 0.0, playing=True))
+            self._marks = gui.add_html(marks_html(source.marks, duration_s, 0.0, playing=False))
             self._slider = gui.add_slider("Time (s)", 0.0, round(duration_s, 1), 0.1, 0.0)
-            steps = gui.add_button_group("Move", (PLAY, *(label for label, _ in STEPS)))
+            self._play = gui.add_button(PLAY, color="blue")
+            steps = gui.add_button_group("Move", tuple(label for label, _ in STEPS))
             self._speed = gui.add_dropdown("Speed", tuple(f"× {speed:g}" for speed in SPEEDS), initial_value="× 1")
         panel.float(x=MARGIN_PX, y=-MARGIN_PX, width=WIDTH_PX)
         panel.expand()
         self._slider.on_update(self._slid)
+        self._play.on_click(lambda _: source.toggle())
         steps.on_click(lambda event: self._move(event.target.value))
         self._speed.on_update(self._choose_speed)
         gui.add_command("Replay: play or pause", hotkey="space").on_trigger(lambda _: source.toggle())
@@ -58,16 +60,16 @@ class ReplayBar:
         if self._slider.value == self._shown_s and abs(self._shown_s - at_s) >= 0.05:
             set_value(self._slider, at_s)
             self._shown_s = self._slider.value
+        label = PAUSE if player.playing else PLAY
+        if self._play.label != label:
+            self._play.label, self._play.color = label, "gray" if player.playing else "blue"
         set_html(
             self._marks,
             marks_html(self._source.marks, max(player.duration_s, 0.1), player.position_s, playing=player.playing),
         )
 
     def _move(self, label: str) -> None:
-        if label == PLAY:
-            self._source.toggle()
-        else:
-            self._source.skip(dict(STEPS)[label])
+        self._source.skip(dict(STEPS)[label])
 
     def _slid(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:  # a slider that is set in code tells of it as well

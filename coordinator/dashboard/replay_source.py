@@ -39,7 +39,6 @@ class ReplaySource:
         self._heard_s: float | None = None
         self._messages = 0
         self._go_to(0.0, time.monotonic())
-        self.player.play()
 
     @property
     def marks(self) -> list[Mark]:

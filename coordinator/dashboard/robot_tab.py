@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from robrain.coordinator.dashboard.page import ClientPage
 
 NO_ROBOT = "(none)"
+NO_PLUGIN, NO_FUNCTION = "(select a plugin)", "(none)"
 CHART_PERIOD_S = 2.0
 CALL_TIMEOUT_S = 15.0
 
@@ -43,9 +44,21 @@ class RobotTab:
         self._choice = gui.add_dropdown("Robot", (NO_ROBOT,))
         self._choice.on_update(self._chosen)
         self._card = gui.add_html('<div class="rb rb-none">No robot has been heard yet.</div>')
-        with gui.add_folder("Charts", expand_by_default=False):
-            self._charts = RobotCharts(gui)
         live = page.context.is_live
+        with gui.add_folder("Drive by hand", expand_by_default=False, visible=live):
+            self.drive = HandDrive(page)
+        self._call_folder = gui.add_folder("Call a function", visible=live)
+        with self._call_folder:
+            self._callable = gui.add_dropdown("Plugin", (NO_PLUGIN,))
+            self._callable.on_update(self._chosen_plugin)
+            self._functions = gui.add_dropdown("Function", (NO_FUNCTION,))
+            self._functions.on_update(lambda event: page.post(lambda: self._choose_function(event.target.value)))
+            self._doc = gui.add_html("")
+            self._slot = gui.add_folder("Arguments", visible=False)
+            self._form = FormPanel(gui, self._make_form_folder)
+            self._call = gui.add_button("Call", color="blue", disabled=True)
+            self._call.on_click(lambda _: page.post(self._call_function))
+            self._result = gui.add_html("")
         self._plugin_folder = gui.add_folder("Plugins", visible=live)
         with self._plugin_folder:
             self._plugins = gui.add_html(plugins_html([], "", ""))
@@ -55,18 +68,8 @@ class RobotTab:
             self._to_load = gui.add_text("Name or path", "", hint="A plugin's name, or a folder on the robot's machine")
             load = gui.add_button("Load")
             load.on_click(lambda _: page.post(lambda: self._host("load", self._to_load.value.strip())))
-        self._call_folder = gui.add_folder("Call a function", visible=live)
-        with self._call_folder:
-            self._functions = gui.add_dropdown("Function", ("(select a plugin)",))
-            self._functions.on_update(lambda event: page.post(lambda: self._choose_function(event.target.value)))
-            self._doc = gui.add_html("")
-            self._slot = gui.add_folder("Arguments", visible=False)
-            self._form = FormPanel(gui, self._make_form_folder)
-            self._call = gui.add_button("Call", color="blue", disabled=True)
-            self._call.on_click(lambda _: page.post(self._call_function))
-            self._result = gui.add_html("")
-        with gui.add_folder("Drive by hand", expand_by_default=False, visible=live):
-            self.drive = HandDrive(page)
+        with gui.add_folder("Charts", expand_by_default=False):
+            self._charts = RobotCharts(gui)
         with gui.add_folder("Events", expand_by_default=False):
             self._events = gui.add_html("")
 
@@ -111,8 +114,19 @@ class RobotTab:
             set_options(self._functions, names, names[0])
             self._choose_function(names[0])
         else:
-            set_options(self._functions, ("(it has none)",), "(it has none)")
+            set_options(self._functions, (NO_FUNCTION,), NO_FUNCTION)
             self._choose_function("")
+
+    def _offer_plugins(self, plugins: list[PluginInfo]) -> None:
+        """Have the selected plugin, or those that have functions, in the list above the functions."""
+        names = [plugin.name for plugin in plugins if plugin.functions or plugin.name == self._plugin]
+        chosen = self._plugin if self._plugin in names else NO_PLUGIN
+        set_options(self._callable, (NO_PLUGIN, *sorted(names)), chosen)
+
+    def _chosen_plugin(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:  # and not our own setting of it
+            name = event.target.value
+            self._page.post(lambda: self.select_plugin("" if name == NO_PLUGIN else name))
 
     def _draw_plugins(self, known: PluginsOf) -> None:
         state = (known.plugins, self._plugin, known.problem)
@@ -126,6 +140,7 @@ class RobotTab:
         ):  # it has been unloaded, or this robot has none such
             self._plugin = ""
             self._offer_functions()
+        self._offer_plugins(known.plugins)
 
     def _found(self) -> PluginInfo | None:
         known = self._page.context.plugins_of(self._page.selected)

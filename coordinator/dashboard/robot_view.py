@@ -51,6 +51,8 @@ class RobotView:
     """Whether its liveliness token stands; None when it never had one."""
     heard_s: float | None = None
     """When its state last came, on the caller's clock."""
+    first_s: float | None = None
+    """When it first came."""
     state: RobotState | None = None
     summary: RobotSummary | None = None
     truth: RobotTruth | None = None
@@ -111,6 +113,8 @@ class RobotView:
     def take_state(self, state: RobotState, now_s: float) -> None:
         """Take in its state."""
         self.state, self.heard_s = state, now_s
+        if self.first_s is None:
+            self.first_s = now_s
         pose = state.pose
         if pose is not None:
             self.poses.append((state.stamp_ns, pose))

@@ -1,5 +1,6 @@
 """The picture: all layers, and the camera that frames them."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ from robrain.coordinator.dashboard.radio_layer import RadioLayer
 from robrain.coordinator.dashboard.robot_layers import NameLayer, RobotLayer, TruthLayer
 from robrain.coordinator.dashboard.team_view import TeamView
 from robrain.coordinator.dashboard.track_layers import PathLayer, TrailLayer
+from robrain.protocol.model.geometry import Point2D
 
 LAYERS: tuple[type[Layer], ...] = (
     FloorLayer,
@@ -50,15 +52,20 @@ COVERED_UPRIGHT = 0.58
 UPRIGHT = 0.75
 """A picture narrower than this by its height is a phone's, on which the panel lies at the bottom."""
 SAME_ASPECT = 0.03
+ZOOMED = 0.65
+"""A camera that is nearer than this share of the overview's distance has zoomed in."""
 SAME_PLACE_M = 0.01
 
 
 class Framed(NamedTuple):
     """How the map was framed for a browser."""
 
+    bounds: Bounds
     aspect: float
     elevation_rad: float
     position: tuple[float, float, float]
+    distance_m: float
+    """From the camera to what it looks at."""
 
 
 class Scene:
@@ -93,8 +100,6 @@ class Scene:
         if bounds != self._bounds:
             self._bounds = bounds
             self._set_initial_camera()
-            for client in self._server.get_clients().values():
-                self.show_overview(client)
 
     def show_overview(self, client: viser.ClientHandle) -> None:
         """Move one browser's camera to where the whole map is seen from the side and above."""
@@ -105,22 +110,38 @@ class Scene:
         self._move(client, TOP_ELEVATION_RAD)
 
     def keep_framed(self, client: viser.ClientHandle) -> None:
-        """Frame the map anew in a browser whose picture has changed its shape, unless somebody has moved the camera."""
+        """Frame another map, and the same map if the picture changed its shape and nobody moved the camera."""
         framed = self._framed.get(client.client_id)
-        if framed is None or abs(client.camera.aspect - framed.aspect) <= SAME_ASPECT * framed.aspect:
+        if framed is None:
             return
-        if np.linalg.norm(client.camera.position - np.array(framed.position)) < SAME_PLACE_M:
+        if framed.bounds != self._bounds:
+            self.show_overview(client)
+        elif (
+            abs(aspect_of(client) - framed.aspect) > SAME_ASPECT * framed.aspect
+            and np.linalg.norm(client.camera.position - np.array(framed.position)) < SAME_PLACE_M
+        ):
             self._move(client, framed.elevation_rad)
+
+    def looked_at(self, client: viser.ClientHandle) -> tuple[Point2D | None, float]:
+        """What a browser that has zoomed in looks at, and how far around that it sees, metres; None if it has not."""
+        framed = self._framed.get(client.client_id)
+        position, look_at = client.camera.position, client.camera.look_at
+        distance_m = float(np.linalg.norm(position - look_at))
+        if framed is None or not distance_m < ZOOMED * framed.distance_m or not np.isfinite(look_at).all():
+            return None, 0.0
+        return Point2D(float(look_at[0]), float(look_at[1])), distance_m
 
     def forget(self, client_id: int) -> None:
         """A browser has gone."""
         self._framed.pop(client_id, None)
 
     def _move(self, client: viser.ClientHandle, elevation_rad: float) -> None:
-        aspect = client.camera.aspect
+        aspect = aspect_of(client)
         covered = COVERED_UPRIGHT if aspect < UPRIGHT else COVERED
         stand = stand_to_see(self._bounds, elevation_rad, aspect, covered=covered)
-        self._framed[client.client_id] = Framed(aspect, elevation_rad, stand.position)
+        self._framed[client.client_id] = Framed(
+            self._bounds, aspect, elevation_rad, stand.position, math.dist(stand.position, stand.look_at)
+        )
         with client.atomic():
             client.camera.fov = FOV_RAD
             client.camera.position = stand.position
@@ -131,3 +152,9 @@ class Scene:
         stand = stand_to_see(self._bounds, OVERVIEW_ELEVATION_RAD, EXPECTED_ASPECT, covered=COVERED)
         self._server.initial_camera.position = stand.position
         self._server.initial_camera.look_at = stand.look_at
+
+
+def aspect_of(client: viser.ClientHandle) -> float:
+    """Width of a browser's picture by its height; what is expected where the browser tells none, as when minimised."""
+    width, height = client.camera.image_width, client.camera.image_height
+    return width / height if width > 0 and height > 0 else EXPECTED_ASPECT

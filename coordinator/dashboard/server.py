@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import rich
 import viser
 
+from robrain.coordinator.dashboard.loop_event import wake_on_own_thread
 from robrain.coordinator.dashboard.page_guard import PageGuard
 from robrain.coordinator.dashboard.page_head import page_head
 from robrain.protocol.wire.errors import PortTaken, WireError
@@ -25,8 +26,10 @@ class LocalServer(viser.ViserServer):
         return None
 
 
-def open_server(host: str, port: int) -> LocalServer:
+def open_server(host: str, port: int, *, has_halt: bool = True) -> LocalServer:
     """A server listening at `host`; port 0 takes a free one, `get_port()` tells which.
+
+    Its page has the button of the emergency halt if `has_halt`.
 
     Raises:
         PortTaken: another process listens on that port.
@@ -35,7 +38,7 @@ def open_server(host: str, port: int) -> LocalServer:
     _check_free(host, port)
     # A browser may go between the moment it was seen to be there and the message to it: that is nobody's mistake.
     warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
-    guard = PageGuard(host, page_head())
+    guard = PageGuard(host, page_head(has_halt=has_halt))
     with quiet(), guard.installed():
         server = LocalServer(host=host, port=port, label="robrain", verbose=False)
     if not guard.is_installed:
@@ -45,6 +48,7 @@ def open_server(host: str, port: int) -> LocalServer:
     if port not in (0, server.get_port()):
         close_server(server)
         raise _port_taken(host, port)
+    wake_on_own_thread(server)
     server.scene.configure_environment_map(hdri=None)
     server.scene.configure_default_lights(cast_shadow=False)
     server.scene.add_light_ambient("/ambient", intensity=AMBIENT)

@@ -14,13 +14,15 @@ OPEN_ROWS = 60
 ENDED_ROWS = 15
 
 
-def queue_html(view: TeamView, *, is_live: bool) -> str:
-    """Open tasks, then those that ended last."""
+def queue_html(view: TeamView, *, is_live: bool, done: int = 0) -> str:
+    """Open tasks, then those that ended last; `done` is how many the team says to have done."""
     open_tasks = list(view.tasks.values())[-OPEN_ROWS:][::-1]
     open_tasks.sort(key=lambda event: (kind_of(event.task) == "explore", event.state is not TaskState.RUNNING))
     ended = [event for event in list(view.board.ended)[::-1] if kind_of(event.task) != "explore"][:ENDED_ROWS]
     if not open_tasks and not ended:
-        return '<div class="rb"><div class="rb-none" data-testid="no-tasks">No task has been heard of yet.</div></div>'
+        said = "No open tasks. The finished ones are not listed: explorations, or done before this page was started."
+        none = said if done else "No tasks yet."
+        return f'<div class="rb"><div class="rb-none" data-testid="no-tasks">{none}</div></div>'
     head = (
         '<tr><th style="width: 31%">Task</th><th style="width: 27%">State</th><th style="width: 14%">Robot</th>'
         '<th style="width: 28%"></th></tr>'

@@ -12,6 +12,7 @@ from robrain.coordinator.dashboard.function_form import Field, fields_of
 from robrain.coordinator.dashboard.gantt_html import gantt_html
 from robrain.coordinator.dashboard.gui_values import set_html, set_value
 from robrain.coordinator.dashboard.page_context import BY
+from robrain.coordinator.dashboard.page_head import CLOSE_MARK
 from robrain.coordinator.dashboard.task_html import queue_html, why_html
 from robrain.coordinator.dashboard.words import text
 from robrain.protocol.model.geometry import Point2D
@@ -29,6 +30,9 @@ HIDDEN = {"id", "type", "earliest_ns", "deadline_ns", "needs", "after", "robots"
 """Fields of tasks that the form does not have: it makes the id itself, and scripts have the rest."""
 DEADLINE = "deadline_in_s"
 GANTT_PERIOD_S = 1.0
+BELOW_THE_FORM = 1e9
+"""The form is made anew with each kind, and would come after the button."""
+BY_CLICK, BY_CLICK_WAITS = "Click on the map to add a task", "Now click on the map (or here to cancel)"
 
 
 class TaskTab:
@@ -44,15 +48,16 @@ class TaskTab:
         live = page.context.is_live
         self._summary = gui.add_html("")
         with gui.add_folder("Add a task", visible=live):
+            self._by_click = gui.add_button(BY_CLICK, color="blue")
+            self._by_click.on_click(lambda _: page.post(lambda: self._want_place(not self.wants_place)))
             self._kind = gui.add_dropdown("Kind", tuple(KINDS))
             self._kind.on_update(lambda event: page.post(lambda: self._choose(event.target.value)))
-            self._slot = gui.add_folder("What and where")
-            self._form = FormPanel(gui, self._make_form)
-            self._by_click = gui.add_button("Add by a click on the map", color="blue")
-            self._by_click.on_click(lambda _: page.post(lambda: self._want_place(not self.wants_place)))
-            add = gui.add_button("Add task")
-            add.on_click(lambda _: page.post(self._add))
             self._told = gui.add_html("")
+            self._slot = gui.add_folder("Coordinates and options", expand_by_default=False)
+            self._form = FormPanel(gui, self._make_form)
+            with self._slot:
+                add = gui.add_button("Add task at these coordinates", color="gray", order=BELOW_THE_FORM)
+            add.on_click(lambda _: page.post(self._add))
         with gui.add_folder("Queue"):
             self._queue = gui.add_html("")
         with gui.add_folder("Plan"):
@@ -73,7 +78,7 @@ class TaskTab:
             f'<div class="rb rb-strip" data-testid="task-summary">{len(view.tasks)} open, {waiting} of them without a '
             f"robot; {done} done</div>",
         )
-        set_html(self._queue, queue_html(view, is_live=context.is_live))
+        set_html(self._queue, queue_html(view, is_live=context.is_live, done=done))
         if self._drawn_s is None or now_s - self._drawn_s >= GANTT_PERIOD_S:
             self._drawn_s = now_s
             set_html(self._gantt, gantt_html(view))
@@ -90,7 +95,7 @@ class TaskTab:
 
     def _want_place(self, wants: bool) -> None:
         self.wants_place = wants
-        self._by_click.label = "Click on the map now, or here to cancel" if wants else "Add by a click on the map"
+        self._by_click.label = BY_CLICK_WAITS if wants else BY_CLICK
         self._by_click.color = "orange" if wants else "blue"
 
     def _make_form(self) -> viser.GuiFolderHandle:
@@ -145,9 +150,10 @@ class TaskTab:
             except ValueError as error:
                 html = f'<div class="rb rb-bad">{text(str(error), 400)}</div>'
             gui = self._page.client.gui
-            modal = gui.add_modal(f"Why is it so: {task[:40]}")
+            modal = gui.add_modal(f"Why: {task[:40]}")
             with modal:
                 gui.add_html(html)
+                gui.add_html(CLOSE_MARK)
                 gui.add_button("Close").on_click(lambda _: self._page.post(modal.close))
 
         self._page.context.ask(TASK_WHY, TaskRequest(id=task, by=BY), take)

@@ -95,8 +95,12 @@ class TeamView:
         """Robots that somebody who looks on has selected."""
         self.explored: list[tuple[float, float]] = []
         """Arena time in seconds and explored share, 0 to 1; over the whole run, ever coarser."""
+        self.team_heard_s: float | None = None
+        """When the coordinator's summary last came, on the caller's clock."""
         self.rejected = 0
         """Messages that decoded but made no sense."""
+        self.map_refused_s: float | None = None
+        """When a map patch last did not fit the map, on the caller's clock."""
         self.runs = 1
         """Runs seen: grows when the arena's clock starts over."""
         self._explored_step_s = HISTORY_STEP_S
@@ -121,6 +125,8 @@ class TeamView:
             take(received, now_s)
         except ValueError:
             self.rejected += 1
+            if received.topic is ROBOT_MAP:
+                self.map_refused_s = now_s
 
     def apply_presence(self, change: Change) -> bool:
         """Take in a robot's token that came or went; returns whether a robot has come."""
@@ -259,7 +265,7 @@ class TeamView:
         team: TeamState = received.message
         for frontier in team.frontiers:
             _check_place(frontier.place)
-        self.team = team
+        self.team, self.team_heard_s = team, now_s
         for summary in team.robots:
             self._robot(summary.name).summary = summary
 

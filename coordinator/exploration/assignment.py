@@ -51,6 +51,8 @@ class Choice(NamedTuple):
     cost_m: float
     way_m: float = math.nan
     """How far it is."""
+    is_narrow: bool = False
+    """The way there leads through places with less than the preferred clearance."""
 
 
 def assign_frontiers(
@@ -58,6 +60,7 @@ def assign_frontiers(
     candidates: Sequence[Candidate],
     seekers: Sequence[Seeker],
     taken: Sequence[Point2D],
+    shut: Sequence[tuple[float, float, float]] = (),
 ) -> list[Choice]:
     """Give each robot at most one frontier and each frontier at most one robot.
 
@@ -66,6 +69,7 @@ def assign_frontiers(
         candidates: frontiers.
         seekers: robots without a goal.
         taken: goals of the other robots.
+        shut: circles (x, y, radius in metres) whose narrow places no robot gets through.
 
     Returns:
         The choices, by robot; robots that can reach none are left out.
@@ -73,18 +77,46 @@ def assign_frontiers(
     """
     if not candidates or not seekers:
         return []
+    ways_m = ways_to(navigation, candidates, seekers, shut)
+    return assign(ways_m, candidates, seekers, taken, is_narrow=navigation.preferred_m > navigation.needed_m)
+
+
+def ways_to(
+    navigation: "NavigationGrid",
+    candidates: Sequence[Candidate],
+    seekers: Sequence[Seeker],
+    shut: Sequence[tuple[float, float, float]] = (),
+) -> NDArray[np.float64]:
+    """Cost of the way of each robot to each frontier (robots, frontiers), metres on open floor; inf without one."""
+    cells = [navigation.snap(candidate.place, SNAP_M) for candidate in candidates]
+    reachable = [(index, cell) for index, cell in enumerate(cells) if cell is not None]
+    ways_m = np.full((len(seekers), len(candidates)), np.inf)
+    for row, seeker in enumerate(seekers):
+        found_m = navigation.ways_m(seeker.place, [cell for _, cell in reachable], snap_m=SNAP_M, shut=shut)
+        for (column, _), way_m in zip(reachable, found_m, strict=True):
+            ways_m[row, column] = way_m
+    return ways_m
+
+
+def assign(
+    ways_m: NDArray[np.float64],
+    candidates: Sequence[Candidate],
+    seekers: Sequence[Seeker],
+    taken: Sequence[Point2D],
+    *,
+    is_narrow: bool = False,
+) -> list[Choice]:
+    """As `assign_frontiers`, by ways (robots, frontiers) that are known."""
     # Here: it takes a third of a second, and a coordinator is to be up before.
     from scipy.optimize import linear_sum_assignment
 
-    cells = [navigation.snap(candidate.place, SNAP_M) for candidate in candidates]
-    reachable = [(index, cell) for index, cell in enumerate(cells) if cell is not None]
     worth_m = np.array([GAIN_M_PER_M * min(candidate.length_m, GAIN_LIMIT_M) for candidate in candidates])
     crowd_m = _crowding_m(candidates, taken)
-    costs = np.full((len(seekers), len(candidates)), UNREACHABLE)
+    costs = np.full(ways_m.shape, UNREACHABLE)
     for row, seeker in enumerate(seekers):
-        ways_m = navigation.ways_m(seeker.place, [cell for _, cell in reachable], snap_m=SNAP_M)
-        for (column, _), way_m in zip(reachable, ways_m, strict=True):
-            if math.isfinite(way_m) and not _near_any(candidates[column].place, seeker.shunned, SHUN_RADIUS_M):
+        for column, candidate in enumerate(candidates):
+            way_m = ways_m[row, column]
+            if math.isfinite(way_m) and not is_shunned(candidate, seeker):
                 costs[row, column] = way_m - worth_m[column] + crowd_m[column]
     rows, columns = linear_sum_assignment(costs)
     return [
@@ -93,10 +125,16 @@ def assign_frontiers(
             candidates[column].place,
             float(costs[row, column]),
             float(costs[row, column] + worth_m[column] - crowd_m[column]),
+            is_narrow,
         )
         for row, column in zip(rows.tolist(), columns.tolist(), strict=True)
         if costs[row, column] < UNREACHABLE
     ]
+
+
+def is_shunned(candidate: Candidate, seeker: Seeker) -> bool:
+    """Whether a robot is not to be sent to a frontier now."""
+    return _near_any(candidate.place, seeker.shunned, SHUN_RADIUS_M)
 
 
 def _crowding_m(candidates: Sequence[Candidate], taken: Sequence[Point2D]) -> NDArray[np.float64]:

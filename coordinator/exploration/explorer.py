@@ -1,20 +1,43 @@
 """The explorer: finds the frontiers of the team's map and hands each idle robot its own."""
 
+import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robrain.coordinator.exploration.assignment import Candidate, Choice, Seeker, assign_frontiers
+from robrain.coordinator.exploration.assignment import (
+    Candidate,
+    Choice,
+    Seeker,
+    assign,
+    assign_frontiers,
+    is_shunned,
+    ways_to,
+)
+from robrain.coordinator.exploration.narrow_ways import NarrowWays
 from robrain.coordinator.roster import Robot
 from robrain.coordinator.team_map import TeamMap
+from robrain.protocol.model.clearance import PREFERRED_MARGIN_M, least_gap_m
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.idle_reasons import (
+    IdleReason,
+    NothingUnknown,
+    NoWay,
+    OthersExplore,
+    PlaceUnknown,
+    TooNarrow,
+    TriedInVain,
+)
 
 if TYPE_CHECKING:
     from robrain.protocol.model.navigation import NavigationGrid
     from robrain.protocol.model.occupancy_grid import OccupancyGrid
 
-MARGIN_M = 0.08
+NARROW_LOOK_NS = to_ns(2.0)
+"""How often narrow ways are looked for, for robots that have nothing to do otherwise: that takes some milliseconds."""
+GAP_M = (0.0, 10.0)
+"""A gap's width that a robot tells is between these."""
 SHUN_NS = to_ns(15.0)
 LOOK_M = 0.6
 """Robots call a frontier done by what is unknown within 0.5 m of it, and its edge."""
@@ -40,13 +63,29 @@ class Explorer:
         """What was last asked with nothing found: the same question has the same answer."""
         self._visited: dict[Point2D, int] = {}
         """What was unknown around each frontier when a robot had been there, in cells."""
+        self.idle: dict[str, IdleReason] = {}
+        """Why robots were given nothing when they were last looked at."""
+        self._narrow = NarrowWays()
+        self._narrow_due_ns = 0
+        self._narrow_goals: set[Point2D] = set()
+        """To which robots were sent by narrow ways."""
 
     def note_failure(self, robot: str, place: Point2D, now_ns: int) -> None:
         """A robot could not get to a place: others may, it shuns the place for a while."""
         self._failures.append(_Failure(robot, place, now_ns + SHUN_NS))
+        if place in self._narrow_goals:
+            self._narrow_goals.remove(place)
+            self._narrow.note_failure(place)
+
+    def note_gap(self, place: Point2D, gap_m: object, now_ns: int) -> None:
+        """A robot stands at a place before a gap of this width, and does not fit through."""
+        if isinstance(gap_m, float | int) and GAP_M[0] < gap_m < GAP_M[1]:
+            self._narrow.note_gap(place, float(gap_m), now_ns + SHUN_NS)
+            self._vain = None
 
     def note_visit(self, place: Point2D) -> None:
         """A robot has been at a place: what it has not seen of the unknown there, nobody will, as the map stands."""
+        self._narrow_goals.discard(place)
         grid = self._map.grid
         if grid is not None:
             self._visited = {place: cells for place, cells in self._visited.items() if self._is_spent(place)}
@@ -68,7 +107,8 @@ class Explorer:
 
         """
         self._failures = [failure for failure in self._failures if failure.until_ns > now_ns]
-        needed_m = MARGIN_M + max((robot.state.radius_m for robot in idle if robot.state is not None), default=0.0)
+        radius_m = max((robot.state.radius_m for robot in idle if robot.state is not None), default=0.0)
+        needed_m = PREFERRED_MARGIN_M + radius_m
         seekers = [
             Seeker(robot.name, Point2D(robot.state.pose.x_m, robot.state.pose.y_m), self._shunned(robot.name))
             for robot in idle
@@ -77,13 +117,64 @@ class Explorer:
         question = (self._map.version, needed_m, seekers, taken)
         if question == self._vain:
             return []
+        self.idle = {name: why for name, why in self.idle.items() if any(name == seeker.name for seeker in seekers)}
+        self.idle |= {robot.name: PlaceUnknown() for robot in idle if robot.state is None or robot.state.pose is None}
         navigation = self._look(needed_m)
         if navigation is None:
             return []
         candidates = [candidate for candidate in self.candidates if not self._is_spent(candidate.place)]
         choices = assign_frontiers(navigation, candidates, seekers, taken)
-        self._vain = None if choices else question
+        chosen = {choice.robot for choice in choices}
+        left = [seeker for seeker in seekers if seeker.name not in chosen]
+        is_narrow_due = bool(left) and now_ns >= self._narrow_due_ns
+        if is_narrow_due:
+            self._narrow_due_ns = now_ns + NARROW_LOOK_NS
+            places = [choice.place for choice in choices]
+            choices += self._squeeze(candidates, left, [*taken, *places], radius_m, now_ns)
+        for choice in choices:
+            self.idle.pop(choice.robot, None)
+        self._vain = None if choices or not is_narrow_due else question
         return choices
+
+    def _squeeze(
+        self, candidates: list[Candidate], seekers: list[Seeker], taken: list[Point2D], radius_m: float, now_ns: int
+    ) -> list[Choice]:
+        """Goals by narrow ways for robots that have none otherwise; and why those have none that get none so."""
+        grid = self._map.grid
+        if grid is None or not candidates:
+            self.idle |= {seeker.name: NothingUnknown() for seeker in seekers}
+            return []
+        navigation = self._narrow.look(grid, radius_m, PREFERRED_MARGIN_M + radius_m)
+        shut = self._narrow.shut(now_ns)
+        ways_m = ways_to(navigation, candidates, seekers, shut)
+        free = [
+            index
+            for index, candidate in enumerate(candidates)
+            if candidate.place not in taken and not self._narrow.is_given_up(candidate.place)
+        ]
+        choices = assign(ways_m[:, free], [candidates[index] for index in free], seekers, taken, is_narrow=True)
+        self._narrow_goals |= {choice.place for choice in choices}
+        for row, seeker in enumerate(seekers):
+            within = [candidate for way_m, candidate in zip(ways_m[row], candidates, strict=True) if way_m < math.inf]
+            self.idle[seeker.name] = self._why_idle(seeker, candidates, within, radius_m)
+        return choices
+
+    def _why_idle(
+        self, seeker: Seeker, candidates: list[Candidate], within: list[Candidate], radius_m: float
+    ) -> IdleReason:
+        """Why a robot has nothing to explore, given the frontiers to which there is some way for it."""
+        tried = [one for one in within if is_shunned(one, seeker) or self._narrow.is_given_up(one.place)]
+        if len(tried) < len(within):
+            return OthersExplore(frontiers=len(within) - len(tried))
+        needed_m = round(least_gap_m(radius_m), 3)
+        if self._narrow.gaps:
+            gap = min(self._narrow.gaps, key=lambda gap: _apart_m(gap.place, seeker.place))
+            return TooNarrow(
+                frontiers=len(tried or candidates), needed_m=needed_m, gap_m=round(gap.gap_m, 3), place=gap.place
+            )
+        if tried:
+            return TriedInVain(frontiers=len(tried))
+        return NoWay(frontiers=len(candidates), needed_m=needed_m)
 
     def _look(self, needed_m: float) -> "NavigationGrid | None":
         grid = self._map.grid
@@ -122,3 +213,7 @@ def _unknown_around(grid: "OccupancyGrid", place: Point2D) -> int:
     reach = round(LOOK_M / grid.geometry.resolution_m)
     box = np.s_[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
     return int(np.count_nonzero(grid.log_odds[box] == 0))
+
+
+def _apart_m(one: Point2D, other: Point2D) -> float:
+    return math.hypot(one.x_m - other.x_m, one.y_m - other.y_m)

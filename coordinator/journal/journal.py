@@ -18,6 +18,7 @@ from pathlib import Path
 import msgspec
 
 from robrain.coordinator.journal.errors import JournalError, JournalLocked, JournalUnwritable
+from robrain.coordinator.journal.mending import read_record
 from robrain.coordinator.journal.salvage import (
     CHANGE_COLUMNS,
     TASK_COLUMNS,
@@ -58,6 +59,8 @@ class Journal:
 
     def __init__(self, path: Path | None = None, *, factory: type[sqlite3.Connection] = sqlite3.Connection) -> None:
         self.path = path
+        self.wrong: dict[str, str] = {}
+        """Open tasks that could be read only in part, and why: they cannot be done as they were asked for."""
         self.told: list[str] = []
         """What there is to tell of the opening: a damaged file, and what of it was read."""
         self._factory = factory
@@ -197,10 +200,14 @@ class Journal:
         records = []
         for (text,) in self._db.execute(statement, values):
             try:
-                records.append(msgspec.json.decode(text, type=TaskRecord))
+                record, wrong = read_record(text)
             except (msgspec.DecodeError, UnicodeDecodeError) as error:
                 logger.warning("%s: a task in it cannot be read and is left as it is: %s: %.200s",
                                self.path, error, text)  # fmt: skip
+                continue
+            if wrong and not record.state.ended:
+                self.wrong[record.task.id] = wrong
+            records.append(record)
         return records
 
     # -- within ---------------------------------------------------------------------------------------------

@@ -9,13 +9,11 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.question import Question, pack_ways
 from robrain.coordinator.planning.situation import ChargerWays, Member, Situation, service_s, urgency
 from robrain.coordinator.planning.ways import Ways
+from robrain.protocol.model.clearance import PREFERRED_MARGIN_M
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import TaskState, place_of
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.task_messages import TaskRecord
-
-MARGIN_M = 0.08
-"""Beyond a robot's radius, as the robots plan."""
 
 
 class Asked(NamedTuple):
@@ -99,8 +97,13 @@ def leave(task_id: str) -> str:
 
 
 def needed_m(situation: Situation) -> float:
-    """The clearance that the greatest robot needs."""
-    return MARGIN_M + max((member.state.radius_m for member in situation.members.values()), default=0.0)
+    """The clearance that the greatest robot prefers."""
+    return PREFERRED_MARGIN_M + greatest_radius_m(situation)
+
+
+def greatest_radius_m(situation: Situation) -> float:
+    """The radius of the greatest robot."""
+    return max((member.state.radius_m for member in situation.members.values()), default=0.0)
 
 
 def _chosen(situation: Situation, policy: PlanningPolicy) -> tuple[list[TaskRecord], dict[str, str]]:

@@ -1,14 +1,21 @@
 """From a situation to a plan: the auction's first, then better ones as long as somebody asks for more."""
 
+import logging
 from collections.abc import Iterator
 
-from robrain.coordinator.planning.asking import Asked, ask, needed_m
+import msgspec
+
+from robrain.coordinator.planning.asking import Asked, ask, greatest_radius_m, needed_m
 from robrain.coordinator.planning.planned import Planned, planned
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.situation import Situation
 from robrain.coordinator.planning.thinking import Thinking
 from robrain.coordinator.planning.ways import Ways
+from robrain.protocol.model.clearance import mapped_clearance_m
+from robrain.protocol.model.ranges import cut
 from robrain.protocol.wire.plan_messages import PlanProblem
+
+logger = logging.getLogger(__name__)
 
 
 class Drafting:
@@ -18,12 +25,42 @@ class Drafting:
         self._ways: Ways | None = None
 
     def draft(self, situation: Situation, policy: PlanningPolicy) -> "Draft":
-        """A plan in the making."""
+        """A plan in the making; tasks for which none can be made are set aside, each with its reason.
+
+        Raises what it raised if none is to be had without any one of them.
+        """
+        try:
+            return self._draft(situation, policy)
+        except Exception:
+            # A solver and figures from outside: whatever it is, one task must not keep all others from being planned.
+            logger.exception("no plan %d can be made; looking for the tasks that prevent it", situation.number)
+            wrong = self._find_wrong(situation, policy)
+            if not wrong:
+                raise
+        sound = tuple(record for record in situation.records if record.task.id not in wrong)
+        draft = self._draft(msgspec.structs.replace(situation, records=sound), policy)
+        draft.asked.waiting.update(wrong)
+        return draft
+
+    def _find_wrong(self, situation: Situation, policy: PlanningPolicy) -> dict[str, str]:
+        wrong = {}
+        for record in situation.records:
+            alone = msgspec.structs.replace(situation, records=(record,), orders={})
+            try:
+                self._draft(alone, policy)
+            except Exception as error:
+                logger.exception("task %s cannot be planned", record.task.id)
+                wrong[record.task.id] = cut(f"it cannot be planned: {type(error).__name__}: {error}")
+        return wrong
+
+    def _draft(self, situation: Situation, policy: PlanningPolicy) -> "Draft":
         needed = needed_m(situation)
         version = 0 if situation.floor is None else situation.floor.version
         ways = self._ways
         if ways is None or (ways.version, ways.needed_m, ways.unknown_cost) != (version, needed, policy.unknown_cost):
-            ways = self._ways = Ways(situation.floor, needed, policy.unknown_cost)
+            floor, radius_m = situation.floor, greatest_radius_m(situation)
+            narrow_m = None if floor is None else mapped_clearance_m(radius_m, floor.geometry.resolution_m)
+            ways = self._ways = Ways(floor, needed, policy.unknown_cost, narrow_m)
         return Draft(situation, policy, ask(situation, ways, policy))
 
 
@@ -33,7 +70,7 @@ class Draft:
     def __init__(self, situation: Situation, policy: PlanningPolicy, asked: Asked) -> None:
         self._situation = situation
         self._policy = policy
-        self._asked = asked
+        self.asked = asked
         self._problem = asked.question.problem()
         visits = sum(job.robots for job in self._problem.jobs if not job.pinned_to)
         self._iterations = policy.iterations_for(visits)
@@ -64,9 +101,9 @@ class Draft:
             rounds=self.thinking.rounds,
             iterations=self._iterations,
             gain_min=policy.gain_min,
-            question=self._asked.question.encode(),
+            question=self.asked.question.encode(),
             warm_start=tuple(situation.orders.items()),
             routes=tuple((route.worker, route.jobs) for route in plan.routes if route.stops),
             cause=situation.cause,
         )
-        return planned(situation, self._asked, self.thinking.problem, plan, written, took_s)
+        return planned(situation, self.asked, self.thinking.problem, plan, written, took_s)

@@ -47,6 +47,8 @@ class LivePlanner:
         self._grace_s = grace_s
         self._latest: Question | None = None
         self._made: deque[Planned] = deque(maxlen=KEPT_PLANS)
+        self.why_failed = ""
+        """See `Planner`."""
         self._asked = 0
         self._answered = 0
         """Of the questions asked the last that nothing more comes of."""
@@ -172,9 +174,11 @@ class LivePlanner:
             case Ready():
                 self._is_ready = True
             case Made(planned):
+                self.why_failed = ""
                 self._made.append(planned)
                 self._on_made()
             case Failed(why):
+                self.why_failed = why.rstrip().rpartition("\n")[2]
                 logger.error("no plan could be made: %s", why)
             case Done(number):
                 self._answered = number

@@ -1,5 +1,6 @@
 """Planning in lockstep: there and then, with rounds instead of seconds."""
 
+import logging
 from functools import cache
 
 from robrain.coordinator.allocation.warm_up import warm_up
@@ -7,6 +8,8 @@ from robrain.coordinator.planning.drafting import Drafting
 from robrain.coordinator.planning.planned import Planned
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.situation import Situation
+
+logger = logging.getLogger(__name__)
 
 
 class LockstepPlanner:
@@ -16,17 +19,24 @@ class LockstepPlanner:
         _warm_up_once()
         self._drafting = Drafting()
         self._made: list[Planned] = []
+        self.why_failed = ""
+        """See `Planner`."""
 
     def prepare(self) -> None:
         """See `Planner`."""
 
     def ask(self, situation: Situation, policy: PlanningPolicy) -> None:
         """See `Planner`."""
-        draft = self._drafting.draft(situation, policy)
-        for _ in draft.improve():
-            if draft.thinking.rounds >= policy.rounds:
-                break
-        self._made.append(draft.planned())
+        try:
+            draft = self._drafting.draft(situation, policy)
+            for _ in draft.improve():
+                if draft.thinking.rounds >= policy.rounds:
+                    break
+            self._made.append(draft.planned())
+            self.why_failed = ""
+        except Exception as error:  # as in live: a plan that cannot be made must not end the coordinator
+            logger.exception("no plan %d could be made", situation.number)
+            self.why_failed = f"{type(error).__name__}: {error}"
 
     def take(self) -> list[Planned]:
         """See `Planner`."""

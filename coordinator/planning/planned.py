@@ -9,6 +9,7 @@ import msgspec
 from robrain.coordinator.allocation.plan import Plan
 from robrain.coordinator.allocation.problem import Problem
 from robrain.coordinator.planning.situation import ChargerWays, Orders, Situation
+from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.wire.plan_messages import PlanProblem, TaskDecision
 from robrain.protocol.wire.task_messages import RobotVerdict
 
@@ -72,7 +73,7 @@ def planned(
                 leave_s = max(stop.arrive_s, earliest_s[stop.job]) - way_s
                 found.append(Step(stop.job, _at(situation, leave_s), way_s, _at(situation, stop.start_s)))
         steps[route.worker] = tuple(found)
-    left_out = {one.job: one.why for one in plan.unassigned if one.job not in pinned}
+    left_out = {one.job: cut(one.why) for one in plan.unassigned if one.job not in pinned}
     robots: dict[str, list[str]] = {}
     for route in plan.routes:
         for job in route.jobs:
@@ -100,7 +101,7 @@ def _told(decision: "Decision", situation: Situation, number: int) -> TaskDecisi
         plan=number,
         robots=decision.robots,
         start_in_s=None if decision.start_s is None else round(decision.start_s, 2),
-        why=decision.why,
+        why=cut(decision.why, TEXT_MAX),
         bids=tuple(_bids(decision, situation)),
     )
 
@@ -111,7 +112,7 @@ def _bids(decision: "Decision", situation: Situation) -> Iterable[RobotVerdict]:
         yield RobotVerdict(
             robot=option.worker,
             chosen=option.worker in decision.robots,
-            why_not=why_not,
+            why_not=cut(why_not, TEXT_MAX),
             energy_j=None if why_not else option.energy_j,
             time_s=None if why_not else option.time_s,
         )

@@ -25,5 +25,10 @@ class Planner(Protocol):
         """Whether a plan that was asked for may still come."""
         ...
 
+    @property
+    def why_failed(self) -> str:
+        """Why the last question has no plan; empty if it has one, or may still have."""
+        ...
+
     def close(self) -> None:
         """End it."""

@@ -27,6 +27,7 @@ from robrain.coordinator.roster import Robot, Roster
 from robrain.coordinator.shunning import Shunning
 from robrain.coordinator.task_book import TaskBook
 from robrain.coordinator.team_map import TeamMap
+from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.task import Explore, TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
@@ -345,7 +346,8 @@ class Planning:
                     after = self.after_charge.get(robot)
                     charged = f", when it has charged to {after.soc:.0%}" if after is not None else ""
                     return f"{robot} is to begin it {when}{charged}"
-        return ""
+        why = self._planner.why_failed
+        return f"no plan can be made: {cut(why)}" if why else ""
 
     def anybody_out(self, now_ns: int) -> bool:
         """Whether a robot of the team is no part of plans now."""

@@ -79,7 +79,7 @@ class RecordingFile:
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         try:
-            _check_writable(path)
+            check_writable(path)
             self._stream = _Stream(open_file(path))
         except OSError as error:
             raise _cannot_write(path, error) from error
@@ -267,7 +267,8 @@ def object_schema(topic: Topic) -> bytes:
     return msgspec.json.encode(plain_schema(topic.json_schema()))
 
 
-def _check_writable(path: Path) -> None:
+def check_writable(path: Path) -> None:
+    """Whether a recording can be written there (RecordingError if not)."""
     if path.suffix != SUFFIX:
         raise RecordingError(path, f"cannot record to {path}: a recording's name ends in {SUFFIX}, give one that does")
     if path.is_dir():

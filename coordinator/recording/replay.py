@@ -11,8 +11,8 @@ from robrain.coordinator.recording.player import Player
 from robrain.coordinator.recording.reading import RecordedMessage, recording_info
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
 from robrain.protocol.wire.errors import BadName, CallError, ErrorCode
-from robrain.protocol.wire.messages import ReplayRequest, ReplayStatus
 from robrain.protocol.wire.publisher import Publisher
+from robrain.protocol.wire.replay_messages import ReplayRequest, ReplayStatus
 from robrain.protocol.wire.topic import Kind, Role
 from robrain.protocol.wire.topics import COORDINATOR_ALIVE, REPLAY_CONTROL, ROBOT_ALIVE, topic_of
 

@@ -108,7 +108,8 @@ class Budget:
         return [(charger, self._way_m(place, charger.place)) for charger in nearest]
 
     def _way_m(self, start: Point2D, goal: Point2D) -> float:
-        path = self._planner.plan(self._travel.view(), start, goal, [])
+        view = self._travel.view()
+        path = self._planner.plan(view, start, goal, []) or self._planner.plan(view, start, goal, [], is_narrow=True)
         # The end of a path is as near to its goal as the robot can stand.
         return length_m([start, *path]) if path else DETOUR * _away_m(start, goal)
 

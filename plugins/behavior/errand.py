@@ -47,6 +47,7 @@ Part = Generator[None, None, None]
 
 TROUBLE = {
     Progress.BLOCKED: "the way is blocked",
+    Progress.TOO_NARROW: "the way is too narrow",
     Progress.NO_WAY: "no way there",
     Progress.LOST: "the robot does not know where it is",
 }

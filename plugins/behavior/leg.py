@@ -36,11 +36,21 @@ class Leg:
         pose: T_arena_robot now.
         path: points to drive along, arena frame, at least one.
         is_escape: whether it leads out of others' way instead of to the goal.
+        is_narrow: whether it leads through places that the robot has to squeeze through.
 
     """
 
-    def __init__(self, outlet: Outlet, pose: Pose2D, path: list[Point2D], *, is_escape: bool = False) -> None:
+    def __init__(
+        self,
+        outlet: Outlet,
+        pose: Pose2D,
+        path: list[Point2D],
+        *,
+        is_escape: bool = False,
+        is_narrow: bool = False,
+    ) -> None:
         self.is_escape = is_escape
+        self.is_narrow = is_narrow
         self.way = Way(np.array([(pose.x_m, pose.y_m), *((point.x_m, point.y_m) for point in path)]))
         self.end = path[-1]
         self._outlet = outlet
@@ -81,11 +91,12 @@ class Leg:
         until_m = min(self._released_m, self.way.passed_m + more_m)
         if until_m <= self.way.passed_m:
             return None
-        return Leg(self._outlet, pose, _points(self.way, until_m))
+        return Leg(self._outlet, pose, _points(self.way, until_m), is_narrow=self.is_narrow)
 
     def _send(self, until_m: float) -> None:
         self._released_m = until_m
-        self._outlet.driver.follow(self._outlet.localisation.to_odom(_points(self.way, until_m)))
+        path = self._outlet.localisation.to_odom(_points(self.way, until_m))
+        self._outlet.driver.follow(path, is_narrow=self.is_narrow)
 
     def _tell(self, claim: Claim, until_m: float | None) -> None:
         """Publish the path, if anything about it is new."""

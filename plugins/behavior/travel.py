@@ -1,5 +1,6 @@
 """Travel: how a behavior gets to a place. It plans, follows, plans anew, gives way, and tells the team its path."""
 
+import math
 from enum import Enum, auto
 
 import msgspec
@@ -17,6 +18,7 @@ from robrain.plugins.skill.planner.interface import PlannerInterface
 from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates.interface import Doing, Mate, TeammatesInterface
 from robrain.protocol.model.claim import Claim
+from robrain.protocol.model.clearance import least_gap_m
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.right_of_way import LONGEST_M, LOOK_AHEAD_M, STEP_M, Release
 from robrain.protocol.wire.clock import to_ns
@@ -77,6 +79,8 @@ class Progress(Enum):
     ARRIVED = auto()
     BLOCKED = auto()
     """Something has stood in the way for too long."""
+    TOO_NARROW = auto()
+    """The robot does not fit through where the map has a way; `gap_m` is how wide it is there."""
     NO_WAY = auto()
     """The planner finds none any more."""
     LOST = auto()
@@ -96,6 +100,7 @@ class Travel:
         self._env = env
         self._parameters = parameters
         self._goal: Point2D | None = None
+        self._is_narrow_goal = False
         self._end: Point2D | None = None
         """As near to the goal as the planner leads."""
         self._leg: Leg | None = None
@@ -111,6 +116,8 @@ class Travel:
         self._version = -1
         """Of the map on which the way was last found safe."""
         self._search: Search | None = None
+        self.gap_m: float | None = None
+        """The width of what was too narrow for the robot on its last way."""
 
     def connect(self) -> None:
         """Get what it needs.
@@ -164,34 +171,56 @@ class Travel:
 
     def plan(self, goal: Point2D) -> list[Point2D] | None:
         """A way from here to a place, arena frame; None if there is none."""
-        pose = self.pose()
-        return self._plan(self._meet(pose), goal)
+        encounter = self._meet(self.pose())
+        for is_narrow in self._widths():
+            path = self._plan(encounter, goal, is_narrow=is_narrow)
+            if path is not None:
+                return path
+        return None
 
     def standpoint(self, place: Point2D, within_m: float) -> Point2D | None:
         """Where the robot can stand and see a place, as near to it as can be; None if walls hide it from there."""
         return self._planner.standpoint(self.view(), place, within_m)
 
-    def set_out(self, goal: Point2D, *, priority: int = 0) -> bool:
-        """Go to a place, arena frame; False, and all stays as it was, if there is no way or the robot is lost.
+    def narrow_standpoint(self, place: Point2D, within_m: float) -> Point2D | None:
+        """The same in a narrow place, if a way leads there."""
+        found = self._planner.standpoint(self.view(), place, within_m, is_narrow=True)
+        if found is None:
+            return None
+        path = self._plan(self._meet(self.pose()), found, is_narrow=True)
+        near_m = 2.0 * self.view().geometry.resolution_m
+        if path is None or math.hypot(path[-1].x_m - found.x_m, path[-1].y_m - found.y_m) > near_m:
+            return None
+        return found
+
+    def set_out(self, *goals: Point2D, priority: int = 0, is_narrow: bool = False) -> bool:
+        """Go to the first of these places, arena frame, to which there is a way.
+
+        Through narrow places only if there is none otherwise, or the goal itself is in one. False, and all stays as it
+        was, if there is no way at all or the robot is lost.
 
         Args:
-            goal: the place.
+            goals: the places.
             priority: of the task; where ways meet, the higher goes first.
+            is_narrow: the first of them is in a narrow place.
 
         """
         if self.lost:
             return False
         pose = self.pose()
         encounter = self._meet(pose)
-        path = self._plan(encounter, goal)
-        if path is None:
-            return False
-        self._goal = goal
-        self._contested_ns = None
-        leg = self._take(path, pose)
-        self._standing.set_out(priority, leg.way.length_m)
-        self._go(leg, self._meet(pose), pose)
-        return True
+        for squeezes in self._widths(to_narrow=is_narrow):
+            for goal in goals:
+                path = self._plan(encounter, goal, is_narrow=squeezes)
+                if path is not None:
+                    self._goal = goal
+                    self._is_narrow_goal = is_narrow and goal == goals[0]
+                    self._contested_ns = None
+                    leg = self._take(path, pose, is_narrow=squeezes)
+                    self._standing.set_out(priority, leg.way.length_m)
+                    self._go(leg, self._meet(pose), pose)
+                    return True
+        return False
 
     def step(self) -> Progress:
         """Go on; the driver is told of a new path where one is due. Standing still counts as arrived."""
@@ -204,14 +233,11 @@ class Travel:
         if self._end is not None and pose.distance_m(self._end) < self._parameters.arrived_m:
             return Progress.ARRIVED
         if self.driver.blocked_s() > self._parameters.patience_s:
-            return Progress.BLOCKED
+            self.gap_m = self.driver.gap_m()
+            return Progress.BLOCKED if self.gap_m is None else Progress.TOO_NARROW
         encounter = self._meet(pose)
-        if self._must_replan(pose, now_ns):
-            path = self._plan(encounter, self._goal)
-            if path is not None:
-                self._take(path, pose)
-            elif self._is_hopeless(now_ns):
-                return Progress.NO_WAY
+        if self._must_replan(pose, now_ns) and not self._replan(encounter, self._goal, pose, now_ns):
+            return Progress.NO_WAY
         leg = self._leg
         return Progress.WAITING if leg is None else self._go(leg, encounter, pose)
 
@@ -275,16 +301,40 @@ class Travel:
         own = claim or self._standing.claim
         return Encounter(self._env.robot, own, radius_m, mates, self._parameters.speed_m_s)
 
-    def _plan(self, encounter: Encounter, goal: Point2D) -> list[Point2D] | None:
+    def _replan(self, encounter: Encounter, goal: Point2D, pose: Pose2D, now_ns: int) -> bool:
+        """Take another way if there is one; False once there is none for good, not even through narrow places."""
+        was_narrow = self._leg is not None and self._leg.is_narrow
+        first, other = self._widths(to_narrow=self._is_narrow_goal)
+        path, is_narrow = self._plan(encounter, goal, is_narrow=first), first
+        if path is None:
+            is_hopeless = self._is_hopeless(now_ns)
+            if was_narrow or is_hopeless:
+                path, is_narrow = self._plan(encounter, goal, is_narrow=other), other
+            if path is None:
+                return not is_hopeless
+        self._take(path, pose, is_narrow=is_narrow)
+        return True
+
+    def _widths(self, *, to_narrow: bool = False) -> tuple[bool, bool]:
+        """Which ways to look for first: narrow ones only if there is no other, but to or from a narrow place."""
+        if to_narrow:
+            return True, False
+        pose, driver = self.pose(), self.driver
+        is_inside = (driver.squeezes() or driver.blocked_s() > 0) and self._planner.is_narrow(
+            self.view(), Point2D(pose.x_m, pose.y_m)
+        )
+        return (True, False) if is_inside else (False, True)
+
+    def _plan(self, encounter: Encounter, goal: Point2D, *, is_narrow: bool = False) -> list[Point2D] | None:
         pose, view, mates = self.pose(), self.view(), encounter.mates
         start = Point2D(pose.x_m, pose.y_m)
         margin_m = encounter.radius_m + self._parameters.mate_margin_m
         dear = zones(mates, encounter, margin_m) if self._is_contested() else []
         standing = circles(mates, margin_m, Doing.STANDING)
         lasting = circles(mates, margin_m, Doing.OBSTACLE)
-        path = self._planner.plan(view, start, goal, lasting + standing, dear)
+        path = self._planner.plan(view, start, goal, lasting + standing, dear, is_narrow=is_narrow)
         if path is None and standing:  # who only stands may make room
-            path = self._planner.plan(view, start, goal, lasting, dear)
+            path = self._planner.plan(view, start, goal, lasting, dear, is_narrow=is_narrow)
         return path
 
     def _must_replan(self, pose: Pose2D, now_ns: int) -> bool:
@@ -310,11 +360,12 @@ class Travel:
             return True
         self._version = self.view().version
         ahead = leg.way.ahead(pose.x_m, pose.y_m, LONGEST_M)
-        return self._safe_positions(ahead) == len(ahead)
+        return self._safe_positions(leg, ahead) == len(ahead)
 
-    def _safe_positions(self, ahead: NDArray[np.float64]) -> int:
+    def _safe_positions(self, leg: Leg, ahead: NDArray[np.float64]) -> int:
         skipped = round(NEXT_LOOK_M / STEP_M)
-        return min(len(ahead), skipped + self._planner.safe_positions(self.view(), ahead[skipped:]))
+        safe = self._planner.safe_positions(self.view(), ahead[skipped:], is_narrow=leg.is_narrow)
+        return min(len(ahead), skipped + safe)
 
     def _is_hopeless(self, now_ns: int) -> bool:
         """No way was found, and not for the first time: a reading or two may be wrong and closes narrow places."""
@@ -329,9 +380,9 @@ class Travel:
 
     # -- driving --------------------------------------------------------------------------------------------
 
-    def _take(self, path: list[Point2D], pose: Pose2D) -> Leg:
+    def _take(self, path: list[Point2D], pose: Pose2D, *, is_narrow: bool = False) -> Leg:
         """The way to the goal is this one."""
-        self._leg = leg = Leg(self._outlet, pose, path)
+        self._leg = leg = Leg(self._outlet, pose, path, is_narrow=is_narrow)
         self._end = leg.end
         self._planned_ns = self._env.clock.now_ns()
         self._lost_ns = None
@@ -356,19 +407,21 @@ class Travel:
                 if allowed.must_leave:
                     self._escape(leg, encounter, pose, encounter.mates[allowed.by])
                     return self._wait()
-        leg.drive(self._careful(allowed, ahead, now_ns), self._standing.claim)
+        leg.drive(self._careful(leg, allowed, ahead, now_ns), self._standing.claim)
         if allowed.is_whole or allowed.positions > 2:
             self._standing.go_on()
             return Progress.UNDER_WAY
         return self._wait()
 
-    def _careful(self, allowed: Release, ahead: NDArray[np.float64], now_ns: int) -> Release:
+    def _careful(self, leg: Leg, allowed: Release, ahead: NDArray[np.float64], now_ns: int) -> Release:
         """Not farther than the map allows, and by small steps after the driver was blocked."""
         if self._lost_ns is not None:
-            allowed = _at_most(allowed, self._safe_positions(ahead) - round(NEXT_LOOK_M / STEP_M))
+            allowed = _at_most(allowed, self._safe_positions(leg, ahead) - round(NEXT_LOOK_M / STEP_M))
             if allowed.positions > CREEP_POSITIONS:
                 self._lost_ns = now_ns  # it may look different from nearer by
-        return _at_most(allowed, CREEP_POSITIONS) if now_ns < self._creep_until_ns else allowed
+        # A driver that squeezes takes no short cut anyhow.
+        creeps = now_ns < self._creep_until_ns and not leg.is_narrow
+        return _at_most(allowed, CREEP_POSITIONS) if creeps else allowed
 
     def _detour(self, leg: Leg, encounter: Encounter, pose: Pose2D, allowed: Release) -> bool:
         """Take another way, if there is one on which nobody is to be waited for."""
@@ -387,16 +440,20 @@ class Travel:
     def _escape(self, leg: Leg, encounter: Encounter, pose: Pose2D, mate: Mate) -> None:
         """Leave the way of a mate that goes first, or claim to have nowhere to go."""
         view, place = self.view(), Point2D(pose.x_m, pose.y_m)
-        path = self._planner.escape(view, place, *encounter.to_escape())
-        if path is None:
-            path = self._planner.escape(view, place, *encounter.to_escape(push=True))
+        path, is_narrow = None, False
+        for is_narrow in (False, True) if leg.is_narrow else (False,):
+            path = self._planner.escape(view, place, *encounter.to_escape(), is_narrow=is_narrow)
+            if path is None:
+                path = self._planner.escape(view, place, *encounter.to_escape(push=True), is_narrow=is_narrow)
+            if path is not None:
+                break
         if path is None:
             self._standing.has_no_refuge(encounter, _here(pose), self._env.clock.now_ns())
             leg.stop(self._standing.claim)
             return
         self._planned_ns = self._env.clock.now_ns()
         self._standing.make_room_for(mate)
-        self._leg = out = Leg(self._outlet, pose, path, is_escape=True)
+        self._leg = out = Leg(self._outlet, pose, path, is_escape=True, is_narrow=is_narrow)
         out.drive(out.guard(encounter, pose), self._standing.claim)
 
     def _wait(self) -> Progress:
@@ -412,3 +469,10 @@ def _at_most(allowed: Release, positions: int) -> Release:
     if positions >= allowed.positions:
         return allowed
     return allowed._replace(positions=max(1, positions), is_whole=False)
+
+
+def too_narrow(travel: Travel) -> tuple[str, dict[str, float]]:
+    """Why a way ended at a gap, in words and as the result of a task."""
+    gap_m, needed_m = travel.gap_m or 0.0, least_gap_m(travel.driver.radius_m())
+    result = {"gap_m": round(gap_m, 3), "needed_m": round(needed_m, 3)}
+    return f"the way is too narrow: {gap_m:.2f} m wide, the robot needs {needed_m:.2f} m", result

@@ -84,12 +84,15 @@ class ObstaclePoints:
     def __init__(self, pose_at: Callable[[int], Pose2D]) -> None:
         self.points_m = NOTHING
         """(2, N), frame odom."""
+        self.scan_m = NOTHING
+        """Those that the lidar sees; (2, N), frame odom."""
+        self.ring_m = NOTHING
+        """Those that the range sensors hear, each on its sensor's axis; (2, N), frame odom."""
         self.is_frozen = False
         """The lidar is, by the last scan."""
         self._pose_at = pose_at
         self._watch = LidarWatch()
         self._scan_ns = self._ring_ns = -1
-        self._scan_m = self._ring_m = NOTHING
         self._before: RangeRing | None = None
 
     def update(self, scan: LaserScan | None, ring: RangeRing | None, now_ns: int) -> str:
@@ -98,19 +101,19 @@ class ObstaclePoints:
         if scan is not None and scan.stamp_ns != self._scan_ns:
             self._scan_ns = scan.stamp_ns
             seen_from = self._pose_at(scan.stamp_ns)
-            self._scan_m = scan_points_m(scan, seen_from)
+            self.scan_m = scan_points_m(scan, seen_from)
             self.is_frozen = self._watch.is_frozen(scan, seen_from)
             has_changed = True
         if ring is not None and ring.stamp_ns != self._ring_ns:
             self._ring_ns = ring.stamp_ns
-            self._ring_m = ring_points_m(ring, self._before, self._pose_at(ring.stamp_ns))
+            self.ring_m = ring_points_m(ring, self._before, self._pose_at(ring.stamp_ns))
             self._before = ring
             has_changed = True
-        elif self._ring_m.size and now_ns - self._ring_ns > RING_FRESH_NS:
-            self._ring_m, self._before = NOTHING, None
+        elif self.ring_m.size and now_ns - self._ring_ns > RING_FRESH_NS:
+            self.ring_m, self._before = NOTHING, None
             has_changed = True
         if has_changed:
-            self.points_m = np.concatenate((self._scan_m, self._ring_m), axis=1) if self._ring_m.size else self._scan_m
+            self.points_m = np.concatenate((self.scan_m, self.ring_m), axis=1) if self.ring_m.size else self.scan_m
         if self.is_frozen:
             return "the lidar has been frozen"
         if scan is None or now_ns - scan.stamp_ns > SCAN_FRESH_NS:

@@ -3,18 +3,36 @@
 It is registered as an entry point, so `python -m can.viewer -i zenoh -c r1/can0` works on a simulated robot.
 """
 
-import os
-import struct
 import threading
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from itertools import count
 from typing import Any
 
 import can
 import zenoh
 
+from robrain.protocol.can.payload import (
+    CLASSIC_BYTES,
+    CLASSIC_DATA_BYTES,
+    ERROR,
+    EXTENDED,
+    HEADER,
+    HEADER_BYTES,
+    ID_MASK,
+    IDENTIFIER,
+    NO_STAMP,
+    NODE,
+    REMOTE,
+    STAMP,
+    is_fd,
+    pack_fd,
+    unpack,
+)
+from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.errors import BadName, WireError
+from robrain.protocol.wire.hub import team_endpoints
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topic import CAN_FRAME
@@ -22,11 +40,11 @@ from robrain.protocol.wire.topics import ARENA_CAN
 
 QUEUE_FRAMES = 4096
 REMEMBERED_IDENTIFIERS = 4096
-
-_HEADER = struct.Struct("<QqI")
-"""Sender, stamp in ns, identifier with the flags of SocketCAN in its three top bits."""
-_EXTENDED, _REMOTE, _ERROR = 1 << 31, 1 << 30, 1 << 29
-_ID_MASK = (1 << 29) - 1
+MEET_TIMEOUT_S = 2.0
+"""Longest wait, when a bus is opened, for nodes that do not answer: one whose process hangs."""
+WITHOUT_MEANING = frozenset({"bitrate", "data_bitrate", "single_handle", "timing"})
+"""Options of other interfaces that python-can's tools give to every one; a bus without a physical layer has no use
+for them."""
 
 _bus_number = count(1)
 
@@ -46,7 +64,7 @@ class _Filter(dict[bytes, bool]):
     def __missing__(self, traveling: bytes) -> bool:
         identifier = int.from_bytes(traveling, "little")
         matches = any(identifier & mask == value for value, mask in self._chosen)
-        verdict = not self._chosen or bool(identifier & _ERROR) or matches
+        verdict = not self._chosen or bool(identifier & ERROR) or matches
         if len(self) < REMEMBERED_IDENTIFIERS:
             self[traveling] = verdict
         return verdict
@@ -55,18 +73,28 @@ class _Filter(dict[bytes, bool]):
 class ZenohBus(can.BusABC):
     """One node on a bus.
 
+    When it is open, every node that was there before knows of it, and it of them: the first frame in either direction
+    arrives. Each node answers queries on the bus's key for that.
+
+    A frame bears its sender's time if the sender has a clock, else the time of its reception.
+
     Args:
         channel: `ROBOT/CHANNEL`, such as `r1/can0`.
         can_filters: as in python-can.
         session: a session to share; without one the bus opens its own.
         team: whose robot it is.
-        connect: endpoint for a session of its own; default is the environment's ROBRAIN_CONNECT.
+        connect: endpoint for a session of its own; default is the environment's ROBRAIN_CONNECT, or this machine's hub.
+        fd: carry CAN FD frames as well; without it, those of others are not received.
+        receive_own_messages: receive what this node sends, too, with `is_rx` false.
         direct: deliver in the sender's thread (lockstep).
-        now_ns: stamps what is sent; 0 without it.
+        now_ns: stamps what is sent; without it, what is received is stamped with the time of day, and in lockstep
+            with nothing.
         on_outside: with `direct`, told of frames (key, payload) that come from another process.
+        others: `bitrate`, `data_bitrate`, `timing` and `single_handle` are taken, and have no meaning.
 
     Raises:
-        can.CanInitializationError: the channel is not `ROBOT/CHANNEL`, or nobody answers at the endpoint.
+        can.CanInitializationError: the channel is not `ROBOT/CHANNEL`, an option is wrong or unknown, or nobody answers
+            at the endpoint.
 
     """
 
@@ -78,131 +106,237 @@ class ZenohBus(can.BusABC):
         session: zenoh.Session | None = None,
         team: str = DEFAULT_TEAM,
         connect: str | None = None,
+        fd: bool = False,
+        receive_own_messages: bool = False,
         direct: bool = False,
         now_ns: Callable[[], int] | None = None,
         on_outside: Callable[[str, bytes], None] | None = None,
-        **_ignored: object,  # python-can's tools hand every interface their own options (bitrate, fd, …)
+        **others: object,
     ) -> None:
+        _check_options(
+            others, {"team": team, "connect": connect}, {"fd": fd, "receive_own_messages": receive_own_messages}
+        )
         robot, slash, bus = str(channel).partition("/")
         if not slash:
             raise can.CanInitializationError(f"channel {channel!r}: expected ROBOT/CHANNEL, such as r1/can0")
         try:
-            key = ARENA_CAN.key(team, robot=robot, channel=bus)
+            self._key = ARENA_CAN.key(team, robot=robot, channel=bus)
         except BadName as error:
             raise can.CanInitializationError(f"channel {channel!r}: {error}") from error
         self.channel_info = f"zenoh {channel}"
+        self._can_protocol = can.CanProtocol.CAN_FD if fd else can.CanProtocol.CAN_20
         self._channel = str(channel)
         """As frames bear it: candump's format has no room for blanks in it."""
         self.dropped = 0
+        """Frames that were lost because they were not taken in time."""
+        self.refused = 0
+        """Payloads that are no frame, or no frame for this bus."""
+        self._fd = fd
+        self._receives_own = receive_own_messages
         self._now_ns = now_ns
+        self._received_ns = now_ns or (None if direct else WallClock().now_ns)
         self._direct = direct
         self._on_outside = on_outside
         self._owner = threading.get_ident()
         self._frames: deque[bytes] = deque(maxlen=QUEUE_FRAMES)
         self._arrived = threading.Condition()
         self._filter = _Filter([])
+        self._apply_filters(can_filters)  # before the first frame can arrive
         self._own_session: zenoh.Session | None = None
         if session is None:
-            endpoint = connect or os.environ.get("ROBRAIN_CONNECT", "")
             try:
-                session = self._own_session = open_session(connect=[endpoint] if endpoint else [])
+                session = self._own_session = open_session(connect=team_endpoints(connect or None))
             except WireError as error:
                 raise can.CanInitializationError(str(error)) from error
-        self._apply_filters(can_filters)  # before the first frame can arrive
+        self._session = session
         self._node = (int(str(session.zid())[:12], 16) << 16) | (next(_bus_number) & 0xFFFF)
         self._node_bytes = self._node.to_bytes(8, "little")
+        congestion = zenoh.CongestionControl
         self._publisher = session.declare_publisher(
-            key,
+            self._key,
             encoding=CAN_FRAME,
             priority=zenoh.Priority.INTERACTIVE_HIGH,
-            congestion_control=zenoh.CongestionControl.DROP,
+            # A tool's node with a session of its own waits until its frame can go, as at a full transmit queue. In a
+            # session that others share, they would all wait.
+            congestion_control=congestion.BLOCK if self._own_session is not None else congestion.DROP,
             express=True,
         )
-        self._subscriber = session.declare_subscriber(key, zenoh.handlers.Callback(self._take, indirect=not direct))
+        self._subscriber = session.declare_subscriber(
+            self._key, zenoh.handlers.Callback(self._take, indirect=not direct)
+        )
+        # Direct in live as well: to say that one is there takes no time, and no thread of its own.
+        self._queryable = session.declare_queryable(self._key, zenoh.handlers.Callback(self._answer, indirect=False))
+        if not direct:  # nodes of a lockstep run share a session, and hear each other at once
+            self._meet()
         super().__init__(channel=channel, can_filters=can_filters)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Put one frame on the bus; every other node of the bus receives it.
 
         Raises:
-            can.CanOperationError: it is a CAN FD frame; the bus carries classic ones.
+            can.CanOperationError: the bus is shut down, or cannot carry such a frame.
 
         """
-        if msg.is_fd:
-            raise can.CanOperationError(f"{self.channel_info}: carries classic CAN frames, not CAN FD")
+        if self._is_shutdown:
+            raise self._shut_down()
         identifier = msg.arbitration_id
+        if not 0 <= identifier <= ID_MASK:
+            raise can.CanOperationError(f"{self.channel_info}: expected an identifier of 29 bits, got {identifier:#x}")
         if msg.is_extended_id:
-            identifier |= _EXTENDED
+            identifier |= EXTENDED
         if msg.is_remote_frame:
-            identifier |= _REMOTE
+            identifier |= REMOTE
         if msg.is_error_frame:
-            identifier |= _ERROR
+            identifier |= ERROR
         stamp_ns = self._now_ns() if self._now_ns is not None else 0
-        # A remote frame asks for so many bytes and brings none: they stand for its length.
-        data = bytes(msg.dlc) if msg.is_remote_frame else msg.data
-        self._publisher.put(_HEADER.pack(self._node, stamp_ns, identifier) + data)
+        if msg.is_fd:
+            payload = self._pack_fd(msg, stamp_ns, identifier)
+        else:
+            # A remote frame asks for so many bytes and brings none: they stand for its length.
+            data = bytes(msg.dlc) if msg.is_remote_frame else msg.data
+            payload = HEADER.pack(self._node, stamp_ns, identifier) + data
+            if len(payload) > CLASSIC_BYTES:
+                raise can.CanOperationError(
+                    f"{self.channel_info}: a classic frame has at most {CLASSIC_DATA_BYTES} bytes, got {len(data)}"
+                )
+        try:
+            self._publisher.put(payload)
+        except zenoh.ZError as error:
+            raise can.CanOperationError(f"{self.channel_info}: its session is closed") from error
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
-        """The next frame, or None if none comes in time; with 0 it only looks, as devices do many times a tick."""
+        """The next frame, or None if none comes in time; with 0 it only looks, as devices do many times a tick.
+
+        Raises:
+            can.CanOperationError: it would wait, and the bus is shut down.
+
+        """
         if timeout != 0:
             return super().recv(timeout)
         try:
-            return self._unpack(self._frames.popleft())
+            payload = self._frames.popleft()
         except IndexError:
             return None
+        return self._unpack(payload) if self._receives_own else unpack(payload, self._channel)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if not self._frames:
             with self._arrived:
-                self._arrived.wait_for(lambda: bool(self._frames), timeout)
+                self._arrived.wait_for(lambda: self._frames or self._is_shutdown, timeout)
         # Filtered as they arrive: python-can's own filter ends a recv(timeout=0) at the first frame that it leaves out.
-        return (self._unpack(self._frames.popleft()), True) if self._frames else (None, True)
+        try:
+            return self._unpack(self._frames.popleft()), True
+        except IndexError:  # none came, or another thread was first
+            if self._is_shutdown:
+                raise self._shut_down() from None
+            return None, True
 
     def _apply_filters(self, filters: can.typechecking.CanFilters | None) -> None:
         """As SocketCAN: a filter without `extended` takes both kinds; error frames always come through."""
         chosen = []
         for each in filters or ():
-            value, mask = each["can_id"] & _ID_MASK, each["can_mask"] & _ID_MASK
+            try:
+                value, mask = each["can_id"] & ID_MASK, each["can_mask"] & ID_MASK
+            except (KeyError, TypeError) as error:
+                expected = "expected tables with the numbers can_id and can_mask"
+                raise can.CanInitializationError(f"{self.channel_info}: can_filters: {expected}, got {each}") from error
             if "extended" in each:
-                mask |= _EXTENDED
-                value |= _EXTENDED if each["extended"] else 0
+                mask |= EXTENDED
+                value |= EXTENDED if each["extended"] else 0
             chosen.append((value & mask, mask))
         self._filter = _Filter(chosen)  # in one go: frames may be arriving
 
-    def _unpack(self, payload: bytes) -> can.Message:
-        _, stamp_ns, identifier = _HEADER.unpack_from(payload)
-        data = payload[_HEADER.size :]
-        return can.Message(
-            timestamp=stamp_ns / 1e9,
-            arbitration_id=identifier & _ID_MASK,
-            is_extended_id=bool(identifier & _EXTENDED),
-            is_remote_frame=bool(identifier & _REMOTE),
-            is_error_frame=bool(identifier & _ERROR),
-            dlc=len(data),
-            data=None if identifier & _REMOTE else data,
-            channel=self._channel,
-        )
-
     def shutdown(self) -> None:
-        """Leave the bus."""
+        """Leave the bus; whoever waits for a frame stops waiting."""
         if self._is_shutdown:
             return
         super().shutdown()
-        self._subscriber.undeclare()
-        self._publisher.undeclare()
+        with self._arrived:
+            self._arrived.notify_all()
+        with suppress(zenoh.ZError):  # the session was closed before, and all of these with it
+            self._queryable.undeclare()
+            self._subscriber.undeclare()
+            self._publisher.undeclare()
         if self._own_session is not None:
             self._own_session.close()
 
+    # -- inside ---------------------------------------------------------------------------------------------
+
+    def _pack_fd(self, msg: can.Message, stamp_ns: int, identifier: int) -> bytes:
+        if not self._fd:
+            raise can.CanOperationError(
+                f"{self.channel_info}: carries classic CAN frames, not CAN FD: it was opened without fd"
+            )
+        try:
+            return pack_fd(msg, self._node, stamp_ns, identifier)
+        except ValueError as error:
+            raise can.CanOperationError(f"{self.channel_info}: {error}") from error
+
+    def _unpack(self, payload: bytes) -> can.Message:
+        message = unpack(payload, self._channel)
+        if payload[NODE] == self._node_bytes:  # it receives its own
+            message.is_rx = False
+        return message
+
+    def _shut_down(self) -> can.CanOperationError:
+        return can.CanOperationError(f"{self.channel_info}: is shut down")
+
     def _take(self, sample: zenoh.Sample) -> None:
         payload = sample.payload.to_bytes()
-        if len(payload) < _HEADER.size or payload[:8] == self._node_bytes:
+        if not HEADER_BYTES <= len(payload) <= CLASSIC_BYTES and not (self._fd and is_fd(payload)):
+            self.refused += 1
             return
-        if not self._filter[payload[16:20]]:
+        if payload[NODE] == self._node_bytes and not self._receives_own:
             return
-        self.dropped += len(self._frames) == QUEUE_FRAMES
-        self._frames.append(payload)
+        if not self._filter[payload[IDENTIFIER]]:
+            return
+        if payload[STAMP] == NO_STAMP and self._received_ns is not None:
+            payload = payload[NODE] + self._received_ns().to_bytes(8, "little") + payload[STAMP.stop :]
+        frames = self._frames
+        if len(frames) == QUEUE_FRAMES:
+            self.dropped += 1
+        frames.append(payload)
         if not self._direct:
             with self._arrived:
                 self._arrived.notify_all()
         elif self._on_outside is not None and threading.get_ident() != self._owner:
-            self._on_outside(str(sample.key_expr), payload[_HEADER.size :])
+            self._on_outside(str(sample.key_expr), payload[HEADER_BYTES:])
+
+    def _answer(self, query: zenoh.Query) -> None:
+        """Say that this node is there."""
+        with query:
+            query.reply(self._key, b"")
+
+    def _meet(self) -> None:
+        """Wait until every other node knows of this one's subscription, and this one of theirs.
+
+        A session drops what no subscription is known for. Declarations reach each node on the way that the query goes,
+        and before it, so whoever has answered knows of them; their own came before the answer. One that hangs is not
+        waited for beyond `MEET_TIMEOUT_S`.
+        """
+        replies = self._session.get(
+            self._key,
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=MEET_TIMEOUT_S,
+            priority=zenoh.Priority.INTERACTIVE_HIGH,
+        )
+        for _ in replies:
+            pass
+
+
+def _check_options(others: dict[str, object], texts: dict[str, object], switches: dict[str, object]) -> None:
+    """Refuse options that there are not, and values of the wrong kind (can.CanInitializationError)."""
+    unknown = sorted(others.keys() - WITHOUT_MEANING)
+    if unknown:
+        known = "team, connect, can_filters, receive_own_messages, fd"
+        ignored = ", ".join(sorted(WITHOUT_MEANING))
+        raise can.CanInitializationError(
+            f"interface zenoh: there is no option {', '.join(unknown)}; there are {known} (and, ignored, {ignored})"
+        )
+    for name, value in texts.items():
+        if value is not None and not isinstance(value, str):
+            raise can.CanInitializationError(f"interface zenoh: option {name}: expected text, got {value!r}")
+    for name, value in switches.items():
+        if not isinstance(value, bool):
+            raise can.CanInitializationError(f"interface zenoh: option {name}: expected true or false, got {value!r}")

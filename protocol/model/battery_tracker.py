@@ -98,4 +98,4 @@ class BatteryTracker:
         self._newer_s += elapsed_s
         if self._newer_s >= SNAPSHOT_S:
             self._older, self._older_s = self._newer, self._newer_s
-            self._newer, self._newer_s = self.filter.snapshot(), 0.0
+            self._newer, self._newer_s = self.filter.snapshot(), elapsed_s  # from before this measurement

@@ -1,25 +1,32 @@
 """What decides which of two robots goes first; told together with each robot's path and compared alike by both."""
 
+from typing import Annotated
+
 import msgspec
+from msgspec import Meta
+
+from robrain.protocol.model.ranges import Length, Name
+
+Rank = Annotated[int, Meta(ge=-1_000_000_000, le=1_000_000_000)]
 
 
 class Claim(msgspec.Struct, frozen=True, kw_only=True):
     """What a robot's right of way is decided by."""
 
-    cornered: int = 0
+    cornered: Rank = 0
     """Above 0 if it has nowhere to give way to, and one more than those have who press it: the last to be cornered goes
     first, for the others may have found a refuge by now."""
-    priority: int = 0
+    priority: Rank = 0
     """Of its task; the higher goes first."""
-    waited: int = 0
+    waited: Rank = 0
     """Counts up while it yields: each one is as good as a priority higher, so that nobody waits for ever."""
-    way_m: float = 0.0
+    way_m: Length = 0.0
     """Its way when it set out; who has less goes first."""
-    lent_by: str = ""
+    lent_by: Name = ""
     """Who makes room for somebody does so with that one's claim, so that others make room in their turn: priority
     inheritance (Okumura et al., *Priority Inheritance with Backtracking for Iterative Multi-agent Path Finding*, IJCAI
     2019). Empty if the claim is the robot's own."""
-    lent: int = 0
+    lent: Rank = 0
     """How many have handed the claim on."""
 
     def beats(self, name: str, other: "Claim", other_name: str) -> bool:

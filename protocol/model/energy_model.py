@@ -9,8 +9,12 @@ get the same figures from the same published model.
 
 import math
 from statistics import NormalDist
+from typing import Annotated
 
 import msgspec
+from msgspec import Meta
+
+from robrain.protocol.model.ranges import Joules, Pace, Quantity, Watts
 
 TERMS = ("standing_w", "moving_w", "speed_w_per_m_s", "yaw_w_per_rad_s", "acceleration_kg")
 """Names of the coefficients, in order. The last is a mass: what a change of v²/2 takes."""
@@ -85,29 +89,29 @@ class EnergyEstimate(msgspec.Struct, frozen=True):
 class EnergyModel(msgspec.Struct, frozen=True, kw_only=True):
     """What a robot knows of its own consumption, as it tells it in its state."""
 
-    coefficients: tuple[float, float, float, float, float]
+    coefficients: tuple[Watts, Watts, Watts, Watts, Watts]
     """In the order of `TERMS`."""
-    covariance: tuple[float, ...]
+    covariance: Annotated[tuple[Quantity, ...], Meta(min_length=15, max_length=15)]
     """Of the coefficients: the lower triangle row by row, 15 numbers."""
-    residual_w2_s: float
+    residual_w2_s: Annotated[float, Meta(ge=0.0, le=1e12)]
     """What the terms do not explain: variance of its integral, for each second (W²·s)."""
-    drift_w2_per_s: float
+    drift_w2_per_s: Annotated[float, Meta(ge=0.0, le=1e12)]
     """Variance that the standing power gains in each second: it wanders while the work is done."""
-    relative_sd: float
+    relative_sd: Annotated[float, Meta(ge=0.0, le=1e3)]
     """Share of the cost by which the way itself turns out other than planned."""
-    way_ratio: float
+    way_ratio: Annotated[float, Meta(ge=0.0, le=1e3)]
     """What ways cost, on the average, against their plan: stops and detours that no plan tells."""
-    pace_m_s: float
+    pace_m_s: Pace
     """Usual speed on the way, stops and corners included."""
-    turn_rate_rad_s: float
+    turn_rate_rad_s: Pace
     """Usual rate of turns on the spot."""
-    packet_j: float
+    packet_j: Joules
     """For one packet by radio."""
-    usable_j: float
+    usable_j: Joules
     """Lower 95 % bound of what the battery gives before it cuts off."""
-    power_w: float
+    power_w: Watts
     """Drawn now, averaged over some seconds."""
-    usual_power_w: float
+    usual_power_w: Watts
     """Drawn over the last minutes."""
 
 

@@ -79,7 +79,7 @@ def _split(cells: NDArray[np.int64], split_cells: int) -> list[NDArray[np.int64]
         return [cells]
     rows, columns = (cells - cells.mean(axis=0)).T
     # Direction of largest variance of a 2 × 2 covariance, in closed form.
-    axis_rad = 0.5 * math.atan2(2 * float(rows @ columns), float(columns @ columns - rows @ rows))
+    axis_rad = 0.5 * math.atan2(2 * float((rows * columns).sum()), float((columns**2).sum() - (rows**2).sum()))
     along = columns * math.cos(axis_rad) + rows * math.sin(axis_rad)
     along -= along.min()
     extent = float(along.max())

@@ -9,20 +9,22 @@ import math
 
 import msgspec
 
+from robrain.protocol.model.ranges import Metres, Radians, Speed
+
 
 class Point2D(msgspec.Struct, frozen=True):
     """A point, metres, arena frame unless said otherwise."""
 
-    x_m: float
-    y_m: float
+    x_m: Metres
+    y_m: Metres
 
 
 class Pose2D(msgspec.Struct, frozen=True):
     """Where something is and where it faces: metres and radians, arena frame unless said otherwise."""
 
-    x_m: float
-    y_m: float
-    yaw_rad: float
+    x_m: Metres
+    y_m: Metres
+    yaw_rad: Radians
 
     def compose(self, other: "Pose2D") -> "Pose2D":
         """T_a_b · T_b_c = T_a_c, with yaw wrapped to (−π, π]."""
@@ -50,9 +52,9 @@ class Pose2D(msgspec.Struct, frozen=True):
 class Twist2D(msgspec.Struct, frozen=True):
     """Velocity in the body frame: forward, left, counter-clockwise."""
 
-    forward_m_s: float = 0.0
-    left_m_s: float = 0.0
-    yaw_rad_s: float = 0.0
+    forward_m_s: Speed = 0.0
+    left_m_s: Speed = 0.0
+    yaw_rad_s: Speed = 0.0
 
 
 def wrap_angle_rad(angle_rad: float) -> float:

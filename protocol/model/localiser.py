@@ -17,6 +17,7 @@ from robrain.protocol.model.recent_signals import RecentSignals
 from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
 from robrain.protocol.model.scan_match import ScanFit, beam_ends, match_scan, search_scan
 from robrain.protocol.model.scan_relocalisation import COMPARED_MIN, agreement, find_by_scan
+from robrain.protocol.model.small_linear_algebra import covariance_of, inverse_form, times_vector
 
 COMPARE_EVERY = 24
 """After so many signals the estimate is held against all other places."""
@@ -212,20 +213,21 @@ class Localiser:
             return True
         ahead = (guess.x_m - believed.x_m, guess.y_m - believed.y_m, wrap_angle_rad(guess.yaw_rad - believed.yaw_rad))
         rows = np.array([direction.row for direction in fit.directions])
-        offsets_m = rows @ ahead + [direction.offset_m for direction in fit.directions]
+        offsets_m = times_vector(rows, np.array(ahead)) + [direction.offset_m for direction in fit.directions]
         slack_m = resolution_m * self.spec.slack_cells
         offsets_m = np.copysign(np.maximum(np.abs(offsets_m) - slack_m, 0.0), offsets_m)
         start = self.pose
         self._enter(start)
         variances = [self.spec.wall_sigma_m**2 * (1.0 + WALL_BEAMS / each.information) for each in fit.directions]
-        expected = rows @ self.covariance @ rows.T + np.diag(variances)
-        if float(offsets_m @ np.linalg.solve(expected, offsets_m)) > SCAN_GATES[len(rows) - 1]:
+        expected = covariance_of(rows, self.covariance) + np.diag(variances)
+        if inverse_form(expected, offsets_m) > SCAN_GATES[len(rows) - 1]:
             return False
-        for row, offset_m, variance in zip(rows, offsets_m.tolist(), variances, strict=True):
+        for row, offset_m, variance in zip(rows.tolist(), offsets_m.tolist(), variances, strict=True):
             # The directions are at right angles, the filter's errors are not: each sees what those before it did.
             now = self.pose
-            done = (now.x_m - start.x_m, now.y_m - start.y_m, wrap_angle_rad(now.yaw_rad - start.yaw_rad))
-            self.filter.correct((row[0], row[1], row[2]), offset_m - float(row @ done), variance)
+            turned_rad = wrap_angle_rad(now.yaw_rad - start.yaw_rad)
+            done_m = row[0] * (now.x_m - start.x_m) + row[1] * (now.y_m - start.y_m) + row[2] * turned_rad
+            self.filter.correct((row[0], row[1], row[2]), offset_m - done_m, variance)
         floor_m2 = self.spec.floor_m**2
         self.filter.at_least((floor_m2, floor_m2, self.spec.floor_rad**2))
         self._matched_way_m = self._way_m

@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from robrain.protocol.model.elementary_functions import exp
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.rssi_ranging import PathLoss
 
@@ -107,7 +108,7 @@ def _posterior(
     path_loss: PathLoss,
 ) -> NDArray[np.float64]:
     logs = _logs(xs, ys, yaws, signals, path_loss)
-    weights: NDArray[np.float64] = np.exp(logs - logs.max())
+    weights = exp(logs - logs.max())
     weights /= weights.sum()
     return weights
 
@@ -142,12 +143,37 @@ def _moments(
     """Mean and covariance of (x, y, yaw), where the last axis is `step_rad` apart about `middle_rad`."""
     count = weights.shape[2]
     yaws = middle_rad + step_rad * (np.arange(count) - count // 2)
-    states = np.stack(np.meshgrid(xs, ys, yaws, indexing="ij"), axis=-1).reshape(-1, 3)
-    share = weights.reshape(-1) / weights.sum()
-    mean: NDArray[np.float64] = share @ states
-    off = states - mean
-    covariance: NDArray[np.float64] = (off * share[:, None]).T @ off
+    mean, covariance = np.zeros(3), np.zeros((3, 3))
+    _add_moments(xs, ys, yaws, np.ascontiguousarray(weights), float(weights.sum()), mean, covariance)
     return mean, covariance
+
+
+@njit(cache=True, nogil=True)
+def _add_moments(
+    xs: NDArray[np.float64],
+    ys: NDArray[np.float64],
+    yaws: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    total: float,
+    mean: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+) -> None:
+    for i in range(xs.shape[0]):
+        for j in range(ys.shape[0]):
+            for k in range(yaws.shape[0]):
+                share = weights[i, j, k] / total
+                mean[0] += share * xs[i]
+                mean[1] += share * ys[j]
+                mean[2] += share * yaws[k]
+    off = np.empty(3)
+    for i in range(xs.shape[0]):
+        for j in range(ys.shape[0]):
+            for k in range(yaws.shape[0]):
+                share = weights[i, j, k] / total
+                off[0], off[1], off[2] = xs[i] - mean[0], ys[j] - mean[1], yaws[k] - mean[2]
+                for row in range(3):
+                    for column in range(3):
+                        covariance[row, column] += share * off[row] * off[column]
 
 
 @njit(cache=True, nogil=True)

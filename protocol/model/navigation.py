@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.inflation import clearance_m
+from robrain.protocol.model.kernel_array import BOOL, kernel_array
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.path_planning import (
     distance_field,
+    is_chord_clear,
     nearest_traversable,
     plan_path,
     round_corners,
@@ -31,6 +33,9 @@ DISCOMFORT = 3.0
 """Cost of the tightest place, over 1."""
 COARSE = 2
 """Pitch of the grid on which ways are compared, in cells."""
+NARROW = 12.0
+"""What a metre of the narrowest place costs more than one with the preferred clearance, chosen: another way is taken
+unless it is longer by so much."""
 DEAR = 5.0
 """What a cell of a zone costs more, chosen: more than the tightest place, so that the width of a corridor is used."""
 
@@ -55,15 +60,25 @@ class NavigationGrid:
         geometry: of the grid.
         needed_m: radius of the robot plus margin.
         unknown_cost: what unknown floor costs over known floor, at least 1; None if it is not driven on.
+        preferred_m: clearance below which a place is narrow: it is driven through where there is no other way, the
+            less gladly the narrower it is. `needed_m` if None, and no place is.
 
     """
 
     def __init__(
-        self, classes: NDArray[np.int8], geometry: GridGeometry, needed_m: float, unknown_cost: float | None = None
+        self,
+        classes: NDArray[np.int8],
+        geometry: GridGeometry,
+        needed_m: float,
+        unknown_cost: float | None = None,
+        preferred_m: float | None = None,
     ) -> None:
         self.geometry = geometry
         self.needed_m = needed_m
+        self.preferred_m = needed_m if preferred_m is None else max(needed_m, preferred_m)
         self.unknown_cost = unknown_cost
+        self.narrow: NDArray[np.bool_] = np.zeros(classes.shape, np.bool_)
+        """Which cells have less than the preferred clearance."""
         self.traversable: NDArray[np.bool_] = np.empty(classes.shape, np.bool_)
         self.cost: NDArray[np.float32] = np.empty(classes.shape, np.float32)
         self._classes = classes
@@ -78,7 +93,7 @@ class NavigationGrid:
         if rows.size == 0:
             return
         columns = np.flatnonzero(changed[rows[0] : rows[-1] + 1].any(axis=0))
-        reach = math.ceil((self.needed_m + COMFORT_M) / self.geometry.resolution_m)
+        reach = math.ceil((self.preferred_m + COMFORT_M) / self.geometry.resolution_m)
         low_row, low_column = max(0, rows[0] - reach), max(0, columns[0] - reach)
         inner = np.s_[low_row : rows[-1] + reach + 1, low_column : columns[-1] + reach + 1]
         # Twice as far around, so that what counts as an obstacle beyond this box's edge is out of reach of the inner.
@@ -91,13 +106,16 @@ class NavigationGrid:
 
     def _look(self, outer: tuple[slice, slice], within: tuple[slice, slice], inner: tuple[slice, slice]) -> None:
         """Fill in the cells `inner`; `outer` is the part of the map looked at, `within` where they lie in it."""
-        near_m = clearance_m(self._classes[outer] == OCCUPIED, self.geometry.resolution_m, self.needed_m + COMFORT_M)[
-            within
-        ]
+        felt_m = self.preferred_m + COMFORT_M
+        near_m = clearance_m(self._classes[outer] == OCCUPIED, self.geometry.resolution_m, felt_m)[within]
         classes = self._classes[inner]
         enough = near_m >= self.needed_m
-        spare = np.clip((near_m - self.needed_m) / COMFORT_M, 0.0, 1.0)
+        spare = np.clip((near_m - self.preferred_m) / COMFORT_M, 0.0, 1.0)
         cost = (1.0 + DISCOMFORT * (1.0 - spare) ** 2).astype(np.float32)
+        if self.preferred_m > self.needed_m:
+            missing = np.clip((self.preferred_m - near_m) / (self.preferred_m - self.needed_m), 0.0, 1.0)
+            cost += np.float32(NARROW) * missing
+            self.narrow[inner] = missing > 0.0
         if self.unknown_cost is None:
             self.traversable[inner] = (classes == FREE) & enough
         else:
@@ -154,8 +172,9 @@ class NavigationGrid:
         """Cells (N, 2) as points in metres: the first left out, corners rounded where the mask has room for it."""
         if cells.shape[0] < 2:
             return [self.geometry.center_of(int(row), int(column)) for row, column in cells]
-        rounded = round_corners(cells, self.traversable if traversable is None else traversable)
-        _centre(rounded, self._classes == OCCUPIED, CENTRED_M / self.geometry.resolution_m)
+        mask = kernel_array(self.traversable if traversable is None else traversable, BOOL)
+        rounded = round_corners(cells, mask)
+        _centre(rounded, self._classes == OCCUPIED, mask, CENTRED_M / self.geometry.resolution_m)
         return [self._point(float(row), float(column)) for row, column in rounded[1:]]
 
     def clear_positions(self, classes: NDArray[np.int8], positions: NDArray[np.float64]) -> int:
@@ -185,19 +204,31 @@ class NavigationGrid:
             _sweep(inside, cells, zone.radius_m / geometry.resolution_m)
         return np.where(inside, self.cost + np.float32(DEAR), self.cost)
 
-    def ways_m(self, place: Point2D, cells: list[tuple[int, int]], *, snap_m: float) -> list[float]:
+    def ways_m(
+        self,
+        place: Point2D,
+        cells: list[tuple[int, int]],
+        *,
+        snap_m: float,
+        shut: Sequence[tuple[float, float, float]] = (),
+    ) -> list[float]:
         """Cost of the way from a place to each of these cells, as metres on open floor; inf where there is none.
 
-        Measured on a grid of twice the pitch, in a quarter of the time: good for comparing ways, not for driving.
+        Measured on a grid of twice the pitch, in a quarter of the time: good for comparing ways, not for driving. Where
+        narrow places count, that grid would join what a wall parts, and they are measured on the cells themselves.
+        No way leads through narrow cells within these circles `shut` (x, y, radius in metres).
         """
         cell = self.snap(place, snap_m)
         if cell is None:
             return [math.inf] * len(cells)
-        traversable, cost = self._coarse
-        source = np.array([(cell[0] // COARSE, cell[1] // COARSE)], dtype=np.int64)
+        if self.preferred_m > self.needed_m:
+            pitch, traversable, cost = 1, self.without(shut, only_narrow=True), self.cost
+        else:
+            pitch, (traversable, cost) = COARSE, self._coarse
+        source = np.array([(cell[0] // pitch, cell[1] // pitch)], dtype=np.int64)
         field = distance_field(traversable, cost, source)
-        pitch_m = COARSE * self.geometry.resolution_m
-        return [float(field[row // COARSE, column // COARSE]) * pitch_m for row, column in cells]
+        pitch_m = pitch * self.geometry.resolution_m
+        return [float(field[row // pitch, column // pitch]) * pitch_m for row, column in cells]
 
     @cached_property
     def _coarse(self) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
@@ -212,14 +243,14 @@ class NavigationGrid:
         traversable = np.isfinite(least)
         return traversable, np.where(traversable, least, np.float32(1.0))
 
-    def without(self, circles: Iterable[tuple[float, float, float]]) -> NDArray[np.bool_]:
-        """The traversable cells that lie outside of these circles (x, y, radius in metres)."""
+    def without(self, circles: Iterable[tuple[float, float, float]], *, only_narrow: bool = False) -> NDArray[np.bool_]:
+        """The traversable cells that lie outside of these circles (x, y, radius in metres), or are not narrow."""
         traversable = self.traversable
         for x_m, y_m, radius_m in circles:
             if traversable is self.traversable:
                 traversable = traversable.copy()
             rows, columns, inside = self._disc(x_m, y_m, radius_m)
-            traversable[rows, columns] &= ~inside
+            traversable[rows, columns] &= ~(inside & self.narrow[rows, columns]) if only_narrow else ~inside
         return traversable
 
     def _disc(self, x_m: float, y_m: float, radius_m: float) -> tuple[slice, slice, NDArray[np.bool_]]:
@@ -248,8 +279,13 @@ def _sweep(inside: NDArray[np.bool_], cells: NDArray[np.float64], reach_cells: f
 
 
 @njit(cache=True, nogil=True)
-def _centre(path: NDArray[np.float64], occupied: NDArray[np.bool_], reach_cells: float) -> None:
-    """Move each place of a path (N, 2; row, column) to where, within half a cell, it is farthest from obstacles."""
+def _centre(
+    path: NDArray[np.float64], occupied: NDArray[np.bool_], traversable: NDArray[np.bool_], reach_cells: float
+) -> None:
+    """Move each place of a path (N, 2; row, column) to where, within half a cell, it is farthest from obstacles.
+
+    It stays where it is if the way to it or on from it would leave the traversable cells.
+    """
     height, width = occupied.shape
     reach = math.ceil(reach_cells)
     distance_2 = np.empty((3, 3))
@@ -268,8 +304,12 @@ def _centre(path: NDArray[np.float64], occupied: NDArray[np.bool_], reach_cells:
             for j in range(3):
                 if distance_2[i, j] > distance_2[best_i, best_j] + 1e-9:
                     best_i, best_j = i, j
-        path[k, 0] += 0.5 * (best_i - 1)
-        path[k, 1] += 0.5 * (best_j - 1)
+        to_row, to_column = row + 0.5 * (best_i - 1), column + 0.5 * (best_j - 1)
+        before, after = max(k - 1, 0), min(k + 1, path.shape[0] - 1)
+        if is_chord_clear(traversable, path[before, 0], path[before, 1], to_row, to_column) and is_chord_clear(
+            traversable, to_row, to_column, path[after, 0], path[after, 1]
+        ):
+            path[k, 0], path[k, 1] = to_row, to_column
 
 
 @njit(cache=True, nogil=True)

@@ -336,7 +336,7 @@ def _round(path: NDArray[np.float64], traversable: NDArray[np.bool_]) -> NDArray
         cut = min(CUT_CELLS, 0.25 * min(before, after))
         row, column = path[k, 0] + cut / before * before_row, path[k, 1] + cut / before * before_column
         to_row, to_column = path[k, 0] + cut / after * after_row, path[k, 1] + cut / after * after_column
-        if cut > 0.5 and _is_chord_clear(traversable, row, column, to_row, to_column):
+        if cut > 0.5 and is_chord_clear(traversable, row, column, to_row, to_column):
             rounded[count, 0], rounded[count, 1] = row, column
             rounded[count + 1, 0], rounded[count + 1, 1] = to_row, to_column
             count += 2
@@ -348,8 +348,8 @@ def _round(path: NDArray[np.float64], traversable: NDArray[np.bool_]) -> NDArray
 
 
 @njit(cache=True, nogil=True)
-def _is_chord_clear(traversable: NDArray[np.bool_], row: float, column: float, to_row: float, to_column: float) -> bool:
-    """Whether a short line between two places, in cells, touches traversable cells only; looked at every 0.1 cell."""
+def is_chord_clear(traversable: NDArray[np.bool_], row: float, column: float, to_row: float, to_column: float) -> bool:
+    """Whether a line between two places, in cells, touches traversable cells only; looked at every 0.1 cell."""
     height, width = traversable.shape
     steps = int(10.0 * np.hypot(to_row - row, to_column - column)) + 1
     for k in range(steps + 1):

@@ -105,10 +105,10 @@ class PoseFilter:
             drift.turn_per_sqrt_m,
         )
         self._walks = np.square(walks)
-        diagonal = np.einsum("ii->i", self._covariance)
-        diagonal[kernels.SCALE : kernels.SHADOWS] = np.square((drift.scale, drift.curve_rad_per_m, drift.turn))
+        variances = np.zeros(self._capacity)
+        variances[kernels.SCALE : kernels.SHADOWS] = np.square((drift.scale, drift.curve_rad_per_m, drift.turn))
         # What is known without any doubt could not be corrected, and would make the covariance singular.
-        diagonal += 1e-12
+        np.fill_diagonal(self._covariance, variances + 1e-12)
         self.place(start, np.diag(np.square((max(sigma_m, 1e-4), max(sigma_m, 1e-4), max(sigma_rad, 1e-4)))))
 
     @property
@@ -191,12 +191,10 @@ class PoseFilter:
 
     def correct(self, row: tuple[float, float, float], innovation: float, variance: float) -> float:
         """Take in a measurement of `row` · (x, y, yaw) that differs by `innovation` from what is believed; its NIS."""
-        along = self._covariance[:3, :3] @ row
-        nis = innovation**2 / (float(along @ row) + variance)
-        kernels.update(
+        expected: float = kernels.update(
             self._mean, self._covariance, self._size, kernels.YAW, row[0], row[1], row[2], innovation, variance
         )
-        return nis
+        return innovation**2 / expected
 
     def at_least(self, variances: tuple[float, float, float]) -> None:
         """Let x, y (m²) and yaw (rad²) be no surer than this: for errors that measurements share, so none can tell."""

@@ -91,8 +91,8 @@ def update(
     row_third: float,
     innovation: float,
     variance: float,
-) -> None:
-    """Take in a scalar measurement that depends on x, y and one more state.
+) -> float:
+    """Take in a scalar measurement that depends on x, y and one more state; the variance expected of its innovation.
 
     Joseph form, (1 − K·H)·P·(1 − K·H)ᵀ + K·R·Kᵀ, which keeps the covariance symmetric and positive definite for
     any gain (Bucy and Joseph 1968; Bar-Shalom, Li, Kirubarajan, *Estimation with Applications to Tracking and
@@ -101,7 +101,7 @@ def update(
     along = np.empty(size)  # P·Hᵀ
     for i in range(size):
         along[i] = row_x * covariance[i, X] + row_y * covariance[i, Y] + row_third * covariance[i, third]
-    expected = row_x * along[X] + row_y * along[Y] + row_third * along[third] + variance
+    expected: float = row_x * along[X] + row_y * along[Y] + row_third * along[third] + variance
     gain = along / expected
     for i in range(size):
         mean[i] += gain[i] * innovation
@@ -116,6 +116,7 @@ def update(
     for i in range(size):
         for j in range(i):
             covariance[i, j] = covariance[j, i] = 0.5 * (covariance[i, j] + covariance[j, i])
+    return expected
 
 
 @njit(cache=True, nogil=True)

@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.protocol.model import pose_filter_kernels as kernels
+from robrain.protocol.model.elementary_functions import exp, log
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
 from robrain.protocol.model.pose_filter import GATE, Heard, PoseFilter
 from robrain.protocol.model.rssi_ranging import RssiSample
+from robrain.protocol.model.small_linear_algebra import dot, quadratic_form
 
 SPLIT_RAD = 0.15
 """A filter whose yaw is less sure than this is split; chosen, as are the other figures here."""
@@ -101,10 +103,10 @@ class PoseMixture:
         innovations_db = np.array([each.innovation_db for each in heard])
         variances_db2 = np.array([each.variance_db2 for each in heard])
         weights = np.array(self._weights)
-        mean_db = float(weights @ innovations_db)
-        variance_db2 = float(weights @ (variances_db2 + innovations_db**2)) - mean_db**2
+        mean_db = dot(weights, innovations_db)
+        variance_db2 = dot(weights, variances_db2 + innovations_db**2) - mean_db**2
         nis = np.minimum([each.nis for each in heard], gate)
-        self._weigh(-0.5 * (nis + np.log(variances_db2)))
+        self._weigh(-0.5 * (nis + log(variances_db2)))
         return Heard(mean_db**2 / variance_db2, any(each.is_taken for each in heard), mean_db, variance_db2)
 
     def correct(self, row: tuple[float, float, float], innovation: float, variance: float) -> float:
@@ -112,11 +114,12 @@ class PoseMixture:
         if len(self._parts) == 1:
             return self._parts[0].correct(row, innovation, variance)
         mean = self._mean()[:3]
-        nis = innovation**2 / (float(np.array(row) @ self.covariance @ row) + variance)
+        direction = np.array(row)
+        nis = innovation**2 / (quadratic_form(self.covariance, direction) + variance)
         logs = []
         for part in self._parts:
-            own = innovation - float((part.mean[:3] - mean) @ row)
-            expected = float(np.array(row) @ part.covariance @ row) + variance
+            own = innovation - dot(part.mean[:3] - mean, direction)
+            expected = quadratic_form(part.covariance, direction) + variance
             logs.append(-0.5 * (own**2 / expected + math.log(expected)))
             part.correct(row, own, variance)
         self._weigh(np.array(logs))
@@ -145,7 +148,9 @@ class PoseMixture:
     def _mean(self) -> NDArray[np.float64]:
         if len(self._parts) == 1:
             return self._parts[0].mean
-        total: NDArray[np.float64] = np.array(self._weights) @ np.array([part.mean for part in self._parts])
+        total = np.zeros(kernels.SHADOWS)
+        for part, weight in zip(self._parts, self._weights, strict=True):
+            total += weight * part.mean
         return total
 
     def _split(self) -> None:
@@ -160,7 +165,7 @@ class PoseMixture:
 
     def _weigh(self, logs: NDArray[np.float64]) -> None:
         """Multiply the weights by likelihoods, drop what is unlikely, merge what is alike."""
-        weights = np.array(self._weights) * np.exp(logs - logs.max())
+        weights = np.array(self._weights) * exp(logs - logs.max())
         weights /= weights.sum()
         kept = [index for index, weight in enumerate(weights.tolist()) if weight > WEIGHT_MIN]
         self._parts = [self._parts[index] for index in kept]

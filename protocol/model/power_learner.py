@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 
 from robrain.protocol.model.energy_model import STANDING_BELOW, TERMS
+from robrain.protocol.model.small_linear_algebra import dot, inverse_form, times_vector
 
 BATCH_S = 20.0
 PACE_OVER_S = 60.0
@@ -90,14 +91,14 @@ class PowerLearner:
         """Take in what was drawn while the terms' factors had these integrals; the first is the duration, s."""
         duration_s = amounts[0]
         factors = np.array(amounts) / duration_s
-        error_w = energy_j / duration_s - float(factors @ self._mean)
+        error_w = energy_j / duration_s - dot(factors, self._mean)
         self._collect(error_w * duration_s, duration_s)
         keeps = math.exp(-duration_s / self.prior.memory_s)
         self._covariance[0, 0] += self.drift_w2_per_s * duration_s
-        informed = float(factors @ np.linalg.solve(self._covariance, factors))
+        informed = inverse_form(self._covariance, factors)
         covariance = self._covariance + (1.0 - keeps) / keeps / informed * np.outer(factors, factors)
-        spread = covariance @ factors
-        gain = spread / (float(factors @ spread) + self.residual_w2_s / duration_s)
+        spread = times_vector(covariance, factors)
+        gain = spread / (dot(factors, spread) + self.residual_w2_s / duration_s)
         self._mean += gain * error_w
         covariance -= np.outer(gain, spread)
         self._covariance = (covariance + covariance.T) / 2.0

@@ -68,7 +68,8 @@ class RecentSignals:
             return 0.0
         places, motes, mote_places, rssi_dbm = self.seen_from_here()
         cos, sin = math.cos(here.yaw_rad), math.sin(here.yaw_rad)
-        at = places @ np.array(((cos, sin), (-sin, cos))) + (here.x_m, here.y_m)
-        distances_m = np.hypot(*(at - mote_places[motes]).T)
+        x_m = here.x_m + cos * places[:, 0] - sin * places[:, 1]
+        y_m = here.y_m + sin * places[:, 0] + cos * places[:, 1]
+        distances_m = np.hypot(x_m - mote_places[motes, 0], y_m - mote_places[motes, 1])
         off_db: NDArray[np.float64] = rssi_dbm - [path_loss.mean_dbm(distance_m) for distance_m in distances_m.tolist()]
         return float(np.mean(off_db**2)) / (path_loss.shadowing_db**2 + path_loss.fading_db**2)

@@ -10,6 +10,9 @@ Floats = NDArray[np.float64]
 ITERATIONS = 12
 DONE_CELLS = 0.002
 NEAR_M = 0.2
+SWEEPS = 12
+"""Jacobi's method needs four or five for three by three."""
+NEGLIGIBLE = 1e-17
 
 
 @njit(cache=True, nogil=True)
@@ -43,6 +46,52 @@ def _window(points: Floats, per_m: float, x: float, y: float, margin: int) -> tu
         square = max(square, points[k, 0] ** 2 + points[k, 1] ** 2)
     half = math.ceil(math.sqrt(square) * per_m) + margin
     return math.floor(y) - half, math.floor(x) - half, 2 * half + 1, 2 * half + 1
+
+
+@njit(cache=True, nogil=True)
+def eigen(matrix: Floats, values: Floats, vectors: Floats) -> None:
+    """Eigenvalues (3,), ascending, and eigenvectors (3, 3), as columns, of a symmetric matrix (3, 3), which is used up.
+
+    Jacobi's method, cyclic by rows (Golub and Van Loan, *Matrix Computations*, section 8.5). LAPACK's results differ by
+    processor; see `small_linear_algebra`. The sign of a vector is arbitrary.
+    """
+    for i in range(3):
+        for j in range(3):
+            vectors[i, j] = 1.0 if i == j else 0.0
+    for _sweep in range(SWEEPS):
+        if matrix[0, 1] == 0.0 and matrix[0, 2] == 0.0 and matrix[1, 2] == 0.0:
+            break
+        for p in range(2):
+            for q in range(p + 1, 3):
+                aside = matrix[p, q]
+                if abs(aside) <= NEGLIGIBLE * min(abs(matrix[p, p]), abs(matrix[q, q])):
+                    matrix[p, q] = matrix[q, p] = 0.0
+                    continue
+                half = (matrix[q, q] - matrix[p, p]) / (2.0 * aside)
+                tan = 1.0 / (abs(half) + math.sqrt(half * half + 1.0))
+                if half < 0.0:
+                    tan = -tan
+                cos = 1.0 / math.sqrt(tan * tan + 1.0)
+                sin = tan * cos
+                matrix[p, p] -= tan * aside
+                matrix[q, q] += tan * aside
+                matrix[p, q] = matrix[q, p] = 0.0
+                k = 3 - p - q
+                by_p, by_q = matrix[k, p], matrix[k, q]
+                matrix[k, p] = matrix[p, k] = cos * by_p - sin * by_q
+                matrix[k, q] = matrix[q, k] = sin * by_p + cos * by_q
+                for i in range(3):
+                    by_p, by_q = vectors[i, p], vectors[i, q]
+                    vectors[i, p] = cos * by_p - sin * by_q
+                    vectors[i, q] = sin * by_p + cos * by_q
+    for i in range(3):
+        values[i] = matrix[i, i]
+    for last in range(2, 0, -1):
+        for k in range(last):
+            if values[k] > values[k + 1]:
+                values[k], values[k + 1] = values[k + 1], values[k]
+                for i in range(3):
+                    vectors[i, k], vectors[i, k + 1] = vectors[i, k + 1], vectors[i, k]
 
 
 @njit(cache=True, nogil=True)
@@ -120,7 +169,7 @@ def refine(
             information[0, 2],
             information[1, 2],
         )
-        values, vectors = np.linalg.eigh(information)
+        eigen(information, values, vectors)
         held = 0
         step = np.zeros(3)
         for k in range(3):

@@ -15,6 +15,7 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.occupancy_grid import GridGeometry
 from robrain.protocol.model.scan_match import match_scan
 from robrain.protocol.model.scan_match_kernels import distance_window
+from robrain.protocol.model.small_linear_algebra import least_solution
 
 STEP_CELLS = 2
 YAWS = 72
@@ -96,8 +97,8 @@ def _refined(log_odds: NDArray[np.int8], geometry: GridGeometry, guess: Pose2D, 
         held = match_scan(log_odds, geometry, guess, points).directions
         if not held:
             return guess
-        rows, offsets_m = np.array([each.row for each in held]), [each.offset_m for each in held]
-        x_m, y_m, yaw_rad = np.linalg.lstsq(rows, offsets_m, rcond=None)[0].tolist()
+        rows, offsets_m = np.array([each.row for each in held]), np.array([each.offset_m for each in held])
+        x_m, y_m, yaw_rad = least_solution(rows, offsets_m).tolist()
         guess = Pose2D(guess.x_m + x_m, guess.y_m + y_m, math.remainder(guess.yaw_rad + yaw_rad, math.tau))
     return guess
 

@@ -6,10 +6,17 @@ field that has its default does not travel: a task of an older peer decodes, and
 
 import math
 from enum import StrEnum
+from typing import Annotated
 
 import msgspec
+from msgspec import Meta
 
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import Duration, Name, Priority, Quantity, Radians, Share, Stamp
+
+Needs = Annotated[tuple[Name, ...], Meta(max_length=64)]
+After = Annotated[tuple[Name, ...], Meta(max_length=1000)]
+Team = Annotated[int, Meta(le=1000)]
 
 
 class TaskState(StrEnum):
@@ -32,20 +39,20 @@ class TaskState(StrEnum):
 class TaskBase(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What every task has. Raises ValueError where it is built with what makes no sense."""
 
-    id: str
-    priority: float = 1.0
+    id: Name
+    priority: Priority = 1.0
     """The prize for doing it: a task of priority 2 is worth two of priority 1."""
-    earliest_ns: int = 0
+    earliest_ns: Stamp = 0
     """It must not begin before this stamp of the run's clock."""
-    deadline_ns: int | None = None
+    deadline_ns: Stamp | None = None
     """It must be done by this stamp; None if there is no haste."""
-    service_s: float = 0.0
+    service_s: Duration = 0.0
     """How long it takes at its place, as far as whoever asks for it knows; a visit stays so long."""
-    needs: tuple[str, ...] = ()
+    needs: Needs = ()
     """Names of plugins that a robot must have for it, beyond the behavior itself."""
-    after: tuple[str, ...] = ()
+    after: After = ()
     """Ids of the tasks that must be done before."""
-    robots: int = 1
+    robots: Team = 1
     """So many robots must be at it at once."""
 
     def __post_init__(self) -> None:
@@ -91,8 +98,8 @@ class Inspect(PlacedTask, frozen=True, kw_only=True, tag="inspect", omit_default
 class Collect(PlacedTask, frozen=True, kw_only=True, tag="collect", omit_defaults=True):
     """Go near a mote and take the readings that it has stored along. Result: `readings`, how many came."""
 
-    mote: str
-    timeout_s: float = 60.0
+    mote: Name
+    timeout_s: Duration = 60.0
     """At the mote, the robot waits no longer than this."""
 
     def __post_init__(self) -> None:
@@ -106,11 +113,11 @@ class Relay(PlacedTask, frozen=True, kw_only=True, tag="relay", omit_defaults=Tr
     Result: `share_linked`, and `rssi_dbm` (the mean) of the mote or, without one, of the robot.
     """
 
-    mote: str = ""
-    duration_s: float
-    rssi_min_dbm: float = -85.0
+    mote: Name = ""
+    duration_s: Duration
+    rssi_min_dbm: Quantity = -85.0
     """Where a link is weaker than this, the robot moves nearer."""
-    robot: str = ""
+    robot: Name = ""
     """The next one of a chain; a link to it is held as well."""
 
     def __post_init__(self) -> None:
@@ -126,12 +133,12 @@ class Monitor(PlacedTask, frozen=True, kw_only=True, tag="monitor", omit_default
     With a `quantity` a mote that is there may do it instead. Result then: `rounds`, `least`, `greatest`, `mote`.
     """
 
-    duration_s: float
-    interval_s: float = 30.0
+    duration_s: Duration
+    interval_s: Duration = 30.0
     """From the beginning of one round to that of the next."""
     views: int = 4
     """Directions a round, spread evenly over the circle."""
-    quantity: str = ""
+    quantity: Name = ""
     """What a mote may watch in place of pictures; with none, only pictures will do."""
 
     def __post_init__(self) -> None:
@@ -144,10 +151,10 @@ class Monitor(PlacedTask, frozen=True, kw_only=True, tag="monitor", omit_default
 class Sense(PlacedTask, frozen=True, kw_only=True, tag="sense", omit_defaults=True):
     """Bring one reading from a place. Result: `value`, `quantity`, `mote`."""
 
-    quantity: str = "temperature_c"
-    mote: str = ""
+    quantity: Name = "temperature_c"
+    mote: Name = ""
     """Whose reading; of whichever mote is heard best at the place if empty."""
-    timeout_s: float = 30.0
+    timeout_s: Duration = 30.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -157,9 +164,9 @@ class Sense(PlacedTask, frozen=True, kw_only=True, tag="sense", omit_defaults=Tr
 class Replace(PlacedTask, frozen=True, kw_only=True, tag="replace", omit_defaults=True):
     """Stand in for a mote: sense at its place, as often as it did. Result: `readings`."""
 
-    mote: str
-    duration_s: float
-    period_s: float = 4.0
+    mote: Name
+    duration_s: Duration
+    period_s: Duration = 4.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -172,9 +179,9 @@ class Recharge(PlacedTask, frozen=True, kw_only=True, tag="recharge", omit_defau
     Result: `soc`, `docked_m`, and `charged_j`; `energy_j` is what it took to get there.
     """
 
-    yaw_rad: float | None = None
+    yaw_rad: Radians | None = None
     """How the docked robot faces; None leaves it to the robot."""
-    until_soc: float = 0.95
+    until_soc: Share = 0.95
     """State of charge, above 0 to 1."""
 
     def __post_init__(self) -> None:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from robrain.protocol.model.elementary_functions import arctan2, exp, log, log10
 from robrain.protocol.model.escape import escape_cells
 from robrain.protocol.model.frontier import find_frontiers
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
@@ -19,11 +20,14 @@ from robrain.protocol.model.path_planning import (
     plan_path,
     shorten_path,
 )
+from robrain.protocol.model.pose_filter import DriftModel, PoseFilter
+from robrain.protocol.model.power_learner import PowerLearner, PowerPrior
 from robrain.protocol.model.ray_cast import cast_rays
 from robrain.protocol.model.right_of_way import Margins, Track, meet, release, sample_way
 from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
 from robrain.protocol.model.scan_match import beam_ends, match_scan, search_scan
 from robrain.protocol.model.scan_relocalisation import agreement, find_by_scan
+from robrain.protocol.model.small_linear_algebra import covariance_of, least_solution, quadratic_form
 from robrain.protocol.model.soc_filter import PackModel, SocFilter
 
 
@@ -66,6 +70,7 @@ def warm_up() -> None:
     descend(distance_field(traversable, cost, np.array([[3, 0]])), traversable, start)
     _warm_up_localisation(grid)
     _warm_up_giving_way(geometry)
+    _warm_up_small_kernels()
 
 
 def _warm_up_giving_way(geometry: GridGeometry) -> None:
@@ -86,9 +91,21 @@ def _warm_up_localisation(grid: OccupancyGrid) -> None:
     localiser.move(Twist2D(0.01, 0.0, 0.01))
     localiser.hear(RssiSample("m", Point2D(0.7, 0.7), -60.0))
     localiser.filter.correct((1.0, 0.0, 0.0), 0.0, 1.0)
+    PoseFilter(localiser.pose, 0.1, 0.1, DriftModel(), PathLoss()).correct((1.0, 0.0, 0.0), 0.0, 1.0)
     ends = beam_ends(np.linspace(-3.0, 3.0, 30), np.full(30, 0.2), 1.0)
     match_scan(grid.log_odds, grid.geometry, localiser.pose, ends)
     search_scan(grid.log_odds, grid.geometry, localiser.pose, ends, within_m=0.1, within_rad=0.05)
     agreement(grid.log_odds, grid.geometry, localiser.pose, ends)
     find_by_scan(grid.log_odds, grid.geometry, ends)
     find_robot(Signals(np.zeros((1, 2)), np.zeros(1, np.int64), np.zeros((1, 2)), np.zeros(1)), PathLoss())
+
+
+def _warm_up_small_kernels() -> None:
+    ones, unit = np.ones(3), np.eye(3)
+    covariance_of(unit, unit)
+    least_solution(unit, ones)
+    quadratic_form(unit, ones)
+    PowerLearner(PowerPrior()).learn((1.0, 1.0, 0.5, 0.1, 0.0), 8.0)
+    for function in (exp, log, log10):
+        function(ones)
+    arctan2(ones, ones)

@@ -8,7 +8,7 @@ and a query from the runner's own thread is answered there and then; what comes 
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from enum import StrEnum
 from threading import get_ident
 from typing import Any, NamedTuple
@@ -23,8 +23,10 @@ from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.inbox import NOTHING, Inbox
 from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.later import Later, call_error
+from robrain.protocol.wire.lockstep_query import NO_LIMIT_S, LockstepReplies
 from robrain.protocol.wire.presence import Presence
 from robrain.protocol.wire.publisher import PRIORITY, Publisher
+from robrain.protocol.wire.refusals import Refusals
 from robrain.protocol.wire.topic import JSON, Delivery, Topic
 
 logger = logging.getLogger(__name__)
@@ -36,6 +38,7 @@ REPLIES = 64
 """One concrete key has one reply. There is room for more, for a full channel would hold up the link; and what a ring
 holds is lost as soon as the query is over."""
 BY = "by"
+CONGESTION = {False: zenoh.CongestionControl.DROP, True: zenoh.CongestionControl.BLOCK}
 HISTORY_TIMEOUT_S = 5.0
 STUCK_TIMEOUT_S = 2.0
 """How long the end of an endpoint waits for answers that are being made."""
@@ -102,6 +105,8 @@ class Endpoint:
         self.clock = clock
         self.drive = drive
         self.refused_queries = 0
+        self.refusals = Refusals(clock)
+        """Messages that its inboxes refused."""
         self._on_outside = on_outside
         self.has_waiting = False
         """Whether `serve` has something to do."""
@@ -126,7 +131,8 @@ class Endpoint:
         options: dict[str, Any] = {
             "encoding": topic.encoding,
             "priority": PRIORITY[topic.urgency],
-            "congestion_control": zenoh.CongestionControl.DROP,
+            "congestion_control": CONGESTION[topic.is_blocking],
+            "express": topic.is_blocking,
         }
         declared: Any
         if self.drive is Drive.LIVE and topic.delivery is Delivery.LOSSLESS:
@@ -151,6 +157,7 @@ class Endpoint:
 
     def subscribe(self, inbox: Inbox, topic: Topic, **names: str) -> None:
         """Put what arrives on a topic into `inbox`; names that are not given match any."""
+        self._adopt(inbox)
         key = topic.selector(self.team, **names)
         # Where names are left open, each sample says its own; to ask it of others too costs half as much as the rest.
         own_key = key if "*" not in key else None
@@ -183,6 +190,10 @@ class Endpoint:
         else:
             self._entities.append(self.session.declare_subscriber(key, self._callback(take)))
 
+    def _adopt(self, inbox: Inbox) -> None:
+        if inbox.refusals is None:
+            inbox.refusals = self.refusals
+
     def _declare_key(self, key: str) -> None:
         """Have Zenoh remember the way of what arrives on a key.
 
@@ -202,7 +213,10 @@ class Endpoint:
             liveliness.declare_subscriber(selector, self._callback(presence.append), history=not lockstep)
         )
         if lockstep:  # a subscriber's history comes on a thread of Zenoh's even to a direct callback, some time later
-            for reply in liveliness.get(selector, timeout=HISTORY_TIMEOUT_S):
+            own = LockstepReplies()
+            liveliness.get(selector, own.handler(), timeout=NO_LIMIT_S)
+            own.wait(HISTORY_TIMEOUT_S)
+            for reply in own.replies:
                 if reply.ok is not None:
                     presence.append(reply.ok)
         return presence
@@ -314,7 +328,7 @@ class Endpoint:
         Args:
             topic: a query topic.
             payload: encoded as JSON unless it is bytes or None.
-            timeout_s: how long to wait for the reply.
+            timeout_s: how long to wait for the reply; in lockstep, how long to wait for another process.
             by: who asks, where that matters: the holder of an exclusive plugin.
             names: the names in the key.
 
@@ -327,11 +341,24 @@ class Endpoint:
         body = payload if payload is None or isinstance(payload, bytes) else msgspec.json.encode(payload)
         priority = PRIORITY[topic.urgency]
         selector = f"{key}?{BY}={check_name('asker', by)}" if by else key
-        for reply in self.session.get(selector, payload=body, timeout=timeout_s, encoding=JSON, priority=priority):
+        for reply in self._replies(selector, timeout_s, payload=body, encoding=JSON, priority=priority):
             if reply.ok is not None:
                 return reply.ok.payload.to_bytes()
             raise call_error(reply.err)
         raise NobodyThere(f"nobody answers {key}")
+
+    def _replies(self, selector: str, timeout_s: float, **options: Any) -> Iterable[zenoh.Reply]:
+        if self.drive is Drive.LIVE:
+            replies: Iterable[zenoh.Reply] = self.session.get(selector, timeout=timeout_s, **options)
+            return replies
+        own = LockstepReplies()
+        self.session.get(selector, own.handler(), timeout=NO_LIMIT_S, **options)
+        in_time = own.wait(timeout_s)
+        if own.from_outside:
+            self.note_outside(selector, b"")
+        if not in_time:
+            raise CallError(ErrorCode.TIMEOUT, "no reply in time")
+        return own.replies
 
     def ask_later(self, topic: Topic, payload: Any = None, *, timeout_s: float = 2.0, **names: str) -> Later:
         """Ask one concrete key without waiting; in lockstep the reply is there when this returns.
@@ -368,6 +395,7 @@ class Endpoint:
             names: the names in the key.
 
         """
+        self._adopt(inbox)
         key, reply_key = topic.key(self.team, **names), reply_topic.key(self.team, **names)
         if self.drive is Drive.LIVE:  # a callback would have a thread begun for each query
             replies: Any = self.session.get(key, zenoh.handlers.FifoChannel(REPLIES), timeout=timeout_s)
@@ -376,10 +404,12 @@ class Endpoint:
 
         def take(reply: zenoh.Reply) -> None:
             payload = reply.ok.payload.to_bytes() if reply.ok is not None else NOTHING
+            if self._from_outside():
+                self.note_outside(key, payload)
             if payload != NOTHING:
                 inbox.append(reply_topic, reply_key, payload)
 
-        self.session.get(key, self._callback(take), timeout=timeout_s)
+        self.session.get(key, self._callback(take), timeout=NO_LIMIT_S)
 
     # -- the end --------------------------------------------------------------------------------------------
 

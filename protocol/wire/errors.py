@@ -2,8 +2,10 @@
 
 RobrainError                  everything that robrain raises on purpose
 ├── BadName                   a robot, mote, team or plugin name that cannot be part of a key
+├── BadToml                   TOML that is too large, nested too deep, or none
 ├── WireError                 the session could not be opened or used
 │   ├── NobodyThere           nothing answers at that endpoint, or nobody of that team is there
+│   ├── NameTaken             another process is that robot, or the coordinator
 │   └── PortTaken             another process listens on that port
 └── CallError                 a query was answered with an error; carries `.code`
 """
@@ -49,12 +51,20 @@ class BadName(RobrainError):
         self.name = name
 
 
+class BadToml(RobrainError):
+    """TOML that cannot be read; the text says what was expected, the caller knows of which file."""
+
+
 class WireError(RobrainError):
     """The session could not be opened or used."""
 
 
 class NobodyThere(WireError):
     """Nothing answers at an endpoint, or nobody of a team is there."""
+
+
+class NameTaken(WireError):
+    """Another process of the team is that robot, or its coordinator."""
 
 
 class PortTaken(WireError):

@@ -6,10 +6,13 @@ from typing import Any, NamedTuple
 import msgspec
 import zenoh
 
+from robrain.protocol.wire.refusals import RefusalCode, Refusals
 from robrain.protocol.wire.topic import Delivery, Topic
 
 NOTHING = b"null"
 """A reply that says that there is nothing to say."""
+KEYS_MAX = 8192
+"""Keys whose names are kept at hand."""
 
 
 class Received(NamedTuple):
@@ -28,7 +31,8 @@ class Inbox:
 
     On topics delivered as LATEST a new sample takes the place of the last one of its key. When `capacity`
     is reached the oldest sample goes, or a key that is new among the latest is not taken in; `dropped` counts
-    these. Samples that do not decode are counted in `malformed` and left out.
+    these. Samples that are larger than their topic allows, that do not decode, or whose key and payload name different
+    senders are left out: counted in `malformed`, and in `refusals` with their sender and why.
 
     Args:
         capacity: samples held at the most, of those that count singly and of the latest ones each.
@@ -42,6 +46,8 @@ class Inbox:
         """Samples that reached a lockstep run from another process."""
         self.dropped = 0
         self.malformed = 0
+        self.refusals: Refusals | None = None
+        """Of the endpoint that fills this inbox."""
         self.received = 0
         self._every: deque[tuple[Topic, str, bytes]] = deque(maxlen=capacity)
         self._expected: deque[tuple[Any, Topic, str]] = deque(maxlen=capacity)
@@ -53,6 +59,9 @@ class Inbox:
         """Take a sample in; called by subscriptions, on whatever thread they run."""
         self.received += 1
         self.outside += outside
+        if topic.max_bytes is not None and len(payload) > topic.max_bytes:
+            self._refuse(topic, key, RefusalCode.TOO_LARGE, topic.too_large(len(payload)))
+            return
         if topic.delivery is Delivery.LATEST and not self.every:
             if len(self._latest) >= self.capacity and key not in self._latest:
                 self.dropped += 1
@@ -109,6 +118,8 @@ class Inbox:
     def _decode(self, topic: Topic, key: str, payload: bytes) -> Received | None:
         names = self._names.get(key)
         if names is None:
+            if len(self._names) >= KEYS_MAX:
+                self._names.clear()
             names = self._names[key] = topic.parse(key) or {}
         if topic.message is None:
             return Received(topic, key, names, payload)
@@ -116,7 +127,18 @@ class Inbox:
         if decoder is None:
             decoder = self._decoders[topic.name] = msgspec.json.Decoder(topic.message)
         try:
-            return Received(topic, key, names, decoder.decode(payload))
-        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):  # the last for what is nested too deep
-            self.malformed += 1
+            message = decoder.decode(payload)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:  # the last: nested too deep
+            self._refuse(topic, key, RefusalCode.MALFORMED, str(error))
             return None
+        for field, name_in in topic.named_twice:
+            if name_in(message) != names.get(field):
+                why = f"its key says {field} {names.get(field)}, its payload {name_in(message)}"
+                self._refuse(topic, key, RefusalCode.WRONG_NAME, why)
+                return None
+        return Received(topic, key, names, message)
+
+    def _refuse(self, topic: Topic, key: str, code: RefusalCode, why: str) -> None:
+        self.malformed += 1
+        if self.refusals is not None:
+            self.refusals.note(topic.name, key, code, why)

@@ -10,6 +10,11 @@ from robrain.protocol.wire.messages import MapPatch
 NS_PER_MS = 1_000_000
 STAMP_MODULUS_MS = 1 << 31
 MAX_CELLS = 1 << 24
+AHEAD_MAX_MS = 5_000
+"""Clocks of a team may differ by so much (chosen). What claims to be from later would outlast all that is seen."""
+OCCUPIED_MAX = 4_000
+"""Occupied cells that changed since the last patch (chosen: two circles of 30 m about a robot, in cells of 0.1 m). In
+all that a robot knows there are more, and more free ones that they were seen through."""
 
 
 def map_stamp_ms(stamp_ns: int) -> int:
@@ -45,6 +50,25 @@ def geometry_of(message: MapPatch) -> GridGeometry:
     return GridGeometry(message.resolution_m, message.origin_x_m, message.origin_y_m, message.width, message.height)
 
 
+def check_claim(message: MapPatch, now_ns: int) -> None:
+    """Check that a patch claims only what was seen before now.
+
+    Args:
+        message: as it came.
+        now_ns: by the receiver's clock.
+
+    Raises:
+        ValueError: it is from the future. Just after the stamps have wrapped so are those from before.
+
+    """
+    ahead_ms = message.observed_ms - map_stamp_ms(now_ns)
+    if ahead_ms > AHEAD_MAX_MS:
+        raise ValueError(
+            f"{message.robot} tells of what it saw {ahead_ms / 1000:.1f} s from now: its patch is from the future, "
+            "or the clocks of its machine and of this one differ"
+        )
+
+
 def merge_message(grid: OccupancyGrid, message: MapPatch) -> int:
     """Merge a patch into a grid of the same geometry.
 
@@ -52,7 +76,7 @@ def merge_message(grid: OccupancyGrid, message: MapPatch) -> int:
         How many cells changed their class.
 
     Raises:
-        ValueError: the patch belongs to another grid, or its cells are not what it says.
+        ValueError: the patch belongs to another grid, its cells are not what it says, or nobody can have seen them.
 
     """
     if geometry_of(message) != grid.geometry:
@@ -68,4 +92,10 @@ def merge_message(grid: OccupancyGrid, message: MapPatch) -> int:
     if len(cells) != size:
         raise ValueError(f"{message.robot}: expected {size} cells in its patch, got {len(cells)}")
     box = np.frombuffer(cells, dtype=np.int8).reshape(message.rows, message.columns)
+    occupied, free = int(np.count_nonzero(box > 0)), int(np.count_nonzero(box == 0))
+    if occupied > OCCUPIED_MAX + free:
+        raise ValueError(
+            f"{message.robot}: expected at most {OCCUPIED_MAX} occupied cells in its patch beyond the free ones "
+            f"that they were seen through, got {occupied} and {free} free ones"
+        )
     return grid.merge_patch(message.row, message.column, box, message.observed_ms)

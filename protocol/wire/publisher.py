@@ -31,10 +31,18 @@ class Publisher:
         self._encoder = msgspec.json.Encoder()
 
     def put(self, message: Message) -> None:
-        """Send a message, with the stamp of now and the next sequence number."""
+        """Send a message, with the stamp of now and the next sequence number.
+
+        Raises:
+            ValueError: it is larger than its topic allows.
+
+        """
         stamped = msgspec.structs.replace(message, stamp_ns=self._clock.now_ns(), seq=self._seq)
+        encoded = self._encoder.encode(stamped)
+        if self.topic.max_bytes is not None and len(encoded) > self.topic.max_bytes:
+            raise ValueError(self.topic.too_large(len(encoded)))
         self._seq += 1
-        self._declared.put(self._encoder.encode(stamped))
+        self._declared.put(encoded)
 
     def put_bytes(self, payload: bytes) -> None:
         """Send bytes as they are, on topics that carry somebody else's protocol or a recorded payload."""

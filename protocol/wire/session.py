@@ -1,6 +1,7 @@
 """Opening Zenoh sessions, with the settings that measurements recommend (docs/decisions/0002-sessions.md)."""
 
 import errno
+import ipaddress
 import json
 import re
 import socket
@@ -14,7 +15,8 @@ from robrain.protocol.wire.errors import NobodyThere, PortTaken, WireError
 LEASE_MS = 2000
 """A cut link is noticed after this; 800 ms did not flap on loopback, 2 s leaves room for busy machines."""
 
-_TCP = re.compile(r"tcp/(?P<host>\[[^\]]+\]|[^:/]+):(?P<port>\d+)")
+TCP_ENDPOINT = re.compile(r"tcp/(?P<host>\[[^\]]+\]|[^:/]+):(?P<port>\d+)")
+"""A plain TCP endpoint: host and port."""
 _ENDPOINT = re.compile(r"(tcp|tls|quic|udp|unixsock-stream|ws)/.+")
 
 
@@ -77,6 +79,8 @@ def open_session(
     try:
         return _open(settings, what=f"a {mode} session")
     except WireError as error:
+        for endpoint in listen:  # another process may have taken it meanwhile
+            _check_port_free(endpoint)
         if connect:
             raise NobodyThere(
                 f"nobody answers at {', '.join(connect)}: is `robrain up` or a Zenoh router running there?"
@@ -91,6 +95,18 @@ def check_endpoint(endpoint: str) -> str:
     return endpoint
 
 
+def is_loopback(endpoint: str) -> bool:
+    """Whether only this machine reaches an endpoint that something listens on."""
+    match = TCP_ENDPOINT.fullmatch(endpoint)
+    if match is None:
+        return False
+    host = match["host"].strip("[]")
+    try:
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:  # a name; where it leads to is not known
+        return False
+
+
 def listening_at(session: zenoh.Session) -> list[str]:
     """The endpoints that a router session is bound to, with the real port where 0 was asked for."""
     zid = session.zid()
@@ -102,7 +118,7 @@ def listening_at(session: zenoh.Session) -> list[str]:
 
 
 def _check_port_free(endpoint: str) -> None:
-    match = _TCP.fullmatch(endpoint)
+    match = TCP_ENDPOINT.fullmatch(endpoint)
     if match is None or match["port"] == "0":
         return
     host = match["host"].strip("[]")

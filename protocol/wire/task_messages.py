@@ -3,23 +3,27 @@
 As in `messages`: JSON, unknown fields ignored, new fields with defaults. Stamps are those of the run's clock.
 """
 
-from typing import Any
+from typing import Annotated
 
 import msgspec
+from msgspec import Meta
 
+from robrain.protocol.model.ranges import Count, Epoch, Name, Quantity, Seconds, Stamp, Text
 from robrain.protocol.model.task import Task, TaskState
-from robrain.protocol.wire.messages import TaskEvent
+from robrain.protocol.wire.messages import Result, TaskEvent
+
+Limit = Annotated[int, Meta(ge=-1_000_000, le=1_000_000)]
 
 
 class TaskSubmission(msgspec.Struct, frozen=True, kw_only=True):
     """Do this. The task's id makes it idempotent: the same submission again has the same answer."""
 
     task: Task
-    by: str = ""
+    by: Text = ""
     """Who asks."""
-    earliest_in_s: float | None = None
+    earliest_in_s: Seconds | None = None
     """Counted from when the coordinator accepts it, in place of the task's `earliest_ns`."""
-    deadline_in_s: float | None = None
+    deadline_in_s: Seconds | None = None
     """Counted from when the coordinator accepts it, in place of the task's `deadline_ns`."""
 
 
@@ -28,23 +32,23 @@ class TaskRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     task: Task
     state: TaskState
-    robot: str = ""
+    robot: Name = ""
     """Whose it is, or was when it ended."""
-    epoch: int = 0
+    epoch: Epoch = 0
     """Of the last offer."""
-    why: str = ""
-    result: dict[str, Any] = {}
+    why: Text = ""
+    result: Result = {}
     """What its robot told of it at the end."""
-    changed_ns: int = 0
+    changed_ns: Stamp = 0
     """When it last changed, by the coordinator's clock."""
-    change: int = 0
+    change: Count = 0
     """Number of its last change in the journal; grows over all tasks."""
-    submitted_ns: int = 0
-    by: str = ""
+    submitted_ns: Stamp = 0
+    by: Text = ""
     """Who asked for it."""
     own: bool = False
     """Whether the coordinator made it for itself: such a task is not tried again."""
-    attempts: int = 0
+    attempts: Count = 0
     """How many robots have failed at it."""
 
     @property
@@ -65,57 +69,57 @@ class TaskRecord(msgspec.Struct, frozen=True, kw_only=True):
 class TaskRequest(msgspec.Struct, frozen=True, kw_only=True):
     """A query about one task: cancel, get, why."""
 
-    id: str
-    by: str = ""
-    why: str = ""
+    id: Name
+    by: Text = ""
+    why: Text = ""
     """cancel: the reason."""
 
 
 class TaskFilter(msgspec.Struct, frozen=True, kw_only=True):
     """Which tasks are asked for; what is empty matches all."""
 
-    states: list[TaskState] = []
-    kinds: list[str] = []
+    states: Annotated[list[TaskState], Meta(max_length=64)] = []
+    kinds: Annotated[list[Name], Meta(max_length=64)] = []
     """As the tag says them: `visit`."""
-    robot: str = ""
-    by: str = ""
+    robot: Name = ""
+    by: Text = ""
     own: bool = False
     """Those, too, that the coordinator made for itself."""
-    limit: int = 1000
+    limit: Limit = 1000
     """The last so many, in the order in which they were accepted."""
 
 
 class TaskChange(msgspec.Struct, frozen=True, kw_only=True):
     """One line of a task's history."""
 
-    number: int
-    stamp_ns: int
+    number: Count
+    stamp_ns: Stamp
     state: TaskState
-    robot: str = ""
-    epoch: int = 0
-    why: str = ""
+    robot: Name = ""
+    epoch: Epoch = 0
+    why: Text = ""
 
 
 class RobotVerdict(msgspec.Struct, frozen=True, kw_only=True):
     """What a robot would need for a task, or why it is ruled out."""
 
-    robot: str
+    robot: Name
     chosen: bool = False
-    why_not: str = ""
-    distance_m: float | None = None
-    energy_j: float | None = None
-    time_s: float | None = None
+    why_not: Text = ""
+    distance_m: Quantity | None = None
+    energy_j: Quantity | None = None
+    time_s: Quantity | None = None
 
 
 class TaskWhy(msgspec.Struct, frozen=True, kw_only=True):
     """Why a task stands as it does."""
 
     record: TaskRecord
-    now: str
+    now: Text
     """In one sentence."""
     robots: list[RobotVerdict] = []
     """As they were judged last, by name."""
-    decided_ns: int = 0
+    decided_ns: Stamp = 0
     """When they were; 0 if never."""
     changes: list[TaskChange] = []
     """The last ones, oldest first."""

@@ -4,7 +4,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property, lru_cache
-from typing import Any
+from operator import attrgetter
+from typing import Annotated, Any, get_origin
 
 import msgspec
 
@@ -75,6 +76,10 @@ class Topic:
     reads_only: bool = False
     """A query that changes nothing where it is answered."""
     encoding: str = JSON
+    max_bytes: int | None = None
+    """A larger payload is refused, by who sends it and by who receives it; None if any size will do."""
+    is_blocking: bool = False
+    """It waits where the network is congested, where other puts are dropped; and it is sent at once, not in a batch."""
     cache: int = 64
     """Samples that the sender of a lossless topic keeps."""
 
@@ -87,6 +92,16 @@ class Topic:
     def fields(self) -> tuple[str, ...]:
         """Names that the key is built from, in order."""
         return tuple(chunk[1:-1] for chunk in self.chunks if chunk.startswith("{"))
+
+    @cached_property
+    def named_twice(self) -> tuple[tuple[str, Callable[[Any], str]], ...]:
+        """Names that the key and the payload both say, each with what reads it from a message."""
+        said = getattr(self.message, "__struct_fields__", ()) if self.kind is Kind.PUT else ()
+        return tuple((field, _reader(self.message, field)) for field in self.fields if field in said)
+
+    def too_large(self, size: int) -> str:
+        """What is wrong with a payload of so many bytes, in words."""
+        return f"expected at most {self.max_bytes} bytes of {self.name}, got {size}"
 
     def key(self, team: str, /, **names: str) -> str:
         """The concrete key.
@@ -103,6 +118,10 @@ class Topic:
         """The key expression of all keys of this topic; fields that are not given are `*`."""
         given = {field: check_name(field, name) for field, name in names.items()}
         return self._fill(team, {field: given.get(field, "*") for field in self.fields})
+
+    def of_every_team(self) -> str:
+        """The key expression of all keys of this topic, whatever the team."""
+        return "/".join((ROOT, "*", *("*" if chunk.startswith("{") else chunk for chunk in self.chunks)))
 
     def parse(self, key: str) -> dict[str, str] | None:
         """The names in a concrete key with its team under `team`, or None if it is not one of this topic.
@@ -134,3 +153,8 @@ class Topic:
     def _fill(self, team: str, names: Mapping[str, str]) -> str:
         filled = (names[chunk[1:-1]] if chunk.startswith("{") else chunk for chunk in self.chunks)
         return "/".join((ROOT, check_name("team", team), *filled))
+
+
+def _reader(message: Any, field: str) -> Callable[[Any], str]:
+    kind = next(one.type for one in msgspec.structs.fields(message) if one.name == field)
+    return attrgetter(field) if get_origin(kind) is Annotated else attrgetter(f"{field}.id")  # a task has an id

@@ -7,6 +7,7 @@ in the project writes a key by hand.
 from typing import Any
 
 from robrain.protocol.wire import messages, plan_messages, task_messages
+from robrain.protocol.wire.replay_messages import ReplayRequest
 from robrain.protocol.wire.topic import CAN_FRAME, PNG, TINYOS_PACKET, Delivery, Kind, Role, Topic, Urgency
 
 ROBOT_ALIVE = Topic(
@@ -15,6 +16,21 @@ ROBOT_ALIVE = Topic(
     doc="Liveliness token of the agent",
     by=Role.ROBOT,
     kind=Kind.TOKEN,
+)
+ROBOT_CLAIM = Topic(
+    name="robot_claim",
+    pattern="robot/{robot}/claim/{stage}/{process}",
+    doc="Liveliness token of an agent that starts: it `asks` for the robot's name, then `has` it until it is alive",
+    by=Role.ROBOT,
+    kind=Kind.TOKEN,
+)
+ROBOT_WHO = Topic(
+    name="robot_who",
+    pattern="robot/{robot}/who",
+    doc="Which process has the robot's name: replies host, process id and Zenoh id",
+    by=Role.ROBOT,
+    kind=Kind.QUERY,
+    reads_only=True,
 )
 ROBOT_STATE = Topic(
     name="robot_state",
@@ -25,6 +41,7 @@ ROBOT_STATE = Topic(
     rate_hz=10,
     delivery=Delivery.LATEST,
     recorded=True,
+    max_bytes=65_536,
 )
 ROBOT_MAP = Topic(
     name="robot_map",
@@ -260,6 +277,21 @@ COORDINATOR_ALIVE = Topic(
     by=Role.COORDINATOR,
     kind=Kind.TOKEN,
 )
+COORDINATOR_CLAIM = Topic(
+    name="coordinator_claim",
+    pattern="coordinator/claim/{stage}/{process}",
+    doc="Liveliness token of a coordinator that starts: it `asks` for its place, then `has` it until it is alive",
+    by=Role.COORDINATOR,
+    kind=Kind.TOKEN,
+)
+COORDINATOR_WHO = Topic(
+    name="coordinator_who",
+    pattern="coordinator/who",
+    doc="Which process is the coordinator: replies host, process id and Zenoh id",
+    by=Role.COORDINATOR,
+    kind=Kind.QUERY,
+    reads_only=True,
+)
 COORDINATOR_STATE = Topic(
     name="coordinator_state",
     pattern="coordinator/state",
@@ -295,7 +327,7 @@ REPLAY_CONTROL = Topic(
     doc="Pause a replay, seek in it, change its speed: replies a `ReplayStatus`",
     by=Role.OPERATOR,
     kind=Kind.QUERY,
-    message=messages.ReplayRequest,
+    message=ReplayRequest,
     urgency=Urgency.INTERACTIVE_HIGH,
 )
 HALT = Topic(
@@ -306,11 +338,13 @@ HALT = Topic(
     message=messages.Halt,
     urgency=Urgency.REAL_TIME,
     recorded=True,
+    max_bytes=4096,
+    is_blocking=True,
 )
 ARENA_CAN = Topic(
     name="arena_can",
     pattern="arena/{robot}/can/{channel}",
-    doc="A frame on a simulated robot's CAN bus",
+    doc="A frame on a simulated robot's CAN bus; each node of the bus answers a query here, with nothing, to be found",
     by=Role.ARENA,
     rate_hz=100,
     urgency=Urgency.INTERACTIVE_HIGH,
@@ -387,6 +421,8 @@ ARENA_OUTSIDE = Topic(
 
 TOPICS: tuple[Topic, ...] = (
     ROBOT_ALIVE,
+    ROBOT_CLAIM,
+    ROBOT_WHO,
     ROBOT_STATE,
     ROBOT_MAP,
     ROBOT_MAP_WHOLE,
@@ -417,6 +453,8 @@ TOPICS: tuple[Topic, ...] = (
     COORDINATOR_PLANNING,
     COORDINATOR_OBJECTIVE,
     COORDINATOR_ALIVE,
+    COORDINATOR_CLAIM,
+    COORDINATOR_WHO,
     COORDINATOR_STATE,
     COORDINATOR_HALT,
     RECORDER_STATE,

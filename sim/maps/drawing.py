@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.sim.maps.errors import MapError
+from robrain.sim.maps.extent import MAX_CELLS, why_too_large
 from robrain.sim.maps.floor_plan import FloorPlan
 
 BOUNDARY_THICKNESS_M = 0.1
-MAX_CELLS = 20_000_000
 
 # A shape covers the cells whose centre it holds, edges with the lower coordinate included; the slack keeps decimal
 # fractions that meet a centre exactly from falling on either side by rounding.
@@ -66,6 +66,8 @@ class FloorDrawing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise MapError(
                 f"expected resolution_m for at most {MAX_CELLS} cells, got {self.resolution_m}", key="resolution_m"
             )
+        if why := why_too_large(width_m, height_m):
+            raise MapError(f"size_m: {why}", key="size_m")
         for index, wall in enumerate(self.walls):
             key = f"walls[{index}]"
             _check_above_zero(f"{key}.thickness_m", wall.thickness_m)

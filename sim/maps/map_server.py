@@ -6,6 +6,7 @@ p < free_thresh, else unknown. A floor plan holds unknown cells for wall.
 """
 
 import math
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +15,17 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from robrain.sim.maps.errors import MapError
+from robrain.sim.maps.extent import MAX_CELLS, MAX_ORIGIN_M, why_too_large
 from robrain.sim.maps.floor_plan import FloorPlan
 
 REQUIRED_KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 OPTIONAL_KEYS = ("mode",)
+RESOLUTION_M = (0.001, 1.0)
+"""Least and greatest pitch: what is finer or coarser is a slip of units, or no floor for robots."""
+YAML_BYTES_MAX = 65536
+PATH_CHARACTERS_MAX = 1000
+SHOWN_CHARACTERS = 80
+"""Of a value that is refused."""
 
 
 def load_map(path: Path) -> FloorPlan:
@@ -27,10 +35,12 @@ def load_map(path: Path) -> FloorPlan:
     what was expected, for anything that cannot be read as such a map or has no free space.
     """
     settings = _Settings(path)
-    image_path = path.parent / settings.text("image")
+    image_path = path.parent / settings.file_name("image")
     resolution_m = settings.number("resolution")
     if resolution_m <= 0:
         raise settings.error("resolution", "a number of metres above 0")
+    if not RESOLUTION_M[0] <= resolution_m <= RESOLUTION_M[1]:
+        raise settings.error("resolution", f"from {RESOLUTION_M[0]:g} to {RESOLUTION_M[1]:g} m a cell")
     origin_x_m, origin_y_m = settings.origin()
     negate = settings.flag("negate")
     occupied_thresh = settings.share("occupied_thresh")
@@ -39,7 +49,7 @@ def load_map(path: Path) -> FloorPlan:
         raise settings.error("free_thresh", f"at most occupied_thresh, which is {occupied_thresh:g}")
     mode = settings.mode()
 
-    value, transparent = _read_image(path, image_path, mode)
+    value, transparent = _read_image(path, image_path, mode, resolution_m)
     occupancy = value / 255 if negate else (255 - value) / 255
     free = occupancy < free_thresh
     if mode == "scale":
@@ -67,12 +77,20 @@ class _Settings:
     def _read(self) -> dict[str, object]:
         path = self._path
         try:
-            content: object = yaml.safe_load(path.read_text(encoding="utf-8"))
+            with path.open("rb") as file:
+                text = file.read(YAML_BYTES_MAX + 1)
+            if len(text) > YAML_BYTES_MAX:
+                raise MapError(f"{path}: expected at most {YAML_BYTES_MAX} bytes of YAML, got more", path=path)
+            content: object = yaml.safe_load(text.decode())
         except FileNotFoundError as error:
             raise MapError(f"{path}: expected a map_server YAML file, there is none", path=path) from error
+        except MapError:
+            raise
         except (OSError, UnicodeDecodeError) as error:
             raise MapError(f"{path}: expected a readable YAML file, got: {_one_line(error)}", path=path) from error
-        except yaml.YAMLError as error:
+        # Beside its own errors it lets through those of Python: a date in month 13, a number of 5000 digits, brackets
+        # in brackets.
+        except (yaml.YAMLError, ValueError, RecursionError) as error:
             raise MapError(f"{path}: expected valid YAML, got: {_one_line(error)}", path=path) from error
         if content is None:
             raise MapError(f"{path}: expected the keys of a map, the file is empty", path=path)
@@ -81,13 +99,14 @@ class _Settings:
         return {str(key): value for key, value in content.items()}
 
     def error(self, key: str, expected: str) -> MapError:
-        return MapError(
-            f"{self._path}: {key}: expected {expected}, got {self._values[key]!r}", path=self._path, key=key
-        )
+        got = repr(self._values[key])
+        if len(got) > SHOWN_CHARACTERS:
+            got = f"{got[:SHOWN_CHARACTERS]}…"
+        return MapError(f"{self._path}: {key}: expected {expected}, got {got}", path=self._path, key=key)
 
-    def text(self, key: str) -> str:
+    def file_name(self, key: str) -> str:
         value = self._values[key]
-        if not isinstance(value, str) or not value:
+        if not isinstance(value, str) or not 0 < len(value) <= PATH_CHARACTERS_MAX or "\0" in value:
             raise self.error(key, "the path of an image")
         return value
 
@@ -117,6 +136,8 @@ class _Settings:
             raise self.error("origin", "[x, y, yaw] in metres and radians")
         if yaw_rad != 0:
             raise self.error("origin", "yaw 0, since a rotated map is not supported")
+        if max(abs(x_m), abs(y_m)) > MAX_ORIGIN_M:
+            raise self.error("origin", f"x and y within {MAX_ORIGIN_M:.0f} m of 0")
         return x_m, y_m
 
     def mode(self) -> str:
@@ -139,17 +160,34 @@ def _as_number(value: object) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def _read_image(yaml_path: Path, image_path: Path, mode: str) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _read_image(
+    yaml_path: Path, image_path: Path, mode: str, resolution_m: float
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Mean of the channels, (H, W) in 0–255, and which pixels are transparent, (H, W)."""
+    too_many = f"{yaml_path}: image: expected at most {MAX_CELLS} pixels at {image_path}"
     try:
-        with Image.open(image_path) as image:
+        if image_path.exists() and not image_path.is_file():  # a device or a pipe might never end
+            raise OSError("it is no file")
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            image = Image.open(image_path)
+        with image:
+            width, height = image.size
+            if width * height > MAX_CELLS:
+                raise MapError(f"{too_many}, got {width} × {height}", path=yaml_path, key="image")
+            if why := why_too_large(width * resolution_m, height * resolution_m):
+                raise MapError(f"{yaml_path}: resolution: {why}", path=yaml_path, key="resolution")
             image.load()
             return _channel_mean(image, alpha_counts=mode == "trinary")
+    except MapError:
+        raise
     except FileNotFoundError as error:
         message = f"{yaml_path}: image: expected an image at {image_path}, there is none"
         raise MapError(message, path=yaml_path, key="image") from error
+    except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
+        raise MapError(f"{too_many}, got: {_one_line(error)}", path=yaml_path, key="image") from error
     # Pillow's decoders raise these for files that are cut short, empty or no image at all.
-    except (OSError, ValueError, SyntaxError, EOFError, Image.DecompressionBombError) as error:
+    except (OSError, ValueError, SyntaxError, EOFError) as error:
         message = f"{yaml_path}: image: expected a readable PGM or PNG at {image_path}, got: {_one_line(error)}"
         raise MapError(message, path=yaml_path, key="image") from error
 
@@ -170,4 +208,4 @@ def _channel_mean(image: Image.Image, *, alpha_counts: bool) -> tuple[NDArray[np
 
 
 def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
+    return " ".join(str(error).split())[:300] or type(error).__name__

@@ -16,6 +16,7 @@ from robrain.agent.isolation import Limits, isolated_class
 from robrain.agent.loading import import_code
 from robrain.agent.manifest import TagTable, read_manifest
 from robrain.protocol.wire.endpoint import Drive
+from tests.waiting import PATIENCE_S
 
 PRELUDE = """
 import ctypes, logging, os, re, threading, time
@@ -28,6 +29,10 @@ from robrain.agent.event import Event
 from robrain.agent.plugin import Behavior, Device, Skill, Unit, external
 from robrain.protocol.model.geometry import Point2D, Pose2D
 """
+
+
+PATIENT = Limits(call_s=PATIENCE_S, start_s=PATIENCE_S, halt_s=2.0)
+"""Where a test is not about limits, none of them depends on how fast the machine is."""
 
 
 class StandInEnvironment:
@@ -72,7 +77,7 @@ class IsolationBench:
         path.write_text(f'[plugin]\nclass = "{module}:Vision"\n{tag}', encoding="utf-8")
         manifest = read_manifest(path)
         plugin_class = import_code(msgspec.structs.replace(manifest, tag=TagTable())).plugin_class
-        isolated = isolated_class(plugin_class, manifest, limits)
+        isolated = isolated_class(plugin_class, manifest, limits or PATIENT)
         given = msgspec.convert(parameters or {}, isolated.Parameters)
         plugin = isolated(self.env, given)
         self.plugins.append(plugin)

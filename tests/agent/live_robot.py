@@ -1,13 +1,11 @@
 """A robot that runs live on threads of the test's process, and an operator who asks it; both reach nobody else."""
 
 import threading
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
-import pytest
 
 from robrain.agent.host import AgentHost
 from robrain.agent.live import run_agent
@@ -17,17 +15,7 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import PluginInfo
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_PLUGINS
-
-PATIENCE_S = 10.0
-
-
-def until(condition: Callable[[], object]) -> None:
-    """Wait for what has to come to pass; fail the test if it does not within `PATIENCE_S`."""
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        if time.monotonic() > deadline_s:
-            pytest.fail("it has not come to pass")
-        time.sleep(0.005)
+from tests.waiting import PATIENCE_S, until
 
 
 class LiveRobot:

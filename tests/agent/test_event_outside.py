@@ -15,8 +15,8 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import ROBOT_EVENT
+from tests.waiting import until
 
-PATIENCE_S = 15.0
 CUT_S = 1.2
 
 BELL = """
@@ -198,14 +198,6 @@ class Cable:
 
 class Clapper:
     rung = Event[int](outside=True)
-
-
-def until(condition):
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        if time.monotonic() > deadline_s:
-            pytest.fail("it has not come to pass")
-        time.sleep(0.005)
 
 
 def test_events_notified_while_the_link_is_cut_arrive_afterwards_all_and_in_order():

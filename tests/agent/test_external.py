@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from robrain.agent.external import external_functions, find_function
 from robrain.agent.plugin import Unit, external, unlocked
 from robrain.agent.text_form import print_value, register_text_form
+from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.keys import check_name
 
@@ -54,6 +55,11 @@ class Foo(Unit):
     @external("foo")
     def foo_named(self, who: str, loud: bool = False) -> str:
         return f"who {who} {loud}"
+
+    @external
+    def apart(self, a: int, *, b: int = 2) -> list[int]:
+        """Takes `b` by its name only."""
+        return [a, b]
 
     @external("twin")
     def twin_int(self, a: int) -> int:
@@ -158,6 +164,11 @@ def test_signatures_read_as_in_the_paper(name, signatures):
         assert check_name("function", signature) == signature  # it can stand in a key
 
 
+@pytest.mark.parametrize(("arguments", "result"), [([1], [1, 2]), ([1, 3], [1, 3]), ({"a": 1, "b": 3}, [1, 3])])
+def test_a_parameter_that_python_takes_by_name_only_has_its_place_in_json(arguments, result):
+    assert call("apart", arguments) == result
+
+
 @pytest.mark.parametrize(
     ("arguments", "result"),
     [
@@ -240,6 +251,18 @@ def test_each_overload_is_told_under_the_external_name():
     assert infos[0].signature == "(a: int, b: str) -> None"
     assert infos[0].doc == "As the paper's foo."
     assert FUNCTIONS["foo"].info == infos[0]
+
+
+def test_a_signature_names_types_without_the_modules_that_they_come_from():
+    class Guide(Unit):
+        @external
+        def lead(
+            self, points: list[Point2D], by: Annotated[Pose2D | None, msgspec.Meta(description="x")] = None
+        ) -> Pose2D:
+            raise NotImplementedError
+
+    signature = external_functions(Guide)["lead"].info.signature
+    assert signature == "(points: list[Point2D], by: Pose2D | None = None) -> Pose2D"
 
 
 def test_functions_are_listed_by_name():

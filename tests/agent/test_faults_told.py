@@ -34,7 +34,13 @@ def test_a_fault_and_its_end_are_told_to_the_team(bench):
     assert told() == (absent, [("error", "camera", "does not run: hardware absent: no camera at /dev/video0")])
     assert told() == (absent, [])
     bench.plugin("lidar").broken = True
-    smokes = "RuntimeError: it smokes"
-    assert told() == ({"camera": absent["camera"], "lidar": smokes}, [("error", "lidar", f"does not run: {smokes}")])
+    where = f"{bench.place.name}/eyes.py:12 in step"
+    smokes = f"RuntimeError: it smokes ({where})"
+    faulted, ((level, source, text),) = told()
+    assert faulted == {"camera": absent["camera"], "lidar": smokes}
+    assert (level, source) == ("error", "lidar")
+    first, _, traceback = text.partition("\n")
+    assert first == f"does not run: {smokes}"
+    assert traceback.endswith("RuntimeError: it smokes")
     bench.tick(50)
     assert told() == (absent, [("warning", "lidar", "runs again, or has gone")])

@@ -8,17 +8,16 @@ import pytest
 
 from robrain.agent.errors import AccessDenied, PluginMissing
 from robrain.agent.event import Event
-from robrain.agent.foreign import ForeignPlugins
+from robrain.agent.foreign import RETRY_NS, ForeignPlugins
 from robrain.agent.plugin import Level
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import VirtualClock, WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages import FunctionInfo, PluginInfo
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import ROBOT_FOREIGN, ROBOT_FOREIGN_CALL, ROBOT_FOREIGN_INFO
-
-PATIENCE_S = 10.0
+from tests.waiting import until
 
 
 def function(name):
@@ -87,11 +86,7 @@ class Robot:
         return process
 
     def until(self, condition):
-        deadline_s = time.monotonic() + PATIENCE_S
-        while not condition():
-            assert time.monotonic() < deadline_s, "it has not come to pass"
-            self.foreign.follow()
-            time.sleep(0.005)
+        until(condition, step=self.foreign.follow)
 
     def close(self):
         for process in self.processes:
@@ -130,6 +125,21 @@ def test_nobody_is_listed_under_anothers_name(robot):
     robot.join(info(name="driver"), name="gauge")
     robot.until(lambda: robot.foreign.infos())
     assert [listed.name for listed in robot.foreign.infos()] == ["gauge"]
+
+
+def test_who_says_nothing_of_itself_is_asked_again_after_a_while_and_not_before(hub, monkeypatch):
+    clock, asked = VirtualClock(), []
+    wire = Endpoint(hub, "t", clock, Drive.LIVE)
+    monkeypatch.setattr(wire, "ask_into", lambda *_, **names: asked.append(names["plugin"]))
+    foreign = ForeignPlugins(wire, "r3")
+    wire.token(ROBOT_FOREIGN, robot="r3", plugin="mute")
+    until(lambda: asked, step=foreign.follow)
+    foreign.follow()
+    assert asked == ["mute"]
+    clock.advance_to(RETRY_NS)
+    foreign.follow()
+    assert asked == ["mute", "mute"]
+    wire.close()
 
 
 def test_who_was_there_before_is_found(robot, gauge):

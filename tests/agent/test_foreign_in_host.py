@@ -1,6 +1,5 @@
 """Foreign plugins in a robot's host: its own plugins use them, and it relays calls from outside."""
 
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -18,7 +17,8 @@ from robrain.protocol.wire.messages import HostRequest, PluginInfo
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_FOREIGN_CALL, ROBOT_HOST, ROBOT_PLUGINS
 from tests.agent.conftest import Bench
-from tests.agent.test_foreign import PATIENCE_S, Process, info
+from tests.agent.test_foreign import Process, info
+from tests.waiting import until
 
 LAB = """
     from tests.agent.test_foreign import GaugeInterface, WiderInterface
@@ -69,11 +69,7 @@ class Robot:
         self.until(lambda: "gauge" not in self.host.manager.foreign)
 
     def until(self, condition):
-        deadline_s = time.monotonic() + PATIENCE_S
-        while not condition():
-            assert time.monotonic() < deadline_s, "it has not come to pass"
-            self.host.step()
-            time.sleep(0.005)
+        until(condition, step=self.host.step)
 
     def call(self, plugin, function, arguments=None):
         return msgspec.json.decode(

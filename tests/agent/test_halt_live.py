@@ -2,7 +2,6 @@
 
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -21,8 +20,7 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import Halt, HaltAnswer, HostRequest
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import HALT, ROBOT_CALL, ROBOT_HOST, ROBOT_STATE
-
-PATIENCE_S = 10.0
+from tests.waiting import PATIENCE_S, until
 
 ROBOT = """
     import threading
@@ -39,13 +37,13 @@ ROBOT = """
         @external
         def drive(self) -> None:
             INSIDE.set()
-            RELEASE.wait(10)
+            RELEASE.wait(600)
             self.driven_by = "a call that was under way"
 
     class Hanging(Device):
         def emergency_halt(self):
             HALTED.append("hanging")
-            RELEASE.wait(10)
+            RELEASE.wait(600)
 
     class Raising(Device):
         def emergency_halt(self): raise OSError("the bus is gone")
@@ -56,7 +54,7 @@ ROBOT = """
     class Deaf(Device):
         @external
         def wait(self) -> None:
-            RELEASE.wait(10)
+            RELEASE.wait(600)
 """
 
 
@@ -105,14 +103,6 @@ def start(bench) -> Iterator[type[Robot]]:
         robot.close()
 
 
-def until(condition):
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        if time.monotonic() > deadline_s:
-            pytest.fail("it has not come to pass")
-        time.sleep(0.005)
-
-
 def ask(robot, verb, by="ann"):
     reply = robot.operator.ask(ROBOT_HOST, HostRequest(by=by), robot="r1", verb=verb)
     return msgspec.json.decode(reply, type=HaltAnswer)
@@ -120,9 +110,8 @@ def ask(robot, verb, by="ann"):
 
 def test_plugins_that_hang_or_fail_while_they_are_halted_hold_up_no_other(start):
     robot = start("hanging", "raising", "wheels", "above")
-    began_s = time.monotonic()
     answer = ask(robot, "halt")
-    assert time.monotonic() - began_s < 2.0  # not the ten seconds that one of them takes
+    assert not robot.code["RELEASE"].is_set()  # it came while one of them was still stuck
     assert set(answer.not_halted) == {"hanging", "raising"}
     halted = robot.code["HALTED"]
     assert set(halted[:-1]) == {"hanging", "wheels"}
@@ -141,7 +130,9 @@ def test_a_call_that_was_under_way_does_not_undo_a_halt(start):
     robot = start("wheels")
     code = robot.code
     call = threading.Thread(
-        target=lambda: robot.operator.ask(ROBOT_CALL, robot="r1", plugin="wheels", function="drive", timeout_s=10)
+        target=lambda: robot.operator.ask(
+            ROBOT_CALL, robot="r1", plugin="wheels", function="drive", timeout_s=PATIENCE_S
+        )
     )
     call.start()
     assert code["INSIDE"].wait(PATIENCE_S)
@@ -167,24 +158,23 @@ def test_a_robot_whose_every_answering_thread_is_stuck_is_halted_by_a_query_all_
     def wait():
         with suppress(CallError):  # those that were not in the plugin yet are refused by the halt
             request = HostRequest(text="call deaf wait()")
-            robot.operator.ask(ROBOT_HOST, request, robot="r1", verb="command", timeout_s=20)
+            robot.operator.ask(ROBOT_HOST, request, robot="r1", verb="command", timeout_s=PATIENCE_S)
 
     calls = [threading.Thread(target=wait) for _ in range(6)]
     for call in calls:
         call.start()
     until(lambda: robot.host.manager.get("deaf").turn.owner is not None)
-    began_s = time.monotonic()
     assert ask(robot, "halt").halted
-    assert time.monotonic() - began_s < 2.0
+    assert all(call.is_alive() for call in calls)
     robot.code["RELEASE"].set()
     for call in calls:
         call.join(PATIENCE_S)
 
 
 def test_a_crew_tells_what_failed_and_what_is_late():
-    crew = Crew("test", 0.05)
+    crew = Crew("test", 1.0)
     release = threading.Event()
-    failed = crew.run({"good": lambda: None, "bad": lambda: 1 / 0, "late": lambda: release.wait(10)})
+    failed = crew.run({"good": lambda: None, "bad": lambda: 1 / 0, "late": lambda: release.wait(600)})
     assert {name: type(error) for name, error in failed.items()} == {"bad": ZeroDivisionError, "late": NotBack}
     assert crew.run({"good": lambda: None}) == {}
     release.set()

@@ -1,7 +1,6 @@
 """What must not wait for a period does not: hurried steps, and the robot's word that its task has changed."""
 
 import threading
-import time
 
 import msgspec
 import pytest
@@ -17,6 +16,7 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import TaskAnswer, TaskOffer
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_OFFER, ROBOT_STATE
+from tests.waiting import until
 
 PLUGIN = """
 from robrain.agent.plugin import Behavior, external
@@ -137,9 +137,9 @@ def test_hurried_step_of_a_live_plugin_does_not_wait_for_its_period(robot):
             host.start()
             threads.follow()
             plugin = host.manager.get("slow").plugin
-            _until(lambda: plugin.steps_ns)
+            until(lambda: plugin.steps_ns)
             plugin.hasten()
-            _until(lambda: len(plugin.steps_ns) > 1)
+            until(lambda: len(plugin.steps_ns) > 1)
             assert plugin.steps_ns[1] - plugin.steps_ns[0] < to_ns(0.9)
         finally:
             threads.stop()
@@ -159,10 +159,3 @@ def test_end_of_a_task_wakes_the_hosts_loop(robot):
             assert woken.is_set()
         finally:
             host.close()
-
-
-def _until(condition):
-    deadline_s = time.monotonic() + 10.0
-    while not condition():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.002)

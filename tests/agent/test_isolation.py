@@ -23,8 +23,7 @@ from robrain.protocol.wire.messages import BatteryState
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import ROBOT_MAP_WHOLE
 from tests.agent.isolation_bench import IsolationBench, StandInEnvironment
-
-PATIENCE_S = 10.0
+from tests.waiting import PATIENCE_S
 
 VISION = """
 class Blob(msgspec.Struct, frozen=True):

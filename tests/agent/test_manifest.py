@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from robrain.agent.errors import ManifestError, PluginMissing
+from robrain.agent.errors import ManifestError, PluginMissing, short_path
 from robrain.agent.manifest import find_manifests, read_manifest
 
 GOOD = """
@@ -114,7 +114,7 @@ def test_a_class_that_is_no_plugin_is_left_out_naming_file_and_key(bench, source
     bench.start("lamp")
     info = bench.infos()["lamp"]
     assert info.state == "faulted"
-    assert info.why.startswith(f"{path}: [plugin] class: ")
+    assert info.why.startswith(f"{short_path(path)}: [plugin] class: ")
     assert expected in info.why
 
 
@@ -148,7 +148,7 @@ def test_wrong_parameters_leave_a_plugin_out_naming_file_and_key(bench, paramete
     bench.code("lamp", LAMP)
     path = bench.manifest("lamp", "lamp:Lamp", parameters)
     bench.start("lamp")
-    assert bench.infos()["lamp"].why == f"{path}: {expected}"
+    assert bench.infos()["lamp"].why == f"{short_path(path)}: {expected}"
 
 
 def test_where_the_robots_file_sets_parameters_a_refusal_says_so(bench):

@@ -115,7 +115,7 @@ def test_the_running_task_can_be_withdrawn_with_its_own_epoch_and_the_next_is_be
 def test_the_held_task_can_be_withdrawn_and_the_running_one_goes_on(desk, explorer):
     hold(desk)
     stale = desk.withdraw(TaskWithdrawal(id="t2", epoch=1))
-    assert stale == TaskAnswer(accepted=False, why="epoch 1 is older than 2")
+    assert stale == TaskAnswer(accepted=False, why="epoch 1 is older than 2", epoch=2)
     assert desk.withdraw(TaskWithdrawal(id="t2", epoch=2)) == YES
     assert desk.facts.next_task is None
     assert desk.facts.task.state is TaskState.RUNNING
@@ -125,7 +125,7 @@ def test_the_held_task_can_be_withdrawn_and_the_running_one_goes_on(desk, explor
 
 def test_a_newer_task_takes_the_place_of_the_one_that_is_held_and_an_older_does_not(desk, explorer):
     hold(desk, "t2", 4)
-    assert hold(desk, "t3", 3) == TaskAnswer(accepted=False, why="epoch 3 is older than 4")
+    assert hold(desk, "t3", 3) == TaskAnswer(accepted=False, why="epoch 3 is older than 4", epoch=4)
     assert hold(desk, "t3", 5) == YES
     assert desk.facts.next_task.id == "t3"
 

@@ -8,7 +8,7 @@ from robrain.protocol.wire.messages import HostRequest
 from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_HOST, ROBOT_STATE
 from tests.agent.live_robot import PATIENCE_S, LiveRobot, until
 
-START_S = 0.3
+START_S = 1.2
 
 SHOP = """
     import threading
@@ -30,7 +30,7 @@ SHOP = """
         def deactivate(self): self.wait("deactivate")
         def wait(self, where):
             if where in WHERE:
-                GO.wait(3)
+                GO.wait(10)
                 try:
                     self.bell.press("late")
                 except PluginUnloaded as error:
@@ -45,7 +45,7 @@ SHOP = """
         period_s = 0.01
         fails = False
         def activate(self):
-            if self.env.plugin in WHERE: GO.wait(3)
+            if self.env.plugin in WHERE: GO.wait(10)
         def step(self):
             if self.fails: exit("I leave")
 """

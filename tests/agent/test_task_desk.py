@@ -1,9 +1,13 @@
+import math
+
+import msgspec
 import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from robrain.agent.task_desk import TaskDesk
+from robrain.protocol.model.ranges import WHY_MAX
 from robrain.protocol.model.task import Explore, Recharge, TaskState, Visit
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox
@@ -37,9 +41,52 @@ def test_the_same_offer_twice_is_accepted_twice_and_started_once(desk, explorer)
 def test_an_offer_of_an_older_epoch_is_refused_in_words(desk, explorer):
     desk.offer(offer(epoch=5), 0)
     answer = desk.offer(offer("t2", epoch=4), 0)
-    assert answer == TaskAnswer(accepted=False, why="epoch 4 is older than 5")
+    assert answer == TaskAnswer(accepted=False, why="epoch 4 is older than 5", epoch=5)
     assert explorer.started == ["t1"]
     assert desk.status.id == "t1"
+
+
+DAY_MS = 24 * 3600 * 1000
+
+
+@pytest.mark.parametrize("epoch", [2 * DAY_MS, 2**53 - 1])
+def test_an_epoch_that_no_coordinator_gives_is_refused_and_locks_nobody_out(desk, explorer, epoch):
+    answer = desk.offer(offer("forged", epoch=epoch), to_ns(5.0))
+    assert not answer.accepted
+    assert "ahead of the robot's clock" in answer.why
+    assert desk.offer(offer("t1", epoch=1), to_ns(5.0)).accepted
+    assert explorer.started == ["t1"]
+
+
+def test_a_forged_epoch_that_could_be_given_is_told_to_who_comes_after(desk, explorer):
+    assert desk.offer(offer("forged", epoch=DAY_MS), to_ns(5.0)).accepted
+    answer = desk.offer(offer("t1", epoch=7), to_ns(6.0))
+    assert (answer.accepted, answer.epoch) == (False, DAY_MS)
+    assert desk.offer(offer("t1", epoch=DAY_MS + 1), to_ns(6.0)).accepted
+
+
+def test_an_offer_whose_lease_is_none_changes_nothing(desk, explorer):
+    desk.offer(offer("t0", epoch=1), 0)
+    before = desk.facts
+    forged = msgspec.structs.replace(offer("t1", epoch=9), lease_s=math.inf)
+    with pytest.raises(OverflowError):
+        desk.offer(forged, 0)
+    assert desk.facts == before
+    assert explorer.started == ["t0"]
+    assert desk.offer(offer("t2", epoch=2), 0).accepted
+
+
+@pytest.mark.parametrize("lease_s", [1e300, -1.0, 1e9])
+def test_an_offer_whose_lease_is_out_of_all_measure_does_not_decode(lease_s):
+    said = msgspec.json.encode(msgspec.structs.replace(offer(), lease_s=lease_s))
+    with pytest.raises(msgspec.ValidationError, match="lease_s"):
+        msgspec.json.decode(said, type=TaskOffer)
+
+
+def test_a_reason_that_is_a_book_is_cut_so_that_the_robots_state_is_heard(desk, explorer):
+    desk.offer(offer(), 0)
+    desk.end("t1", TaskState.FAILED, "x" * 1_000_000)
+    assert len(desk.status.why) == WHY_MAX
 
 
 def test_a_refused_offer_leaves_everything_as_it_was(desk, explorer):
@@ -106,7 +153,7 @@ def test_a_withdrawn_task_is_let_go_with_the_reason(desk, explorer):
 def test_a_withdrawal_of_an_older_epoch_is_refused_in_words(desk, explorer):
     desk.offer(offer(epoch=5), 0)
     answer = desk.withdraw(TaskWithdrawal(id="t1", epoch=4))
-    assert answer == TaskAnswer(accepted=False, why="epoch 4 is older than 5")
+    assert answer == TaskAnswer(accepted=False, why="epoch 4 is older than 5", epoch=5)
     assert desk.status.state is TaskState.RUNNING
     assert explorer.let_go_of == []
 

@@ -120,6 +120,7 @@ def test_what_is_printed_is_read_as_the_same_value_again(hint, values):
         ("hello you", str, "hello you"),  # bare
         ('"hello, \\"you\\""', str, 'hello, "you"'),  # quoted as in JSON
         ("'say \"hi\"'", str, 'say "hi"'),  # in single quotes, as it stands
+        ("''", str, ""),
         ("'c:\\n'", str, "c:\\n"),
         ("o'clock", str, "o'clock"),
         ("None", type(None), None),
@@ -218,6 +219,21 @@ def test_an_own_type_may_have_a_json_form_of_its_own():
     assert angle.degrees == 90.0
     with pytest.raises(msgspec.ValidationError, match="expected a Angle"):
         msgspec.json.decode(b"[3]", type=list[Angle], dec_hook=decode_own)
+
+
+def test_an_own_type_without_a_json_form_is_its_text_in_json():
+    class Version:
+        def __init__(self, text: str) -> None:
+            self.parts = text.split(".")
+
+        def __str__(self) -> str:
+            return ".".join(self.parts)
+
+    register_text_form(Version, Version, str)
+    encoded = msgspec.json.encode([Version("1.2")], enc_hook=encode_own)
+    assert encoded == b'["1.2"]'
+    (version,) = msgspec.json.decode(encoded, type=list[Version], dec_hook=decode_own)
+    assert version.parts == ["1", "2"]
 
 
 def test_a_struct_may_have_a_text_form_beside_its_json():

@@ -7,9 +7,8 @@ import pytest
 
 from robrain.agent.errors import PluginHung
 from robrain.agent.turn import Turn
-from robrain.protocol.wire.clock import VirtualClock
-
-PATIENCE_S = 10.0
+from robrain.protocol.wire.clock import VirtualClock, to_ns
+from tests.waiting import PATIENCE_S
 
 LAB = """
     import threading
@@ -81,3 +80,15 @@ def test_who_waits_longer_than_the_limit_is_told_that_the_plugin_hangs():
         with pytest.raises(PluginHung, match=r"bus has not come back for 0\.001 s") as hung:
             others.submit(turn.__enter__).result(PATIENCE_S)
         assert hung.value.plugin == "bus"
+
+
+def test_a_turn_is_overdue_from_when_it_was_first_taken():
+    clock = VirtualClock()
+    clock.advance_to(to_ns(100.0))
+    turn = Turn("bus", 1.0, clock)
+    with turn:
+        assert not turn.is_overdue(to_ns(101.0))
+        clock.advance_to(to_ns(100.8))
+        with turn:
+            assert turn.is_overdue(to_ns(101.1)), "since the outer one"
+    assert not turn.is_overdue(to_ns(200.0))

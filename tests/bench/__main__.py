@@ -1,85 +1,97 @@
-"""`make bench`: prints what was measured in this run, as tables. Nothing here fails on a timing."""
+"""`make bench`: measure, write docs/figures/bench.json, and fail if a bound is missed that is no known miss.
+
+`make bench ARGS="motion tasks"` measures these sections alone; the others keep their figures in the file.
+"""
+
+import argparse
+import sys
+import time
+from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
 
-from tests.bench import (
-    allocation,
-    behaviors,
-    charging,
-    dashboard,
-    energy,
-    halt,
-    live_planning,
-    localisation,
-    motes,
-    motion,
-    planning,
-    plugin_host,
-    real_time_factor,
-    recording,
-    responses,
-    robot_cost,
-    tasks,
-    thousand_agents,
-)
+from robrain.deploy.bench_figure import WIDTH, Figure, show_figures
+from tests.bench.judging import judge, read_known, verdict_lines
+from tests.bench.results import RESULTS, Results, ResultsError, SectionResult
+from tests.bench.section_process import SectionFailedError, measure_apart
+from tests.bench.sections import SECTIONS
+
+MISSED, UNUSABLE, INTERRUPTED = 1, 2, 130
 
 
-def main() -> None:
-    """Run every benchmark."""
-    table = Table(title="Lockstep runs against the bare pymunk loop of the same world (depot, 24 motes, one core)")
-    for heading in ("robots", "whole run, ms / sim s", "bare pymunk, ms / sim s", "real-time factor", "whole / bare"):
-        table.add_column(heading, justify="right")
-    for row in real_time_factor.measure():
-        table.add_row(
-            str(row.robots),
-            f"{row.whole_run_ms:.1f}",
-            f"{row.bare_pymunk_ms:.2f}",
-            f"{row.real_time_factor:.1f}",
-            f"{row.ratio:.0f}",
-        )
-    Console(width=110).print(table)
-    for what, measure in (
-        ("The plugin host", plugin_host.measure),
-        ("Motion on CAN", motion.measure),
-        ("Battery and energy", energy.measure),
-        ("Motes", motes.measure),
-        ("Localisation", localisation.measure),
-        ("Behaviors", behaviors.measure),
-        ("Allocation", allocation.measure),
-        ("Tasks", tasks.measure),
-        ("Planning", planning.measure),
-        ("Chargers", charging.measure),
-        ("Plans beside the live coordinator", live_planning.measure),
-        ("Recordings", recording.measure),
-        ("Response time", responses.measure),
-        ("A thousand agents", thousand_agents.measure),
-        ("The dashboard with 100 robots and 400 motes, browsers in software rendering", dashboard.measure),
-    ):
-        table = Table(title=f"{what}, each figure beside what it is compared with and the bound that it is to keep")
-        for heading in ("what", "measured", "beside", "bound", "kept"):
-            table.add_column(heading)
-        for figure in measure():
-            table.add_row(figure.what, figure.value, figure.beside, figure.bound, "yes" if figure.is_kept else "no")
-        Console(width=110).print(table)
-    table = Table(title="One robot's whole stack, by part, for each robot and simulated second (depot)")
-    for heading in ("part", "CPU, ms", "calls", "bound, ms", "kept"):
-        table.add_column(heading, justify="left" if heading == "part" else "right")
-    for cost in robot_cost.measure():
-        kept = {True: "yes", False: "no", None: ""}[cost.is_kept]
-        bound = "" if cost.bound_ms is None else f"{cost.bound_ms:g}"
-        table.add_row(cost.part, f"{cost.ms:.2f}", f"{cost.calls:.1f}" if cost.calls else "", bound, kept)
-    Console(width=110).print(table)
-    table = Table(
-        title=f"Emergency halt: from its put in another process to the stop frame (p99 ≤ {halt.BOUND_MS:g} ms)"
+def main() -> int:
+    """Measure; 0 if all bounds are kept or known misses, 1 if not or a section failed, 2 for words that are wrong."""
+    options = _options()
+    if options.list:
+        _say(*(f"{name:<18}{section.title}" for name, section in SECTIONS.items()))
+        return 0
+    names = list(dict.fromkeys(options.sections)) or list(SECTIONS)
+    try:
+        known, results = read_known().misses, Results.read(options.out)
+    except ResultsError as error:
+        return _complain(str(error))
+    if unknown := [name for name in names if name not in SECTIONS]:
+        return _complain(f"expected sections of {', '.join(SECTIONS)}, got {', '.join(unknown)}")
+    began_s, failed = time.monotonic(), []
+    for number, name in enumerate(names, 1):
+        _say(f"\n{name} ({number} of {len(names)})")
+        try:
+            result = measure_apart(name, _progress)
+        except SectionFailedError as error:
+            failed.append(name)
+            _say(f"NOT MEASURED: {error}")
+            continue
+        _show(name, result)
+        results = Results.read(options.out).with_section(name, result, list(SECTIONS))
+        results.write(options.out)
+    figures = {
+        named: figure for named, figure in results.named().items() if named[0] in names and named[0] not in failed
+    }
+    verdict = judge(figures, known, results.busy)
+    _say("", *verdict_lines(verdict, figures, known))
+    if failed:
+        _say(f"NOT MEASURED: {', '.join(failed)}")
+    _say(f"{len(names)} sections in {(time.monotonic() - began_s) / 60:.1f} min; written to {options.out}")
+    if options.out == RESULTS:
+        _say("`make figures` brings the tables of the pages up to date")
+    return 0 if verdict.is_good and not failed else MISSED
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="make bench", description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    for heading in ("in the robot", "median, ms", "p99, ms", "slowest, ms", "halts"):
-        table.add_column(heading, justify="left" if heading == "in the robot" else "right")
-    for took in halt.measure():
-        figures = (f"{took.median_ms:.1f}", f"{took.p99_ms:.1f}", f"{took.slowest_ms:.1f}", str(took.rounds))
-        table.add_row(took.case, *figures)
-    Console(width=110).print(table)
+    parser.add_argument("sections", nargs="*", help="names of sections; all if there are none")
+    parser.add_argument("--list", action="store_true", help="print the names of the sections")
+    parser.add_argument("--out", type=Path, default=RESULTS, help="file of results to bring up to date")
+    return parser.parse_args()
+
+
+def _progress(figure: Figure) -> None:
+    mark = {True: "kept", False: "MISSED", None: ""}[figure.kept]
+    _say(f"  {mark:<7}{figure.name}: {figure.value_words()}")
+
+
+def _show(name: str, result: SectionResult) -> None:
+    before, after = result.measured.load
+    show_figures(SECTIONS[name].title, result.figures, Console(width=WIDTH))
+    _say(f"{result.measured.took_s:.1f} s, load {before:g} before and {after:g} after")
+    if result.measured.is_busy:
+        _say(f"other work took {result.measured.others:g} cores: timings that miss their bound are not judged")
+
+
+def _say(*lines: str) -> None:
+    sys.stdout.write("".join(f"{line}\n" for line in lines))
+    sys.stdout.flush()
+
+
+def _complain(text: str) -> int:
+    sys.stderr.write(f"make bench: {text}\n")
+    return UNUSABLE
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)  # the sections before are in the file

@@ -6,7 +6,10 @@ writes them into `deploy/bench_allocation_best.json`; figures of ours are compar
 
 import sys
 
+from rich.console import Console
+
 from robrain.deploy.bench_allocation import find_best, measure
+from robrain.deploy.bench_figure import WIDTH, show_figures
 
 __all__ = ["measure"]
 
@@ -14,6 +17,4 @@ if __name__ == "__main__":
     if sys.argv[1:2] == ["best"]:
         find_best(tuple(int(seed) for seed in sys.argv[2:]) or (11,))
     else:
-        for row in measure():
-            words = (row.what, row.value, row.beside, row.bound, "yes" if row.is_kept else "no")
-            sys.stdout.write(" | ".join(words) + "\n")
+        show_figures("Allocation", measure(), Console(width=WIDTH))

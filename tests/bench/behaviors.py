@@ -5,18 +5,18 @@
 
 import math
 import statistics
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import msgspec
 import numpy as np
+from rich.console import Console
 
 from robrain.agent.host import AgentHost, stock_place
 from robrain.agent.manifest import find_manifests
 from robrain.agent.robot_file import RobotTable
+from robrain.deploy.bench_figure import WIDTH, Figure, at_least, at_most, deterministic, show_figures, timing
 from robrain.plugins.behavior.monitor.picture_change import changed_share, colors_of
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.occupancy_grid import GridGeometry
@@ -62,42 +62,21 @@ OURS = {
 KNOWN = {"home": {"chargers": [{"x_m": CHARGER.x_m, "y_m": CHARGER.y_m, "yaw_rad": 0.0}]}}
 
 
-class Row(NamedTuple):
-    """One figure."""
-
-    what: str
-    value: str
-    beside: str
-    bound: str
-    is_kept: bool
-
-
-def measure() -> list[Row]:
+def measure() -> list[Figure]:
     """All figures of the behaviors."""
     warm_up()
-    return [*_idle(), _picture(), *_monitor(), _docking(), _docking_with_slip(), _stranded()]
+    return [*_idle(), *_picture(), *_monitor(), _docking(), _docking_with_slip(), _stranded()]
 
 
-def _idle() -> list[Row]:
+def _idle() -> list[Figure]:
     names = [path.stem for path in find_manifests(stock_place())]
     _one_idle(names)
     runs = [_one_idle(names) for _ in range(ROUNDS)]
     start_ms, whole_start_ms, cost_ms, whole_ms = (min(figures) for figures in zip(*runs, strict=True))
+    what = f"{len(OURS)} plugins with nothing to do: CPU for each robot and simulated second"
     return [
-        Row(
-            f"CPU of {len(OURS)} plugins with nothing to do, for a simulated second",
-            f"{cost_ms:.2f} ms",
-            f"{whole_ms:.2f} ms the whole idle robot",
-            "≤ 0.3 ms",
-            cost_ms <= 0.3,
-        ),
-        Row(
-            "a robot's start, once imported",
-            f"{whole_start_ms:.0f} ms",
-            f"{start_ms:.0f} ms without them",
-            "≤ 100 ms",
-            whole_start_ms <= 100.0,
-        ),
+        timing(what, cost_ms, "ms", at_most(0.3), f"{whole_ms:.2f} ms the whole idle robot"),
+        timing("a robot's start, once imported", whole_start_ms, "ms", at_most(100), f"{start_ms:.0f} ms without them"),
     ]
 
 
@@ -165,7 +144,7 @@ def _camera(noise_levels: float = 1.0) -> Camera:
     return Camera(CameraSpec(noise_levels=noise_levels), plan.occupied, geometry, seed=1)
 
 
-def _picture() -> Row:
+def _picture() -> list[Figure]:
     camera, rng = _camera(), np.random.default_rng(1)
     took_ms, sizes = [], []
     for moment in range(PICTURES):
@@ -174,13 +153,14 @@ def _picture() -> Row:
         sizes.append(len(camera.png(pose, [SeenRobot(1, Pose2D(4.5, 2.0, 0.0), 0.2)], [], moment)))
         took_ms.append(1000.0 * (time.perf_counter() - begun_s))
     middle_ms, size = statistics.median(took_ms), statistics.mean(sizes)
-    value = f"{middle_ms:.1f} ms, {size / 1000:.0f} kB"
-    return Row(
-        "a picture drawn and encoded, 160 x 120", value, "only when asked for", "≤ 20 ms, 30 kB", middle_ms <= 20.0
-    )
+    what = "a picture of 160 x 120"
+    return [
+        timing(f"{what}: drawn and encoded in", middle_ms, "ms", at_most(20), "only when asked for"),
+        deterministic(f"{what}: its mean size", size / 1000, "kB", at_most(30)),
+    ]
 
 
-def _monitor() -> list[Row]:
+def _monitor() -> list[Figure]:
     """A robot looks again, turned by up to 4° and up to 2 cm aside; sometimes another robot has come."""
     camera, rng = _camera(2.0), np.random.default_rng(MONITOR_SEED)
     alarms = 0
@@ -201,30 +181,15 @@ def _monitor() -> list[Row]:
                 continue  # behind the pillar or the wall
             now = colors_of(camera.png(again, robots, [], 2 * moment + 1))
             seen[where].append(changed_share(before, now) >= CHANGED)
-    rows = [
-        Row(
-            "false alarms of the room's watch",
-            f"{alarms} of {PICTURES}",
-            "turned ≤ 4°, 2 cm aside",
-            "≤ 2 %",
-            alarms <= 0.02 * PICTURES,
-        )
-    ]
+    what = "the room's watch: false alarms"
+    figures = [deterministic(what, 100 * alarms / PICTURES, "%", at_most(2), f"{PICTURES} pictures, ≤ 4°, 2 cm aside")]
     for where, found in seen.items():
-        share = sum(found) / len(found)
-        rows.append(
-            Row(
-                f"a robot that has come is told, {where} away",
-                f"{share:.0%}",
-                f"{len(found)} pictures",
-                "≥ 90 %",
-                share >= 0.9,
-            )
-        )
-    return rows
+        what = f"the room's watch: a robot that has come is told, {where} away"
+        figures.append(deterministic(what, 100 * sum(found) / len(found), "%", at_least(90), f"{len(found)} pictures"))
+    return figures
 
 
-def _docking() -> Row:
+def _docking() -> Figure:
     off_m = []
     for seed in range(DOCKINGS):
         run = Errands("recharge", "visit", seed=seed, parameters=KNOWN)
@@ -235,17 +200,11 @@ def _docking() -> Row:
         status = run.finish(Recharge(id="c", place=CHARGER, yaw_rad=yaw_rad, until_soc=0.5))
         off_m.append(run.pose().distance_m(CHARGER) if status.state is TaskState.DONE else math.inf)
         run.close()
-    worst_m = max(off_m)
-    return Row(
-        "docked so far from the charger's place, worst",
-        f"{100 * worst_m:.1f} cm",
-        f"{DOCKINGS} dockings",
-        "≤ 5 cm",
-        worst_m <= 0.05,
-    )
+    what = "docked off the charger's place, worst"
+    return deterministic(what, 100 * max(off_m), "cm", at_most(5), f"{DOCKINGS} dockings")
 
 
-def _docking_with_slip() -> Row:
+def _docking_with_slip() -> Figure:
     """The lidar is noisy as well; what counts is that a current comes and stays until there is enough."""
     charged, off_m, took_s = 0, [], []
     hardware = {"wheels": SLIPPING, "lidar": LidarSpec(), "battery": BatterySpec(soc_at_start=0.6)}
@@ -268,16 +227,16 @@ def _docking_with_slip() -> Row:
             if is_charged:
                 off_m.append(run.pose().distance_m(CHARGER))
         run.close()
-    return Row(
-        "charged at a dock, on wheels that slip",
-        f"{charged} of {SLIPPING_DOCKINGS}",
+    return deterministic(
+        f"dockings on wheels that slip which end with a charge, of {SLIPPING_DOCKINGS}",
+        charged,
+        "",
+        at_least(0.95 * SLIPPING_DOCKINGS),
         f"off by {100 * max(off_m, default=math.inf):.0f} cm at the worst, on the contacts after {max(took_s):.0f} s",
-        "≥ 95 %",
-        charged >= 0.95 * SLIPPING_DOCKINGS,
     )
 
 
-def _stranded() -> Row:
+def _stranded() -> Figure:
     """One robot with a small battery is offered one visit after the other, for as long as it takes them."""
     stranded = refused = done = charged = 0
     for seed in range(STRANDED_SEEDS):
@@ -300,11 +259,10 @@ def _stranded() -> Row:
             done += run.status().state is TaskState.DONE
         stranded += run.is_cut_off()
         run.close()
-    value = f"{stranded} of {STRANDED_SEEDS}"
+    what = f"robots stranded in {STRANDED_S:.0f} s of visits on 1.5 Wh, of {STRANDED_SEEDS}"
     beside = f"{done} visits done, {refused} offers refused, {charged} of them while it charged"
-    return Row(f"robots stranded in {STRANDED_S:.0f} s of visits on 1.5 Wh", value, beside, "0", stranded == 0)
+    return deterministic(what, stranded, "", at_most(0), beside)
 
 
 if __name__ == "__main__":
-    for figure in measure():
-        sys.stdout.write(f"{figure}\n")
+    show_figures("Behaviors", measure(), Console(width=WIDTH))

@@ -10,8 +10,10 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
+from rich.console import Console
 
 from robrain.coordinator.planning.policy import Charging, PlanningPolicy
+from robrain.deploy.bench_figure import WIDTH, Figure, above, at_least, at_most, deterministic, show_figures
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import TaskState, Visit
 from robrain.protocol.model.warm_up import warm_up
@@ -24,7 +26,7 @@ from robrain.sim.lockstep import LockstepRun
 from robrain.sim.robot_hardware import RobotHardware
 from robrain.sim.scenario import Scenario
 from tests.bench.planning import known_places
-from tests.bench.plugin_host import Row
+from tests.bench.side_by_side import side_by_side
 
 FLOOR = "arena_small"
 ROBOTS, TASKS = 4, 20
@@ -55,26 +57,30 @@ class Outcome(NamedTuple):
     """How often somebody came to a charger."""
 
 
-def measure(seeds: tuple[int, ...] = SEEDS) -> list[Row]:
+def measure(seeds: tuple[int, ...] = SEEDS) -> list[Figure]:
     """The table's rows: each number of chargers, by the schedule, against turns."""
-    warm_up()
-    rows = []
+    ways = (Charging.SCHEDULE, Charging.TURNS)
+    cases = [(seed, chargers, way) for chargers in CHARGERS for way in ways for seed in seeds]
+    outcomes = dict(zip(cases, side_by_side(_run_case, cases), strict=True))
+    figures = []
     for chargers in CHARGERS:
-        planned = [run_tasks(seed, chargers, Charging.SCHEDULE) for seed in seeds]
-        turns = [run_tasks(seed, chargers, Charging.TURNS) for seed in seeds]
+        planned, turns = ([outcomes[seed, chargers, way] for seed in seeds] for way in ways)
         share = statistics.fmean(one.makespan_s / other.makespan_s for one, other in zip(planned, turns, strict=True))
         done = sum(one.done for one in planned)
         least = min(one.least_soc for one in planned)
-        rows.append(
-            Row(
-                f"{ROBOTS} robots, {TASKS} visits, {chargers} charger{'s' if chargers > 1 else ''}",
-                f"{100 * share:.0f} % of the time: {_words(planned)}",
-                f"in turns: {_words(turns)}",
-                "all done, nobody stranded, <= 105 %",
-                done == TASKS * len(seeds) and least > CUT_OFF_SOC and share <= 1.05,
-            )
-        )
-    return rows
+        team = f"{ROBOTS} robots, {TASKS} visits, {chargers} charger{'s' if chargers > 1 else ''}"
+        beside = f"{_words(planned)}; in turns {_words(turns)}"
+        figures += [
+            deterministic(f"{team}: time by the schedule over that in turns", 100 * share, "%", at_most(105), beside),
+            deterministic(f"{team}: done, of {TASKS * len(seeds)}", done, "", at_least(TASKS * len(seeds))),
+            deterministic(f"{team}: least charge of any robot", 100 * least, "%", above(100 * CUT_OFF_SOC)),
+        ]
+    return figures
+
+
+def _run_case(case: tuple[int, int, Charging]) -> Outcome:
+    warm_up()
+    return run_tasks(*case)
 
 
 def run_tasks(seed: int, chargers: int, charging: Charging) -> Outcome:
@@ -129,7 +135,5 @@ def _words(outcomes: list[Outcome]) -> str:
 
 
 if __name__ == "__main__":
-    for row in measure(tuple(int(text) for text in sys.argv[1:]) or SEEDS):
-        words = (row.what, row.value, row.beside, row.bound, "yes" if row.is_kept else "no")
-        sys.stdout.write(" | ".join(words) + "\n")
-        sys.stdout.flush()
+    seeds = tuple(int(text) for text in sys.argv[1:]) or SEEDS
+    show_figures("Chargers", measure(seeds), Console(width=WIDTH))

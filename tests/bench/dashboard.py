@@ -11,12 +11,11 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
 
 from playwright.sync_api import Browser, Page, sync_playwright
 from rich.console import Console
-from rich.table import Table
 
+from robrain.deploy.bench_figure import WIDTH, Figure, at_least, at_most, show_figures, timing
 from tests.bench.dashboard_team import MOTES, ROBOTS
 from tests.system.browser import ARGUMENTS, CHROMIUM, browser_processes, colors_in, picture_of
 
@@ -34,27 +33,17 @@ COUNT_FRAMES = """async (seconds) => {
 }"""
 
 
-class Figure(NamedTuple):
-    """One line of the table."""
-
-    what: str
-    value: str
-    beside: str
-    bound: str
-    is_kept: bool
-
-
 def measure() -> Iterator[Figure]:
-    """The figures; none where there is no Chromium."""
+    """The figures (FileNotFoundError where there is no Chromium)."""
     if not CHROMIUM.exists():
-        return
+        raise FileNotFoundError(f"{CHROMIUM}: expected Chromium, there is none (make browser)")
     with _running("-m", "tests.bench.dashboard_team") as team:
         hub = _line(team)
         with _running("-m", "robrain.cli", "dashboard", "--connect", hub, "--port", "0") as dashboard:
             url = _line(dashboard).split()[-1]
             time.sleep(SETTLE_S)
             unwatched = _share(dashboard.pid)
-            yield Figure("dashboard process, nobody looks on", f"{100 * unwatched:.0f} % of a core", "", "", True)
+            yield timing("dashboard process without browsers, share of a core", 100 * unwatched, "%")
             with sync_playwright() as playwright:
                 browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
                 try:
@@ -67,22 +56,21 @@ def _with_browsers(browser: Browser, url: str, dashboard: int, team: int) -> Ite
     first, took_s = _open(browser, url)
     used_s = sum(map(_ticks, browser_processes())) / os.sysconf("SC_CLK_TCK")
     beside = f"{used_s:.1f} s of CPU, {_load()}"
-    yield Figure("first useful picture", f"{took_s:.1f} s", beside, f"≤ {FIRST_S:g} s", took_s <= FIRST_S)
+    yield timing("first useful picture", took_s, "s", at_most(FIRST_S), beside)
     time.sleep(SETTLE_S)
     before = sum(map(_ticks, browser_processes()))
     frames_hz = float(first.evaluate(COUNT_FRAMES, WINDOW_S))
     used_s = (sum(map(_ticks, browser_processes())) - before) / os.sysconf("SC_CLK_TCK")
-    yield Figure("frames a second", f"{frames_hz:.0f}", _load(), f"≥ {FRAMES_HZ:g}", frames_hz >= FRAMES_HZ)
+    yield timing("frames a second", frames_hz, "Hz", at_least(FRAMES_HZ), _load())
     each_ms = 1000 * used_s / max(1.0, frames_hz * WINDOW_S)
-    yield Figure("CPU of the browser for a frame", f"{each_ms:.0f} ms", f"{used_s / WINDOW_S:.2f} cores", "", True)
-    yield Figure("dashboard process, one browser", f"{100 * _share(dashboard):.0f} % of a core", "", "", True)
+    yield timing("CPU of the browser for a frame", each_ms, "ms", beside=f"{used_s / WINDOW_S:.2f} cores")
+    yield timing("dashboard process, one browser, share of a core", 100 * _share(dashboard), "%")
     _open(browser, url)
     time.sleep(SETTLE_S)
     share = _share(dashboard)
     beside = f"the team itself: {100 * _share(team):.0f} %"
-    bound = f"≤ {100 * CORE_SHARE:.0f} %"
-    yield Figure(
-        "dashboard process, two browsers", f"{100 * share:.0f} % of a core", beside, bound, share <= CORE_SHARE
+    yield timing(
+        "dashboard process, two browsers, share of a core", 100 * share, "%", at_most(100 * CORE_SHARE), beside
     )
 
 
@@ -131,16 +119,6 @@ def _line(process: subprocess.Popen[str]) -> str:
     return process.stdout.readline().strip() if process.stdout is not None else ""
 
 
-def main() -> None:
-    """Print the table."""
-    table = Table(title=f"The dashboard with {ROBOTS} robots and {MOTES} motes, browsers in software rendering")
-    for heading in ("what", "measured", "beside", "bound", "kept"):
-        table.add_column(heading)
-    for figure in measure():
-        kept = "" if not figure.bound else "yes" if figure.is_kept else "no"
-        table.add_row(figure.what, figure.value, figure.beside, figure.bound, kept)
-    Console(width=110).print(table)
-
-
 if __name__ == "__main__":
-    main()
+    title = f"The dashboard with {ROBOTS} robots and {MOTES} motes, browsers in software rendering"
+    show_figures(title, measure(), Console(width=WIDTH))

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
+from robrain.deploy.bench_figure import Figure, at_least, at_most, between, deterministic
 from robrain.protocol.model.battery_tracker import BatteryTracker, Measured
 from robrain.protocol.model.consumption import Consumption, Drawn
 from robrain.protocol.model.energy_model import EnergyEstimate, Work, estimate
@@ -27,6 +28,7 @@ from robrain.sim.firmware.battery import Battery, BatterySpec
 from robrain.sim.firmware.battery_manager import Gauge, Load
 from robrain.sim.firmware.power_model import PowerModel
 from robrain.sim.robot_body import MASS_KG
+from tests.bench.side_by_side import side_by_side
 
 SEEDS = 100
 STEP_S = 0.2
@@ -36,16 +38,6 @@ INTERVAL = 0.90
 SURE = 0.95
 FIELD_M = 12.0
 """Half the side of the square in which the stops lie; the charger is in its middle."""
-
-
-class Row(NamedTuple):
-    """One figure."""
-
-    what: str
-    value: str
-    beside: str
-    bound: str
-    is_kept: bool
 
 
 class Robot:
@@ -246,9 +238,9 @@ def live(seed: int) -> Day:
     return Day(outcomes, errors, inside, doubted, stranded, 1.0 - given_j / battery.delivered_j)
 
 
-def measure(seeds: int = SEEDS) -> list[Row]:
+def measure(seeds: int = SEEDS) -> list[Figure]:
     """All figures, over so many robots."""
-    days = [live(seed) for seed in range(seeds)]
+    days = side_by_side(live, range(seeds))
     errors = np.concatenate([day.soc_errors for day in days])
     rmse = float(np.sqrt(np.mean(errors**2)))
     worst = max(float(np.sqrt(np.mean(np.square(day.soc_errors)))) for day in days)
@@ -261,23 +253,22 @@ def measure(seeds: int = SEEDS) -> list[Row]:
     left = float(np.mean([day.left_share for day in days]))
     doubted = sum(day.doubted for day in days)
     soc_inside = float(np.mean([day.soc_inside for day in days]))
+    first_beside = (
+        f"{len(outcomes)} missions; first of each robot {first:.2%}; in the field 6.6 % (Bartlett et al., IROS 2016)"
+    )
     return [
-        Row("state of charge, RMSE", f"{rmse:.2%}", f"worst robot {worst:.2%}", "<= 2 %", rmse <= 0.02),
-        Row("inside its 95 % interval", f"{soc_inside:.1%}", "of all measurements", ">= 90 %", soc_inside >= 0.90),
-        Row(
-            f"energy of {len(outcomes)} missions, MAPE",
-            f"{mape:.2%}",
-            f"first of each robot {first:.2%}; in the field 6.6 % (Bartlett et al., IROS 2016)",
-            "<= 5 %",
-            mape <= 0.05,
+        deterministic("state of charge, RMSE", 100 * rmse, "%", at_most(2), f"worst robot {worst:.2%}"),
+        deterministic("state of charge inside its 95 % interval", 100 * soc_inside, "%", at_least(90)),
+        deterministic("energy of missions, mean absolute error", 100 * mape, "%", at_most(5), first_beside),
+        deterministic(
+            "cost of missions inside its 90 % interval",
+            100 * inside,
+            "%",
+            between(85, 95),
+            f"from a robot's sixth on {later:.1%}",
         ),
-        Row(
-            "inside the 90 % interval",
-            f"{inside:.1%}",
-            f"from the sixth on {later:.1%}",
-            "85-95 %",
-            0.85 <= inside <= 0.95,
+        deterministic(
+            f"robots stranded, of {seeds}", stranded, "", at_most(0), f"{left:.1%} of the charge left at home"
         ),
-        Row("robots stranded", str(stranded), f"of {seeds}; {left:.1%} of the charge left", "0", stranded == 0),
-        Row("sound measurements doubted", str(doubted), f"of {len(errors)}", "0", doubted == 0),
+        deterministic("sound measurements doubted", doubted, "", at_most(0), f"of {len(errors)}"),
     ]

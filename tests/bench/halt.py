@@ -12,12 +12,13 @@ import textwrap
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import zenoh
+from rich.console import Console
 
+from robrain.deploy.bench_figure import WIDTH, Figure, at_most, show_figures, timing
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.wire.clock import WallClock
@@ -61,25 +62,15 @@ CASES = {
 }
 
 
-@dataclass(frozen=True)
-class Figures:
-    """What was measured while one thing went wrong in the robot."""
-
-    case: str
-    median_ms: float
-    p99_ms: float
-    slowest_ms: float
-    rounds: int
-
-
-def measure(rounds: int = ROUNDS) -> Iterator[Figures]:
+def measure(rounds: int = ROUNDS) -> Iterator[Figure]:
     """Halt and resume a robot so often, for each case."""
     for case, spoilers in CASES.items():
         with open_session(mode="router", listen=["tcp/127.0.0.1:0"]) as session, _robot(session, spoilers) as stopwatch:
             stopwatch.halt_once()  # the first one loads code
             took_ms = [1e3 * stopwatch.halt_once() for _ in range(rounds)]
         median_ms, p99_ms = np.percentile(took_ms, (50, 99))
-        yield Figures(case, float(median_ms), float(p99_ms), max(took_ms), rounds)
+        beside = f"{rounds} halts, median {median_ms:.1f} ms, slowest {max(took_ms):.1f} ms"
+        yield timing(f"put to stop frame, {case}: p99", p99_ms, "ms", at_most(BOUND_MS), beside)
 
 
 class Stopwatch:
@@ -159,5 +150,4 @@ def _robot(session: zenoh.Session, spoilers: tuple[str, ...]) -> Iterator[Stopwa
 
 
 if __name__ == "__main__":
-    for figures in measure(int(sys.argv[1]) if len(sys.argv) > 1 else ROUNDS):
-        sys.stdout.write(f"{figures}\n")
+    show_figures("Emergency halt", measure(int(sys.argv[1]) if len(sys.argv) > 1 else ROUNDS), Console(width=WIDTH))

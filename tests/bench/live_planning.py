@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
+from rich.console import Console
 
 from robrain.coordinator.live import LEAST_REST_S, PERIOD_S
 from robrain.coordinator.planning.drafting import Drafting
@@ -29,6 +30,7 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.rehearsal import rehearse
 from robrain.coordinator.planning.situation import Member, Situation
 from robrain.coordinator.planning.ways import DETOUR
+from robrain.deploy.bench_figure import WIDTH, Figure, at_most, below, show_figures, timing
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.task import TaskState, Visit
@@ -40,7 +42,6 @@ from robrain.protocol.wire.messages import BatteryState, RobotState
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.task_messages import TaskRecord
 from robrain.protocol.wire.topics import COORDINATOR_ALIVE, COORDINATOR_STATE
-from tests.bench.plugin_host import Row
 
 STARTS = 7
 START_BOUND_S = 1.0
@@ -64,31 +65,29 @@ class Start(NamedTuple):
     cpu_s: float
 
 
-def measure() -> list[Row]:
-    """The table's rows."""
+def measure() -> list[Figure]:
+    """All figures."""
     rehearse()
-    return [*_start_rows(), *(_first_plan_row(*size) for size in SIZES), *_loop_rows()]
+    return [*_starts(), *(_first_plan(*size) for size in SIZES), _loop()]
 
 
 # -- start --------------------------------------------------------------------------------------------------
 
 
-def _start_rows() -> list[Row]:
+def _starts() -> list[Figure]:
     starts = measure_starts()
     heavy_s = statistics.median(_took_s([sys.executable, "-c", HEAVY]) for _ in range(3))
     live_s = statistics.median(start.live_s for start in starts)
     longest_s = max(start.live_s for start in starts)
     cpu_s = statistics.median(start.cpu_s for start in starts)
     first_s = statistics.median(_cold_plan_s() for _ in range(3))
+    beside = (
+        f"median {live_s:.2f} s, {cpu_s:.2f} s of CPU; loading what the map and the plans need takes {heavy_s:.2f} s"
+    )
+    what = f"coordinator, from its start until it is live, longest of {STARTS}"
     return [
-        Row(
-            "coordinator, from its start until it is live",
-            f"{live_s:.2f} s, {longest_s:.2f} s at most of {STARTS}",
-            f"{cpu_s:.2f} s of CPU; loading what the map and the plans need: {heavy_s:.2f} s",
-            f"{START_BOUND_S:g} s",
-            longest_s <= START_BOUND_S,
-        ),
-        Row("the planner's process, from its start to the first plan", f"{first_s:.2f} s", "", "–", True),
+        timing(what, longest_s, "s", at_most(START_BOUND_S), beside),
+        timing("the planner's process, from its start to the first plan", first_s, "s"),
     ]
 
 
@@ -165,7 +164,7 @@ def _wait(until: Callable[[], bool]) -> None:
 # -- the first plan -----------------------------------------------------------------------------------------
 
 
-def _first_plan_row(robots: int, tasks: int, bound_ms: float) -> Row:
+def _first_plan(robots: int, tasks: int, bound_ms: float) -> Figure:
     policy = PlanningPolicy(deadline_s=0.001)  # the first plan is what counts
     made = threading.Event()
     planner = LivePlanner(made.set)
@@ -192,13 +191,9 @@ def _first_plan_row(robots: int, tasks: int, bound_ms: float) -> Row:
     finally:
         planner.close()
     through, here, link = (statistics.median(found) for found in (through_ms, here_ms, link_ms))
-    return Row(
-        f"{robots} robots, {tasks} tasks: first plan, from the question to the answer",
-        f"{through:.0f} ms, {through - here:+.1f} ms to the same work in place",
-        f"in place {here:.0f} ms; to write and read question and plan {link:.1f} ms",
-        f"{bound_ms:g} ms (the auction alone)",
-        through <= bound_ms,
-    )
+    what = f"{robots} robots, {tasks} tasks: first plan, from the question to the answer"
+    beside = f"the same work in place {here:.0f} ms; to write and read question and plan {link:.1f} ms"
+    return timing(what, through, "ms", at_most(bound_ms), beside)
 
 
 def _link_s(situation: Situation, policy: PlanningPolicy, planned: Planned) -> float:
@@ -292,7 +287,7 @@ class _ThreadPlanner:
             self.plans += 1
 
 
-def _loop_rows() -> list[Row]:
+def _loop() -> Figure:
     situation = team_situation(100, 1000)
     alone = _gaps_ms(lambda: None)
     thread = _ThreadPlanner()
@@ -316,16 +311,15 @@ def _loop_rows() -> list[Row]:
         beside_process = _gaps_ms(follow)
     finally:
         planner.close()
-    return [
-        Row(
-            "gaps between the loop's steps beside plans for 100 robots, 1000 tasks",
-            f"{_p99(beside_process):.1f} ms at p99, {max(beside_process):.0f} ms at most; {plans} plans taken",
-            f"on a thread {_p99(beside_thread):.1f} and {max(beside_thread):.0f} ms; without plans"
-            f" {_p99(alone):.1f} and {max(alone):.0f} ms",
-            "p99 below that on a thread",
-            _p99(beside_process) < _p99(beside_thread),
-        )
-    ]
+    return timing(
+        "gaps between the loop's steps beside plans for 100 robots and 1000 tasks, p99, over that beside a thread",
+        100 * _p99(beside_process) / _p99(beside_thread),
+        "%",
+        below(100),
+        f"{_p99(beside_process):.1f} ms, {max(beside_process):.0f} ms at most, {plans} plans taken; on a thread "
+        f"{_p99(beside_thread):.1f} and {max(beside_thread):.0f} ms; without plans {_p99(alone):.1f} and "
+        f"{max(alone):.0f} ms",
+    )
 
 
 def _gaps_ms(follow: Callable[[], None]) -> list[float]:
@@ -349,7 +343,4 @@ def _p99(gaps_ms: list[float]) -> float:
 
 
 if __name__ == "__main__":
-    for row in measure():
-        sys.stdout.write(
-            " | ".join((row.what, row.value, row.beside, row.bound, "yes" if row.is_kept else "no")) + "\n"
-        )
+    show_figures("Plans beside the live coordinator", measure(), Console(width=WIDTH))

@@ -10,11 +10,13 @@ Figures of the localiser were chosen on `SEEDS` and on 1000 to 1049; `FRESH` see
 
 import math
 import statistics
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robrain.deploy.bench_figure import Figure, at_most, deterministic
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.model.localiser import Localiser, LocaliserSpec
 from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
@@ -35,8 +37,8 @@ from tests.bench.localisation_world import (
     drive,
     kidnapped,
 )
-from tests.bench.plugin_host import Row
 from tests.bench.position_bound import position_bound_m
+from tests.bench.side_by_side import side_by_side
 
 SEEDS = range(50)
 FRESH = range(2000, 2050)
@@ -68,51 +70,64 @@ class Track(NamedTuple):
     """From the kidnapping until the error was below `FOUND_M` and nothing wrong, for good."""
 
 
-def measure() -> list[Row]:
+def measure() -> list[Figure]:
     """All figures of the localisation."""
-    white = [drive(seed) for seed in SEEDS]
-    static = [drive(seed, static_share=STATIC) for seed in SEEDS]
-    alone = [follow(each, motes=False) for each in white]
-    with_motes, with_static = [follow(each) for each in white], [follow(each) for each in static]
-    bound_m = statistics.median(position_bound_m(each, DRIFT, 0.0) for each in white[:BOUND_SEEDS])
-    static_bound_m = statistics.median(position_bound_m(each, DRIFT, STATIC) for each in static[:BOUND_SEEDS])
-    field = [follow(correlated(each, seed)) for seed, each in zip(SEEDS, white, strict=True)]
-    scans = [follow(each, motes=False, scans=True) for each in white]
-    both = [follow(each, scans=True) for each in white]
-    taken = [follow(kidnapped(each, KIDNAPPED_S, KIDNAPPED_M)) for each in white]
+    white, static = _worlds(SEEDS), _worlds(SEEDS, STATIC)
+    alone = side_by_side(partial(follow, motes=False), white)
+    with_motes, with_static = side_by_side(follow, white), side_by_side(follow, static)
+    bound_m = statistics.median(side_by_side(partial(_bound_m, 0.0), white[:BOUND_SEEDS]))
+    static_bound_m = statistics.median(side_by_side(partial(_bound_m, STATIC), static[:BOUND_SEEDS]))
+    field = _in_a_field(SEEDS, white)
+    scans = side_by_side(partial(follow, motes=False, scans=True), white)
+    both = side_by_side(partial(follow, scans=True), white)
+    taken = side_by_side(follow, [kidnapped(each, KIDNAPPED_S, KIDNAPPED_M) for each in white])
     return [
-        Row("odometry alone", _errors(alone), "the issue: about 7 m", "", True),
-        Row("posterior Cramér–Rao bound", f"{bound_m:.2f} m", "the issue: 0.39 m", "", True),
-        _row("motes", with_motes, f"bound {bound_m:.2f} m", 0.6),
-        _row("motes, 70 % of the variance static", with_static, f"bound {static_bound_m:.2f} m", 1.4),
-        _row("motes, 70 % static for some 3 m", field, "no bound known", 1.4),
-        _row("walls within 6 m, no motes", scans, f"odometry {_median(alone):.2f} m", _median(alone)),
-        _row("walls and motes", both, f"motes alone {_median(with_motes):.2f} m", _median(with_motes)),
-        *_linearisations(white, bound_m),
-        _silence("motes: diverged and not said", [*with_motes, *with_static, *field]),
-        _silence("walls: diverged and not said", scans),
-        _silence("walls and motes: diverged and not said", both),
+        _row("odometry alone", alone),
+        deterministic("posterior Cramér–Rao bound of motes", bound_m, "m", beside=f"of {BOUND_SEEDS} runs"),
+        _row("motes", with_motes, 0.6),
+        _row("motes, 70 % of the variance static", with_static, 1.4, f"Cramér–Rao bound {static_bound_m:.2f} m"),
+        _row("motes, 70 % static for some 3 m", field, 1.4),
+        _row("walls within 6 m, no motes", scans),
+        _share("walls within 6 m, no motes: over odometry alone", scans, alone),
+        _row("walls and motes", both),
+        _share("walls and motes: over motes alone", both, with_motes),
+        *_linearisations(white),
+        _silence("motes", [*with_motes, *with_static, *field]),
+        _silence("walls", scans),
+        _silence("walls and motes", both),
         *_fresh(),
-        _kidnapping(taken),
+        *_kidnapping(taken),
     ]
 
 
-def _fresh() -> list[Row]:
+def _fresh() -> list[Figure]:
     """The main figures again, on seeds that nothing was chosen on."""
-    white = [drive(seed) for seed in FRESH]
-    static = [drive(seed, static_share=STATIC) for seed in FRESH]
-    with_motes, with_static = [follow(each) for each in white], [follow(each) for each in static]
-    field = [follow(correlated(each, seed)) for seed, each in zip(FRESH, white, strict=True)]
-    scans = [follow(each, motes=False, scans=True) for each in white]
-    both = [follow(each, scans=True) for each in white]
+    white, static = _worlds(FRESH), _worlds(FRESH, STATIC)
+    with_motes, with_static = side_by_side(follow, white), side_by_side(follow, static)
+    field = _in_a_field(FRESH, white)
+    scans = side_by_side(partial(follow, motes=False, scans=True), white)
+    both = side_by_side(partial(follow, scans=True), white)
     seeds = f"seeds {FRESH.start} to {FRESH.stop - 1}"
     return [
-        _row("fresh: motes", with_motes, seeds, 0.6),
-        _row("fresh: 70 % of the variance static", with_static, seeds, 1.4),
-        _row("fresh: 70 % static for some 3 m", field, seeds, 1.4),
-        _row("fresh: walls and motes", both, seeds, _median(with_motes)),
-        _silence("fresh: diverged and not said", [*with_motes, *with_static, *field, *scans, *both]),
+        _row("fresh seeds: motes", with_motes, 0.6, seeds),
+        _row("fresh seeds: 70 % of the variance static", with_static, 1.4, seeds),
+        _row("fresh seeds: 70 % static for some 3 m", field, 1.4, seeds),
+        _row("fresh seeds: walls and motes", both, beside=seeds),
+        _share("fresh seeds: walls and motes over motes alone", both, with_motes),
+        _silence("fresh seeds", [*with_motes, *with_static, *field, *scans, *both]),
     ]
+
+
+def _worlds(seeds: range, static_share: float = 0.0) -> list[Drive]:
+    return side_by_side(partial(drive, static_share=static_share), seeds)
+
+
+def _in_a_field(seeds: range, worlds: list[Drive]) -> list[Track]:
+    return side_by_side(follow, [correlated(each, seed) for seed, each in zip(seeds, worlds, strict=True)])
+
+
+def _bound_m(static_share: float, world: Drive) -> float:
+    return position_bound_m(world, DRIFT, static_share)
 
 
 def follow(world: Drive, *, motes: bool = True, scans: bool = False, spec: LocaliserSpec = SPEC) -> Track:
@@ -196,11 +211,11 @@ class _Eyes:
             self._map.integrate_scan(localiser.pose, self._angles_rad, ranges_m, RANGE_M, step, self._nobody)
 
 
-def _linearisations(worlds: list[Drive], bound_m: float) -> list[Row]:
+def _linearisations(worlds: list[Drive]) -> list[Figure]:
     """The same filter with other linearisations, and without its states for the odometry's errors."""
     loss = PathLoss(shadowing_db=0.0, fading_db=SIGMA_DB)
     none = DriftModel(scale=0.0, curve_rad_per_m=0.0, turn=0.0)
-    rows = []
+    figures = []
     for name, drift, spread, again in (
         ("extended Kalman filter", DRIFT, 0.0, 0),
         ("iterated extended Kalman filter", DRIFT, 0.0, 3),
@@ -208,9 +223,10 @@ def _linearisations(worlds: list[Drive], bound_m: float) -> list[Row]:
         ("Gauss–Hermite points, iterated", DRIFT, math.sqrt(3.0), 2),
         ("no states for the odometry's errors", none, math.sqrt(3.0), 0),
     ):
-        tracks = [_filter_only(each, drift, loss, spread, again) for each in worlds]
-        rows.append(Row(f"  {name}", _errors(tracks), f"bound {bound_m:.2f} m; NEES {_nees(tracks)}", "", True))
-    return rows
+        alone = partial(_filter_only, drift=drift, loss=loss, spread=spread, relinearisations=again)
+        tracks = side_by_side(alone, worlds)
+        figures.append(_row(f"motes, the filter alone, {name}", tracks))
+    return figures
 
 
 def _filter_only(world: Drive, drift: DriftModel, loss: PathLoss, spread: float, relinearisations: int) -> Track:
@@ -230,33 +246,36 @@ def _filter_only(world: Drive, drift: DriftModel, loss: PathLoss, spread: float,
     return watched.track()
 
 
-def _silence(what: str, tracks: list[Track]) -> Row:
+def _silence(what: str, tracks: list[Track]) -> Figure:
     silent = sum(track.silent_s >= SILENT_S for track in tracks)
-    said = sum(track.diverged for track in tracks)
     longest_s = max(track.silent_s for track in tracks)
-    beside = f"{SILENT_S:g} s on end; longest {longest_s:.1f} s; {said} said to be lost, in {len(tracks)} runs"
-    return Row(what, f"{silent} runs", beside, "0", silent == 0)
+    said = sum(track.diverged for track in tracks)
+    beside = f"{SILENT_S:g} s on end, longest {longest_s:.1f} s; {said} times said to be lost; {len(tracks)} runs"
+    return deterministic(f"{what}: runs that diverged and did not say so", silent, "", at_most(0), beside)
 
 
-def _kidnapping(tracks: list[Track]) -> Row:
+def _kidnapping(tracks: list[Track]) -> list[Figure]:
     told, found = [track.told_s for track in tracks], [track.found_s for track in tracks]
     left_s = 300.0 - KIDNAPPED_S
     count = sum(found_s < left_s - STEP_S for found_s in found)
-    after = f"{statistics.median(told):.0f} s (median), p90 {np.percentile(told, 90):.0f} s"
-    value = f"said in all but {sum(map(math.isinf, told))}, after {after}"
-    beside = f"{count} of {len(tracks)} found again, after {statistics.median(found):.0f} s"
-    return Row(f"carried off by {KIDNAPPED_M:g} m", value, beside, "said always", not any(map(math.isinf, told)))
+    case = f"carried off by {KIDNAPPED_M:g} m"
+    after = f"p90 {np.percentile(told, 90):.0f} s; {count} of {len(tracks)} found again"
+    return [
+        deterministic(f"{case}: runs in which it was never said", sum(map(math.isinf, told)), "", at_most(0)),
+        deterministic(f"{case}: said after, median", statistics.median(told), "s", beside=after),
+        deterministic(f"{case}: found again after, median", statistics.median(found), "s"),
+    ]
 
 
-def _row(what: str, tracks: list[Track], beside: str, bound_m: float) -> Row:
-    return Row(
-        what, _errors(tracks), f"{beside}; NEES {_nees(tracks)}", f"<= {bound_m:.2g} m", _median(tracks) <= bound_m
-    )
+def _row(what: str, tracks: list[Track], bound_m: float | None = None, beside: str = "") -> Figure:
+    spread = f"p90 {np.percentile([track.rmse_m for track in tracks], 90):.2f} m; NEES {_nees(tracks)}"
+    bound = at_most(bound_m) if bound_m is not None else None
+    beside = f"{spread}; {beside}" if beside else spread
+    return deterministic(f"{what}: RMSE, median", _median(tracks), "m", bound, beside)
 
 
-def _errors(tracks: list[Track]) -> str:
-    errors_m = [track.rmse_m for track in tracks]
-    return f"{_median(tracks):.2f} m, p90 {np.percentile(errors_m, 90):.2f} m"
+def _share(what: str, tracks: list[Track], base: list[Track]) -> Figure:
+    return deterministic(f"{what}, medians", 100 * _median(tracks) / _median(base), "%", at_most(100))
 
 
 def _median(tracks: list[Track]) -> float:

@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from rich.console import Console
 
 from robrain import Scenario
 from robrain.agent.host import AgentHost
 from robrain.agent.robot_file import RobotFile, RobotTable
+from robrain.deploy.bench_figure import WIDTH, Figure, at_least, at_most, deterministic, show_figures, timing
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.warm_up import warm_up
 from robrain.protocol.tinyos.hdlc import Deframer, frame
@@ -50,24 +52,13 @@ FIELD_BOUND_MS = 20.0
 PLUGINS = ("mote_base", "snw_exploration")
 
 
-class Row(NamedTuple):
-    """One figure."""
-
-    what: str
-    value: str
-    beside: str
-    """What it is compared with, in the same run."""
-    bound: str
-    is_kept: bool
-
-
-def measure() -> list[Row]:
+def measure() -> list[Figure]:
     """All figures of the motes."""
     warm_up()
     return [*(row for robots, motes in FIELDS for row in _costs(robots, motes)), *_visits(), *_flood(), _codec()]
 
 
-def _costs(robots: int, motes: int) -> Iterator[Row]:
+def _costs(robots: int, motes: int) -> Iterator[Figure]:
     run = LockstepRun(Scenario.builtin("depot").replace(robots=robots, motes=motes).world())
     spent_s = {"field": 0.0, "plugins": 0.0}
     try:
@@ -86,21 +77,11 @@ def _costs(robots: int, motes: int) -> Iterator[Row]:
         run.close()
     case = f"{motes} motes, {robots} robots"
     beside = f"whole run {whole_ms:.1f}; {counters.heard / SIMULATED_S:.0f} packets/s heard"
-    yield Row(
-        f"{case}: the field, CPU ms / sim s",
-        f"{field_ms:.2f}",
-        beside,
-        f"≤ {FIELD_BOUND_MS:g} (chosen)",
-        field_ms <= FIELD_BOUND_MS,
-    )
+    unit = "ms/sim s"
+    yield timing(f"{case}: the field, CPU", field_ms, unit, at_most(FIELD_BOUND_MS), beside)
     bound_ms = ROBOT_BOUND_MS if motes < 100 else 3 * ROBOT_BOUND_MS
-    yield Row(
-        f"{case}: both plugins of a robot, CPU ms / sim s",
-        f"{robot_ms:.2f}",
-        f"whole run {whole_ms / robots:.1f} a robot",
-        f"≤ {bound_ms:g} (chosen)",
-        robot_ms <= bound_ms,
-    )
+    beside = f"whole run {whole_ms / robots:.1f} a robot"
+    yield timing(f"{case}: both plugins of a robot, CPU", robot_ms, unit, at_most(bound_ms), beside)
 
 
 def _count(owner: object, method: str, spent_s: dict[str, float], name: str) -> None:
@@ -157,7 +138,7 @@ class _Body(NamedTuple):
     y_m: float
 
 
-def _visits() -> Iterator[Row]:
+def _visits() -> Iterator[Figure]:
     for distance_m in VISIT_DISTANCES_M:
         shares, seconds, bounds = [], [], []
         for seed in range(VISITS):
@@ -165,13 +146,14 @@ def _visits() -> Iterator[Row]:
             shares.append(share)
             seconds.append(in_reach_s)
             bounds.append(bound)
-        yield Row(
-            f"drive by a mote at {distance_m:g} m, {VISIT_SPEED_M_S:g} m/s: share of {VISIT_AFTER_S / 4:.0f} stored "
-            "readings brought in",
-            f"mean {np.mean(shares):.1%}, worst {np.min(shares):.1%}",
-            f"within earshot {np.mean(seconds):.0f} s; the radio's loss allows at most {np.mean(bounds):.1%}",
-            "mean ≥ 99 % (chosen)",
-            bool(np.mean(shares) >= 0.99),
+        yield deterministic(
+            f"drive by a mote at {distance_m:g} m and {VISIT_SPEED_M_S:g} m/s: share of {VISIT_AFTER_S / 4:.0f} stored "
+            f"readings brought in, mean of {VISITS}",
+            100 * float(np.mean(shares)),
+            "%",
+            at_least(99),
+            f"worst {np.min(shares):.1%}; within earshot {np.mean(seconds):.0f} s; the radio's loss allows at most "
+            f"{np.mean(bounds):.1%}",
         )
 
 
@@ -217,7 +199,7 @@ def _most(field: MoteField, distance_m: float, half_s: float, stored: int) -> fl
     return min(1.0, arriving / stored)
 
 
-def _flood() -> Iterator[Row]:
+def _flood() -> Iterator[Figure]:
     packet = ActiveMessage(type=0xEE, payload=bytes(16), source=1).pack()
     with _robot() as robot:
         events, states = Inbox(1000), Inbox(10_000, every=True)
@@ -236,20 +218,11 @@ def _flood() -> Iterator[Row]:
         rate_hz = len(states.drain()) / FLOOD_S
     named_s = told[0].stamp_ns / 1e9 - flooded_at_s if told else float("inf")
     cost_ms = 1000.0 * (flooded_s - quiet_s - put_s) / FLOOD_S
-    yield Row(
-        f"a base that says {FLOOD_PACKETS_S} packets/s: named to the team after",
-        f"{named_s:.2f} s",
-        told[0].value["why"] if told else "–",
-        "≤ 1 s (chosen)",
-        named_s <= 1.0,
-    )
-    yield Row(
-        "the same: CPU that the flood costs the robot, ms / sim s",
-        f"{cost_ms:.1f}",
-        f"states go on at {rate_hz:.1f} Hz",
-        "≤ 10, at 10 Hz",
-        cost_ms <= 10.0 and rate_hz >= 9.9,
-    )
+    case = f"a base that says {FLOOD_PACKETS_S} packets/s"
+    why = told[0].value["why"] if told else ""
+    yield deterministic(f"{case}: named to the team after", named_s, "s", at_most(1.0), why)
+    yield timing(f"{case}: CPU that it costs the robot", cost_ms, "ms/sim s", at_most(10.0))
+    yield deterministic(f"{case}: rate of the robot's states meanwhile", rate_hz, "Hz", at_least(9.9))
 
 
 def _ticks_s(robot: _Robot, seconds: float, each: Callable[[], object]) -> float:
@@ -269,7 +242,7 @@ def _puts_s(robot: _Robot, packet: bytes, count: int) -> float:
     return time.process_time() - began_s
 
 
-def _codec() -> Row:
+def _codec() -> Figure:
     reading = ReadingPayload(
         mote=3, sequence=1, oldest=1, period_ds=40, voltage_mv=2900, quantity=1, value_centi=2150, x_dm=1, y_dm=2
     )
@@ -279,15 +252,9 @@ def _codec() -> Row:
     for received in Deframer().feed(line):
         ReadingPayload.unpack(ActiveMessage.unpack(received[1:]).payload)
     each_us = 1e6 * (time.process_time() - began_s) / 1000
-    return Row(
-        "a reading off a serial line: frame, CRC, packet, payload",
-        f"{each_us:.1f} µs",
-        "57,600 baud brings one each 8 ms",
-        "≤ 100 µs (chosen)",
-        each_us <= 100.0,
-    )
+    what = "a reading off a serial line: frame, CRC, packet, payload"
+    return timing(what, each_us, "µs", at_most(100.0), "57,600 baud brings one each 8 ms")
 
 
 if __name__ == "__main__":
-    for row in measure():
-        print(*row, sep=" | ")  # noqa: T201 - a table for whoever runs this file alone
+    show_figures("Motes", measure(), Console(width=WIDTH))

@@ -19,6 +19,7 @@ import numpy as np
 
 from robrain.agent.host import AgentHost
 from robrain.agent.robot_file import RobotFile, RobotTable
+from robrain.deploy.bench_figure import WIDTH, Figure, at_most, deterministic, show_figures, timing
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.omni_drive import OmniBase
 from robrain.protocol.model.warm_up import warm_up
@@ -42,17 +43,6 @@ SLIP = WheelSpec(slip_sigma_m_per_sqrt_m=0.003, lateral_sigma_m_per_sqrt_m=0.003
 BIAS = WheelSpec(radius_sigma=0.002, base_sigma=0.005)
 BOTH = msgspec.structs.replace(SLIP, radius_sigma=BIAS.radius_sigma, base_sigma=BIAS.base_sigma)
 """Chosen: two per mille of a wheel's radius is 0.08 mm of 40."""
-
-
-class Row(NamedTuple):
-    """One figure."""
-
-    what: str
-    value: str
-    beside: str
-    """What it is compared with, in the same run."""
-    bound: str
-    is_kept: bool
 
 
 class Robot:
@@ -120,7 +110,7 @@ def robot_in_hall(hardware: RobotHardware, seed: int = 1, start: Pose2D = START)
         robot.close()
 
 
-def measure() -> list[Row]:
+def measure() -> list[Figure]:
     """All figures of motion."""
     warm_up()
     logging.disable(logging.ERROR)  # the faults are meant
@@ -163,8 +153,8 @@ def square(hardware: RobotHardware, seed: int, *, clockwise: bool) -> SquareErro
     )
 
 
-def _squares() -> list[Row]:
-    rows = []
+def _squares() -> list[Figure]:
+    figures = []
     cases = (
         ("exact wheels", RobotHardware(), 1, 0.02),
         ("encoders of 64 ticks a turn", RobotHardware(base=OmniBase(encoder_ticks_per_turn=64)), 1, None),
@@ -180,22 +170,19 @@ def _squares() -> list[Row]:
         worst_m = max(error.odometry_m for error in errors)
         yaw_deg = math.degrees(math.sqrt(statistics.mean(error.odometry_rad**2 for error in errors)))
         control_m = max(error.control_m for error in errors)
-        rows.append(
-            Row(
-                f"5 m square, {what}",
-                f"odometry off by {rmse_m:.3f} m, {yaw_deg:.2f}° (worst {worst_m:.3f} m, {len(errors)} squares)",
-                f"off the square by its own odometry {control_m:.3f} m",
-                f"<= {bound_m} m" if bound_m is not None else "stated",
-                bound_m is None or worst_m <= bound_m,
-            )
+        bound = at_most(bound_m) if bound_m is not None else None
+        beside = (
+            f"RMSE {rmse_m:.3f} m, {yaw_deg:.2f}°, of {len(errors)} squares; off the square by its own odometry "
+            f"{control_m:.3f} m"
         )
-    return rows
+        figures.append(deterministic(f"5 m square, {what}: odometry off, worst", worst_m, "m", bound, beside))
+    return figures
 
 
 # -- faults -----------------------------------------------------------------------------------------------------
 
 
-def _faults() -> list[Row]:
+def _faults() -> list[Figure]:
     with robot_in_hall(RobotHardware()) as robot:
         robot.driver.drive(SIDE_M)
         robot.run(2.0)
@@ -205,13 +192,12 @@ def _faults() -> list[Row]:
         place = robot.truth
         robot.run(2.0)
         moved_m = place.distance_m(robot.truth)
-    cut = Row(
-        "CAN bus cut at 0.6 m/s: fault named",
-        f"{named_s:.2f} s",
-        f"moved {1000 * moved_m:.1f} mm from half a second later on",
-        "<= 0.5 s",
-        named_s <= 0.5 and moved_m == 0.0,
-    )
+    cut = [
+        deterministic("CAN bus cut at 0.6 m/s: fault named after", named_s, "s", at_most(0.5)),
+        deterministic(
+            "CAN bus cut at 0.6 m/s: way from half a second after that on", 1000 * moved_m, "mm", at_most(0.0)
+        ),
+    ]
     took_s = []
     for delay_s in np.linspace(0.0, 0.18, 10):
         with robot_in_hall(RobotHardware()) as robot:
@@ -219,20 +205,15 @@ def _faults() -> list[Row]:
             robot.run(2.0 + float(delay_s))
             robot.arena.freeze_lidar("r1")
             took_s.append(robot.run_until(lambda: robot.host.manager.get("scan").state == "faulted"))
-    frozen = Row(
-        "lidar frozen at 0.6 m/s: fault named",
-        f"{statistics.median(took_s):.2f} s, at the most {max(took_s):.2f} s",
-        "a lidar of 5 Hz",
-        "<= 0.8 s",
-        max(took_s) <= 0.8,
-    )
-    return [cut, frozen]
+    beside = f"median {statistics.median(took_s):.2f} s, of {len(took_s)}; a lidar of 5 Hz"
+    frozen = deterministic("lidar frozen at 0.6 m/s: fault named after, worst", max(took_s), "s", at_most(0.8), beside)
+    return [*cut, frozen]
 
 
 # -- cost -------------------------------------------------------------------------------------------------------
 
 
-def _range_sensor_cost(chunks: int = 60, chunk_s: float = 0.5) -> Row:
+def _range_sensor_cost(chunks: int = 60, chunk_s: float = 0.5) -> Figure:
     """CPU of the whole of one driving robot with and without the node, turn and turn about."""
     cost_ms: dict[bool, list[float]] = {True: [], False: []}
     bare = RobotHardware(range_sensors=RangeSensorSpec(angles_rad=()))
@@ -246,26 +227,15 @@ def _range_sensor_cost(chunks: int = 60, chunk_s: float = 0.5) -> Row:
                 robot.run(chunk_s)
                 cost_ms[has_ring].append(1000.0 * (time.process_time() - began_s) / chunk_s)
     with_ms, without_ms = statistics.median(cost_ms[True]), statistics.median(cost_ms[False])
-    return Row(
-        "range sensors: CPU a robot and simulated second",
-        f"{with_ms - without_ms:.2f} ms",
-        f"arena and driver without them {without_ms:.2f} ms",
-        "<= 1 ms",
-        with_ms - without_ms <= 1.0,
-    )
+    what = "range sensors: CPU for each robot and simulated second"
+    return timing(what, with_ms - without_ms, "ms", at_most(1.0), f"arena and driver without them {without_ms:.2f} ms")
 
 
 def main() -> None:
     """Print the table."""
     from rich.console import Console
-    from rich.table import Table
 
-    table = Table(title="Motion on CAN, by the truth of the arena")
-    for heading in Row._fields:
-        table.add_column(heading)
-    for row in measure():
-        table.add_row(row.what, row.value, row.beside, row.bound, "yes" if row.is_kept else "no")
-    Console(width=150).print(table)
+    show_figures("Motion on CAN, by the truth of the arena", measure(), Console(width=WIDTH))
 
 
 if __name__ == "__main__":

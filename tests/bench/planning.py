@@ -11,8 +11,10 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
+from rich.console import Console
 
 from robrain.coordinator.planning.policy import Method, PlanningPolicy
+from robrain.deploy.bench_figure import WIDTH, Figure, at_least, below, deterministic, show_figures
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.objective import Objective
 from robrain.protocol.model.task import TaskState, Visit
@@ -23,7 +25,7 @@ from robrain.protocol.wire.topics import TASK_LIST, TASK_SUBMIT
 from robrain.sim.lockstep import LockstepRun
 from robrain.sim.maps.placement import scatter_points
 from robrain.sim.scenario import Scenario
-from tests.bench.plugin_host import Row
+from tests.bench.side_by_side import side_by_side
 
 FLOOR = "depot"
 ROBOTS, TASKS = 3, 12
@@ -35,6 +37,15 @@ CLEARANCE_M = 0.5
 LOOK_TICKS = 10
 STANDING_W = 8.0
 """What each robot draws whatever it does; no plan changes that, but a short one ends it sooner."""
+MEASURES = {
+    "energy": ("energy_j", "J"),
+    "energy of moving": ("moving_j", "J"),
+    "way": ("distance_m", "m"),
+    "makespan": ("makespan_s", "s"),
+}
+"""What is compared: field of `Outcome`, unit."""
+BOUND_OF = {"planned, energy": "moving_j", "planned, makespan": "makespan_s"}
+"""What each way of planning has to be better at than nearest first."""
 
 
 class Outcome(NamedTuple):
@@ -49,33 +60,36 @@ class Outcome(NamedTuple):
     done: int
 
 
-def measure(seeds: tuple[int, ...] = SEEDS) -> list[Row]:
+def measure(seeds: tuple[int, ...] = SEEDS) -> list[Figure]:
     """The table's rows: each a way of deciding, against nearest first."""
-    warm_up()
     ways = {
         "nearest first": PlanningPolicy(method=Method.NEAREST),
         "auction, energy": PlanningPolicy(method=Method.AUCTION),
         "planned, energy": PlanningPolicy(),
         "planned, makespan": PlanningPolicy(objective=Objective.MAKESPAN),
     }
-    outcomes = {name: [run_tasks(seed, policy) for seed in seeds] for name, policy in ways.items()}
-    base = outcomes["nearest first"]
-    rows = []
-    for name, found in outcomes.items():
-        shares = [_share(found, base, field) for field in ("energy_j", "moving_j", "distance_m", "makespan_s")]
+    outcomes = iter(side_by_side(_run_case, [(seed, policy) for policy in ways.values() for seed in seeds]))
+    by_way = {name: [next(outcomes) for _ in seeds] for name in ways}
+    base = by_way["nearest first"]
+    figures = []
+    for name, found in by_way.items():
+        team, wanted = f"{ROBOTS} robots, {TASKS} tasks, {name}", TASKS * len(found)
         done = sum(one.done for one in found)
-        rows.append(
-            Row(
-                f"{ROBOTS} robots, {TASKS} tasks, {name}",
-                f"{100 * shares[0]:.0f} % energy, {100 * shares[1]:.0f} % of what moving takes,"
-                f" {100 * shares[2]:.0f} % way, {100 * shares[3]:.0f} % makespan",
-                f"{_mean(found, 'energy_j'):.0f} J, {_mean(found, 'distance_m'):.0f} m,"
-                f" {_mean(found, 'makespan_s'):.0f} s; {done} of {TASKS * len(found)} done",
-                "makespan < 100 %" if "makespan" in name else "of moving < 100 %" if "planned" in name else "–",
-                done == TASKS * len(found) and _is_less(name, shares),
-            )
-        )
-    return rows
+        figures.append(deterministic(f"{team}: done, of {wanted}", done, "", at_least(wanted)))
+        for what, (field, unit) in MEASURES.items():
+            if found is base:
+                figures.append(deterministic(f"{team}: {what}, mean", _mean(found, field), unit))
+                continue
+            bound = below(100.0) if BOUND_OF.get(name) == field else None
+            beside = f"{_mean(found, field):.0f} {unit} in the mean"
+            share = 100 * _share(found, base, field)
+            figures.append(deterministic(f"{team}: {what}, over nearest first", share, "%", bound, beside))
+    return figures
+
+
+def _run_case(case: tuple[int, PlanningPolicy]) -> Outcome:
+    warm_up()
+    return run_tasks(*case)
 
 
 def run_tasks(seed: int, policy: PlanningPolicy, floor: str = FLOOR, record: Path | None = None) -> Outcome:
@@ -128,10 +142,6 @@ def _mean(outcomes: list[Outcome], field: str) -> float:
     return statistics.fmean(getattr(one, field) for one in outcomes)
 
 
-def _is_less(name: str, shares: list[float]) -> bool:
-    return "planned" not in name or shares[3 if "makespan" in name else 1] < 1.0
-
-
 def _share(outcomes: list[Outcome], base: list[Outcome], field: str) -> float:
     return statistics.fmean(
         getattr(one, field) / getattr(other, field) for one, other in zip(outcomes, base, strict=True)
@@ -139,6 +149,5 @@ def _share(outcomes: list[Outcome], base: list[Outcome], field: str) -> float:
 
 
 if __name__ == "__main__":
-    for row in measure(tuple(int(text) for text in sys.argv[1:]) or SEEDS):
-        words = (row.what, row.value, row.beside, row.bound, "yes" if row.is_kept else "no")
-        sys.stdout.write(" | ".join(words) + "\n")
+    seeds = tuple(int(text) for text in sys.argv[1:]) or SEEDS
+    show_figures("Planning", measure(seeds), Console(width=WIDTH))

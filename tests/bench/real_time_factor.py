@@ -1,12 +1,13 @@
 """Real-time factor of whole lockstep runs against the bare pymunk loop of the same world."""
 
 import time
-from typing import NamedTuple
+from collections.abc import Iterator
 
 import numpy as np
 import pymunk
 
 from robrain import Scenario
+from robrain.deploy.bench_figure import Figure, timing
 from robrain.protocol.model.warm_up import warm_up
 from robrain.sim.arena import TICK_S
 from robrain.sim.lockstep import LockstepRun
@@ -18,27 +19,17 @@ SIMULATED_S = 20.0
 SPEED_M_S = 0.6
 
 
-class Row(NamedTuple):
-    """One team size. Times are wall-clock milliseconds a simulated second."""
-
-    robots: int
-    whole_run_ms: float
-    bare_pymunk_ms: float
-    real_time_factor: float
-    ratio: float
-    """Whole run over bare loop."""
-
-
-def measure() -> list[Row]:
-    """One row a team size, on the built-in depot with 24 motes, recording digest included."""
+def measure() -> Iterator[Figure]:
+    """Two figures for each team size, on the built-in depot with 24 motes, recording digest included."""
     warm_up()
     _whole_run_ms(Scenario.builtin("depot").replace(robots=1).world())
-    rows = []
     for robots in TEAMS:
         world = Scenario.builtin("depot").replace(robots=robots).world()
         whole_ms, bare_ms = _whole_run_ms(world), _bare_loop_ms(world)
-        rows.append(Row(robots, whole_ms, bare_ms, 1000.0 / whole_ms, whole_ms / bare_ms))
-    return rows
+        team = f"{robots} robot{'s' if robots > 1 else ''}"
+        beside = f"{whole_ms:.1f} ms a simulated second; bare pymunk {bare_ms:.2f} ms"
+        yield timing(f"{team}: real-time factor of a whole run", 1000.0 / whole_ms, "×", beside=beside)
+        yield timing(f"{team}: time of a whole run over that of the bare loop", whole_ms / bare_ms, "×")
 
 
 def _whole_run_ms(world: World) -> float:

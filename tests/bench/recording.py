@@ -18,7 +18,7 @@ from rich.console import Console
 from robrain.coordinator.recording.player import Player
 from robrain.coordinator.recording.provenance import Provenance
 from robrain.coordinator.recording.recorder import Recorder
-from robrain.deploy.bench_figure import WIDTH, Figure, show_figures
+from robrain.deploy.bench_figure import WIDTH, Figure, at_most, show_figures, timing
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.occupancy_grid import GridGeometry, PatchCells
 from robrain.protocol.model.task import TaskState, Visit
@@ -168,33 +168,22 @@ def measure() -> list[Figure]:
         for visual in (False, True):
             told = recorder_share(SECONDS, folder, visual=visual)
             share = told["cpu_us"] * RATE_HZ / 1e6
-            figures.append(
-                Figure(
-                    f"recorder at {RATE_HZ} messages a second" + (", with what Foxglove draws" if visual else ""),
-                    f"{100 * share:.1f} % of a core",
-                    f"{told['cpu_us']:.1f} µs a message with its reception; {told['rate_hz']:.0f} a second came, "
-                    f"{told['put'] - told['heard']:.0f} were not heard, {told['lost']:.0f} lost",
-                    f"{100 * CORE_BOUND:.0f} %",
-                    share <= CORE_BOUND,
-                    100 * share,
-                    "%",
-                )
+            what = f"recorder at {RATE_HZ} messages a second" + (", with what Foxglove draws" if visual else "")
+            beside = (
+                f"{told['cpu_us']:.1f} µs a message with its reception; {told['rate_hz']:.0f} a second came, "
+                f"{told['put'] - told['heard']:.0f} were not heard"
             )
+            figures.append(timing(f"{what}: share of a core", 100 * share, "%", at_most(100 * CORE_BOUND), beside))
+            figures.append(timing(f"{what}: messages lost", told["lost"]))
         path = folder / "hour.mcap"
         count = write_hour(path)
         took = seeks(path)
-        figures.append(
-            Figure(
-                f"seek in an hour of 4 robots, {count} messages, {path.stat().st_size / 1e6:.0f} MB",
-                f"{1000 * took['worst']:.0f} ms at worst of 40",
-                f"median {1000 * took['median']:.0f} ms; "
-                f"opened in {took['open']:.2f} s, prepared in {took['prepare']:.1f} s",
-                f"{1000 * SEEK_BOUND_S:.0f} ms",
-                took["worst"] <= SEEK_BOUND_S,
-                1000 * took["worst"],
-                "ms",
-            )
+        beside = (
+            f"{count} messages, {path.stat().st_size / 1e6:.0f} MB; median {1000 * took['median']:.0f} ms; opened in "
+            f"{took['open']:.2f} s, prepared in {took['prepare']:.1f} s"
         )
+        what = "seek in an hour of 4 robots, worst of 40"
+        figures.append(timing(what, 1000 * took["worst"], "ms", at_most(1000 * SEEK_BOUND_S), beside))
     return figures
 
 

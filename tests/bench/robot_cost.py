@@ -11,14 +11,17 @@ import functools
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import Any
 from unittest import mock
+
+from rich.console import Console
 
 from robrain import Scenario
 from robrain.agent.host import AgentHost
 from robrain.agent.tag import PluginTag
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.recording.recorder import Recorder
+from robrain.deploy.bench_figure import WIDTH, Figure, at_most, show_figures, timing
 from robrain.plugins.skill.planner.planner import Planner
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.warm_up import warm_up
@@ -33,6 +36,8 @@ SETTLING_S = 3.0
 """Robots start and begin to move."""
 SIMULATED_S = 15.0
 
+UNIT = "ms"
+"""Of CPU, for each robot and simulated second."""
 OWN = "robot: "
 """What the parts that run on the robot itself begin with."""
 PARTS: list[tuple[type, str, str]] = [
@@ -50,21 +55,11 @@ PARTS: list[tuple[type, str, str]] = [
     (ZenohBus, "recv", "CAN: receive"),
 ]
 """Class, method, part."""
-
-
-class Row(NamedTuple):
-    """One line of the table; times are CPU milliseconds for each robot and simulated second."""
-
-    part: str
-    ms: float
-    calls: float
-    """For each robot and simulated second."""
-    bound_ms: float | None = None
-
-    @property
-    def is_kept(self) -> bool | None:
-        """Whether the bound is kept; None where there is none."""
-        return None if self.bound_ms is None else self.ms <= self.bound_ms
+RESTING = {
+    *("visit", "inspect", "collect", "relay", "monitor", "sense", "replace", "recharge", "wander", "idle"),
+    *("camera", "sensor_board", "home", "counter", "command", "mote_ranges"),
+}
+"""Plugins that have next to nothing to do while a team explores; one part."""
 
 
 class Meter:
@@ -91,8 +86,8 @@ class Meter:
         self._since_ns = time.thread_time_ns()
 
 
-def measure(robots: int = ROBOTS) -> list[Row]:
-    """The parts, dearest first, then the sums with their bound."""
+def measure(robots: int = ROBOTS) -> list[Figure]:
+    """The sums with their bound, then the parts, dearest first."""
     warm_up()
     whole_ms = _run(robots, contextlib.nullcontext())
     meter = Meter()
@@ -100,16 +95,17 @@ def measure(robots: int = ROBOTS) -> list[Row]:
     del meter.ns["elsewhere"]
     scale = whole_ms / (sum(meter.ns.values()) / 1e6 / robots / SIMULATED_S)
     per_robot = robots * SIMULATED_S
-    rows = [
-        Row(part, scale * ns / 1e6 / per_robot, meter.calls[part] / per_robot) for part, ns in meter.ns.most_common()
-    ]
-    own = sum(row.ms for row in rows if row.part.startswith(OWN))
-    shared = sum(row.ms for row in rows if row.part.startswith(("wire", "CAN")))
+    parts_ms = {part: scale * ns / 1e6 / per_robot for part, ns in meter.ns.most_common()}
+    own = sum(ms for part, ms in parts_ms.items() if part.startswith(OWN))
+    shared = sum(ms for part, ms in parts_ms.items() if part.startswith(("wire", "CAN")))
     return [
-        *rows,
-        Row("the robot's own parts", own, 0.0),
-        Row("its own, all of wire and CAN", own + shared, 0.0, BOUND_MS),
-        Row("whole run, arena, coordinator and recorder too", whole_ms, 0.0, BOUND_MS),
+        timing("robot: its own parts", own, UNIT),
+        timing("robot: its own parts, all of wire and CAN", own + shared, UNIT, at_most(BOUND_MS)),
+        timing("whole run: arena, coordinator and recorder too", whole_ms, UNIT, at_most(BOUND_MS)),
+        *(
+            timing(f"part of the whole: {part}", ms, UNIT, beside=f"{meter.calls[part] / per_robot:.1f} calls")
+            for part, ms in parts_ms.items()
+        ),
     ]
 
 
@@ -158,7 +154,7 @@ def _of_plugin(function: Callable[..., Any], meter: Meter) -> Callable[..., Any]
 
     @functools.wraps(function)
     def timed(tag: PluginTag, *args: Any, **kwargs: Any) -> Any:
-        meter.begin(OWN + tag.name)
+        meter.begin(OWN + ("plugins that rest" if tag.name in RESTING else tag.name))
         try:
             return function(tag, *args, **kwargs)
         finally:
@@ -167,12 +163,5 @@ def _of_plugin(function: Callable[..., Any], meter: Meter) -> Callable[..., Any]
     return timed
 
 
-def main() -> None:
-    """Print the table."""
-    for row in measure():
-        bound = "" if row.bound_ms is None else f"  <= {row.bound_ms:g} ms: {'kept' if row.is_kept else 'not kept'}"
-        print(f"{row.part:50s} {row.ms:7.3f} ms {row.calls:8.1f} calls{bound}")  # noqa: T201 - a table to look at
-
-
 if __name__ == "__main__":
-    main()
+    show_figures("One robot's whole stack, for each robot and simulated second", measure(), Console(width=WIDTH))

@@ -11,6 +11,7 @@ from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.roster import Roster
 from robrain.coordinator.task_book import TaskBook
 from robrain.coordinator.task_lifecycle import TaskLifecycle
+from robrain.deploy.bench_figure import Figure, at_most, timing
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.task import TaskState, Visit
 from robrain.protocol.wire.clock import VirtualClock, to_ns
@@ -18,7 +19,6 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import RobotState, TaskStatus
 from robrain.protocol.wire.presence import Change
 from robrain.protocol.wire.session import open_lockstep_session
-from tests.bench.plugin_host import Row
 
 ACCEPTED = 100
 ROBOTS, TASKS = 100, 1000
@@ -26,13 +26,13 @@ STEP_S = 0.02
 RESTARTS = 5
 
 
-def measure() -> list[Row]:
+def measure() -> list[Figure]:
     """All figures; seconds of wall time, of one core."""
     with tempfile.TemporaryDirectory(prefix="robrain-bench-") as folder:
         return [*_journal(Path(folder)), *_restart(Path(folder)), *_steps()]
 
 
-def _journal(folder: Path) -> list[Row]:
+def _journal(folder: Path) -> list[Figure]:
     journal = Journal(folder / "changes.journal")
     book = TaskBook(VirtualClock(), 0, lambda _event: None, journal)
     accept_ms = median(
@@ -48,18 +48,12 @@ def _journal(folder: Path) -> list[Row]:
     journal.close()
     change_ms = median(changes)
     return [
-        Row(
-            "a task accepted, on the disk",
-            f"{accept_ms:.1f} ms",
-            f"not waiting for the disk {own_ms:.2f} ms",
-            "–",
-            True,
-        ),
-        Row("any other change", f"{1e3 * change_ms:.0f} µs", f"accepted {accept_ms:.1f} ms", "≤ 1 ms", change_ms <= 1),
+        timing("a task accepted, on the disk", accept_ms, "ms", beside=f"not waiting for the disk {own_ms:.2f} ms"),
+        timing("any other change of a task", 1e3 * change_ms, "µs", at_most(1000)),
     ]
 
 
-def _restart(folder: Path) -> list[Row]:
+def _restart(folder: Path) -> list[Figure]:
     path = folder / "many.journal"
     journal = Journal(path)
     book = TaskBook(VirtualClock(), 0, lambda _event: None, journal)
@@ -73,10 +67,10 @@ def _restart(folder: Path) -> list[Row]:
         again.close()
 
     took_ms = min(_took_ms(begin) for _ in range(RESTARTS))
-    return [Row(f"a book with {TASKS} open tasks opened", f"{took_ms:.0f} ms", "–", "≤ 500 ms", took_ms <= 500)]
+    return [timing(f"a book with {TASKS} open tasks opened in", took_ms, "ms", at_most(500))]
 
 
-def _steps() -> list[Row]:
+def _steps() -> list[Figure]:
     clock = VirtualClock()
     with open_lockstep_session() as session:
         wire = Endpoint(session, "default", clock, Drive.LOCKSTEP)
@@ -113,16 +107,10 @@ def _steps() -> list[Row]:
         decide_ms = median(_took_ms(lambda: lifecycle.dispatch([], clock.now_ns())) for _ in range(10))
         wire.close()
     step_ms = median(steps)
-    beside = f"a step every {1e3 * STEP_S:.0f} ms"
+    team = f"{TASKS} tasks, {ROBOTS} robots"
     return [
-        Row(f"{TASKS} tasks, {ROBOTS} robots: a step", f"{step_ms:.2f} ms", beside, "≤ 2 ms", step_ms <= 2),
-        Row(
-            f"{TASKS} tasks, {ROBOTS} robots: a decision",
-            f"{decide_ms:.2f} ms",
-            "twice a second",
-            "≤ 20 ms",
-            decide_ms <= 20,
-        ),
+        timing(f"{team}: a step", step_ms, "ms", at_most(2), f"a step every {1e3 * STEP_S:.0f} ms"),
+        timing(f"{team}: a decision", decide_ms, "ms", at_most(20), "twice a second"),
     ]
 
 

@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 
 from robrain.coordinator.reconcile import LEASE_S
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.occupancy_grid import FREE, GridGeometry, PatchCells
 from robrain.protocol.model.task import TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.refusals import RefusalCode
 from robrain.protocol.wire.topics import (
     ROBOT_ALIVE,
+    ROBOT_MAP,
     ROBOT_STATE,
 )
 
@@ -54,6 +57,16 @@ def test_a_robot_that_is_done_gets_the_next_frontier_at_once(team):
     team.run(1.0)
     summary = team.summary
     assert (summary.tasks_done, summary.tasks_open) == (1, 1)
+
+
+def test_a_gap_that_a_robot_does_not_fit_through_is_remembered_where_it_stands(team):
+    robot = team.robot("r1", 5.8)
+    team.corridor()
+    team.run(1.0)
+    robot.end(TaskState.FAILED, "the way has been too narrow", gap_m=0.36)
+    team.run(0.5)
+    (gap,) = team.coordinator.explorer._narrow.gaps
+    assert (gap.place, gap.gap_m) == (Point2D(robot.pose.x_m, robot.pose.y_m), 0.36)
 
 
 def test_a_halted_robot_is_offered_nothing(team):
@@ -151,9 +164,25 @@ def test_patches_on_another_grid_are_refused_with_one_line_in_the_log(team, capl
         stranger.say_map(GridGeometry(0.05, 0.0, 0.0, 50, 50), cells)
         team.run(0.2)
     refused = [record for record in caplog.records if record.levelno >= logging.WARNING]
-    assert [record.getMessage().split(" cannot")[0] for record in refused] == ["the map of r2"]
+    (line,) = (record.getMessage() for record in refused)
+    assert "the map of r2 cannot be merged" in line
     assert team.coordinator.team_map.version == version
     assert team.coordinator.team_map.grid.geometry.resolution_m == 0.1
+
+
+def test_a_patch_that_waited_and_does_not_fit_is_counted_as_refused(team):
+    team.robot("r1")
+    team.hall()
+    team.run(0.5)
+    team.coordinator.team_map.hold()
+    team.robots[0].say_map(GridGeometry(0.05, 0.0, 0.0, 50, 50), PatchCells(0, 0, np.full((5, 5), FREE, np.int8), 400))
+    team.run(0.2)
+    refusals = team.coordinator._wire.refusals
+    assert refusals.counts() == []
+    team.coordinator.take_held_map()
+    (refused,) = refusals.counts()
+    assert (refused.topic, refused.code) == (ROBOT_MAP.name, RefusalCode.NOT_PLAUSIBLE)
+    assert "the map of r1 cannot be merged" in refused.why
 
 
 # -- telling --------------------------------------------------------------------------------------------------

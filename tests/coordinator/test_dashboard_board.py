@@ -25,8 +25,10 @@ from robrain.protocol.wire.messages import (
     RobotState,
     RobotTruth,
     TaskEvent,
+    TeamState,
 )
 from robrain.protocol.wire.plan_messages import TaskDecision
+from robrain.protocol.wire.refusals import Refusal
 from robrain.protocol.wire.task_messages import RobotVerdict
 from robrain.protocol.wire.topics import RECORDER_STATE
 
@@ -150,6 +152,10 @@ def test_alerts_name_what_is_wrong_the_worst_first() -> None:
     view.coordinator_up = True
     robot.state = RobotState(robot="r1")
     assert alerts_of(view, 0.0) == []
+    refusal = Refusal(topic="robot_state", key="robrain/t/robot/r9/state", code="malformed", count=3, why="no pose")
+    view.team = TeamState(robots=[], refused=[refusal])
+    (alert,) = alerts_of(view, 0.0)
+    assert alert.text == "has refused 3 × robot_state of robot/r9/state (malformed): no pose"
 
 
 def test_only_a_robot_all_of_which_has_stopped_has_acknowledged() -> None:

@@ -6,6 +6,8 @@ from robrain.coordinator.dashboard.gantt_html import gantt_html
 from robrain.coordinator.dashboard.halt_control import acknowledgements_html
 from robrain.coordinator.dashboard.panel_html import log_html, motes_html, robots_html, strip_html, summary_html
 from robrain.coordinator.dashboard.plugin_html import (
+    WHY,
+    error_html,
     events_html,
     plugin_card_html,
     plugins_html,
@@ -131,6 +133,45 @@ def test_robots_are_sorted_as_people_count() -> None:
     for name in ("r10", "r2", "r1"):
         tell(view, ROBOT_STATE, RobotState(robot=name), robot=name)
     assert Page(robots_html(view, 0.0)).values["robot-name"] == "r1r2r10"
+
+
+TRACEBACK = """Traceback (most recent call last):
+  File "/home/ada/my_plugins/greeter.py", line 12, in step
+    self.seconds += one
+NameError: name 'one' is not defined <b>"""
+
+
+def test_error_of_a_plugin_is_shown_with_file_line_and_traceback_on_the_robots_page() -> None:
+    plugin = PluginInfo(name="greeter", level="unit", state="faulted", why=TRACEBACK)
+    card = Page(plugin_card_html(plugin))
+    assert card.values["plugin-why"] == TRACEBACK
+    assert "b" not in Page(error_html(TRACEBACK)).tags
+    view = TeamView()
+    state = RobotState(robot="r1", faulted=[PluginFault(plugin="greeter", why=TRACEBACK)])
+    tell(view, ROBOT_STATE, state, robot="r1")
+    assert Page(robot_card_html(view, view.robots["r1"], 0.0)).values["plugin-why"] == TRACEBACK
+    # Above the tabs there is room for its last line.
+    alerts = Page(strip_html(view, 0.0)).values["alerts"]
+    assert "greeter does not run: NameError: name 'one' is not defined <b>" in alerts
+    assert "Traceback" not in alerts
+
+
+def test_short_error_of_a_plugin_is_one_line_and_of_a_very_long_one_the_end_is_shown() -> None:
+    short = PluginInfo(name="greeter", level="unit", state="faulted", why="it hangs")
+    assert "plugin-why" not in Page(plugin_card_html(short)).values
+    assert "faulted: it hangs" in plugin_card_html(short)
+    endless = PluginInfo(name="greeter", level="unit", state="faulted", why="first\n" + "x" * 10 * WHY + "\nlast")
+    shown = Page(plugin_card_html(endless)).values["plugin-why"]
+    assert shown.endswith("last")
+    assert len(shown) == WHY + 1
+
+
+def test_empty_queue_does_not_deny_the_tasks_that_are_done() -> None:
+    view = TeamView()
+    assert Page(queue_html(view, is_live=True)).values["no-tasks"] == "No tasks yet."
+    told = Page(queue_html(view, is_live=True, done=10)).values["no-tasks"]
+    assert told.startswith("No open tasks.")
+    assert "yet" not in told
 
 
 @pytest.mark.parametrize("halted", [True, False])

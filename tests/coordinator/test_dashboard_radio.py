@@ -2,11 +2,12 @@
 
 import pytest
 
+from robrain.coordinator.dashboard.focus import MOTES, Focus, motes_in_focus
 from robrain.coordinator.dashboard.radio_layer import LOOKS, link_look, link_meshes
 from robrain.coordinator.dashboard.radio_links import (
     Link,
-    best_mote_links,
-    further_links,
+    best_links,
+    links_in_focus,
     links_of_robot,
     robot_pairs,
     team_links,
@@ -85,10 +86,48 @@ def test_selected_robot_shows_all_that_it_hears() -> None:
     tell(view, "r2", m3=-70.0)
     assert ends(links_of_robot(view, "r1", NOW_S)) == {(-1.0, 1.0), (-2.0, 1.0), (1.0, 2.0)}
     assert links_of_robot(view, "r7", NOW_S) == []
-    # Its mote's best link and the team's own are on everybody's picture already.
-    assert ends(further_links(view, "r1", NOW_S)) == {(-1.0, 1.0)}
-    (best,) = best_mote_links(view)
+    # The team's own links are on everybody's picture already.
+    assert ends(links_in_focus(view, Focus("r1", chosen=True), NOW_S)) == {(-1.0, 1.0), (-2.0, 1.0)}
+    (best,) = best_links(view, view.motes.values())
     assert best.rssi_dbm == -88.0
+
+
+def test_motes_have_neither_label_nor_link_until_somebody_zooms_in_or_selects() -> None:
+    view = team(r1=1.0, r2=2.0)
+    for number in range(1, 4):
+        name = f"m{number}"
+        view.motes[name] = MoteView(name)
+        view.motes[name].heard(
+            MoteReading(
+                mote=name,
+                place=Point2D(10.0 * number, 0.0),
+                quantity="t",
+                value=1.0,
+                voltage_v=3.0,
+                rssi_dbm=-70.0,
+                via="r1" if number == 1 else "r2",
+                stamp_ns=5,
+            )
+        )
+
+    def seen(focus: Focus) -> tuple[list[str], int]:
+        return [mote.name for mote in motes_in_focus(view, focus)], len(links_in_focus(view, focus, NOW_S))
+
+    assert seen(Focus()) == ([], 0)
+    assert seen(Focus("r1")) == ([], 0)  # as the page selects one at first by itself
+    assert seen(Focus("r1", chosen=True)) == (["m1"], 1)
+    assert seen(Focus("r2", chosen=True)) == (["m2", "m3"], 2)
+    assert seen(Focus(mote="m3")) == (["m3"], 1)
+    assert seen(Focus(mote="m9")) == ([], 0)
+    assert seen(Focus(middle=Point2D(21.0, 0.0), reach_m=9.5)) == (["m2", "m3"], 2)
+
+
+def test_of_many_motes_those_nearest_to_what_is_looked_at_are_in_focus() -> None:
+    view = TeamView()
+    for number in range(100):
+        view.motes[f"m{number}"] = MoteView(f"m{number}", place=Point2D(float(number), 0.0))
+    found = motes_in_focus(view, Focus(mote="m99", middle=Point2D(0.0, 0.0), reach_m=1000.0))
+    assert [mote.name for mote in found] == ["m99", *(f"m{number}" for number in range(MOTES - 1))]
 
 
 @pytest.mark.parametrize(("rssi_dbm", "number"), [(-60.0, 0), (-80.0, 0), (-81.0, 1), (-87.0, 1), (-95.0, 2)])

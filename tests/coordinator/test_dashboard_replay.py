@@ -21,7 +21,6 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def source(recording: Path) -> Iterator[ReplaySource]:
     source = ReplaySource(recording)
-    source.toggle()
     source.hear(0.0)
     yield source
     source.close()
@@ -30,6 +29,18 @@ def source(recording: Path) -> Iterator[ReplaySource]:
 def look_at(source: ReplaySource, time_s: float, now_s: float = 0.0) -> None:
     source.seek(time_s)
     source.hear(now_s)
+
+
+def test_recording_stands_at_its_beginning_until_it_is_played(source: ReplaySource) -> None:
+    for now_s in (1.0, 2.0, 3.0):
+        source.hear(now_s)
+    assert not source.player.playing
+    assert source.player.position_s == 0.0
+    source.toggle()
+    source.hear(4.0)
+    source.hear(5.0)
+    assert source.player.playing
+    assert source.player.position_s == pytest.approx(1.0, abs=0.1)
 
 
 def test_time_can_be_moved_forth_and_back_and_the_past_comes_with_it(source: ReplaySource) -> None:

@@ -64,7 +64,7 @@ def test_a_layer_that_cannot_draw_is_hidden_and_the_page_with_its_halt_goes_on(
         hidden = [layer.label for layer in dashboard._scene.layers if not layer.shown]
         assert ChargerLayer.label in hidden
         assert [record.getMessage() for record in caplog.records if record.exc_info] == [
-            f"the layer {ChargerLayer.label} cannot draw what there is, and is hidden"
+            f"the layer {ChargerLayer.label} cannot be drawn; it is hidden, next try in 5 s"
         ]
     finally:
         dashboard.close()

@@ -9,6 +9,7 @@ from robrain.coordinator.team_map import TeamMap
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, GridGeometry, PatchCells
 from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.idle_reasons import NothingUnknown, NoWay, OthersExplore, TooNarrow, TriedInVain
 from robrain.protocol.wire.map_patch import to_message
 from robrain.protocol.wire.messages import RobotState
 
@@ -159,3 +160,82 @@ def test_where_a_robot_has_been_and_seen_no_more_nobody_is_sent_again_until_some
     assert not explorer.has_failures  # nothing is left to be tried again later
     floor.draw(8.0, 2.0, 8.1, 2.3)
     assert len(explorer.choose([robot("r1", 7.0), robot("r2")], [], 0)) == 1
+
+
+def rooms(door_cells):
+    """Two known rooms with a wall between them that has a door of so many cells; only the eastern one goes on."""
+    floor = Floor((2.0, 2.0, 8.0, 4.0))
+    for box in ((1.9, 1.9, 2.0, 4.1), (2.0, 1.9, 8.0, 2.0), (2.0, 4.0, 8.0, 4.1), (5.0, 2.0, 5.1, 4.0)):
+        floor.draw(*box, OCCUPIED)
+    if door_cells:
+        floor.draw(5.0, 3.0, 5.1, 3.0 + 0.1 * door_cells)
+    return floor
+
+
+def test_where_there_is_no_other_way_a_robot_is_sent_by_one_that_it_can_squeeze_through():
+    (choice,) = Explorer(rooms(3).team_map).choose([robot("r1")], [], 0)
+    assert choice.is_narrow
+    assert choice.place.x_m > 7.5
+    (wide,) = Explorer(rooms(8).team_map).choose([robot("r1")], [], 0)
+    assert not wide.is_narrow
+
+
+def test_through_what_cannot_be_a_gap_wide_enough_nobody_is_sent():
+    explorer = Explorer(rooms(1).team_map)
+    assert explorer.choose([robot("r1")], [], 0) == []
+    assert explorer.idle == {"r1": NoWay(frontiers=1, needed_m=0.44)}
+
+
+def test_a_gap_that_was_too_narrow_is_tried_once_more_after_fifteen_seconds_and_then_given_up():
+    explorer = Explorer(rooms(3).team_map)
+    before_door = Point2D(4.6, 3.1)
+    for begin_s in (0.0, 20.0):
+        (choice,) = explorer.choose([robot("r1")], [], to_ns(begin_s))
+        explorer.note_failure("r1", choice.place, to_ns(begin_s + 5.0))
+        explorer.note_gap(before_door, 0.39, to_ns(begin_s + 5.0))
+        assert explorer.choose([robot("r2")], [], to_ns(begin_s + 10.0)) == []
+    assert explorer.choose([robot("r1"), robot("r2")], [], to_ns(60.0)) == []
+    assert explorer.idle["r1"] == TooNarrow(frontiers=1, needed_m=0.44, gap_m=0.39, place=before_door)
+    assert not explorer.has_failures
+
+
+@pytest.mark.parametrize("gap_m", [math.nan, math.inf, -1.0, 0.0, 1e308, "0.4", None, [0.4]])
+def test_a_gap_of_a_width_that_is_none_shuts_nothing(gap_m):
+    explorer = Explorer(rooms(3).team_map)
+    explorer.note_gap(Point2D(4.6, 3.1), gap_m, 0)
+    assert len(explorer.choose([robot("r1")], [], 1)) == 1
+
+
+def test_a_robot_that_others_leave_nothing_to_says_so():
+    explorer = Explorer(rooms(8).team_map)
+    (choice,) = explorer.choose([robot("r1"), robot("r2")], [], 0)
+    (left,) = {"r1", "r2"} - {choice.robot}
+    assert explorer.idle == {left: OthersExplore(frontiers=1)}
+
+
+def test_a_robot_that_has_just_failed_everywhere_says_so():
+    explorer = Explorer(rooms(8).team_map)
+    (choice,) = explorer.choose([robot("r1")], [], 0)
+    explorer.note_failure("r1", choice.place, to_ns(3.0))
+    assert explorer.choose([robot("r1")], [], to_ns(4.0)) == []
+    assert explorer.idle == {"r1": TriedInVain(frontiers=1)}
+
+
+def test_with_nothing_unknown_left_a_robot_says_so():
+    floor = corridor()
+    for x_m in (1.9, 8.0):
+        floor.draw(x_m, 1.9, x_m + 0.1, 3.6, OCCUPIED)
+    explorer = Explorer(floor.team_map)
+    assert explorer.choose([robot("r1")], [], 0) == []
+    assert explorer.idle == {"r1": NothingUnknown()}
+
+
+def test_a_robot_that_is_given_something_is_idle_no_more():
+    floor = corridor()
+    for x_m in (1.9, 8.0):
+        floor.draw(x_m, 1.9, x_m + 0.1, 3.6, OCCUPIED)
+    explorer = Explorer(floor.team_map)
+    explorer.choose([robot("r1")], [], 0)
+    floor.draw(7.9, 2.0, 8.1, 3.5)
+    assert len(explorer.choose([robot("r1")], [], 1)) == 1
+    assert explorer.idle == {}

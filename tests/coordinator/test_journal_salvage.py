@@ -11,6 +11,7 @@ import msgspec
 import pytest
 
 from robrain.coordinator.journal import salvage
+from robrain.coordinator.journal.errors import JournalError
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import TaskState, Visit
@@ -66,6 +67,31 @@ def test_a_file_that_is_no_database_is_put_aside_and_named(path: Path, caplog: p
     assert journal.told[0] in caplog.text
     assert path.with_name("team.journal.damaged-1").read_bytes() == rubbish
     journal.close()
+
+
+def test_a_journal_that_another_process_has_is_refused_and_left_as_it_is(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is not damaged: to put it aside would take it from who has it."""
+    monkeypatch.setattr("robrain.coordinator.journal.journal.LOCK_TIMEOUT_S", 0.01)
+    before = path.read_bytes()
+    other = sqlite3.connect(path, isolation_level=None)
+    other.execute("BEGIN EXCLUSIVE")
+    with pytest.raises(JournalError, match="locked"):
+        Journal(path)
+    other.execute("ROLLBACK")
+    other.close()
+    assert asides(path) == []
+    assert path.read_bytes() == before
+    journal = Journal(path)
+    assert len(journal.open_records()) == TASKS - TASKS // 3
+    journal.close()
+
+
+def test_a_folder_is_no_journal_and_is_left_where_it_is(tmp_path: Path) -> None:
+    with pytest.raises(JournalError, match="cannot be opened"):
+        Journal(tmp_path)
+    assert tmp_path.is_dir()
 
 
 def test_damaged_files_are_counted_and_none_takes_the_place_of_another(path: Path) -> None:
@@ -157,6 +183,10 @@ def test_lost_epochs_are_damage(path: Path) -> None:
     journal = Journal(path)
     assert "lost its epochs" in journal.told[0]
     assert len(journal.select(TaskFilter())) == TASKS
+    assert [change.state for change in journal.history("t0")] == [
+        TaskState.QUEUED, TaskState.OFFERED, TaskState.RUNNING, TaskState.DONE
+    ]  # fmt: skip
+    assert [change.state for change in journal.history("t1")] == [TaskState.QUEUED]
     journal.close()
 
 

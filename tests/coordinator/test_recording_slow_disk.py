@@ -20,10 +20,10 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import RecorderState
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import RECORDER_STATE, ROBOT_STATE
+from tests.waiting import PATIENCE_S
 
 PROVENANCE = Provenance("", "", 0, None, "live", "default")
 CAPACITY = 200
-LIMIT_S = 30.0
 
 
 class HungDisk(FileIO):
@@ -32,7 +32,7 @@ class HungDisk(FileIO):
     gate = threading.Event()
 
     def write(self, data: Any) -> int:
-        assert HungDisk.gate.wait(LIMIT_S)
+        assert HungDisk.gate.wait(PATIENCE_S)
         return super().write(data)
 
 
@@ -54,7 +54,7 @@ class Team:
 
     def speak_until(self, done: Callable[[RecorderState], bool]) -> RecorderState:
         """Speak at about 500 Hz until a recorder says what is waited for."""
-        deadline_s = time.monotonic() + LIMIT_S
+        deadline_s = time.monotonic() + PATIENCE_S
         while time.monotonic() < deadline_s:
             self.states.put_bytes(b'{"robot":"r1"}')
             time.sleep(0.002)
@@ -120,7 +120,7 @@ def test_nobody_waits_for_a_disk_that_hangs(team: Team) -> None:
     began_s = time.monotonic()
     for _ in range(5 * CAPACITY):
         team.states.put_bytes(b'{"robot":"r1"}')
-    deadline_s = began_s + LIMIT_S
+    deadline_s = began_s + PATIENCE_S
     while len(ear) < CAPACITY and time.monotonic() < deadline_s:
         time.sleep(0.01)
     assert len(ear) >= CAPACITY  # by way of the hub, which the recorder's session is

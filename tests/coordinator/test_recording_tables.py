@@ -136,12 +136,15 @@ def test_numbers_that_no_table_holds_and_messages_that_are_none_are_left_out(tmp
         writer = Writer(stream)
         writer.start()
         channel = writer.register_channel("robrain/default/robot/r1/state", "json", 0)
-        for payload in (json.dumps({"robot": "r1", "seq": 2**80}).encode(), b"not json", b"[]"):
+        done = {"id": "t", "epoch": 1, "state": "done", "result": {"huge": 2**80}}
+        for said in ({"robot": "r1", "task": done}, {"robot": "r1", "seq": 2**80}):
+            writer.add_message(channel, 1, json.dumps(said).encode(), 1)
+        for payload in (b"not json", b"[]"):
             writer.add_message(channel, 1, payload, 1)
         writer.finish()  # type: ignore[no-untyped-call]
     exported = export_tables(path, tmp_path / "out", "parquet")
-    assert (exported.rows, exported.left_out) == ({"robot_state": 1}, 2)
-    assert pq.read_table(exported.files["robot_state"]).column("seq").to_pylist() == [None]
+    assert (exported.rows, exported.left_out) == ({"robot_state": 1}, 3)  # a number out of its range is no message
+    assert pq.read_table(exported.files["robot_state"]).column("seq").to_pylist() == [0]
     found = topic_of("robrain/default/robot/r1/state")
     assert found is not None
     assert found[0] is ROBOT_STATE

@@ -14,7 +14,7 @@ from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import ReplayRequest, ReplayStatus
+from robrain.protocol.wire.replay_messages import ReplayRequest, ReplayStatus
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import REPLAY_CONTROL
 from robrain.sim.scenario import Scenario

@@ -14,11 +14,11 @@ from robrain.protocol.model.geometry import Twist2D
 from robrain.protocol.model.omni_drive import OmniBase
 from robrain.sim.firmware.motor_controller import MotorController, MotorState
 from robrain.sim.wheels import Wheels, WheelSpec
+from tests.waiting import PATIENCE_S
 
 TICK_S = 0.02
 MULTICAST = "239.74.163.2"
 """The group of python-can's documentation for IPv4; `hop_limit = 0` keeps it on this computer."""
-PATIENCE_S = 20.0
 
 FIRMWARE = """
     import sys, time

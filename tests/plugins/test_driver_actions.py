@@ -209,3 +209,44 @@ def test_an_action_that_a_call_begins_while_a_halt_comes_does_not_go_on_when_the
     robot.run(2.0)
     assert robot.truth().pose == before
     assert end_of(robot, action, 0.1) == ("cancelled", "emergency halt")
+
+
+FAR = 1e308
+CALLS = [
+    ("drive", [FAR]),
+    ("turn", [-FAR]),
+    ("go_to", [FAR, 0.0, 0.0]),
+    ("go_to", [0.0, 0.0, 2e6]),
+    ("move", [FAR, 0.0, 0.0]),
+    ("drive_path", [[{"x_m": 0.0, "y_m": FAR}]]),
+]
+
+
+@pytest.mark.parametrize(("function", "arguments"), CALLS)
+def test_who_asks_for_what_no_robot_can_do_is_told_what_can_be_asked_for(robot, function, arguments):
+    with pytest.raises(CallError, match=f"{function}.*Expected `float` [<>]= -?1000000.0") as refused:
+        robot.call("driver", function, *arguments)
+    assert refused.value.code is ErrorCode.BAD_ARGUMENTS
+    assert robot.call("driver", "motion") == Motion.STANDING
+
+
+@pytest.mark.parametrize("word", ["1e308", "-inf", "nan", "1e999"])
+def test_the_text_form_has_the_same_ranges(robot, word):
+    functions = robot.hosts[0].manager.get("driver").code.functions
+    for function, words in (("drive", [word]), ("turn", [word]), ("move", [word, "0.0", "0.0"])):
+        with pytest.raises(CallError, match="Expected `float`"):
+            functions[function].call_text(robot.hosts[0].manager.get("driver").plugin, words)
+    assert robot.call("driver", "motion") == Motion.STANDING
+
+
+def test_a_signature_is_shown_without_its_ranges_and_its_schema_has_them(robot):
+    (info,) = robot.hosts[0].manager.get("driver").code.functions["drive"].infos
+    assert info.signature == "(distance_m: float) -> str"
+    assert info.parameters["$defs"]["drive_arguments"]["properties"]["distance_m"]["maximum"] == 1e6
+
+
+def test_a_path_from_another_plugin_is_checked_as_well(robot):
+    driver = robot.hosts[0].manager.get("driver").plugin
+    with pytest.raises(CallError, match="follow: expected finite numbers"):
+        driver.follow([Point2D(0.0, 0.0), Point2D(FAR, 0.0)])
+    assert robot.call("driver", "motion") == Motion.STANDING

@@ -16,6 +16,7 @@ LIMITS = RampLimits(0.8, 4.0)
 SPEEDS = st.floats(-0.6, 0.6)
 
 
+@example([(0.0, 0.5, 1), (0.0, 0.0, 1)])
 @given(st.lists(st.tuples(SPEEDS, SPEEDS, st.integers(1, 20)), min_size=1, max_size=6))
 def test_whatever_is_wanted_acceleration_and_jerk_stay_within_their_limits(wanted):
     ramp = Ramp(LIMITS, PERIOD_S)
@@ -29,7 +30,8 @@ def test_whatever_is_wanted_acceleration_and_jerk_stay_within_their_limits(wante
     assert max(math.hypot(*each) for each in accelerations) <= LIMITS.acceleration + 1e-9
     # The last bit is taken in one step, from at most one step of acceleration: twice the jerk at the most.
     assert max(jerks) <= 2.01 * LIMITS.jerk
-    assert sorted(jerks)[len(jerks) // 2] <= LIMITS.jerk + 1e-9
+    # That is where a wish is reached, or given up for the next.
+    assert sum(jerk > LIMITS.jerk + 1e-9 for jerk in jerks) <= len(wanted)
 
 
 @given(SPEEDS, SPEEDS, SPEEDS, SPEEDS)

@@ -3,12 +3,14 @@ import math
 import numpy as np
 import pytest
 
+from robrain.agent.plugin_state import PluginState
 from robrain.protocol.model.frontier import find_frontiers, frontier_mask
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN
 from robrain.protocol.model.task import TaskState
+from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages import TaskWithdrawal
-from robrain.protocol.wire.topics import ROBOT_PATH, ROBOT_STATE, ROBOT_WITHDRAW
+from robrain.protocol.wire.topics import ROBOT_OFFER, ROBOT_PATH, ROBOT_STATE, ROBOT_WITHDRAW
 
 TWO_ROOMS = (10.0, 4.0, (4.9, 0.0, 5.1, 1.4), (4.9, 2.6, 5.1, 4.0))
 
@@ -104,6 +106,28 @@ def test_after_a_refusal_the_robot_goes_on_with_what_it_was_at(explorer):
     assert one.call("explore", "goal") == {"x_m": goal.x_m, "y_m": goal.y_m}
     one.run_until(lambda: status(host).state.ended, 60.0)
     assert (status(host).id, status(host).state) == ("good", TaskState.DONE)
+
+
+@pytest.mark.parametrize("x_m", ["1e300", "-1e7", "NaN"])
+def test_a_goal_out_of_all_measure_is_refused_in_words_and_the_robot_goes_on(explorer, x_m):
+    one, host = explorer
+    goal = frontiers(host)[0]
+    one.offer(goal, task="good", epoch=1)
+    said = '{"task":{"type":"explore","id":"far","goal":{"x_m":%s,"y_m":0}},"epoch":2,"lease_s":1.5}'
+    with pytest.raises(CallError, match="expected a TaskOffer") as refused:
+        one.wire.ask(ROBOT_OFFER, (said % x_m).encode(), robot="r1")
+    assert refused.value.code is ErrorCode.BAD_ARGUMENTS
+    one.run(0.3)
+    assert status(host).id == "good"
+    assert host.manager.get("explore").state is PluginState.ACTIVE
+
+
+@pytest.mark.parametrize("goal", [Point2D(1e6, 0.0), Point2D(0.0, -1e6)])
+def test_the_farthest_goal_that_can_be_said_is_refused_in_words(explorer, goal):
+    one, host = explorer
+    answer = one.offer(goal)
+    assert (answer.accepted, answer.why) == (False, "no way there")
+    assert host.manager.get("explore").state is PluginState.ACTIVE
 
 
 def test_an_offer_of_an_older_epoch_is_refused(explorer):

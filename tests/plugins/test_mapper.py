@@ -9,7 +9,7 @@ from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
 from robrain.protocol.wire.map_patch import merge_message, to_message
 from robrain.protocol.wire.messages import MapPatch, Scan
-from robrain.protocol.wire.topics import ARENA_SCAN, ROBOT_EVENT, ROBOT_MAP, ROBOT_MAP_WHOLE
+from robrain.protocol.wire.topics import ARENA_SCAN, ROBOT_ALIVE, ROBOT_EVENT, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 GRID = {"resolution_m": 0.1, "origin_x_m": -8.0, "origin_y_m": -8.0, "width_m": 16.0, "height_m": 16.0}
 
@@ -211,6 +211,7 @@ def test_a_map_on_another_grid_is_refused_with_one_word_in_the_log(stage, caplog
         observed_ms=5,
         cells=b"",
     )
+    one.wire.token(ROBOT_ALIVE, robot="r2")
     for _ in range(3):
         one.publisher(ROBOT_MAP, robot="r2").put(patch)
         one.run(0.6)
@@ -284,3 +285,35 @@ def test_memory_is_bounded_whatever_the_others_send_and_drops_are_counted(stage)
     one.run(0.6)
     assert one.call("mapper", "counters")["patches_dropped"] == 100
     assert view(host).classes.shape == grid.shape
+
+
+def hall(robot, observed_ms):
+    """A patch of 4 × 4 m of floor."""
+    grid = GridGeometry(0.1, -8.0, -8.0, 160, 160)
+    other = OccupancyGrid(grid)
+    other.merge_patch(0, 0, np.full((40, 40), FREE, np.int8), observed_ms)
+    return to_message(robot, grid, other.full_patch())
+
+
+@pytest.mark.parametrize(("observed_ms", "is_taken"), [(500, True), (5_900, True), (20_000, False), (2**31 - 1, False)])
+def test_what_a_mate_claims_to_have_seen_later_than_now_is_not_taken(stage, observed_ms, is_taken):
+    one = stage()
+    host = one.host("mapper", "localisation", mapper=GRID)
+    one.wire.token(ROBOT_ALIVE, robot="r2")
+    one.run(1.0)
+    one.publisher(ROBOT_MAP, robot="r2").put(hall("r2", observed_ms))
+    one.run(0.6)
+    assert np.any(view(host).classes == FREE) == is_taken
+    assert one.infos()["mapper"].state == "active"
+
+
+def test_what_a_robot_says_that_is_not_there_is_not_taken_until_it_is(stage):
+    one = stage()
+    host = one.host("mapper", "localisation", mapper=GRID)
+    one.run(1.0)
+    for is_taken in (False, True):
+        one.publisher(ROBOT_MAP, robot="r2").put(hall("r2", 500))
+        one.run(0.6)
+        assert np.any(view(host).classes == FREE) == is_taken
+        one.wire.token(ROBOT_ALIVE, robot="r2")
+        one.run(0.6)

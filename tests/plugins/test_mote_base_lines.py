@@ -2,7 +2,6 @@
 
 import os
 import socket
-import time
 import tty
 from concurrent.futures import ThreadPoolExecutor
 
@@ -10,19 +9,15 @@ import pytest
 
 from robrain.protocol.tinyos.hdlc import Deframer, frame
 from robrain.protocol.wire.topics import ROBOT_EVENT, ROBOT_STATE
+from tests.waiting import PATIENCE_S, until
 
 PACKET = bytes.fromhex("00 FF FF 00 00 08 00 09 19 77 02 07 00 13 00 00")
 SENT = bytes.fromhex("00 0003 0000 04 22 54 00010002")
-PATIENCE_S = 10.0
 
 
-def until(one, is_so):
+def pass_until(one, is_so):
     """Let the robot's time pass, and as little of ours as it takes."""
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not is_so():
-        assert time.monotonic() < deadline_s
-        one.run(0.02)
-        time.sleep(0.001)
+    until(is_so, step=lambda: one.run(0.02), pause_s=0.001)
 
 
 def counters(one):
@@ -102,7 +97,7 @@ def test_over_tcp_packets_go_both_ways(stage, forwarders):
     forwarder.say(b"\x10" + PACKET[:5])
     one.run(0.2)
     forwarder.say(PACKET[5:] + b"\x10" + PACKET)
-    until(one, lambda: counters(one)["packets"] == 2)
+    pass_until(one, lambda: counters(one)["packets"] == 2)
     send(host)
     assert forwarder.read(1 + len(SENT)) == bytes([len(SENT)]) + SENT
 
@@ -112,16 +107,16 @@ def test_a_forwarder_that_hangs_up_is_told_and_found_again(stage, forwarders):
     one, host = start_with(stage, forwarder)
     events = one.inbox(ROBOT_EVENT)
     forwarder.hang_up()
-    until(one, lambda: counters(one)["why_down"])
+    pass_until(one, lambda: counters(one)["why_down"])
     assert "hung up" in counters(one)["why_down"] or "reset" in counters(one)["why_down"]
     send(host)
     assert counters(one)["line"]["unsent"] == 1
     one.run(0.5)
     forwarder.accept()
-    until(one, lambda: not counters(one)["why_down"])
+    pass_until(one, lambda: not counters(one)["why_down"])
     assert [received.message.value["kind"] for received in events.drain()] == ["lost", "back"]
     forwarder.say(b"\x10" + PACKET)
-    until(one, lambda: counters(one)["packets"] == 1)
+    pass_until(one, lambda: counters(one)["packets"] == 1)
     assert counters(one)["line"]["reconnects"] == 1
     assert one.infos()["mote_base"].state == "active"
 
@@ -130,13 +125,13 @@ def test_a_forwarder_that_has_gone_is_sought_less_and_less_often(stage, forwarde
     forwarder = forwarders()
     one, _ = start_with(stage, forwarder)
     forwarder.close()
-    until(one, lambda: counters(one)["why_down"])
+    pass_until(one, lambda: counters(one)["why_down"])
     one.run(60.0)
     assert one.infos()["mote_base"].state == "active"
     again = forwarders(port=forwarder.port)
     one.run(11.0)  # the longest that it waits
     again.accept()
-    until(one, lambda: not counters(one)["why_down"])
+    pass_until(one, lambda: not counters(one)["why_down"])
 
 
 def test_while_a_forwarder_is_lost_health_tells_since_when_and_when_it_is_sought(stage, forwarders):
@@ -146,7 +141,7 @@ def test_while_a_forwarder_is_lost_health_tells_since_when_and_when_it_is_sought
         "is_up": True, "why_down": "", "down_s": 0.0, "tries": 0, "next_try_s": 0.0,
     }  # fmt: skip
     forwarder.close()
-    until(one, lambda: counters(one)["why_down"])
+    pass_until(one, lambda: counters(one)["why_down"])
     one.run(20.0)
     health = one.call("mote_base", "health")
     assert (health["is_up"], health["why_down"]) == (False, counters(one)["why_down"])
@@ -176,7 +171,7 @@ def test_a_forwarder_that_is_absent_at_the_start_is_found_when_it_appears(stage,
         one.run_until(lambda: is_up(one), limit_s=31.0)
         accepted.result(PATIENCE_S)
     come.say(b"\x10" + PACKET)
-    until(one, lambda: counters(one)["packets"] == 1)
+    pass_until(one, lambda: counters(one)["packets"] == 1)
     one.run(0.2)
     assert one.infos()["snw_exploration"].state == "active"
     assert states.drain()[-1].message.faulted == []
@@ -193,12 +188,12 @@ def test_a_forwarder_that_comes_goes_and_returns_is_found_each_time(stage, forwa
         come = forwarders(port=gone.port)
         with ThreadPoolExecutor(1) as pool:
             accepted = pool.submit(come.accept)
-            until(one, lambda: is_up(one) and not counters(one)["why_down"])
+            pass_until(one, lambda: is_up(one) and not counters(one)["why_down"])
             accepted.result(PATIENCE_S)
         come.say(b"\x10" + PACKET)
-        until(one, lambda: counters(one)["packets"] == visit)  # noqa: B023 - called at once
+        pass_until(one, lambda: counters(one)["packets"] == visit)  # noqa: B023 - called at once
         come.close()
-        until(one, lambda: counters(one)["why_down"])
+        pass_until(one, lambda: counters(one)["why_down"])
 
 
 def test_a_server_that_is_no_forwarder_is_told_at_the_start(stage, forwarders):
@@ -210,7 +205,7 @@ def test_malformed_packets_over_tcp_are_counted(stage, forwarders):
     forwarder = forwarders()
     one, _ = start_with(stage, forwarder)
     forwarder.say(b"\x03abc\x00\x10" + PACKET)
-    until(one, lambda: counters(one)["packets"] == 1)
+    pass_until(one, lambda: counters(one)["packets"] == 1)
     assert counters(one)["malformed"] == 1
 
 
@@ -276,7 +271,7 @@ def test_over_a_serial_line_packets_of_motes_are_heard_between_noise(stage, mote
     one, _ = start_on(stage, mote)
     good = frame(b"\x45" + PACKET)
     mote.write(b"\x00noise" + good + good[:9] + good + good[:7] + b"\xff" + good[8:] + good)
-    until(one, lambda: counters(one)["packets"] == 3)
+    pass_until(one, lambda: counters(one)["packets"] == 3)
     line = counters(one)["line"]
     assert line["stray_bytes"] == 6
     assert line["bad_crc"] + line["bad_length"] + line["bad_escape"] == 2
@@ -285,7 +280,7 @@ def test_over_a_serial_line_packets_of_motes_are_heard_between_noise(stage, mote
 def test_over_a_serial_line_packets_are_acknowledged(stage, mote):
     one, host = start_on(stage, mote)
     send(host)
-    until(one, lambda: mote.read() or mote.taken)
+    pass_until(one, lambda: mote.read() or mote.taken)
     assert [body[2:] for body in mote.taken] == [SENT]
     assert mote.taken[0][0] == 68
     one.run(2.0)
@@ -297,7 +292,7 @@ def test_a_packet_that_is_not_acknowledged_is_sent_again(stage, mote):
     one, host = start_on(stage, mote)
     mote.deaf_for = 2
     send(host)
-    until(one, lambda: mote.read() or mote.taken)
+    pass_until(one, lambda: mote.read() or mote.taken)
     assert [body[2:] for body in mote.taken] == [SENT]
     assert counters(one)["line"]["resent"] == 2
 
@@ -307,7 +302,7 @@ def test_a_packet_that_is_never_acknowledged_is_given_up_and_the_next_gets_its_t
     mote.deaf_for = 4
     send(host)
     send(host)
-    until(one, lambda: mote.read() or mote.taken)
+    pass_until(one, lambda: mote.read() or mote.taken)
     assert (counters(one)["line"]["unsent"], len(mote.taken)) == (1, 1)
 
 
@@ -315,7 +310,7 @@ def test_a_packet_that_the_mote_sends_twice_is_acknowledged_twice_and_taken_once
     one, _ = start_on(stage, mote)
     acknowledged = frame(b"\x44\x09" + PACKET)
     mote.write(acknowledged + acknowledged)
-    until(one, lambda: counters(one)["line"]["duplicates"] == 1)
+    pass_until(one, lambda: counters(one)["line"]["duplicates"] == 1)
     assert counters(one)["packets"] == 1
 
 
@@ -323,7 +318,7 @@ def test_a_line_that_is_pulled_out_is_told_and_the_robot_goes_on(stage, mote):
     one, _ = start_on(stage, mote)
     events = one.inbox(ROBOT_EVENT)
     mote.unplug()
-    until(one, lambda: counters(one)["why_down"])
+    pass_until(one, lambda: counters(one)["why_down"])
     assert [received.message.value["kind"] for received in events.drain()] == ["lost"]
     one.run(5.0)
     assert one.infos()["mote_base"].state == "active"
@@ -338,6 +333,6 @@ def test_a_serial_line_that_is_not_there_at_the_start_is_opened_when_it_is_plugg
     plug.symlink_to(mote.device)
     one.run_until(lambda: is_up(one), limit_s=31.0)
     send(host)
-    until(one, lambda: mote.read() or mote.taken)
+    pass_until(one, lambda: mote.read() or mote.taken)
     assert [body[2:] for body in mote.taken] == [SENT]
     assert one.infos()["snw_exploration"].state == "active"

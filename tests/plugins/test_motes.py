@@ -1,5 +1,6 @@
 """What a robot makes of the packets that its base station hears, and what it says to the motes."""
 
+import msgspec
 import pytest
 
 from robrain.agent.testing import PluginBench
@@ -362,6 +363,16 @@ def test_of_two_wishes_the_later_one_counts(talk):
     assert duties(one.hear(packet(1))) == [600]
 
 
+def test_a_wish_from_the_future_counts_as_one_of_now(talk):
+    one = talk()
+    publisher = one.one.publisher(MOTE_DUTY, mote="m3")
+    publisher.put_bytes(msgspec.json.encode(MoteDuty(mote="m3", period_s=30.0, stamp_ns=2**60)))
+    assert duties(one.hear(packet(1))) == [300]
+    one.one.run(1.0)
+    publisher.put(MoteDuty(mote="m3", period_s=60.0))
+    assert duties(one.hear(packet(2))) == [600]
+
+
 def test_a_mote_that_never_takes_its_duty_is_given_up(talk):
     one = talk(duty_tries=3)
     one.one.call("snw_exploration", "set_duty", "m3", 30.0)
@@ -386,7 +397,7 @@ def test_a_wish_without_sense_is_refused_in_words(talk, mote, period_s, sentence
 
 def test_wishes_without_sense_on_the_wire_are_counted(talk):
     one = talk()
-    one.one.publisher(MOTE_DUTY, mote="m3").put(MoteDuty(mote="m3", period_s=-1.0))
+    one.one.publisher(MOTE_DUTY, mote="m3").put(MoteDuty(mote="m3", period_s=0.0))
     one.one.publisher(MOTE_DUTY, mote="bob").put(MoteDuty(mote="bob", period_s=5.0))
     one.hear(packet(1))
     assert one.counters()["refused"] == 2

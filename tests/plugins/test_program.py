@@ -5,7 +5,6 @@ import os
 import signal
 import sys
 import threading
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -25,8 +24,8 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ROBOT_CALL
+from tests.waiting import PATIENCE_S, has_ended, until
 
-PATIENCE_S = 10.0
 ECHO = "import sys\nfor line in sys.stdin: print(line.strip().upper(), flush=True)"
 
 
@@ -47,12 +46,12 @@ class Bench:
 
     def until(self, condition):
         """Step until it is so."""
-        deadline_s = time.monotonic() + PATIENCE_S
-        while not condition():
-            assert time.monotonic() < deadline_s, "it has not come to pass"
+
+        def step() -> None:
             self.plugin.step()
             self.mailbox.deliver()
-            time.sleep(0.005)
+
+        until(condition, step=step)
 
 
 @pytest.fixture
@@ -68,18 +67,6 @@ def start():
     yield start
     for bench in benches:
         bench.plugin.deactivate()
-
-
-def is_gone(pid):
-    deadline_s = time.monotonic() + PATIENCE_S
-    while time.monotonic() < deadline_s:
-        try:
-            if Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z":
-                return True
-        except FileNotFoundError:
-            return True
-        time.sleep(0.01)
-    return False
 
 
 def test_one_line_in_one_line_out(start):
@@ -197,8 +184,8 @@ def test_what_it_started_ends_with_it(start):
     bench.until(lambda: bench.told)
     pid = bench.plugin.state().pid
     bench.plugin.deactivate()
-    assert is_gone(pid)
-    assert is_gone(int(bench.told[0]))
+    until(lambda: has_ended(pid))
+    until(lambda: has_ended(int(bench.told[0])))
 
 
 def test_a_program_that_ignores_requests_to_end_is_killed(start):
@@ -207,7 +194,7 @@ def test_a_program_that_ignores_requests_to_end_is_killed(start):
     bench.until(lambda: bench.told)
     pid = bench.plugin.state().pid
     bench.plugin.deactivate()
-    assert is_gone(pid)
+    until(lambda: has_ended(pid))
 
 
 @pytest.mark.parametrize("kill_on_halt", [True, False])
@@ -216,7 +203,7 @@ def test_emergency_halt_ends_it_if_asked_to(start, kill_on_halt):
     pid = bench.plugin.state().pid
     bench.plugin.emergency_halt()
     if kill_on_halt:
-        assert is_gone(pid)
+        until(lambda: has_ended(pid))
         bench.until(lambda: bench.plugin.state().running == "running")
         assert bench.plugin.state().restarts == 0
     else:
@@ -227,9 +214,7 @@ def test_emergency_halt_ends_it_if_asked_to(start, kill_on_halt):
 def test_stderr_is_logged_and_a_flood_of_it_is_counted(start, caplog):
     caplog.set_level(logging.INFO)
     start("import sys\nfor n in range(5000): print('oops', n, file=sys.stderr)")
-    deadline_s = time.monotonic() + PATIENCE_S
-    while "were not logged" not in caplog.text and time.monotonic() < deadline_s:
-        time.sleep(0.01)
+    until(lambda: "were not logged" in caplog.text)
     assert "tool: oops 0" in caplog.text
     assert "more lines on stderr were not logged" in caplog.text
     assert sum("oops" in record.getMessage() for record in caplog.records) < 1000

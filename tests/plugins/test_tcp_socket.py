@@ -1,7 +1,6 @@
 import contextlib
 import socket
 import threading
-import time
 from types import SimpleNamespace
 
 import msgspec
@@ -14,6 +13,7 @@ from robrain.plugins.unit.tcp_socket import line_server
 from robrain.plugins.unit.tcp_socket.tcp_socket import TcpSocket
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.errors import ErrorCode
+from tests.waiting import until
 
 
 class Command:
@@ -75,13 +75,6 @@ class Client:
     def ask(self, text):
         self.send(text.encode() + b"\n")
         return self.line().decode().removesuffix("\n")
-
-
-def until(is_so):
-    deadline_s = time.monotonic() + 10
-    while not is_so():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.005)
 
 
 def test_each_line_is_a_command_and_each_answer_a_line(listening):

@@ -1,4 +1,5 @@
 import threading
+import time
 
 import msgspec
 import pytest
@@ -10,18 +11,20 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import BadName, CallError, ErrorCode, ErrorReply, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import Event, Halt, RobotState, TaskAnswer
-from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session
 from robrain.protocol.wire.topics import (
     ARENA_CAN,
     HALT,
     ROBOT_CALL,
     ROBOT_EVENT,
     ROBOT_MAP_WHOLE,
+    ROBOT_OFFER,
     ROBOT_PLUGINS,
     ROBOT_STATE,
 )
+from tests.waiting import PATIENCE_S
 
-PATIENCE_S = 10.0
+SLOW_S = 0.2
 FOO = {"robot": "r1", "plugin": "p", "function": "foo"}
 
 
@@ -289,6 +292,55 @@ def test_an_unanswered_query_ends_as_a_timeout(wire, foreign_queryable):
         wire.other.ask(ROBOT_PLUGINS, robot="r9", timeout_s=0.1)
     kept.pop().drop()
     assert late.value.code is ErrorCode.TIMEOUT
+
+
+def test_a_handler_that_takes_longer_than_the_time_limit_is_waited_for_in_lockstep(wire):
+    def slow(request):
+        time.sleep(SLOW_S)
+        return {"accepted": True, "why": ""}
+
+    wire.robot.answer(ROBOT_OFFER, slow, robot="r1")
+    wire.robot.answer(ROBOT_MAP_WHOLE, slow, robot="r1")
+    assert b"true" in wire.other.ask(ROBOT_OFFER, robot="r1", timeout_s=SLOW_S / 10)
+    assert b"true" in wire.other.ask_later(ROBOT_OFFER, robot="r1", timeout_s=SLOW_S / 10).take()
+    inbox = Inbox()
+    wire.other.ask_into(inbox, ROBOT_MAP_WHOLE, ROBOT_OFFER, robot="r1", timeout_s=SLOW_S / 10)
+    assert len(inbox) == 1
+    wire.other.serve()
+    assert wire.outside == []
+
+
+def test_a_run_that_waits_for_another_process_in_vain_cannot_be_repeated(wire, foreign_queryable):
+    kept = []
+    foreign_queryable(kept.append)
+    with pytest.raises(CallError, match="no reply in time"):
+        wire.robot.ask(ROBOT_PLUGINS, robot="r9", timeout_s=0.1)
+    kept.pop().drop()
+    wire.robot.serve()
+    assert wire.outside == [("robrain/t/robot/r9/plugins", b"")]
+
+
+def test_a_run_that_another_process_answers_cannot_be_repeated():
+    run = open_lockstep_session("tcp/127.0.0.1:0")
+    elsewhere = open_session(connect=listening_at(run))
+    wire = Wire(run)
+    key = ROBOT_PLUGINS.key("t", robot="r9")
+    queryable = elsewhere.declare_queryable(key, lambda query: query.reply(key, b"[]"))
+    try:
+        while not list(run.get(key)):  # it takes a moment until the run knows of it
+            time.sleep(0.01)
+        assert wire.robot.ask(ROBOT_PLUGINS, robot="r9", timeout_s=PATIENCE_S) == b"[]"
+        inbox = Inbox()
+        wire.robot.ask_into(inbox, ROBOT_PLUGINS, ROBOT_PLUGINS, robot="r9")
+        while not len(inbox):
+            time.sleep(0.001)
+        wire.robot.serve()
+        assert wire.outside == [(key, b""), (key, b"[]")]
+    finally:
+        queryable.undeclare()
+        wire.close()
+        elsewhere.close()
+        run.close()
 
 
 def test_where_nobody_answers_nobody_is_there(wire):

@@ -12,8 +12,8 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import Event, RobotState
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_EVENT, ROBOT_PLUGINS, ROBOT_STATE
+from tests.waiting import PATIENCE_S, until
 
-PATIENCE_S = 10.0
 EVENT = {"robot": "r1", "plugin": "driver", "event": "arrived"}
 
 
@@ -49,14 +49,6 @@ def lan():
 def team(lan):
     yield lan
     lan.leave()
-
-
-def until(condition):
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        if time.monotonic() > deadline_s:
-            pytest.fail("it has not come to pass")
-        time.sleep(0.005)
 
 
 def ask(endpoint, topic, payload=None, **names):

@@ -64,3 +64,38 @@ def test_a_flood_of_halts_is_held_by_so_many_and_no_more():
     assert len(latch.holders) == MOST_HOLDERS
     latch.hold("x" * 10_000, "y" * 10_000)
     assert max(map(len, latch.holders)) < 100
+
+
+def test_a_halt_lasts_since_the_first_who_holds_it():
+    latch = HaltLatch()
+    latch.hold("ann", "smoke", 100)
+    latch.hold("bob", "fire", 200)
+    assert (latch.since_ns, latch.stamp_ns) == (100, 200)
+    latch.release("ann", 300)
+    assert (latch.since_ns, latch.stamp_ns) == (100, 300)
+    latch.release("bob", 400)
+    assert latch.since_ns == 400
+    latch.hold("bob", "fire", 500)
+    assert latch.since_ns == 500
+
+
+def test_the_reason_is_that_of_the_last_who_has_halted_also_if_again():
+    latch = HaltLatch()
+    latch.hold("ann", "smoke")
+    latch.hold("bob", "fire")
+    assert latch.reason == "fire"
+    latch.hold("ann", "water")
+    assert (latch.reason, latch.holders) == ("water", ["bob", "ann"])
+
+
+def test_a_flood_of_halts_does_not_keep_a_holder_from_halting_again():
+    latch = held(*(f"h{number}" for number in range(MOST_HOLDERS)))
+    latch.hold("h0", "once more")
+    assert (latch.reason, len(latch.holders)) == ("once more", MOST_HOLDERS)
+    latch.hold("late", "too many")
+    assert "late" not in latch.holders
+
+
+def test_a_latch_that_was_never_held_is_open_since_the_beginning_and_by_nobody():
+    latch = HaltLatch()
+    assert (latch.stamp_ns, latch.since_ns, latch.opened_by, latch.holders, latch.reason) == (0, 0, "", [], "")

@@ -8,7 +8,9 @@ from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.task import Explore, TaskState
-from robrain.protocol.wire import errors, messages
+from robrain.protocol.wire import errors, messages, replay_messages
+from robrain.protocol.wire.idle_reasons import NoWay
+from robrain.protocol.wire.refusals import Refusal
 
 GOLDEN = Path(__file__).parent / "golden"
 """One example of each message, as it is on the wire. Changed bytes break older peers and recordings: think first."""
@@ -119,6 +121,7 @@ EXAMPLES = [
                 task="task-7",
                 why="",
                 faulted=FAULTED,
+                idle=NoWay(frontiers=3, needed_m=0.44),
             )
         ],
         known_area_m2=12.5,
@@ -136,6 +139,9 @@ EXAMPLES = [
             stopped=["r1"],
             not_stopped=["r2"],
         ),
+        refused=[
+            Refusal(topic="robot_state", key="robot/r9/state", code="malformed", count=3, why="Expected `float` <= 1e6")
+        ],
     ),
     messages.RobotLinks(
         **STAMP,
@@ -170,8 +176,8 @@ EXAMPLES = [
         waiting=40,
         why="No space left on device",
     ),
-    messages.ReplayRequest(playing=False, seek_s=90.5, speed=4.0),
-    messages.ReplayStatus(position_s=90.5, duration_s=3600.0, speed=4.0, playing=False),
+    replay_messages.ReplayRequest(playing=False, seek_s=90.5, speed=4.0),
+    replay_messages.ReplayStatus(position_s=90.5, duration_s=3600.0, speed=4.0, playing=False),
     messages.Halt(**STAMP, halted=True, by="operator", reason="somebody walks there"),
     messages.HaltAnswer(robot="r1", halted=True, by=["operator"], not_halted=["arm"]),
     messages.Scan(
@@ -195,12 +201,14 @@ EXAMPLES = [
     messages.OutsideInput(**STAMP, key="robrain/default/robot/r1/call/driver/stop", payload=b"[]"),
     messages.TaskOffer(task=TASK, epoch=12, lease_s=5.0, after="task-6"),
     messages.TaskWithdrawal(id="task-7", epoch=12, why="cancelled"),
-    messages.TaskAnswer(accepted=False, why="no way there"),
+    messages.TaskAnswer(accepted=False, why="no way there", epoch=12),
     messages.PluginInfo(
         name="driver",
         level="unit",
         state="active",
         why="",
+        where="driver/driver.py:12 in step",
+        detail="Traceback (most recent call last):\nZeroDivisionError",
         visibility=["explore", "command"],
         requires=["mocdevice"],
         holder="",

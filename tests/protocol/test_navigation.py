@@ -186,3 +186,71 @@ def test_no_path_ever_leaves_the_floor_that_may_be_driven_on(data):
     first = path[0]
     for x_m, y_m in along(first, path[1:]):
         assert grid.traversable[GEOMETRY.cell_of(x_m, y_m)]
+
+
+def divided(*doors):
+    """The hall with a wall at x = 3 that has doors of so many cells from these rows on."""
+    classes = hall()
+    classes[:, 30] = OCCUPIED
+    for row, cells in doors:
+        classes[row : row + cells, 30] = FREE
+    return classes
+
+
+def squeezing(classes):
+    return NavigationGrid(classes, GEOMETRY, 0.12, preferred_m=0.28)
+
+
+def test_a_narrow_door_is_a_way_only_for_who_squeezes():
+    classes = divided((19, 3))
+    assert NavigationGrid(classes, GEOMETRY, 0.28).path(WEST, EAST, snap_m=SNAP_M) is None
+    path = squeezing(classes).path(WEST, EAST, snap_m=SNAP_M)
+    assert any(abs(x - 3.05) < 0.1 and abs(y - 2.05) < 0.06 for x, y in along(WEST, path)), "through its middle"
+
+
+def test_a_wide_door_is_preferred_to_a_narrow_one_that_is_nearer():
+    path = squeezing(divided((19, 3), (4, 8))).path(WEST, EAST, snap_m=SNAP_M)
+    assert all(y < 1.2 for x, y in along(WEST, path) if 2.9 < x < 3.2)
+
+
+def test_where_there_is_room_who_squeezes_keeps_away_from_walls_as_ever():
+    classes = divided((4, 8))
+    wide = NavigationGrid(classes, GEOMETRY, 0.28)
+    narrow = squeezing(classes)
+    assert narrow.path(WEST, EAST, snap_m=SNAP_M) == wide.path(WEST, EAST, snap_m=SNAP_M)
+    assert not narrow.narrow[wide.traversable].any()
+
+
+def test_looking_only_where_the_map_has_changed_finds_the_same_narrow_places():
+    grid = squeezing(hall())
+    for classes in (divided((19, 3)), divided((19, 3), (4, 8)), divided((20, 5)), hall()):
+        grid.update(classes)
+        fresh = squeezing(classes)
+        assert np.array_equal(grid.narrow, fresh.narrow)
+        assert np.array_equal(grid.traversable, fresh.traversable)
+        assert np.array_equal(grid.cost, fresh.cost)
+
+
+def test_no_way_is_measured_through_a_narrow_place_that_is_shut():
+    grid = squeezing(divided((19, 3), (4, 3)))
+    east = GEOMETRY.cell_of(EAST.x_m, EAST.y_m)
+    both, other, neither = (
+        grid.ways_m(WEST, [east], snap_m=SNAP_M, shut=shut)[0]
+        for shut in ([], [(3.0, 2.0, 0.6)], [(3.0, 2.0, 0.6), (3.0, 0.6, 0.6)])
+    )
+    assert both < other < neither == math.inf
+
+
+def test_wide_places_stay_open_within_what_is_shut():
+    grid = squeezing(divided((15, 10)))
+    east = GEOMETRY.cell_of(EAST.x_m, EAST.y_m)
+    assert grid.ways_m(WEST, [east], snap_m=SNAP_M, shut=[(3.0, 2.0, 0.6)])[0] < math.inf
+
+
+def test_ways_through_narrow_places_are_not_measured_through_a_slanting_wall():
+    """On cells of twice the size a diagonal wall would leak where robots come near to it."""
+    classes = hall()
+    for row in range(1, 39):
+        classes[row, row + 10] = OCCUPIED
+    grid = squeezing(classes)
+    assert grid.ways_m(WEST, [GEOMETRY.cell_of(EAST.x_m, EAST.y_m)], snap_m=SNAP_M) == [math.inf]

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.model.obstacles import contact_distance_m, sector_distances_m
+from robrain.protocol.model.obstacles import contact_distance_m, hold_off, passage, sector_distances_m
 
 COORDINATES = st.floats(-5, 5)
 POINTS = st.lists(st.tuples(COORDINATES, COORDINATES), min_size=1, max_size=20).map(
@@ -53,3 +53,72 @@ def test_sectors_count_counter_clockwise_from_where_the_robot_looks():
     points_m = np.array([[0.0, 0.0, -1.0], [2.0, -3.0, 0.0]])
     nearest_m = sector_distances_m(points_m, 0.0, 0.0, math.pi / 2, 4)
     assert nearest_m.tolist() == [2.0, 1.0, 3.0, math.inf]
+
+
+def walls(left_m: float, right_m: float, *, from_m: float = -1.0, to_m: float = 1.0) -> np.ndarray:
+    """Points each centimetre along two walls beside the x axis."""
+    along_m = np.arange(from_m, to_m, 0.01)
+    return np.concatenate(
+        [np.stack((along_m, np.full_like(along_m, left_m))), np.stack((along_m, np.full_like(along_m, -right_m)))],
+        axis=1,
+    )
+
+
+def test_between_two_walls_the_room_on_either_side_is_told():
+    found = passage(walls(0.25, 0.22), 0.0, 0.0, 0.0, 0.2)
+    assert found.free_m == math.inf
+    assert (found.left_m, found.right_m) == pytest.approx((0.25, 0.22))
+
+
+def test_a_wall_that_the_hull_does_not_pass_ends_the_way():
+    found = passage(walls(0.25, 0.19, from_m=0.3), 0.0, 0.0, 0.0, 0.2)
+    assert found.free_m == pytest.approx(0.3 + 0.02 - math.sqrt(0.2**2 - 0.19**2), abs=0.01)
+    assert found.right_m == pytest.approx(0.19)
+
+
+def test_the_noise_of_one_range_does_not_shut_a_way_and_a_post_does():
+    stray = np.concatenate([walls(0.25, 0.25), [[0.1], [0.18]]], axis=1)
+    assert passage(stray, 0.0, 0.0, 0.0, 0.2).free_m == math.inf
+    post = np.concatenate([walls(0.25, 0.25), [[0.5], [0.1]]], axis=1)
+    assert passage(post, 0.0, 0.0, 0.0, 0.2).free_m == pytest.approx(0.5 - math.sqrt(0.17**2 - 0.1**2))
+
+
+def test_what_stands_beyond_something_straight_ahead_is_no_wall_beside_the_way():
+    """A team mate as large as the robot stands 0.05 m before it."""
+    angles = np.radians(np.arange(90.0, 270.0, 2.0))
+    mate = np.stack((0.45 + 0.2 * np.cos(angles), 0.2 * np.sin(angles)))
+    found = passage(np.concatenate([walls(0.25, 0.25), mate], axis=1), 0.0, 0.0, 0.0, 0.2)
+    assert found.free_m == pytest.approx(0.05, abs=0.03)
+    assert (found.left_m, found.right_m) == pytest.approx((0.25, 0.25))
+
+
+def test_what_is_behind_or_far_ahead_is_not_squeezed_between():
+    for begin_m, end_m in ((-1.0, -0.2), (0.5, 1.0)):
+        found = passage(walls(0.22, 0.22, from_m=begin_m, to_m=end_m), 0.0, 0.0, 0.0, 0.2)
+        assert (found.left_m, found.right_m) == (math.inf, math.inf)
+
+
+@given(st.floats(0.2, 0.3), st.floats(0.2, 0.3), COORDINATES, COORDINATES, st.floats(-4, 4))
+def test_a_passage_is_the_same_wherever_it_lies(left_m, right_m, x_m, y_m, heading_rad):
+    cos, sin = math.cos(heading_rad), math.sin(heading_rad)
+    points_m = np.array([[cos, -sin], [sin, cos]]) @ walls(left_m, right_m) + [[x_m], [y_m]]
+    found = passage(np.ascontiguousarray(points_m), x_m, y_m, heading_rad, 0.199)
+    assert (found.left_m, found.right_m) == pytest.approx((left_m, right_m))
+    assert found.free_m == math.inf
+
+
+def test_towards_something_near_a_disc_goes_no_faster_than_what_is_left_allows():
+    ahead = np.array([[0.3], [0.0]])
+    assert hold_off(ahead, 0.0, 0.0, 0.5, 0.0, 0.2, 0.01, 1.5) == pytest.approx((1.5 * 0.09, 0.0))
+    assert hold_off(ahead, 0.0, 0.0, -0.5, 0.2, 0.2, 0.01, 1.5) == (-0.5, 0.2)
+
+
+def test_along_a_wall_a_disc_goes_as_it_likes_and_from_one_too_near_it_is_pushed_away():
+    beside = np.array([[0.0], [0.205]])
+    assert hold_off(beside, 0.0, 0.0, 0.3, 0.0, 0.2, 0.01, 1.5) == pytest.approx((0.3, -1.5 * 0.005))
+
+
+@given(POINTS, st.floats(-0.6, 0.6), st.floats(-0.6, 0.6))
+def test_what_is_far_from_the_hull_changes_nothing(points_m, x_m_s, y_m_s):
+    away = points_m[:, np.hypot(*points_m) > 0.41]
+    assert hold_off(np.ascontiguousarray(away), 0.0, 0.0, x_m_s, y_m_s, 0.2, 0.01, 1.5) == (x_m_s, y_m_s)

@@ -12,6 +12,7 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import RobotState
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_OFFER, ROBOT_PLUGINS, ROBOT_STATE
+from tests.waiting import until
 
 
 @pytest.fixture
@@ -24,14 +25,6 @@ def pair():
         yield robot, team
         robot.close()
         team.close()
-
-
-def until(condition):
-    deadline_s = time.monotonic() + 10.0
-    while not (found := condition()):
-        assert time.monotonic() < deadline_s, "it has not come to pass"
-        time.sleep(0.005)
-    return found
 
 
 def ask_until_there(team, inbox):

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from robrain.protocol.can import zenoh_bus
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session
-
-PATIENCE_S = 10.0
+from tests.waiting import PATIENCE_S
 
 
 @pytest.fixture(scope="module")

@@ -130,3 +130,9 @@ def test_every_room_of_the_depot_has_a_door_of_a_metre(room: Point2D) -> None:
     swept = _built_in("depot").reachable([Point2D(2.0, 9.9)], 0.475)
     row, col = _built_in("depot").cell_of(room.x_m, room.y_m)
     assert swept[row, col]
+
+
+def test_a_floor_that_a_team_cannot_map_is_refused_whatever_its_resolution() -> None:
+    with pytest.raises(MapError, match="size_m: expected a floor of at most 167772 m², got 1000 × 1000 m") as caught:
+        FloorDrawing(size_m=(1000.0, 1000.0), resolution_m=50.0)
+    assert caught.value.key == "size_m"

@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import can
 import pytest
@@ -22,8 +21,7 @@ from robrain.protocol.wire.topics import ARENA_OUTSIDE, ROBOT_CALL, ROBOT_STATE
 from robrain.sim.lockstep import LockstepRun
 
 SMALL = Scenario.builtin("arena_small")
-REAL_MAPS = Path(__file__).parents[2].parent / "shared" / "maps"
-LIMIT_S = 60.0
+LIMIT_S = 300.0
 
 DIGEST_SCRIPT = """
 import sys
@@ -158,18 +156,6 @@ def test_a_run_that_wants_all_ends_when_nothing_is_left():
     result = SMALL.run(until_explored=1.0, time_limit_s=600.0)
     assert result.ended in ("nothing_left", "explored")
     assert result.explored_fraction > 0.97
-
-
-@pytest.mark.parametrize("name", ["nav2_depot", "stage_hospital_section", "stage_cave"])
-def test_four_robots_explore_a_real_map(name):
-    path = REAL_MAPS / f"{name}.yaml"
-    if not path.is_file():
-        pytest.skip(f"no {path}: the real maps do not come with the project")
-    share = 0.95 if name == "nav2_depot" else 0.9
-    result = Scenario.from_map(path, robots=4).replace(seed=7).run(until_explored=share)
-    assert result.ended == "explored"
-    assert result.explored_fraction >= share
-    assert result.wall_overlap_m < 0.01
 
 
 def test_motes_are_heard_and_their_readings_counted(tmp_path):

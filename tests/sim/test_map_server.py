@@ -1,3 +1,5 @@
+import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -7,8 +9,8 @@ from PIL import Image
 
 from robrain.sim.maps.errors import MapError
 from robrain.sim.maps.map_server import load_map
+from tests.real_maps import REAL_MAPS, needs_real_maps
 
-REAL_MAPS = Path(__file__).parents[3] / "shared" / "maps"
 SETTINGS = {
     "image": "map.png",
     "resolution": 0.5,
@@ -96,6 +98,23 @@ def test_binary_and_plain_pgm_are_read(tmp_path: Path) -> None:
         ({"resolution": True}, "resolution", "a number"),
         ({"resolution": float("nan")}, "resolution", "a number"),
         ({"resolution": 10**400}, "resolution", "a number"),
+        ({"resolution": float("inf")}, "resolution", "a number"),
+        ({"resolution": 50}, "resolution", "from 0.001 to 1 m a cell, got 50"),
+        ({"resolution": 1e-9}, "resolution", "from 0.001 to 1 m a cell, got 1e-09"),
+        ({"resolution": "7" * 50_000}, "resolution", "a number, got '777"),
+        ({"resolution": [[0.05] * 1000] * 1000}, "resolution", "a number, got"),
+        ({"origin": [float("nan"), 0, 0]}, "origin", r"\[x, y, yaw\]"),
+        ({"origin": [1e300, 0, 0]}, "origin", "within 100000 m of 0"),
+        ({"origin": [0, -1e6, 0]}, "origin", "within 100000 m of 0"),
+        ({"origin": [0, 0, float("nan")]}, "origin", r"\[x, y, yaw\]"),
+        ({"occupied_thresh": float("nan")}, "occupied_thresh", "from 0 to 1"),
+        ({"free_thresh": "low"}, "free_thresh", "from 0 to 1"),
+        ({"negate": 1.0}, "negate", "0 or 1"),
+        ({"negate": [0]}, "negate", "0 or 1"),
+        ({"mode": ["scale"]}, "mode", "trinary or scale"),
+        ({"image": "a\0b.png"}, "image", "path of an image"),
+        ({"image": "x" * 5000 + ".png"}, "image", "path of an image"),
+        ({"image": "/dev/zero"}, "image", "readable PGM or PNG"),
         ({"origin": [0, 0]}, "origin", r"\[x, y, yaw\]"),
         ({"origin": 3}, "origin", r"\[x, y, yaw\]"),
         ({"origin": [0, "a", 0]}, "origin", r"\[x, y, yaw\]"),
@@ -119,6 +138,7 @@ def test_bad_setting_is_named_with_what_was_expected(
     assert str(path) in str(caught.value)
     assert key in str(caught.value)
     assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 1000
 
 
 @pytest.mark.parametrize(
@@ -129,6 +149,10 @@ def test_bad_setting_is_named_with_what_was_expected(
         (b"- image\n- map.png\n", "expected a mapping of keys, got a list"),
         (b"image: [unclosed", "expected valid YAML"),
         (b"\xff\xfe\xfa", "expected a readable YAML file"),
+        (b"[" * 20_000, "expected valid YAML"),
+        (b"resolution: " + b"9" * 5000, "expected valid YAML"),
+        (b"resolution: 2020-13-45", "expected valid YAML"),
+        (b"image: " + b"a" * 200_000, "expected at most 65536 bytes of YAML"),
     ],
 )
 def test_file_that_is_no_map_is_told_in_one_sentence(tmp_path: Path, content: bytes, expected: str) -> None:
@@ -172,7 +196,7 @@ def test_image_without_free_space_is_told(tmp_path: Path) -> None:
     assert caught.value.key == "image"
 
 
-@pytest.mark.skipif(not REAL_MAPS.is_dir(), reason=f"needs the real maps of {REAL_MAPS}")
+@needs_real_maps
 @pytest.mark.parametrize(
     ("name", "size_m", "free_share"),
     [
@@ -188,3 +212,44 @@ def test_real_map_has_its_known_size_and_share_of_free_cells(
     plan = load_map(REAL_MAPS / f"{name}.yaml")
     assert plan.size_m == pytest.approx(size_m, abs=0.01)
     assert (~plan.occupied).mean() == pytest.approx(free_share, abs=0.005)
+
+
+def _header_of_png(width: int, height: int) -> bytes:
+    """A PNG that claims a size, without any pixels."""
+    head = struct.pack(">4sIIBBBBB", b"IHDR", width, height, 8, 0, 0, 0, 0)
+    ends = struct.pack(">I4s", 0, b"IEND")
+    sums = zlib.crc32(head), zlib.crc32(b"IEND")
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + struct.pack(">I", 13)
+        + head
+        + struct.pack(">I", sums[0])
+        + ends
+        + struct.pack(">I", sums[1])
+    )
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        _header_of_png(6000, 6000),
+        _header_of_png(11_000, 11_000),  # Pillow warns
+        _header_of_png(60_000, 60_000),  # Pillow refuses
+        b"P5\n5000 5000\n255\n",
+    ],
+)
+def test_an_image_of_too_many_pixels_is_refused_before_it_is_decoded(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "map.png").write_bytes(content)
+    path = _write(tmp_path, None)
+    with pytest.raises(MapError, match="image: expected at most 20000000 pixels") as caught:
+        load_map(path)
+    assert caught.value.key == "image"
+
+
+def test_a_floor_that_a_team_cannot_map_is_refused_before_it_is_made(tmp_path: Path) -> None:
+    path = _write(tmp_path, Image.new("L", (3000, 3000), 255), resolution=0.5)
+    with pytest.raises(
+        MapError, match="resolution: expected a floor of at most 167772 m², got 1500 × 1500 m"
+    ) as caught:
+        load_map(path)
+    assert (caught.value.path, caught.value.key) == (path, "resolution")

@@ -1,6 +1,5 @@
 import itertools
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,9 +12,7 @@ from robrain.sim.maps.errors import PlacementError
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.map_server import load_map
 from robrain.sim.maps.placement import scatter_points, spawn_poses
-
-REAL_MAPS = Path(__file__).parents[3] / "shared" / "maps"
-needs_real_maps = pytest.mark.skipif(not REAL_MAPS.is_dir(), reason=f"needs the real maps of {REAL_MAPS}")
+from tests.real_maps import REAL_MAPS, needs_real_maps
 
 
 def _rng(seed: int = 1) -> np.random.Generator:

@@ -2,7 +2,6 @@
 
 import contextlib
 import socket
-import time
 from collections.abc import Iterator
 
 import pytest
@@ -13,9 +12,9 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
 from robrain.sim.serial_forwarder import MAX_CLIENTS, SerialForwarder
+from tests.waiting import PATIENCE_S, until
 
 PACKET = bytes.fromhex("00 FF FF 00 00 08 00 09 19 77 02 07 00 13 00 00")
-PATIENCE_S = 10.0
 
 
 class Desk:
@@ -41,11 +40,7 @@ class Desk:
         self._air.put_bytes(packet)
 
     def until(self, is_so) -> None:
-        deadline_s = time.monotonic() + PATIENCE_S
-        while not is_so():
-            assert time.monotonic() < deadline_s
-            self.forwarder.step()
-            time.sleep(0.001)
+        until(is_so, step=self.forwarder.step, pause_s=0.001)
 
     def read(self, client: socket.socket, count: int) -> bytes:
         client.setblocking(False)
@@ -131,9 +126,10 @@ def test_more_clients_than_a_base_station_serves_are_refused(desk):
 def test_a_client_that_does_not_read_misses_packets_and_holds_up_nobody(desk):
     desk.client()
     desk.until(lambda: desk.forwarder.clients == 1)
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not desk.forwarder.counters.missed and time.monotonic() < deadline_s:
+
+    def hear_many() -> None:
         for _ in range(1000):
             desk.hear()
         desk.forwarder.step()
-    assert desk.forwarder.counters.missed > 0
+
+    until(lambda: desk.forwarder.counters.missed, step=hear_many, pause_s=0.0)

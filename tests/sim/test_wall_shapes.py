@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 import pymunk
 import pytest
@@ -9,8 +7,8 @@ from hypothesis.extra import numpy as hnp
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.map_server import load_map
 from robrain.sim.maps.wall_shapes import add_walls, wall_rectangles
+from tests.real_maps import REAL_MAPS, needs_real_maps
 
-REAL_MAPS = Path(__file__).parents[3] / "shared" / "maps"
 WALL = 7
 
 grids = hnp.arrays(np.bool_, hnp.array_shapes(min_dims=2, max_dims=2, max_side=14))
@@ -102,7 +100,7 @@ def test_disc_pushed_outwards_stays_in_the_arena(direction: tuple[int, int]) -> 
         assert plan.contains_free(*body.position)
 
 
-@pytest.mark.skipif(not REAL_MAPS.is_dir(), reason=f"needs the real maps of {REAL_MAPS}")
+@needs_real_maps
 @pytest.mark.parametrize(
     ("name", "most"),
     [("nav2_depot", 1300), ("stage_autolab", 100), ("stage_cave", 450), ("stage_hospital_section", 800)],

@@ -13,6 +13,8 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 
+from tests.waiting import PATIENCE_S
+
 CHROMIUM = Path("/usr/bin/chromium")
 ARGUMENTS = (
     "--headless",
@@ -26,14 +28,33 @@ ARGUMENTS = (
     "--disable-sync",
 )
 ARTIFACTS = Path(__file__).parents[2] / "test-artifacts"
-WAIT_S = 15.0
-MIDDLE_OF = """(selector) => {
-  const found = document.querySelector(selector);
-  if (!found) return null;
-  found.scrollIntoView({ block: "nearest" });
-  const box = found.getBoundingClientRect();
-  return { x: box.x + box.width / 2, y: box.y + box.height / 2 };
+WAIT_S = PATIENCE_S
+MIDDLE_OF = """async (selector) => {
+  const place = () => {
+    const found = document.querySelector(selector);
+    if (!found) return null;
+    found.scrollIntoView({ block: "nearest" });
+    const box = found.getBoundingClientRect();
+    return { x: box.x + box.width / 2, y: box.y + box.height / 2 };
+  };
+  const before = place();
+  await new Promise((done) => setTimeout(done, 100));
+  const after = place();
+  const rests = before && after && before.x === after.x && before.y === after.y;
+  return rests && document.elementFromPoint(after.x, after.y)?.closest(selector) ? after : null;
 }"""
+"""Where to click on something, once it has come to rest and nothing lies over it: sections open gradually."""
+CALM = """
+(() => {
+  const PAUSE_MS = 125;
+  window.requestAnimationFrame = (draw) => {
+    const wait_ms = PAUSE_MS - (performance.now() % PAUSE_MS);
+    return setTimeout(() => draw(performance.now()), wait_ms);
+  };
+  window.cancelAnimationFrame = (number) => clearTimeout(number);
+})();
+"""
+"""Pages draw eight times a second: without a graphics card each picture takes a processor, and tests look at few."""
 T = TypeVar("T")
 
 
@@ -59,6 +80,7 @@ def window(browser: Browser, width: int = 1280, height: int = 800) -> Iterator[B
     """A window of a browser, with its pages closed at the end."""
     context = browser.new_context(viewport={"width": width, "height": height})
     context.set_default_timeout(1000 * WAIT_S)
+    context.add_init_script(CALM)
     try:
         yield context
     finally:

@@ -5,40 +5,61 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
+from robrain.protocol.wire.hub import HUB_VARIABLE
+from tests.own_hub import OwnHub
+from tests.waiting import PATIENCE_S
+
 ROOT = Path(__file__).parents[2]
+GRACE_S = 30.0
+"""So long a process may take to end when it is asked to, before it is killed."""
 
 
 class Commands:
-    """Runs `robrain` commands, and remembers them to end them."""
+    """Runs `robrain` commands, and remembers them to end them.
+
+    They find a team only at an endpoint that they are given, or at `hub`, which no other test's commands know.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self.hub = OwnHub()
         self._running: list[subprocess.Popen[str]] = []
+        self._groups: set[int] = set()
 
-    def run(self, *words: str, timeout_s: float = 60.0, **variables: str) -> subprocess.CompletedProcess[str]:
+    def run(self, *words: str, timeout_s: float = PATIENCE_S, **variables: str) -> subprocess.CompletedProcess[str]:
+        return self.run_python("-m", "robrain.cli", *words, timeout_s=timeout_s, **variables)
+
+    def run_python(self, *words: str, timeout_s: float, **variables: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
-            [sys.executable, "-m", "robrain.cli", *words],
+            [sys.executable, *words],
             cwd=self.folder,
             env=self._environment(variables),
+            stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
             timeout=timeout_s,
             check=False,
         )
 
-    def start(self, *words: str, **variables: str) -> subprocess.Popen[str]:
+    def start(
+        self, *words: str, stdin: int | None = None, stderr: int = subprocess.STDOUT, **variables: str
+    ) -> subprocess.Popen[str]:
         process = subprocess.Popen(
             [sys.executable, "-m", "robrain.cli", *words],
             cwd=self.folder,
             env=self._environment(variables),
+            stdin=stdin,
             stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
+            stderr=stderr,
             text=True,
+            start_new_session=True,  # a group of its own, so that what it leaves behind can be ended with it
         )
+        self._groups.add(process.pid)
         self.adopt(process)
         return process
 
@@ -52,12 +73,17 @@ class Commands:
                 process.send_signal(signal.SIGTERM)
         for process in reversed(self._running):
             try:
-                process.wait(10)
+                process.wait(GRACE_S)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
-            if process.stdout is not None:
-                process.stdout.close()
+            if process.pid in self._groups:
+                with suppress(ProcessLookupError):
+                    os.killpg(process.pid, signal.SIGKILL)
+            for stream in (process.stdin, process.stdout, process.stderr):
+                if stream is not None:
+                    stream.close()
+        self.hub.close()
 
     @staticmethod
     def line_with(process: subprocess.Popen[str], text: str) -> str:
@@ -70,10 +96,9 @@ class Commands:
                 return line
         raise AssertionError(f"{text!r} never came; the process said: {''.join(seen)}")
 
-    @staticmethod
-    def _environment(variables: dict[str, str]) -> dict[str, str]:
+    def _environment(self, variables: dict[str, str]) -> dict[str, str]:
         inherited = {key: value for key, value in os.environ.items() if not key.startswith("ROBRAIN_")}
-        return {**inherited, **variables}
+        return {**inherited, HUB_VARIABLE: self.hub.endpoint, **variables}
 
 
 @pytest.fixture

@@ -82,14 +82,14 @@ class FakeTeam:
                 angle_rad = 0.1 * tick + math.pi * number
                 pose = Pose2D(2.5 * math.cos(angle_rad), 1.5 * math.sin(angle_rad), angle_rad + math.pi / 2)
                 battery = BatteryState(
-                    voltage_v=24.0, current_a=1.0, temperature_c=30.0, soc=1 - tick / 1000, remaining_j=1e5
+                    voltage_v=24.0, current_a=1.0, temperature_c=30.0, soc=max(1 - tick / 1000, 0.0), remaining_j=1e5
                 )
                 state = RobotState(robot=robot, pose=pose, radius_m=0.2, battery=battery, behavior=EVIL)
                 states[robot].put(state)
                 paths[robot].put(PlannedPath(robot=robot, points=[Point2D(pose.x_m, pose.y_m), Point2D(0.0, 0.0)]))
             if tick % 10 == 1:
-                log.put(LogRecord(robot=EVIL, level=EVIL, source=EVIL, text=EVIL))
-                events.put(Event(robot="r1", plugin=EVIL, event=EVIL, value=EVIL))
+                log.put(LogRecord(robot="r1", level=EVIL, source=EVIL, text=EVIL))
+                events.put(Event(robot="r1", plugin="p", event="e", value=EVIL))
                 reading = MoteReading(
                     mote="m1", place=Point2D(0, 0), quantity=EVIL, value=1.0, voltage_v=2.0, rssi_dbm=-60, via=EVIL
                 )

@@ -7,11 +7,13 @@ from pathlib import Path
 
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ARENA_TRUTH, COORDINATOR_STATE, ROBOT_CALL, ROBOT_STATE, TASK_LIST
 from tests.system.conftest import Commands
+from tests.waiting import until
 
 ASK_S = 0.1
 WANDER_S = 3.0
@@ -50,7 +52,17 @@ class LiveTeam:
     def stir(self) -> None:
         """Have robots that have nothing to do go about for a while: what is explored, they stand on."""
         for robot in self.robots():
+            until(lambda robot=robot: self._wanders(robot), f"{robot} does not wander", pause_s=ASK_S)
+
+    def _wanders(self, robot: str) -> bool:
+        """Have a robot go about, if its devices are there: on a machine that is busy they may miss a while."""
+        try:
             self._endpoint.ask(ROBOT_CALL, [WANDER_S], robot=robot, plugin="wander", function="start")
+        except CallError as error:
+            if error.code is ErrorCode.INACTIVE:
+                return False
+            raise
+        return True
 
     def process_of(self, robot: str) -> int:
         """The process of a robot's agent."""

@@ -57,13 +57,16 @@ def test_responses_of_a_live_robot_are_measured(commands) -> None:
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     assert len(told["figures"]) == 10
-    assert all(figure["number"] > 0 for figure in told["figures"] if "turn of a wheel" in figure["what"])
+    assert all(figure["value"] > 0 for figure in told["figures"] if "turn of a wheel" in figure["name"])
+    assert {figure["kind"] for figure in told["figures"]} == {"timing"}
 
 
 def test_agents_on_the_wire_are_counted_by_a_real_coordinator(commands) -> None:
     done = commands.run("bench", "agents", "--robots", "20", "--minutes", "0.05", "--json", timeout_s=110.0)
     assert done.returncode == 0, done.stderr
-    cpu, age, memory = json.loads(done.stdout)["figures"]
+    cpu, age, unseen, memory = json.loads(done.stdout)["figures"]
     assert cpu["unit"] == "%"
-    assert age["number"] > 0
+    assert age["value"] > 0
+    assert age["bound"] == {"at_most": 200.0}
+    assert unseen["value"] >= 0
     assert memory["unit"] == "MB"

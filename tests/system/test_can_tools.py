@@ -25,10 +25,10 @@ from robrain.protocol.model.omni_drive import OmniBase
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.session import listening_at, open_session
+from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
 
-PATIENCE_S = 30.0
 WHEELS = ("wheel_1_rad_s", "wheel_2_rad_s", "wheel_3_rad_s")
 
 
@@ -42,13 +42,6 @@ def arena(commands) -> str:
 
 def tool(name: str, *words: str) -> list[str]:
     return [sys.executable, "-m", f"can.{name}", *words]
-
-
-def until(is_so, what: str) -> None:
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not is_so():
-        assert time.monotonic() < deadline_s, what
-        time.sleep(0.1)
 
 
 def log_a_drive(endpoint: str, log: Path) -> None:

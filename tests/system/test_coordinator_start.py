@@ -1,7 +1,6 @@
 """A coordinator's process from its start to its end: live first, then all that it needs; nobody stays behind."""
 
 import signal
-import time
 from pathlib import Path
 
 import msgspec
@@ -15,11 +14,17 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.map_patch import to_message
 from robrain.protocol.wire.plan_messages import PlanningStatus
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.topics import COORDINATOR_ALIVE, COORDINATOR_PLANNING, COORDINATOR_STATE, ROBOT_MAP
+from robrain.protocol.wire.topics import (
+    COORDINATOR_ALIVE,
+    COORDINATOR_PLANNING,
+    COORDINATOR_STATE,
+    ROBOT_ALIVE,
+    ROBOT_MAP,
+)
+from tests.waiting import PATIENCE_S, has_ended, until
 
 pytestmark = pytest.mark.system
 
-WAIT_S = 60.0
 POLICY = '[planning]\nmethod = "greedy"\nobjective = "lifetime"\n'
 
 
@@ -43,14 +48,6 @@ def start(commands, hub, *words: str):
     return commands.start("coordinator", "--connect", where, *words)
 
 
-def wait_until(holds):
-    ends_s = time.monotonic() + WAIT_S
-    while not (found := holds()):
-        assert time.monotonic() < ends_s
-        time.sleep(0.01)
-    return found
-
-
 def planner_of(pid: int) -> int:
     """Process id of a coordinator's planner; 0 if there is none."""
     for task in Path(f"/proc/{pid}/task").iterdir():
@@ -58,13 +55,6 @@ def planner_of(pid: int) -> int:
             if b"planner_child" in Path(f"/proc/{child}/cmdline").read_bytes():
                 return int(child)
     return 0
-
-
-def is_there(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0] != "Z"
-    except (FileNotFoundError, ProcessLookupError):
-        return False
 
 
 def test_it_plans_as_its_file_says_except_for_what_the_command_line_does(commands, hub, team):
@@ -79,11 +69,12 @@ def test_a_map_that_comes_as_soon_as_it_is_live_is_taken_in(commands, hub, team)
     summaries = Inbox()
     team.subscribe(summaries, COORDINATOR_STATE)
     presence = team.watch(COORDINATOR_ALIVE)
+    team.token(ROBOT_ALIVE, robot="r1")
     start(commands, hub)
-    wait_until(lambda: (list(presence.changes()), presence.present)[1])
+    until(lambda: (list(presence.changes()), presence.present)[1])
     cells = PatchCells(0, 0, np.full((10, 10), FREE), 1)
     team.publisher(ROBOT_MAP, robot="r1").put(to_message("r1", GridGeometry(0.1, 0.0, 0.0, 40, 40), cells))
-    known_m2 = wait_until(lambda: [m for one in summaries.drain() if (m := one.message.known_area_m2) > 0.0])
+    known_m2 = until(lambda: [m for one in summaries.drain() if (m := one.message.known_area_m2) > 0.0])
     assert known_m2[-1] == pytest.approx(1.0)
 
 
@@ -91,9 +82,9 @@ def test_a_map_that_comes_as_soon_as_it_is_live_is_taken_in(commands, hub, team)
 def test_however_it_ends_its_planner_does_too_and_nobody_complains(commands, hub, how):
     coordinator = start(commands, hub)
     commands.line_with(coordinator, "coordinator: of team default")
-    planner = wait_until(lambda: planner_of(coordinator.pid))
+    planner = until(lambda: planner_of(coordinator.pid))
     coordinator.send_signal(how)
-    said, _ = coordinator.communicate(timeout=WAIT_S)  # until the planner has closed it, too
+    said, _ = coordinator.communicate(timeout=PATIENCE_S)  # until the planner has closed it, too
     assert said == ""
     assert coordinator.returncode == (-signal.SIGKILL if how is signal.SIGKILL else 0)
-    wait_until(lambda: not is_there(planner))
+    until(lambda: has_ended(planner))

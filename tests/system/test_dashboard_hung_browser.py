@@ -1,14 +1,11 @@
 """A browser that hangs is nobody else's trouble."""
 
-import socket
-import threading
 import time
 from collections.abc import Iterator
 
 import pytest
 from playwright.sync_api import expect
 
-from robrain.coordinator.dashboard import Dashboard
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
@@ -17,48 +14,11 @@ from robrain.protocol.wire.topics import ROBOT_STATE
 from tests.system.browser import browser_processes, chromium, open_page, wait_for
 from tests.system.fake_team import FakeTeam
 from tests.system.hanging import stopped
+from tests.system.stepped_dashboard import PERIOD_S, Stepped
 
 pytestmark = pytest.mark.system
 
 HUNG_S = 6.0
-PERIOD_S = 0.1
-
-
-class Stepped:
-    """A dashboard that is stepped on a thread, and how its steps went."""
-
-    def __init__(self, endpoint: Endpoint) -> None:
-        self.dashboard = Dashboard(endpoint, port=0)
-        self.steps = 0
-        self.longest_s = 0.0
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run)
-        self._thread.start()
-
-    def stop(self) -> None:
-        self._stop.set()
-        self._thread.join()
-        self.dashboard.close()
-
-    def waiting(self) -> int:
-        """Messages that are kept for browsers, those for all of them included."""
-        server = self.dashboard._server._websock_server
-        clients = list(server._client_state_from_id.values())
-        return sum(len(client.message_buffer.message_from_id) for client in clients) + len(
-            server._broadcast_buffer.message_from_id
-        )
-
-    def narrow(self) -> None:
-        """Leave hardly any room in the sockets: what a hung browser does not take piles up at once."""
-        for connection in self.dashboard._server._websock_server._live_connections.values():
-            connection.transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
-
-    def _run(self) -> None:
-        while not self._stop.wait(PERIOD_S):
-            began_s = time.monotonic()
-            self.dashboard.step()
-            self.longest_s = max(self.longest_s, time.monotonic() - began_s)
-            self.steps += 1
 
 
 @pytest.fixture

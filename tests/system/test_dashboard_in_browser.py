@@ -28,10 +28,11 @@ from tests.system.browser import (
     window,
 )
 from tests.system.fake_team import FakeTeam
+from tests.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.system
 
-WAIT_S = 15.0
+WAIT_S = PATIENCE_S
 SEEN, HIDDEN = 0.03, 0.003
 """Shares of the picture that have the colour of free floor."""
 
@@ -159,7 +160,7 @@ def test_halt_and_resume_stay_in_reach_on_a_narrow_screen(browser: Browser, team
     with window(browser, width=390, height=800) as context:
         page, errors = open_page(context, url)
         keep(page, "dashboard-narrow")
-        page.locator("#rb-halt-always").click()
+        page.locator("#rb-halt").click()
         assert next_halt(team).halted
         expect(page.get_by_test_id("halt-state")).to_be_visible()
         expect(page.get_by_test_id("halt-missing")).to_have_text("Not stopped: r1, r2")

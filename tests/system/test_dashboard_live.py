@@ -104,11 +104,12 @@ def test_plugin_is_unloaded_loaded_and_reloaded_by_its_buttons(page: Page) -> No
 def test_task_is_called_off_by_its_button(page: Page, team: LiveTeam) -> None:
     page.get_by_role("tab", name="Tasks", exact=True).click()
     here = team.robots()["r1"].pose
+    page.get_by_text("Coordinates and options", exact=True).click()
     _fill(page, "x (m)", f"{here.x_m:.2f}")
     _fill(page, "y (m)", f"{here.y_m:.2f}")
     _fill(page, "service (s)", "600")
     before = _said_of_tasks(page)
-    page.get_by_role("button", name="Add task", exact=True).click()
+    page.get_by_role("button", name="Add task at these coordinates", exact=True).click()
     said = _answer_to_task(page, before)
     assert said.startswith("✓")
     task = said.split()[1]
@@ -194,8 +195,8 @@ def _task_is_added_by_a_click_and_done(page: Page) -> None:
     page.get_by_role("tab", name="Tasks", exact=True).click()
     said = ""
     for x, y in ((400, 330), (300, 300), (500, 380), (420, 260)):  # some may lie in what is not known yet
-        page.get_by_role("button", name="Add by a click on the map", exact=True).click()
-        page.get_by_role("button", name="Click on the map now, or here to cancel", exact=True).wait_for()
+        page.get_by_role("button", name="Click on the map to add a task", exact=True).click()
+        page.get_by_role("button", name="Now click on the map (or here to cancel)", exact=True).wait_for()
         before = _said_of_tasks(page)
         page.mouse.click(x, y)
         said = _answer_to_task(page, before)

@@ -12,6 +12,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from tests.system.browser import chromium, keep, open_page, picture_of, wait_for
+from tests.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.system
 
@@ -24,7 +25,16 @@ def test_recording_is_scrubbed_stepped_and_played(commands) -> None:
     with chromium() as context:
         page, errors = open_page(context, url)
         expect(page.get_by_role("button", name="EMERGENCY HALT")).to_have_count(0)
-        page.get_by_role("button", name="▶ / ❚❚", exact=True).click()
+        # It stands at its beginning until somebody plays it.
+        play = page.get_by_role("button", name="▶ Play", exact=True)
+        expect(play).to_be_visible()
+        page.wait_for_timeout(1500)
+        expect(page.get_by_test_id("replay-time")).to_have_text(re.compile("^❚❚ 0:00 of"))
+        play.click()
+        pause = page.get_by_role("button", name="❚❚ Pause", exact=True)
+        expect(pause).to_be_visible()
+        wait_for(lambda: _position_s(page), lambda at_s: at_s >= 1, "the replay going on")
+        pause.click()
         expect(page.get_by_test_id("replay-time")).to_contain_text("❚❚")
 
         _scrub_to(page, "2")
@@ -45,6 +55,25 @@ def test_recording_is_scrubbed_stepped_and_played(commands) -> None:
         assert errors == []
 
 
+def test_recording_has_no_halt_over_it_on_a_narrow_screen(commands) -> None:
+    done = commands.run("run", "depot", "--robots", "2", "--seed", "7", "--time-limit", "3", "--record", "run.mcap")
+    assert done.returncode == 0, done.stderr
+    process = commands.start("dashboard", "--replay", "run.mcap", "--port", "0")
+    url = commands.line_with(process, "dashboard: ").split()[1]
+    with chromium(width=420, height=860) as context:
+        page, errors = open_page(context, url)
+        keep(page, "dashboard-replay-narrow")
+        expect(page.locator("#rb-halt")).to_have_count(0)
+        expect(page.get_by_text("EMERGENCY HALT")).to_have_count(0)
+        play = page.get_by_role("button", name="▶ Play", exact=True)
+        play.scroll_into_view_if_needed()
+        play.click()
+        expect(page.get_by_role("button", name="❚❚ Pause", exact=True)).to_be_visible()
+        page.keyboard.press("h")
+        expect(page.get_by_test_id("halt-state")).to_have_count(0)
+        assert errors == []
+
+
 def test_page_of_a_demo_in_a_terminal_goes_on_with_its_recording_until_ctrl_c(commands) -> None:
     keyboard, terminal = pty.openpty()
     try:
@@ -54,11 +83,11 @@ def test_page_of_a_demo_in_a_terminal_goes_on_with_its_recording_until_ctrl_c(co
         )
         commands.adopt(process)
         url = commands.line_with(process, "dashboard: ").split()[1]
-        assert commands.line_with(process, "now plays the recording").startswith(url)
+        assert commands.line_with(process, "now shows the recording").startswith(url)
         with urllib.request.urlopen(url) as page:
             assert page.status == 200
         process.send_signal(signal.SIGINT)
-        assert process.wait(20) == 0
+        assert process.wait(PATIENCE_S) == 0
     finally:
         os.close(keyboard)
         os.close(terminal)

@@ -15,6 +15,7 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import RobotState
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import ROBOT_STATE
+from tests.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.system
 
@@ -51,7 +52,7 @@ def test_a_live_team_is_served_to_foxglove(commands) -> None:
 
         async def speak_and_listen() -> tuple[dict[str, dict[str, Any]], FrameTransforms]:
             listening = asyncio.create_task(first_transforms(address))
-            deadline_s = time.monotonic() + 60
+            deadline_s = time.monotonic() + PATIENCE_S
             while not listening.done() and time.monotonic() < deadline_s:
                 states.put(RobotState(robot="r1", pose=Pose2D(3.0, 4.0, 0.0), radius_m=0.2))
                 await asyncio.sleep(0.05)

@@ -9,10 +9,9 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ARENA_TRUTH
+from tests.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.system
-
-PATIENCE_S = 30.0
 
 
 class Watcher:

@@ -3,12 +3,12 @@
 import json
 import os
 import signal
-import time
 from pathlib import Path
 
 import pytest
 
 from robrain.coordinator.recording.reading import read_messages
+from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
 
@@ -33,7 +33,7 @@ def test_three_agents_explore_a_floor_together(commands) -> None:
         timeout_s=150,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    result = json.loads(done.stdout)
+    result = json.loads(done.stdout.splitlines()[-1])
     assert result["ended"] == "explored"
     assert result["robots_up"] == 3
     speakers = {message.topic_key.split("/")[3] for message in read_messages(commands.folder / "live.mcap")
@@ -47,7 +47,7 @@ def test_ctrl_c_stops_every_process_of_a_team(commands) -> None:
     children = _children_of(process.pid)
     assert len(children) == 4  # arena, coordinator and two agents
     process.send_signal(signal.SIGINT)
-    assert process.wait(30) == 0
+    assert process.wait(PATIENCE_S) == 0
     assert not [pid for pid in children if os.path.exists(f"/proc/{pid}")]
 
 
@@ -57,10 +57,7 @@ def test_children_do_not_outlive_a_team_that_was_killed(commands) -> None:
     children = _children_of(process.pid)
     process.kill()
     process.wait()
-    deadline_s = time.monotonic() + 20
-    while (left := [pid for pid in children if os.path.exists(f"/proc/{pid}")]) and time.monotonic() < deadline_s:
-        time.sleep(0.1)
-    assert not left
+    until(lambda: not [pid for pid in children if os.path.exists(f"/proc/{pid}")], f"of {children} some still run")
 
 
 def test_team_started_by_hand_is_found_and_survives_its_coordinator(commands) -> None:

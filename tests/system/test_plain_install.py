@@ -1,34 +1,160 @@
-"""A robot has the plain install: its agent runs without what the extras bring."""
+"""After a plain `pip install robrain`, every documented command works or says in one sentence which extra it needs."""
 
+import ast
 import re
 import subprocess
 import sys
+import tomllib
+from collections.abc import Iterator
 
-from robrain.cli import EXTRAS
+import pytest
+from typer.main import get_command
 
-WITHOUT_EXTRAS = (
-    f"import sys; sys.modules.update(dict.fromkeys({sorted(EXTRAS)})); from robrain.cli import main; main()"
-)
+from robrain.cli import app
+from robrain.deploy.extras import EXTRAS
+from robrain.protocol.wire.session import open_session
+from tests.system.conftest import ROOT, Commands
+from tests.system.plain_install import plain_packages, plain_python_path
+
+pytestmark = pytest.mark.system
+
+WORKS = ""
+COMMANDS: list[tuple[str, list[str], str]] = [
+    ("run", ["depot"], "sim"),
+    ("demo", ["--headless"], "sim"),
+    ("up", ["depot"], "sim"),
+    ("arena", ["depot"], "sim"),
+    ("dashboard", [], "team"),
+    ("replay", ["run.mcap"], "team"),
+    ("status", [], WORKS),
+    ("call", ["r1", "counter", "seconds"], WORKS),
+    ("shell", ["r1"], WORKS),
+    ("halt", [], WORKS),
+    ("resume", [], WORKS),
+    ("plugin list", ["r1"], WORKS),
+    ("plugin new", ["mine", "--level", "unit"], WORKS),
+    ("plugin check", ["."], WORKS),
+    ("plugin reload", ["r1", "wander"], WORKS),
+    ("plugin unload", ["r1", "wander"], WORKS),
+    ("plugin load", ["r1", "wander"], WORKS),
+    ("task objective", ["makespan"], WORKS),
+    ("task add", ["visit", "--at", "1,1", "--id", "look", "--needs", "counter", "--earliest", "900"], WORKS),
+    ("task list", [], WORKS),
+    ("task show", ["look"], WORKS),
+    ("task why", ["look"], WORKS),
+    ("task cancel", ["look"], WORKS),
+    ("task watch", [], WORKS),
+    ("task charges", [], WORKS),
+    ("record", [], "team"),
+    ("foxglove", [], "foxglove"),
+    ("info", ["run.mcap"], "team"),
+    ("check", ["run.mcap"], "team"),
+    ("diff", ["run.mcap", "run.mcap"], "team"),
+    ("recover", ["run.mcap"], "team"),
+    ("report", ["run.mcap"], "report"),
+    ("export", ["run.mcap"], "team"),
+    ("bench allocation", [], "team"),
+    ("bench responses", [], "sim"),
+    ("bench agents", [], "sim"),
+]
+"""Each command, arguments for it, and the extra that it needs."""
+LIVE = ("agent", "coordinator")
+"""Commands that the fixture runs."""
 
 
-def test_agent_needs_no_extra(commands) -> None:
-    arena = commands.start("arena", "arena_small", "--robots", "1", "--listen", "tcp/127.0.0.1:0", "--robot-files", ".")
-    commands.line_with(arena, "arena: arena_small at ")
-    agent = subprocess.Popen(
-        [sys.executable, "-c", WITHOUT_EXTRAS, "agent", str(commands.folder / "r1.toml")],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
-    commands.adopt(agent)
-    line = commands.line_with(agent, "agent: r1 is up")
-    assert re.fullmatch(r"agent: r1 is up with [1-9]\d plugins\n?", line)
+class Plain:
+    """Commands in a plain install, beside a hub of which they know."""
+
+    def __init__(self, commands: Commands, python_path: str) -> None:
+        self.commands = commands
+        self._path = python_path
+
+    def run(self, *words: str) -> "subprocess.CompletedProcess[str]":
+        return self.commands.run(*words, timeout_s=100.0, PYTHONPATH=self._path, USER="ann")
+
+    def start(self, *words: str) -> "subprocess.Popen[str]":
+        return self.commands.start(*words, PYTHONPATH=self._path)
+
+    def python(self, *words: str) -> "subprocess.CompletedProcess[str]":
+        return self.commands.run_python(*words, timeout_s=100.0, PYTHONPATH=self._path)
 
 
-def test_missing_extra_is_named(commands) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", WITHOUT_EXTRAS, "run", "depot"], capture_output=True, text=True, check=False, timeout=30
-    )
-    assert done.returncode == 2
-    assert "pip install 'robrain[sim]'" in done.stderr
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plain]:
+    """A robot and a coordinator of plain installs."""
+    commands = Commands(tmp_path_factory.mktemp("team"))
+    found = Plain(commands, plain_python_path(tmp_path_factory.mktemp("path")))
+    (commands.folder / "r1.toml").write_text('[robot]\nname = "r1"\n')
+    (commands.folder / "run.mcap").write_bytes(b"\x89MCAP0\r\n")
+    hub = open_session(mode="router", listen=[commands.hub.endpoint])
+    try:
+        agent, coordinator = found.start("agent", "r1.toml"), found.start("coordinator")
+        line = commands.line_with(agent, "agent: r1 is up")
+        assert re.fullmatch(r"agent: r1 is up with [1-9]\d plugins\n?", line)
+        commands.line_with(coordinator, "coordinator: of team default")
+        yield found
+        assert (agent.poll(), coordinator.poll()) == (None, None)
+    finally:
+        commands.stop_all()
+        hub.close()  # type: ignore[no-untyped-call]
+
+
+@pytest.mark.parametrize(("command", "arguments", "extra"), COMMANDS, ids=[command for command, _, _ in COMMANDS])
+def test_a_command_works_or_says_which_extra_it_needs(
+    plain: Plain, command: str, arguments: list[str], extra: str
+) -> None:
+    done = plain.run(*command.split(), *arguments)
     assert "Traceback" not in done.stderr
+    if extra == WORKS:
+        assert (done.returncode, done.stderr) == (0, "")
+        return
+    assert (done.returncode, done.stdout) == (2, "")
+    said = rf"robrain: \w+ is not installed: pip install 'robrain\[{extra}\]'\n"
+    assert re.fullmatch(said, done.stderr), done.stderr
+
+
+def test_the_robots_bus_is_there_for_the_tools_of_python_can(plain: Plain) -> None:
+    done = plain.python("-c", "import can; can.Bus(interface='zenoh', channel='r1/can0').shutdown()")
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def _leaves(command: object, path: str = "") -> Iterator[str]:
+    children = getattr(command, "commands", None)
+    if children is None:
+        yield path
+        return
+    for name, child in children.items():
+        yield from _leaves(child, f"{path} {name}".strip())
+
+
+def test_no_command_is_left_out() -> None:
+    assert sorted([*LIVE, *(command for command, _, _ in COMMANDS)]) == sorted(_leaves(get_command(app)))
+
+
+def test_every_command_of_the_readme_is_one() -> None:
+    known = list(_leaves(get_command(app)))
+    spans = re.findall(r"`robrain ([^`]+)`", (ROOT / "README.md").read_text())
+    assert len(spans) > 15
+    for span in spans:
+        first, *rest = span.replace("\\|", "|").split()
+        second = rest[0].split("|") if rest and any(one.startswith(f"{first} ") for one in known) else [""]
+        for name in second:
+            assert f"{first} {name}".strip() in known, span
+
+
+def _imported() -> Iterator[tuple[str, str]]:
+    for folder in ("agent", "coordinator", "deploy", "plugins", "protocol", "robrain", "sim"):
+        paths = (ROOT / folder).glob("*.py") if folder == "robrain" else (ROOT / folder).rglob("*.py")
+        for path in paths:
+            for node in ast.walk(ast.parse(path.read_text())):
+                names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+                if isinstance(node, ast.ImportFrom):
+                    names = [node.module or ""]
+                yield from ((name.partition(".")[0], str(path)) for name in names)
+
+
+def test_every_package_that_is_imported_comes_with_the_plain_install_or_with_an_extra_that_is_known() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert set(EXTRAS.values()) <= set(project["optional-dependencies"])
+    known = plain_packages() | set(sys.stdlib_module_names) | set(EXTRAS) | {"robrain"}
+    assert [(name, path) for name, path in _imported() if name not in known] == []

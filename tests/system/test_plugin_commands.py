@@ -39,12 +39,13 @@ class Robot:
         return done.stdout.splitlines()
 
     def refused(self, *words: str) -> str:
-        """What a command that is refused says, in one sentence."""
+        """What a command that is refused says: a sentence, and below it the traceback if a plugin raised."""
         done = self.plugin(*words)
         assert (done.returncode, done.stdout) == (2, "")
-        (line,) = done.stderr.splitlines()
+        line, *traceback = done.stderr.splitlines()
         assert line.startswith("robrain: ")
-        return line
+        assert all(line.startswith("  ") for line in traceback), traceback
+        return done.stderr.removesuffix("\n")
 
     def states(self) -> dict[str, str]:
         return {info["name"]: info["state"] for info in json.loads(self.plugin("list", "r1", "--json").stdout)}
@@ -145,7 +146,9 @@ def test_the_plugins_of_a_robot_are_listed_and_an_absent_robot_names_those_there
     infos = json.loads(robot.plugin("list", "r1", "--json").stdout)
     assert len(rows) == len(infos) >= 12
     assert robot.refused("list", "r9") == "robrain: no robot r9 in team default; there are: r1"
-    assert "nobody of team other" in robot.refused("list", "r1", "--team", "other")
+    assert robot.refused("list", "r1", "--team", "other") == (
+        "robrain: no robot r1 in team other; there is team default"
+    )
 
 
 def test_the_example_is_loaded_into_a_robot_that_is_running_called_edited_and_unloaded(robot) -> None:
@@ -166,7 +169,9 @@ def test_the_example_is_loaded_into_a_robot_that_is_running_called_edited_and_un
     assert robot.call("trip", "distance_m") == -1.0
 
     source.write_text("def broken(:")
-    assert "invalid syntax" in robot.refused("reload", "r1", "trip")
+    refusal = robot.refused("reload", "r1", "trip")
+    assert "invalid syntax" in refusal
+    assert 'File "mine/trip.py", line 1' in refusal
     assert robot.call("trip", "distance_m") == -1.0  # the old one keeps running
 
     (gone,) = robot.told("unload", "r1", "trip")
@@ -204,5 +209,7 @@ def test_a_plugin_that_does_not_start_leaves_the_robot_as_it_was(robot) -> None:
     source = robot.commands.folder / "lamp" / "lamp.py"
     source.write_text(source.read_text() + "\n    def activate(self) -> None:\n        raise OSError('no such lamp')\n")
     before = robot.states()
-    assert "no such lamp" in robot.refused("load", "r1", "lamp")
+    refusal = robot.refused("load", "r1", "lamp")
+    assert "no such lamp" in refusal
+    assert 'File "lamp/lamp.py", line 15, in activate' in refusal
     assert robot.states() == before

@@ -15,6 +15,7 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.messages import RecorderState, RobotState
 from robrain.protocol.wire.topics import ROBOT_STATE
 from tests.system.speaker import Speaker
+from tests.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.system
 
@@ -53,7 +54,7 @@ def test_kill_9_costs_the_last_moment_alone(commands, speaker: StateSpeaker, tmp
         speaker.speak_until(heard=80)
         killed_ns = time.time_ns()
         process.send_signal(signal.SIGKILL)
-        process.wait(10)
+        process.wait(PATIENCE_S)
         info = recording_info(path)
         assert info.truncated
         last_ns = max(message.log_time_ns for message in read_messages(path))
@@ -83,12 +84,13 @@ def test_ctrl_c_finishes_the_file_and_says_what_is_in_it(commands, speaker: Stat
 
 def test_a_recording_is_never_overwritten_and_a_wrong_split_is_told(commands, speaker: StateSpeaker) -> None:
     (commands.folder / "run.mcap").write_bytes(b"mine")
-    for words, named in (
-        (["--output", "run.mcap"], "run.mcap"),
-        (["--output", "other.mcap", "--split-mb", "-1"], "--split-mb"),
-        (["--output", "other.txt"], ".mcap"),
+    nobody = "tcp/127.0.0.1:1"
+    for where, words, named in (
+        (speaker.address, ["--output", "run.mcap"], "run.mcap"),
+        (speaker.address, ["--output", "other.mcap", "--split-mb", "-1"], "--split-mb"),
+        (nobody, ["--output", "other.txt"], ".mcap"),  # before it waits for a team
     ):
-        done = commands.run("record", "--connect", speaker.address, *words)
+        done = commands.run("record", "--connect", where, *words)
         assert done.returncode == 2
         assert named in done.stderr
         assert "Traceback" not in done.stderr

@@ -15,11 +15,11 @@ from robrain.coordinator.recording.reading import read_messages, recording_info
 from robrain.protocol.wire.messages import RecorderState
 from robrain.protocol.wire.topics import ROBOT_LOG
 from tests.system.speaker import Speaker
+from tests.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.system
 
 SIZE = "16m"
-LIMIT_S = 60.0
 LINE = b'{"robot":"r1","level":"info","source":"test","text":"%s"}'
 IN_A_SMALL_ROOM = """
 mount -t tmpfs -o size={size} tmpfs {disk} || exit 77
@@ -37,7 +37,7 @@ class LogSpeaker(Speaker):
 
     def speak_until(self, why: str, file: str, heard: int = 0) -> RecorderState:
         """Speak until a recorder says this, of this file."""
-        deadline_s = time.monotonic() + LIMIT_S
+        deadline_s = time.monotonic() + PATIENCE_S
         state = None
         while time.monotonic() < deadline_s:
             self.publisher.put_bytes(LINE % str(self.said).encode())

@@ -7,6 +7,7 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_STATE
+from tests.waiting import PATIENCE_S
 
 
 def test_replayed_states_are_heard_by_another_process(commands) -> None:
@@ -19,7 +20,7 @@ def test_replayed_states_are_heard_by_another_process(commands) -> None:
         inbox, presence = Inbox(), wire.watch(ROBOT_ALIVE)
         wire.subscribe(inbox, ROBOT_STATE)
         heard: set[str] = set()
-        deadline_s = time.monotonic() + 20
+        deadline_s = time.monotonic() + PATIENCE_S
         while heard != {"r1", "r2"} and time.monotonic() < deadline_s:
             heard |= {received.message.robot for received in inbox.drain()}
             time.sleep(0.05)

@@ -122,7 +122,7 @@ def test_a_person_types_commands_which_are_remembered(wire, monkeypatch, tmp_pat
         keys.send_text("call driver drive(2)\r\rfly\rexit\r")
         assert run_shell(wire, "r1", interactive=True) == 0
     out = capsys.readouterr().out.splitlines()
-    assert out[0] == "r1: 2 plugins; `help` tells what can be called, Ctrl-D ends"
+    assert out[0] == "r1: 2 plugins; `help` tells what can be called, `exit` or Ctrl-D ends"
     assert out[1] == "did call driver drive(2)"
     assert out[2].startswith("error bad_arguments: ")
     assert history_path() == tmp_path / "robrain" / "shell_history"

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from robrain.agent.plugin import Behavior, external
-from robrain.plugins.behavior.travel import PRIORITY_MAX, Progress, Travel, TravelParameters
+from robrain.plugins.behavior.travel import PRIORITY_MAX, Progress, Travel, TravelParameters, too_narrow
 from robrain.plugins.skill.mapper.interface import MapView
 from robrain.protocol.model.frontier import MIN_CELLS, find_frontiers, frontier_mask
 from robrain.protocol.model.geometry import Point2D, Pose2D
@@ -107,7 +107,10 @@ class ExploreBehavior(Behavior):
             self._finish(TaskState.DONE, "walls hide it from wherever the robot can stand")
             return
         progress = self._travel.step()
-        if progress in WHY:
+        if progress is Progress.TOO_NARROW:
+            words, result = too_narrow(self._travel)
+            self._finish(TaskState.FAILED, words, result)
+        elif progress in WHY:
             self._finish(*WHY[progress])
 
     def _aim(self, goal: Point2D, priority: int = 0) -> bool:
@@ -116,10 +119,13 @@ class ExploreBehavior(Behavior):
         As near as a robot can stand there may be a wall between, as about the inside of a shelf.
         """
         place = self._travel.standpoint(goal, LOOK_M)
+        is_narrow = place is None
+        if place is None:
+            place = self._travel.narrow_standpoint(goal, LOOK_M)
         if place is None:
             self._is_hidden = self._travel.plan(goal) is not None
             return self._is_hidden
-        if self._travel.set_out(place, priority=priority) or self._travel.set_out(goal, priority=priority):
+        if self._travel.set_out(place, goal, priority=priority, is_narrow=is_narrow):
             self._is_hidden = False
             return True
         return False
@@ -167,7 +173,7 @@ class ExploreBehavior(Behavior):
         self._task, self._is_own = None, False
         self._stand()
 
-    def _finish(self, state: TaskState, why: str) -> None:
+    def _finish(self, state: TaskState, why: str, result: dict[str, float] | None = None) -> None:
         task, self._task = self._task, None
         if self._is_own:
             self._is_own = False
@@ -179,7 +185,7 @@ class ExploreBehavior(Behavior):
         else:
             self._travel.coast()
         if task is not None:
-            self.env.tasks.end(task.id, state, why)
+            self.env.tasks.end(task.id, state, why, result)
         self.env.board.behavior = IDLE
 
     def _stand(self) -> None:

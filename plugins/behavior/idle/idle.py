@@ -122,7 +122,7 @@ class IdleBehavior(Behavior):
             self._is_going = False
             self._since_ns = None
             self._travel.forget()
-        elif self._travel.step() in (Progress.ARRIVED, Progress.BLOCKED, Progress.NO_WAY, Progress.LOST):
+        elif self._travel.step() not in (Progress.UNDER_WAY, Progress.WAITING):
             self._end()
 
     def _end(self) -> None:

@@ -15,9 +15,11 @@ from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates.interface import TeammatesInterface
 from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.map_patch import map_stamp_ms, merge_message, to_message
+from robrain.protocol.wire.inbox import Inbox, Received
+from robrain.protocol.wire.map_patch import check_claim, map_stamp_ms, merge_message, to_message
 from robrain.protocol.wire.messages import MapPatch
+from robrain.protocol.wire.record_guard import RecordGuard
+from robrain.protocol.wire.refusals import RefusalCode
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 logger = logging.getLogger(__name__)
@@ -72,6 +74,8 @@ class Mapper(Skill):
         self._view: MapView | None = None
         self._inbox = Inbox(capacity=4096)
         self._refused: set[str] = set()
+        self._met: set[str] = set()
+        """Robots whose token has been there."""
         self._began_ns: int | None = None
         self._has_begun_anew = False
 
@@ -84,6 +88,7 @@ class Mapper(Skill):
         self._driver = self.env.use("driver", DriverInterface)
         self._teammates = self.env.use("teammates", TeammatesInterface)
         self.env.observe(self.env.use("scan", ScanInterface).scanned, self._integrate)
+        self._guard = RecordGuard(wire.refusals)
         self._patches = wire.publisher(ROBOT_MAP, robot=robot)
         self._presence = wire.watch(ROBOT_ALIVE)
         wire.subscribe(self._inbox, ROBOT_MAP)
@@ -180,16 +185,26 @@ class Mapper(Skill):
     def _hear(self) -> None:
         for change in self._presence.changes():
             name = change.names["robot"]
+            self._met.add(name)
             if change.present and name != self.env.robot:
                 # Catch up with a robot that was there before; one that has just started has nothing to tell.
                 self.env.wire.ask_into(self._inbox, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=name)
-        for received in self._inbox.drain():
-            if received.message.robot != self.env.robot:
-                self._merge(received.message)
+        self._guard.messages(self._inbox.drain(), self._take)
+
+    def _take(self, received: Received) -> None:
+        patch: MapPatch = received.message
+        if patch.robot == self.env.robot:
+            return
+        if patch.robot in self._met:
+            self._merge(patch)
+        else:  # when its token comes it is asked for all that it knows
+            why = f"{patch.robot} is not there"
+            self.env.wire.refusals.note(ROBOT_MAP.name, received.key, RefusalCode.UNKNOWN_SENDER, why)
 
     def _merge(self, patch: MapPatch) -> None:
         others = self.env.board.map_of_others
         try:
+            check_claim(patch, self.env.clock.now_ns())
             merge_message(self._grid, patch)
             if others is not None and patch.observed_ms <= map_stamp_ms(self._began_ns or 0):
                 merge_message(others, patch)

@@ -11,6 +11,7 @@ from robrain.agent.plugin import Skill
 from robrain.plugins.skill.mapper.interface import MapView
 from robrain.plugins.skill.planner.interface import Circle, PlannerInterface
 from robrain.plugins.unit.driver.interface import DriverInterface
+from robrain.protocol.model.clearance import PREFERRED_MARGIN_M, mapped_clearance_m
 from robrain.protocol.model.escape import escape_cells
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.line_of_sight import standpoint
@@ -24,8 +25,8 @@ class Planner(Skill):
     class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """How paths are. All values are chosen."""
 
-        margin_m: float = 0.08
-        """Kept from obstacles beyond the robot's radius."""
+        margin_m: float = PREFERRED_MARGIN_M
+        """Kept from obstacles beyond the robot's radius, but for ways that are narrow."""
         snap_m: float = 0.8
         """How far a path's ends may be from where the robot is and where it is to go, if it cannot stand there."""
         unknown: Literal["avoid", "dear", "free"] = "avoid"
@@ -43,47 +44,84 @@ class Planner(Skill):
     parameters: Parameters
 
     def init(self) -> None:
-        self._grid: NavigationGrid | None = None
-        self._version = -1
+        self._grids: dict[bool, _Looked] = {}
+        """The map with the preferred clearance, and the one with narrow places once it is needed."""
 
     def activate(self) -> None:
-        self._needed_m = self.env.use("driver", DriverInterface).radius_m() + self.parameters.margin_m
+        self._radius_m = self.env.use("driver", DriverInterface).radius_m()
 
     def plan(
-        self, view: MapView, start: Point2D, goal: Point2D, avoid: Sequence[Circle], dear: Sequence[Zone] = ()
+        self,
+        view: MapView,
+        start: Point2D,
+        goal: Point2D,
+        avoid: Sequence[Circle],
+        dear: Sequence[Zone] = (),
+        *,
+        is_narrow: bool = False,
     ) -> list[Point2D] | None:
         """Waypoints from start to as near to goal as the robot can stand."""
-        return self._navigation(view).path(start, goal, snap_m=self.parameters.snap_m, avoid=avoid, dear=dear)
+        grid = self._navigation(view, is_narrow=is_narrow)
+        return grid.path(start, goal, snap_m=self.parameters.snap_m, avoid=avoid, dear=dear)
 
     def escape(
-        self, view: MapView, start: Point2D, speed_m_s: float, tracks: Sequence[Track], apart_m: float
+        self,
+        view: MapView,
+        start: Point2D,
+        speed_m_s: float,
+        tracks: Sequence[Track],
+        apart_m: float,
+        *,
+        is_narrow: bool = False,
     ) -> list[Point2D] | None:
         """Waypoints to the nearest place out of the way of all tracks that go first."""
-        grid = self._navigation(view)
+        grid = self._navigation(view, is_narrow=is_narrow)
         cell = grid.snap(start, self.parameters.snap_m)
         if cell is None:
             return None
         cells = escape_cells(grid.traversable, grid.geometry, cell, speed_m_s, tracks, apart_m)
         return None if cells is None else grid.waypoints(cells)
 
-    def standpoint(self, view: MapView, place: Point2D, within_m: float) -> Point2D | None:
+    def is_narrow(self, view: MapView, place: Point2D) -> bool:
+        """Whether there is less than the preferred clearance at a place and next to it."""
+        near_m = view.geometry.resolution_m
+        if self._navigation(view).snap(place, near_m) is not None:
+            return False
+        return self._navigation(view, is_narrow=True).snap(place, near_m) is not None  # not just unknown
+
+    def standpoint(self, view: MapView, place: Point2D, within_m: float, *, is_narrow: bool = False) -> Point2D | None:
         """Where the robot can stand and see a place, as near to it as can be; None if walls hide it from there."""
-        grid = self._navigation(view)
+        grid = self._navigation(view, is_narrow=is_narrow)
         reach = round(within_m / grid.geometry.resolution_m)
         cell = standpoint(view.classes, grid.traversable, grid.geometry.cell_of(place.x_m, place.y_m), reach)
         return None if cell is None else grid.geometry.center_of(*cell)
 
-    def safe_positions(self, view: MapView, positions: NDArray[np.float64]) -> int:
+    def safe_positions(self, view: MapView, positions: NDArray[np.float64], *, is_narrow: bool = False) -> int:
         """How many of positions (N, 2) on a path come before the first that is too near to a known obstacle."""
-        grid = self._grid if self._grid is not None else self._navigation(view)
+        looked = self._grids.get(is_narrow)
+        grid = looked.grid if looked is not None else self._navigation(view, is_narrow=is_narrow)
         return grid.clear_positions(view.classes, positions)
 
-    def _navigation(self, view: MapView) -> NavigationGrid:
-        grid = self._grid
-        if grid is None or grid.geometry != view.geometry:
-            unknown_cost = {"avoid": None, "dear": self.parameters.unknown_cost, "free": 1.0}[self.parameters.unknown]
-            grid = self._grid = NavigationGrid(view.classes, view.geometry, self._needed_m, unknown_cost)
-        elif self._version != view.version:
-            grid.update(view.classes)
-        self._version = view.version
-        return grid
+    def _navigation(self, view: MapView, *, is_narrow: bool = False) -> NavigationGrid:
+        looked = self._grids.get(is_narrow)
+        if looked is None or looked.grid.geometry != view.geometry:
+            looked = self._grids[is_narrow] = _Looked(self._look(view, is_narrow=is_narrow), view.version)
+        elif looked.version != view.version:
+            looked.grid.update(view.classes)
+            looked.version = view.version
+        return looked.grid
+
+    def _look(self, view: MapView, *, is_narrow: bool) -> NavigationGrid:
+        unknown_cost = {"avoid": None, "dear": self.parameters.unknown_cost, "free": 1.0}[self.parameters.unknown]
+        preferred_m = self._radius_m + self.parameters.margin_m
+        least_m = min(preferred_m, mapped_clearance_m(self._radius_m, view.geometry.resolution_m))
+        needed_m = least_m if is_narrow else preferred_m
+        return NavigationGrid(view.classes, view.geometry, needed_m, unknown_cost, preferred_m)
+
+
+class _Looked:
+    """A grid, and the version of the map that it is of."""
+
+    def __init__(self, grid: NavigationGrid, version: int) -> None:
+        self.grid = grid
+        self.version = version

@@ -16,6 +16,11 @@ class ByHand:
         """Velocity in the body frame."""
         self._until_ns: int | None = None
 
+    @property
+    def has_driven(self) -> bool:
+        """Whether somebody drives, or drove and `has_ended` has yet to say so."""
+        return self._until_ns is not None
+
     def ask(self, wanted: Twist2D, lease_s: float, now_ns: int) -> None:
         """Want this velocity for so long; standing still gives the robot back at once.
 

@@ -8,8 +8,10 @@ without word from its wheels; and after a bump it does not press on.
 """
 
 import math
+from typing import Annotated
 
 import msgspec
+from msgspec import Meta
 
 from robrain.agent.action import Action, ActionDesk, ActionEnd, ActionProgress
 from robrain.agent.event import Event
@@ -22,7 +24,9 @@ from robrain.plugins.unit.driver.interface import DriverInterface, Motion, Odome
 from robrain.plugins.unit.driver.lookout import Lookout
 from robrain.plugins.unit.driver.path import Path
 from robrain.plugins.unit.driver.ramp import Ramp, RampLimits, speed_to_stop
+from robrain.plugins.unit.driver.squeeze import BEGIN_M, CREEP_M_S, KEEP_M, KEEP_PER_S, Progress, is_between, squeeze
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D, wrap_angle_rad
+from robrain.protocol.model.ranges import METRES_MAX, Metres, Radians, Seconds, Speed
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.errors import CallError, ErrorCode
 
@@ -40,8 +44,10 @@ SLOW_M_S = 0.05
 """Below this it does not matter where the robot still drifts."""
 SPARE_M = 0.04
 """So much of the stop distance may be used up before it brakes hard."""
+POINTS_MAX = 100_000
 NO_ODOMETRY = "the wheel encoders have said nothing"
 IN_THE_WAY = "something has stood in the way"
+TOO_NARROW = "the way has been too narrow"
 
 
 class Driver(Unit):
@@ -94,6 +100,9 @@ class Driver(Unit):
         self._motion = Motion.STANDING
         self._blocked_since_ns: int | None = None
         self._why = ""
+        self._gap_m: float | None = None
+        self._squeezes = False
+        self._progress = Progress()
 
     def activate(self) -> None:
         self._moc = self.env.use("mocdevice", MocDeviceInterface)
@@ -122,60 +131,65 @@ class Driver(Unit):
     def emergency_halt(self) -> None:
         self._forget()
 
-    def follow(self, path: list[Point2D], fastest_m_s: float = math.inf) -> None:
-        """Drive along these points to the last one, and no faster than that."""
+    def follow(self, path: list[Point2D], fastest_m_s: float = math.inf, *, is_narrow: bool = False) -> None:
+        """Drive along these points to the last one, and no faster than that; squeeze where it is narrow, if it is."""
+        _check_range("follow", *(number for point in path for number in (point.x_m, point.y_m)))
         self._actions.cancel_all("another path was given")
+        way = Path(path, ARRIVED_M, fastest_m_s=fastest_m_s, is_narrow=is_narrow) if path else None
         if self._hand.holds(self.env.clock.now_ns()):  # the path waits until the hand lets go
-            self._path = Path(path, ARRIVED_M, fastest_m_s=fastest_m_s) if path else None
-        elif path:
-            self._set_out(Path(path, ARRIVED_M, fastest_m_s=fastest_m_s))
+            self._path = way
+        elif way is not None:
+            self._set_out(way)
         else:
             self._stand()
 
     @external
-    def drive_path(self, points: list[Point2D]) -> str:
+    def drive_path(self, points: Annotated[list[Point2D], Meta(max_length=POINTS_MAX)]) -> str:
         """Drive along these points, frame odom, to the last one; the action's id."""
         if not points:
             raise CallError(ErrorCode.BAD_ARGUMENTS, "drive_path: expected at least one point, got none")
-        _check_finite("drive_path", *(number for point in points for number in (point.x_m, point.y_m)))
+        _check_range("drive_path", *(number for point in points for number in (point.x_m, point.y_m)))
         return self._start_path("drive_path", Path(points, ARRIVED_M))
 
     @external
-    def move(self, forward_m_s: float, left_m_s: float, yaw_rad_s: float, lease_s: float = 0.5) -> None:
+    def move(self, forward_m_s: Speed, left_m_s: Speed, yaw_rad_s: Speed, lease_s: Seconds = 0.5) -> None:
         """Drive by hand, body frame, for `lease_s` at the most: who wants to go on says it again in time.
 
         The robot stops before what it sees, as ever. Paths that are given meanwhile wait; actions are cancelled.
         """
         now_ns = self.env.clock.now_ns()
+        was_driven = self._hand.has_driven
         try:
             self._hand.ask(Twist2D(forward_m_s, left_m_s, yaw_rad_s), lease_s, now_ns)
         except ValueError as error:
             raise CallError(ErrorCode.BAD_ARGUMENTS, f"move: {error}") from error
         if self._hand.holds(now_ns):
             self._actions.cancel_all("the robot is driven by hand")
-            self._action = None
-            self._to_turn_rad = 0.0
+            if self._action is not None:  # what it drove ends with it; a path that is only followed waits
+                self._action = self._path = None
             self._motion = Motion.DRIVING
             self.env.hurry()
+        elif not was_driven:  # there is nothing to give back, and what runs goes on
+            self._hand.let_go()
 
     @external
-    def drive(self, distance_m: float) -> str:
+    def drive(self, distance_m: Metres) -> str:
         """Drive straight ahead, or back if negative, without turning; the action's id."""
-        _check_finite("drive", distance_m)
+        _check_range("drive", distance_m)
         pose = self._moc.pose()
         goal = Point2D(pose.x_m + distance_m * math.cos(pose.yaw_rad), pose.y_m + distance_m * math.sin(pose.yaw_rad))
         return self._start_path("drive", Path([goal], PLACED_M, pose.yaw_rad))
 
     @external
-    def go_to(self, x_m: float, y_m: float, yaw_rad: float) -> str:
+    def go_to(self, x_m: Metres, y_m: Metres, yaw_rad: Radians) -> str:
         """Drive straight to a pose, frame odom, turning on the way; the action's id."""
-        _check_finite("go_to", x_m, y_m, yaw_rad)
+        _check_range("go_to", x_m, y_m, yaw_rad)
         return self._start_path("go_to", Path([Point2D(x_m, y_m)], PLACED_M, wrap_angle_rad(yaw_rad), TURNED_RAD))
 
     @external
-    def turn(self, angle_rad: float) -> str:
+    def turn(self, angle_rad: Radians) -> str:
         """Turn on the spot, to the left if positive, also by more than a full turn; the action's id."""
-        _check_finite("turn", angle_rad)
+        _check_range("turn", angle_rad)
         pose = self._moc.pose()
         action = self._actions.start("turn")
         self._stand()
@@ -216,6 +230,14 @@ class Driver(Unit):
     def blocked_why(self) -> str:
         """What keeps the robot from going on; nothing if it is not blocked."""
         return self._why if self._motion is Motion.BLOCKED else ""
+
+    def squeezes(self) -> bool:
+        """Whether the robot is in a narrow place, or before one, by what it saw when it last drove."""
+        return self._squeezes
+
+    def gap_m(self) -> float | None:
+        """The width of what the robot stands before because it is too narrow; None if that is not why it stands."""
+        return self._gap_m if self._motion is Motion.BLOCKED else None
 
     @external
     def pose(self) -> Pose2D:
@@ -269,10 +291,11 @@ class Driver(Unit):
             self.env.hurry()
 
     def _let_go_of_the_hand(self) -> None:
-        path = self._path
+        path, action = self._path, self._action
         self._stand()
         if path is not None:
             self._set_out(path)
+            self._action = action
 
     def _forget(self) -> None:
         self._hand.let_go()
@@ -375,10 +398,45 @@ class Driver(Unit):
         target, way, limits = path.target, self._way, self.parameters
         heading_rad = math.atan2(target.y_m - pose.y_m, target.x_m - pose.x_m)
         free_m = self._lookout.free_m(pose, heading_rad)
+        self._squeezes = path.is_narrow and (
+            free_m < BEGIN_M or is_between(self._lookout, pose, path.along_rad(pose), self._moc.radius_m())
+        )
+        if self._squeezes:
+            return self._squeeze(path, pose, heading_rad, free_m)
+        self._progress.forget()
+        self._gap_m = None
         self._note(IN_THE_WAY if free_m < BLOCKED_M and not path.is_at_goal(pose) else "")
         ahead_m = way.ahead(math.cos(heading_rad), math.sin(heading_rad))
         path_m_s = path.speed_m_s(pose, limits.acceleration_m_s2, ahead_m, DELAY_S)
         self._go_towards(pose, heading_rad, min(limits.speed_m_s, path.fastest_m_s, path_m_s), free_m)
+        self._turn_by(path.to_turn_rad(pose, wrap_angle_rad(heading_rad - pose.yaw_rad)))
+        return self._twist(pose)
+
+    def _squeeze(self, path: Path, pose: Pose2D, heading_rad: float, free_m: float) -> Twist2D:
+        """Through a narrow place, or up to it, with `free_m` ahead for driving as usual."""
+        way, limits = self._way, self.parameters
+        found = squeeze(self._lookout, pose, heading_rad, path.along_rad(pose), self._moc.radius_m())
+        is_stuck = self._progress.is_stuck(pose, self.env.clock.now_ns()) and not path.is_at_goal(pose)
+        self._gap_m = found.gap_m if is_stuck else None
+        self._note("" if not is_stuck else IN_THE_WAY if found.gap_m is None else TOO_NARROW)
+        if way.speed > SLOW_M_S:
+            room_m = self._lookout.passage(pose, math.atan2(way.y, way.x)).free_m
+            if way.stopping(DELAY_S) > room_m + SPARE_M:
+                way.brake(limits.braking_m_s2)
+                return self._twist(pose)
+        ahead_m = way.ahead(math.cos(found.heading_rad), math.sin(found.heading_rad))
+        slow_m_s = found.speed_m_s
+        if not found.is_between:
+            slow_m_s = max(slow_m_s, speed_to_stop(free_m - ahead_m, limits.acceleration_m_s2, DELAY_S))
+        to_stop_m_s = speed_to_stop(found.free_m - ahead_m, limits.acceleration_m_s2, DELAY_S)
+        speed_m_s = min(
+            slow_m_s,
+            max(CREEP_M_S, to_stop_m_s) if found.is_between else to_stop_m_s,
+            path.speed_m_s(pose, limits.acceleration_m_s2, ahead_m, DELAY_S),
+            path.fastest_m_s,
+            limits.speed_m_s,
+        )
+        way.follow(*self._lookout.hold_off(pose, found.velocity_m_s(speed_m_s), KEEP_M, KEEP_PER_S))
         self._turn_by(path.to_turn_rad(pose, wrap_angle_rad(heading_rad - pose.yaw_rad)))
         return self._twist(pose)
 
@@ -425,6 +483,9 @@ class Driver(Unit):
             action.fail(f"{why} for {self.parameters.patience_s:g} s")
 
 
-def _check_finite(function: str, *numbers: float) -> None:
-    if not all(map(math.isfinite, numbers)):
-        raise CallError(ErrorCode.BAD_ARGUMENTS, f"{function}: expected finite numbers, got {numbers}")
+def _check_range(function: str, *numbers: float) -> None:
+    """External calls are checked by their types; those of other plugins are not."""
+    if not all(-METRES_MAX <= number <= METRES_MAX for number in numbers):
+        wrong = [number for number in numbers if not -METRES_MAX <= number <= METRES_MAX]
+        text = f"{function}: expected finite numbers of at most {METRES_MAX:g}, got {wrong[0]}"
+        raise CallError(ErrorCode.BAD_ARGUMENTS, text)

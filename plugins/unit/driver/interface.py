@@ -43,8 +43,11 @@ class DriverInterface(Protocol):
     finished: Event[ActionEnd]
     """An action has ended; its result, if it is done, is T_odom_robot."""
 
-    def follow(self, path: list[Point2D], fastest_m_s: float = math.inf) -> None:
-        """Drive along these points to the last one, no faster than that; takes the place of what was driven before."""
+    def follow(self, path: list[Point2D], fastest_m_s: float = math.inf, *, is_narrow: bool = False) -> None:
+        """Drive along these points to the last one, no faster than that; takes the place of what was driven before.
+
+        On a path that is narrow the robot squeezes, slowly, through what is hardly wider than itself.
+        """
 
     def drive_path(self, points: list[Point2D]) -> str:
         """As `follow`, as an action; its id. Whatever moves the robot next cancels it."""
@@ -79,6 +82,14 @@ class DriverInterface(Protocol):
 
     def blocked_why(self) -> str:
         """What keeps the robot from going on; nothing if it is not blocked."""
+        ...
+
+    def squeezes(self) -> bool:
+        """Whether the robot is in a narrow place, or before one, by what it saw when it last drove."""
+        ...
+
+    def gap_m(self) -> float | None:
+        """The width of what the robot stands before because it is too narrow; None if that is not why it stands."""
         ...
 
     def pose(self) -> Pose2D:

@@ -7,10 +7,12 @@ from robrain.plugins.device.range_sensors.interface import Bump, RangeSensorsInt
 from robrain.plugins.device.scan.interface import ScanInterface
 from robrain.plugins.unit.obstacle_points import ObstaclePoints
 from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
-from robrain.protocol.model.obstacles import contact_distance_m
+from robrain.protocol.model.obstacles import Passage, contact_distance_m, hold_off, passage
 
 BUMPED_RAD = math.radians(80.0)
 """What is touched there is not driven towards within this."""
+SQUEEZED_GAP_M = 0.03
+"""The robot's edge stays this far from what is ahead of it in a narrow place."""
 
 
 class Lookout:
@@ -34,6 +36,7 @@ class Lookout:
         # What the swept disc, a little wider than the robot, would touch.
         self._reach_m = moc.radius_m() + 0.25 * stop_distance_m
         self._gap_m = 0.75 * stop_distance_m
+        self._radius_m = moc.radius_m()
 
     def feel(self, bump: Bump) -> None:
         """Take a change of the bump contacts."""
@@ -48,8 +51,36 @@ class Lookout:
 
     def free_m(self, pose: Pose2D, heading_rad: float) -> float:
         """How far the round robot can go straight in this direction of odom, to its stop distance before something."""
-        for touched_rad in self._touched_rad:
-            if abs(wrap_angle_rad(pose.yaw_rad + touched_rad - heading_rad)) < BUMPED_RAD:
-                return 0.0
+        if self._is_touched(pose, heading_rad):
+            return 0.0
         points_m = self._obstacles.points_m
         return contact_distance_m(points_m, pose.x_m, pose.y_m, heading_rad, self._reach_m) - self._gap_m
+
+    def passage(self, pose: Pose2D, heading_rad: float) -> Passage:
+        """The room for squeezing straight ahead through a narrow place.
+
+        By the lidar; of the range sensors, who know no direction within their cone, only what is straight ahead counts.
+        """
+        found = passage(self._obstacles.scan_m, pose.x_m, pose.y_m, heading_rad, self._radius_m)
+        free_m = min(found.free_m, self._heard_m(pose, heading_rad)) - SQUEEZED_GAP_M
+        return found._replace(free_m=0.0 if self._is_touched(pose, heading_rad) else free_m)
+
+    def hold_off(
+        self, pose: Pose2D, velocity_m_s: tuple[float, float], keep_m: float, per_s: float
+    ) -> tuple[float, float]:
+        """The velocity (x, y), frame odom, without what leads nearer than `keep_m` to what the lidar sees."""
+        x_m_s, y_m_s = velocity_m_s
+        if math.hypot(x_m_s, y_m_s) > 0.0 and self._is_touched(pose, math.atan2(y_m_s, x_m_s)):
+            return 0.0, 0.0
+        return hold_off(self._obstacles.scan_m, pose.x_m, pose.y_m, x_m_s, y_m_s, self._radius_m, keep_m, per_s)
+
+    def _is_touched(self, pose: Pose2D, heading_rad: float) -> bool:
+        return any(
+            abs(wrap_angle_rad(pose.yaw_rad + touched_rad - heading_rad)) < BUMPED_RAD
+            for touched_rad in self._touched_rad
+        )
+
+    def _heard_m(self, pose: Pose2D, heading_rad: float) -> float:
+        reach_m = 0.5 * self._radius_m
+        contact_m = contact_distance_m(self._obstacles.ring_m, pose.x_m, pose.y_m, heading_rad, reach_m)
+        return contact_m - (self._radius_m - reach_m)

@@ -8,6 +8,9 @@ from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
 
 CORNER_M = 0.25
 """A waypoint that is not the last counts as passed within this."""
+NARROW_CORNER_M = 0.15
+"""The same on a path through narrow places."""
+TANGENT_M = 0.2
 LOOK_AHEAD_M = 1.5
 """Corners farther off do not matter yet at any speed of a small robot."""
 
@@ -21,6 +24,7 @@ class Path:
         yaw_rad: where to look on the way; where it goes if None.
         turned_rad: the goal is reached only when it looks there to within this; however it looks if None.
         fastest_m_s: never faster than this.
+        is_narrow: it leads through places that the robot has to squeeze through.
 
     """
 
@@ -31,7 +35,11 @@ class Path:
         yaw_rad: float | None = None,
         turned_rad: float | None = None,
         fastest_m_s: float = math.inf,
+        *,
+        is_narrow: bool = False,
     ) -> None:
+        self.is_narrow = is_narrow
+        self._corner_m = NARROW_CORNER_M if is_narrow else CORNER_M
         self.arrived_m = arrived_m
         self.fastest_m_s = fastest_m_s
         self.yaw_rad = yaw_rad
@@ -50,7 +58,7 @@ class Path:
 
     def pass_points(self, pose: Pose2D) -> None:
         """Leave behind the corners that have been reached."""
-        while len(self._points) > 1 and pose.distance_m(self._points[0]) < CORNER_M:
+        while len(self._points) > 1 and pose.distance_m(self._points[0]) < self._corner_m:
             self._points.pop(0)
 
     def is_at_goal(self, pose: Pose2D) -> bool:
@@ -68,6 +76,20 @@ class Path:
         return pose.distance_m(self._points[0]) + sum(
             math.hypot(b.x_m - a.x_m, b.y_m - a.y_m) for a, b in itertools.pairwise(self._points)
         )
+
+    def along_rad(self, pose: Pose2D) -> float:
+        """Where the next `TANGENT_M` of the path lead, from its target on; towards the target if it is the last."""
+        begin: Point2D | Pose2D = self._points[0] if len(self._points) > 1 else pose
+        left_m = TANGENT_M
+        end = self._points[0]
+        for one, other in itertools.pairwise(self._points):
+            length_m = math.hypot(other.x_m - one.x_m, other.y_m - one.y_m)
+            share = min(1.0, left_m / length_m) if length_m > 0.0 else 1.0
+            end = Point2D(one.x_m + share * (other.x_m - one.x_m), one.y_m + share * (other.y_m - one.y_m))
+            left_m -= length_m
+            if left_m <= 0.0:
+                break
+        return math.atan2(end.y_m - begin.y_m, end.x_m - begin.x_m)
 
     def to_turn_rad(self, pose: Pose2D, bearing_rad: float) -> float:
         """How far to turn to look where it should, with the target at `bearing_rad` of the robot's frame."""
@@ -92,8 +114,8 @@ class Path:
             )
             bend = abs(math.sin(0.5 * angle_rad))
             if bend > 1e-3:
-                through_m_s = math.sqrt(acceleration_m_s2 * CORNER_M / bend)
-                slack_m = max(0.0, left_m - CORNER_M)
+                through_m_s = math.sqrt(acceleration_m_s2 * self._corner_m / bend)
+                slack_m = max(0.0, left_m - self._corner_m)
                 fastest_m_s = min(fastest_m_s, through_m_s + speed_to_stop(slack_m, acceleration_m_s2, delay_s))
             left_m += math.hypot(after.x_m - corner.x_m, after.y_m - corner.y_m)
             before = corner

@@ -19,8 +19,6 @@ def speed_to_stop(distance: float, acceleration: float, delay_s: float) -> float
     """
     if distance <= 0.0:
         return 0.0
-    if math.isinf(distance):
-        return math.inf
     return acceleration * (math.sqrt(delay_s * delay_s + 2.0 * distance / acceleration) - delay_s)
 
 

@@ -7,11 +7,14 @@ from robrain.plugins.unit.teammates.interface import Mate, Teammate, TeammatesIn
 from robrain.plugins.unit.teammates.known_mate import KnownMate, is_near
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.inbox import Inbox, Received
+from robrain.protocol.wire.record_guard import RecordGuard
 from robrain.protocol.wire.topics import ROBOT_PATH, ROBOT_STATE
 
 HEAR_NS = to_ns(0.15)
 """States come ten times a second from each mate; every second one is enough, and decoding them is what costs."""
+MATES_MAX = 4096
+"""Names that are followed at the most."""
 
 
 class Teammates(Unit):
@@ -45,6 +48,7 @@ class Teammates(Unit):
         self._fresh_ns = to_ns(self.parameters.fresh_s)
 
     def activate(self) -> None:
+        self._guard = RecordGuard(self.env.wire.refusals)
         self.env.wire.subscribe(self._inbox, ROBOT_STATE)
         self.env.wire.subscribe(self._inbox, ROBOT_PATH)
 
@@ -73,20 +77,24 @@ class Teammates(Unit):
             return now_ns
         self._next_ns = now_ns + HEAR_NS
         count = len(self._known)
-        for received in self._inbox.drain():
-            message = received.message
-            if message.robot == self.env.robot:
-                continue
-            known = self._known.get(message.robot)
-            if known is None:
-                stalled_ns = to_ns(self.parameters.stalled_s)
-                known = self._known[message.robot] = KnownMate(message.robot, stalled_ns, self.parameters.speed_m_s)
-            if received.topic is ROBOT_STATE:
-                known.hear_state(message, now_ns)
-            else:
-                known.hear_path(message, now_ns)
+        self._guard.messages(self._inbox.drain(), self._take)
         too_old_ns = now_ns - to_ns(self.parameters.remember_s)
         if len(self._known) != count or any(known.spoke_ns < too_old_ns for known in self._known.values()):
             by_name = sorted(self._known.items())
             self._known = {name: known for name, known in by_name if known.spoke_ns >= too_old_ns}
         return now_ns
+
+    def _take(self, received: Received) -> None:
+        message, now_ns = received.message, self.env.clock.now_ns()
+        if message.robot == self.env.robot:
+            return
+        known = self._known.get(message.robot)
+        if known is None:
+            if len(self._known) >= MATES_MAX:
+                return
+            stalled_ns = to_ns(self.parameters.stalled_s)
+            known = self._known[message.robot] = KnownMate(message.robot, stalled_ns, self.parameters.speed_m_s)
+        if received.topic is ROBOT_STATE:
+            known.hear_state(message, now_ns)
+        else:
+            known.hear_path(message, now_ns)

@@ -1,9 +1,10 @@
 import msgspec
+import numpy as np
 from hypothesis import HealthCheck, given, settings
 
 from robrain.coordinator.allocation.auction import AuctionAllocator
 from robrain.coordinator.allocation.explain import Decision, explain
-from robrain.coordinator.allocation.problem import Worker
+from robrain.coordinator.allocation.problem import Problem, Worker
 from robrain.coordinator.allocation.validate import validate
 from tests.coordinator.allocation.instances import team_problem
 from tests.coordinator.allocation.test_allocators import problems
@@ -53,6 +54,20 @@ def test_job_that_nobody_does_says_why_for_each_robot():
     assert decision.robots == ()
     assert decision.why == "r2, which comes nearest: lacks 2 J"
     assert [option.why_not for option in decision.options] == ["lacks 6 J", "lacks 2 J"]
+
+
+def test_job_without_a_way_says_so():
+    ways = np.full((1, 3, 3), 1.0)
+    ways[0, :, 2] = ways[0, 2, :] = np.inf
+    decision = only_decision(Problem(jobs=(job("a", 2),), workers=(worker("r1"),), energy_j=ways, time_s=ways))
+    assert decision.robots == ()
+    assert [option.why_not for option in decision.options] == ["no way there and to a charger"]
+
+
+def test_job_that_ends_just_when_the_plan_must_is_done():
+    for horizon_s, robots in ((4.0, ("r1",)), (3.9, ())):
+        decision = only_decision(line([job("a", 2)], [worker("r1")], horizon_s=horizon_s))
+        assert decision.robots == robots
 
 
 def test_job_that_a_robot_is_at_stays_with_it():

@@ -32,6 +32,20 @@ def faults(problem, *orders):
     return validate(problem, plan)
 
 
+@pytest.mark.parametrize(
+    ("fields", "complaint"),
+    [
+        ({"ends": ()}, "worker r1: expected at least one place to end at"),
+        ({"ready_s": -1.0}, "worker r1: expected a finite ready_s >= 0, got -1.0"),
+        ({"wait_w": float("nan")}, "worker r1: expected a finite wait_w >= 0, got nan"),
+        ({"usable_j": float("inf")}, "worker r1: expected a finite usable_j, got inf"),
+    ],
+)
+def test_a_worker_that_cannot_be_is_refused_in_words(fields, complaint):
+    with pytest.raises(ValueError, match=complaint):
+        Worker(**({"name": "r1", "start": 0, "ends": (0,), "usable_j": 1.0} | fields))
+
+
 def test_plan_with_nothing_wrong_has_no_faults():
     problem = line([job("a", 2), job("b", 1, after=("a",))], [worker("r1"), worker("r2")])
     assert faults(problem, ["a"], ["b"]) == []
@@ -71,6 +85,10 @@ def test_figures_that_are_not_so_are_faults():
         {"unassigned": ()},
     ):
         assert validate(problem, msgspec.structs.replace(plan, **change)), change
+    (route,) = plan.routes
+    for change in ({"left_j": route.left_j + 1.0}, {"end_s": route.end_s + 1.0}):
+        changed = msgspec.structs.replace(plan, routes=(msgspec.structs.replace(route, **change),))
+        assert any("which its route says otherwise" in fault for fault in validate(problem, changed)), change
 
 
 def test_orders_that_wait_for_each_other_make_no_plan():

@@ -40,6 +40,11 @@ def test_what_can_be_done_meanwhile_is_done_meanwhile():
     assert eager(asked, "late", "too", "now")[0] != "late"
 
 
+def test_what_can_be_done_meanwhile_is_also_where_the_other_direction_would_wait_longer():
+    asked = problem(job("late", 2, earliest_s=50.0), job("now", 1), job("last", 3, earliest_s=60.0))
+    assert eager(asked, "late", "now", "last") == ("now", "late", "last")
+
+
 def test_what_it_is_at_stays_first_and_nothing_comes_too_late():
     asked = problem(job("at", 4, pinned_to="r"), job("far", 3), job("near", 1, prize_j=900.0))
     assert eager(asked, "at", "far", "near")[0] == "at"

@@ -7,14 +7,13 @@ from robrain.coordinator.planning.situation import Member
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.messages import RobotState
 from tests.coordinator.planning.situations import open_floor_situation
-
-WAIT_S = 60.0
+from tests.waiting import PATIENCE_S
 
 
 def wait_for(planner, made, until):
     plans = []
     while True:
-        assert made.wait(WAIT_S)
+        assert made.wait(PATIENCE_S)
         made.clear()
         plans += planner.take()
         if until(plans):

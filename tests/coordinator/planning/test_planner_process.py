@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +17,8 @@ from robrain.coordinator.planning.planner_link import Question, QuestionReader, 
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.occupancy_grid import GridGeometry
 from tests.coordinator.planning.situations import open_floor_situation
+from tests.waiting import PATIENCE_S, has_ended, until
 
-WAIT_S = 60.0
 ROOT = Path(__file__).parents[3]
 LONG = PlanningPolicy(deadline_s=600.0)
 SHORT = PlanningPolicy(deadline_s=0.2)
@@ -39,25 +38,9 @@ threading.Event().wait()
 
 
 def next_plan(planner, made):
-    assert made.wait(WAIT_S)
+    assert made.wait(PATIENCE_S)
     made.clear()
     return planner.take()
-
-
-def wait_until(holds):
-    ends_s = time.monotonic() + WAIT_S
-    while not holds():
-        assert time.monotonic() < ends_s
-        threading.Event().wait(0.01)
-
-
-def is_there(pid: int) -> bool:
-    """Whether a process runs; one that has ended and that nobody has waited for does not."""
-    try:
-        state = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0]
-    except (FileNotFoundError, ProcessLookupError):
-        return False
-    return state != "Z"
 
 
 def test_a_process_that_is_killed_amid_a_plan_is_followed_by_another_that_makes_it(planner, made, caplog):
@@ -65,7 +48,7 @@ def test_a_process_that_is_killed_amid_a_plan_is_followed_by_another_that_makes_
     next_plan(planner, made)
     first = planner.pid
     os.kill(first, signal.SIGKILL)
-    wait_until(lambda: planner.pid not in (first, None))
+    until(lambda: planner.pid not in (first, None))
     assert planner.is_busy
     plans = next_plan(planner, made)
     assert plans[-1].problem.plan == 7
@@ -75,7 +58,7 @@ def test_a_process_that_is_killed_amid_a_plan_is_followed_by_another_that_makes_
 def test_a_process_that_is_killed_while_nobody_asks_is_there_again_for_the_next_question(planner, made):
     planner.ask(open_floor_situation(1, 3), SHORT)
     next_plan(planner, made)
-    wait_until(lambda: not planner.is_busy)
+    until(lambda: not planner.is_busy)
     os.kill(planner.pid, signal.SIGKILL)
     planner.ask(open_floor_situation(2, 3), SHORT)
     assert next_plan(planner, made)[-1].problem.plan == 2
@@ -87,14 +70,14 @@ def test_a_process_that_never_answers_is_replaced_and_the_last_question_asked_ag
         planner.prepare()
         planner.ask(open_floor_situation(1, 3), SHORT)
         next_plan(planner, made)
-        wait_until(lambda: not planner.is_busy)
+        until(lambda: not planner.is_busy)
         stopped = planner.pid
         os.kill(stopped, signal.SIGSTOP)
         for number in range(2, 5):
             planner.ask(open_floor_situation(number, 3), SHORT)
         assert next_plan(planner, made)[-1].problem.plan == 4
         assert planner.pid != stopped
-        assert not is_there(stopped)
+        assert has_ended(stopped)
         assert "has said nothing for 2.2 s" in caplog.text
     finally:
         planner.close()
@@ -115,7 +98,7 @@ def test_a_question_that_no_process_survives_is_given_up_and_the_next_is_answere
     poisoned = open_floor_situation(1, 3)
     poisoned.told[Poison("t1")] = ()
     planner.ask(poisoned, SHORT)
-    wait_until(lambda: not planner.is_busy)
+    until(lambda: not planner.is_busy)
     assert "no plan 1 could be made: 3 processes were lost over it" in caplog.text
     assert caplog.text.count("has ended with status 3") == 3
     planner.ask(open_floor_situation(2, 3), SHORT)
@@ -128,7 +111,7 @@ def test_closing_leaves_no_process_whatever_it_is_at(made):
     next_plan(planner, made)
     pid = planner.pid
     planner.close()
-    assert not is_there(pid)
+    assert has_ended(pid)
     with pytest.raises(ProcessLookupError):  # it was waited for
         os.kill(pid, 0)
     assert not [one for one in threading.enumerate() if one.name.startswith("planner")]
@@ -139,10 +122,10 @@ def test_closing_leaves_no_process_whatever_it_is_at(made):
 def test_closing_while_it_starts_leaves_no_process(made):
     planner = LivePlanner(made.set)
     planner.prepare()
-    wait_until(lambda: planner.pid is not None)
+    until(lambda: planner.pid is not None)
     pid = planner.pid
     planner.close()
-    assert not is_there(pid)
+    assert has_ended(pid)
 
 
 @pytest.mark.parametrize("is_stopped", [False, True])
@@ -150,13 +133,13 @@ def test_when_the_coordinator_is_killed_the_process_ends_though_it_be_amid_a_sea
     parent = subprocess.Popen([sys.executable, "-c", PARENT], cwd=ROOT, stdout=subprocess.PIPE, text=True)
     try:
         pid = int(parent.stdout.readline())
-        assert is_there(pid)
+        assert not has_ended(pid)
         if is_stopped:
             os.kill(pid, signal.SIGSTOP)
     finally:
         parent.kill()
         parent.communicate()
-    wait_until(lambda: not is_there(pid))
+    until(lambda: has_ended(pid))
 
 
 def test_an_interrupt_for_the_whole_terminal_is_none_for_the_process(planner, made, capfd):
@@ -164,7 +147,7 @@ def test_an_interrupt_for_the_whole_terminal_is_none_for_the_process(planner, ma
     next_plan(planner, made)
     pid = planner.pid
     os.kill(pid, signal.SIGINT)
-    wait_until(lambda: not planner.is_busy)
+    until(lambda: not planner.is_busy)
     planner.ask(open_floor_situation(2, 3), SHORT)
     assert next_plan(planner, made)[-1].problem.plan == 2
     assert planner.pid == pid
@@ -209,6 +192,6 @@ def test_a_planner_that_cannot_be_started_is_tried_again_and_says_so(planner, ma
     with monkeypatch.context() as patch:
         patch.setattr(sys, "executable", "/nonexistent/python")
         planner.prepare()
-        wait_until(lambda: "cannot be started" in caplog.text)
+        until(lambda: "cannot be started" in caplog.text)
     planner.ask(open_floor_situation(1, 3), SHORT)
     assert next_plan(planner, made)[-1].problem.plan == 1

@@ -56,6 +56,30 @@ def test_there_is_no_way_into_a_wall_or_through_a_gap_that_is_too_narrow():
     assert np.isinf(Ways(floor(), 1.2, 1.5).lengths_m([WEST, EAST], [])[0, 1])
 
 
+def narrow_door(rows: int) -> Floor:
+    """A room of 10 × 6 m with a wall at x = 5 through which a door of so many cells leads at y = 2."""
+    classes = np.full(GEOMETRY.shape, FREE, np.int8)
+    classes[:, 50] = OCCUPIED
+    classes[20 : 20 + rows, 50] = FREE
+    return Floor(classes, GEOMETRY, 1)
+
+
+def test_where_no_other_way_leads_one_that_a_robot_squeezes_through_counts():
+    door = narrow_door(3)
+    assert np.isinf(Ways(door, 0.28, 1.5).lengths_m([WEST, EAST], [NEAR])[0, 1])
+    length_m = Ways(door, 0.28, 1.5, 0.12).lengths_m([WEST, EAST], [NEAR])
+    assert 3.0 < length_m[0, 1] < 6.0
+    assert length_m[0, 2] == Ways(door, 0.28, 1.5).lengths_m([WEST, EAST], [NEAR])[0, 2]
+    assert (length_m == length_m.T).all()
+    assert np.isinf(Ways(narrow_door(1), 0.28, 1.5, 0.12).lengths_m([WEST, EAST], [])[0, 1])
+
+
+def test_a_narrow_way_is_not_taken_for_a_short_cut():
+    wide = floor()
+    wide.classes[20:23, 50] = FREE
+    assert Ways(wide, 0.28, 1.5, 0.12).lengths_m([WEST, EAST], [])[0, 1] > 7.0
+
+
 def test_without_a_map_ways_are_straight_and_half_as_long_again():
     assert Ways(None, 0.3, 1.5).lengths_m([WEST, EAST], [])[0, 1] == DETOUR * 2.0
 

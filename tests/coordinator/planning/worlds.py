@@ -87,6 +87,7 @@ class Worker:
         robot = self.robot
         if self._at != task.id:
             self._at, self._working_s = task.id, 0.0
+            self.at_charger = None  # it may have been called away from one
         place = place_of(task)
         away_m = math.hypot(place.x_m - robot.pose.x_m, place.y_m - robot.pose.y_m)
         go_m = min(away_m, PACE_M_S * dt_s)

@@ -1,0 +1,137 @@
+"""What the author of a plugin reads of an error in it: where it was raised, and the traceback from the plugin on.
+
+The frames of the host above the plugin are left out. Of each file the name and its folder are shown, no more: the text
+goes to callers outside, too.
+"""
+
+import importlib.util
+import logging
+import sysconfig
+import traceback
+from collections.abc import Iterator
+from functools import cache
+from itertools import islice
+from pathlib import Path
+from typing import NamedTuple
+
+MOST_CHARACTERS = 4000
+MOST_FRAMES = 20
+MOST_CAUSES = 10
+
+
+class Raised(NamedTuple):
+    """What a plugin's code raised."""
+
+    where: str = ""
+    """The line, as `lamp/lamp.py:12 in step`."""
+    detail: str = ""
+    """The traceback, from the plugin's first line on."""
+
+    def after(self, why: str) -> str:
+        """The reason in words, and behind it the line."""
+        return f"{why} ({self.where})" if self.where else why
+
+
+def raised(error: BaseException | None) -> Raised:
+    """Where a plugin's code raised an error; empty if it did not."""
+    return Raised(where_raised(error), plugin_traceback(error)) if error is not None else Raised()
+
+
+def log_error(logger: logging.Logger, what: str, error: BaseException) -> str:
+    """Log what failed as an error, with the traceback from the plugin on; that traceback."""
+    detail = plugin_traceback(error)
+    logger.error("%s: %s%s", what, error, f"\n{detail}" if detail else "")
+    return detail
+
+
+def where_raised(error: BaseException) -> str:
+    """The innermost line of the plugin's own folder, as `lamp/lamp.py:12 in step`; empty if none was involved."""
+    for cause in _causes(error):
+        frames = _frames(cause)
+        if source := _not_python(cause):
+            return f"{_short(source)}:{getattr(cause, 'lineno', 0)}"
+        if frames:
+            folder = Path(frames[0].filename).parent
+            last = [frame for frame in frames if Path(frame.filename).parent == folder][-1]
+            return f"{_short(last.filename)}:{last.lineno} in {last.name}"
+    return ""
+
+
+def plugin_traceback(error: BaseException) -> str:
+    """The traceback from the plugin's first line on, at most 4,000 characters; empty if no plugin was involved."""
+    for cause in _causes(error):
+        frames = _frames(cause)
+        source = _not_python(cause)
+        if not frames and not source:
+            continue
+        lines = ["Traceback (most recent call last):\n"] if frames else []
+        if len(frames) > MOST_FRAMES:
+            half = MOST_FRAMES // 2
+            lines += _format(frames[:half])
+            lines.append(f"  … {len(frames) - 2 * half} more …\n")
+            frames = frames[-half:]
+        lines += _format(frames)
+        last = "".join(traceback.format_exception_only(cause))
+        if source:
+            last = last.replace(source, _short(source))
+        text = "".join([*lines, last]).rstrip()
+        return text if len(text) <= MOST_CHARACTERS else f"…{text[1 - MOST_CHARACTERS :]}"
+    return ""
+
+
+def _causes(error: BaseException) -> Iterator[BaseException]:
+    """An error and what it was raised from, outermost first."""
+
+    def walk() -> Iterator[BaseException]:
+        cause: BaseException | None = error
+        while cause is not None:
+            yield cause
+            cause = cause.__cause__ or (None if cause.__suppress_context__ else cause.__context__)
+
+    return islice(walk(), MOST_CAUSES)
+
+
+def _not_python(error: BaseException) -> str:
+    """The plugin's file that is no Python, if that is the error; else empty."""
+    file = error.filename if isinstance(error, SyntaxError) else None
+    return file if file and not _is_of_host(file) else ""
+
+
+def _frames(error: BaseException) -> list[traceback.FrameSummary]:
+    """The frames from the plugin's first one on; none if there is none."""
+    frames = list(traceback.extract_tb(error.__traceback__))
+    for index, frame in enumerate(frames):
+        if not _is_of_host(frame.filename):
+            return frames[index:]
+    return []
+
+
+def _format(frames: list[traceback.FrameSummary]) -> list[str]:
+    lines = []
+    for frame in frames:
+        lines.append(f'  File "{_short(frame.filename)}", line {frame.lineno}, in {frame.name}\n')
+        if frame.line:
+            lines.append(f"    {frame.line}\n")
+    return lines
+
+
+def _short(file: str) -> str:
+    return "/".join(Path(file).parts[-2:])
+
+
+def _is_of_host(file: str) -> bool:
+    """Whether code is the host's or Python's own, not a plugin's."""
+    if file.startswith(("<", *_host_folders())):
+        return True
+    library = f"{sysconfig.get_paths()['stdlib']}/"
+    return file.startswith(library) and not file.startswith((f"{library}site-packages/", f"{library}dist-packages/"))
+
+
+@cache
+def _host_folders() -> tuple[str, ...]:
+    folders = []
+    for package in ("agent", "protocol", "deploy", "coordinator", "sim"):
+        spec = importlib.util.find_spec(f"robrain.{package}")
+        for place in (spec.submodule_search_locations or ()) if spec is not None else ():
+            folders += [f"{place}/", f"{Path(place).resolve()}/"]
+    return tuple(folders)

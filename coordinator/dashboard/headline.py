@@ -1,0 +1,133 @@
+"""The headline's dot: the worst of robots, coordinator, localisation, map and lateness. Values in, words out."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import NamedTuple
+
+from robrain.coordinator.dashboard.robot_view import Condition, Contact
+from robrain.coordinator.dashboard.team_view import TeamView
+from robrain.coordinator.robot_history import position_sigma_m
+
+UNSURE_M, ASTRAY_M = 0.5, 2.0
+"""Standard deviations of a position from which it is uncertain, and from which it is of no use."""
+LATE_S, VERY_LATE_S = 1.0, 3.0
+"""Ages of what is said ten times (coordinator: twice) a second."""
+SUMMARY_S = 0.5
+MAPLESS_S = 10.0
+"""Robots that are up for so long have told a map."""
+REFUSED_S = 10.0
+"""A refused map patch counts for so long."""
+
+
+class Grade(IntEnum):
+    """How bad something is; the greatest counts."""
+
+    GOOD = 0
+    WARN = 1
+    BAD = 2
+
+
+class Finding(NamedTuple):
+    """One thing that is not as it should be."""
+
+    grade: Grade
+    words: str
+
+
+class Headline(NamedTuple):
+    """The dot, and what made it so beside the robots' own conditions."""
+
+    grade: Grade
+    findings: tuple[Finding, ...] = ()
+
+
+@dataclass(frozen=True)
+class Vitals:
+    """What the headline goes by."""
+
+    conditions: Mapping[Condition, int] = field(default_factory=dict)
+    """How many robots are in each."""
+    connected: bool = True
+    halted: bool = False
+    """Whether a halt of all robots holds, acknowledged or not."""
+    coordinator_up: bool | None = None
+    """None where it cannot be known, as in a recording that has nothing of it."""
+    worst_sigma_m: float = math.nan
+    """The greatest position uncertainty of a robot in contact, 1 σ; NaN if none tells."""
+    worst_sigma_robot: str = ""
+    map_missing: bool = False
+    """Robots have been up for a while, and no floor is known."""
+    map_refused: bool = False
+    """Just now a map patch did not fit the map."""
+    late_s: float = 0.0
+    """Age of the oldest of the last states and summaries from those in contact."""
+
+
+ROBOT_GRADES: dict[Condition, Grade] = {
+    Condition.UP: Grade.GOOD,
+    Condition.SILENT: Grade.WARN,
+    Condition.ASTRAY: Grade.BAD,
+    Condition.FAULTED: Grade.BAD,
+    Condition.HALTED: Grade.BAD,
+    Condition.LOST: Grade.BAD,
+}
+
+
+def headline_of(vitals: Vitals) -> Headline:
+    """The worst of all.
+
+    >>> headline_of(Vitals({Condition.UP: 2}, coordinator_up=False)).grade
+    <Grade.BAD: 2>
+    """
+    robots = max((ROBOT_GRADES[one] for one, count in vitals.conditions.items() if count), default=Grade.GOOD)
+    findings = tuple(_findings(vitals))
+    return Headline(max([robots, *(finding.grade for finding in findings)]), findings)
+
+
+def vitals_of(view: TeamView, now_s: float) -> Vitals:
+    """What the headline goes by, of a team as it is known at `now_s`."""
+    robots = [robot for robot in view.robots.values() if robot.contact(now_s) is Contact.UP]
+    conditions = dict.fromkeys(Condition, 0)
+    for robot in view.robots.values():
+        conditions[robot.condition(now_s)] += 1
+    sigmas_m = [(position_sigma_m(robot.state.pose_covariance), robot.name) for robot in robots if robot.state]
+    known_m = [(sigma_m, name) for sigma_m, name in sigmas_m if math.isfinite(sigma_m)]
+    worst_m, worst_robot = max(known_m, default=(math.nan, ""))
+    ages_s = [now_s - robot.heard_s for robot in robots if robot.heard_s is not None]
+    if not view.is_replay and view.coordinator_up and view.team_heard_s is not None:
+        ages_s.append(now_s - view.team_heard_s - SUMMARY_S)
+    first_s = min((robot.first_s for robot in robots if robot.first_s is not None), default=now_s)
+    return Vitals(
+        conditions=conditions,
+        connected=view.connected,
+        halted=view.halted,
+        coordinator_up=view.coordinator_up if view.robots and not view.is_replay else None,
+        worst_sigma_m=worst_m,
+        worst_sigma_robot=worst_robot,
+        map_missing=not view.is_replay and view.known_area_m2 <= 0 and now_s - first_s > MAPLESS_S,
+        map_refused=view.map_refused_s is not None and now_s - view.map_refused_s <= REFUSED_S,
+        late_s=max(ages_s, default=0.0),
+    )
+
+
+def _findings(vitals: Vitals) -> list[Finding]:
+    found: list[Finding] = []
+    if not vitals.connected:
+        found.append(Finding(Grade.BAD, "no connection"))
+    if vitals.halted and not vitals.conditions.get(Condition.HALTED):
+        found.append(Finding(Grade.BAD, "halt not acknowledged"))
+    if vitals.coordinator_up is False:
+        found.append(Finding(Grade.BAD, "coordinator lost"))
+    if vitals.worst_sigma_m >= UNSURE_M:
+        grade = Grade.BAD if vitals.worst_sigma_m >= ASTRAY_M else Grade.WARN
+        found.append(Finding(grade, f"{vitals.worst_sigma_robot}: position ± {vitals.worst_sigma_m:.1f} m"))
+    if vitals.map_refused:
+        found.append(Finding(Grade.WARN, "a map patch does not fit"))
+    if vitals.map_missing:
+        found.append(Finding(Grade.WARN, "no map"))
+    if vitals.late_s > LATE_S:
+        grade = Grade.BAD if vitals.late_s > VERY_LATE_S else Grade.WARN
+        found.append(Finding(grade, f"data {vitals.late_s:.0f} s late"))
+    return found

@@ -1,0 +1,105 @@
+"""`robrain call ROBOT PLUGIN FUNCTION ARGUMENTS`: one call of a robot's plugin, and its result."""
+
+from typing import Any
+
+import msgspec
+
+from robrain.agent.text_form import Call, parse_argument, parse_call, parse_value, print_value
+from robrain.deploy.errors import UsageError
+from robrain.deploy.live_process import client_session, live_endpoint
+from robrain.deploy.team_found import no_robot
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.errors import NobodyThere
+from robrain.protocol.wire.keys import check_name
+from robrain.protocol.wire.messages import HostRequest
+from robrain.protocol.wire.safe_text import safe_json
+from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_HOST
+
+TIMEOUT_S = 10.0
+
+
+def call_command(
+    connect: str | None, team: str, robot: str, plugin: str, function: str, words: list[str], *, as_json: bool
+) -> str:
+    """Call an external function of a robot's plugin.
+
+    Args:
+        connect: endpoint of the team; None is $ROBRAIN_CONNECT, or else this machine's hub.
+        team: its name.
+        robot: name of the robot.
+        plugin: name of the plugin.
+        function: its external name, or the text form's `drive(1.0)` with the arguments in it.
+        words: the arguments, each `VALUE` or `NAME=VALUE` as in the text form; or a single JSON array or object.
+        as_json: return the result as JSON.
+
+    Returns:
+        The result as text, empty if there is none; or as JSON.
+
+    Raises:
+        CallError: the robot refuses, or the plugin fails.
+        NobodyThere: the robot is not there; names those that are.
+        UsageError: the arguments cannot be read.
+
+    """
+    for what, name in (("team", team), ("robot", robot), ("plugin", plugin)):
+        check_name(what, name)
+    given = _json_of(words[0]) if len(words) == 1 and words[0].lstrip()[:1] in ("[", "{") else None
+    text = "" if given is not None else _text_of(plugin, function, words)
+    if text and as_json:
+        call = parse_call(text)
+        function, given = call.function, _plain_values(call)
+    with client_session(connect) as session, live_endpoint(session, team) as wire:
+        try:
+            if given is None:
+                return _by_text(wire, robot, text)
+            return _by_json(wire, robot, plugin, function, given, as_json=as_json)
+        except NobodyThere as error:
+            raise no_robot(wire, robot, "calls") from error
+
+
+def _by_text(wire: Endpoint, robot: str, text: str) -> str:
+    reply = wire.ask(ROBOT_HOST, HostRequest(text=text), timeout_s=TIMEOUT_S, robot=robot, verb="command")
+    return msgspec.json.decode(reply, type=str)
+
+
+def _by_json(wire: Endpoint, robot: str, plugin: str, function: str, given: object, *, as_json: bool) -> str:
+    check_name("function", function)
+    reply = wire.ask(ROBOT_CALL, given, timeout_s=TIMEOUT_S, robot=robot, plugin=plugin, function=function)
+    if as_json:
+        return safe_json(reply)
+    result = msgspec.json.decode(reply)
+    return "" if result is None else print_value(result)
+
+
+def _json_of(word: str) -> object:
+    try:
+        return msgspec.json.decode(word)
+    except (msgspec.DecodeError, RecursionError) as error:
+        raise UsageError(f"arguments {word}: expected a JSON array or object: {error}") from error
+
+
+def _text_of(plugin: str, function: str, words: list[str]) -> str:
+    """The text form of a call; each word of the command line is one argument of it (UsageError if one is more)."""
+    if "(" in function:
+        return " ".join([f"call {plugin} {function}", *words])
+    text = f"call {plugin} {function}({', '.join(words)})"
+    wanted = [word.strip() for word in words]
+    if parse_call(text) != Call(plugin, function, wanted):
+        raise UsageError(f"{text}: expected one argument a word; put text with commas or brackets in double quotes")
+    return text
+
+
+def _plain_values(call: Call) -> list[Any] | dict[str, Any]:
+    """The arguments as JSON knows them, by position or by name: a bare word is text, unless JSON has it."""
+    named: dict[str, Any] = {}
+    unnamed: list[Any] = []
+    for word in call.arguments:
+        name, text = parse_argument(word)
+        value = parse_value(text, Any)
+        if name is None:
+            unnamed.append(value)
+        else:
+            named[name] = value
+    if named and unnamed:
+        raise UsageError("--json: expected either all arguments as NAME=VALUE, or none")
+    return named or unnamed

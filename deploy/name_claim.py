@@ -1,0 +1,213 @@
+"""One process a name: an agent or coordinator that starts claims its name first, and refuses if another process has it.
+
+A process that starts declares a token that it *asks*, then looks who else is there. Zenoh delivers in order, so of two
+that ask at once at least one sees the other. The one that is later in the order of claims withdraws its token and
+looks again; the earlier goes on when no other asks, and says that it *has* the name, until its own token of being alive
+stands. Exactly one remains.
+
+A name whose process has died is free as soon as its connection ends: 2 ms after `kill -9`, and a lease after a cut. So
+a process that does not say that it is there is waited for.
+"""
+
+import os
+import re
+import socket
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager, closing
+from typing import Any, NamedTuple
+
+import msgspec
+import zenoh
+
+from robrain.protocol.wire.clock import NS_PER_S, WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
+from robrain.protocol.wire.errors import NameTaken
+from robrain.protocol.wire.session import LEASE_MS
+from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topics import (
+    COORDINATOR_ALIVE,
+    COORDINATOR_CLAIM,
+    COORDINATOR_WHO,
+    ROBOT_ALIVE,
+    ROBOT_CLAIM,
+    ROBOT_WHO,
+)
+
+ASKS, HAS = "asks", "has"
+PATIENCE_S = 1.5 * LEASE_MS / 1000
+"""Longest wait for a process that is not heard of to have been cut off."""
+ASK_TIMEOUT_S = 0.5
+LOOK_TIMEOUT_S = 5.0
+LOOK_PERIOD_S = 0.02
+_ELSE = re.compile(r"[^A-Za-z0-9_.]")
+"""What stands for a dash in the name of a host within a key."""
+
+
+class ProcessInfo(msgspec.Struct, frozen=True):
+    """Which process has a name."""
+
+    host: str
+    pid: int
+    zid: str
+    """Id of its Zenoh session."""
+
+    def __str__(self) -> str:
+        return f"process {self.pid} on {self.host}, Zenoh id {self.zid[:8]}"
+
+
+class Keys(NamedTuple):
+    """The topics of one name, and what it is called."""
+
+    what: str
+    claim: Topic
+    alive: Topic
+    who: Topic
+    names: dict[str, str]
+
+
+class _Seen(NamedTuple):
+    """Who else is there."""
+
+    asking: list[str]
+    having: list[str]
+    is_alive: bool
+
+
+class NameClaim:
+    """The claim of this process to one name.
+
+    Args:
+        session: the process's own.
+        team: the team's name.
+        keys: what is claimed.
+
+    """
+
+    def __init__(self, session: zenoh.Session, team: str, keys: Keys) -> None:
+        self._session = session
+        self._team = team
+        self._keys = keys
+        self.info = ProcessInfo(socket.gethostname(), os.getpid(), str(session.zid()))
+        began_ms = time.time_ns() // 1_000_000
+        host = _ELSE.sub(".", self.info.host)[:20]
+        self._process = f"{began_ms:012x}-{self.info.zid[:16]}-{self.info.pid}-{host}"
+        """Orders claims: who asked first comes first, then by id."""
+        self._wire = Endpoint(session, team, WallClock(), Drive.LIVE)
+        self._tokens: dict[str, Any] = {}
+
+    def take(self, on_wait: Callable[[str], None], should_stop: Callable[[], bool]) -> bool:
+        """Take the name; False if the process was asked to stop before it could.
+
+        Args:
+            on_wait: told once, in words, if there is a process to wait for.
+            should_stop: asked every 20 ms.
+
+        Raises:
+            NameTaken: another process has it; the text says which.
+
+        """
+        ends_ns = 0
+        self._declare(ASKS)
+        while not should_stop():
+            seen = self._look()
+            is_held = bool(seen.having) or seen.is_alive
+            if not is_held and not seen.asking:
+                if ASKS in self._tokens:
+                    # First of all: who sees the token may ask at once.
+                    self._wire.answer(
+                        self._keys.who, self._tell_who, serve=Serve.AT_ONCE, at_once=(), **self._keys.names
+                    )
+                    self._declare(HAS)
+                    self._withdraw(ASKS)
+                    return True
+                self._declare(ASKS)  # and look again: another may have asked meanwhile
+                continue
+            if is_held or min(seen.asking) < self._process:
+                self._withdraw(ASKS)
+            if is_held:
+                self._refuse_if_it_answers()
+            now_ns = time.monotonic_ns()
+            if not ends_ns:
+                ends_ns = now_ns + round(PATIENCE_S * NS_PER_S)
+                if is_held:
+                    what = self._keys.what
+                    on_wait(f"{what} is there, but does not answer: waiting up to {PATIENCE_S:g} s for it to go")
+            elif now_ns > ends_ns:
+                raise self._taken(_said_by(seen))
+            time.sleep(LOOK_PERIOD_S)
+        return False
+
+    def settle(self) -> None:
+        """The process's own token of being alive stands: that says from now on that the name is taken."""
+        self._withdraw(HAS)
+
+    def close(self) -> None:
+        """Give the name back."""
+        for stage in list(self._tokens):
+            self._withdraw(stage)
+        self._wire.close()
+
+    # -- inside ---------------------------------------------------------------------------------------------
+
+    def _declare(self, stage: str) -> None:
+        if stage not in self._tokens:
+            key = self._keys.claim.key(self._team, **self._keys.names, stage=stage, process=self._process)
+            self._tokens[stage] = self._session.liveliness().declare_token(key)
+
+    def _withdraw(self, stage: str) -> None:
+        token = self._tokens.pop(stage, None)
+        if token is not None:
+            token.undeclare()
+
+    def _look(self) -> _Seen:
+        keys = self._keys
+        processes: dict[str, list[str]] = {ASKS: [], HAS: []}
+        for key in self._tokens_at(keys.claim.selector(self._team, **keys.names)):
+            found = keys.claim.parse(key)
+            if found is not None and found["process"] != self._process and found["stage"] in processes:
+                processes[found["stage"]].append(found["process"])
+        is_alive = bool(self._tokens_at(keys.alive.key(self._team, **keys.names)))
+        return _Seen(processes[ASKS], processes[HAS], is_alive)
+
+    def _tokens_at(self, selector: str) -> list[str]:
+        replies = self._session.liveliness().get(selector, timeout=LOOK_TIMEOUT_S)
+        return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+
+    def _refuse_if_it_answers(self) -> None:
+        key = self._keys.who.key(self._team, **self._keys.names)
+        for reply in self._session.get(key, timeout=ASK_TIMEOUT_S):
+            if reply.ok is not None:
+                try:
+                    raise self._taken(str(msgspec.json.decode(reply.ok.payload.to_bytes(), type=ProcessInfo)))
+                except (msgspec.DecodeError, UnicodeDecodeError):
+                    continue  # not one of ours; its token says that something is there
+
+    def _taken(self, who: str) -> NameTaken:
+        return NameTaken(f"{self._keys.what} is there already: {who}. End that process first, or use another name")
+
+    def _tell_who(self, _request: Request) -> ProcessInfo:
+        return self.info
+
+
+def _said_by(seen: _Seen) -> str:
+    """Who is there, by their tokens: they have not answered."""
+    for process in (*seen.having, *sorted(seen.asking)):
+        began, _, rest = process.partition("-")
+        zid, _, rest = rest.partition("-")
+        pid, _, host = rest.partition("-")
+        if began and zid and pid and host:
+            return f"process {pid} on {host}, Zenoh id {zid[:8]}, which does not answer"
+    return "a process that does not say where it runs"
+
+
+def claim_robot(session: zenoh.Session, team: str, robot: str) -> AbstractContextManager[NameClaim]:
+    """The claim of a robot's name, given back at the end of the block."""
+    what = f"robot {robot} of team {team}"
+    return closing(NameClaim(session, team, Keys(what, ROBOT_CLAIM, ROBOT_ALIVE, ROBOT_WHO, {"robot": robot})))
+
+
+def claim_coordinator(session: zenoh.Session, team: str) -> AbstractContextManager[NameClaim]:
+    """The claim of a team's coordination, given back at the end of the block."""
+    what = f"the coordinator of team {team}"
+    return closing(NameClaim(session, team, Keys(what, COORDINATOR_CLAIM, COORDINATOR_ALIVE, COORDINATOR_WHO, {})))

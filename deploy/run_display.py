@@ -1,0 +1,103 @@
+"""What a person sees of a lockstep run: a progress bar, and its summary."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
+from rich.table import Table
+from rich.text import Text
+
+from robrain.deploy.own_program import own_program
+from robrain.deploy.terminal import both_at_a_terminal, clock_of, console, print_line, results, say
+from robrain.protocol.wire.idle_reasons import NothingUnknown, words
+from robrain.sim.floor_left import GapTooNarrow
+from robrain.sim.result import RunResult
+from robrain.sim.scenario import Progress as RunProgress
+
+
+class _ClockColumn(ProgressColumn):
+    """Simulated time and speed."""
+
+    def render(self, task: Task) -> Text:
+        """One cell of the bar's line."""
+        sim_time_s = task.fields.get("sim_time_s", 0.0)
+        speed = task.fields.get("speed", 0.0)
+        return Text(f"{clock_of(sim_time_s)} simulated  {speed:5.1f} × real time", style="dim")
+
+
+class RunDisplay:
+    """The progress bar of one run."""
+
+    def __init__(self, progress: Progress, until_explored: float) -> None:
+        self._progress = progress
+        self._bar = progress.add_task("explored", total=until_explored, sim_time_s=0.0, speed=0.0)
+        self._last: RunProgress | None = None
+        self._speed = 0.0
+
+    def show(self, now: RunProgress) -> None:
+        """Draw how far the run has come; the speed is that of the last second or so."""
+        if self._last is None:
+            self._last = now
+        elapsed_s = now.wall_time_s - self._last.wall_time_s
+        if elapsed_s > 0.5:
+            self._speed = (now.sim_time_s - self._last.sim_time_s) / elapsed_s
+            self._last = now
+        self._progress.update(self._bar, completed=now.explored_fraction, sim_time_s=now.sim_time_s, speed=self._speed)
+
+
+@contextmanager
+def run_display(until_explored: float, *, quiet: bool = False) -> Iterator[RunDisplay]:
+    """A progress bar for as long as the block lasts; it leaves nothing on a stream that is no terminal."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=30),
+        TextColumn("{task.completed:6.1%}"),
+        _ClockColumn(),
+    )
+    with Progress(
+        *columns, console=console, disable=quiet or not console.is_terminal, redirect_stdout=both_at_a_terminal()
+    ) as progress:
+        yield RunDisplay(progress, until_explored)
+
+
+def show_result(result: RunResult) -> None:
+    """Print the summary of a run."""
+    why = {
+        "explored": "explored as far as asked",
+        "nothing_left": "nothing left that a robot could reach",
+        "time_limit": "time limit",
+        "interrupted": "interrupted",
+    }
+    table = Table(
+        title=escape(f"{result.scenario}, seed {result.seed}"), title_justify="left", box=None, pad_edge=False
+    )
+    for heading in ("robot", "distance", "energy", "collisions"):
+        table.add_column(heading, justify="left" if heading == "robot" else "right")
+    for robot in result.per_robot:
+        table.add_row(escape(robot.name), f"{robot.distance_m:.1f} m", f"{robot.energy_j:.0f} J", str(robot.collisions))
+    table.add_section()
+    table.add_row("team", f"{result.distance_m:.1f} m", f"{result.energy_j:.0f} J", str(result.collisions))
+    console = results()
+    console.print(table)
+    console.print(
+        f"{result.explored_fraction:.1%} explored in {clock_of(result.sim_time_s)} ({why[result.ended]}), "
+        f"{result.real_time_factor:.1f} × real time, {result.messages} messages, "
+        f"{result.mote_readings} readings of {result.motes} motes",
+        soft_wrap=True,
+    )
+    for left in result.floor_left:
+        if result.ended == "nothing_left" or isinstance(left.why, GapTooNarrow):
+            print_line(left.words)
+    if result.ended == "nothing_left":
+        for robot in result.per_robot:
+            if robot.idle is not None and not isinstance(robot.idle, NothingUnknown):
+                print_line(f"{robot.name} is {words(robot.idle)}")
+    tell_recorded(result.recording)
+
+
+def tell_recorded(recording: str | None) -> None:
+    """Where a recording is, and how to play it."""
+    if recording is not None:
+        print_line(f"recorded in {recording}")
+        say(f"replay it: {own_program()} replay {recording}")

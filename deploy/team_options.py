@@ -1,0 +1,12 @@
+"""The options that commands share which talk to a team."""
+
+from typing import Annotated
+
+import typer
+
+ConnectOption = Annotated[
+    str | None,
+    typer.Option(help="Endpoint of the team, tcp/HOST:PORT; default is $ROBRAIN_CONNECT, or else this machine's hub."),
+]
+TeamOption = Annotated[str, typer.Option(help="Name of the team.")]
+RobotArgument = Annotated[str, typer.Argument(help="Name of a robot that runs.")]

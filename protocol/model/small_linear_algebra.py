@@ -1,0 +1,131 @@
+"""Linear algebra of small matrices, with one order of operations on every processor.
+
+BLAS and LAPACK choose their routines by the processor they run on. The routines add in different orders, so the last
+digits of their results differ, and with them the digest of a run (docs/decisions/0011-one-digest-on-all-processors.md).
+The functions here are compiled without `fastmath`: each sum is taken from left to right, nothing is contracted.
+
+Vectors are (n,), matrices (n, m), float64, contiguous by rows. n is small: all work is in plain loops. Shapes are not
+checked. Call these functions from Python alone: numba's cache of a kernel in another file that called them would not
+notice an edit here.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@njit(cache=True, nogil=True)
+def dot(first: Floats, second: Floats) -> float:
+    """Sum of the products of two vectors' entries."""
+    total = 0.0
+    for i in range(first.shape[0]):
+        total += first[i] * second[i]
+    return total
+
+
+@njit(cache=True, nogil=True)
+def times_vector(matrix: Floats, vector: Floats) -> Floats:
+    """(n,): an (n, m) matrix times an (m,) vector."""
+    product = np.empty(matrix.shape[0])
+    for i in range(matrix.shape[0]):
+        total = 0.0
+        for j in range(matrix.shape[1]):
+            total += matrix[i, j] * vector[j]
+        product[i] = total
+    return product
+
+
+@njit(cache=True, nogil=True)
+def covariance_of(rows: Floats, covariance: Floats) -> Floats:
+    """(n, n): the covariance of `rows` · v, where v (m,) has an (m, m) covariance and `rows` are (n, m)."""
+    count, size = rows.shape
+    along = np.empty(size)
+    result = np.empty((count, count))
+    for i in range(count):
+        for k in range(size):
+            total = 0.0
+            for j in range(size):
+                total += rows[i, j] * covariance[j, k]
+            along[k] = total
+        for j in range(count):
+            total = 0.0
+            for k in range(size):
+                total += along[k] * rows[j, k]
+            result[i, j] = total
+    return result
+
+
+@njit(cache=True, nogil=True)
+def quadratic_form(matrix: Floats, vector: Floats) -> float:
+    """The sum of vector[i] · matrix[i, j] · vector[j]; the variance of `vector` · v for a covariance of v."""
+    total = 0.0
+    for i in range(vector.shape[0]):
+        along = 0.0
+        for j in range(vector.shape[0]):
+            along += matrix[i, j] * vector[j]
+        total += vector[i] * along
+    return total
+
+
+@njit(cache=True, nogil=True)
+def inverse_form(matrix: Floats, vector: Floats) -> float:
+    """The quadratic form of the inverse of a symmetric, positive definite matrix: a squared Mahalanobis distance.
+
+    By Cholesky's factor L: the sum of squares of the solution of L · y = vector (Golub and Van Loan, *Matrix
+    Computations*, section 4.2). A matrix that is not positive definite gives infinity.
+    """
+    size = vector.shape[0]
+    lower = np.empty((size, size))
+    solution = np.empty(size)
+    total = 0.0
+    for i in range(size):
+        for j in range(i):
+            rest = matrix[i, j]
+            for k in range(j):
+                rest -= lower[i, k] * lower[j, k]
+            lower[i, j] = rest / lower[j, j]
+        pivot, right = matrix[i, i], vector[i]
+        for k in range(i):
+            pivot -= lower[i, k] * lower[i, k]
+            right -= lower[i, k] * solution[k]
+        if not pivot > 0.0:
+            return math.inf
+        lower[i, i] = math.sqrt(pivot)
+        solution[i] = right / lower[i, i]
+        total += solution[i] * solution[i]
+    return total
+
+
+@njit(cache=True, nogil=True)
+def least_solution(rows: Floats, values: Floats) -> Floats:
+    """(m,): the shortest v with `rows` · v = `values`; (n, m) independent rows with n <= m.
+
+    By modified Gram–Schmidt on the rows (Golub and Van Loan, section 5.2.8). A row that depends on those before it is
+    left out.
+    """
+    count, size = rows.shape
+    basis = rows.copy()
+    rest = values.copy()
+    solution = np.zeros(size)
+    for i in range(count):
+        square, before = 0.0, 0.0
+        for k in range(size):
+            square += basis[i, k] * basis[i, k]
+            before += rows[i, k] * rows[i, k]
+        if not square > 1e-24 * before:
+            continue
+        for k in range(size):
+            solution[k] += rest[i] / square * basis[i, k]
+        for j in range(i + 1, count):
+            share = 0.0
+            for k in range(size):
+                share += basis[j, k] * basis[i, k]
+            share /= square
+            rest[j] -= share * rest[i]
+            for k in range(size):
+                basis[j, k] -= share * basis[i, k]
+    return solution

@@ -1,0 +1,100 @@
+"""Where a team is: at the endpoints that are given, or else at this machine's hub."""
+
+import os
+import socket
+
+import zenoh
+
+from robrain.protocol.wire.errors import NobodyThere
+from robrain.protocol.wire.session import TCP_ENDPOINT, check_endpoint
+from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
+
+CONNECT_VARIABLE = "ROBRAIN_CONNECT"
+"""Endpoints of the team, where no `--connect` is given."""
+HUB_VARIABLE = "ROBRAIN_HUB"
+"""Endpoint of this machine's hub, where it is not to be DEFAULT_HUB: a second user's, or a test's."""
+DEFAULT_HUB = "tcp/127.0.0.1:7447"
+"""Zenoh's own port, on loopback only."""
+TEAMS_TIMEOUT_S = 2.0
+PROBE_TIMEOUT_S = 0.5
+
+
+def hub_endpoint() -> str:
+    """Where `robrain up` listens if it can, and where commands look for a team of this machine.
+
+    Raises:
+        WireError: ROBRAIN_HUB is set and is no endpoint.
+
+    """
+    return check_endpoint(os.environ.get(HUB_VARIABLE) or DEFAULT_HUB)
+
+
+def given_endpoints(connect: str | None) -> list[str]:
+    """What is given as `--connect`, or else in ROBRAIN_CONNECT, with commas between several; empty if neither is.
+
+    Raises:
+        WireError: one of them is no endpoint.
+
+    """
+    text = connect if connect is not None else os.environ.get(CONNECT_VARIABLE, "")
+    return [check_endpoint(part.strip()) for part in text.split(",") if part.strip()]
+
+
+def team_endpoints(connect: str | None = None) -> list[str]:
+    """Where a team is looked for: what is given, or else this machine's hub (WireError as above)."""
+    return given_endpoints(connect) or [hub_endpoint()]
+
+
+def nobody_answers(endpoints: list[str]) -> str:
+    """The sentence about endpoints at which nothing listens.
+
+    >>> nobody_answers(["tcp/10.0.0.5:7447"])
+    'nobody answers at tcp/10.0.0.5:7447: is `robrain up` or a Zenoh router running there?'
+    """
+    where = ", ".join(endpoints)
+    if endpoints == [hub_endpoint()]:
+        return (
+            f"nobody answers at {where}, the hub of this machine: `robrain up` starts a team; for one elsewhere "
+            f"give --connect tcp/HOST:PORT or set {CONNECT_VARIABLE}"
+        )
+    return f"nobody answers at {where}: is `robrain up` or a Zenoh router running there?"
+
+
+def may_answer(endpoint: str) -> bool:
+    """Whether something accepts connections there; always True of what is not plain TCP, which only Zenoh can try."""
+    match = TCP_ENDPOINT.fullmatch(endpoint)
+    if match is None:
+        return True
+    try:
+        with socket.create_connection((match["host"].strip("[]"), int(match["port"])), PROBE_TIMEOUT_S):
+            return True
+    except (OSError, OverflowError):
+        return False
+
+
+def teams_there(session: zenoh.Session) -> list[str]:
+    """Names of the teams of which a robot or the coordinator can be reached, sorted."""
+    found = set()
+    for topic in (ROBOT_ALIVE, COORDINATOR_ALIVE):
+        for reply in session.liveliness().get(topic.of_every_team(), timeout=TEAMS_TIMEOUT_S):
+            names = topic.parse(str(reply.ok.key_expr)) if reply.ok is not None else None
+            if names is not None:
+                found.add(names["team"])
+    return sorted(found)
+
+
+def wrong_team(what: str, session: zenoh.Session) -> NobodyThere:
+    """The error for a team of which nobody is there, with the teams that are.
+
+    Args:
+        what: who is missing, such as `no robot of team blue is there`.
+        session: where was looked.
+
+    """
+    try:
+        teams = teams_there(session)
+    except zenoh.ZError:  # the hub has gone meanwhile: there is no more to say
+        teams = []
+    if teams:
+        return NobodyThere(f"{what}; there {'is team' if len(teams) == 1 else 'are the teams'} {', '.join(teams)}")
+    return NobodyThere(f"{what}; `robrain up` brings a team up")

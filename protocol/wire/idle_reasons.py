@@ -1,0 +1,112 @@
+"""Why a robot has nothing to do: as values, to decide by, and in words, for people."""
+
+import msgspec
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import Count, Length
+
+
+class _Reason(msgspec.Struct, frozen=True, kw_only=True, tag_field="code"):
+    """Base of the reasons; `code` names which it is."""
+
+
+class NothingUnknown(_Reason, frozen=True, kw_only=True, tag="nothing_unknown"):
+    """The known floor has no border that is worth a look."""
+
+
+class NoWay(_Reason, frozen=True, kw_only=True, tag="no_way"):
+    """Borders of the known floor are left, and none can be reached."""
+
+    frontiers: Count
+    needed_m: Length
+    """Width of the narrowest gap that the robot drives through."""
+
+
+class TooNarrow(_Reason, frozen=True, kw_only=True, tag="too_narrow"):
+    """The borders that are left lie behind a gap that a robot has found to be too narrow."""
+
+    frontiers: Count
+    needed_m: Length
+    gap_m: Length
+    """Width of the gap, as measured there."""
+    place: Point2D
+    """Where the robot stood before it, arena frame."""
+
+
+class TriedInVain(_Reason, frozen=True, kw_only=True, tag="tried_in_vain"):
+    """The robot has just tried in vain to get to the borders that are left."""
+
+    frontiers: Count
+
+
+class OthersExplore(_Reason, frozen=True, kw_only=True, tag="others_explore"):
+    """Other robots go to the borders that are left."""
+
+    frontiers: Count
+
+
+class PlanPending(_Reason, frozen=True, kw_only=True, tag="plan_pending"):
+    """Tasks are being planned, of which the robot may get one."""
+
+
+class TaskSoon(_Reason, frozen=True, kw_only=True, tag="task_soon"):
+    """The plan has a task for the robot that begins soon."""
+
+
+class TeamHalted(_Reason, frozen=True, kw_only=True, tag="team_halted"):
+    """The team is halted."""
+
+
+class PlaceUnknown(_Reason, frozen=True, kw_only=True, tag="place_unknown"):
+    """The robot does not say where it is."""
+
+
+IdleReason = (
+    NothingUnknown
+    | NoWay
+    | TooNarrow
+    | TriedInVain
+    | OthersExplore
+    | PlanPending
+    | TaskSoon
+    | TeamHalted
+    | PlaceUnknown
+)
+
+
+def words(reason: IdleReason) -> str:
+    """The reason as a sentence that begins with "idle because".
+
+    >>> words(NoWay(frontiers=3, needed_m=0.44))
+    'idle because no way of at least 0.44 m leads to the 3 borders of the known floor'
+    """
+    return f"idle because {_because(reason)}"
+
+
+def _because(reason: IdleReason) -> str:
+    match reason:
+        case NothingUnknown():
+            return "nothing unknown is left"
+        case NoWay(frontiers=count, needed_m=needed_m):
+            return f"no way of at least {needed_m:.2f} m leads to {_borders(count)}"
+        case TooNarrow(frontiers=count, needed_m=needed_m, gap_m=gap_m, place=place):
+            return (
+                f"the way to {_borders(count)} is {gap_m:.2f} m wide at x {place.x_m:.1f}, y {place.y_m:.1f} "
+                f"and it needs {needed_m:.2f} m"
+            )
+        case TriedInVain(frontiers=count):
+            return f"it has just tried in vain to get to {_borders(count)}"
+        case OthersExplore(frontiers=count):
+            return f"other robots go to {_borders(count)}"
+        case PlanPending():
+            return "tasks are being planned"
+        case TaskSoon():
+            return "a task of its begins soon"
+        case TeamHalted():
+            return "the team is halted"
+        case PlaceUnknown():
+            return "it does not say where it is"
+
+
+def _borders(count: int) -> str:
+    return "the border of the known floor" if count == 1 else f"the {count} borders of the known floor"

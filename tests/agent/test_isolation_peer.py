@@ -1,0 +1,40 @@
+"""One end of a conversation between processes: what it waits for, and for how long."""
+
+import socket
+import threading
+import time
+
+import pytest
+
+from robrain.agent.isolation.errors import PeerLate
+from robrain.agent.isolation.messages import Call, Get
+from robrain.agent.isolation.peer import Peer
+
+STEP_S = 0.05
+LIMIT_S = 0.3
+
+
+def test_an_end_that_asks_back_again_and_again_is_late_all_the_same():
+    """Each of its questions comes in time, and together they take longer than it may."""
+    near_end, far_end = socket.socketpair()
+    asked_back = 0
+
+    def serve_far(_request):
+        while True:
+            time.sleep(STEP_S)
+            far.ask(Get(0, "pose"))
+
+    def serve_near(_request):
+        nonlocal asked_back
+        asked_back += 1
+        return b"1"
+
+    near, far = Peer(near_end, "vision", serve_near), Peer(far_end, "vision", serve_far)
+    thread = threading.Thread(target=far.run, name="far", daemon=True)
+    thread.start()
+    with pytest.raises(PeerLate):
+        near.ask(Call(0, "look", b""), LIMIT_S)
+    assert 0 < asked_back <= LIMIT_S / STEP_S
+    near.close()
+    thread.join()
+    far.close()

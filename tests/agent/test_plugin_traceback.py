@@ -1,0 +1,187 @@
+"""A plugin's error is shown with the author's file, line and traceback, wherever it is told."""
+
+import logging
+
+import pytest
+
+from robrain.agent.plugin_traceback import MOST_CHARACTERS, plugin_traceback, where_raised
+from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages import HostRequest
+from robrain.protocol.wire.topics import ROBOT_HOST, ROBOT_LOG, ROBOT_STATE
+
+LAMP = """
+import helper
+
+class Lamp(Unit):
+    period_s = 0.02
+    broken = False
+    def step(self):
+        if self.broken: helper.divide(0)
+    @external
+    def dim(self, to: int) -> int: return helper.divide(to)
+    @external
+    def refuse(self) -> int: raise PluginError("lamp", "not now")
+"""
+HELPER = "def divide(by):\n    return 1 // by\n"
+
+
+@pytest.fixture
+def lamp(bench, monkeypatch):
+    """A robot with a plugin `lamp` in the folder `lamp`; its path."""
+    bench.place = bench.place / "lamp"
+    bench.place.mkdir()
+    monkeypatch.syspath_prepend(bench.place)
+    monkeypatch.delitem(__import__("sys").modules, "helper", raising=False)
+    (bench.place / "helper.py").write_text(HELPER)
+    bench.code("lamp", LAMP)
+    bench.manifest("lamp", "lamp:Lamp")
+    return bench.place
+
+
+def line_of(path, text: str) -> int:
+    return next(number for number, line in enumerate(path.read_text().splitlines(), 1) if text in line)
+
+
+def traceback_of_step(lamp) -> str:
+    line = line_of(lamp / "lamp.py", "if self.broken")
+    return (
+        "Traceback (most recent call last):\n"
+        f'  File "lamp/lamp.py", line {line}, in step\n'
+        "    if self.broken: helper.divide(0)\n"
+        '  File "lamp/helper.py", line 2, in divide\n'
+        "    return 1 // by\n"
+        "ZeroDivisionError: integer division or modulo by zero"
+    )
+
+
+def untangled(text: str) -> str:
+    """Without the marks under a line that some versions of Python add."""
+    return "\n".join(line for line in text.splitlines() if line.strip(" ~^"))
+
+
+def test_a_fault_is_listed_with_its_line_and_traceback(bench, lamp):
+    bench.start("lamp")
+    bench.plugin("lamp").broken = True
+    bench.tick()
+    info = bench.infos()["lamp"]
+    assert (info.state, info.why) == ("faulted", "ZeroDivisionError: integer division or modulo by zero")
+    assert info.where == "lamp/helper.py:2 in divide"
+    assert untangled(info.detail) == traceback_of_step(lamp)
+
+
+def test_a_fault_is_told_to_the_team_with_its_line_and_in_the_log_with_its_traceback(bench, lamp):
+    states, log = Inbox(every=True), Inbox(every=True)
+    bench.operator.subscribe(states, ROBOT_STATE)
+    bench.operator.subscribe(log, ROBOT_LOG)
+    bench.start("lamp")
+    bench.plugin("lamp").broken = True
+    bench.tick(12)
+    (fault,) = states.drain()[-1].message.faulted
+    said = "ZeroDivisionError: integer division or modulo by zero (lamp/helper.py:2 in divide)"
+    assert (fault.plugin, fault.why) == ("lamp", said)
+    (record,) = [received.message for received in log.drain()]
+    assert record.text.startswith(f"does not run: {said}\nTraceback ")
+    assert untangled(record.text).endswith(traceback_of_step(lamp))
+
+
+def test_a_plugin_that_runs_again_has_no_traceback_any_more(bench, lamp):
+    bench.manifest("lamp", "lamp:Lamp", restart="on-failure")
+    bench.start("lamp")
+    bench.plugin("lamp").broken = True
+    bench.tick(100)
+    info = bench.infos()["lamp"]
+    assert (info.state, info.where, info.detail) == ("active", "", "")
+
+
+def test_a_call_that_raises_answers_with_the_traceback_and_logs_it(bench, lamp, caplog):
+    bench.start("lamp")
+    with pytest.raises(CallError) as raised:
+        bench.call("lamp", "dim", [0])
+    error = raised.value
+    assert (error.code, error.message) == (ErrorCode.FAILED, "ZeroDivisionError: integer division or modulo by zero")
+    assert 'File "lamp/lamp.py", line' in error.detail
+    assert 'File "lamp/helper.py", line 2, in divide' in error.detail
+    assert "agent/" not in error.detail
+    assert error.detail in caplog.text
+    with pytest.raises(CallError) as raised:
+        bench.call("lamp", "refuse")
+    assert (raised.value.message, raised.value.detail) == ("not now", "")  # what a plugin refuses is no mistake in it
+
+
+def test_the_text_form_answers_with_the_traceback_as_well(bench, lamp):
+    bench.start("lamp")
+    request = HostRequest(text="call lamp dim(0)")
+    with pytest.raises(CallError) as raised:
+        bench.operator.ask(ROBOT_HOST, request, robot="r1", verb="command")
+    assert 'File "lamp/helper.py", line 2, in divide' in raised.value.detail
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "where"),
+    [
+        ("import helper", "import helper\nhelper.divide(0)", "lamp/helper.py:2 in divide"),  # while it is imported
+        ("import helper", "import helper, no_such_module", "lamp/lamp.py:8 in <module>"),
+        ("import helper", "def broken(:", "lamp/lamp.py:8"),  # not even Python
+        ("broken = False", "def init(self): helper.divide(0)", "lamp/helper.py:2 in divide"),
+        ("broken = False", "def activate(self): self.env.use('ghost', int)", "lamp/lamp.py:12 in activate"),
+    ],
+)
+def test_a_load_that_fails_answers_with_the_line_and_traceback_and_logs_them(bench, lamp, caplog, old, new, where):
+    bench.code("base", "class Base(Unit): pass")
+    bench.manifest("base", "base:Base")
+    bench.start("base")
+    source = lamp / "lamp.py"
+    source.write_text(source.read_text().replace(old, new))
+    with pytest.raises(CallError) as raised:
+        bench.operator.ask(ROBOT_HOST, HostRequest(plugin="lamp"), robot="r1", verb="load")
+    file, _, line = where.partition(" ")[0].partition(":")
+    assert f'File "{file}", line {line}' in raised.value.detail
+    assert str(lamp.parent) not in raised.value.detail
+    assert raised.value.detail in caplog.text
+
+
+def test_a_plugin_that_is_left_out_at_the_start_is_listed_and_logged_with_its_line(bench, lamp, caplog):
+    source = lamp / "lamp.py"
+    source.write_text(source.read_text().replace("import helper", "import helper\nhelper.divide(0)"))
+    bench.start("lamp")
+    info = bench.infos()["lamp"]
+    assert info.where == "lamp/helper.py:2 in divide"
+    assert info.detail in caplog.text
+    assert [record.levelno for record in caplog.records] == [logging.ERROR]
+
+
+def test_what_fails_in_the_host_itself_has_no_traceback(bench, lamp):
+    bench.manifest("lamp", "lamp:Lamp", requires=["ghost"])
+    bench.start("lamp")
+    info = bench.infos()["lamp"]
+    assert "no plugin ghost" in info.why
+    assert (info.where, info.detail) == ("", "")
+
+
+def fall(depth: int) -> None:
+    if depth:
+        fall(depth - 1)
+    else:
+        raise ValueError("x" * 10_000)
+
+
+def test_a_long_traceback_keeps_its_beginning_and_end_within_a_bound():
+    with pytest.raises(ValueError, match="xxx") as raised:
+        fall(100)
+    detail = plugin_traceback(raised.value)
+    assert len(detail) == MOST_CHARACTERS
+    assert detail.endswith("xxx")
+    with pytest.raises(RecursionError) as deep:
+        fall(10**6)
+    detail = plugin_traceback(deep.value)
+    assert detail.startswith("Traceback (most recent call last):\n")
+    assert " more …\n" in detail
+    assert detail.count("in fall") <= 20
+    assert "RecursionError" in detail
+
+
+def test_errors_that_caused_each_other_in_a_circle_end():
+    first, second = ValueError("a"), ValueError("b")
+    first.__cause__, second.__cause__ = second, first
+    assert (where_raised(first), plugin_traceback(first)) == ("", "")

@@ -1,0 +1,250 @@
+"""The lease of a task, to the nanosecond: what sets it, what renews it, what ends with it."""
+
+import pytest
+
+from robrain.agent.task_desk import RESULT_BYTES_MAX, TaskDesk
+from robrain.protocol.model.task import Recharge, TaskState
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.messages import TaskAnswer, TaskOffer, TaskWithdrawal
+from tests.agent.desk_of_one import GOAL, NO, YES, Explorer, offer
+
+SILENT = "the coordinator is silent, the lease ran out"
+
+
+@pytest.fixture
+def desk():
+    return TaskDesk()
+
+
+@pytest.fixture
+def explorer(desk):
+    return Explorer(desk)
+
+
+def held(task_id="t2", epoch=2, after="t1", lease_s=5.0):
+    return TaskOffer(task=offer(task_id).task, epoch=epoch, lease_s=lease_s, after=after)
+
+
+@pytest.mark.parametrize(("first_s", "second_s"), [(1.0, 9.0), (9.0, 1.0)])
+def test_newer_offer_brings_its_own_lease(desk, explorer, first_s, second_s):
+    desk.offer(offer(lease_s=first_s), 0)
+    desk.offer(offer("t2", epoch=2, lease_s=second_s), 0)
+    desk.check_lease(to_ns(second_s))
+    assert desk.status.state is TaskState.RUNNING
+    desk.check_lease(to_ns(second_s) + 1)
+    assert (desk.status.id, desk.status.state, desk.status.why) == ("t2", TaskState.CANCELLED, SILENT)
+
+
+def test_newer_offer_is_word_of_the_coordinator_and_the_lease_counts_from_it(desk, explorer):
+    desk.offer(offer(lease_s=5.0), 0)
+    desk.offer(offer("t2", epoch=2, lease_s=5.0), to_ns(4))
+    desk.check_lease(to_ns(9))
+    assert desk.status.state is TaskState.RUNNING
+    desk.check_lease(to_ns(9) + 1)
+    assert desk.status.state is TaskState.CANCELLED
+
+
+@pytest.mark.parametrize("refusal", ["refused", "old", "repeated"])
+def test_offer_that_begins_nothing_leaves_the_lease_as_it_was(desk, explorer, refusal):
+    desk.offer(offer(epoch=5, lease_s=5.0), 0)
+    if refusal == "refused":
+        explorer.answer = NO
+        assert not desk.offer(offer("t2", epoch=6, lease_s=50.0), to_ns(4)).accepted
+    elif refusal == "old":
+        assert not desk.offer(offer("t2", epoch=4, lease_s=50.0), to_ns(4)).accepted
+    else:
+        assert desk.offer(offer(epoch=5, lease_s=50.0), to_ns(4)).accepted
+    desk.check_lease(to_ns(5) + 1)
+    assert desk.status.why == SILENT
+
+
+def test_held_task_that_begins_brings_its_own_lease(desk, explorer):
+    desk.offer(offer(lease_s=2.0), 0)
+    desk.offer(held(lease_s=7.0), to_ns(1))
+    desk.end("t1", TaskState.DONE)
+    assert desk.go_on(to_ns(2))
+    desk.check_lease(to_ns(8))
+    assert desk.status.state is TaskState.RUNNING
+    desk.check_lease(to_ns(8) + 1)
+    assert (desk.status.id, desk.status.state) == ("t2", TaskState.CANCELLED)
+
+
+def test_offer_that_is_held_is_word_of_the_coordinator_for_the_task_that_runs(desk, explorer):
+    desk.offer(offer(lease_s=5.0), 0)
+    desk.offer(held(), to_ns(4))
+    desk.check_lease(to_ns(9))
+    assert desk.status.state is TaskState.RUNNING
+
+
+def test_offer_that_cannot_be_held_is_not(desk, explorer):
+    desk.offer(offer(lease_s=5.0), 0)
+    assert not desk.offer(
+        TaskOffer(task=Recharge(id="c1", place=GOAL), epoch=2, lease_s=5.0, after="t1"), to_ns(4)
+    ).accepted  # no behavior charges
+    assert desk.facts.next_task is None
+    desk.check_lease(to_ns(5) + 1)
+    assert desk.status.state is TaskState.CANCELLED
+
+
+def test_held_task_lives_as_long_as_its_own_lease(desk, explorer):
+    desk.offer(offer(lease_s=60.0), 0)
+    desk.offer(held(lease_s=5.0), 0)
+    for second in range(6):
+        desk.check_lease(to_ns(second))
+    assert desk.facts.next_task is not None
+    desk.check_lease(to_ns(5) + 1)
+    assert desk.facts.next_task is None
+    assert desk.status.state is TaskState.RUNNING
+
+
+def test_robot_that_stood_still_for_just_the_lease_keeps_what_it_holds_and_for_longer_forgets_it(desk, explorer):
+    desk.offer(offer(lease_s=60.0), 0)
+    desk.offer(held(lease_s=5.0), 0)
+    for late_ns, is_kept in ((0, True), (1, False)):
+        desk.check_lease(to_ns(10))
+        desk.coordinator_heard_ns = to_ns(10)
+        desk.offer(held("t3", epoch=3 + late_ns), to_ns(10))
+        desk.coordinator_heard_ns = to_ns(15)
+        desk.check_lease(to_ns(15) + late_ns)
+        assert (desk.facts.next_task is not None) == is_kept
+        desk._checked_ns = None
+
+
+def test_task_that_is_recalled_fails_once_and_what_is_held_goes_with_it(desk, explorer):
+    desk.offer(offer(), 0)
+    desk.offer(held(), 0)
+    desk.recall("the battery is empty")
+    desk.check_lease(1)
+    assert (desk.status.state, desk.status.why) == (TaskState.FAILED, "the battery is empty")
+    assert desk.facts.next_task is None
+    assert explorer.let_go_of == ["the battery is empty"]
+    desk.offer(offer("t3", epoch=3), 2)
+    desk.check_lease(3)
+    assert desk.status.state is TaskState.RUNNING
+
+
+def test_recall_that_comes_before_an_offer_is_not_held_against_it(desk, explorer):
+    desk.recall("the battery was empty")
+    desk.offer(offer(), 0)
+    desk.check_lease(1)
+    assert desk.status.state is TaskState.RUNNING
+
+
+@pytest.mark.parametrize(("epoch", "is_taken"), [(4, False), (5, True), (6, True)])
+def test_epoch_as_new_as_the_last_one_is_new_enough(desk, explorer, epoch, is_taken):
+    desk.offer(offer(epoch=5), 0)
+    assert desk.offer(offer("t2", epoch=epoch), 0).accepted is is_taken
+    assert desk.withdraw(TaskWithdrawal(id="t9", epoch=epoch)).accepted is is_taken
+
+
+def test_epoch_of_what_is_held_fences_offers_but_not_the_withdrawal_of_what_runs(desk, explorer):
+    desk.offer(offer(epoch=3), 0)
+    desk.offer(held(epoch=7), 0)
+    assert desk.offer(offer("t3", epoch=6), 0) == TaskAnswer(accepted=False, why="epoch 6 is older than 7", epoch=7)
+    assert not desk.withdraw(TaskWithdrawal(id="t2", epoch=6)).accepted
+    assert desk.withdraw(TaskWithdrawal(id="t1", epoch=3)).accepted
+    assert desk.withdraw(TaskWithdrawal(id="t2", epoch=7)) == YES
+    assert desk.facts.next_task is None
+
+
+def test_same_task_with_a_newer_epoch_is_begun_again(desk, explorer):
+    desk.offer(offer(epoch=1), 0)
+    assert desk.offer(offer(epoch=2), 0).accepted
+    assert explorer.started == ["t1", "t1"]
+    assert desk.status.epoch == 2
+
+
+def test_withdrawal_without_a_reason_is_told_as_one(desk, explorer):
+    desk.offer(offer(), 0)
+    desk.withdraw(TaskWithdrawal(id="t1", epoch=1))
+    assert desk.status.why == "withdrawn"
+    assert explorer.let_go_of == ["withdrawn"]
+
+
+def test_halted_robot_forgets_its_task_what_it_holds_and_what_it_did_of_its_own_accord(desk, explorer):
+    desk.offer(offer(), 0)
+    desk.offer(held(), 0)
+    desk.halted()
+    assert (desk.status.state, desk.status.why) == (TaskState.CANCELLED, "the robot is halted")
+    assert desk.facts.next_task is None
+    assert explorer.let_go_of == []  # the behavior was halted itself
+    assert desk.occupy("wander")
+    desk.halted()
+    assert not desk.occupies("wander")
+
+
+def test_task_that_takes_another_behaviors_place_has_that_one_let_go(desk, explorer):
+    let_go = []
+    desk.register(Recharge, lambda _task: YES, let_go.append)
+    desk.offer(offer(), 0)
+    desk.offer(TaskOffer(task=Recharge(id="c1", place=GOAL), epoch=2, lease_s=5.0), 0)
+    assert (explorer.let_go_of, let_go) == (["c1 has taken its place"], [])
+    assert desk.may_begin("c1")
+    assert not desk.may_begin("t1")
+    desk.offer(offer("t2", epoch=3), 0)
+    assert let_go == ["t2 has taken its place"]
+    desk.offer(offer("t3", epoch=4), 0)  # of the same behavior, which knows by itself
+    assert explorer.let_go_of == ["c1 has taken its place"]
+
+
+def test_task_may_begin_only_after_the_one_before_was_let_go(desk, explorer):
+    seen = []
+    desk.register(Recharge, lambda _task: YES, lambda _why: seen.append(desk.may_begin("t1")))
+    desk.offer(TaskOffer(task=Recharge(id="c1", place=GOAL), epoch=1, lease_s=5.0), 0)
+    desk.offer(offer(epoch=2), 0)
+    assert seen == [False]
+    assert desk.may_begin("t1")
+    desk.end("t1", TaskState.DONE)
+    assert desk.status.state is TaskState.DONE
+    assert not desk.may_begin("t1")
+
+
+def test_behavior_that_is_firm_keeps_others_and_tasks_out_but_for_charging(desk, explorer):
+    desk.register(Recharge, lambda _task: YES, lambda _why: None)
+    assert desk.occupy("idle")
+    assert desk.occupy("recharge", firm="is on its way to charge")
+    assert not desk.occupies("idle")
+    assert not desk.occupy("idle")
+    assert desk.occupy("recharge", firm="is on its way to charge")
+    assert desk.offer(offer(), 0) == TaskAnswer(accepted=False, why="is on its way to charge")
+    desk.vacate("idle")
+    assert desk.occupies("recharge")
+    assert desk.offer(TaskOffer(task=Recharge(id="c1", place=GOAL), epoch=1, lease_s=5.0), 0).accepted
+    assert not desk.occupies("recharge")
+    assert not desk.occupy("idle")
+    desk.end("c1", TaskState.DONE)
+    assert desk.status.state is TaskState.DONE
+    assert not desk.occupies("recharge")
+    assert desk.occupy("idle")
+    desk.vacate("idle")
+    assert not desk.occupies("idle")
+
+
+@pytest.mark.parametrize(("length", "is_taken"), [(RESULT_BYTES_MAX - 8, True), (RESULT_BYTES_MAX - 7, False)])
+def test_result_has_at_most_a_kilobyte(desk, explorer, length, is_taken):
+    desk.offer(offer(), 0)
+    result = {"x": "y" * length}  # 8 bytes more as JSON
+    if is_taken:
+        desk.end("t1", TaskState.DONE, "", result)
+        assert desk.status.result == result
+    else:
+        with pytest.raises(ValueError, match="at most 1024 bytes, got 1025"):
+            desk.end("t1", TaskState.DONE, "", result)
+        assert desk.status.state is TaskState.RUNNING
+
+
+def test_end_that_is_foreseen_is_told_while_its_task_runs_and_not_below_nothing(desk, explorer):
+    desk.offer(offer(), 0)
+    desk.foresee("t0", to_ns(8))
+    assert desk.standing(0).task.left_s is None
+    desk.foresee("t1", to_ns(8))
+    assert desk.standing(to_ns(5.5)).task.left_s == 2.5
+    assert desk.standing(to_ns(5.504)).task.left_s == 2.5  # to a hundredth
+    assert desk.standing(to_ns(9)).task.left_s == 0.0
+    desk.foresee("t1", None)
+    assert desk.standing(0).task.left_s is None
+    desk.foresee("t1", to_ns(8))
+    desk.end("t1", TaskState.DONE)
+    assert desk.standing(0).task.left_s is None
+    desk.offer(offer("t1", epoch=2), 0)  # the same task once more: what was foreseen is not of this one
+    assert desk.standing(0).task.left_s is None

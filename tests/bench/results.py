@@ -1,0 +1,181 @@
+"""docs/figures/bench.json: the figures of each section with when, on what and of which revision they were measured."""
+
+import os
+import platform
+import resource
+import subprocess
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Self
+
+import msgspec
+
+from robrain.deploy.bench_figure import Figure
+
+SCHEMA = 1
+ROOT = Path(__file__).parents[2]
+RESULTS = ROOT / "docs" / "figures" / "bench.json"
+UNKNOWN = "unknown"
+BUSY_SHARE = 0.25
+"""Of the cores."""
+
+
+class ResultsError(Exception):
+    """A file of results, or a list of known misses, that is not as it should be; says where and what."""
+
+
+class Machine(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What was measured on; nothing in it says which computer it was."""
+
+    cpu: str
+    cores: int
+    memory_gb: float
+    system: str
+    python: str
+
+    @classmethod
+    def this(cls) -> Self:
+        """The machine that this runs on."""
+        memory_gb = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
+        return cls(
+            cpu=_cpu_model(),
+            cores=os.cpu_count() or 1,
+            memory_gb=round(memory_gb, 1),
+            system=f"{platform.system()} {platform.machine()}",
+            python=platform.python_version(),
+        )
+
+    def words(self) -> str:
+        """In one line."""
+        return f"{self.cpu}, {self.cores} cores, {self.memory_gb:g} GB, {self.system}, Python {self.python}"
+
+
+class Conditions(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    """When and how a section was measured."""
+
+    date: str
+    """UTC, `2026-01-31T12:00Z`."""
+    took_s: float
+    revision: str
+    """Commit that was checked out; ends in `+` if files differed from it."""
+    machine: Machine
+    load: tuple[float, float]
+    """Mean number of processes that want a core (one minute), before and after."""
+    others: float
+    """Cores that other work of the machine took meanwhile, in the mean."""
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether other work took so much that timings which are too slow prove nothing."""
+        return self.others > BUSY_SHARE * self.machine.cores
+
+
+class SectionResult(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    """One section's figures."""
+
+    measured: Conditions
+    figures: list[Figure]
+
+    def __post_init__(self) -> None:
+        names = [figure.name for figure in self.figures]
+        if twice := {name for name in names if names.count(name) > 1}:
+            raise ValueError(f"expected figures with names of their own, got twice: {', '.join(sorted(twice))}")
+
+
+class Results(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    """All sections that were measured, by name."""
+
+    schema: int = SCHEMA
+    sections: dict[str, SectionResult] = {}
+
+    @classmethod
+    def read(cls, path: Path = RESULTS) -> Self:
+        """The file (ResultsError if it cannot be read or is of another schema); empty where there is none."""
+        try:
+            found = msgspec.json.decode(path.read_bytes(), type=cls)
+        except FileNotFoundError:
+            return cls()
+        except (OSError, msgspec.MsgspecError) as error:
+            raise ResultsError(f"{path.name}: expected results of make bench, got: {error}") from error
+        if found.schema != SCHEMA:
+            raise ResultsError(f"{path.name}: expected schema {SCHEMA}, got {found.schema}: run make bench again")
+        return found
+
+    def write(self, path: Path = RESULTS) -> None:
+        """Write the file whole or not at all."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        beside = path.with_suffix(".part")
+        beside.write_bytes(msgspec.json.format(msgspec.json.encode(self), indent=1) + b"\n")
+        beside.replace(path)
+
+    @property
+    def busy(self) -> set[str]:
+        """Sections that were measured beside other work."""
+        return {name for name, result in self.sections.items() if result.measured.is_busy}
+
+    def with_section(self, name: str, result: SectionResult, order: list[str]) -> Self:
+        """The same with a section measured again; those that are not in `order` any more are left out."""
+        sections = {**self.sections, name: result}
+        return msgspec.structs.replace(self, sections={each: sections[each] for each in order if each in sections})
+
+    def named(self) -> dict[tuple[str, str], Figure]:
+        """All figures by section and name."""
+        return {
+            (section, figure.name): figure for section, result in self.sections.items() for figure in result.figures
+        }
+
+
+class Stopwatch:
+    """Wall time, and the CPU that was spent meanwhile by children of this process that have ended, and by others."""
+
+    def __init__(self) -> None:
+        self._began = self._now()
+
+    def stop(self) -> tuple[float, float]:
+        """Seconds that passed, and cores that others took in the mean."""
+        passed_s, own_s, all_s = (now - began for now, began in zip(self._now(), self._began, strict=True))
+        return passed_s, max(0.0, (all_s - own_s) / passed_s)
+
+    @staticmethod
+    def _now() -> tuple[float, float, float]:
+        used = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return time.monotonic(), used.ru_utime + used.ru_stime, _busy_s()
+
+
+def _busy_s() -> float:
+    """CPU seconds of all cores since the machine's start, of whatever kind but waiting; 0 where there is no /proc."""
+    try:
+        fields = Path("/proc/stat").read_text(encoding="ascii").split("\n", 1)[0].split()[1:9]
+    except OSError:
+        return 0.0
+    user, nice, system, _idle, _waiting, interrupts, soft_interrupts, stolen = map(int, fields)
+    return (user + nice + system + interrupts + soft_interrupts + stolen) / os.sysconf("SC_CLK_TCK")
+
+
+def now_words() -> str:
+    """The date and time as `Conditions.date` has it."""
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%MZ")
+
+
+def revision() -> str:
+    """The commit that is checked out, `+` behind it if files differ; `unknown` without git."""
+    try:
+        commit = _git("rev-parse", "--short=10", "HEAD")
+        return commit + ("+" if _git("status", "--porcelain", "--untracked-files=no", "--", ":!docs") else "")
+    except (OSError, subprocess.CalledProcessError):
+        return UNKNOWN
+
+
+def _git(*words: str) -> str:
+    done = subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True)
+    return done.stdout.strip()
+
+
+def _cpu_model() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or UNKNOWN
+    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(named, platform.processor() or UNKNOWN)

@@ -1,0 +1,125 @@
+"""The sections of `make bench`, in the order in which they run: those first that depend on the code alone."""
+
+from collections.abc import Callable, Iterable
+from importlib import import_module
+from typing import NamedTuple, cast
+
+from robrain.deploy.bench_figure import Figure
+
+
+class Section(NamedTuple):
+    """A group of figures that are measured together, in a process of their own."""
+
+    title: str
+    about: str
+    """How they are measured."""
+    measure: str
+    """`module:function`, which gives figures."""
+
+
+SECTIONS = {
+    "exploration": Section(
+        "Exploration",
+        "Lockstep runs on the map of `examples/maps`; what a robot costs in calls, over 8 simulated seconds.",
+        "tests.bench.exploration:measure",
+    ),
+    "real_maps": Section(
+        "Exploration of real maps",
+        "Lockstep runs on the maps of `../shared/maps`.",
+        "tests.bench.exploration:measure_real_maps",
+    ),
+    "motion": Section(
+        "Motion on CAN",
+        "True errors, by the arena. Squares as in UMBmark (Borenstein and Feng 1996), 8 seeds, both ways round.",
+        "tests.bench.motion:measure",
+    ),
+    "energy": Section(
+        "Battery and energy",
+        "A hundred robots: capacity faded by 0 to 20 %, resistance grown by 0 to 60 %, 10 to 30 °C, payload up to "
+        "4 kg, computers of 4 to 9 W with bursts, every second one found part-charged, cells that differ from the "
+        "nominal ones.",
+        "tests.bench.energy:measure",
+    ),
+    "motes": Section(
+        "Motes",
+        "Lockstep runs in the built-in depot; a visit's bound is a mote that speaks all the time and repeats nothing "
+        "without need, over the same shadows.",
+        "tests.bench.motes:measure",
+    ),
+    "localisation": Section(
+        "Localisation",
+        "20 × 20 m, 8 motes, 4 dB, 5 minutes, 50 seeds. NEES is 2 if the covariance is right. A run is lost in silence "
+        "if the truth lies outside the 99.999 % ellipse for 10 s on end and nothing is said. *Fresh seeds* took no "
+        "part in choosing parameters; *the filter alone* knows the radio's true parameters.",
+        "tests.bench.localisation:measure",
+    ),
+    "behaviors": Section(
+        "Behaviors",
+        "One robot in lockstep. The wheels that slip lose a twentieth of each turn, 2 cm at random with each metre.",
+        "tests.bench.behaviors:measure",
+    ),
+    "planning": Section(
+        "Planning",
+        "Real robots in lockstep in the depot, three sets of 12 tasks at once after it is explored; shares are means "
+        "over the sets.",
+        "tests.bench.planning:measure",
+    ),
+    "charging": Section(
+        "Chargers",
+        "Real robots with batteries of some minutes, in lockstep.",
+        "tests.bench.charging:measure",
+    ),
+    "allocation": Section(
+        "Allocation",
+        "`robrain bench allocation`; seconds of one core. Best known: searches of 60 and 120 s, "
+        "`deploy/bench_allocation_best.json`.",
+        "robrain.deploy.bench_allocation:measure",
+    ),
+    "real_time_factor": Section(
+        "Real-time factor",
+        "Lockstep runs of 20 simulated seconds in the depot with 24 motes, one core, against the bare pymunk loop of "
+        "the same world.",
+        "tests.bench.real_time_factor:measure",
+    ),
+    "robot_cost": Section(
+        "What a robot costs",
+        "CPU for each robot and simulated second: eight robots exploring the depot, all stock plugins, 15 s after a "
+        "start of 3 s. The whole is that of an untouched run; the parts come from an equal run with timers.",
+        "tests.bench.robot_cost:measure",
+    ),
+    "plugin_host": Section("The plugin host", "Live hosts on loopback.", "tests.bench.plugin_host:measure"),
+    "tasks": Section("Tasks", "Wall time of one core.", "tests.bench.tasks:measure"),
+    "live_planning": Section(
+        "Plans beside the live coordinator",
+        "Processes of their own on loopback, against the same work on a thread.",
+        "tests.bench.live_planning:measure",
+    ),
+    "recording": Section("Recordings", "CPU time.", "tests.bench.recording:measure"),
+    "halt": Section(
+        "Emergency halt",
+        "From the put in one process to the stop frame on the CAN bus of a robot in another.",
+        "tests.bench.halt:measure",
+    ),
+    "responses": Section(
+        "Response time",
+        "`robrain bench responses`: from an event to the wheels, a live team of processes on loopback.",
+        "robrain.deploy.bench_responses:measure",
+    ),
+    "agents": Section(
+        "A thousand agents",
+        "`robrain bench agents`: processes that stand in for agents, a real coordinator.",
+        "robrain.deploy.bench_agents:measure",
+    ),
+    "dashboard": Section(
+        "Dashboard",
+        "100 robots and 400 motes; browsers in software rendering share the cores with team and dashboard.",
+        "tests.bench.dashboard:measure",
+    ),
+}
+"""By name."""
+
+
+def function_of(name: str) -> Callable[[], Iterable[Figure]]:
+    """What measures a section, loaded only now."""
+    module, function = SECTIONS[name].measure.split(":")
+    return cast(Callable[[], Iterable[Figure]], getattr(import_module(module), function))

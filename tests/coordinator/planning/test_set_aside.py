@@ -1,0 +1,159 @@
+"""A task that no plan can be made of is set aside with its reason, and the others are planned."""
+
+import msgspec
+import pytest
+
+from robrain.coordinator.journal.journal import Journal
+from robrain.coordinator.planning.drafting import Drafting
+from robrain.coordinator.planning.policy import Method, PlanningPolicy
+from robrain.protocol.model.energy_model import EnergyModel
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.ranges import METRES_MAX, PRIORITY_MAX, STAMP_MAX
+from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.wire.errors import CallError
+from robrain.protocol.wire.messages import BatteryState, RobotState
+from robrain.protocol.wire.task_messages import TaskRecord, TaskRequest, TaskSubmission, TaskWhy
+from robrain.protocol.wire.topics import TASK_SUBMIT, TASK_WHY
+from tests.coordinator.planning.situations import open_floor_situation
+
+HUGE = {"priority": 1e308, "service_s": 1e308}
+
+
+def queued(name, **fields):
+    place = fields.pop("place", Point2D(2.0, 3.0))
+    return TaskRecord(task=Visit(id=name, place=place, **fields), state=TaskState.QUEUED)
+
+
+def with_tasks(*records, tasks=3):
+    situation = open_floor_situation(1, tasks)
+    return msgspec.structs.replace(situation, records=(*situation.records, *records))
+
+
+def plan(situation, method=Method.OPTIMAL):
+    draft = Drafting().draft(situation, PlanningPolicy(method=method))
+    for _ in draft.improve():
+        if draft.thinking.rounds >= 1:
+            break
+    return draft.planned()
+
+
+def planned_tasks(made):
+    return {task for _, tasks in made.problem.routes for task in tasks}
+
+
+@pytest.mark.parametrize("field", HUGE)
+def test_a_task_that_cannot_be_planned_is_set_aside_with_its_reason(field):
+    made = plan(with_tasks(queued("bad", **{field: HUGE[field]})))
+    assert planned_tasks(made) == {"t0", "t1", "t2"}
+    assert made.waiting["bad"].startswith("it cannot be planned: ")
+
+
+def test_what_waits_for_such_a_task_says_so_and_is_not_planned():
+    made = plan(with_tasks(queued("bad", priority=1e308), queued("next", after=("bad",))))
+    assert planned_tasks(made) == {"t0", "t1", "t2"}
+    assert made.waiting["next"] == "bad, which it waits for, is not planned"
+
+
+@pytest.mark.parametrize("method", [Method.GREEDY, Method.AUCTION, Method.OPTIMAL])
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"priority": PRIORITY_MAX},
+        {"priority": 1e-300},
+        {"service_s": 1e6},
+        {"earliest_ns": STAMP_MAX},
+        {"deadline_ns": STAMP_MAX},
+        {"place": Point2D(METRES_MAX, -METRES_MAX)},
+        {"robots": 1000},
+    ],
+    ids=str,
+)
+def test_whatever_a_task_may_say_does_not_keep_others_from_being_planned(method, fields, caplog):
+    made = plan(with_tasks(queued("odd", **fields)), method)
+    assert {"t0", "t1", "t2"} <= planned_tasks(made)
+    assert not caplog.records
+
+
+MODEL = EnergyModel(
+    coefficients=(8.0, 0.5, 7.5, 1.25, 8.0), covariance=(0.0,) * 15, residual_w2_s=4.0, drift_w2_per_s=0.0003,
+    relative_sd=0.03, way_ratio=1.02, pace_m_s=0.5, turn_rate_rad_s=1.2, packet_j=0.0008, usable_j=240000.0,
+    power_w=12.5, usual_power_w=11.0,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"coefficients": (1e6,) * 5},
+        {"coefficients": (-1e6,) * 5},
+        {"covariance": (1e15,) * 15},
+        {"covariance": (-1e15,) * 15},
+        {"residual_w2_s": 1e12, "drift_w2_per_s": 1e12},
+        {"pace_m_s": 1e-3, "turn_rate_rad_s": 1e-3},
+        {"pace_m_s": 1e6},
+        {"way_ratio": 1e3, "relative_sd": 1e3},
+        {"way_ratio": 0.0},
+        {"usable_j": 1e12},
+        {"usable_j": -1e12},
+    ],
+    ids=str,
+)
+def test_whatever_a_robot_says_of_its_energy_there_is_a_plan(fields, caplog):
+    battery = BatteryState(voltage_v=24.0, current_a=1.0, temperature_c=20.0, soc=0.5, remaining_j=1e12)
+    odd = RobotState(
+        robot="r1", pose=Pose2D(3.0, 2.0, 0.0), battery=battery, energy=msgspec.structs.replace(MODEL, **fields)
+    )
+    situation = open_floor_situation(1, 3)
+    members = {**situation.members, "r1": situation.members["r1"]._replace(state=odd)}
+    made = plan(msgspec.structs.replace(situation, members=members))
+    assert planned_tasks(made) | made.left_out.keys() == {"t0", "t1", "t2"}
+    assert not caplog.records
+
+
+# -- admission and journal ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("field", HUGE)
+def test_a_task_out_of_all_measure_is_refused_in_words_when_it_is_asked_for(team, field):
+    team.robot("r1")
+    team.run(0.5)
+    with pytest.raises(CallError, match=rf"at `\$.task.{field}`"):
+        team.ask(TASK_SUBMIT, TaskSubmission(task=Visit(id="bad", place=Point2D(6.0, 4.0), **{field: HUGE[field]})))
+    assert team.states() == {}
+
+
+@pytest.mark.parametrize("field", HUGE)
+def test_a_coordinator_whose_journal_has_such_a_task_ends_it_and_plans_the_others(team, tmp_path, field):
+    path = tmp_path / "team.journal"
+    journal = Journal(path)
+    for name, fields in (("bad", {field: HUGE[field]}), ("good", {})):
+        accepted = journal.accept(queued(name, place=Point2D(6.0, 4.0), **fields), b"{}")
+        team.heard.append(accepted.event)
+    journal.close()
+    robot = team.robot("r1")
+    reopened = Journal(path)
+    team.begin(reopened)
+    team.run(2.0)
+    assert team.states() == {"bad": TaskState.FAILED, "good": TaskState.RUNNING}
+    assert f"$.task.{field}" in team.why("bad")
+    assert robot.task.id == "good"
+    why = team.ask(TASK_WHY, TaskRequest(id="bad"), TaskWhy)
+    assert why.now.startswith("it is failed: it cannot be done as it was asked for")
+    reopened.close()
+
+
+def test_a_plan_that_cannot_be_made_at_all_is_told_as_the_reason(team, monkeypatch):
+    team.robot("r1")
+    team.run(0.5)
+
+    def faulty(*_):
+        raise OverflowError("a defect")
+
+    monkeypatch.setattr(Drafting, "_draft", faulty)
+    team.submit(Visit(id="v", place=Point2D(6.0, 4.0)))
+    team.run(1.0)
+    monkeypatch.setattr(Drafting, "_find_wrong", lambda *_: {})
+    team.submit(Visit(id="w", place=Point2D(6.0, 4.0)))
+    team.run(1.0)
+    why = team.ask(TASK_WHY, TaskRequest(id="v"), TaskWhy)
+    assert why.now == "it is queued: no plan can be made: OverflowError: a defect"

@@ -1,0 +1,114 @@
+"""Browsers come and go while the picture changes: that is nobody else's trouble."""
+
+import asyncio
+import logging
+import math
+import sys
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from robrain.coordinator.dashboard import Dashboard
+from robrain.coordinator.dashboard.server import LocalServer, close_server, open_server
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.session import open_session
+from robrain.protocol.wire.topics import ROBOT_MAP
+from tests.coordinator.fake_browsers import FakeBrowsers
+from tests.coordinator.test_dashboard_team_view import patch, tell, tell_place
+
+BROWSERS, VISITS = 30, 8
+
+
+@pytest.fixture
+def hasty() -> Iterator[None]:
+    """Threads that take turns as often as they can: races that are rare elsewhere happen here."""
+    before_s = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    yield
+    sys.setswitchinterval(before_s)
+
+
+@pytest.fixture
+def server() -> Iterator[LocalServer]:
+    server = open_server("127.0.0.1", 0)
+    yield server
+    close_server(server)
+
+
+@pytest.fixture
+def endpoint() -> Iterator[Endpoint]:
+    session = open_session(mode="router", listen=("tcp/127.0.0.1:0",))
+    endpoint = Endpoint(session, "default", WallClock(), Drive.LIVE)
+    yield endpoint
+    endpoint.close()
+    session.close()  # type: ignore[no-untyped-call]
+
+
+def test_waiting_browser_is_woken_on_the_servers_own_thread_alone(server: LocalServer) -> None:
+    buffer, loop = server._websock_server.get_message_buffer(), server.get_event_loop()
+    loop.set_debug(True)  # it then refuses what another thread does to it, every time and not by chance
+    waits = threading.Event()
+
+    async def wait() -> int:
+        buffer.message_event.clear()
+        waits.set()
+        await buffer.message_event.wait()
+        return threading.get_ident()
+
+    woken = asyncio.run_coroutine_threadsafe(wait(), loop)
+    waits.wait()
+    asyncio.run_coroutine_threadsafe(asyncio.sleep(0), loop).result()
+    server.scene.add_frame("/new", show_axes=False)
+    assert woken.result(60) == server._websock_server._server_thread.ident
+
+
+@pytest.mark.usefixtures("hasty")
+def test_no_layer_is_hidden_while_hundreds_of_browsers_come_and_go(
+    endpoint: Endpoint, caplog: pytest.LogCaptureFixture
+) -> None:
+    dashboard = Dashboard(endpoint, port=0)
+    failed: list[str] = []
+    try:
+        with FakeBrowsers(dashboard._server.get_port(), BROWSERS, VISITS) as browsers:
+            step = 0
+            while browsers.there:
+                step += 1
+                for robot in range(12):
+                    tell_place(dashboard.view, f"r{robot}", math.sin(0.1 * step + robot), time.monotonic())
+                dashboard.step()
+                failed += [layer.label for layer in dashboard._scene.layers if layer.failing]
+        assert browsers.errors == []
+        assert browsers.gone == BROWSERS * VISITS
+    finally:
+        dashboard.close()
+    assert failed == []
+    assert [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING] == []
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        {"image_height": 0},
+        {"image_width": 0, "image_height": -1},
+        {"position": (math.nan, 0.0, 1.0)},
+        {"position": (1.0, 1.0, 1.0), "look_at": (1.0, 1.0, 1.0), "up_direction": (0.0, 0.0, 0.0)},
+        {"look_at": (math.inf, 0.0, 0.0)},
+    ],
+)
+def test_browser_with_an_impossible_camera_ends_nothing_but_its_own_page(
+    endpoint: Endpoint, camera: dict[str, object]
+) -> None:
+    dashboard = Dashboard(endpoint, port=0)
+    try:
+        with FakeBrowsers(dashboard._server.get_port(), 1, 1, 9, **camera) as browsers:
+            while browsers.there:
+                tell_place(dashboard.view, "r1", 0.0, time.monotonic())
+                tell(dashboard.view, ROBOT_MAP, patch([[0, 100]]), robot="r1")
+                dashboard.step()
+        assert browsers.errors == []
+        assert not [layer.label for layer in dashboard._scene.layers if layer.failing]
+    finally:
+        dashboard.close()

@@ -1,0 +1,115 @@
+"""The headline's dot is the worst of robots, coordinator, localisation, map and lateness."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from robrain.coordinator.dashboard.headline import (
+    ASTRAY_M,
+    LATE_S,
+    MAPLESS_S,
+    REFUSED_S,
+    UNSURE_M,
+    VERY_LATE_S,
+    Grade,
+    Vitals,
+    headline_of,
+    vitals_of,
+)
+from robrain.coordinator.dashboard.panel_html import strip_html
+from robrain.coordinator.dashboard.robot_view import Condition
+from robrain.coordinator.dashboard.team_view import TeamView
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.wire.messages import RobotState, TeamState
+from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_MAP, ROBOT_STATE
+from tests.coordinator.test_dashboard_team_view import patch, tell, tell_place, token
+
+WELL = Vitals({Condition.UP: 3}, coordinator_up=True, worst_sigma_m=0.1, worst_sigma_robot="r1", late_s=0.1)
+
+
+def with_robots(condition: Condition) -> Vitals:
+    return replace(WELL, conditions={Condition.UP: 2, condition: 1})
+
+
+@pytest.mark.parametrize(
+    ("vitals", "grade", "words"),
+    [
+        (WELL, Grade.GOOD, ()),
+        (Vitals(), Grade.GOOD, ()),
+        (with_robots(Condition.SILENT), Grade.WARN, ()),
+        (with_robots(Condition.LOST), Grade.BAD, ()),
+        (with_robots(Condition.FAULTED), Grade.BAD, ()),
+        (with_robots(Condition.ASTRAY), Grade.BAD, ()),
+        (with_robots(Condition.HALTED), Grade.BAD, ()),
+        (replace(WELL, connected=False), Grade.BAD, ("no connection",)),
+        (replace(WELL, halted=True), Grade.BAD, ("halt not acknowledged",)),
+        (replace(with_robots(Condition.HALTED), halted=True), Grade.BAD, ()),
+        (replace(WELL, coordinator_up=False), Grade.BAD, ("coordinator lost",)),
+        (replace(WELL, coordinator_up=None), Grade.GOOD, ()),
+        (replace(WELL, worst_sigma_m=UNSURE_M), Grade.WARN, ("r1: position ± 0.5 m",)),
+        (replace(WELL, worst_sigma_m=ASTRAY_M), Grade.BAD, ("r1: position ± 2.0 m",)),
+        (replace(WELL, worst_sigma_m=math.nan), Grade.GOOD, ()),
+        (replace(WELL, map_missing=True), Grade.WARN, ("no map",)),
+        (replace(WELL, map_refused=True), Grade.WARN, ("a map patch does not fit",)),
+        (replace(WELL, late_s=LATE_S), Grade.GOOD, ()),
+        (replace(WELL, late_s=1.6), Grade.WARN, ("data 2 s late",)),
+        (replace(WELL, late_s=VERY_LATE_S + 2), Grade.BAD, ("data 5 s late",)),
+        (replace(WELL, late_s=1.6, coordinator_up=False), Grade.BAD, ("coordinator lost", "data 2 s late")),
+        (replace(with_robots(Condition.LOST), map_missing=True), Grade.BAD, ("no map",)),
+    ],
+)
+def test_worst_of_all_counts(vitals: Vitals, grade: Grade, words: tuple[str, ...]) -> None:
+    headline = headline_of(vitals)
+    assert headline.grade is grade
+    assert tuple(finding.words for finding in headline.findings) == words
+
+
+def test_what_is_heard_of_a_team_becomes_its_vitals() -> None:
+    view = TeamView()
+    assert headline_of(vitals_of(view, 0.0)).grade is Grade.GOOD
+    view.apply_presence(token("r1", True))
+    view.coordinator_up = True
+    tell_place(view, "r1", 0.0, 1.0)
+    tell(view, ROBOT_MAP, patch([[0, 100]]), 1.0, robot="r1")
+    tell(view, COORDINATOR_STATE, TeamState(robots=[]), 1.0)
+    assert headline_of(vitals_of(view, 1.2)).grade is Grade.GOOD
+    assert vitals_of(view, 3.0).late_s == 2.0
+    view.coordinator_up = False
+    assert [finding.words for finding in headline_of(vitals_of(view, 1.2)).findings] == ["coordinator lost"]
+    assert 'class="rb-bad">▲</i>' in strip_html(view, 1.2)
+    view.is_replay = True
+    assert vitals_of(view, 1.2).coordinator_up is None
+
+
+def test_summary_that_stops_is_late_though_the_coordinators_token_stands() -> None:
+    view = TeamView()
+    view.coordinator_up = True
+    tell(view, COORDINATOR_STATE, TeamState(robots=[]), 0.0)
+    assert vitals_of(view, 0.5).late_s == 0.0
+    assert vitals_of(view, 10.0).late_s == 9.5
+
+
+def test_map_counts_as_missing_after_a_while_and_a_patch_that_does_not_fit_for_a_while() -> None:
+    view = TeamView()
+    for at_s in (0.0, MAPLESS_S + 1):
+        assert not vitals_of(view, at_s).map_missing
+        tell_place(view, "r1", 0.0, at_s)
+    assert vitals_of(view, MAPLESS_S + 1).map_missing
+    tell(view, ROBOT_MAP, patch([[0, 100]]), MAPLESS_S + 1, robot="r1")
+    assert not vitals_of(view, MAPLESS_S + 1).map_missing
+    tell(view, ROBOT_MAP, patch([[0] * 99]), 20.0, robot="r1")
+    assert vitals_of(view, 20.0).map_refused
+    assert not vitals_of(view, 20.1 + REFUSED_S).map_refused
+
+
+def test_most_uncertain_robot_is_named() -> None:
+    view = TeamView()
+    for name, sigma_m in (("r1", 0.1), ("r2", 0.8)):
+        covariance = (sigma_m**2, 0.0, 0.0, 0.0, sigma_m**2, 0.0, 0.0, 0.0, 0.01)
+        state = RobotState(robot=name, pose=Pose2D(0.0, 0.0, 0.0), pose_covariance=covariance)
+        tell(view, ROBOT_STATE, state, robot=name)
+    vitals = vitals_of(view, 0.0)
+    assert vitals.worst_sigma_robot == "r2"
+    assert vitals.worst_sigma_m >= 0.8
+    assert "r2: position ± " in strip_html(view, 0.0)

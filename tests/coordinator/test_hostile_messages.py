@@ -1,0 +1,218 @@
+"""Messages that no robot sends: the coordinator refuses them, counts them, and goes on."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from robrain.coordinator.roster import ROBOTS_UNSEEN_MAX
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.occupancy_grid import OCCUPIED, GridGeometry, PatchCells
+from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.wire.map_patch import to_message
+from robrain.protocol.wire.messages import RobotState, TaskAnswer, TaskOffer
+from robrain.protocol.wire.topics import ROBOT_MAP, ROBOT_STATE
+
+GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 120, 80)
+DAY_MS = 24 * 3600 * 1000
+
+
+def state(**fields) -> bytes:
+    return msgspec.json.encode({"robot": "r1", **fields})
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        state(pose={"x_m": 1e308, "y_m": 0.0, "yaw_rad": 0.0}),
+        state(task={"id": "t", "epoch": 10**25, "state": "done"}),
+        state(task={"id": "t", "epoch": -1, "state": "done"}),
+        state(pose_covariance=[1.0]),
+        state(radius_m=1e9),
+        state(velocity={"forward_m_s": -1e308}),
+        state(lost="x" * 10_000),
+    ],
+)
+def test_a_state_out_of_all_measure_is_refused_and_the_team_goes_on(team, said):
+    robot = team.robot("r1")
+    team.hall()
+    team.run(0.5)
+    team.endpoint().publisher(ROBOT_STATE, robot="r1").put_bytes(said)
+    team.run(1.0)
+    assert robot.task is not None
+    assert [(one.topic, one.code, one.count) for one in team.summary.refused] == [("robot_state", "malformed", 1)]
+
+
+def test_a_state_under_anothers_key_is_not_taken_for_the_robots(team):
+    robot = team.robot("r1", 4.0)
+    team.run(0.5)
+    team.endpoint().publisher(ROBOT_STATE, robot="nobody").put(RobotState(robot="r1", halted=True))
+    team.run(0.04)
+    assert team.coordinator.roster.robots["r1"].state.pose == robot.pose
+    assert not team.coordinator.roster.robots["r1"].state.halted
+    team.run(0.5)
+    assert [one.code for one in team.summary.refused] == ["wrong_name"]
+
+
+def test_one_state_that_cannot_be_handled_is_set_aside_and_the_others_count(team, monkeypatch):
+    for name in ("r1", "r2", "r3"):
+        team.robot(name)
+    note = team.coordinator.roster.note_state
+
+    def faulty(said, now_ns):
+        if said.robot == "r2":
+            raise ZeroDivisionError("a defect")
+        note(said, now_ns)
+
+    monkeypatch.setattr(team.coordinator.roster, "note_state", faulty)
+    team.run(1.0)
+    summary = team.summary
+    assert [robot.up for robot in summary.robots] == [True, False, True]
+    (found,) = summary.refused
+    assert (found.code, found.why) == ("failed", "ZeroDivisionError: a defect")
+    assert found.key.endswith("robot/r2/state")
+
+
+def test_one_task_that_cannot_be_handled_is_set_aside_and_the_others_go_on(team, monkeypatch):
+    team.robot("r1").accepts = False
+    team.run(0.5)
+    lifecycle = team.coordinator.lifecycle
+    why_over = lifecycle._why_over
+
+    def faulty(record, now_ns, **others):
+        if record.task.id == "bad":
+            raise KeyError("a defect")
+        return why_over(record, now_ns, **others)
+
+    monkeypatch.setattr(lifecycle, "_why_over", faulty)
+    for name in ("bad", "late"):
+        team.submit(Visit(id=name, place=Point2D(6.0, 4.0)), deadline_in_s=1.0)
+    team.run(2.0)
+    assert team.states() == {"bad": TaskState.QUEUED, "late": TaskState.FAILED}
+    assert ("task", "bad", "failed") in [(one.topic, one.key, one.code) for one in team.summary.refused]
+
+
+# -- invented robots ------------------------------------------------------------------------------------------
+
+
+def test_invented_robots_are_few_forgotten_and_counted(team):
+    team.robot("r1")
+    team.run(0.5)
+    forger = team.endpoint()
+    for number in range(400):
+        name = f"ghost{number:03}"
+        forger.publisher(ROBOT_STATE, robot=name).put(RobotState(robot=name))
+    team.run(0.6)
+    summary = team.summary
+    assert len(summary.robots) == 1 + ROBOTS_UNSEEN_MAX < 50
+    assert {one.code for one in summary.refused} == {"unknown_sender"}
+    assert team.coordinator._wire.refusals.total == 400 - ROBOTS_UNSEEN_MAX
+    team.run(15.0)
+    assert [robot.name for robot in team.summary.robots] == ["r1"]
+
+
+def test_a_robot_whose_token_comes_after_its_state_is_one_of_the_team(team):
+    forger = team.endpoint()
+    for number in range(400):
+        name = f"ghost{number:03}"
+        forger.publisher(ROBOT_STATE, robot=name).put(RobotState(robot=name))
+    team.run(0.1)
+    team.robot("r1")
+    team.run(0.6)
+    assert [robot.name for robot in team.summary.robots if robot.up] == ["r1"]
+
+
+# -- invented maps --------------------------------------------------------------------------------------------
+
+
+def forged(robot, observed_ms, kind=OCCUPIED):
+    cells = np.full((GEOMETRY.height, GEOMETRY.width), kind, np.int8)
+    return to_message(robot, GEOMETRY, PatchCells(0, 0, cells, observed_ms))
+
+
+def test_a_patch_from_the_future_changes_nothing(team):
+    team.robot("r1")
+    team.hall()
+    team.run(1.0)
+    known_m2 = team.summary.known_area_m2
+    team.endpoint().publisher(ROBOT_MAP, robot="r1").put(forged("r1", 2**31 - 1))
+    team.run(4.0)
+    summary = team.summary
+    assert summary.known_area_m2 == known_m2
+    assert not summary.all_explored
+    (found,) = summary.refused
+    assert (found.topic, found.code) == ("robot_map", "not_plausible")
+    assert "from the future" in found.why
+
+
+def test_more_walls_than_a_robot_can_have_seen_in_one_patch_are_refused(team):
+    team.robot("r1")
+    team.hall()
+    team.run(1.0)
+    known_m2 = team.summary.known_area_m2
+    team.endpoint().publisher(ROBOT_MAP, robot="r1").put(forged("r1", 900))
+    team.run(0.6)
+    summary = team.summary
+    assert summary.known_area_m2 == known_m2
+    assert "occupied" in summary.refused[0].why
+
+
+def test_the_map_of_a_robot_that_is_not_there_is_not_taken(team):
+    team.robot("r1")
+    team.hall()
+    team.run(1.0)
+    known_m2 = team.summary.known_area_m2
+    cells = PatchCells(0, 0, np.zeros((20, 20), np.int8), 900)
+    team.endpoint().publisher(ROBOT_MAP, robot="ghost").put(to_message("ghost", GEOMETRY, cells))
+    team.run(0.6)
+    summary = team.summary
+    assert summary.known_area_m2 == known_m2
+    assert [(one.topic, one.code) for one in summary.refused] == [("robot_map", "unknown_sender")]
+
+
+# -- forged epochs --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ahead_ms", [5_000, DAY_MS])
+def test_an_epoch_from_the_future_is_outbid_at_once_and_told(team, ahead_ms, monkeypatch):
+    robot = team.robot("r1")
+    refuse_offers_below(team, robot, ahead_ms, monkeypatch)
+    team.hall()
+    team.run(2.0)
+    assert robot.task is not None
+    assert robot.task.epoch > ahead_ms
+    (found,) = team.summary.refused
+    assert (found.topic, found.key, found.code) == ("robot_offer", "r1", "old_epoch")
+
+
+def refuse_offers_below(team, robot, newest, monkeypatch):
+    offered = robot._offered
+
+    def answer(request):
+        offer = msgspec.json.decode(request.payload, type=TaskOffer)
+        if offer.epoch < newest:
+            return TaskAnswer(accepted=False, why="older", epoch=newest)
+        return offered(request)
+
+    robot.leave()
+    monkeypatch.setattr(robot, "_offered", answer)
+    robot.come()
+
+
+def test_an_epoch_of_a_coordinator_that_came_later_is_not_outbid_but_told(team, monkeypatch):
+    robot = team.robot("r1")
+    refuse_offers_below(team, robot, 50, monkeypatch)
+    team.hall()
+    team.run(0.2)
+    monkeypatch.setattr(robot, "_offered", robot._offered)
+    team.run(2.0)
+    assert robot.task is None
+    assert [one.code for one in team.summary.refused] == ["old_epoch"]
+
+
+def test_an_epoch_that_no_robot_accepts_does_not_drive_the_coordinator_out_of_range(team, monkeypatch):
+    robot = team.robot("r1")
+    refuse_offers_below(team, robot, 2**53 - 1, monkeypatch)
+    team.hall()
+    team.run(2.0)
+    assert team.coordinator.tasks.journal.new_epoch() < DAY_MS
+    assert [one.code for one in team.summary.refused] == ["old_epoch"]

@@ -1,0 +1,119 @@
+"""The link comes back: a robot's token and states are heard before it can be asked anything."""
+
+import pytest
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_STATE
+
+SPARSE = 2
+"""Frontier tasks that a robot may be offered in a second in which it cannot be asked."""
+
+
+class Late:
+    """A reply that is there at the coordinator's next step, as in live."""
+
+    def __init__(self, reply):
+        self._reply = reply
+        self._looks = 0
+
+    def take(self):
+        self._looks += 1
+        return None if self._looks == 1 else self._reply.take()
+
+
+@pytest.fixture
+def live_team(team, monkeypatch):
+    """A team in which answers to offers take as long as in live."""
+    wire = team._coordinator_wire
+    ask_later = wire.ask_later
+    monkeypatch.setattr(wire, "ask_later", lambda *args, **names: Late(ask_later(*args, **names)))
+    return team
+
+
+def come_half(team, robot):
+    """The robot's token and states are there again, and none of its queryables."""
+    half = Endpoint(team.session, "default", team.clock, Drive.LOCKSTEP)
+    half.token(ROBOT_ALIVE, robot=robot.name)
+    robot._states = half.publisher(ROBOT_STATE, robot=robot.name)
+    robot.speaks = True
+    return half
+
+
+def made(team):
+    return {event.task.id for event in team.heard if event.task.id.startswith("explore-")}
+
+
+def cut(team, robot):
+    robot.speaks = False
+    robot.leave()
+    team.run(3.0)
+    robot.task = None
+
+
+def test_a_robot_that_cannot_be_asked_yet_is_not_made_one_task_after_another(live_team):
+    team = live_team
+    robot = team.robot("r1")
+    team.hall()
+    team.run(1.0)
+    cut(team, robot)
+    before = made(team)
+    half = come_half(team, robot)
+    team.run(0.8)
+    assert 0 < len(made(team) - before) <= SPARSE
+    assert not team.summary.all_explored
+    half.close()
+    robot.come()
+    team.run(1.0)
+    assert robot.task is not None
+    assert not robot.task.state.ended
+    assert robot.task.id not in before
+
+
+def test_a_frontier_is_not_held_against_a_robot_that_could_not_be_asked(live_team):
+    team = live_team
+    robot = team.robot("r1", 4.0)
+    team.corridor()
+    team.run(1.0)
+    nearest = robot.goal
+    cut(team, robot)
+    half = come_half(team, robot)
+    team.run(0.8)
+    half.close()
+    robot.come()
+    team.run(1.0)
+    assert robot.goal == nearest
+
+
+def test_a_robot_that_refuses_frontier_after_frontier_is_asked_ever_less_often(live_team):
+    team = live_team
+    robot = team.robot("r1")
+    robot.accepts = False
+    for x_m in (1.0, 2.5, 4.0, 5.5, 7.0, 8.5, 10.0):
+        for y_m in (1.0, 3.0, 5.0, 7.0):
+            team.draw(x_m, y_m, x_m + 0.7, y_m + 0.7)
+    for y_m in (1.0, 3.0, 5.0, 7.0):
+        team.draw(1.0, y_m + 0.2, 10.7, y_m + 0.7)
+    team.draw(5.5, 1.0, 6.2, 7.7)
+    team.run(0.8)
+    assert 0 < len(robot.offers) <= 6
+    robot.accepts = True
+    team.run(4.0)
+    assert robot.task is not None
+
+
+def test_a_task_that_somebody_asked_for_is_not_given_up_because_its_robot_cannot_be_asked(live_team):
+    team = live_team
+    robot = team.robot("r1")
+    team.hall()
+    team.run(1.0)
+    cut(team, robot)
+    half = come_half(team, robot)
+    team.submit(Visit(id="v", place=Point2D(6.5, 4.5)))
+    team.run(6.0)
+    assert team.states()["v"] is TaskState.QUEUED
+    half.close()
+    robot.come()
+    team.run(6.0)
+    assert team.states()["v"] is TaskState.RUNNING

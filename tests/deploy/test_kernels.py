@@ -1,0 +1,47 @@
+"""Who runs robrain for the first time sees that kernels are compiled."""
+
+import io
+
+import pytest
+from numba import njit
+from rich.console import Console
+
+from robrain.deploy import kernels, terminal
+
+WARM_UPS = ("warm_up_model", "warm_up_exploration", "warm_up_allocation")
+
+
+@pytest.fixture
+def said(monkeypatch: pytest.MonkeyPatch) -> io.StringIO:
+    """What a person is told, while one kernel is all that there is to compile."""
+    told = io.StringIO()
+    kernel = njit(lambda number: number + 1)
+    for name in WARM_UPS:
+        monkeypatch.setattr(kernels, name, lambda: kernel(1))
+    _draw_on(monkeypatch, Console(file=told, width=100))
+    return told
+
+
+def _draw_on(monkeypatch: pytest.MonkeyPatch, console: Console) -> None:
+    for module in (kernels, terminal):
+        monkeypatch.setattr(module, "console", console)
+
+
+def test_compiling_is_told_when_it_begins_and_when_it_is_over(said: io.StringIO) -> None:
+    assert kernels.prepare_kernels() == 1
+    begun, over = said.getvalue().splitlines()
+    assert begun.startswith("compiling kernels, once on this computer")
+    assert over.startswith("compiled 1 kernels in ")
+
+
+def test_kernels_that_are_there_are_not_spoken_of(said: io.StringIO) -> None:
+    kernels.prepare_kernels(quiet=True)
+    assert kernels.prepare_kernels() == 0
+    assert said.getvalue() == ""
+
+
+def test_a_terminal_shows_how_many_are_compiled(said: io.StringIO, monkeypatch: pytest.MonkeyPatch) -> None:
+    _draw_on(monkeypatch, Console(file=said, width=100, force_terminal=True))
+    kernels.prepare_kernels()
+    assert "compiling kernels, once on this computer" in said.getvalue()
+    assert " 1/" in said.getvalue()

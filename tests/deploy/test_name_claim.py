@@ -1,0 +1,185 @@
+"""The claim of a name, by sessions that are clients of one hub."""
+
+import threading
+from collections.abc import Iterator
+
+import pytest
+import zenoh
+
+from robrain.deploy import name_claim
+from robrain.deploy.name_claim import NameClaim, claim_coordinator, claim_robot
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import NameTaken
+from robrain.protocol.wire.session import listening_at, open_session
+from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CLAIM
+
+TEAM = "default"
+WAIT_S = 120.0
+ROBOT = (name_claim.ROBOT_CLAIM, name_claim.ROBOT_ALIVE, name_claim.ROBOT_WHO)
+
+
+@pytest.fixture(scope="module")
+def hub() -> Iterator[zenoh.Session]:
+    session = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
+    yield session
+    session.close()
+
+
+@pytest.fixture
+def join(hub):
+    """Opens a session of the hub's; all are closed at the end."""
+    sessions: list[zenoh.Session] = []
+
+    def join() -> zenoh.Session:
+        sessions.append(open_session(connect=listening_at(hub)[:1]))
+        return sessions[-1]
+
+    yield join
+    for session in sessions:
+        session.close()
+
+
+def take(claim: NameClaim) -> bool:
+    return claim.take(lambda _: None, lambda: False)
+
+
+def test_a_name_that_none_has_is_taken_at_once(join):
+    said: list[str] = []
+    with claim_robot(join(), TEAM, "r1") as claim:
+        assert claim.take(said.append, lambda: False)
+    assert said == []
+
+
+@pytest.mark.parametrize("is_settled", [False, True], ids=["still starting", "alive"])
+def test_a_second_process_is_told_which_one_has_the_name(join, is_settled):
+    session = join()
+    with claim_robot(session, TEAM, "r1") as first, claim_robot(join(), TEAM, "r1") as second:
+        assert take(first)
+        if is_settled:
+            alive = Endpoint(session, TEAM, WallClock(), Drive.LIVE)
+            alive.token(ROBOT_ALIVE, robot="r1")
+            first.settle()
+        with pytest.raises(NameTaken) as raised:
+            take(second)
+        assert str(raised.value) == (
+            f"robot r1 of team default is there already: process {first.info.pid} on {first.info.host}, "
+            f"Zenoh id {first.info.zid[:8]}. End that process first, or use another name"
+        )
+        if is_settled:
+            alive.close()
+
+
+def test_other_names_teams_and_roles_do_not_meet(join):
+    with (
+        claim_robot(join(), TEAM, "r1") as one,
+        claim_robot(join(), TEAM, "r2") as two,
+        claim_robot(join(), "blue", "r1") as three,
+        claim_coordinator(join(), TEAM) as four,
+    ):
+        assert all(map(take, (one, two, three, four)))
+
+
+def test_a_name_is_free_again_when_its_process_ends(join):
+    for _ in range(3):
+        with claim_coordinator(join(), TEAM) as claim:
+            assert take(claim)
+
+
+@pytest.mark.parametrize("attempt", range(12))
+def test_of_several_that_start_at_once_exactly_one_remains(join, attempt):
+    keys = name_claim.Keys("r1", *ROBOT, {"robot": "r1"})
+    claims = [NameClaim(join(), TEAM, keys) for _ in range(2 + attempt % 3)]
+    ready = threading.Barrier(len(claims))
+    taken: list[NameClaim] = []
+    refused: list[str] = []
+
+    def start(claim: NameClaim) -> None:
+        ready.wait(WAIT_S)
+        try:
+            if take(claim):
+                taken.append(claim)
+        except NameTaken as error:
+            refused.append(str(error))
+
+    threads = [threading.Thread(target=start, args=(claim,)) for claim in claims]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(WAIT_S)
+    assert len(taken) == 1
+    assert len(refused) == len(claims) - 1
+    assert all(taken[0].info.zid[:8] in why for why in refused)
+    for claim in claims:
+        claim.close()
+
+
+@pytest.mark.parametrize("seen", [0, 1])
+def test_whatever_was_seen_first_exactly_one_of_two_remains(join, monkeypatch, seen):
+    """The two cases of the race: the later in the order of claims looked before the earlier asked, or after."""
+    earlier, later = claim_robot(join(), TEAM, "r1"), claim_robot(join(), TEAM, "r1")
+    with earlier as first, later as second:
+        monkeypatch.setattr(first, "_process", "0-a-1-here")
+        monkeypatch.setattr(second, "_process", "1-b-2-there")
+        if seen == 0:
+            assert take(second)
+            with pytest.raises(NameTaken, match=second.info.zid[:8]):
+                take(first)
+        else:
+            first._declare(name_claim.ASKS)  # asks, and has not looked yet
+            looked = threading.Event()
+            result: list[object] = []
+
+            def start() -> None:
+                try:
+                    result.append(second.take(lambda _: None, lambda: bool(looked.set())))
+                except NameTaken as error:
+                    result.append(error)
+
+            thread = threading.Thread(target=start)
+            thread.start()
+            looked.wait(WAIT_S)
+            assert take(first)
+            thread.join(WAIT_S)
+            assert isinstance(result[0], NameTaken)
+
+
+def test_one_that_does_not_answer_is_waited_for_with_one_word_and_its_place_taken_when_it_goes(join):
+    dead = Endpoint(join(), TEAM, WallClock(), Drive.LIVE)
+    dead.token(ROBOT_ALIVE, robot="r1")
+    said: list[str] = []
+
+    def wait(text: str) -> None:
+        said.append(text)
+        threading.Timer(0.2, dead.close).start()
+
+    with claim_robot(join(), TEAM, "r1") as claim:
+        assert claim.take(wait, lambda: False)
+    assert said == ["robot r1 of team default is there, but does not answer: waiting up to 3 s for it to go"]
+
+
+def test_one_that_hangs_keeps_its_name(join, monkeypatch):
+    monkeypatch.setattr(name_claim, "PATIENCE_S", 0.2)
+    hung = Endpoint(join(), TEAM, WallClock(), Drive.LIVE)
+    hung.token(ROBOT_CLAIM, robot="r1", stage="has", process="0123-abcdef0123456789-77-lab.pc")
+    with (
+        claim_robot(join(), TEAM, "r1") as claim,
+        pytest.raises(NameTaken, match=r"process 77 on lab\.pc, Zenoh id abcdef01, which does not answer"),
+    ):
+        take(claim)
+    hung.close()
+
+
+def test_a_token_of_no_known_stage_keeps_none_from_its_name(join):
+    forger = Endpoint(join(), TEAM, WallClock(), Drive.LIVE)
+    forger.token(ROBOT_CLAIM, robot="r1", stage="odd", process="0-0-0-x")
+    with claim_robot(join(), TEAM, "r1") as claim:
+        assert take(claim)
+    forger.close()
+
+
+def test_a_process_that_is_asked_to_stop_takes_nothing(join):
+    with claim_robot(join(), TEAM, "r1") as claim, claim_robot(join(), TEAM, "r1") as other:
+        assert not claim.take(lambda _: None, lambda: True)
+        claim.close()
+        assert take(other)

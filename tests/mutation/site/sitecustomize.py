@@ -1,0 +1,78 @@
+"""For Python processes that tests start: they run the mutated module too, or note which functions they reach.
+
+Python imports this file at start when its folder is in PYTHONPATH. It needs nothing of the project.
+"""
+
+import importlib.machinery
+import marshal
+import os
+import sys
+import threading
+from types import CodeType, FrameType
+from typing import Any
+
+
+def put_in_imports(path: str, code: CodeType) -> None:
+    """Have this code run for the module at `path`, whoever imports it from now on."""
+    get_code = importlib.machinery.SourceFileLoader.get_code
+
+    def get_mutated(self: importlib.machinery.SourceFileLoader, fullname: str) -> CodeType | None:
+        if os.path.realpath(self.get_filename(fullname)) == path:
+            return code
+        return get_code(self, fullname)
+
+    importlib.machinery.SourceFileLoader.get_code = get_mutated  # type: ignore[method-assign]
+
+
+class Reached:
+    """The functions below a folder that ran since `clear`, as (file, qualified name of the outermost function)."""
+
+    def __init__(self, root: str, file: str | None = None) -> None:
+        self._below = root + os.sep
+        self._known: set[CodeType] = set()
+        self._real: dict[str, str] = {}
+        self._file = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND) if file else None
+        self.functions: set[tuple[str, str]] = set()
+
+    def clear(self) -> None:
+        """Begin with none."""
+        self._known.clear()
+        self.functions = set()
+
+    def start(self) -> None:
+        """Follow this thread and those that it begins."""
+        threading.settrace(self)
+        sys.settrace(self)
+
+    def stop(self) -> None:
+        """Follow no longer."""
+        sys.settrace(None)
+        threading.settrace(None)  # type: ignore[arg-type]
+
+    def __call__(self, frame: FrameType, event: str, arg: Any) -> None:
+        """What Python calls at each start of a function; it is not followed line by line."""
+        code = frame.f_code
+        if code in self._known:
+            return
+        self._known.add(code)
+        path = self._real.get(code.co_filename)
+        if path is None:
+            path = self._real[code.co_filename] = os.path.realpath(code.co_filename)
+        if path.startswith(self._below):
+            function = (path[len(self._below) :], code.co_qualname.split(".<locals>")[0])
+            self.functions.add(function)
+            if self._file is not None:
+                os.write(self._file, ("\t".join(function) + "\n").encode())
+
+
+def _begin() -> None:
+    if "ROBRAIN_MUTANT" in os.environ:
+        with open(os.environ["ROBRAIN_MUTANT"], "rb") as mutated:
+            put_in_imports(*marshal.load(mutated))
+    if "ROBRAIN_REACHED" in os.environ:
+        root, folder = os.environ["ROBRAIN_REACHED"].split(os.pathsep)
+        Reached(root, os.path.join(folder, str(os.getpid()))).start()
+
+
+if __name__ == "sitecustomize":
+    _begin()

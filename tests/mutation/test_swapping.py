@@ -1,0 +1,89 @@
+"""A mutant takes the place of loaded functions, of compiled kernels and their callers, and in child processes."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robrain.protocol.model import inflation
+from tests.mutation.mutant import Mutant, mutants_of
+from tests.mutation.running import ROOT
+from tests.mutation.scope import draw, files_in_scope
+from tests.mutation.swapping import LoadedFunctions
+
+IN_CHILD = """
+import sys
+from pathlib import Path
+from tests.mutation.mutant import mutants_of
+from tests.mutation.swapping import LoadedFunctions
+from robrain.protocol.model import geometry, inflation, odometry
+import numpy as np, subprocess
+root = Path.cwd()
+path, change = sys.argv[1:3]
+(mutant,) = [mutant for mutant in mutants_of(root, path) if mutant.name.endswith(change)][:1]
+LoadedFunctions(root).put(mutant, Path(sys.argv[3]))
+exec(sys.argv[4])
+"""
+
+
+def _run(path: str, change: str, folder: Path, code: str) -> str:
+    ran = subprocess.run(
+        [sys.executable, "-c", IN_CHILD, path, change, str(folder), code],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ran.returncode == 0, ran.stderr
+    return ran.stdout.strip()
+
+
+WRAP = ("protocol/model/geometry.py", "2 * math.pi -> 2 / math.pi")
+
+
+def test_a_loaded_function_makes_the_mistake_for_all_who_imported_it(tmp_path: Path) -> None:
+    said = _run(*WRAP, tmp_path, "print(round(geometry.wrap_angle_rad(7.0), 3))")
+    assert said != "0.717"
+
+
+def test_a_child_process_makes_the_mistake_too(tmp_path: Path) -> None:
+    code = "from robrain.protocol.model.geometry import wrap_angle_rad; print(round(wrap_angle_rad(7.0), 3))"
+    said = _run(*WRAP, tmp_path, f"print(subprocess.run([sys.executable, '-c', {code!r}], capture_output=True).stdout)")
+    assert said not in {"b'0.717\\n'", "b''"}
+
+
+def test_a_compiled_kernel_makes_the_mistake_too(tmp_path: Path) -> None:
+    code = "print(inflation.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0)[2].tolist())"
+    right = inflation.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0)[2].tolist()
+    said = _run("protocol/model/inflation.py", "width + 1 -> width - 1", tmp_path, code)
+    assert said.startswith("[")
+    assert said != str(right)
+
+
+def test_the_callers_of_a_compiled_kernel_are_known() -> None:
+    loaded = LoadedFunctions(ROOT)
+    callers = set(loaded.callers_of_kernel(("protocol/model/inflation.py", "_clearance_m")))
+    assert ("protocol/model/inflation.py", "clearance_m") in callers
+    assert not list(loaded.callers_of_kernel(("protocol/model/geometry.py", "wrap_angle_rad")))
+
+
+def test_equal_seeds_draw_equal_mutants_and_others_do_not() -> None:
+    assert draw(ROOT, 20, 1, ("agent/leases.py",)) == draw(ROOT, 20, 1, ("agent/leases.py",))
+    assert draw(ROOT, 20, 1, ("agent/leases.py",)) != draw(ROOT, 20, 2, ("agent/leases.py",))
+
+
+@pytest.mark.parametrize(
+    "path", ["agent/task_desk.py", "coordinator/journal/journal.py", "plugins/unit/driver/driver.py"]
+)
+def test_what_is_dangerous_is_in_scope(path: str) -> None:
+    assert path in files_in_scope(ROOT)
+
+
+def test_every_file_in_scope_has_mutants_that_name_it() -> None:
+    found = mutants_of(ROOT, "agent/leases.py")
+    assert found
+    assert all(isinstance(mutant, Mutant) and mutant.name.startswith("agent/leases.py::") for mutant in found)

@@ -1,0 +1,33 @@
+"""A hub endpoint of a test's own, so that no test meets another's team, or one that runs on the machine."""
+
+import socket
+from typing import Self
+
+
+class OwnHub:
+    """A port that stays bound without listening: a hub may listen there, any other process gets another port.
+
+    Both sides set SO_REUSEADDR, as Zenoh does, so that being bound here keeps nobody from listening.
+    """
+
+    def __init__(self) -> None:
+        self._holder = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        self._holder.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        self._holder.bind(("127.0.0.1", 0))
+
+    @property
+    def port(self) -> int:
+        return int(self._holder.getsockname()[1])
+
+    @property
+    def endpoint(self) -> str:
+        return f"tcp/127.0.0.1:{self.port}"
+
+    def close(self) -> None:
+        self._holder.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

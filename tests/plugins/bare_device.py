@@ -1,0 +1,92 @@
+"""A device plugin on a CAN bus of the test's own: no host, no wire. The test is the other end of the bus."""
+
+from collections import deque
+from typing import Any
+
+import can
+
+from robrain.agent.board import Board
+from robrain.agent.event import Event, Mailbox
+from robrain.protocol.can.frames import codec
+from robrain.protocol.wire.clock import VirtualClock, to_ns
+
+
+class BareBus:
+    """What the device sends, and what it is to hear."""
+
+    def __init__(self) -> None:
+        self.sent: list[can.Message] = []
+        self.arrived: deque[can.Message] = deque()
+        self.fails: Exception | None = None
+        """Raised by whatever is done with the bus."""
+        self.is_open = True
+
+    def send(self, frame: can.Message) -> None:
+        if self.fails is not None:
+            raise self.fails
+        self.sent.append(frame)
+
+    def recv(self, timeout: float) -> can.Message | None:
+        assert timeout == 0, "a device does not wait for its bus"
+        if self.fails is not None:
+            raise self.fails
+        return self.arrived.popleft() if self.arrived else None
+
+    def shutdown(self) -> None:
+        self.is_open = False
+
+
+class BareDevice:
+    """A device of this class with these parameters, not yet activated, and what it tells by its events."""
+
+    robot, plugin = "r1", "device"
+
+    def __init__(self, device_class: type, **parameters: Any) -> None:
+        self.clock = VirtualClock(to_ns(100.0))
+        self.board = Board()
+        self.buses: list[BareBus] = []
+        self.opened: list[tuple[str, str, dict[str, Any]]] = []
+        self._mailbox = Mailbox()
+        self.it = device_class(self, device_class.Parameters(**parameters))
+        self.it.init()
+
+    @property
+    def bus(self) -> BareBus:
+        """The bus that it opened last."""
+        return self.buses[-1]
+
+    def open_can(self, interface: str, channel: str, **options: Any) -> BareBus:
+        self.opened.append((interface, channel, options))
+        self.buses.append(BareBus())
+        return self.bus
+
+    def told(self, event: Event[Any]) -> list[Any]:
+        """A list that fills with what an event tells at each step."""
+        values: list[Any] = []
+        event.add(values.append, self._mailbox)
+        return values
+
+    def hear(self, name: str, counter: int, **signals: float) -> can.Message:
+        """A frame arrives now."""
+        frame = codec(name).pack(counter, **signals)
+        frame.timestamp = self.clock.now_ns() / 1e9
+        self.bus.arrived.append(frame)
+        return frame
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass, without a step."""
+        self.clock.advance_to(self.clock.now_ns() + to_ns(seconds))
+
+    def step(self, after_s: float = 0.0) -> None:
+        """A step of the device after this time; what it tells is delivered, also if it raises."""
+        self.wait(after_s)
+        try:
+            self.it.step()
+        finally:
+            self._mailbox.deliver()
+
+    def sent(self) -> list[tuple[str, dict[str, float]]]:
+        """What it has sent since this was asked last, by name and signals."""
+        frames, self.bus.sent = self.bus.sent, []
+        names = {codec(name).arbitration_id: name for name in ("WheelCommand", "Stop")}
+        return [(name := names[frame.arbitration_id], codec(name).unpack(frame)) for frame in frames]

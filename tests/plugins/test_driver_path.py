@@ -1,0 +1,162 @@
+"""Paths and ramps by themselves, at their edges."""
+
+import math
+
+import pytest
+
+from robrain.plugins.unit.driver.driver import PERIOD_S
+from robrain.plugins.unit.driver.path import CORNER_M, Path
+from robrain.plugins.unit.driver.ramp import Ramp, RampLimits, speed_to_stop
+from robrain.protocol.model.geometry import Point2D, Pose2D
+
+# -- paths ------------------------------------------------------------------------------------------------------
+
+AT = Pose2D(0.0, 0.0, 0.0)
+
+
+def test_corner_is_passed_within_its_distance_and_the_goal_never():
+    path = Path([Point2D(CORNER_M, 0.0), Point2D(1.0, 0.0)], 0.08)
+    path.pass_points(AT)
+    assert path.target == Point2D(CORNER_M, 0.0)
+    path.pass_points(Pose2D(0.001, 0.0, 0.0))
+    assert path.target == path.goal == Point2D(1.0, 0.0)
+    path.pass_points(Pose2D(1.0, 0.0, 0.0))
+    assert path.target == Point2D(1.0, 0.0)
+
+
+def test_goal_is_reached_only_when_no_corner_is_left_and_it_is_near_enough():
+    path = Path([Point2D(1.0, 0.0), Point2D(0.0, 0.0)], 0.08)
+    assert not path.is_at_goal(AT)
+    alone = Path([Point2D(0.0, 0.0)], 0.08)
+    assert alone.is_at_goal(Pose2D(0.079, 0.0, 0.0))
+    assert not alone.is_at_goal(Pose2D(0.08, 0.0, 0.0))
+    assert alone.is_done(Pose2D(0.0, 0.0, 3.0))
+    looking = Path([Point2D(0.0, 0.0)], 0.08, 1.0, 0.01)
+    assert looking.is_done(Pose2D(0.0, 0.0, 0.991))
+    assert looking.is_done(Pose2D(0.0, 0.0, 1.009))
+    assert not looking.is_done(Pose2D(0.0, 0.0, 0.98))
+    assert not looking.is_done(Pose2D(1.0, 0.0, 1.0))
+
+
+def test_way_that_is_left_is_that_to_the_next_point_and_between_the_others():
+    path = Path([Point2D(3.0, 4.0), Point2D(3.0, 5.0), Point2D(0.0, 9.0)], 0.08)
+    assert path.way_left_m(AT) == pytest.approx(5.0 + 1.0 + 5.0)
+
+
+def test_path_is_looked_along_unless_a_direction_is_given():
+    assert Path([Point2D(1.0, 0.0)], 0.08).to_turn_rad(Pose2D(0.0, 0.0, 2.0), 0.3) == 0.3
+    looking = Path([Point2D(1.0, 0.0)], 0.08, -3.0)
+    assert looking.to_turn_rad(Pose2D(0.0, 0.0, 3.0), 0.3) == pytest.approx(math.tau - 6.0)
+
+
+def test_straight_path_is_as_fast_as_its_end_allows():
+    points = [Point2D(0.5, 0.0), Point2D(1.0, 0.0)]
+    assert Path(points, 0.08).speed_m_s(AT, 0.8, 0.1, 0.08) == pytest.approx(speed_to_stop(0.9, 0.8, 0.08))
+
+
+@pytest.mark.parametrize("degrees", [30.0, 90.0, -135.0, 180.0])
+def test_corner_is_as_fast_as_its_angle_allows(degrees):
+    turn_rad = math.radians(degrees)
+    far = Point2D(0.6 + 9.0 * math.cos(turn_rad), 9.0 * math.sin(turn_rad))
+    through_m_s = math.sqrt(0.8 * CORNER_M / abs(math.sin(0.5 * turn_rad)))
+    expected_m_s = through_m_s + speed_to_stop(0.6 - 0.1 - CORNER_M, 0.8, 0.08)
+    assert Path([Point2D(0.6, 0.0), far], 0.08).speed_m_s(AT, 0.8, 0.1, 0.08) == pytest.approx(expected_m_s)
+    # Already at the corner, nothing is left to slow down in.
+    at_corner = Path([Point2D(0.6, 0.0), far], 0.08).speed_m_s(Pose2D(0.4, 0.0, 0.0), 0.8, 0.0, 0.08)
+    assert at_corner == pytest.approx(through_m_s)
+
+
+@pytest.mark.parametrize("turned_rad", [0.7, 2.5, -2.0])
+def test_corner_is_as_fast_wherever_it_lies_and_however_it_is_turned(turned_rad):
+    points = [(0.6, 0.3), (1.1, -0.2), (1.0, 0.4), (-3.0, 0.1)]
+    moved = Pose2D(3.0, -2.0, turned_rad)
+    there = [moved.compose(Pose2D(x, y, 0.0)) for x, y in points]
+    here = Path([Point2D(x, y) for x, y in points], 0.08)
+    away = Path([Point2D(pose.x_m, pose.y_m) for pose in there], 0.08)
+    for ahead_m in (0.0, 0.1):
+        expected_m_s = here.speed_m_s(AT, 0.8, ahead_m, 0.08)
+        assert away.speed_m_s(moved, 0.8, ahead_m, 0.08) == pytest.approx(expected_m_s)
+    assert away.way_left_m(moved) == pytest.approx(here.way_left_m(AT))
+
+
+def test_slowest_of_several_corners_counts_and_the_way_between_them():
+    points = [Point2D(0.5, 0.0), Point2D(0.5, 0.4), Point2D(-8.0, 0.4 - 1e-6)]
+    through_m_s = math.sqrt(0.8 * CORNER_M / math.sin(math.radians(45.0)))
+    first_m_s = through_m_s + speed_to_stop(0.5 - CORNER_M, 0.8, 0.08)
+    assert Path(points, 0.08).speed_m_s(AT, 0.8, 0.0, 0.08) == pytest.approx(first_m_s)
+    back = [Point2D(0.5, 1e-9), Point2D(0.9, 0.0), Point2D(0.0, 0.0)]
+    through_m_s = math.sqrt(0.8 * CORNER_M)
+    assert Path(back, 0.08).speed_m_s(AT, 0.8, 0.0, 0.08) == pytest.approx(
+        through_m_s + speed_to_stop(0.9 - CORNER_M, 0.8, 0.08)
+    )
+
+
+def test_what_is_farther_off_than_a_metre_and_a_half_does_not_matter_yet():
+    points = [Point2D(1.6, 0.0), Point2D(0.0, 0.0)]
+    assert Path(points, 0.08).speed_m_s(AT, 0.8, 0.0, 0.08) == math.inf
+    assert Path(points, 0.08).speed_m_s(Pose2D(0.2, 0.0, 0.0), 0.8, 0.0, 0.08) < 2.0
+
+
+# -- ramps ------------------------------------------------------------------------------------------------------
+
+
+def test_ramp_goes_ahead_by_its_speed_until_a_wish_to_slow_down_has_its_effect():
+    ramp = Ramp(RampLimits(0.8, 4.0), PERIOD_S)
+    ramp.x, ramp.y = 0.3, 0.4
+    lead_s = 0.5 * 0.8 / 4.0 + 0.5 * PERIOD_S
+    assert ramp.ahead(0.6, 0.8) == pytest.approx(0.5 * lead_s)
+    assert ramp.ahead(1.0, 0.0) == pytest.approx(0.3 * lead_s)
+    assert ramp.ahead(-1.0, 0.0) == pytest.approx(-0.3 * lead_s)
+
+
+def test_ramp_that_still_speeds_up_goes_farther_ahead():
+    ramp = Ramp(RampLimits(0.8, 4.0), PERIOD_S)
+    ramp.follow(3.0, 4.0)
+    ramp.follow(3.0, 4.0)
+    speeding_up = 2 * 4.0 * PERIOD_S
+    lead_s = (0.5 * 0.8 + speeding_up) / 4.0 + 0.5 * PERIOD_S
+    assert ramp.ahead(0.6, 0.8) == pytest.approx(lead_s * (ramp.speed + speeding_up**2 / 8.0))
+    # What speeds up away from the direction is no help to it.
+    assert ramp.ahead(-0.6, -0.8) == pytest.approx(-(0.1 + 0.5 * PERIOD_S) * ramp.speed)
+
+
+def test_ramp_stops_within_its_s_curve_and_the_delay():
+    ramp = Ramp(RampLimits(0.8, 4.0), PERIOD_S)
+    ramp.x, ramp.y = 0.3, -0.4
+    assert ramp.stopping(0.1) == pytest.approx(0.5**2 / 1.6 + 0.5 * (0.8 / 8.0 + 0.1))
+
+
+def test_ramp_that_brakes_keeps_its_direction_ends_at_rest_and_forgets_its_acceleration():
+    ramp = Ramp(RampLimits(0.8, 4.0), PERIOD_S)
+    for _ in range(4):
+        ramp.follow(3.0, 4.0)
+    speed = ramp.speed
+    ramp.brake(1.2)
+    assert (ramp.x, ramp.y) == pytest.approx((0.6 * (speed - 0.072), 0.8 * (speed - 0.072)))
+    assert ramp.ahead(0.6, 0.8) == pytest.approx((0.1 + 0.5 * PERIOD_S) * ramp.speed)
+    for _ in range(20):
+        ramp.brake(1.2)
+    assert (ramp.x, ramp.y, ramp.speed) == (0.0, 0.0, 0.0)
+
+
+def test_ramp_that_has_reached_what_is_wanted_does_not_speed_up_any_more():
+    ramp = Ramp(RampLimits(0.8, 4.0), PERIOD_S)
+    for _ in range(40):
+        ramp.follow(0.3, 0.4)
+    assert (ramp.x, ramp.y) == (0.3, 0.4)
+    assert ramp.ahead(0.6, 0.8) == pytest.approx(0.5 * (0.1 + 0.5 * PERIOD_S))
+
+
+def test_ramp_that_stands_starts_as_smoothly_as_the_first_time():
+    ramp = Ramp(RampLimits(0.8, 4.0), PERIOD_S)
+    for _ in range(4):
+        ramp.follow(1.0, -1.0)
+    ramp.stand()
+    assert ramp.speed == 0.0
+    ramp.follow(1.0, 0.0)
+    assert (ramp.x, ramp.y) == pytest.approx((4.0 * PERIOD_S**2, 0.0))
+
+
+@pytest.mark.parametrize(("distance_m", "speed_m_s"), [(0.0, 0.0), (-1.0, 0.0), (math.inf, math.inf)])
+def test_speed_to_stop_at_its_ends(distance_m, speed_m_s):
+    assert speed_to_stop(distance_m, 0.8, 0.1) == speed_m_s

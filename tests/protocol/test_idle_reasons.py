@@ -1,0 +1,48 @@
+import msgspec
+import pytest
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.wire import idle_reasons
+from robrain.protocol.wire.idle_reasons import IdleReason, words
+
+EXAMPLES = [
+    (idle_reasons.NothingUnknown(), "idle because nothing unknown is left"),
+    (
+        idle_reasons.NoWay(frontiers=1, needed_m=0.44),
+        "idle because no way of at least 0.44 m leads to the border of the known floor",
+    ),
+    (
+        idle_reasons.TooNarrow(frontiers=3, needed_m=0.44, gap_m=0.391, place=Point2D(4.0, -1.5)),
+        "idle because the way to the 3 borders of the known floor is 0.39 m wide at x 4.0, y -1.5 and it needs 0.44 m",
+    ),
+    (
+        idle_reasons.TriedInVain(frontiers=2),
+        "idle because it has just tried in vain to get to the 2 borders of the known floor",
+    ),
+    (
+        idle_reasons.OthersExplore(frontiers=2),
+        "idle because other robots go to the 2 borders of the known floor",
+    ),
+    (idle_reasons.PlanPending(), "idle because tasks are being planned"),
+    (idle_reasons.TaskSoon(), "idle because a task of its begins soon"),
+    (idle_reasons.TeamHalted(), "idle because the team is halted"),
+    (idle_reasons.PlaceUnknown(), "idle because it does not say where it is"),
+]
+
+
+@pytest.mark.parametrize(("reason", "said"), EXAMPLES, ids=[type(reason).__name__ for reason, _ in EXAMPLES])
+def test_a_reason_has_words_and_passes_the_wire_as_a_value(reason, said):
+    assert words(reason) == said
+    assert msgspec.json.decode(msgspec.json.encode(reason), type=IdleReason) == reason
+
+
+def test_every_reason_has_an_example():
+    assert {type(reason) for reason, _ in EXAMPLES} == set(IdleReason.__args__)
+
+
+def test_a_reason_names_itself_by_a_code():
+    assert msgspec.json.decode(msgspec.json.encode(idle_reasons.NoWay(frontiers=3, needed_m=0.44))) == {
+        "code": "no_way",
+        "frontiers": 3,
+        "needed_m": 0.44,
+    }

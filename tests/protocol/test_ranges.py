@@ -1,0 +1,108 @@
+"""No message can hold a number, a text or a list that nothing behind the border could bear."""
+
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import EPOCH_MAX, METRES_MAX, TEXT_MAX, Metres, cut
+from robrain.protocol.model.task import Task, Visit
+from robrain.protocol.wire import messages, plan_messages, replay_messages, task_messages
+from robrain.protocol.wire.messages import RobotState
+
+GOLDEN = Path(__file__).parent / "golden"
+FREE = {"result", "value", "parameters", "returns", "signature", "doc", "cells", "payload", "question", "text"}
+"""Fields that may hold any JSON, text of a plugin's author, bytes, or a command line."""
+NUMBERS = [1e308, -1e308, 10**30, 2**63]
+CASES = sorted(path for path in GOLDEN.rglob("*.json") if path.stem not in ("ErrorReply",))
+
+
+def kind_of(path) -> Any:
+    if path.parent.name == "tasks":
+        return Task
+    return next(
+        found
+        for one in (messages, plan_messages, replay_messages, task_messages)
+        if (found := getattr(one, path.stem, None))
+    )
+
+
+def leaves(value: Any, where: tuple[str | int, ...] = ()) -> Iterator[tuple[tuple[str | int, ...], Any]]:
+    inner = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, part in inner:
+        if key not in FREE:
+            yield (*where, key), part
+            yield from leaves(part, (*where, key))
+
+
+def with_value(whole: Any, where: tuple[str | int, ...], value: Any) -> bytes:
+    whole = json.loads(json.dumps(whole))
+    target = whole
+    for key in where[:-1]:
+        target = target[key]
+    target[where[-1]] = value
+    return json.dumps(whole).encode()
+
+
+def is_refused(encoded: bytes, kind: Any) -> bool:
+    try:
+        msgspec.json.decode(encoded, type=kind)
+    except msgspec.DecodeError:
+        return True
+    return False
+
+
+@pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
+def test_no_number_of_a_message_can_be_out_of_all_measure(path) -> None:
+    whole = json.loads(path.read_bytes())
+    for where, value in leaves(whole):
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            continue
+        for number in NUMBERS:
+            assert is_refused(with_value(whole, where, number), kind_of(path)), f"{where} may be {number}"
+
+
+@pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
+def test_no_text_of_a_message_can_be_a_book(path) -> None:
+    whole = json.loads(path.read_bytes())
+    for where, value in leaves(whole):
+        if isinstance(value, str):
+            assert is_refused(with_value(whole, where, "x" * (TEXT_MAX + 1)), kind_of(path)), f"{where} may be any text"
+
+
+@pytest.mark.parametrize("length", [1, 3, 8, 10])
+def test_a_covariance_has_nine_numbers_or_none(length) -> None:
+    said = json.dumps({"robot": "r1", "pose_covariance": [0.0] * length}).encode()
+    with pytest.raises(msgspec.ValidationError, match="9"):
+        msgspec.json.decode(said, type=RobotState)
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf, 2 * METRES_MAX])
+def test_what_is_no_length_is_none_where_a_value_is_converted(number) -> None:
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.convert(number, Metres)
+
+
+def test_what_is_not_a_number_does_not_decode_as_one() -> None:
+    encoded = msgspec.json.encode(Visit(id="t", place=Point2D(1.0, 2.0)))
+    for text in (b"NaN", b"Infinity", b"1e999", b"null"):
+        with pytest.raises(msgspec.DecodeError):
+            msgspec.json.decode(encoded.replace(b"1.0", text), type=Task)
+
+
+def test_an_epoch_is_a_number_that_every_peer_can_hold() -> None:
+    said = b'{"task":{"type":"visit","id":"t","place":{"x_m":0,"y_m":0}},"lease_s":1,"epoch":%d}'
+    assert msgspec.json.decode(said % EPOCH_MAX, type=messages.TaskOffer).epoch == 2**53 - 1
+    for epoch in (EPOCH_MAX + 1, -1, 10**25):
+        with pytest.raises(msgspec.ValidationError, match="epoch"):
+            msgspec.json.decode(said % epoch, type=messages.TaskOffer)
+
+
+def test_a_text_that_is_cut_fits() -> None:
+    assert cut("x" * 5000) == "x" * 1023 + "…"
+    assert cut("short") == "short"

@@ -1,0 +1,455 @@
+"""Two nodes back to back on one bus: what python-can asks of every interface, asked of `zenoh`.
+
+The subjects are those of python-can 4.6's own tests of two buses on one channel. Each test runs on nodes of a lockstep
+run, on nodes that share a live session, and on nodes whose sessions are clients of one hub.
+"""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import can
+import pytest
+import zenoh
+
+from robrain.protocol.can.zenoh_bus import ZenohBus
+from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session
+
+PATIENCE_S = 60.0
+CHANNEL = "r1/can0"
+Open = Callable[..., can.BusABC]
+
+
+def open_bus(**options) -> can.BusABC:
+    """A node as python-can's tools open it: CAN FD, and options that mean nothing to this interface."""
+    return can.Bus(
+        interface="zenoh", channel=CHANNEL, **{"bitrate": 500_000, "fd": True, "single_handle": True} | options
+    )
+
+
+@pytest.fixture(scope="module")
+def hub() -> Iterator[zenoh.Session]:
+    session = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
+    yield session
+    session.close()
+
+
+@pytest.fixture(scope="module")
+def lockstep_session() -> Iterator[zenoh.Session]:
+    session = open_lockstep_session()
+    yield session
+    session.close()
+
+
+@pytest.fixture(params=["lockstep", "one_session", "clients"])
+def open_node(request, hub, lockstep_session) -> Iterator[Open]:
+    """Opens nodes of one bus; all are shut down at the end."""
+    nodes: list[can.BusABC] = []
+    places = {
+        "lockstep": {"session": lockstep_session, "direct": True, "now_ns": time.time_ns},
+        "one_session": {"session": hub},
+        "clients": {"connect": listening_at(hub)[0]},
+    }
+
+    def open_one(**options) -> can.BusABC:
+        nodes.append(open_bus(**places[request.param], **options))
+        return nodes[-1]
+
+    yield open_one
+    for node in nodes:
+        node.shutdown()
+
+
+@pytest.fixture
+def pair(open_node) -> tuple[can.BusABC, can.BusABC]:
+    return open_node(), open_node()
+
+
+@pytest.fixture
+def clients(hub) -> Iterator[Open]:
+    """Opens nodes that are clients of the hub."""
+    nodes: list[can.BusABC] = []
+
+    def open_one(kind=can.Bus, **options) -> can.BusABC:
+        nodes.append(kind(interface="zenoh", channel=CHANNEL, connect=listening_at(hub)[0], **options))
+        return nodes[-1]
+
+    yield open_one
+    for node in nodes:
+        node.shutdown()
+
+
+FRAMES = {
+    "standard": can.Message(arbitration_id=0x100, is_extended_id=False, data=range(8)),
+    "highest standard": can.Message(arbitration_id=0x7FF, is_extended_id=False, data=b"\xff"),
+    "extended": can.Message(arbitration_id=0x123456, is_extended_id=True, data=range(10, 18)),
+    "highest extended": can.Message(arbitration_id=0x1FFFFFFF, is_extended_id=True, data=b"\xff"),
+    "remote": can.Message(arbitration_id=0x200, is_extended_id=False, is_remote_frame=True, dlc=4),
+    "error": can.Message(arbitration_id=0x004, is_extended_id=False, is_error_frame=True, data=bytes(8)),
+    "empty": can.Message(),
+    "shorter than eight": can.Message(arbitration_id=0x300, is_extended_id=False, data=b"abc"),
+    "fd": can.Message(arbitration_id=0x56789, is_fd=True, data=b"\xff" * 64),
+    "fd, short": can.Message(arbitration_id=0x56789, is_fd=True, data=b"\x01"),
+    "fd, empty": can.Message(arbitration_id=0x56789, is_fd=True),
+    "fd, bit rate switched": can.Message(arbitration_id=0x98765, is_fd=True, bitrate_switch=True, data=b"\xff" * 48),
+    "fd, error passive": can.Message(arbitration_id=0x9, is_fd=True, error_state_indicator=True, data=bytes(12)),
+}
+
+
+def check_same(received: can.Message | None, sent: can.Message) -> None:
+    assert received is not None
+    assert received.equals(sent, timestamp_delta=None, check_channel=False, check_direction=False)
+    assert received.dlc == sent.dlc
+    assert received.channel == CHANNEL
+
+
+@pytest.mark.parametrize("sent", FRAMES.values(), ids=FRAMES)
+def test_a_frame_arrives_as_it_was_sent_in_both_directions(pair, sent):
+    for sender, receiver in (pair, pair[::-1]):
+        sender.send(sent)
+        check_same(receiver.recv(PATIENCE_S), sent)
+        assert sender.recv(0) is None
+
+
+@pytest.mark.parametrize("length", range(9))
+def test_data_of_any_length_arrives(pair, length):
+    sent = can.Message(arbitration_id=0x321, is_extended_id=False, data=range(length))
+    pair[0].send(sent)
+    check_same(pair[1].recv(PATIENCE_S), sent)
+
+
+def test_without_a_frame_nothing_is_received(pair):
+    assert pair[0].recv(0.1) is None
+    assert pair[0].recv(0) is None
+
+
+def test_a_received_frame_says_that_it_was_received(pair):
+    pair[0].send(can.Message(arbitration_id=0x300, data=b"\x02\x01", is_rx=False))
+    received = pair[1].recv(PATIENCE_S)
+    assert received is not None
+    assert received.is_rx
+
+
+def test_a_node_that_wants_its_own_frames_gets_them_marked_as_sent(pair, open_node):
+    hears_itself = open_node(receive_own_messages=True)
+    sent = can.Message(arbitration_id=0x300, data=b"\x02\x01\x03")
+    hears_itself.send(sent)
+    own, others = hears_itself.recv(PATIENCE_S), pair[0].recv(PATIENCE_S)
+    check_same(own, sent)
+    check_same(others, sent)
+    assert (own.is_rx, others.is_rx) == (False, True)
+    pair[0].send(sent)
+    assert hears_itself.recv(PATIENCE_S).is_rx
+
+
+def test_each_node_gets_a_message_object_of_its_own(pair, open_node):
+    hears_itself = open_node(receive_own_messages=True)
+    hears_itself.send(can.Message(arbitration_id=0x300, data=b"\x02\x01\x03"))
+    first, second, own = (bus.recv(PATIENCE_S) for bus in (*pair, hears_itself))
+    first.data[0] = 4
+    assert bytes(second.data) == bytes(own.data) == b"\x02\x01\x03"
+
+
+def test_a_stamp_is_the_time_of_day_with_fractions_of_a_second(pair):
+    before_s = time.time()
+    stamps_s = []
+    for _ in range(2):
+        pair[1].send(can.Message())
+        stamps_s.append(pair[0].recv(PATIENCE_S).timestamp)
+        time.sleep(0.01)
+    assert before_s - 1e-3 <= stamps_s[0] <= time.time()
+    assert sum(stamp_s % 1 for stamp_s in stamps_s) > 0
+
+
+def test_stamps_are_as_far_apart_as_the_frames(pair):
+    pair[1].send(can.Message())
+    first = pair[0].recv(PATIENCE_S)
+    received_s = time.time()
+    time.sleep(0.3)
+    sent_s = time.time()
+    pair[1].send(can.Message())
+    second = pair[0].recv(PATIENCE_S)
+    assert second.timestamp - first.timestamp >= sent_s - received_s - 1e-3
+    assert second.timestamp <= time.time()
+
+
+def test_many_frames_arrive_in_order(pair):
+    for number in range(500):
+        pair[0].send(can.Message(arbitration_id=number))
+    assert [pair[1].recv(PATIENCE_S).arbitration_id for _ in range(500)] == list(range(500))
+
+
+def test_a_bus_can_be_iterated(pair):
+    for number in range(3):
+        pair[0].send(can.Message(arbitration_id=number))
+    assert [message.arbitration_id for _, message in zip(range(3), pair[1], strict=False)] == [0, 1, 2]
+
+
+FILTERS = {
+    "one identifier": ([{"can_id": 0x123, "can_mask": 0x7FF}], [0x123, 0x123]),
+    "by mask": ([{"can_id": 0x120, "can_mask": 0x7F0}], [0x123, 0x123]),
+    "extended only": ([{"can_id": 0x123, "can_mask": 0x7FF, "extended": True}], [0x123]),
+    "either of two": ([{"can_id": 0x001, "can_mask": 0x7FF}, {"can_id": 0x2, "can_mask": 0x7FF}], [0x001, 0x002]),
+    "none": (None, [0x001, 0x002, 0x123, 0x123]),
+}
+
+
+@pytest.mark.parametrize(("filters", "wanted"), FILTERS.values(), ids=FILTERS)
+def test_filters_choose_what_is_received(pair, filters, wanted):
+    last = can.Message(arbitration_id=0, is_error_frame=True)  # comes through any filter, so nothing is still under way
+    pair[1].set_filters(filters)
+    for identifier, is_extended in ((0x001, False), (0x002, True), (0x123, False), (0x123, True)):
+        pair[0].send(can.Message(arbitration_id=identifier, is_extended_id=is_extended))
+    pair[0].send(last)
+    received = []
+    while not (message := pair[1].recv(PATIENCE_S)).is_error_frame:
+        received.append(message.arbitration_id)
+    assert received == wanted
+
+
+def test_a_shut_down_node_refuses_to_send_and_to_wait_as_python_can_says(pair):
+    pair[0].shutdown()
+    pair[0].shutdown()
+    with pytest.raises(can.CanOperationError, match="zenoh r1/can0: is shut down"):
+        pair[0].send(can.Message())
+    with pytest.raises(can.CanOperationError, match="zenoh r1/can0: is shut down"):
+        pair[0].recv(PATIENCE_S)
+
+
+def test_a_node_is_shut_down_at_the_end_of_a_with_block(open_node):
+    with open_node() as bus:
+        bus.send(can.Message())
+    with pytest.raises(can.CanOperationError):
+        bus.send(can.Message())
+
+
+def test_what_the_node_cannot_say_of_itself_is_left_to_python_can(pair):
+    assert pair[0].state is can.BusState.ACTIVE
+    assert pair[0].protocol is can.CanProtocol.CAN_FD
+    assert str(pair[0]) == "zenoh r1/can0"
+    with pytest.raises(NotImplementedError):
+        pair[0].fileno()
+
+
+# -- what needs threads, so not in a lockstep run ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize("attempt", range(10))
+def test_the_first_frames_after_opening_arrive_whoever_was_there_before(clients, attempt):
+    del attempt
+    first = clients()
+    second = clients()
+    first.send(can.Message(arbitration_id=1))
+    second.send(can.Message(arbitration_id=2))
+    third = clients()
+    for number, bus in enumerate((first, second, third), 3):
+        bus.send(can.Message(arbitration_id=number))
+    for bus, wanted in ((first, [2, 4, 5]), (second, [1, 3, 5]), (third, [3, 4])):  # of different senders in any order
+        assert sorted(bus.recv(PATIENCE_S).arbitration_id for _ in wanted) == wanted
+
+
+def test_the_first_frames_between_a_lockstep_run_and_another_process_arrive(hub):
+    for _ in range(10):
+        inside = ZenohBus(CHANNEL, session=hub, direct=True, now_ns=lambda: 5_000_000_000)
+        outside = ZenohBus(CHANNEL, connect=listening_at(hub)[0])
+        inside.send(can.Message(arbitration_id=1))
+        assert outside.recv(PATIENCE_S).timestamp == 5.0  # the sender's own time, where it has one
+        outside.send(can.Message(arbitration_id=2))
+        deadline_s = time.monotonic() + PATIENCE_S
+        while (received := inside.recv(0)) is None and time.monotonic() < deadline_s:
+            time.sleep(0.001)
+        assert received.arbitration_id == 2
+        assert received.timestamp == 5.0  # the receiver's, where the sender has none
+        outside.shutdown()
+        inside.shutdown()
+
+
+def test_a_node_opens_beside_one_that_hangs(clients, monkeypatch):
+    monkeypatch.setattr("robrain.protocol.can.zenoh_bus.MEET_TIMEOUT_S", 0.2)
+    first = clients()
+    release = threading.Event()
+    hung = clients()
+    hung._session.declare_queryable(  # answers nothing while it hangs
+        hung._key, zenoh.handlers.Callback(lambda query: release.wait(PATIENCE_S), indirect=True)
+    )
+    try:
+        late = clients()
+        late.send(can.Message(arbitration_id=7))
+        assert first.recv(PATIENCE_S).arbitration_id == 7
+    finally:
+        release.set()
+
+
+@pytest.mark.parametrize(("duration_s", "period_s"), [(0.01, 0.003), (0.1, 0.011), (1.0, 0.4)])
+def test_a_periodic_frame_is_sent_for_no_longer_than_was_asked(clients, duration_s, period_s):
+    receiver, sender = clients(), clients()
+    task = sender.send_periodic(can.Message(arbitration_id=9), period_s, duration_s)
+    task.thread.join(PATIENCE_S)
+    sender.send(can.Message(arbitration_id=10))
+    stamps_s = []
+    while (message := receiver.recv(PATIENCE_S)).arbitration_id == 9:
+        stamps_s.append(message.timestamp)
+    assert stamps_s
+    assert len(stamps_s) <= duration_s / period_s + 2
+
+
+def test_periodic_frames_end_when_the_node_is_shut_down(clients):
+    receiver, sender = clients(), clients()
+    task = sender.send_periodic(can.Message(arbitration_id=9), 0.005)
+    assert receiver.recv(PATIENCE_S).arbitration_id == 9
+    sender.shutdown()
+    task.thread.join(PATIENCE_S)
+    assert not task.thread.is_alive()
+
+
+def test_a_notifier_hands_frames_to_its_listeners(clients):
+    receiver, sender = clients(), clients()
+    heard: list[can.Message] = []
+    came = threading.Event()
+
+    def listen(message: can.Message) -> None:
+        heard.append(message)
+        came.set()
+
+    notifier = can.Notifier(receiver, [listen])
+    sender.send(can.Message(arbitration_id=0x42))
+    assert came.wait(PATIENCE_S)
+    notifier.stop()
+    assert [message.arbitration_id for message in heard] == [0x42]
+
+
+def test_a_thread_that_waits_for_a_frame_ends_with_its_bus(clients):
+    bus = clients()
+    ended: list[str] = []
+    waits = threading.Event()
+
+    def wait() -> None:
+        waits.set()
+        try:
+            bus.recv()
+        except can.CanOperationError as error:
+            ended.append(str(error))
+
+    waiting = threading.Thread(target=wait, daemon=True)
+    waiting.start()
+    waits.wait(PATIENCE_S)
+    time.sleep(0.05)
+    bus.shutdown()
+    waiting.join(PATIENCE_S)
+    assert ended == ["zenoh r1/can0: is shut down"]
+
+
+def test_a_thread_safe_bus_bears_many_senders_and_receivers(clients):
+    receiver, sender = clients(can.ThreadSafeBus), clients(can.ThreadSafeBus)
+    receiver.set_filters([{"can_id": 0x123, "can_mask": 0x7FF, "extended": True}])
+    wanted = can.Message(arbitration_id=0x123, channel=CHANNEL, data=[254, 255, 1, 2])
+    other = can.Message(arbitration_id=0x002, channel=CHANNEL, data=[1])
+    received: list[can.Message | None] = []
+
+    def send() -> None:
+        for _ in range(50):
+            sender.send(wanted)
+            sender.send(other)
+
+    def receive() -> None:
+        for _ in range(50):
+            received.append(receiver.recv(PATIENCE_S))
+
+    threads = [threading.Thread(target=work) for _ in range(10) for work in (send, receive)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(PATIENCE_S)
+    assert len(received) == 500
+    assert all(message is not None and message.equals(wanted, timestamp_delta=None) for message in received)
+    assert receiver.recv(0) is None
+
+
+# -- options ----------------------------------------------------------------------------------------------------
+
+
+def test_an_unknown_option_is_refused_with_those_that_there_are(lockstep_session):
+    with pytest.raises(can.CanInitializationError, match=r"no option baud, rx_own; .*receive_own_messages.*fd"):
+        open_bus(session=lockstep_session, direct=True, rx_own=True, baud=9600)
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        ({"fd": "yes"}, "option fd: expected true or false, got 'yes'"),  # not what python-can makes of a word
+        ({"receive_own_messages": "maybe"}, "option receive_own_messages: expected true or false, got 'maybe'"),
+        ({"team": 7.5}, "option team: expected text, got 7.5"),
+        ({"connect": 7447}, "option connect: expected text, got 7447"),
+    ],
+)
+def test_an_option_of_the_wrong_kind_is_refused(lockstep_session, options, why):
+    session = {} if "connect" in options else {"session": lockstep_session, "direct": True}
+    with pytest.raises(can.CanInitializationError, match=why):
+        ZenohBus(CHANNEL, **session, **options)
+
+
+def test_a_classic_node_neither_sends_nor_receives_can_fd(lockstep_session):
+    classic = ZenohBus(CHANNEL, session=lockstep_session, direct=True)
+    modern = ZenohBus(CHANNEL, session=lockstep_session, direct=True, fd=True)
+    with pytest.raises(can.CanOperationError, match="it was opened without fd"):
+        classic.send(FRAMES["fd"])
+    modern.send(FRAMES["fd"])
+    assert classic.recv(0) is None
+    assert classic.refused == 1
+    classic.shutdown()
+    modern.shutdown()
+
+
+@pytest.mark.parametrize(
+    ("bad", "why"),
+    [
+        (can.Message(arbitration_id=1, data=bytes(9)), "at most 8 bytes"),  # python-can itself does not look
+        (can.Message(arbitration_id=1, is_remote_frame=True, dlc=15), "at most 8 bytes"),
+        (can.Message(arbitration_id=1 << 29), "identifier of 29 bits"),
+        (can.Message(arbitration_id=-1), "identifier of 29 bits"),
+        (can.Message(arbitration_id=1, is_fd=True, data=bytes(9)), "CAN FD knows no frame of 9 bytes"),
+        (can.Message(arbitration_id=1, is_fd=True, data=bytes(65)), "CAN FD knows no frame of 65 bytes"),
+        (can.Message(arbitration_id=1, is_fd=True, is_remote_frame=True), "CAN FD knows no remote frames"),
+    ],
+)
+def test_a_frame_that_no_bus_can_carry_is_refused(lockstep_session, bad, why):
+    with (
+        ZenohBus(CHANNEL, session=lockstep_session, direct=True, fd=True) as bus,
+        pytest.raises(can.CanOperationError, match=why),
+    ):
+        bus.send(bad)
+
+
+HEADER = bytes(16)
+FORGED = {
+    "longer than a classic frame": HEADER + bytes(4) + bytes(9),
+    "longer than any frame": HEADER + bytes(4) + bytes(100_000),
+    "fd of a length that there is not": HEADER + bytes(4) + bytes([0, 63]) + bytes(64),
+    "fd with unknown flags": HEADER + bytes(4) + bytes([0x80, 8]) + bytes(64),
+    "fd that asks for data": HEADER + (1 << 30).to_bytes(4, "little") + bytes([0, 8]) + bytes(64),
+}
+
+
+@pytest.mark.parametrize("payload", FORGED.values(), ids=FORGED)
+def test_a_forged_frame_is_counted_and_not_received(lockstep_session, payload):
+    with ZenohBus(CHANNEL, session=lockstep_session, direct=True, fd=True) as bus:
+        lockstep_session.put("robrain/default/arena/r1/can/can0", payload)
+        assert bus.recv(0) is None
+        assert bus.refused == 1
+
+
+def test_a_node_can_be_shut_down_after_its_session(hub):
+    session = open_session(connect=listening_at(hub)[:1])
+    bus = ZenohBus(CHANNEL, session=session)
+    session.close()  # type: ignore[no-untyped-call]
+    with pytest.raises(can.CanOperationError, match="its session is closed"):
+        bus.send(can.Message())
+    bus.shutdown()
+
+
+def test_a_bus_that_cannot_be_opened_leaves_no_session_behind(hub):
+    before = len(hub.info.peers_zid())
+    for _ in range(3):
+        with pytest.raises(can.CanInitializationError, match=r"can_filters: expected .*can_id"):
+            ZenohBus(CHANNEL, can_filters=[{"mask": 1}], connect=listening_at(hub)[0])  # type: ignore[list-item]
+    assert len(hub.info.peers_zid()) == before

@@ -1,0 +1,103 @@
+"""Figures that follow from the code alone, held against their bounds and against what the pages print.
+
+After a change that moves them: `make bench ARGS="exploration real_maps"`, then `make figures`.
+"""
+
+import sys
+from unittest import mock
+
+import numpy as np
+import pytest
+
+from robrain import Scenario
+from robrain.deploy.bench_figure import Figure, Kind
+from robrain.plugins.unit.driver.driver import Driver
+from robrain.protocol.model.geometry import Point2D
+from robrain.sim.maps.map_server import load_map
+from tests.bench import exploration
+from tests.bench.call_count import calls_per_robot_second
+from tests.bench.results import Results
+from tests.real_maps import REAL_MAPS, needs_real_maps
+
+pytestmark = pytest.mark.timeout(900)
+PRINTED = Results.read().named()
+SMALL = Scenario.builtin("arena_small").replace(robots=1)
+CALLS_MARGIN = 0.05
+"""A bound of calls that is farther off than this share lets a capability pass that costs as much."""
+
+
+def missed(figures: list[Figure]) -> list[str]:
+    """What is not kept of what depends on the code alone, in words."""
+    fixed = [figure for figure in figures if figure.kind is Kind.DETERMINISTIC]
+    assert fixed
+    return [
+        f"{figure.name}: {figure.value_words()}, bound {figure.bound_words()}"
+        for figure in fixed
+        if figure.kept is False
+    ]
+
+
+def misprinted(section: str, figures: list[Figure]) -> list[str]:
+    """What the pages print otherwise, in words."""
+    fixed = [figure for figure in figures if figure.kind is Kind.DETERMINISTIC]
+    printed = {figure.name: PRINTED.get((section, figure.name)) for figure in fixed}
+    return [
+        f"{figure.name}: measured {figure.value_words()}, printed {old.value_words() if old else 'nothing'}"
+        for figure in fixed
+        if (old := printed[figure.name]) is None or old.value_words() != figure.value_words()
+    ]
+
+
+@pytest.mark.parametrize(
+    "run",
+    [
+        pytest.param(run, marks=needs_real_maps if run.map_path.is_relative_to(REAL_MAPS) else (), id=run.map_path.stem)
+        for run in exploration.RUNS
+    ],
+)
+def test_map_is_explored_in_time_without_collisions_as_the_pages_print(run: exploration.Exploration) -> None:
+    figures = exploration.run_figures(run, run.run())
+    assert missed(figures) == []
+    assert misprinted("exploration" if run is exploration.OWN else "real_maps", figures) == []
+
+
+def test_a_robot_makes_no_more_calls_than_its_bound() -> None:
+    figures = exploration.call_figures()
+    assert missed(figures) == []
+    for figure in figures:
+        assert figure.value is not None
+        assert figure.bound is not None
+        assert figure.bound.at_most is not None
+        if sys.version_info[:2] == (3, 11):  # later ones make fewer calls of the same code
+            assert figure.value > (1 - CALLS_MARGIN) * figure.bound.at_most, f"{figure.name}: lower its bound"
+
+
+def test_calls_are_counted_alike_in_each_run_and_a_call_more_a_step_is_seen() -> None:
+    def count() -> float:
+        return calls_per_robot_second(SMALL, settle_s=1.0, window_s=2.0)
+
+    step, steps = Driver.step, 0
+
+    def costlier(driver: Driver) -> None:
+        nonlocal steps
+        steps += 1
+        step(driver)
+
+    count()  # what is cached for good in the first run is not called again
+    before = count()
+    assert count() == before
+    with mock.patch.object(Driver, "step", costlier):
+        after = count()
+    assert after - before == pytest.approx(steps / 3.0, rel=0.1)  # steps of three seconds, two of them counted
+    assert after > before + 10
+
+
+def test_map_of_the_project_has_a_shaft_that_no_robot_reaches() -> None:
+    plan = load_map(exploration.OWN.map_path)
+    assert plan.size_m == pytest.approx((15.0, 11.0))
+    reachable = plan.reachable([Point2D(0.0, 3.0)], 0.2)
+    x_m, y_m = 11.8, 5.7
+    cell = round((y_m - plan.origin_y_m) / plan.resolution_m), round((x_m - plan.origin_x_m) / plan.resolution_m)
+    assert not plan.occupied[cell]
+    assert not reachable[cell]
+    assert np.count_nonzero(reachable) * plan.resolution_m**2 == pytest.approx(118, abs=2)

@@ -1,0 +1,57 @@
+"""In lockstep nothing ends by the wall clock: pauses of the process leave a run as it is."""
+
+import functools
+import random
+import time
+from collections import Counter
+
+import pytest
+
+from robrain import LockstepTeam, Point2D, Scenario, Visit
+from robrain.agent.tag import PluginTag
+from robrain.agent.task_desk import TaskDesk
+from robrain.coordinator.coordinator import Coordinator
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.inbox import Inbox
+
+SECONDS = 5.0
+LONG_S, SHORT_S = 0.7, 0.002
+PAUSED = {
+    TaskDesk: "offer",
+    PluginTag: "run_step",
+    Coordinator: "step",
+    Inbox: "append",  # each subscription's callback
+    Endpoint: "_reply",  # each handler of a query
+}
+"""What pauses at random, each with a share of its calls."""
+SHARES = {"offer": 1.0, "run_step": 0.02, "step": 0.2, "append": 0.02, "_reply": 0.5}
+
+
+def digest() -> str:
+    with LockstepTeam(Scenario.builtin("depot").replace(robots=2, seed=3)) as team:
+        team.submit(Visit(id="look", place=Point2D(3.0, 8.0)))
+        team.run_for(SECONDS)
+    assert team.summary is not None
+    return team.summary.digest
+
+
+def test_random_pauses_in_handlers_steps_and_callbacks_leave_the_digest_as_it_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    wanted = digest()
+    chance, paused = random.Random(), Counter[str]()
+
+    def with_pauses(name: str, function):
+        @functools.wraps(function)
+        def paused_first(*arguments, **named):
+            if chance.random() < SHARES[name]:
+                paused[name] += 1
+                time.sleep(LONG_S if name == "offer" and paused[name] == 1 else SHORT_S * chance.random())
+            return function(*arguments, **named)
+
+        return paused_first
+
+    for owner, name in PAUSED.items():
+        monkeypatch.setattr(owner, name, with_pauses(name, getattr(owner, name)))
+    assert digest() == wanted
+    assert min(paused[name] for name in PAUSED.values()) > 0

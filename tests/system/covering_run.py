@@ -1,0 +1,83 @@
+"""A short lockstep run that meets the arithmetic that a digest depends on; prints its digest and what it met, as JSON.
+
+It explores, drives by lidar and motes, plans tasks, takes a picture, and finds a robot again that is lost.
+"""
+
+import functools
+import json
+import math
+import sys
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from robrain import Inspect, LockstepTeam, Point2D, Scenario, Visit
+from robrain.coordinator.allocation.optimal import OptimalAllocator
+from robrain.protocol.model import localiser, scan_relocalisation
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mote_relocalisation import Signals, find_robot
+from robrain.protocol.model.pose_mixture import PoseMixture
+from robrain.protocol.model.power_learner import PowerLearner
+from robrain.protocol.model.rssi_ranging import PathLoss
+from robrain.sim.camera import Camera
+from robrain.sim.radio import RadioModel
+
+BEFORE_S, AFTER_S = 12.0, 12.0
+"""How long it runs before a robot is lost, and afterwards."""
+MET = Counter[str]()
+"""Calls of each function that is watched."""
+
+
+def watch(owner: Any, *names: str) -> None:
+    """Count calls."""
+    for name in names:
+        setattr(owner, name, _counted(getattr(owner, name), name))
+        MET[name] = 0
+
+
+def _counted(function: Callable[..., Any], name: str) -> Callable[..., Any]:
+    @functools.wraps(function)
+    def counted(*arguments: Any, **named: Any) -> Any:
+        MET[name] += 1
+        return function(*arguments, **named)
+
+    return counted
+
+
+def found_by_motes() -> list[float]:
+    """A lost robot's pose and covariance, from signals alone: it takes more of them than a short run has."""
+    rng = np.random.default_rng(8)
+    true = Pose2D(12.0, 7.0, 1.3)
+    mote_places = np.array(((0.0, 0.0), (20.0, 0.0), (20.0, 14.0), (0.0, 14.0), (10.0, 3.0)))
+    places = np.array([(0.1 * k - 6.0, 2.0 * math.sin(k / 8)) for k in range(60)])
+    motes = rng.integers(0, len(mote_places), 60)
+    loss = PathLoss()
+    rssi_dbm = [
+        loss.mean_dbm(true.compose(Pose2D(x, y, 0.0)).distance_m(Point2D(*mote_places[mote].tolist())))
+        for (x, y), mote in zip(places.tolist(), motes.tolist(), strict=True)
+    ]
+    found = find_robot(Signals(places, motes, mote_places, np.array(rssi_dbm)), loss)
+    assert found is not None
+    pose, covariance = found
+    return [pose.x_m, pose.y_m, pose.yaw_rad, *covariance.reshape(-1).tolist()]
+
+
+if __name__ == "__main__":
+    watch(localiser, "match_scan", "find_by_scan", "better_elsewhere")
+    watch(scan_relocalisation, "least_solution")
+    watch(PoseMixture, "hear", "_weigh")
+    watch(PowerLearner, "learn")
+    watch(Camera, "picture")
+    watch(RadioModel, "mean_rssi_dbm_of")
+    watch(OptimalAllocator, "plan")
+    with LockstepTeam(Scenario.builtin("arena_small").replace(robots=2, motes=6, seed=4)) as team:
+        team.submit(Inspect(id="picture", place=Point2D(4.0, 3.0)))
+        for number, place in enumerate((Point2D(1.0, 1.0), Point2D(3.5, 5.0), Point2D(6.0, 3.0))):
+            team.submit(Visit(id=f"visit-{number}", place=place))
+        team.run_for(BEFORE_S)
+        team.lockstep.hosts[0].manager.get("localisation").plugin._localiser.lose("it is to be found again")
+        team.run_for(AFTER_S)
+    assert team.summary is not None
+    sys.stdout.write(json.dumps({"digest": team.summary.digest, "found": found_by_motes(), "met": MET}))

@@ -1,0 +1,47 @@
+"""A dashboard within the test's own process, of which a test sees more than its page."""
+
+import socket
+import threading
+import time
+
+from robrain.coordinator.dashboard import Dashboard
+from robrain.protocol.wire.endpoint import Endpoint
+
+PERIOD_S = 0.1
+
+
+class Stepped:
+    """A dashboard that is stepped on a thread, and how its steps went."""
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        self.dashboard = Dashboard(endpoint, port=0)
+        self.steps = 0
+        self.longest_s = 0.0
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def stop(self) -> None:
+        self._stop.set()
+        self._thread.join()
+        self.dashboard.close()
+
+    def waiting(self) -> int:
+        """Messages that are kept for browsers, those for all of them included."""
+        server = self.dashboard._server._websock_server
+        clients = list(server._client_state_from_id.values())
+        return sum(len(client.message_buffer.message_from_id) for client in clients) + len(
+            server._broadcast_buffer.message_from_id
+        )
+
+    def narrow(self) -> None:
+        """Leave hardly any room in the sockets: what a hung browser does not take piles up at once."""
+        for connection in self.dashboard._server._websock_server._live_connections.values():
+            connection.transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
+
+    def _run(self) -> None:
+        while not self._stop.wait(PERIOD_S):
+            began_s = time.monotonic()
+            self.dashboard.step()
+            self.longest_s = max(self.longest_s, time.monotonic() - began_s)
+            self.steps += 1

@@ -1,0 +1,115 @@
+"""`robrain call`: one call of a robot's plugin from a command line."""
+
+import json
+from collections.abc import Iterator
+
+import msgspec
+import pytest
+
+from robrain.agent.external import external_functions
+from robrain.agent.plugin import Unit, external
+from robrain.agent.text_form import parse_call
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint, Request
+from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.messages import HostRequest
+from robrain.protocol.wire.session import open_session
+from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_HOST
+from tests.system.conftest import Commands
+
+pytestmark = pytest.mark.system
+
+
+class Drawer(Unit):
+    """Answers with what it is given."""
+
+    @external
+    def draw(self, x_m: float, label: str = "-") -> tuple[float, str]:
+        return (x_m, label)
+
+    @external
+    def clear(self) -> None:
+        return
+
+    @external
+    def fail(self) -> None:
+        raise CallError(ErrorCode.FAILED, "it broke", "Traceback:\n  file.py, line 3")
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Commands]:
+    """A robot with a drawer, played at the hub of its commands."""
+    commands = Commands(tmp_path_factory.mktemp("team"))
+    functions, drawer = external_functions(Drawer), Drawer.__new__(Drawer)
+    with open_session(mode="router", listen=[commands.hub.endpoint]) as session:
+        wire = Endpoint(session, "default", WallClock(), Drive.LIVE)
+
+        def command(request: Request) -> str:
+            call = parse_call(msgspec.json.decode(request.payload, type=HostRequest).text)
+            assert call.plugin == "drawer"
+            return functions[call.function].call_text(drawer, call.arguments)
+
+        def called(request: Request) -> object:
+            return functions[request.names["function"]].call(drawer, request.payload)
+
+        wire.token(ROBOT_ALIVE, robot="r1")
+        wire.answer(ROBOT_HOST, command, robot="r1", verb="command")
+        wire.answer(ROBOT_CALL, called, robot="r1", plugin="drawer")
+        yield commands
+        wire.close()
+    commands.stop_all()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["draw", "1.5"], '[1.5, "-"]\n'),
+        (["draw", "-1.5", "label=a b"], '[-1.5, "a b"]\n'),  # a negative number is no option
+        (["draw", "label=x", "x_m=2"], '[2.0, "x"]\n'),
+        (["draw(1.5, x)"], '[1.5, "x"]\n'),  # as in the shell
+        (["draw", '[1, "y"]'], '[1, "y"]\n'),
+        (["draw", '{"x_m": 3, "label": "z"}'], '[3, "z"]\n'),
+        (["clear"], ""),
+        (["clear", "[]"], ""),
+    ],
+)
+def test_arguments_are_text_or_json_and_the_result_is_text(robot: Commands, words: list[str], said: str) -> None:
+    done = robot.run("call", "r1", "drawer", *words)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout in (said, said.replace("[1,", "[1.0,").replace("[3,", "[3.0,"))
+
+
+@pytest.mark.parametrize("words", [["draw", "2", "5x"], ["draw", '[2, "5x"]'], ["draw", "label=5x", "x_m=2"]])
+def test_a_program_gets_json(robot: Commands, words: list[str]) -> None:
+    done = robot.run("call", "r1", "drawer", *words, "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads(done.stdout) == [2, "5x"]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["r1", "drawer", "draw"], "missing argument `x_m`"),
+        (["r1", "drawer", "draw", "1", "a, b"], "expected one argument a word; put text with commas or brackets in"),
+        (["r1", "drawer", "draw", "[1"], "expected a JSON array or object"),
+        (["r1", "drawer", "draw", "1", "label=a", "--json"], "expected either all arguments as NAME=VALUE, or none"),
+        (["r1", "draw/er", "draw"], "bad plugin name 'draw/er'"),
+        (["r2", "drawer", "draw"], "no robot r2 in team default; there are: r1"),
+    ],
+)
+def test_a_call_that_cannot_be_is_one_sentence(robot: Commands, words: list[str], said: str) -> None:
+    done = robot.run("call", *words)
+    assert (done.returncode, done.stdout) == (2, "")
+    (line,) = done.stderr.splitlines()
+    assert said in line
+
+
+def test_what_a_plugin_says_of_its_failure_stands_below_it(robot: Commands) -> None:
+    done = robot.run("call", "r1", "drawer", "fail", "{}")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "robrain: it broke\n  Traceback:\n    file.py, line 3\n"
+
+
+def test_the_version_is_told(commands: Commands) -> None:
+    done = commands.run("--version")
+    assert (done.returncode, done.stdout) == (0, "robrain 0.1.0\n")

@@ -1,0 +1,65 @@
+"""Ctrl-C while a run is set up: what has been opened is closed in order, and nothing is said about it."""
+
+import signal
+import subprocess
+import sys
+
+import pytest
+
+pytestmark = pytest.mark.system
+
+# It says that it has come so far, and then waits to be told to go on: the signal comes while robots are set up.
+SCRIPT = """
+import sys
+
+from robrain.{module} import {name} as Original
+import robrain.{user} as user
+
+made = 0
+
+
+class Told(Original):
+    def __init__(self, *args, **options):
+        global made
+        super().__init__(*args, **options)
+        made += 1
+        print("made", made, flush=True)
+        if made == 3:
+            sys.stdin.readline()
+
+
+user.{name} = Told
+sys.argv = ["robrain", "run", "arena_small", "--robots", "6", "--time-limit", "1"]
+from robrain.cli import main
+
+main()
+"""
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "user"),
+    [("sim.simulated_robot", "SimulatedRobot", "sim.arena"), ("agent.host", "AgentHost", "sim.lockstep")],
+)
+def test_ctrl_c_while_robots_are_set_up_closes_them_without_a_word(module: str, name: str, user: str) -> None:
+    script = SCRIPT.format(module=module, name=name, user=user)
+    process = subprocess.Popen(
+        [sys.executable, "-c", script],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    with process:
+        assert process.stdout is not None
+        assert process.stdin is not None
+        said = []
+        for line in process.stdout:
+            said.append(line)
+            if line == "made 3\n":
+                break
+        process.send_signal(signal.SIGINT)
+        process.stdin.write("go on\n")
+        process.stdin.close()
+        said += process.stdout.readlines()
+    assert process.returncode == 130
+    assert [line for line in said if "made" not in line][1:] == [], "only the first line tells what is run"

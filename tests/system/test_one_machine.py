@@ -1,0 +1,200 @@
+"""One machine just works: what runs on it finds its hub, waits for it, and says who else is there."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from robrain.protocol.wire.session import open_session
+from tests.own_hub import OwnHub
+from tests.system.conftest import Commands
+
+pytestmark = pytest.mark.system
+WAITS = "yet: waits for"
+
+
+@pytest.fixture(scope="module")
+def team(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Commands]:
+    """`robrain up` with one robot, which was told of no endpoint; and commands of the same machine."""
+    found = Commands(tmp_path_factory.mktemp("team"))
+    try:
+        process = found.start("up", "arena_small", "--robots", "1", "--no-dashboard")
+        assert found.line_with(process, "hub: ").split()[1] == found.hub.endpoint
+        seen = ""
+        while "r1: up" not in seen or "coordinator: up" not in seen:
+            seen += found.line_with(process, ": up")
+        yield found
+    finally:
+        found.stop_all()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["status"], "team default: coordinator up\n  r1 up\n"),
+        (["status", "--json"], '"robots":["r1"]'),
+        (["plugin", "list", "r1"], "driver"),
+        (["task", "list", "--all"], "task"),
+        (["call", "r1", "driver", "pose"], "x_m"),
+        (["halt", "--reason", "a test"], "team default: 1 of 1 robots halted"),
+        (["resume"], "team default: 1 of 1 robots resumed"),
+    ],
+)
+def test_what_a_team_is_asked_for_goes_to_stdout_without_an_endpoint_given(
+    team: Commands, words: list[str], said: str
+) -> None:
+    done = team.run(*words)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert said in done.stdout
+
+
+def test_the_shell_finds_the_robots_of_this_machine(team: Commands) -> None:
+    shell = team.start("shell", "r1", stdin=subprocess.PIPE)
+    said, _ = shell.communicate("list\nexit\n", timeout=120)
+    assert (shell.returncode, "driver" in said) == (0, True), said
+
+
+def test_the_dashboard_finds_the_team_of_this_machine(team: Commands) -> None:
+    page = team.start("dashboard", "--port", "0")
+    assert "http://127.0.0.1:" in team.line_with(page, "dashboard: ")
+    page.send_signal(signal.SIGINT)
+    assert page.wait(120) == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "missing"),
+    [
+        (["status"], "nobody of team blue is at tcp/"),
+        (["task", "list"], "no coordinator of team blue answers"),
+        (["plugin", "list", "r1"], "no robot r1 in team blue"),
+        (["shell", "r1"], "no robot r1 in team blue"),
+        (["call", "r1", "driver", "pose"], "no robot r1 in team blue"),
+        (["halt"], "no robot of team blue is there"),
+        (["halt", "--robot", "r1"], "no robot r1 in team blue"),
+    ],
+)
+def test_in_the_wrong_team_those_that_are_there_are_named(team: Commands, words: list[str], missing: str) -> None:
+    done = team.run(*words, "--team", "blue")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert missing in done.stderr
+    assert done.stderr.endswith("; there is team default\n")
+
+
+def test_a_recorder_in_the_wrong_team_names_those_that_are_there_and_waits(team: Commands) -> None:
+    process = team.start("record", "--team", "blue", "--output", "blue.mcap")
+    assert "nobody of team blue is there yet; there is team default" in team.line_with(process, "robrain: ")
+    team.line_with(process, "recording to blue.mcap")
+    process.send_signal(signal.SIGINT)
+    assert process.wait(120) == 0
+
+
+def test_up_tells_hub_page_and_forwarders_as_lines_of_json_while_it_runs(commands: Commands) -> None:
+    hub = open_session(mode="router", listen=[commands.hub.endpoint])
+    try:
+        words = ["up", "arena_small", "--robots", "1", "--port", "0", "--json"]
+        process = commands.start(*words, stderr=subprocess.PIPE)
+        assert process.stdout is not None
+        assert process.stderr is not None
+        told = [json.loads(process.stdout.readline()) for _ in range(3)]
+        first = told[0]
+        assert sorted(one["event"] for one in told) == ["dashboard", "hub", "serial_forwarder"]
+        assert first["event"] == "hub"
+        assert first["endpoint"] != commands.hub.endpoint
+        assert f"{commands.hub.endpoint} is taken" in process.stderr.readline()
+        by_event = {one["event"]: one for one in told}
+        assert by_event["dashboard"]["url"].startswith("http://127.0.0.1:")
+        assert by_event["serial_forwarder"]["robot"] == "r1"
+        host, _, port = by_event["serial_forwarder"]["address"].partition(":")
+        socket.create_connection((host, int(port)), 60).close()
+        process.send_signal(signal.SIGINT)
+        rest, _ = process.communicate(timeout=120)
+        assert process.returncode == 130
+        (result,) = [json.loads(line) for line in rest.splitlines()]
+        assert (result["event"], result["ended"]) == ("result", "interrupted")
+    finally:
+        hub.close()  # type: ignore[no-untyped-call]
+
+
+def test_agent_coordinator_recorder_and_arena_wait_for_their_hub_and_say_so_once(commands: Commands) -> None:
+    (commands.folder / "r1.toml").write_text('[robot]\nname = "r1"\nload = ["counter"]\n')
+    waiting = {
+        "agent": ("agent: r1 is up", ["agent", "r1.toml"]),
+        "coordinator": ("coordinator: of team default", ["coordinator"]),
+        "record": ("recording to run.mcap", ["record", "--output", "run.mcap"]),
+        "arena": ("arena: arena_small at", ["arena", "arena_small", "--connect", commands.hub.endpoint]),
+    }
+    started = {who: commands.start(*words) for who, (_, words) in waiting.items()}
+    for who, process in started.items():
+        assert commands.line_with(process, WAITS).startswith(f"{who}: nobody answers at {commands.hub.endpoint} ")
+    hub = open_session(mode="router", listen=[commands.hub.endpoint])
+    try:
+        for who, (ready, _) in waiting.items():
+            process = started[who]
+            assert process.stdout is not None
+            line = process.stdout.readline()  # the very next one: it did not say so again
+            assert line.startswith(ready) or "serial forwarder" in line, line
+            process.send_signal(signal.SIGINT)
+        for process in started.values():
+            process.communicate(timeout=120)
+            assert process.returncode == 0
+    finally:
+        hub.close()  # type: ignore[no-untyped-call]
+
+
+@pytest.mark.parametrize("words", [["agent", "r1.toml"], ["coordinator"], ["record"]])
+def test_ctrl_c_ends_one_that_waits_for_its_hub(commands: Commands, words: list[str]) -> None:
+    (commands.folder / "r1.toml").write_text('[robot]\nname = "r1"\n')
+    before = set(commands.folder.iterdir())
+    process = commands.start(*words)
+    commands.line_with(process, WAITS)
+    process.send_signal(signal.SIGINT)
+    said, _ = process.communicate(timeout=120)
+    assert (process.returncode, said) == (0, "")
+    assert set(commands.folder.iterdir()) == before
+
+
+def test_a_robot_that_only_listens_starts_and_others_join_it(commands: Commands) -> None:
+    with OwnHub() as own:
+        (commands.folder / "r1.toml").write_text(
+            f'[robot]\nname = "r1"\nload = ["counter"]\n[zenoh]\nlisten = ["{own.endpoint}"]\n'
+        )
+        agent = commands.start("agent", "r1.toml")
+        commands.line_with(agent, "agent: r1 is up")
+        found = json.loads(commands.run("status", "--json", "--connect", own.endpoint).stdout)
+        assert found["robots"] == ["r1"]
+
+
+def test_robrain_connect_does_not_silence_listen(commands: Commands) -> None:
+    words = ["arena", "arena_small", "--robots", "1", "--listen", "tcp/127.0.0.1:0"]
+    arena = commands.start(*words, ROBRAIN_CONNECT="tcp/127.0.0.1:9")
+    endpoint = commands.line_with(arena, "arena: arena_small at ").split(" at ")[1].split(",")[0]
+    session = open_session(connect=[endpoint])
+    session.close()  # type: ignore[no-untyped-call]
+
+
+@pytest.mark.parametrize("command", [["arena", "arena_small"], ["coordinator"]])
+def test_connect_and_listen_together_are_refused(commands: Commands, command: list[str]) -> None:
+    done = commands.run(*command, "--listen", "tcp/127.0.0.1:0", "--connect", "tcp/127.0.0.1:9")
+    assert (done.returncode, done.stdout) == (2, "")
+    (line,) = done.stderr.splitlines()
+    assert "--connect tcp/127.0.0.1:9 and --listen tcp/127.0.0.1:0: expected one of the two" in line
+
+
+def test_nobody_on_this_machine_is_told_with_where_was_looked_and_what_to_do(commands: Commands) -> None:
+    done = commands.run("status")
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f"robrain: nobody answers at {commands.hub.endpoint}, the hub of this machine: `robrain up`")
+    assert done.returncode == 2
+
+
+def test_the_hub_of_this_machine_is_zenohs_own_port_on_loopback(tmp_path: Path) -> None:
+    without = {name: value for name, value in os.environ.items() if not name.startswith("ROBRAIN_")}
+    show = "from robrain.protocol.wire.hub import team_endpoints; print(team_endpoints())"
+    said = subprocess.run([sys.executable, "-c", show], env=without, capture_output=True, text=True, check=True).stdout
+    assert said == "['tcp/127.0.0.1:7447']\n"

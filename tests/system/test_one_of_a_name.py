@@ -1,0 +1,84 @@
+"""Real processes that start under a name that another has, or at once with another."""
+
+import signal
+import subprocess
+
+import pytest
+
+from robrain.protocol.wire.session import listening_at, open_session
+
+pytestmark = pytest.mark.system
+
+WAIT_S = 120.0
+ROBOT = '[robot]\nname = "r1"\nload = ["counter"]\n\n[zenoh]\nconnect = ["{endpoint}"]\n'
+UP = {"agent": "agent: r1 is up", "coordinator": "coordinator: of team default; Ctrl-C"}
+NAMED = {"agent": "robot r1 of team default", "coordinator": "the coordinator of team default"}
+
+
+@pytest.fixture(params=["agent", "coordinator"])
+def kind(request) -> str:
+    return request.param
+
+
+@pytest.fixture
+def start(commands, kind):
+    """Starts one more process of the same name."""
+    hub = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
+    endpoint = next(where for where in listening_at(hub) if where.startswith("tcp/"))
+    (commands.folder / "r1.toml").write_text(ROBOT.format(endpoint=endpoint))
+    number = iter(range(100))
+
+    def start() -> subprocess.Popen[str]:
+        if kind == "agent":
+            return commands.start("agent", "r1.toml")
+        return commands.start("coordinator", "--connect", endpoint, "--journal", f"{next(number)}.journal")
+
+    yield start
+    commands.stop_all()
+    hub.close()  # type: ignore[no-untyped-call]
+
+
+def test_a_second_process_of_a_name_refuses_and_says_who_is_there(commands, start, kind) -> None:
+    first = start()
+    commands.line_with(first, UP[kind])
+    second = start()
+    said, _ = second.communicate(timeout=WAIT_S)
+    assert second.returncode == 2
+    (line,) = said.splitlines()
+    assert line.startswith(f"robrain: {NAMED[kind]} is there already: process {first.pid} on ")
+    assert first.poll() is None
+
+
+def test_of_three_that_start_at_once_exactly_one_comes_up(commands, start, kind) -> None:
+    processes = [start() for _ in range(3)]
+    up: list[subprocess.Popen[str]] = []
+    while not up:  # who is refused ends; who is up says so
+        for process in processes:
+            line = process.stdout.readline()
+            if UP[kind] in line:
+                up.append(process)
+    refused = [process for process in processes if process not in up]
+    for process in refused:
+        process.communicate(timeout=WAIT_S)
+    assert [process.returncode for process in refused] == [2, 2]
+    assert up[0].poll() is None
+
+
+def test_after_a_kill_the_next_one_comes_up_without_waiting(commands, start, kind) -> None:
+    first = start()
+    commands.line_with(first, UP[kind])
+    for _ in range(3):
+        first.send_signal(signal.SIGKILL)
+        first.wait(WAIT_S)
+        first = start()
+        assert commands.line_with(first, kind).startswith(UP[kind])  # its first word
+
+
+def test_one_that_hangs_for_longer_than_its_connection_lasts_loses_its_name(commands, start, kind) -> None:
+    first = start()
+    commands.line_with(first, UP[kind])
+    first.send_signal(signal.SIGSTOP)
+    second = start()
+    commands.line_with(second, UP[kind])
+    assert first.poll() is None
+    first.kill()  # what is stopped hears no Ctrl-C

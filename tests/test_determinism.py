@@ -1,0 +1,127 @@
+"""What a digest depends on uses nothing whose results vary by processor, and reads no clock of the machine."""
+
+import ast
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+FOLDERS = ("agent", "coordinator", "plugins", "protocol", "sim")
+LOOKS_ON = ("coordinator/dashboard",)
+"""Draws what is on the wire; nothing that it says is on a recorded topic but a person's clicks."""
+
+BLAS = {
+    "dot", "vdot", "inner", "matmul", "tensordot", "einsum", "vecdot", "matvec", "vecmat", "cov", "corrcoef",
+    "convolve", "correlate", "polyfit", "linalg",
+}  # fmt: skip
+"""By OpenBLAS or LAPACK, which have a version for each processor. Take `small_linear_algebra`."""
+VECTORISED = {
+    "exp", "exp2", "expm1", "log", "log2", "log10", "log1p", "logaddexp", "logaddexp2", "power", "float_power", "cbrt",
+    "tan", "arcsin", "arccos", "arctan", "arctan2", "sinh", "cosh", "tanh", "arcsinh", "arccosh", "arctanh", "angle",
+    "fft", "partition", "argpartition",
+}  # fmt: skip
+"""By NumPy's own code, which has a version for each vector unit. Take `elementary_functions`."""
+SCIPY = {"ndimage", "linear_sum_assignment"}
+"""What of SciPy has one version."""
+EXCEPTIONS: dict[str, str] = {}
+"""`file: name` that is used all the same, and why that is no harm."""
+
+CLOCKS = {
+    "agent/crew.py": "starts and halts plugins side by side, in live",
+    "agent/isolation/peer.py": "a plugin in a process of its own, refused in lockstep",
+    "agent/live.py": "the live drive",
+    "coordinator/live.py": "the live drive",
+    "coordinator/planning/live_planner.py": "the live drive's planner",
+    "coordinator/planning/planner_child.py": "the live drive's planner",
+    "coordinator/recording/disk_watch.py": "tells of a slow disk, in live",
+    "plugins/unit/program/line_process.py": "refused in lockstep",
+    "plugins/unit/program/program.py": "refused in lockstep",
+    "plugins/unit/tcp_socket/line_server.py": "refused in lockstep",
+    "protocol/wire/answering.py": "answers on threads, in live",
+    "protocol/wire/clock.py": "the live drive's clock",
+    "sim/live_arena.py": "the live drive",
+    "sim/pacing.py": "slows a run down for who watches, and tells how long it took",
+}
+"""Files that import `time`, and why no run in lockstep depends on it."""
+
+
+@cache
+def sources() -> dict[str, ast.Module]:
+    paths = (path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py"))
+    names = ((str(path.relative_to(ROOT)), path) for path in paths)
+    return {
+        name: ast.parse(path.read_text(encoding="utf-8"))
+        for name, path in sorted(names)
+        if not name.startswith(LOOKS_ON)
+    }
+
+
+def varying(tree: ast.AST) -> Iterator[str]:
+    """What a source uses whose results vary by processor."""
+    for node in ast.walk(tree):
+        match node:
+            case ast.BinOp(op=ast.MatMult()) | ast.AugAssign(op=ast.MatMult()):
+                yield "@"
+            case ast.Attribute(value=ast.Name(id="np" | "numpy"), attr=name) if name in BLAS | VECTORISED:
+                yield f"np.{name}"
+            case ast.Call(func=ast.Attribute(attr="dot" as name)):
+                yield f".{name}()"
+            case ast.Call(func=ast.Attribute(attr="argsort"), keywords=given):
+                kinds = [
+                    word.value.value for word in given if word.arg == "kind" and isinstance(word.value, ast.Constant)
+                ]
+                if kinds != ["stable"]:
+                    yield "argsort without kind='stable'"
+            case ast.ImportFrom(module=str(module), names=names) if module.split(".")[0] in ("numpy", "scipy"):
+                allowed = SCIPY if module.startswith("scipy") else {name.name for name in names} - BLAS - VECTORISED
+                if module.startswith("numpy.linalg"):
+                    allowed = set()
+                yield from (f"{module}.{name.name}" for name in names if name.name not in allowed)
+            case ast.Import(names=names):
+                yield from (name.name for name in names if name.name.startswith(("scipy", "numpy.linalg", "numpy.fft")))
+            case ast.keyword(arg="fastmath" | "parallel" as name, value=ast.Constant(value=value)) if value:
+                yield name
+            case _:
+                pass
+
+
+@pytest.mark.parametrize(
+    ("line", "what"),
+    [
+        ("a @ b", "@"),
+        ("a @= b", "@"),
+        ("np.linalg.solve(a, b)", "np.linalg"),
+        ("np.dot(a, b)", "np.dot"),
+        ("a.dot(b)", ".dot()"),
+        ("np.einsum('ii', a)", "np.einsum"),
+        ("np.exp(a)", "np.exp"),
+        ("np.arctan2(a, b)", "np.arctan2"),
+        ("np.argsort(a)", "argsort without kind='stable'"),
+        ("a.argsort()", "argsort without kind='stable'"),
+        ("from numpy.linalg import eigh", "numpy.linalg.eigh"),
+        ("from numpy import linalg", "numpy.linalg"),
+        ("from scipy.optimize import minimize", "scipy.optimize.minimize"),
+        ("import scipy.linalg", "scipy.linalg"),
+        ("njit(fastmath=True)(f)", "fastmath"),
+    ],
+)
+def test_what_varies_by_processor_is_found(line: str, what: str) -> None:
+    assert what in list(varying(ast.parse(line)))
+
+
+def test_what_a_digest_depends_on_uses_nothing_that_varies_by_processor() -> None:
+    found = {f"{name}: {what}" for name, tree in sources().items() for what in varying(tree)}
+    assert found == set(EXCEPTIONS)
+
+
+def test_only_what_is_not_for_lockstep_reads_the_clock_of_the_machine() -> None:
+    found = {
+        name
+        for name, tree in sources().items()
+        for node in ast.walk(tree)
+        if (isinstance(node, ast.Import) and any(alias.name == "time" for alias in node.names))
+        or (isinstance(node, ast.ImportFrom) and node.module == "time")
+    }
+    assert found == set(CLOCKS)

@@ -1,0 +1,24 @@
+"""The first screen of the README can be typed as it stands."""
+
+import re
+import subprocess
+
+from tests.system.conftest import ROOT
+
+README = (ROOT / "README.md").read_text()
+
+
+def test_the_shell_is_told_of_the_virtual_environment_before_robrain_is_typed() -> None:
+    first, *_ = re.findall(r"```sh\n(.*?)```", README, re.DOTALL)
+    lines = [line.partition("#")[0].strip() for line in first.splitlines()]
+    assert lines[0] == "make demo"
+    assert ". .venv/bin/activate" in lines
+    assert README.index(". .venv/bin/activate") < README.index("| `robrain ")
+
+
+def test_installing_shows_its_progress() -> None:
+    planned = subprocess.run(
+        ["make", "--dry-run", "--always-make", "install"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
+    assert ".venv/bin/python -m pip install" in planned
+    assert "--quiet" not in planned
