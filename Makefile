@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 WORKERS := $(shell $(PYTHON) -c "import os; print(min(os.cpu_count() or 1, 4) + 1)")
 export CARGO_TARGET_DIR ?= $(CURDIR)/.cache/rust-target
 
-.PHONY: demo test browser test-rust check bench figures soak mutants format install clean
+.PHONY: demo test browser kernels test-rust check bench figures soak mutants format install clean
 
 demo: install ## a team explores, seen in the browser, recorded
 	@$(BIN)/robrain demo $(ARGS)
@@ -19,7 +19,7 @@ $(STAMP): pyproject.toml constraints.txt
 	@$(BIN)/python -m pip install --disable-pip-version-check -c constraints.txt -e '.[all,dev]'
 	@touch $@
 
-test: install browser ## side by side on up to four cores, each file of tests in one process (ARGS="-n 0 tests/agent" for less)
+test: install browser kernels ## side by side on up to four cores, each file of tests in one process (ARGS="-n 0 tests/agent" for less)
 	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile --no-loadscope-reorder $(ARGS)
 
 browser: ## Chromium for the dashboard's tests, from the distribution's packages where that is allowed
@@ -27,6 +27,9 @@ browser: ## Chromium for the dashboard's tests, from the distribution's packages
 		echo "installing chromium (once)"; apt-get install --yes --quiet=2 chromium >/dev/null || true; \
 	fi
 	@test -x /usr/bin/chromium || echo "no /usr/bin/chromium: the dashboard's browser tests will be skipped" >&2
+
+kernels: install ## compiled once, before many tests at a time need them
+	@$(BIN)/python -c "from robrain.deploy.kernels import prepare_kernels; prepare_kernels()"
 
 test-rust: install ## the plugin in Rust, built (for minutes, once) and run
 	@if command -v cargo >/dev/null; then \

@@ -14,6 +14,7 @@ import pytest
 from robrain.protocol.wire.session import open_session
 from tests.own_hub import OwnHub
 from tests.system.conftest import Commands
+from tests.waiting import until
 
 pytestmark = pytest.mark.system
 WAITS = "yet: waits for"
@@ -166,8 +167,8 @@ def test_a_robot_that_only_listens_starts_and_others_join_it(commands: Commands)
         )
         agent = commands.start("agent", "r1.toml")
         commands.line_with(agent, "agent: r1 is up")
-        found = json.loads(commands.run("status", "--json", "--connect", own.endpoint).stdout)
-        assert found["robots"] == ["r1"]
+        ask = ["status", "--json", "--connect", own.endpoint]
+        until(lambda: '"robots":["r1"]' in commands.run(*ask).stdout, "status never told of r1")
 
 
 def test_robrain_connect_does_not_silence_listen(commands: Commands) -> None:
