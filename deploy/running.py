@@ -81,7 +81,7 @@ def run_scenario(scenario: Scenario, options: RunOptions) -> RunResult:
 def _stay(url: str) -> None:
     import time
 
+    should_stop = LiveStop()  # before the user is told of Ctrl-C: the default handler ends with another status
     say(f"{url} now shows the recording: Ctrl-C ends it")
-    should_stop = LiveStop()
     while not should_stop():
         time.sleep(0.1)

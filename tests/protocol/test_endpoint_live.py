@@ -1,5 +1,6 @@
 """The live drive: a router on the loopback, and clients of it."""
 
+import re
 import threading
 import time
 
@@ -217,5 +218,6 @@ def test_the_end_waits_for_an_answer_that_is_being_made(one_at_a_time):
 def test_the_end_does_not_wait_for_ever_for_an_answer_that_is_stuck(one_at_a_time, caplog):
     robot, _, outcomes, _ = one_at_a_time
     robot.close()
-    assert "answers that do not come back are left behind: answer-robot_call-1" in caplog.text
+    (warning,) = caplog.messages
+    assert re.fullmatch(r"answers that do not come back are left behind: answer-robot_call-[12]", warning)  # either thread
     assert outcomes == {}
