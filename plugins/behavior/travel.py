@@ -1,4 +1,4 @@
-"""Travel: how a behavior gets to a place. It plans, follows, plans anew, gives way, and tells the team its path."""
+"""Travel: how a behavior gets to a place. It plans, follows, replans, gives way, and publishes its path to the team."""
 
 import math
 from enum import Enum, auto
@@ -80,7 +80,7 @@ class Progress(Enum):
     BLOCKED = auto()
     """Something has stood in the way for too long."""
     TOO_NARROW = auto()
-    """The robot does not fit through where the map has a way; `gap_m` is how wide it is there."""
+    """The path leads through a gap that is too narrow for the robot; `gap_m` is the gap's width."""
     NO_WAY = auto()
     """The planner finds none any more."""
     LOST = auto()
@@ -117,7 +117,7 @@ class Travel:
         """Of the map on which the way was last found safe."""
         self._search: Search | None = None
         self.gap_m: float | None = None
-        """The width of what was too narrow for the robot on its last way."""
+        """Width of the gap that last stopped the robot; None if something else did."""
 
     def connect(self) -> None:
         """Get what it needs.
@@ -170,7 +170,7 @@ class Travel:
         return self._localisation.pose()
 
     def plan(self, goal: Point2D) -> list[Point2D] | None:
-        """A way from here to a place, arena frame; None if there is none."""
+        """A path from here to a place, arena frame, through narrow places if need be; None if there is none."""
         encounter = self._meet(self.pose())
         for is_narrow in self._widths():
             path = self._plan(encounter, goal, is_narrow=is_narrow)
@@ -183,7 +183,7 @@ class Travel:
         return self._planner.standpoint(self.view(), place, within_m)
 
     def narrow_standpoint(self, place: Point2D, within_m: float) -> Point2D | None:
-        """The same in a narrow place, if a way leads there."""
+        """As `standpoint`, but in a narrow place; None also if no path leads there."""
         found = self._planner.standpoint(self.view(), place, within_m, is_narrow=True)
         if found is None:
             return None
@@ -194,15 +194,15 @@ class Travel:
         return found
 
     def set_out(self, *goals: Point2D, priority: int = 0, is_narrow: bool = False) -> bool:
-        """Go to the first of these places, arena frame, to which there is a way.
+        """Go to the first of these places that can be reached.
 
-        Through narrow places only if there is none otherwise, or the goal itself is in one. False, and all stays as it
-        was, if there is no way at all or the robot is lost.
+        Paths through narrow places are tried last, unless the goal or the robot is in one. Returns False and changes
+        nothing if there is no path to any of the places or the robot is lost.
 
         Args:
-            goals: the places.
-            priority: of the task; where ways meet, the higher goes first.
-            is_narrow: the first of them is in a narrow place.
+            goals: the places, arena frame.
+            priority: the task's; where paths meet, the higher goes first.
+            is_narrow: whether the first place is in a narrow place.
 
         """
         if self.lost:
@@ -302,7 +302,7 @@ class Travel:
         return Encounter(self._env.robot, own, radius_m, mates, self._parameters.speed_m_s)
 
     def _replan(self, encounter: Encounter, goal: Point2D, pose: Pose2D, now_ns: int) -> bool:
-        """Take another way if there is one; False once there is none for good, not even through narrow places."""
+        """Take a new path if there is one; False once none, narrow ones included, was found for `patience_s`."""
         was_narrow = self._leg is not None and self._leg.is_narrow
         first, other = self._widths(to_narrow=self._is_narrow_goal)
         path, is_narrow = self._plan(encounter, goal, is_narrow=first), first
@@ -316,7 +316,7 @@ class Travel:
         return True
 
     def _widths(self, *, to_narrow: bool = False) -> tuple[bool, bool]:
-        """Which ways to look for first: narrow ones only if there is no other, but to or from a narrow place."""
+        """The order in which to try `is_narrow`: narrow paths last, unless goal or robot is in a narrow place."""
         if to_narrow:
             return True, False
         pose, driver = self.pose(), self.driver
@@ -419,7 +419,7 @@ class Travel:
             allowed = _at_most(allowed, self._safe_positions(leg, ahead) - round(NEXT_LOOK_M / STEP_M))
             if allowed.positions > CREEP_POSITIONS:
                 self._lost_ns = now_ns  # it may look different from nearer by
-        # A driver that squeezes takes no short cut anyhow.
+        # Small steps keep the driver from cutting corners; one that squeezes does not cut them.
         creeps = now_ns < self._creep_until_ns and not leg.is_narrow
         return _at_most(allowed, CREEP_POSITIONS) if creeps else allowed
 
@@ -472,7 +472,7 @@ def _at_most(allowed: Release, positions: int) -> Release:
 
 
 def too_narrow(travel: Travel) -> tuple[str, dict[str, float]]:
-    """Why a way ended at a gap, in words and as the result of a task."""
+    """Why a travel ended with `TOO_NARROW`: in words, and as the result of a task."""
     gap_m, needed_m = travel.gap_m or 0.0, least_gap_m(travel.driver.radius_m())
     result = {"gap_m": round(gap_m, 3), "needed_m": round(needed_m, 3)}
     return f"the way is too narrow: {gap_m:.2f} m wide, the robot needs {needed_m:.2f} m", result
