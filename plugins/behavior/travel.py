@@ -71,7 +71,7 @@ class TravelParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Progress(Enum):
-    """How a travel stands."""
+    """State of a travel."""
 
     UNDER_WAY = auto()
     WAITING = auto()
@@ -82,13 +82,13 @@ class Progress(Enum):
     TOO_NARROW = auto()
     """The path leads through a gap that is too narrow for the robot; `gap_m` is the gap's width."""
     NO_WAY = auto()
-    """The planner finds none any more."""
+    """The planner finds no path any more."""
     LOST = auto()
     """The robot does not know where it is, and has not found itself."""
 
 
 class Travel:
-    """The way of one behavior; made in its `init`, connected in its `activate`, stepped by its `step`.
+    """The travels of one behavior; made in its `init`, connected in its `activate`, stepped by its `step`.
 
     Args:
         env: the behavior's.
@@ -120,10 +120,10 @@ class Travel:
         """Width of the gap that last stopped the robot; None if something else did."""
 
     def connect(self) -> None:
-        """Get what it needs.
+        """Get the interfaces it needs.
 
         Raises:
-            PluginMissing, AccessDenied, PluginBusy: it is not to be had.
+            PluginMissing, AccessDenied, PluginBusy: one of them is not available.
 
         """
         env = self._env
@@ -223,7 +223,7 @@ class Travel:
         return False
 
     def step(self) -> Progress:
-        """Go on; the driver is told of a new path where one is due. Standing still counts as arrived."""
+        """Advance by one step, with a new path for the driver if one is due. Without a goal the travel has arrived."""
         if self._goal is None:
             return Progress.ARRIVED
         if self.lost:
@@ -242,7 +242,7 @@ class Travel:
         return Progress.WAITING if leg is None else self._go(leg, encounter, pose)
 
     def make_room(self) -> bool:
-        """Step aside while there is nothing to do and somebody is to pass here; whether the robot is at it."""
+        """While idle, step aside for a robot that is to pass here; returns whether this robot is doing so."""
         if self._goal is not None or self._search is not None:
             return False
         leg = self._leg
@@ -381,7 +381,7 @@ class Travel:
     # -- driving --------------------------------------------------------------------------------------------
 
     def _take(self, path: list[Point2D], pose: Pose2D, *, is_narrow: bool = False) -> Leg:
-        """The way to the goal is this one."""
+        """Make this path the way to the goal."""
         self._leg = leg = Leg(self._outlet, pose, path, is_narrow=is_narrow)
         self._end = leg.end
         self._planned_ns = self._env.clock.now_ns()
@@ -390,7 +390,7 @@ class Travel:
         return leg
 
     def _go(self, leg: Leg, encounter: Encounter, pose: Pose2D) -> Progress:
-        """As far as others let it, or out of their way."""
+        """Drive as far as others allow, or out of their way."""
         if leg.is_escape:
             leg.drive(leg.guard(encounter, pose), self._standing.claim)
             return self._wait()
@@ -414,7 +414,7 @@ class Travel:
         return self._wait()
 
     def _careful(self, leg: Leg, allowed: Release, ahead: NDArray[np.float64], now_ns: int) -> Release:
-        """Not farther than the map allows, and by small steps after the driver was blocked."""
+        """Limit the release to what the map allows, and to small steps after the driver was blocked."""
         if self._lost_ns is not None:
             allowed = _at_most(allowed, self._safe_positions(leg, ahead) - round(NEXT_LOOK_M / STEP_M))
             if allowed.positions > CREEP_POSITIONS:
@@ -424,7 +424,7 @@ class Travel:
         return _at_most(allowed, CREEP_POSITIONS) if creeps else allowed
 
     def _detour(self, leg: Leg, encounter: Encounter, pose: Pose2D, allowed: Release) -> bool:
-        """Take another way, if there is one on which nobody is to be waited for."""
+        """Take another path if it is at most `detour_m` longer and others hold the robot up clearly less on it."""
         path = None if self._goal is None else self._plan(encounter, self._goal)
         if path is None:
             return False

@@ -16,7 +16,7 @@ SQUEEZED_GAP_M = 0.03
 
 
 class Lookout:
-    """Keeps what the sensors say, and answers for a direction.
+    """Keeps the latest sensor data and answers how far a direction is free.
 
     Args:
         moc: tells where the robot was when something was seen, and how large it is.
@@ -43,14 +43,14 @@ class Lookout:
         self._touched_rad = bump.directions_rad
 
     def look(self, now_ns: int) -> str:
-        """Take in what the sensors say; why the robot is blind, nothing if it sees."""
+        """Read the sensors; returns why the robot is blind, empty if it is not."""
         blind_why = self._obstacles.update(self._scan.latest(), self._ranges.latest(), now_ns)
         if self._obstacles.is_frozen:
             self._scan.doubt("the lidar is frozen: its ranges stay equal to the millimetre while the robot moves")
         return blind_why
 
     def free_m(self, pose: Pose2D, heading_rad: float) -> float:
-        """How far the round robot can go straight in this direction of odom, to its stop distance before something."""
+        """How far the robot can go straight in this direction of odom, less its stop distance before an obstacle."""
         if self._is_touched(pose, heading_rad):
             return 0.0
         points_m = self._obstacles.points_m
