@@ -1,4 +1,4 @@
-"""Access: what speaks for and against a use of a plugin, from inside and from outside."""
+"""Access control: whether a plugin may be used by another plugin, or called from outside."""
 
 import logging
 from collections.abc import Callable
@@ -94,7 +94,7 @@ def call_from_outside(callee: "PluginTag", known: ExternalFunction, call: Callab
         raise
     except PluginError as error:
         raise CallError(error.code, str(error), getattr(error, "holder", "")) from error
-    except FOREIGN_ERRORS as error:  # foreign plugin code; the caller reads where it failed, and so does the log
+    except FOREIGN_ERRORS as error:  # foreign plugin code; the caller and the log both get its traceback
         kind = type(error).__name__
         detail = log_error(logger, f"plugin {callee.name}: {known.name} failed: {kind}", error)
         raise CallError(ErrorCode.FAILED, f"{kind}: {error}", detail) from error

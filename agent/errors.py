@@ -25,7 +25,7 @@ FOREIGN_ERRORS = (Exception, SystemExit)
 
 
 def short_path(path: Path) -> str:
-    """A path as callers outside are shown it: the file and the folder that it lies in."""
+    """The file name and its folder, without the rest of the path: the form shown to callers outside."""
     return "/".join(path.parts[-2:])
 
 
@@ -49,7 +49,7 @@ class ManifestError(PluginError):
         self.expected = expected
 
     def for_outside(self) -> "ManifestError":
-        """The same for callers outside: it does not say where the robot keeps its files."""
+        """The same error for callers outside, without the full path of the file."""
         return ManifestError(Path(short_path(self.path)), self.key, self.expected)
 
 

@@ -63,12 +63,12 @@ class _WayOut:
     def put(self, value: Any) -> None:
         try:
             encoded = msgspec.Raw(msgspec.json.encode(value, enc_hook=encode_own))
-        except Exception as error:  # noqa: BLE001 - a value of any type, with a printer of the plugin's own
+        except Exception as error:  # noqa: BLE001 - the plugin's own JSON encoder is foreign code
             self._event.unsent += 1
             if self._event.unsent == 1:
                 robot, where = self._message.robot, f"event {self._message.event} of plugin {self._message.plugin}"
                 what = f"{type(error).__name__}: {error}"
-                logger.error("%s: %s stays in the robot: %s", robot, where, what)  # noqa: TRY400 - said in words
+                logger.error("%s: %s stays in the robot: %s", robot, where, what)  # noqa: TRY400 - `what` names the error
             return
         with self._lock:
             if not self._is_open:

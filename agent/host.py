@@ -127,7 +127,7 @@ class AgentHost:
         self._connect = list(robot_file.zenoh.connect)
 
     def open_folder(self, folder: Path) -> None:
-        """Let plugins be loaded from a folder by their path, as if the robot's file had named it."""
+        """Allow loading plugins by path from a folder, as if it were listed in the robot's `loadable`."""
         self._loadable = [*self._loadable, folder]
 
     def on_wanted(self, wake: Callable[[], None]) -> None:

@@ -110,7 +110,7 @@ def _fits(own: inspect.Signature, wanted: inspect.Signature) -> bool:
 def _hints(of: Callable[..., Any] | type) -> dict[str, Any]:
     try:
         return get_type_hints(of)
-    except Exception:  # noqa: BLE001 - hints are foreign code, and may speak of what only the type checker imports
+    except Exception:  # noqa: BLE001 - hints are foreign code, and may name types imported only for type checkers
         return {}
 
 

@@ -82,8 +82,8 @@ def import_code(manifest: Manifest, *, fresh: bool = False, live: bool = True) -
 
     Args:
         manifest: its `class` is `module:Class`; the module lies beside the manifest or can be imported.
-        fresh: read the module anew, after an edit; if that fails the old module stays.
-        live: whether it is for the live drive; in lockstep a plugin in a process of its own is refused unread.
+        fresh: execute the module again, after an edit; if that fails the old module stays.
+        live: whether the drive is live; in lockstep a plugin with `isolation = "process"` is refused before its import.
 
     Raises:
         ManifestError: it cannot be imported, is no plugin, or has functions that cannot be described.
@@ -92,8 +92,8 @@ def import_code(manifest: Manifest, *, fresh: bool = False, live: bool = True) -
     module_name, _, class_name = manifest.class_path.partition(":")
     beside = manifest.path.parent / f"{module_name}.py"
     if manifest.tag.isolation == "process":
-        if not live:  # nor is it tried: how long that may take would be up to the wall clock
-            why = 'expected "none": "process" is for the live drive, another process cannot keep step'
+        if not live:  # refused before `try_import`, whose time limit runs on the wall clock
+            why = 'expected "none": "process" is for the live drive, another process cannot run in lockstep'
             raise ManifestError(manifest.path, "[tag] isolation", why)
         grief = try_import(module_name, beside if beside.is_file() else None, manifest.tag.start_s)
         if grief:
@@ -165,8 +165,9 @@ def _import_file(path: Path, *, fresh: bool) -> ModuleType:
 def _execute(name: str, path: Path, before: ModuleType | None) -> ModuleType:
     importlib.invalidate_caches()
     if before is not None:
-        # A byte-code file is taken for current if source time (in seconds) and size agree: too coarse for an edit.
-        with suppress(NotImplementedError):
+        # Python takes a byte-code file as current if the source's size and time stamp (whole seconds) agree: it would
+        # miss a quick edit.
+        with suppress(NotImplementedError):  # raised where Python keeps no byte-code files: there is nothing to remove
             Path(importlib.util.cache_from_source(str(path))).unlink(missing_ok=True)
     source = path.read_bytes()
     spec = importlib.util.spec_from_file_location(name, path)

@@ -89,7 +89,7 @@ class PluginManager:
 
     @property
     def is_live(self) -> bool:
-        """Whether the wall clock may end what a plugin does: never in lockstep."""
+        """Whether the drive is live. Time limits on plugins, which run on the wall clock, apply only then."""
         return self.crew is not None
 
     def parameters_of(self, name: str) -> Mapping[str, Any]:
@@ -157,15 +157,15 @@ class PluginManager:
 
         Args:
             name_or_path: a name in the robot's places, or the path of a manifest or of a folder with one or more.
-            within: folders in which a path must lie, beside the places; anywhere if None, which is for callers that
-                have not come over the wire.
+            within: folders, besides the places, that a path must lie in; None allows any path and is only for callers
+                in this process.
 
         Returns:
             The tags of the plugins that were loaded.
 
         Raises:
-            AccessDenied: the path lies in none of the folders.
-            PluginMissing, ManifestError, PluginError: why not; nothing is left behind then.
+            AccessDenied: the path is outside all of these folders.
+            PluginMissing, ManifestError, PluginError: loading failed; nothing stays loaded then.
             HostBusy: another load, unload or reload is under way.
 
         """

@@ -1,4 +1,4 @@
-"""Manifests: the TOML file beside a plugin's class that says who it is and who may use it."""
+"""Manifests: the TOML file beside a plugin's class with its name, its requirements and who may use it."""
 
 import os
 import re
@@ -92,7 +92,7 @@ def read_manifest(path: Path) -> Manifest:
     try:
         raw = read_toml(path)
     except FileNotFoundError as error:
-        raise ManifestError(path, "file", "cannot be read: there is none") from error
+        raise ManifestError(path, "file", "cannot be read: no such file") from error
     except BadToml as error:
         raise ManifestError(path, "file", str(error)) from error
     try:
@@ -107,12 +107,15 @@ def read_manifest(path: Path) -> Manifest:
 def find_manifests(place: Path, *, most_files: int | None = None) -> list[Path]:
     """All manifests below a place, ordered by name: TOML files that have a [plugin] table.
 
-    One that cannot be read is among them if it looks like one: to read it again says in words what is wrong. Links to
-    folders are not followed.
+    A file that cannot be parsed is included if it looks like a manifest: `read_manifest` then raises the error that
+    says what is wrong. Links to folders are not followed.
 
     Args:
         place: a folder.
-        most_files: PluginMissing if there are more files and folders than this in it, of whatever kind.
+        most_files: limit on the number of files and folders of any kind below it; no limit if None.
+
+    Raises:
+        PluginMissing: `place` holds more than `most_files`.
 
     """
     found = []
@@ -121,7 +124,7 @@ def find_manifests(place: Path, *, most_files: int | None = None) -> list[Path]:
             if "plugin" in read_toml(path):
                 found.append(path)
         except FileNotFoundError:
-            continue  # it has just gone, or is a link to nowhere
+            continue  # deleted meanwhile, or a dangling link
         except BadToml:
             if _looks_like_one(path):
                 found.append(path)
@@ -146,7 +149,7 @@ def _looks_like_one(path: Path) -> bool:
         with path.open("rb") as file:
             data = file.read(_LOOKED_AT_BYTES)
     except OSError:
-        return True  # a manifest maybe; who reads it is told why it cannot be read
+        return True  # possibly a manifest; `read_manifest` reports why it cannot be read
     return len(data) < _LOOKED_AT_BYTES or _PLUGIN_TABLE.search(data) is not None
 
 

@@ -20,7 +20,7 @@ logger = logging.getLogger(__name__)
 
 GROUP = "robrain.plugins"
 MOST_FILES = 20_000
-"""A folder with more in it than this is not looked through when a plugin is loaded from it by its path."""
+"""A folder with more files and folders than this is not searched when a plugin is loaded by path."""
 SHOWN_CHARACTERS = 100
 
 
@@ -33,7 +33,7 @@ def entry_point_places() -> list[tuple[Path, str]]:
     for point in sorted(metadata.entry_points(group=GROUP), key=lambda point: (_distribution(point), point.name)):
         try:
             folders = _folders(point)
-        except Exception as error:  # noqa: BLE001 - finding a package runs the code of those that it lies in
+        except Exception as error:  # noqa: BLE001 - finding a package runs its parents' __init__.py, foreign code
             logger.warning(
                 "the plugins %s = %r of %s are left out: %s", point.name, point.value, _distribution(point), error
             )
@@ -80,15 +80,15 @@ class Places:
         return read_manifest(path) if path is not None else None
 
     def manifests_of(self, name_or_path: str, within: Iterable[Path] | None = None) -> list[Manifest]:
-        """What is meant by the name of a plugin, or the path of a manifest or of a folder with some.
+        """The manifests that a name or path stands for.
 
         Args:
-            name_or_path: what was asked for.
-            within: folders in which a path must lie beside the places, links followed; anywhere if None.
+            name_or_path: a plugin's name, or the path of a manifest or of a folder with manifests.
+            within: folders, besides the places, that a path must lie in after links are resolved; any path if None.
 
         Raises:
-            AccessDenied: the path lies elsewhere, whether or not there is something.
-            PluginMissing: none of these.
+            AccessDenied: the path is outside these folders, whether or not it exists.
+            PluginMissing: there is no such plugin, manifest or folder.
             ManifestError: a manifest is wrong.
 
         """
@@ -107,7 +107,7 @@ class Places:
                 return [read_manifest(_real(each, opened)) for each in found]
             if path.suffix == ".toml" and path.is_file():
                 return [read_manifest(path)]
-        except (OSError, ValueError, RuntimeError) as error:  # no path: too long, a NUL in it, links in a circle
+        except (OSError, ValueError, RuntimeError) as error:  # not a usable path: too long, a NUL byte, a loop of links
             raise PluginMissing(shown, f"no plugin there: {getattr(error, 'strerror', None) or error}") from error
         except AccessDenied:
             if "/" in name_or_path or name_or_path.endswith(".toml"):
@@ -117,7 +117,7 @@ class Places:
 
 
 def _real(path: Path, opened: list[Path] | None) -> Path:
-    """A path without links and `..` (AccessDenied if it lies in none of the folders that are open)."""
+    """The resolved path (AccessDenied if it is outside all `opened` folders); unchanged if `opened` is None."""
     if opened is None:
         return path
     real = path.resolve()
@@ -125,5 +125,5 @@ def _real(path: Path, opened: list[Path] | None) -> Path:
         return real
     shown = str(path)[:SHOWN_CHARACTERS]
     raise AccessDenied(
-        shown, f"{shown} lies in no folder from which this robot loads plugins; its file can open it: [robot] loadable"
+        shown, f"{shown} is outside the folders this robot loads plugins from; add its folder to [robot] loadable"
     )

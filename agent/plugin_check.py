@@ -92,7 +92,7 @@ class _Check:
             try:
                 tables = read_toml(path)
             except (BadToml, FileNotFoundError):
-                continue  # large data, a link to nowhere
+                continue  # data too large for a manifest, or a dangling link
             if "tag" in tables or path.with_suffix(".py").is_file():
                 yield Finding(path, "file", "expected a table [plugin]; without one it is passed over")
 
@@ -228,7 +228,7 @@ def _parameters(manifest: Manifest, code: PluginCode) -> Iterator[Finding]:
         check_parameters(manifest, code, {})
     except ManifestError as error:
         yield _of_manifest(error)
-    except Exception as error:  # noqa: BLE001 - the struct's own checks are foreign code
+    except Exception as error:  # noqa: BLE001 - the struct's own checks are foreign plugin code
         yield Finding(manifest.path, "[parameters]", f"{type(error).__name__}: {error}")
 
 

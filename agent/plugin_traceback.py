@@ -1,7 +1,7 @@
-"""What the author of a plugin reads of an error in it: where it was raised, and the traceback from the plugin on.
+"""Errors in plugin code, for its author: the line that raised, and the traceback from the plugin's first frame.
 
-The frames of the host above the plugin are left out. Of each file the name and its folder are shown, no more: the text
-goes to callers outside, too.
+The host's frames above the plugin are left out. Files are shown by name and folder only, since callers outside see the
+text too.
 """
 
 import importlib.util
@@ -20,32 +20,32 @@ MOST_CAUSES = 10
 
 
 class Raised(NamedTuple):
-    """What a plugin's code raised."""
+    """Where a plugin's code raised an error; both empty if no plugin code was involved."""
 
     where: str = ""
-    """The line, as `lamp/lamp.py:12 in step`."""
+    """The line, such as `lamp/lamp.py:12 in step`."""
     detail: str = ""
-    """The traceback, from the plugin's first line on."""
+    """The traceback, from the plugin's first frame."""
 
     def after(self, why: str) -> str:
-        """The reason in words, and behind it the line."""
+        """`why`, followed by the line in brackets if there is one."""
         return f"{why} ({self.where})" if self.where else why
 
 
 def raised(error: BaseException | None) -> Raised:
-    """Where a plugin's code raised an error; empty if it did not."""
+    """The line and traceback of an error; empty if `error` is None or no plugin code was involved."""
     return Raised(where_raised(error), plugin_traceback(error)) if error is not None else Raised()
 
 
 def log_error(logger: logging.Logger, what: str, error: BaseException) -> str:
-    """Log what failed as an error, with the traceback from the plugin on; that traceback."""
+    """Log at level error what failed, with `plugin_traceback(error)`; returns that traceback."""
     detail = plugin_traceback(error)
     logger.error("%s: %s%s", what, error, f"\n{detail}" if detail else "")
     return detail
 
 
 def where_raised(error: BaseException) -> str:
-    """The innermost line of the plugin's own folder, as `lamp/lamp.py:12 in step`; empty if none was involved."""
+    """The innermost line in the plugin's own folder, such as `lamp/lamp.py:12 in step`; empty if there is none."""
     for cause in _causes(error):
         frames = _frames(cause)
         if source := _not_python(cause):
@@ -58,7 +58,7 @@ def where_raised(error: BaseException) -> str:
 
 
 def plugin_traceback(error: BaseException) -> str:
-    """The traceback from the plugin's first line on, at most 4,000 characters; empty if no plugin was involved."""
+    """The traceback from the plugin's first frame, at most `MOST_CHARACTERS`; empty if no plugin was involved."""
     for cause in _causes(error):
         frames = _frames(cause)
         source = _not_python(cause)
@@ -80,7 +80,7 @@ def plugin_traceback(error: BaseException) -> str:
 
 
 def _causes(error: BaseException) -> Iterator[BaseException]:
-    """An error and what it was raised from, outermost first."""
+    """An error and its causes, outermost first; at most `MOST_CAUSES`."""
 
     def walk() -> Iterator[BaseException]:
         cause: BaseException | None = error
@@ -92,13 +92,13 @@ def _causes(error: BaseException) -> Iterator[BaseException]:
 
 
 def _not_python(error: BaseException) -> str:
-    """The plugin's file that is no Python, if that is the error; else empty."""
+    """The plugin's file with the syntax error, if the error is one; else empty."""
     file = error.filename if isinstance(error, SyntaxError) else None
     return file if file and not _is_of_host(file) else ""
 
 
 def _frames(error: BaseException) -> list[traceback.FrameSummary]:
-    """The frames from the plugin's first one on; none if there is none."""
+    """The frames from the plugin's first one; empty if no plugin code is in the traceback."""
     frames = list(traceback.extract_tb(error.__traceback__))
     for index, frame in enumerate(frames):
         if not _is_of_host(frame.filename):
@@ -120,7 +120,7 @@ def _short(file: str) -> str:
 
 
 def _is_of_host(file: str) -> bool:
-    """Whether code is the host's or Python's own, not a plugin's."""
+    """Whether a file belongs to the host or to Python itself, not to a plugin."""
     if file.startswith(("<", *_host_folders())):
         return True
     library = f"{sysconfig.get_paths()['stdlib']}/"

@@ -40,8 +40,8 @@ class Replacement:
         manifest: the plugin's, read anew.
         old: the instance that is there; None if there is none.
         old_code: what it was made from.
-        check: the manager's word on the edited plugin.
-        live: see `import_code`.
+        check: the manager's check of the edited plugin.
+        live: as in `import_code`.
 
     """
 

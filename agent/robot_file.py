@@ -21,8 +21,8 @@ class RobotTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_d
     places: list[str] = []
     """Folders with plugins, beside the stock ones; relative to the file."""
     loadable: list[str] = []
-    """Folders from which plugins may be loaded by their path while the robot runs, beside `places`; nothing in them is
-    loaded at the start. Relative to the file; `~` is the home of who runs the robot."""
+    """Folders, besides `places`, that plugins may be loaded from by path while the robot runs; not searched at start.
+    Relative to the file; `~` is the home folder of the user that runs the robot."""
     load: list[str] | None = None
     """Plugins to load, with what they require; all that are found if absent."""
 
@@ -40,7 +40,7 @@ class ZenohTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     connect: list[str] = []
     listen: list[str] = []
     mode: Literal["client", "peer", "router"] = "client"
-    """Left out of a file that says `listen`, it is `router`: others may join there."""
+    """Default: `router` in a file with `listen`, so that others can join, else `client`."""
 
     def __post_init__(self) -> None:
         for endpoint in (*self.connect, *self.listen):
@@ -49,7 +49,7 @@ class ZenohTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             except WireError as error:
                 raise ValueError(str(error)) from error
         if self.listen and self.mode == "client":
-            raise ValueError("mode: a client does not listen; leave it out, or expected peer or router")
+            raise ValueError("mode: expected peer or router together with listen, got client")
 
 
 class RobotFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -61,16 +61,19 @@ class RobotFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def folder_of(base: Path, folder: str) -> Path:
-    """A folder as a robot's file names it.
+    """The path of a folder named in a robot's file.
 
     Args:
-        base: where the file lies.
-        folder: relative to that, absolute, or `~/…`.
+        base: the file's folder.
+        folder: relative to `base`, absolute, or `~/…`.
+
+    Raises:
+        RobotFileError: `~name` of a user that has no home folder.
 
     """
     try:
         return base / Path(folder).expanduser()
-    except RuntimeError as error:  # nobody of that name has a home
+    except RuntimeError as error:  # `~name` of an unknown user
         raise RobotFileError(f"robot: cannot find the folder {folder}: {error}") from error
 
 
@@ -99,5 +102,5 @@ def read_robot_file(path: Path) -> RobotFile:
         for folder in folders:
             found = folder_of(path.parent, folder)
             if not found.is_dir():
-                raise RobotFileError(f"{path}: robot.{key}: expected a folder, {found} is none")
+                raise RobotFileError(f"{path}: robot.{key}: expected a folder, {found} is not one")
     return robot_file

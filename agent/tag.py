@@ -361,7 +361,7 @@ class PluginTag:
             self.mailbox.wake()  # its thread sleeps while there is nothing to step
 
     def become(self, state: PluginState, why: str = "", error: BaseException | None = None) -> None:
-        """Be in another state, for a reason in words, and maybe because of what the plugin's code raised."""
+        """Enter a state; `why` is the reason in words, `error` what the plugin's code raised, if anything."""
         self.state = state
         self.why = why
         self.raised = raised(error)

@@ -26,13 +26,13 @@ Accept = Callable[[Any], TaskAnswer]
 LetGo = Callable[[str], None]
 
 RESULT_BYTES_MAX, RESULT_FIELDS_MAX = 1024, 64
-"""A result travels with every state of the robot: pictures and lists go elsewhere, and their key comes here."""
+"""Results are part of every state message: publish pictures and lists on a key of their own and put that key here."""
 
 NS_PER_MS = 1_000_000
 EPOCH_AHEAD_MAX = 24 * 3600 * 1000
-"""Coordinators begin with their clock's milliseconds and go on by one an offer, so that theirs are behind the clock. An
-epoch farther ahead of the robot's clock than this would lock out all that come after it; it is refused (chosen: no two
-clocks of a team differ so much)."""
+"""Milliseconds. A coordinator starts its epochs at its clock's milliseconds and adds one per offer, so they stay behind
+the clock. An epoch farther than this ahead of the robot's clock is refused, because every later coordinator would seem
+out of date (chosen: no two clocks of a team differ by a day)."""
 
 
 class _Executor(NamedTuple):
@@ -186,7 +186,7 @@ class TaskDesk:
         if offer.epoch < newest:
             return _too_old(offer.epoch, newest)
         if offer.epoch > now_ns // NS_PER_MS + EPOCH_AHEAD_MAX:
-            why = f"epoch {offer.epoch} is more than a day ahead of the robot's clock: no coordinator gives such a one"
+            why = f"epoch {offer.epoch} is more than a day ahead of the robot's clock"
             return TaskAnswer(accepted=False, why=why)
         for known in (status, held.status if held is not None else None):
             if known is not None and (known.id, known.epoch) == (offer.task.id, offer.epoch):
@@ -211,8 +211,8 @@ class TaskDesk:
             return False
         self._held = None
         try:
-            answer = self._begin(held.offer)  # the lease goes on: nobody was heard
-        except FOREIGN_ERRORS as error:  # a behavior's own
+            answer = self._begin(held.offer)  # does not renew the lease: the robot has heard nothing
+        except FOREIGN_ERRORS as error:  # foreign plugin code
             answer = TaskAnswer(accepted=False, why=cut(str(error)))
         if not answer.accepted:
             self._before = ended
@@ -238,9 +238,9 @@ class TaskDesk:
         if why:
             return TaskAnswer(accepted=False, why=why)
         executor = self._executors[type(offer.task)]
-        lease_ns = to_ns(offer.lease_s)  # what may raise does so before anything of the desk has changed
+        lease_ns = to_ns(offer.lease_s)  # before any change below, as it may raise
         before = (self.status, self._current)
-        # Said before the behavior starts, for it may be done with the task before `accept` returns.
+        # Set before the behavior starts, which may finish the task before `accept` returns.
         self._status = TaskStatus(id=offer.task.id, epoch=offer.epoch, state=TaskState.RUNNING)
         self._current, self._begun, self._foreseen = executor, "", None
         try:

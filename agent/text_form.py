@@ -83,7 +83,7 @@ def register_text_form(
 
     def from_text(value: Any) -> T:
         if not isinstance(value, str):
-            raise ValueError(f"expected text, got {type(value).__name__}")  # noqa: TRY004 - as any parser
+            raise ValueError(f"expected text, got {type(value).__name__}")  # noqa: TRY004 - parsers raise ValueError
         return parse(value)
 
     if to_json is None or from_json is None:
@@ -225,7 +225,7 @@ def is_quoted(text: str) -> bool:
 
 
 def kind_name(hint: Any) -> str:
-    """A type hint as a message says it."""
+    """A type hint as error messages show it."""
     return "null" if hint is type(None) else type_text(hint)
 
 
@@ -356,7 +356,7 @@ def _parse_any(text: str) -> Any:
 def _parse_json(text: str, hint: Any) -> Any:
     try:
         if not text.startswith(("[", "{")):
-            with suppress(msgspec.ValidationError):  # times, bytes and the like need no quotes
+            with suppress(msgspec.ValidationError):  # only times, bytes and the like need no quotes
                 return msgspec.convert(_unquoted(text), hint, dec_hook=decode_own)
         return msgspec.json.decode(text, type=hint, dec_hook=decode_own)
     except msgspec.ValidationError as error:

@@ -1,4 +1,4 @@
-"""Type hints as a person reads them: names of types, without the modules that they come from."""
+"""Type hints as text for people, without module paths."""
 
 import inspect
 import types
@@ -30,8 +30,8 @@ def signature_text(signature: inspect.Signature, hints: dict[str, Any]) -> str:
     """A signature without module paths.
 
     Args:
-        signature: of a function.
-        hints: its type hints by parameter, `return` for what it returns; what has none is left as it is.
+        signature: a function's.
+        hints: its type hints by parameter name, `return` for the result; parameters without one keep their annotation.
 
     >>> def drive(distance_m: float, at: inspect.Parameter | None = None) -> inspect.Signature: ...
     >>> signature_text(inspect.signature(drive), inspect.get_annotations(drive))
@@ -46,7 +46,7 @@ def signature_text(signature: inspect.Signature, hints: dict[str, Any]) -> str:
 
 
 class _Written:
-    """What stands in a signature as it is."""
+    """An annotation whose repr is the given text."""
 
     def __init__(self, text: str) -> None:
         self._text = text

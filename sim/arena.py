@@ -74,7 +74,7 @@ class Arena:
         rng: np.random.Generator,
         *,
         tick_s: float = TICK_S,
-        network: SensorNetwork = SensorNetwork(),  # noqa: B008 - frozen
+        network: SensorNetwork = SensorNetwork(),  # noqa: B008 - immutable, so a shared default is safe
         chargers: Sequence[ChargerSpec] = (),
         faults: Sequence[FaultSpec] = (),
     ) -> None:
@@ -100,7 +100,7 @@ class Arena:
                     SimulatedRobot(spec, self._space, walls, geometry, endpoint, index, tick_s, own_rng)
                 )
         except BaseException:
-            self.close()  # nobody else can
+            self.close()  # the caller has no arena to close
             raise
         self._bodies = [robot.body for robot in self._robots]
         self.chargers = Chargers(chargers, tick_s)

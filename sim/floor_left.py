@@ -1,4 +1,4 @@
-"""What a run leaves unexplored, and why: regions of the floor, as values and in words."""
+"""Regions of the floor that a run left unexplored, and why: as values and in words."""
 
 import msgspec
 import numpy as np
@@ -11,29 +11,29 @@ from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.referee import Referee
 
 LEAST_AREA_M2 = 0.5
-"""Smaller regions are nooks."""
+"""Smaller regions are not reported."""
 MAX_REGIONS = 20
 GAP_STEPS = 40
-"""So finely a gap's width is told, of the width that robots need."""
+"""Steps, from the width that robots need down to 0, in which a gap's width is searched."""
 
 
 class NotSeen(msgspec.Struct, frozen=True, kw_only=True, tag_field="code", tag="not_seen"):
-    """Robots could get there, and have not seen it."""
+    """Robots can get there but have not seen it."""
 
 
 class GapTooNarrow(msgspec.Struct, frozen=True, kw_only=True, tag_field="code", tag="gap_too_narrow"):
-    """The widest way there has a gap that the robots do not fit through; the referee does not ask it of them."""
+    """Even the widest way there has a gap too narrow for the robots; the referee does not count this floor."""
 
     gap_m: float
-    """Its width, to within half a cell of the plan."""
+    """Width of the gap, to within half a cell of the plan."""
     needed_m: float
 
 
 class FloorLeft(msgspec.Struct, frozen=True, kw_only=True):
-    """A region of floor that the team's maps do not know, or that no robot can get to."""
+    """A region of floor that the team's maps do not cover, or that no robot can reach."""
 
     place: Point2D
-    """In the region, far from its edge; arena frame."""
+    """The point of the region farthest from its edge, arena frame."""
     area_m2: float
     why: NotSeen | GapTooNarrow
 
@@ -49,13 +49,13 @@ class FloorLeft(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def floor_left(plan: FloorPlan, starts: list[Point2D], radius_m: float, referee: Referee) -> list[FloorLeft]:
-    """The regions that a run has left, the largest first, those of less than `LEAST_AREA_M2` left out.
+    """The regions that a run left, largest first: at most `MAX_REGIONS`, none below `LEAST_AREA_M2`.
 
     Args:
         plan: the true floor.
-        starts: where the robots started.
-        radius_m: of the robots.
-        referee: knows what they have seen.
+        starts: where the robots started, arena frame.
+        radius_m: radius of the robots.
+        referee: holds what they have seen.
 
     """
     found = [*_not_seen(referee), *_sealed(plan, starts, least_clearance_m(radius_m))]
@@ -79,7 +79,7 @@ def _not_seen(referee: Referee) -> list[FloorLeft]:
 
 
 def _sealed(plan: FloorPlan, starts: list[Point2D], needed_m: float) -> list[FloorLeft]:
-    """Regions in which a robot could drive, and to which only gaps lead that are too narrow for it."""
+    """Regions that have room for a robot but can only be reached through gaps too narrow for it."""
     labels, _ = ndimage.label(~plan.occupied & (plan.clearance_m >= needed_m))
     cells = [cell for start in starts if plan.holds_cell(*(cell := plan.cell_of(start.x_m, start.y_m)))]
     held = {int(labels[cell]) for cell in cells} - {0}

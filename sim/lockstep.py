@@ -40,12 +40,12 @@ class LockstepRun:
         scenario_toml: its text, for the recording.
         team: whose keys are used.
         listen: loopback endpoint on which other processes, a dashboard say, may join; None keeps to itself.
-        planning: what the coordinator's plans are for.
-        should_stop: asked while robots are set up.
+        planning: objective and settings of the coordinator's planning.
+        should_stop: polled before each robot is set up; True ends the set-up.
 
     Raises:
         RobrainError: saying what cannot be opened.
-        KeyboardInterrupt: `should_stop` said so; all that was opened is closed.
+        KeyboardInterrupt: `should_stop` returned True; everything opened so far is closed.
 
     """
 
@@ -65,7 +65,7 @@ class LockstepRun:
         self.clock = VirtualClock()
         self.nothing_left = False
         self.idle: dict[str, IdleReason] = {}
-        """Why robots have nothing to do, as the coordinator last told."""
+        """Why robots have nothing to do, by name, as last published by the coordinator."""
         self.mote_readings = 0
         self.wall_overlap_m = 0.0
         self._ticks = 0
@@ -128,7 +128,7 @@ class LockstepRun:
         return self.arena.referee.explored_fraction
 
     def floor_left(self) -> list[FloorLeft]:
-        """Floor that was not seen or cannot be reached, in regions, and why."""
+        """Regions of floor that were not seen or cannot be reached, and why."""
         robots = self.world.robots
         starts = [Point2D(robot.start.x_m, robot.start.y_m) for robot in robots]
         radius_m = min((robot.radius_m for robot in robots), default=0.0)

@@ -36,7 +36,7 @@ class Pacer:
 
 
 class StopOnInterrupt:
-    """While it is entered, Ctrl-C and SIGTERM ask the run, or its set-up, to stop instead of tearing it apart.
+    """Context in which Ctrl-C and SIGTERM ask the run, or its set-up, to stop instead of raising in the middle of it.
 
     An exception in the middle of a direct Zenoh callback would be swallowed, and with it the interrupt. A second
     Ctrl-C is let through. Outside of the main thread it does nothing.
@@ -56,7 +56,7 @@ class StopOnInterrupt:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         for number, handler in self._before.items():
-            signal.signal(number, handler)  # type: ignore[arg-type] # it came from signal.signal
+            signal.signal(number, handler)  # type: ignore[arg-type] # `object`, but returned by signal.signal
 
     def _request(self, number: int, _frame: FrameType | None) -> None:
         if self.requested:

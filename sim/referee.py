@@ -40,8 +40,8 @@ class Referee:
     Args:
         plan: the true floor.
         starts: where the robots start, arena frame.
-        clearance_m: what the robots cannot do without, for where they fit through (`protocol/model/clearance.py`).
-        geometry: the team's grid; patches of another are refused and counted in `refused_patches`.
+        clearance_m: least clearance of the robots, which decides what they can reach (`protocol/model/clearance.py`).
+        geometry: the team's grid; patches for another are refused and counted in `refused_patches`.
         endpoint: where the patches are heard.
 
     """
@@ -72,11 +72,11 @@ class Referee:
 
     @property
     def refused_patches(self) -> int:
-        """Patches that do not decode, do not fit, or claim what nobody can have seen."""
+        """Patches that do not decode, are for another grid, or are not plausible."""
         return self._misfits + self._inbox.malformed
 
     def unseen_m2(self) -> NDArray[np.float64]:
-        """(H, W) of the team's grid: area of reachable floor in each cell that is not known, square metres."""
+        """Area of reachable floor in each unknown cell of the team's grid: (H, W), square metres."""
         return np.where(self.grid.known(), 0.0, self._weights * self._cell_m2)
 
     def step(self) -> None:

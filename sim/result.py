@@ -16,7 +16,7 @@ class RobotResult(msgspec.Struct, frozen=True, kw_only=True):
     collisions: int
     pose: Pose2D
     idle: IdleReason | None = None
-    """Why it had nothing to do when the run ended, by the coordinator; None if it had."""
+    """Why it was idle when the run ended, according to the coordinator; None if it was not."""
 
 
 class RunResult(msgspec.Struct, frozen=True, kw_only=True):
@@ -34,9 +34,9 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     setup_time_s: float
     real_time_factor: float
     explored_fraction: float
-    """Share of the floor that the robots can reach which the team's maps know."""
+    """Share of the reachable floor that the team's maps cover."""
     floor_left: list[FloorLeft] = []
-    """Floor that was not seen or cannot be reached, in regions, and why."""
+    """Regions of floor that were not seen or cannot be reached, and why."""
     explored_curve: list[tuple[float, float]]
     """Pairs of sim_time_s and explored fraction."""
     distance_m: float

@@ -184,7 +184,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         setup = Pacer(0.0)
         world = self.world()
         warm_up()
-        with StopOnInterrupt() as interrupt:  # not in the middle of opening something, which nothing would close
+        with StopOnInterrupt() as interrupt:  # else an interrupt could leave something half-opened, and never closed
             run = LockstepRun(
                 world,
                 record=Path(record) if record is not None else None,

@@ -35,7 +35,7 @@ class World:
     robots: list[ArenaRobot]
     motes: list[ArenaMote]
     seed: int
-    network: SensorNetwork = SensorNetwork()  # noqa: RUF009 - frozen
+    network: SensorNetwork = SensorNetwork()  # noqa: RUF009 - immutable, so a shared default is safe
     """What the motes and their radio are, and what they sense."""
     chargers: tuple[ChargerSpec, ...] = ()
     faults: tuple[FaultSpec, ...] = ()
@@ -100,8 +100,8 @@ def build_world(
     motes: int,
     near: Point2D | None,
     seed: int,
-    hardware: RobotHardware = RobotHardware(),  # noqa: B008 - frozen
-    network: SensorNetwork = SensorNetwork(),  # noqa: B008 - frozen
+    hardware: RobotHardware = RobotHardware(),  # noqa: B008 - immutable, so a shared default is safe
+    network: SensorNetwork = SensorNetwork(),  # noqa: B008 - immutable, so a shared default is safe
     chargers: Sequence[ChargerSpec] = (),
 ) -> World:
     """Put robots and motes on a floor.

@@ -120,7 +120,7 @@ class _LogToParent(logging.Handler):
         self._parent = parent
 
     def emit(self, record: logging.LogRecord) -> None:
-        with suppress(PeerLost):  # the parent has gone, and this process is about to
+        with suppress(PeerLost):  # the parent has ended and this process is about to, so nobody reads the log
             self._parent.tell(Log(record.levelno, record.name, self.format(record)))
 
 

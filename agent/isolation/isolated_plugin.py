@@ -64,7 +64,8 @@ class IsolatedPlugin(Plugin):
         if self.env.wire.drive is Drive.LOCKSTEP:
             raise PluginError(
                 self.env.plugin,
-                f'{self.env.plugin}: isolation = "process" is for the live drive: another process cannot keep step',
+                f'{self.env.plugin}: isolation = "process" is for the live drive: '
+                "another process cannot run in lockstep",
             )
         self._start()
         self._do("init", self._limits.start_s)

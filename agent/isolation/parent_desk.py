@@ -109,7 +109,7 @@ class ParentDesk:
         try:
             setattr(self._env.board, name, decoder(BOARD_TYPES.get(name, Any)).decode(written))
         except msgspec.ValidationError as error:
-            logger.error("%s: on the board, %s: %s", self._env.plugin, name, error)  # noqa: TRY400 - said in words
+            logger.error("%s: on the board, %s: %s", self._env.plugin, name, error)  # noqa: TRY400 - the message says it all, no traceback needed
 
     def _interface(self, plugin: str, module_name: str, name: str) -> type:
         module_name = module_name or self._own_module

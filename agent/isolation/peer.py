@@ -88,7 +88,7 @@ class Peer:
 
     def hang_up(self) -> None:
         """End the conversation; threads that wait in `ask` or `run` at either end get to know."""
-        with suppress(OSError):  # the other end was first
+        with suppress(OSError):  # the other end has already closed the connection
             self._connection.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
@@ -103,7 +103,7 @@ class Peer:
             answer = Answer(self._serve(request))
         except (PeerLost, PeerLate):
             raise
-        except Exception as error:  # noqa: BLE001 - foreign plugin code
+        except Exception as error:  # noqa: BLE001 - foreign plugin code; the error is the answer
             answer = failure_of(error)
         if not isinstance(request, UNANSWERED):
             self._send(answer, limit_s)

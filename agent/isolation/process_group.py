@@ -75,7 +75,7 @@ class ProcessGroup:
                 self._is_over = True
 
     def _signal(self, number: signal.Signals) -> None:
-        with suppress(ProcessLookupError):  # nobody of the group is left
+        with suppress(ProcessLookupError):  # every process of the group has already ended
             os.killpg(self.process.pid, number)
 
 

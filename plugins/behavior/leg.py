@@ -36,7 +36,7 @@ class Leg:
         pose: T_arena_robot now.
         path: points to drive along, arena frame, at least one.
         is_escape: whether it leads out of others' way instead of to the goal.
-        is_narrow: whether it leads through places that the robot has to squeeze through.
+        is_narrow: whether it leads through narrow places, where the robot has to squeeze.
 
     """
 

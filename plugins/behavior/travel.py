@@ -1,4 +1,4 @@
-"""Travel: how a behavior gets to a place. It plans, follows, plans anew, gives way, and tells the team its path."""
+"""Travel: how a behavior gets to a place. It plans, follows, replans, gives way, and publishes its path to the team."""
 
 import math
 from enum import Enum, auto
@@ -71,7 +71,7 @@ class TravelParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Progress(Enum):
-    """How a travel stands."""
+    """State of a travel."""
 
     UNDER_WAY = auto()
     WAITING = auto()
@@ -80,15 +80,15 @@ class Progress(Enum):
     BLOCKED = auto()
     """Something has stood in the way for too long."""
     TOO_NARROW = auto()
-    """The robot does not fit through where the map has a way; `gap_m` is how wide it is there."""
+    """The path leads through a gap that is too narrow for the robot; `gap_m` is the gap's width."""
     NO_WAY = auto()
-    """The planner finds none any more."""
+    """The planner finds no path any more."""
     LOST = auto()
     """The robot does not know where it is, and has not found itself."""
 
 
 class Travel:
-    """The way of one behavior; made in its `init`, connected in its `activate`, stepped by its `step`.
+    """The travels of one behavior; made in its `init`, connected in its `activate`, stepped by its `step`.
 
     Args:
         env: the behavior's.
@@ -117,13 +117,13 @@ class Travel:
         """Of the map on which the way was last found safe."""
         self._search: Search | None = None
         self.gap_m: float | None = None
-        """The width of what was too narrow for the robot on its last way."""
+        """Width of the gap that last stopped the robot; None if something else did."""
 
     def connect(self) -> None:
-        """Get what it needs.
+        """Get the interfaces it needs.
 
         Raises:
-            PluginMissing, AccessDenied, PluginBusy: it is not to be had.
+            PluginMissing, AccessDenied, PluginBusy: one of them is not available.
 
         """
         env = self._env
@@ -170,7 +170,7 @@ class Travel:
         return self._localisation.pose()
 
     def plan(self, goal: Point2D) -> list[Point2D] | None:
-        """A way from here to a place, arena frame; None if there is none."""
+        """A path from here to a place, arena frame, through narrow places if need be; None if there is none."""
         encounter = self._meet(self.pose())
         for is_narrow in self._widths():
             path = self._plan(encounter, goal, is_narrow=is_narrow)
@@ -183,7 +183,7 @@ class Travel:
         return self._planner.standpoint(self.view(), place, within_m)
 
     def narrow_standpoint(self, place: Point2D, within_m: float) -> Point2D | None:
-        """The same in a narrow place, if a way leads there."""
+        """As `standpoint`, but in a narrow place; None also if no path leads there."""
         found = self._planner.standpoint(self.view(), place, within_m, is_narrow=True)
         if found is None:
             return None
@@ -194,15 +194,15 @@ class Travel:
         return found
 
     def set_out(self, *goals: Point2D, priority: int = 0, is_narrow: bool = False) -> bool:
-        """Go to the first of these places, arena frame, to which there is a way.
+        """Go to the first of these places that can be reached.
 
-        Through narrow places only if there is none otherwise, or the goal itself is in one. False, and all stays as it
-        was, if there is no way at all or the robot is lost.
+        Paths through narrow places are tried last, unless the goal or the robot is in one. Returns False and changes
+        nothing if there is no path to any of the places or the robot is lost.
 
         Args:
-            goals: the places.
-            priority: of the task; where ways meet, the higher goes first.
-            is_narrow: the first of them is in a narrow place.
+            goals: the places, arena frame.
+            priority: the task's; where paths meet, the higher goes first.
+            is_narrow: whether the first place is in a narrow place.
 
         """
         if self.lost:
@@ -223,7 +223,7 @@ class Travel:
         return False
 
     def step(self) -> Progress:
-        """Go on; the driver is told of a new path where one is due. Standing still counts as arrived."""
+        """Advance by one step, with a new path for the driver if one is due. Without a goal the travel has arrived."""
         if self._goal is None:
             return Progress.ARRIVED
         if self.lost:
@@ -242,7 +242,7 @@ class Travel:
         return Progress.WAITING if leg is None else self._go(leg, encounter, pose)
 
     def make_room(self) -> bool:
-        """Step aside while there is nothing to do and somebody is to pass here; whether the robot is at it."""
+        """While idle, step aside for a robot that is to pass here; returns whether this robot is doing so."""
         if self._goal is not None or self._search is not None:
             return False
         leg = self._leg
@@ -302,7 +302,7 @@ class Travel:
         return Encounter(self._env.robot, own, radius_m, mates, self._parameters.speed_m_s)
 
     def _replan(self, encounter: Encounter, goal: Point2D, pose: Pose2D, now_ns: int) -> bool:
-        """Take another way if there is one; False once there is none for good, not even through narrow places."""
+        """Take a new path if there is one; False once none, narrow ones included, was found for `patience_s`."""
         was_narrow = self._leg is not None and self._leg.is_narrow
         first, other = self._widths(to_narrow=self._is_narrow_goal)
         path, is_narrow = self._plan(encounter, goal, is_narrow=first), first
@@ -316,7 +316,7 @@ class Travel:
         return True
 
     def _widths(self, *, to_narrow: bool = False) -> tuple[bool, bool]:
-        """Which ways to look for first: narrow ones only if there is no other, but to or from a narrow place."""
+        """The order in which to try `is_narrow`: narrow paths last, unless goal or robot is in a narrow place."""
         if to_narrow:
             return True, False
         pose, driver = self.pose(), self.driver
@@ -381,7 +381,7 @@ class Travel:
     # -- driving --------------------------------------------------------------------------------------------
 
     def _take(self, path: list[Point2D], pose: Pose2D, *, is_narrow: bool = False) -> Leg:
-        """The way to the goal is this one."""
+        """Make this path the way to the goal."""
         self._leg = leg = Leg(self._outlet, pose, path, is_narrow=is_narrow)
         self._end = leg.end
         self._planned_ns = self._env.clock.now_ns()
@@ -390,7 +390,7 @@ class Travel:
         return leg
 
     def _go(self, leg: Leg, encounter: Encounter, pose: Pose2D) -> Progress:
-        """As far as others let it, or out of their way."""
+        """Drive as far as others allow, or out of their way."""
         if leg.is_escape:
             leg.drive(leg.guard(encounter, pose), self._standing.claim)
             return self._wait()
@@ -414,17 +414,17 @@ class Travel:
         return self._wait()
 
     def _careful(self, leg: Leg, allowed: Release, ahead: NDArray[np.float64], now_ns: int) -> Release:
-        """Not farther than the map allows, and by small steps after the driver was blocked."""
+        """Limit the release to what the map allows, and to small steps after the driver was blocked."""
         if self._lost_ns is not None:
             allowed = _at_most(allowed, self._safe_positions(leg, ahead) - round(NEXT_LOOK_M / STEP_M))
             if allowed.positions > CREEP_POSITIONS:
                 self._lost_ns = now_ns  # it may look different from nearer by
-        # A driver that squeezes takes no short cut anyhow.
+        # Small steps keep the driver from cutting corners; one that squeezes does not cut them.
         creeps = now_ns < self._creep_until_ns and not leg.is_narrow
         return _at_most(allowed, CREEP_POSITIONS) if creeps else allowed
 
     def _detour(self, leg: Leg, encounter: Encounter, pose: Pose2D, allowed: Release) -> bool:
-        """Take another way, if there is one on which nobody is to be waited for."""
+        """Take another path if it is at most `detour_m` longer and others hold the robot up clearly less on it."""
         path = None if self._goal is None else self._plan(encounter, self._goal)
         if path is None:
             return False
@@ -472,7 +472,7 @@ def _at_most(allowed: Release, positions: int) -> Release:
 
 
 def too_narrow(travel: Travel) -> tuple[str, dict[str, float]]:
-    """Why a way ended at a gap, in words and as the result of a task."""
+    """Why a travel ended with `TOO_NARROW`: in words, and as the result of a task."""
     gap_m, needed_m = travel.gap_m or 0.0, least_gap_m(travel.driver.radius_m())
     result = {"gap_m": round(gap_m, 3), "needed_m": round(needed_m, 3)}
     return f"the way is too narrow: {gap_m:.2f} m wide, the robot needs {needed_m:.2f} m", result

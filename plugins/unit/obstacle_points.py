@@ -85,11 +85,11 @@ class ObstaclePoints:
         self.points_m = NOTHING
         """(2, N), frame odom."""
         self.scan_m = NOTHING
-        """Those that the lidar sees; (2, N), frame odom."""
+        """Points seen by the lidar; (2, N), frame odom."""
         self.ring_m = NOTHING
-        """Those that the range sensors hear, each on its sensor's axis; (2, N), frame odom."""
+        """Points heard by the range sensors, each on its sensor's axis; (2, N), frame odom."""
         self.is_frozen = False
-        """The lidar is, by the last scan."""
+        """Whether the lidar is frozen, by the last scan."""
         self._pose_at = pose_at
         self._watch = LidarWatch()
         self._scan_ns = self._ring_ns = -1

@@ -1,12 +1,12 @@
-"""What one CAN frame is on the wire: a header, then the data; a CAN FD frame is told by its size, as in SocketCAN.
+"""The wire format of a CAN frame: a header, then the data. As in SocketCAN, the size tells a CAN FD frame.
 
-| bytes | what |
+| bytes | content |
 |---|---|
-| 0–7 | the sender's number, unsigned |
+| 0–7 | number of the sender, unsigned |
 | 8–15 | stamp, ns; 0 if the sender has no clock |
-| 16–19 | identifier, with the flags of SocketCAN in its three top bits |
-| 20–27 | classic: up to eight bytes of data; of a remote frame, as many zeros as it asks for |
-| 20, 21, 22–85 | CAN FD: its flags, its length, its data filled up to 64 bytes |
+| 16–19 | identifier, with SocketCAN's flags in its three top bits |
+| 20–27 | classic: up to eight bytes of data; in a remote frame, as many zeros as the bytes it requests |
+| 20, 21, 22–85 | CAN FD: flags, length, data padded to 64 bytes |
 
 All numbers are little-endian.
 """
@@ -24,10 +24,10 @@ NO_STAMP = bytes(8)
 HEADER_BYTES = HEADER.size
 CLASSIC_DATA_BYTES = 8
 CLASSIC_BYTES = HEADER_BYTES + CLASSIC_DATA_BYTES
-"""A classic frame is no longer than this."""
+"""Largest size of a classic frame."""
 FD_DATA_BYTES = 64
 FD_BYTES = HEADER_BYTES + 2 + FD_DATA_BYTES
-"""Exactly the size of every CAN FD frame."""
+"""Size of every CAN FD frame."""
 
 _BIT_RATE_SWITCH, _ERROR_STATE = 1, 2
 _FLAGS, _LENGTH, _DATA = HEADER_BYTES, HEADER_BYTES + 1, HEADER_BYTES + 2
@@ -35,30 +35,30 @@ _FD_LENGTHS = frozenset(CAN_FD_DLC)
 
 
 def pack_fd(message: can.Message, node: int, stamp_ns: int, identifier: int) -> bytes:
-    """A CAN FD frame as it travels.
+    """Encode a CAN FD frame.
 
     Args:
         message: the frame.
-        node: the sender's number.
-        stamp_ns: when it is sent; 0 if the sender has no clock.
-        identifier: the frame's, with its flags.
+        node: number of the sender.
+        stamp_ns: time of sending; 0 if the sender has no clock.
+        identifier: the frame's identifier with its flags.
 
     Raises:
-        ValueError: there is no such CAN FD frame.
+        ValueError: the frame is a remote frame or has a length that CAN FD does not allow.
 
     """
     if message.is_remote_frame:
-        raise ValueError("CAN FD knows no remote frames")
+        raise ValueError("CAN FD has no remote frames")
     data = message.data
     if len(data) not in _FD_LENGTHS:
         known = ", ".join(map(str, CAN_FD_DLC))
-        raise ValueError(f"CAN FD knows no frame of {len(data)} bytes; there are {known}")
+        raise ValueError(f"CAN FD has no frame of {len(data)} bytes; expected one of {known}")
     flags = _BIT_RATE_SWITCH * message.bitrate_switch | _ERROR_STATE * message.error_state_indicator
     return HEADER.pack(node, stamp_ns, identifier) + bytes((flags, len(data))) + data.ljust(FD_DATA_BYTES, b"\0")
 
 
 def is_fd(payload: bytes) -> bool:
-    """Whether this is a CAN FD frame, and a possible one."""
+    """Whether a payload is a valid CAN FD frame."""
     return (
         len(payload) == FD_BYTES
         and payload[_FLAGS] <= _BIT_RATE_SWITCH | _ERROR_STATE
@@ -68,7 +68,7 @@ def is_fd(payload: bytes) -> bool:
 
 
 def unpack(payload: bytes, channel: str) -> can.Message:
-    """The frame in a payload that is a classic frame by its size, or a CAN FD frame by `is_fd`."""
+    """Decode a payload: a CAN FD frame that passed `is_fd`, or a classic frame of at most `CLASSIC_BYTES`."""
     _, stamp_ns, identifier = HEADER.unpack_from(payload)
     if len(payload) == FD_BYTES:
         length, flags = payload[_LENGTH], payload[_FLAGS]

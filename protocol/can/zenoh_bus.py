@@ -41,10 +41,9 @@ from robrain.protocol.wire.topics import ARENA_CAN
 QUEUE_FRAMES = 4096
 REMEMBERED_IDENTIFIERS = 4096
 MEET_TIMEOUT_S = 2.0
-"""Longest wait, when a bus is opened, for nodes that do not answer: one whose process hangs."""
+"""Time limit, when a bus is opened, for the answers of other nodes: the process of one may hang."""
 WITHOUT_MEANING = frozenset({"bitrate", "data_bitrate", "single_handle", "timing"})
-"""Options of other interfaces that python-can's tools give to every one; a bus without a physical layer has no use
-for them."""
+"""Options that python-can's tools pass to every interface and that mean nothing on a bus without a physical layer."""
 
 _bus_number = count(1)
 
@@ -73,28 +72,28 @@ class _Filter(dict[bytes, bool]):
 class ZenohBus(can.BusABC):
     """One node on a bus.
 
-    When it is open, every node that was there before knows of it, and it of them: the first frame in either direction
-    arrives. Each node answers queries on the bus's key for that.
+    The constructor returns once this node and all nodes already on the bus know of each other, so that the first frame
+    in either direction arrives. For this each node answers queries on the bus's key.
 
-    A frame bears its sender's time if the sender has a clock, else the time of its reception.
+    The time stamp of a frame is the time of sending if the sender has a clock, else the time of reception.
 
     Args:
         channel: `ROBOT/CHANNEL`, such as `r1/can0`.
         can_filters: as in python-can.
         session: a session to share; without one the bus opens its own.
         team: whose robot it is.
-        connect: endpoint for a session of its own; default is the environment's ROBRAIN_CONNECT, or this machine's hub.
-        fd: carry CAN FD frames as well; without it, those of others are not received.
-        receive_own_messages: receive what this node sends, too, with `is_rx` false.
+        connect: endpoint for a session of its own; default is $ROBRAIN_CONNECT, else this machine's hub.
+        fd: send and receive CAN FD frames as well; without it they are refused.
+        receive_own_messages: also receive the frames this node sends, with `is_rx` false.
         direct: deliver in the sender's thread (lockstep).
-        now_ns: stamps what is sent; without it, what is received is stamped with the time of day, and in lockstep
-            with nothing.
-        on_outside: with `direct`, told of frames (key, payload) that come from another process.
-        others: `bitrate`, `data_bitrate`, `timing` and `single_handle` are taken, and have no meaning.
+        now_ns: clock that stamps the frames sent. Without one, frames that arrive unstamped get the time of day, or no
+            stamp in lockstep.
+        on_outside: with `direct`, called with (key, payload) for frames from another process.
+        others: `bitrate`, `data_bitrate`, `timing` and `single_handle` are accepted and ignored.
 
     Raises:
-        can.CanInitializationError: the channel is not `ROBOT/CHANNEL`, an option is wrong or unknown, or nobody answers
-            at the endpoint.
+        can.CanInitializationError: the channel is not `ROBOT/CHANNEL`, an option is wrong or unknown, or nothing
+            answers at the endpoint.
 
     """
 
@@ -126,11 +125,11 @@ class ZenohBus(can.BusABC):
         self.channel_info = f"zenoh {channel}"
         self._can_protocol = can.CanProtocol.CAN_FD if fd else can.CanProtocol.CAN_20
         self._channel = str(channel)
-        """As frames bear it: candump's format has no room for blanks in it."""
+        """Channel set in received frames; candump's format allows no blanks in it."""
         self.dropped = 0
-        """Frames that were lost because they were not taken in time."""
+        """Frames lost because they were not received in time."""
         self.refused = 0
-        """Payloads that are no frame, or no frame for this bus."""
+        """Payloads that are not a valid frame, or not one this bus accepts."""
         self._fd = fd
         self._receives_own = receive_own_messages
         self._now_ns = now_ns
@@ -156,17 +155,17 @@ class ZenohBus(can.BusABC):
             self._key,
             encoding=CAN_FRAME,
             priority=zenoh.Priority.INTERACTIVE_HIGH,
-            # A tool's node with a session of its own waits until its frame can go, as at a full transmit queue. In a
-            # session that others share, they would all wait.
+            # With a session of its own (a tool), sending waits while the network is congested, as at a full transmit
+            # queue. In a shared session that would make everybody else wait too, so frames are dropped.
             congestion_control=congestion.BLOCK if self._own_session is not None else congestion.DROP,
             express=True,
         )
         self._subscriber = session.declare_subscriber(
             self._key, zenoh.handlers.Callback(self._take, indirect=not direct)
         )
-        # Direct in live as well: to say that one is there takes no time, and no thread of its own.
+        # Direct in live as well: the answer takes no time and needs no thread of its own.
         self._queryable = session.declare_queryable(self._key, zenoh.handlers.Callback(self._answer, indirect=False))
-        if not direct:  # nodes of a lockstep run share a session, and hear each other at once
+        if not direct:  # nodes of a lockstep run share a session and hear each other at once
             self._meet()
         super().__init__(channel=channel, can_filters=can_filters)
 
@@ -174,7 +173,7 @@ class ZenohBus(can.BusABC):
         """Put one frame on the bus; every other node of the bus receives it.
 
         Raises:
-            can.CanOperationError: the bus is shut down, or cannot carry such a frame.
+            can.CanOperationError: the bus is shut down or cannot carry this frame.
 
         """
         if self._is_shutdown:
@@ -192,7 +191,7 @@ class ZenohBus(can.BusABC):
         if msg.is_fd:
             payload = self._pack_fd(msg, stamp_ns, identifier)
         else:
-            # A remote frame asks for so many bytes and brings none: they stand for its length.
+            # A remote frame requests `dlc` bytes and carries none; zeros encode that length.
             data = bytes(msg.dlc) if msg.is_remote_frame else msg.data
             payload = HEADER.pack(self._node, stamp_ns, identifier) + data
             if len(payload) > CLASSIC_BYTES:
@@ -205,10 +204,10 @@ class ZenohBus(can.BusABC):
             raise can.CanOperationError(f"{self.channel_info}: its session is closed") from error
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
-        """The next frame, or None if none comes in time; with 0 it only looks, as devices do many times a tick.
+        """The next frame, or None if none arrives in time; 0 does not wait, for devices that poll many times a tick.
 
         Raises:
-            can.CanOperationError: it would wait, and the bus is shut down.
+            can.CanOperationError: the bus is shut down and no frame is left, unless `timeout` is 0.
 
         """
         if timeout != 0:
@@ -223,10 +222,10 @@ class ZenohBus(can.BusABC):
         if not self._frames:
             with self._arrived:
                 self._arrived.wait_for(lambda: self._frames or self._is_shutdown, timeout)
-        # Filtered as they arrive: python-can's own filter ends a recv(timeout=0) at the first frame that it leaves out.
+        # Frames are filtered on arrival: python-can's filter ends a recv(timeout=0) at the first frame it rejects.
         try:
             return self._unpack(self._frames.popleft()), True
-        except IndexError:  # none came, or another thread was first
+        except IndexError:  # none arrived, or another thread took it
             if self._is_shutdown:
                 raise self._shut_down() from None
             return None, True
@@ -247,13 +246,13 @@ class ZenohBus(can.BusABC):
         self._filter = _Filter(chosen)  # in one go: frames may be arriving
 
     def shutdown(self) -> None:
-        """Leave the bus; whoever waits for a frame stops waiting."""
+        """Leave the bus; threads waiting in `recv` are woken."""
         if self._is_shutdown:
             return
         super().shutdown()
         with self._arrived:
             self._arrived.notify_all()
-        with suppress(zenoh.ZError):  # the session was closed before, and all of these with it
+        with suppress(zenoh.ZError):  # the session is already closed, which undeclared all three
             self._queryable.undeclare()
             self._subscriber.undeclare()
             self._publisher.undeclare()
@@ -274,7 +273,7 @@ class ZenohBus(can.BusABC):
 
     def _unpack(self, payload: bytes) -> can.Message:
         message = unpack(payload, self._channel)
-        if payload[NODE] == self._node_bytes:  # it receives its own
+        if payload[NODE] == self._node_bytes:  # only with `receive_own_messages`
             message.is_rx = False
         return message
 
@@ -303,16 +302,16 @@ class ZenohBus(can.BusABC):
             self._on_outside(str(sample.key_expr), payload[HEADER_BYTES:])
 
     def _answer(self, query: zenoh.Query) -> None:
-        """Say that this node is there."""
+        """Tell another node, in its `_meet`, that this one is there."""
         with query:
             query.reply(self._key, b"")
 
     def _meet(self) -> None:
         """Wait until every other node knows of this one's subscription, and this one of theirs.
 
-        A session drops what no subscription is known for. Declarations reach each node on the way that the query goes,
-        and before it, so whoever has answered knows of them; their own came before the answer. One that hangs is not
-        waited for beyond `MEET_TIMEOUT_S`.
+        A session drops frames for which it knows no subscription. Declarations travel the same way as the query and
+        ahead of it, so a node that has answered knows this one's subscription; its own arrived before the answer. The
+        wait for a node that hangs ends after `MEET_TIMEOUT_S`.
         """
         replies = self._session.get(
             self._key,
@@ -326,13 +325,13 @@ class ZenohBus(can.BusABC):
 
 
 def _check_options(others: dict[str, object], texts: dict[str, object], switches: dict[str, object]) -> None:
-    """Refuse options that there are not, and values of the wrong kind (can.CanInitializationError)."""
+    """Refuse unknown options and values of the wrong type (can.CanInitializationError)."""
     unknown = sorted(others.keys() - WITHOUT_MEANING)
     if unknown:
         known = "team, connect, can_filters, receive_own_messages, fd"
         ignored = ", ".join(sorted(WITHOUT_MEANING))
         raise can.CanInitializationError(
-            f"interface zenoh: there is no option {', '.join(unknown)}; there are {known} (and, ignored, {ignored})"
+            f"interface zenoh: unknown option {', '.join(unknown)}: expected {known} (ignored: {ignored})"
         )
     for name, value in texts.items():
         if value is not None and not isinstance(value, str):

@@ -1,4 +1,4 @@
-"""What decides which of two robots goes first; told together with each robot's path and compared alike by both."""
+"""Right of way between robots: each publishes a claim with its path, and both sides compare claims the same way."""
 
 from typing import Annotated
 
@@ -11,23 +11,23 @@ Rank = Annotated[int, Meta(ge=-1_000_000_000, le=1_000_000_000)]
 
 
 class Claim(msgspec.Struct, frozen=True, kw_only=True):
-    """What a robot's right of way is decided by."""
+    """Decides a robot's right of way."""
 
     cornered: Rank = 0
-    """Above 0 if it has nowhere to give way to, and one more than those have who press it: the last to be cornered goes
-    first, for the others may have found a refuge by now."""
+    """Above 0 if the robot has nowhere to give way to: one more than the robots that press it. The last to be cornered
+    goes first, because the others may have found a refuge by now."""
     priority: Rank = 0
-    """Of its task; the higher goes first."""
+    """Priority of its task; the higher goes first."""
     waited: Rank = 0
-    """Counts up while it yields: each one is as good as a priority higher, so that nobody waits for ever."""
+    """Counts up while the robot yields. Each count adds one to the priority, so that no robot waits for ever."""
     way_m: Length = 0.0
-    """Its way when it set out; who has less goes first."""
+    """Length of its path when it set out; the shorter goes first."""
     lent_by: Name = ""
-    """Who makes room for somebody does so with that one's claim, so that others make room in their turn: priority
+    """A robot that makes room for another uses that robot's claim, so that others make room in turn: priority
     inheritance (Okumura et al., *Priority Inheritance with Backtracking for Iterative Multi-agent Path Finding*, IJCAI
     2019). Empty if the claim is the robot's own."""
     lent: Rank = 0
-    """How many have handed the claim on."""
+    """How many robots have passed the claim on."""
 
     def beats(self, name: str, other: "Claim", other_name: str) -> bool:
         """Whether the robot `name` with this claim goes before another; of any two one does, and never both."""

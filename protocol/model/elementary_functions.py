@@ -1,8 +1,8 @@
-"""Elementary functions of arrays, entry by entry, by the C library as `math` has them.
+"""Elementwise elementary functions of arrays, computed by the C library as in `math`.
 
-NumPy's own `exp`, `log`, `arctan2` and their like have one version for each vector unit, and these differ in the last
-digit (docs/decisions/0011-one-digest-on-all-processors.md). What a digest depends on takes these instead. `np.sin`,
-`np.cos`, `np.sqrt` and `np.hypot` are the same on all and may be used.
+NumPy's own `exp`, `log`, `arctan2` and the like have one version per vector unit, and these differ in the last digit
+(docs/decisions/0011-one-digest-on-all-processors.md). Use these functions for anything that a digest depends on.
+`np.sin`, `np.cos`, `np.sqrt` and `np.hypot` are the same on all processors.
 """
 
 import math
@@ -17,25 +17,25 @@ Floats = NDArray[np.float64]
 
 
 def exp(values: Floats) -> Floats:
-    """E to the power of each value; of any shape."""
+    """Exponential of each value; any shape."""
     results: Floats = _exp(kernel_array(values, FLOAT64).reshape(-1))
     return results.reshape(values.shape)
 
 
 def log(values: Floats) -> Floats:
-    """Natural logarithm of each value, which must be above 0; of any shape."""
+    """Natural logarithm of each value, which must be above 0; any shape."""
     results: Floats = _log(kernel_array(values, FLOAT64).reshape(-1))
     return results.reshape(values.shape)
 
 
 def log10(values: Floats) -> Floats:
-    """Decimal logarithm of each value, which must be above 0; of any shape."""
+    """Decimal logarithm of each value, which must be above 0; any shape."""
     results: Floats = _log10(kernel_array(values, FLOAT64).reshape(-1))
     return results.reshape(values.shape)
 
 
 def arctan2(y: Floats, x: Floats) -> Floats:
-    """Angle of each (x, y), from −π to π; both of one shape."""
+    """Angle of each (x, y), from −π to π; `y` and `x` have the same shape."""
     results: Floats = _arctan2(kernel_array(y, FLOAT64).reshape(-1), kernel_array(x, FLOAT64).reshape(-1))
     return results.reshape(y.shape)
 

@@ -87,32 +87,32 @@ class EnergyEstimate(msgspec.Struct, frozen=True):
 
 
 class EnergyModel(msgspec.Struct, frozen=True, kw_only=True):
-    """What a robot knows of its own consumption, as it tells it in its state."""
+    """A robot's model of its own consumption, as published in its state."""
 
     coefficients: tuple[Watts, Watts, Watts, Watts, Watts]
     """In the order of `TERMS`."""
     covariance: Annotated[tuple[Quantity, ...], Meta(min_length=15, max_length=15)]
-    """Of the coefficients: the lower triangle row by row, 15 numbers."""
+    """Covariance of the coefficients: the lower triangle row by row, 15 numbers."""
     residual_w2_s: Annotated[float, Meta(ge=0.0, le=1e12)]
-    """What the terms do not explain: variance of its integral, for each second (W²·s)."""
+    """Power that the terms do not explain: variance of its integral per second (W²·s)."""
     drift_w2_per_s: Annotated[float, Meta(ge=0.0, le=1e12)]
-    """Variance that the standing power gains in each second: it wanders while the work is done."""
+    """Variance that the standing power gains per second, because it drifts."""
     relative_sd: Annotated[float, Meta(ge=0.0, le=1e3)]
-    """Share of the cost by which the way itself turns out other than planned."""
+    """Standard deviation of a path's cost around its plan, as a share of the cost."""
     way_ratio: Annotated[float, Meta(ge=0.0, le=1e3)]
-    """What ways cost, on the average, against their plan: stops and detours that no plan tells."""
+    """Mean ratio of a path's cost to its plan: stops and detours that no plan foresees."""
     pace_m_s: Pace
-    """Usual speed on the way, stops and corners included."""
+    """Usual speed along a path, including stops and corners."""
     turn_rate_rad_s: Pace
     """Usual rate of turns on the spot."""
     packet_j: Joules
-    """For one packet by radio."""
+    """Energy of one radio packet."""
     usable_j: Joules
-    """Lower 95 % bound of what the battery gives before it cuts off."""
+    """Lower 95 % bound of the energy left before the battery cuts off."""
     power_w: Watts
-    """Drawn now, averaged over some seconds."""
+    """Power drawn now, averaged over some seconds."""
     usual_power_w: Watts
-    """Drawn over the last minutes."""
+    """Mean power over the last minutes."""
 
 
 def estimate(model: EnergyModel, work: Work) -> EnergyEstimate:

@@ -158,7 +158,7 @@ class Localiser:
         angles_rad: NDArray[np.float64],
         ranges_m: NDArray[np.float64],
         range_max_m: float,
-        T_robot_sensor: Pose2D = Pose2D(0.0, 0.0, 0.0),  # noqa: B008 - frozen
+        T_robot_sensor: Pose2D = Pose2D(0.0, 0.0, 0.0),  # noqa: B008 - immutable, so a shared default is safe
     ) -> ScanFit:
         """A scan was made; the map is an `OccupancyGrid`'s.
 
@@ -189,7 +189,7 @@ class Localiser:
         angles_rad: NDArray[np.float64],
         ranges_m: NDArray[np.float64],
         range_max_m: float,
-        T_robot_sensor: Pose2D = Pose2D(0.0, 0.0, 0.0),  # noqa: B008 - frozen
+        T_robot_sensor: Pose2D = Pose2D(0.0, 0.0, 0.0),  # noqa: B008 - immutable, so a shared default is safe
     ) -> bool:
         """Hold a scan against a map that others made, as to whether the robot is where it was told that it starts.
 
@@ -223,7 +223,7 @@ class Localiser:
         if inverse_form(expected, offsets_m) > SCAN_GATES[len(rows) - 1]:
             return False
         for row, offset_m, variance in zip(rows.tolist(), offsets_m.tolist(), variances, strict=True):
-            # The directions are at right angles, the filter's errors are not: each sees what those before it did.
+            # The directions are orthogonal but the filter's errors are correlated: correct one after the other.
             now = self.pose
             turned_rad = wrap_angle_rad(now.yaw_rad - start.yaw_rad)
             done_m = row[0] * (now.x_m - start.x_m) + row[1] * (now.y_m - start.y_m) + row[2] * turned_rad

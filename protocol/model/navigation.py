@@ -1,4 +1,4 @@
-"""Where a round robot may drive on a known map, how dear each place is, and the paths that follow from it.
+"""Where a round robot may drive on a known map, what each place costs, and paths over it.
 
 A cell is traversable if its clearance from known obstacles is at least the robot's radius plus a margin and, unless
 the grid is told otherwise, if it is known to be free; near obstacles it costs more, so that paths keep away from walls
@@ -28,25 +28,25 @@ from robrain.protocol.model.path_planning import (
 )
 
 COMFORT_M = 0.4
-"""Clearance beyond the needed one from which on a place costs no more."""
+"""Clearance beyond the preferred one from which a place costs nothing extra."""
 DISCOMFORT = 3.0
-"""Cost of the tightest place, over 1."""
+"""Extra cost of a place with just the preferred clearance."""
 COARSE = 2
-"""Pitch of the grid on which ways are compared, in cells."""
+"""Pitch of the grid on which lengths of paths are compared, in cells."""
 NARROW = 12.0
-"""What a metre of the narrowest place costs more than one with the preferred clearance, chosen: another way is taken
-unless it is longer by so much."""
+"""Extra cost (chosen) of a metre in the narrowest place over one with the preferred clearance: a detour is taken unless
+it is longer by more than this."""
 DEAR = 5.0
-"""What a cell of a zone costs more, chosen: more than the tightest place, so that the width of a corridor is used."""
+"""Extra cost (chosen) of a cell in a zone: more than `DISCOMFORT`, so that the width of a corridor is used."""
 
 
 CENTRED_M = 0.5
-"""Places with less clearance are moved to the middle between the walls, by half a cell at the most: in a corridor as
-narrow as a robot can go that is half of the room that there is."""
+"""Points of a path with less clearance are centred between the walls, by at most half a cell: in the narrowest corridor
+that is half of the room to spare."""
 
 
 class Zone(NamedTuple):
-    """Floor that is better left to somebody else: all within `radius_m` of positions (N, 2), metres, arena frame."""
+    """Floor to leave to other robots if possible: all within `radius_m` of positions (N, 2), metres, arena frame."""
 
     positions: NDArray[np.float64]
     radius_m: float
@@ -59,9 +59,9 @@ class NavigationGrid:
         classes: (H, W) int8, classes of an OccupancyGrid.
         geometry: of the grid.
         needed_m: radius of the robot plus margin.
-        unknown_cost: what unknown floor costs over known floor, at least 1; None if it is not driven on.
-        preferred_m: clearance below which a place is narrow: it is driven through where there is no other way, the
-            less gladly the narrower it is. `needed_m` if None, and no place is.
+        unknown_cost: cost of unknown floor relative to known floor, at least 1; None if it is not driven on.
+        preferred_m: clearance below which a place is narrow and costs extra, the more the narrower it is. None means
+            `needed_m`, with which no place is narrow.
 
     """
 
@@ -78,7 +78,7 @@ class NavigationGrid:
         self.preferred_m = needed_m if preferred_m is None else max(needed_m, preferred_m)
         self.unknown_cost = unknown_cost
         self.narrow: NDArray[np.bool_] = np.zeros(classes.shape, np.bool_)
-        """Which cells have less than the preferred clearance."""
+        """(H, W) cells with less than the preferred clearance."""
         self.traversable: NDArray[np.bool_] = np.empty(classes.shape, np.bool_)
         self.cost: NDArray[np.float32] = np.empty(classes.shape, np.float32)
         self._classes = classes
@@ -105,7 +105,7 @@ class NavigationGrid:
         self.__dict__.pop("_coarse", None)
 
     def _look(self, outer: tuple[slice, slice], within: tuple[slice, slice], inner: tuple[slice, slice]) -> None:
-        """Fill in the cells `inner`; `outer` is the part of the map looked at, `within` where they lie in it."""
+        """Fill in the cells `inner` from the part `outer` of the map; `within` is the place of `inner` in `outer`."""
         felt_m = self.preferred_m + COMFORT_M
         near_m = clearance_m(self._classes[outer] == OCCUPIED, self.geometry.resolution_m, felt_m)[within]
         classes = self._classes[inner]
@@ -212,11 +212,11 @@ class NavigationGrid:
         snap_m: float,
         shut: Sequence[tuple[float, float, float]] = (),
     ) -> list[float]:
-        """Cost of the way from a place to each of these cells, as metres on open floor; inf where there is none.
+        """Cost of the path from a place to each of these cells, as metres on open floor; inf where there is none.
 
-        Measured on a grid of twice the pitch, in a quarter of the time: good for comparing ways, not for driving. Where
-        narrow places count, that grid would join what a wall parts, and they are measured on the cells themselves.
-        No way leads through narrow cells within these circles `shut` (x, y, radius in metres).
+        Computed on a grid of twice the pitch, in a quarter of the time: good for comparing paths, not for driving. A
+        grid with narrow places is used at its full resolution, because the coarse one would connect across walls.
+        Narrow cells within the circles `shut` (x, y, radius in metres) count as blocked.
         """
         cell = self.snap(place, snap_m)
         if cell is None:
@@ -244,7 +244,7 @@ class NavigationGrid:
         return traversable, np.where(traversable, least, np.float32(1.0))
 
     def without(self, circles: Iterable[tuple[float, float, float]], *, only_narrow: bool = False) -> NDArray[np.bool_]:
-        """The traversable cells that lie outside of these circles (x, y, radius in metres), or are not narrow."""
+        """The traversable cells outside these circles (x, y, radius in metres), or with `only_narrow` not narrow."""
         traversable = self.traversable
         for x_m, y_m, radius_m in circles:
             if traversable is self.traversable:
@@ -282,9 +282,9 @@ def _sweep(inside: NDArray[np.bool_], cells: NDArray[np.float64], reach_cells: f
 def _centre(
     path: NDArray[np.float64], occupied: NDArray[np.bool_], traversable: NDArray[np.bool_], reach_cells: float
 ) -> None:
-    """Move each place of a path (N, 2; row, column) to where, within half a cell, it is farthest from obstacles.
+    """Move each point of a path (N, 2; row, column) by at most half a cell to where it is farthest from obstacles.
 
-    It stays where it is if the way to it or on from it would leave the traversable cells.
+    A point stays if the line to or from its new place would leave the traversable cells.
     """
     height, width = occupied.shape
     reach = math.ceil(reach_cells)

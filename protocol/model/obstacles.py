@@ -1,4 +1,4 @@
-"""How far a round robot can go, by points that it has seen around it."""
+"""How far a round robot can go among the points that it has seen."""
 
 import math
 from typing import NamedTuple
@@ -36,32 +36,32 @@ def contact_distance_m(
 
 
 class Passage(NamedTuple):
-    """What a narrow place ahead leaves, metres; inf where nothing is seen."""
+    """Room in a narrow place ahead, metres; inf where nothing is seen."""
 
     free_m: float
     """How far the disc can go straight ahead before it touches something."""
     left_m: float
-    """From the line of its centre to what stands on its left."""
+    """From the line along which its centre moves to the nearest wall on the left."""
     right_m: float
 
 
 PASSAGE_BEHIND_M, PASSAGE_AHEAD_M = 0.15, 0.4
-"""What stands beside the way from here to there, as seen from the centre, is what a robot squeezes between; what stands
-beyond something that is straight ahead, a team mate say, is not."""
+"""Points from this far behind the centre to this far ahead count as walls beside the robot, but none beyond an obstacle
+that is straight ahead, such as a team mate."""
 FRONT_M = 0.05
-"""So much nearer than what is straight ahead is what stands beside the way; some noise of the lidar lies between."""
+"""Points count as walls up to this far before an obstacle straight ahead: a margin for noise of the lidar."""
 SURE_M = 0.03
-"""A single point deeper than this in the way of the disc is an obstacle; less deep it takes `WITNESSES` (chosen: three
-standard deviations of a lidar's range)."""
+"""A single point that overlaps the disc's track by more than this is an obstacle; with less overlap it takes
+`WITNESSES` points (chosen: three standard deviations of a lidar's range)."""
 WITNESSES = 3
 BARRIER_M = 0.2
 
 
 def passage(points_m: NDArray[np.float64], x_m: float, y_m: float, heading_rad: float, radius_m: float) -> Passage:
-    """The room that a disc has which squeezes straight ahead; arguments as of `contact_distance_m`.
+    """The room for a disc that squeezes straight ahead; arguments as for `contact_distance_m`.
 
-    It goes by the third nearest point rather than by the nearest: between walls as near as these the noise of a single
-    range would shut the way time and again.
+    Distances are to the third nearest point instead of the nearest: with walls this near, the noise of a single range
+    would close the passage again and again.
     """
     return Passage(*_passage(points_m, x_m, y_m, heading_rad, radius_m))
 
@@ -73,7 +73,7 @@ def _passage(
     cos, sin = math.cos(heading_rad), math.sin(heading_rad)
     core_m = radius_m - SURE_M
     free_m = math.inf
-    nearest_m = np.full((3, WITNESSES), np.inf)  # contacts ahead, what is on the left, what is on the right
+    nearest_m = np.full((3, WITNESSES), np.inf)  # rows: contacts ahead, walls on the left, walls on the right
     for index in range(points_m.shape[1]):
         dx_m, dy_m = points_m[0, index] - x_m, points_m[1, index] - y_m
         ahead_m = cos * dx_m + sin * dy_m
@@ -96,7 +96,7 @@ def _passage(
 
 @njit(cache=True, nogil=True)
 def _keep_nearest(nearest_m: NDArray[np.float64], distance_m: float) -> None:
-    """Put a distance among the least ones, which are in order."""
+    """Insert a distance into the sorted list of the least ones."""
     for k in range(nearest_m.shape[0]):
         if distance_m < nearest_m[k]:
             nearest_m[k], distance_m = distance_m, nearest_m[k]
@@ -113,12 +113,12 @@ def hold_off(
     keep_m: float,
     per_s: float,
 ) -> tuple[float, float]:
-    """A velocity (x, y) with which a disc does not come nearer to any point than `keep_m` beyond its radius.
+    """The velocity (x, y) changed so that a disc comes no nearer to any point than `keep_m` beyond its radius.
 
-    Towards a point it goes no faster than `per_s` times what is left until then, and away from one that is nearer: a
-    control barrier function (Ames et al., *Control Barrier Functions: Theory and Applications*, ECC 2019). What goes
-    too fast towards one is taken out of the velocity, in turn for all points, twice. Arguments otherwise as of
-    `contact_distance_m`; nothing farther than `BARRIER_M` from the hull counts.
+    The disc approaches a point at most at `per_s` times the distance left, and moves away from a point that is too
+    near: a control barrier function (Ames et al., *Control Barrier Functions: Theory and Applications*, ECC 2019). The
+    excess is subtracted for one point after the other, twice over all points. Other arguments as for
+    `contact_distance_m`; points farther than `BARRIER_M` from the hull do not count.
     """
     for _ in range(2):
         for index in range(points_m.shape[1]):

@@ -349,7 +349,7 @@ def _round(path: NDArray[np.float64], traversable: NDArray[np.bool_]) -> NDArray
 
 @njit(cache=True, nogil=True)
 def is_chord_clear(traversable: NDArray[np.bool_], row: float, column: float, to_row: float, to_column: float) -> bool:
-    """Whether a line between two places, in cells, touches traversable cells only; looked at every 0.1 cell."""
+    """Whether a line between two places, in cells, touches traversable cells only; sampled every 0.1 cell."""
     height, width = traversable.shape
     steps = int(10.0 * np.hypot(to_row - row, to_column - column)) + 1
     for k in range(steps + 1):

@@ -107,7 +107,7 @@ class PoseFilter:
         self._walks = np.square(walks)
         variances = np.zeros(self._capacity)
         variances[kernels.SCALE : kernels.SHADOWS] = np.square((drift.scale, drift.curve_rad_per_m, drift.turn))
-        # What is known without any doubt could not be corrected, and would make the covariance singular.
+        # A state of zero variance could not be corrected and would make the covariance singular.
         np.fill_diagonal(self._covariance, variances + 1e-12)
         self.place(start, np.diag(np.square((max(sigma_m, 1e-4), max(sigma_m, 1e-4), max(sigma_rad, 1e-4)))))
 
@@ -190,7 +190,7 @@ class PoseFilter:
         return Heard(nis, nis <= gate, innovation_db, variance_db2)
 
     def correct(self, row: tuple[float, float, float], innovation: float, variance: float) -> float:
-        """Take in a measurement of `row` · (x, y, yaw) that differs by `innovation` from what is believed; its NIS."""
+        """Update with a measurement of `row` · (x, y, yaw), `innovation` off the estimate; returns its NIS."""
         expected: float = kernels.update(
             self._mean, self._covariance, self._size, kernels.YAW, row[0], row[1], row[2], innovation, variance
         )

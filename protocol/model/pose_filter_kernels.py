@@ -92,7 +92,7 @@ def update(
     innovation: float,
     variance: float,
 ) -> float:
-    """Take in a scalar measurement that depends on x, y and one more state; the variance expected of its innovation.
+    """Update with a scalar measurement of x, y and one more state; returns the expected variance of its innovation.
 
     Joseph form, (1 − K·H)·P·(1 − K·H)ᵀ + K·R·Kᵀ, which keeps the covariance symmetric and positive definite for
     any gain (Bucy and Joseph 1968; Bar-Shalom, Li, Kirubarajan, *Estimation with Applications to Tracking and

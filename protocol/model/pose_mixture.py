@@ -164,7 +164,7 @@ class PoseMixture:
                 self._weights += [SPLIT_WEIGHT * weight] * 2
 
     def _weigh(self, logs: NDArray[np.float64]) -> None:
-        """Multiply the weights by likelihoods, drop what is unlikely, merge what is alike."""
+        """Multiply the weights by likelihoods, drop unlikely parts, merge similar ones."""
         weights = np.array(self._weights) * exp(logs - logs.max())
         weights /= weights.sum()
         kept = [index for index, weight in enumerate(weights.tolist()) if weight > WEIGHT_MIN]

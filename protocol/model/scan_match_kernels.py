@@ -11,7 +11,7 @@ ITERATIONS = 12
 DONE_CELLS = 0.002
 NEAR_M = 0.2
 SWEEPS = 12
-"""Jacobi's method needs four or five for three by three."""
+"""Limit; Jacobi's method needs four or five sweeps for a 3 × 3 matrix."""
 NEGLIGIBLE = 1e-17
 
 
@@ -50,10 +50,10 @@ def _window(points: Floats, per_m: float, x: float, y: float, margin: int) -> tu
 
 @njit(cache=True, nogil=True)
 def eigen(matrix: Floats, values: Floats, vectors: Floats) -> None:
-    """Eigenvalues (3,), ascending, and eigenvectors (3, 3), as columns, of a symmetric matrix (3, 3), which is used up.
+    """Write a symmetric matrix's eigenvalues (3,), ascending, and eigenvectors (3, 3), as columns; overwrites `matrix`.
 
-    Jacobi's method, cyclic by rows (Golub and Van Loan, *Matrix Computations*, section 8.5). LAPACK's results differ by
-    processor; see `small_linear_algebra`. The sign of a vector is arbitrary.
+    Jacobi's method, cyclic by rows (Golub and Van Loan, *Matrix Computations*, section 8.5), because LAPACK's results
+    differ by processor; see `small_linear_algebra`. The sign of an eigenvector is arbitrary.
     """
     for i in range(3):
         for j in range(3):

@@ -1,12 +1,11 @@
-"""Linear algebra of small matrices, with one order of operations on every processor.
+"""Linear algebra of small matrices, with the same order of operations on every processor.
 
-BLAS and LAPACK choose their routines by the processor they run on. The routines add in different orders, so the last
-digits of their results differ, and with them the digest of a run (docs/decisions/0011-one-digest-on-all-processors.md).
-The functions here are compiled without `fastmath`: each sum is taken from left to right, nothing is contracted.
+BLAS and LAPACK choose their routines by processor. The routines add in different orders, so the last digits of their
+results differ, and with them the digest of a run (docs/decisions/0011-one-digest-on-all-processors.md). The functions
+here are compiled without `fastmath`: sums run from left to right, and no multiply-add is contracted.
 
-Vectors are (n,), matrices (n, m), float64, contiguous by rows. n is small: all work is in plain loops. Shapes are not
-checked. Call these functions from Python alone: numba's cache of a kernel in another file that called them would not
-notice an edit here.
+Vectors are (n,), matrices (n, m), float64, contiguous by rows; n is small. Shapes are not checked. Call these functions
+only from Python: numba's cache of a kernel in another file that calls them would miss an edit here.
 """
 
 import math
@@ -20,7 +19,7 @@ Floats = NDArray[np.float64]
 
 @njit(cache=True, nogil=True)
 def dot(first: Floats, second: Floats) -> float:
-    """Sum of the products of two vectors' entries."""
+    """Dot product of two vectors."""
     total = 0.0
     for i in range(first.shape[0]):
         total += first[i] * second[i]
@@ -29,7 +28,7 @@ def dot(first: Floats, second: Floats) -> float:
 
 @njit(cache=True, nogil=True)
 def times_vector(matrix: Floats, vector: Floats) -> Floats:
-    """(n,): an (n, m) matrix times an (m,) vector."""
+    """Product (n,) of an (n, m) matrix and an (m,) vector."""
     product = np.empty(matrix.shape[0])
     for i in range(matrix.shape[0]):
         total = 0.0
@@ -41,7 +40,7 @@ def times_vector(matrix: Floats, vector: Floats) -> Floats:
 
 @njit(cache=True, nogil=True)
 def covariance_of(rows: Floats, covariance: Floats) -> Floats:
-    """(n, n): the covariance of `rows` · v, where v (m,) has an (m, m) covariance and `rows` are (n, m)."""
+    """Covariance (n, n) of `rows` · v, for `rows` (n, m) and a vector v with covariance (m, m)."""
     count, size = rows.shape
     along = np.empty(size)
     result = np.empty((count, count))
@@ -61,7 +60,7 @@ def covariance_of(rows: Floats, covariance: Floats) -> Floats:
 
 @njit(cache=True, nogil=True)
 def quadratic_form(matrix: Floats, vector: Floats) -> float:
-    """The sum of vector[i] · matrix[i, j] · vector[j]; the variance of `vector` · v for a covariance of v."""
+    """vectorᵀ · matrix · vector; if `matrix` is the covariance of v, the variance of `vector` · v."""
     total = 0.0
     for i in range(vector.shape[0]):
         along = 0.0
@@ -73,10 +72,10 @@ def quadratic_form(matrix: Floats, vector: Floats) -> float:
 
 @njit(cache=True, nogil=True)
 def inverse_form(matrix: Floats, vector: Floats) -> float:
-    """The quadratic form of the inverse of a symmetric, positive definite matrix: a squared Mahalanobis distance.
+    """vectorᵀ · matrix⁻¹ · vector for a symmetric, positive definite matrix: a squared Mahalanobis distance.
 
-    By Cholesky's factor L: the sum of squares of the solution of L · y = vector (Golub and Van Loan, *Matrix
-    Computations*, section 4.2). A matrix that is not positive definite gives infinity.
+    By Cholesky's factor L: the sum of squares of y with L · y = vector (Golub and Van Loan, *Matrix Computations*,
+    section 4.2). Infinity if the matrix is not positive definite.
     """
     size = vector.shape[0]
     lower = np.empty((size, size))
@@ -102,10 +101,10 @@ def inverse_form(matrix: Floats, vector: Floats) -> float:
 
 @njit(cache=True, nogil=True)
 def least_solution(rows: Floats, values: Floats) -> Floats:
-    """(m,): the shortest v with `rows` · v = `values`; (n, m) independent rows with n <= m.
+    """The shortest v (m,) with `rows` · v = `values`, for `rows` (n, m) with n <= m.
 
-    By modified Gram–Schmidt on the rows (Golub and Van Loan, section 5.2.8). A row that depends on those before it is
-    left out.
+    By modified Gram–Schmidt on the rows (Golub and Van Loan, section 5.2.8). A row that is linearly dependent on those
+    before it is left out.
     """
     count, size = rows.shape
     basis = rows.copy()

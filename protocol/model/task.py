@@ -37,23 +37,23 @@ class TaskState(StrEnum):
 
 
 class TaskBase(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What every task has. Raises ValueError where it is built with what makes no sense."""
+    """Fields of every task. Raises ValueError if built with values that make no sense."""
 
     id: Name
     priority: Priority = 1.0
-    """The prize for doing it: a task of priority 2 is worth two of priority 1."""
+    """Reward for doing it: a task of priority 2 is worth two of priority 1."""
     earliest_ns: Stamp = 0
     """It must not begin before this stamp of the run's clock."""
     deadline_ns: Stamp | None = None
-    """It must be done by this stamp; None if there is no haste."""
+    """It must be done by this stamp; None for no deadline."""
     service_s: Duration = 0.0
-    """How long it takes at its place, as far as whoever asks for it knows; a visit stays so long."""
+    """Expected time at its place; a visit stays this long."""
     needs: Needs = ()
-    """Names of plugins that a robot must have for it, beyond the behavior itself."""
+    """Names of plugins that a robot must have for it, besides the behavior."""
     after: After = ()
     """Ids of the tasks that must be done before."""
     robots: Team = 1
-    """So many robots must be at it at once."""
+    """Number of robots that must work on it at the same time."""
 
     def __post_init__(self) -> None:
         if not self.id:
@@ -100,7 +100,7 @@ class Collect(PlacedTask, frozen=True, kw_only=True, tag="collect", omit_default
 
     mote: Name
     timeout_s: Duration = 60.0
-    """At the mote, the robot waits no longer than this."""
+    """Longest wait at the mote."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -116,9 +116,9 @@ class Relay(PlacedTask, frozen=True, kw_only=True, tag="relay", omit_defaults=Tr
     mote: Name = ""
     duration_s: Duration
     rssi_min_dbm: Quantity = -85.0
-    """Where a link is weaker than this, the robot moves nearer."""
+    """If a link is weaker than this, the robot moves nearer."""
     robot: Name = ""
-    """The next one of a chain; a link to it is held as well."""
+    """The next robot of a chain; a link to it is held as well."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -135,11 +135,11 @@ class Monitor(PlacedTask, frozen=True, kw_only=True, tag="monitor", omit_default
 
     duration_s: Duration
     interval_s: Duration = 30.0
-    """From the beginning of one round to that of the next."""
+    """From the start of one round to the start of the next."""
     views: int = 4
-    """Directions a round, spread evenly over the circle."""
+    """Directions per round, spread evenly over the circle."""
     quantity: Name = ""
-    """What a mote may watch in place of pictures; with none, only pictures will do."""
+    """Quantity that a mote may watch instead of pictures; empty for pictures only."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -153,7 +153,7 @@ class Sense(PlacedTask, frozen=True, kw_only=True, tag="sense", omit_defaults=Tr
 
     quantity: Name = "temperature_c"
     mote: Name = ""
-    """Whose reading; of whichever mote is heard best at the place if empty."""
+    """The mote to read; if empty, the one heard best at the place."""
     timeout_s: Duration = 30.0
 
     def __post_init__(self) -> None:
@@ -180,7 +180,7 @@ class Recharge(PlacedTask, frozen=True, kw_only=True, tag="recharge", omit_defau
     """
 
     yaw_rad: Radians | None = None
-    """How the docked robot faces; None leaves it to the robot."""
+    """Heading of the docked robot; None leaves it to the robot."""
     until_soc: Share = 0.95
     """State of charge, above 0 to 1."""
 

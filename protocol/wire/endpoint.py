@@ -35,13 +35,13 @@ OnOutside = Callable[[str, bytes], None]
 PENDING_QUERIES = 256
 DECLARED_KEYS = 16384
 REPLIES = 64
-"""One concrete key has one reply. There is room for more, for a full channel would hold up the link; and what a ring
-holds is lost as soon as the query is over."""
+"""Capacity of a reply channel. One concrete key has one reply, but a full channel would hold up the link, and a ring
+loses its content as soon as the query is over."""
 BY = "by"
 CONGESTION = {False: zenoh.CongestionControl.DROP, True: zenoh.CongestionControl.BLOCK}
 HISTORY_TIMEOUT_S = 5.0
 STUCK_TIMEOUT_S = 2.0
-"""How long the end of an endpoint waits for answers that are being made."""
+"""How long `close` waits for handlers that are still running."""
 
 
 class Drive(StrEnum):
@@ -106,7 +106,7 @@ class Endpoint:
         self.drive = drive
         self.refused_queries = 0
         self.refusals = Refusals(clock)
-        """Messages that its inboxes refused."""
+        """Counts of the messages that the endpoint's inboxes refused."""
         self._on_outside = on_outside
         self.has_waiting = False
         """Whether `serve` has something to do."""
@@ -328,7 +328,7 @@ class Endpoint:
         Args:
             topic: a query topic.
             payload: encoded as JSON unless it is bytes or None.
-            timeout_s: how long to wait for the reply; in lockstep, how long to wait for another process.
+            timeout_s: time limit for the reply; in lockstep it applies only to replies from other processes.
             by: who asks, where that matters: the holder of an exclusive plugin.
             names: the names in the key.
 
@@ -397,7 +397,7 @@ class Endpoint:
         """
         self._adopt(inbox)
         key, reply_key = topic.key(self.team, **names), reply_topic.key(self.team, **names)
-        if self.drive is Drive.LIVE:  # a callback would have a thread begun for each query
+        if self.drive is Drive.LIVE:  # a callback would start a thread for each query
             replies: Any = self.session.get(key, zenoh.handlers.FifoChannel(REPLIES), timeout=timeout_s)
             inbox.expect(replies, reply_topic, reply_key)
             return

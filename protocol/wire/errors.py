@@ -2,10 +2,10 @@
 
 RobrainError                  everything that robrain raises on purpose
 ├── BadName                   a robot, mote, team or plugin name that cannot be part of a key
-├── BadToml                   TOML that is too large, nested too deep, or none
+├── BadToml                   a text that is not TOML, too large or nested too deep
 ├── WireError                 the session could not be opened or used
 │   ├── NobodyThere           nothing answers at that endpoint, or nobody of that team is there
-│   ├── NameTaken             another process is that robot, or the coordinator
+│   ├── NameTaken             another process already runs that robot or the coordinator
 │   └── PortTaken             another process listens on that port
 └── CallError                 a query was answered with an error; carries `.code`
 """
@@ -52,7 +52,7 @@ class BadName(RobrainError):
 
 
 class BadToml(RobrainError):
-    """TOML that cannot be read; the text says what was expected, the caller knows of which file."""
+    """TOML that cannot be read. The text says what was expected; the caller adds the file's name."""
 
 
 class WireError(RobrainError):
@@ -64,7 +64,7 @@ class NobodyThere(WireError):
 
 
 class NameTaken(WireError):
-    """Another process of the team is that robot, or its coordinator."""
+    """Another process already runs that robot, or the team's coordinator."""
 
 
 class PortTaken(WireError):

@@ -1,4 +1,4 @@
-"""Where a team is: at the endpoints that are given, or else at this machine's hub."""
+"""Where to find a team: at the endpoints given, or else at this machine's hub."""
 
 import os
 import socket
@@ -10,30 +10,30 @@ from robrain.protocol.wire.session import TCP_ENDPOINT, check_endpoint
 from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
 
 CONNECT_VARIABLE = "ROBRAIN_CONNECT"
-"""Endpoints of the team, where no `--connect` is given."""
+"""Environment variable with the team's endpoints, used without `--connect`."""
 HUB_VARIABLE = "ROBRAIN_HUB"
-"""Endpoint of this machine's hub, where it is not to be DEFAULT_HUB: a second user's, or a test's."""
+"""Environment variable with the endpoint of this machine's hub if not DEFAULT_HUB: for a second user, or a test."""
 DEFAULT_HUB = "tcp/127.0.0.1:7447"
-"""Zenoh's own port, on loopback only."""
+"""Zenoh's default port, on loopback only."""
 TEAMS_TIMEOUT_S = 2.0
 PROBE_TIMEOUT_S = 0.5
 
 
 def hub_endpoint() -> str:
-    """Where `robrain up` listens if it can, and where commands look for a team of this machine.
+    """The endpoint where `robrain up` listens if it can, and where commands look for a team on this machine.
 
     Raises:
-        WireError: ROBRAIN_HUB is set and is no endpoint.
+        WireError: ROBRAIN_HUB is set to something that is not an endpoint.
 
     """
     return check_endpoint(os.environ.get(HUB_VARIABLE) or DEFAULT_HUB)
 
 
 def given_endpoints(connect: str | None) -> list[str]:
-    """What is given as `--connect`, or else in ROBRAIN_CONNECT, with commas between several; empty if neither is.
+    """The endpoints in `--connect`, or else in ROBRAIN_CONNECT, separated by commas; empty if neither is given.
 
     Raises:
-        WireError: one of them is no endpoint.
+        WireError: one of them is not an endpoint.
 
     """
     text = connect if connect is not None else os.environ.get(CONNECT_VARIABLE, "")
@@ -41,12 +41,12 @@ def given_endpoints(connect: str | None) -> list[str]:
 
 
 def team_endpoints(connect: str | None = None) -> list[str]:
-    """Where a team is looked for: what is given, or else this machine's hub (WireError as above)."""
+    """Where to look for a team: the endpoints given, or else this machine's hub (WireError as above)."""
     return given_endpoints(connect) or [hub_endpoint()]
 
 
 def nobody_answers(endpoints: list[str]) -> str:
-    """The sentence about endpoints at which nothing listens.
+    """The error text for endpoints where nothing listens.
 
     >>> nobody_answers(["tcp/10.0.0.5:7447"])
     'nobody answers at tcp/10.0.0.5:7447: is `robrain up` or a Zenoh router running there?'
@@ -61,7 +61,7 @@ def nobody_answers(endpoints: list[str]) -> str:
 
 
 def may_answer(endpoint: str) -> bool:
-    """Whether something accepts connections there; always True of what is not plain TCP, which only Zenoh can try."""
+    """Whether something accepts connections there; True for endpoints other than TCP, which only Zenoh can try."""
     match = TCP_ENDPOINT.fullmatch(endpoint)
     if match is None:
         return True
@@ -73,7 +73,7 @@ def may_answer(endpoint: str) -> bool:
 
 
 def teams_there(session: zenoh.Session) -> list[str]:
-    """Names of the teams of which a robot or the coordinator can be reached, sorted."""
+    """Names of the teams with a robot or coordinator that can be reached, sorted."""
     found = set()
     for topic in (ROBOT_ALIVE, COORDINATOR_ALIVE):
         for reply in session.liveliness().get(topic.of_every_team(), timeout=TEAMS_TIMEOUT_S):
@@ -84,16 +84,16 @@ def teams_there(session: zenoh.Session) -> list[str]:
 
 
 def wrong_team(what: str, session: zenoh.Session) -> NobodyThere:
-    """The error for a team of which nobody is there, with the teams that are.
+    """The error for a team with no member there; it names the teams that are there.
 
     Args:
         what: who is missing, such as `no robot of team blue is there`.
-        session: where was looked.
+        session: where to look for other teams.
 
     """
     try:
         teams = teams_there(session)
-    except zenoh.ZError:  # the hub has gone meanwhile: there is no more to say
+    except zenoh.ZError:  # the hub has gone meanwhile: no teams to name
         teams = []
     if teams:
         return NobodyThere(f"{what}; there {'is team' if len(teams) == 1 else 'are the teams'} {', '.join(teams)}")

@@ -1,4 +1,4 @@
-"""Why a robot has nothing to do: as values, to decide by, and in words, for people."""
+"""Why a robot has nothing to do: as values for programs and as sentences for people."""
 
 import msgspec
 
@@ -7,15 +7,15 @@ from robrain.protocol.model.ranges import Count, Length
 
 
 class _Reason(msgspec.Struct, frozen=True, kw_only=True, tag_field="code"):
-    """Base of the reasons; `code` names which it is."""
+    """Base of the reasons; `code` in JSON tells which one it is."""
 
 
 class NothingUnknown(_Reason, frozen=True, kw_only=True, tag="nothing_unknown"):
-    """The known floor has no border that is worth a look."""
+    """No border of the known floor is worth exploring."""
 
 
 class NoWay(_Reason, frozen=True, kw_only=True, tag="no_way"):
-    """Borders of the known floor are left, and none can be reached."""
+    """Borders of the known floor are left, but none can be reached."""
 
     frontiers: Count
     needed_m: Length
@@ -23,34 +23,34 @@ class NoWay(_Reason, frozen=True, kw_only=True, tag="no_way"):
 
 
 class TooNarrow(_Reason, frozen=True, kw_only=True, tag="too_narrow"):
-    """The borders that are left lie behind a gap that a robot has found to be too narrow."""
+    """The borders left are behind a gap that a robot found too narrow."""
 
     frontiers: Count
     needed_m: Length
     gap_m: Length
-    """Width of the gap, as measured there."""
+    """Width of the gap as the robot measured it."""
     place: Point2D
-    """Where the robot stood before it, arena frame."""
+    """Where the robot stood in front of the gap, arena frame."""
 
 
 class TriedInVain(_Reason, frozen=True, kw_only=True, tag="tried_in_vain"):
-    """The robot has just tried in vain to get to the borders that are left."""
+    """The robot has just failed to reach the borders left."""
 
     frontiers: Count
 
 
 class OthersExplore(_Reason, frozen=True, kw_only=True, tag="others_explore"):
-    """Other robots go to the borders that are left."""
+    """Other robots are on their way to the borders left."""
 
     frontiers: Count
 
 
 class PlanPending(_Reason, frozen=True, kw_only=True, tag="plan_pending"):
-    """Tasks are being planned, of which the robot may get one."""
+    """Tasks are being planned, and the robot may get one."""
 
 
 class TaskSoon(_Reason, frozen=True, kw_only=True, tag="task_soon"):
-    """The plan has a task for the robot that begins soon."""
+    """The robot's next task in the plan begins soon."""
 
 
 class TeamHalted(_Reason, frozen=True, kw_only=True, tag="team_halted"):
@@ -58,7 +58,7 @@ class TeamHalted(_Reason, frozen=True, kw_only=True, tag="team_halted"):
 
 
 class PlaceUnknown(_Reason, frozen=True, kw_only=True, tag="place_unknown"):
-    """The robot does not say where it is."""
+    """The robot does not report a pose."""
 
 
 IdleReason = (
@@ -92,7 +92,7 @@ def _because(reason: IdleReason) -> str:
         case TooNarrow(frontiers=count, needed_m=needed_m, gap_m=gap_m, place=place):
             return (
                 f"the way to {_borders(count)} is {gap_m:.2f} m wide at x {place.x_m:.1f}, y {place.y_m:.1f} "
-                f"and it needs {needed_m:.2f} m"
+                f"and the robot needs {needed_m:.2f} m"
             )
         case TriedInVain(frontiers=count):
             return f"it has just tried in vain to get to {_borders(count)}"
@@ -101,11 +101,11 @@ def _because(reason: IdleReason) -> str:
         case PlanPending():
             return "tasks are being planned"
         case TaskSoon():
-            return "a task of its begins soon"
+            return "its next task begins soon"
         case TeamHalted():
             return "the team is halted"
         case PlaceUnknown():
-            return "it does not say where it is"
+            return "its position is unknown"
 
 
 def _borders(count: int) -> str:

@@ -10,9 +10,9 @@ from robrain.protocol.wire.refusals import RefusalCode, Refusals
 from robrain.protocol.wire.topic import Delivery, Topic
 
 NOTHING = b"null"
-"""A reply that says that there is nothing to say."""
+"""An empty reply: JSON null."""
 KEYS_MAX = 8192
-"""Keys whose names are kept at hand."""
+"""Keys whose parsed names are cached."""
 
 
 class Received(NamedTuple):
@@ -29,10 +29,10 @@ class Received(NamedTuple):
 class Inbox:
     """Holds samples between two steps of its owner. Callbacks only ever append.
 
-    On topics delivered as LATEST a new sample takes the place of the last one of its key. When `capacity`
-    is reached the oldest sample goes, or a key that is new among the latest is not taken in; `dropped` counts
-    these. Samples that are larger than their topic allows, that do not decode, or whose key and payload name different
-    senders are left out: counted in `malformed`, and in `refusals` with their sender and why.
+    On topics delivered as LATEST a new sample replaces the previous one of its key. At `capacity` the oldest sample is
+    dropped, or, on LATEST topics, a sample with a new key; `dropped` counts both. A sample that is larger than its
+    topic allows, does not decode, or names different senders in key and payload is refused: counted in `malformed`,
+    and in `refusals` with its sender and the reason.
 
     Args:
         capacity: samples held at the most, of those that count singly and of the latest ones each.
@@ -47,7 +47,7 @@ class Inbox:
         self.dropped = 0
         self.malformed = 0
         self.refusals: Refusals | None = None
-        """Of the endpoint that fills this inbox."""
+        """Set by the endpoint that fills this inbox; None before."""
         self.received = 0
         self._every: deque[tuple[Topic, str, bytes]] = deque(maxlen=capacity)
         self._expected: deque[tuple[Any, Topic, str]] = deque(maxlen=capacity)
@@ -128,7 +128,7 @@ class Inbox:
             decoder = self._decoders[topic.name] = msgspec.json.Decoder(topic.message)
         try:
             message = decoder.decode(payload)
-        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:  # the last: nested too deep
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:  # RecursionError: nested too deep
             self._refuse(topic, key, RefusalCode.MALFORMED, str(error))
             return None
         for field, name_in in topic.named_twice:

@@ -1,9 +1,10 @@
-"""The replies to a query of a lockstep run, which no clock of the machine ends.
+"""Replies to queries of a lockstep run, without time limits for queries that this process answers itself.
 
-A query that this process answers is answered before Zenoh's `get` returns, however long its handlers take. Zenoh counts
-the time limit of a query on a thread of its own and would drop the reply of a handler that is slow, or of a process
-that was stopped for a while: the run would depend on the machine. So Zenoh is given no limit worth the name. Only what
-another process is to answer is waited for by the wall clock, and such a run cannot be repeated in any case.
+Zenoh's `get` returns after the handlers of this process have answered, however long they take. But Zenoh applies the
+time limit of a query by the wall clock, on a thread of its own: it would drop the reply of a slow handler, or after the
+process was stopped for a while, and the run would depend on the machine. Zenoh therefore gets a limit that never ends
+a query. A limit by the wall clock applies only to replies from other processes, with which a run is not repeatable
+anyway.
 """
 
 import threading
@@ -12,25 +13,25 @@ from typing import Any
 import zenoh
 
 NO_LIMIT_S = 1e9
-"""Zenoh wants a number. It keeps some 650 bytes for each query until the session is closed."""
+"""Zenoh requires a number. It keeps about 650 bytes per query until the session is closed."""
 
 
 class LockstepReplies:
-    """Collects the replies to one query; `handler` is what Zenoh's `get` is given."""
+    """Collects the replies to one query; pass `handler()` to Zenoh's `get`."""
 
     def __init__(self) -> None:
         self.replies: list[zenoh.Reply] = []
         self.asker = threading.get_ident()
         self.from_outside = False
-        """Whether another process has answered, or was waited for in vain."""
+        """Whether another process has answered, or failed to in time."""
         self._is_over = threading.Event()
 
     def handler(self) -> "zenoh.handlers.Callback[Any]":
-        """Takes the replies in, on the thread that brings them."""
+        """A callback that stores replies, on whatever thread delivers them."""
         return zenoh.handlers.Callback(self._take, self._is_over.set, indirect=False)
 
     def wait(self, outside_s: float) -> bool:
-        """Call after `get`: wait for other processes, if any were asked, for this long; False if they do not reply."""
+        """Call after `get`: wait at most this long for other processes, if any were asked; False if none replies."""
         if self.replies or self._is_over.wait(outside_s):
             return True
         self.from_outside = True

@@ -11,10 +11,10 @@ NS_PER_MS = 1_000_000
 STAMP_MODULUS_MS = 1 << 31
 MAX_CELLS = 1 << 24
 AHEAD_MAX_MS = 5_000
-"""Clocks of a team may differ by so much (chosen). What claims to be from later would outlast all that is seen."""
+"""Largest difference between clocks of a team (chosen). A patch from later would override what is seen until then."""
 OCCUPIED_MAX = 4_000
-"""Occupied cells that changed since the last patch (chosen: two circles of 30 m about a robot, in cells of 0.1 m). In
-all that a robot knows there are more, and more free ones that they were seen through."""
+"""Occupied cells allowed in a patch beyond its free cells (chosen: two circles of 30 m around a robot, in cells of
+0.1 m). A whole map has more of them, but also more free cells, through which they were seen."""
 
 
 def map_stamp_ms(stamp_ns: int) -> int:
@@ -51,20 +51,20 @@ def geometry_of(message: MapPatch) -> GridGeometry:
 
 
 def check_claim(message: MapPatch, now_ns: int) -> None:
-    """Check that a patch claims only what was seen before now.
+    """Check that a patch is not from the future.
 
     Args:
-        message: as it came.
+        message: the patch.
         now_ns: by the receiver's clock.
 
     Raises:
-        ValueError: it is from the future. Just after the stamps have wrapped so are those from before.
+        ValueError: it is more than `AHEAD_MAX_MS` ahead. Just after the stamps wrap, so are patches from before.
 
     """
     ahead_ms = message.observed_ms - map_stamp_ms(now_ns)
     if ahead_ms > AHEAD_MAX_MS:
         raise ValueError(
-            f"{message.robot} tells of what it saw {ahead_ms / 1000:.1f} s from now: its patch is from the future, "
+            f"{message.robot}: its patch is from the future, {ahead_ms / 1000:.1f} s ahead, "
             "or the clocks of its machine and of this one differ"
         )
 
@@ -76,7 +76,7 @@ def merge_message(grid: OccupancyGrid, message: MapPatch) -> int:
         How many cells changed their class.
 
     Raises:
-        ValueError: the patch belongs to another grid, its cells are not what it says, or nobody can have seen them.
+        ValueError: the patch is for another grid, its cells do not match its size, or too many are occupied.
 
     """
     if geometry_of(message) != grid.geometry:

@@ -44,7 +44,7 @@ Milliseconds = Annotated[int, Meta(ge=0, lt=1 << 31)]
 Ranges = Annotated[list[Annotated[int, Meta(ge=0, le=10_000_000)]], Meta(max_length=100_000)]
 Command = Annotated[str, Meta(max_length=1_000_000)]
 Lease = Annotated[float, Meta(ge=0.0, le=86_400.0)]
-"""Of a task, seconds."""
+"""Lease of a task, seconds."""
 
 
 class Message(msgspec.Struct, frozen=True, kw_only=True):
@@ -55,7 +55,7 @@ class Message(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BatteryState(msgspec.Struct, frozen=True, kw_only=True):
-    """A battery as its robot believes it to be."""
+    """A robot's estimate of its battery."""
 
     voltage_v: Quantity
     current_a: Quantity
@@ -63,7 +63,7 @@ class BatteryState(msgspec.Struct, frozen=True, kw_only=True):
     soc: Charge
     """State of charge, 0 to 1."""
     remaining_j: Joules
-    """At the terminals, above the cut-off; the next two are its 95 % interval."""
+    """Energy at the terminals above the cut-off; the next two are its 95 % interval."""
     remaining_low_j: Joules = 0.0
     remaining_high_j: Joules = 0.0
     soc_sd: Quantity = 0.0
@@ -71,20 +71,20 @@ class BatteryState(msgspec.Struct, frozen=True, kw_only=True):
     """Capacity as a share of the rated one."""
     charging: bool = False
     implausible: Text = ""
-    """Why the measurements are not believed; the estimate then goes on without them."""
+    """Why the measurements are rejected; the estimate then goes on without them. Empty if they are not."""
 
 
 class TaskStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """How a robot stands to the last task it accepted."""
+    """State of the last task that a robot accepted."""
 
     id: Name
     epoch: Epoch
     state: TaskState
     why: Text = ""
     result: Result = {}
-    """What it was for, once it has ended: a few numbers, the key of an image; `energy_j` is what it took."""
+    """Result of a task that has ended: a few numbers, the key of an image; `energy_j` is the energy it took."""
     left_s: Seconds | None = None
-    """In how long it ends, as well as the robot knows; None if it does not, and once the task has ended."""
+    """Estimated time until it ends; None if unknown, and once the task has ended."""
 
 
 class PluginFault(msgspec.Struct, frozen=True, kw_only=True):
@@ -117,7 +117,7 @@ class RobotState(Message, frozen=True, kw_only=True):
     task_before: TaskStatus | None = None
     """How the one before `task` ended, so that its end is told also where the next began in the same step."""
     halted: bool = False
-    """Emergency halt: all plugins refuse calls and have been told to stop."""
+    """Emergency halt: all plugins refuse calls and have received the order to stop."""
     halted_by: Names = []
     """Who holds the halt."""
     team_halt_ns: Stamp = 0
@@ -127,9 +127,9 @@ class RobotState(Message, frozen=True, kw_only=True):
     faulted: Faults = []
     """Plugins that do not run."""
     lost: Text = ""
-    """Why the robot does not know any more where it is; empty as long as it does."""
+    """Why the robot has lost its position; empty while it has one."""
     loaded: Count = 0
-    """Another number whenever other plugins are loaded than before, so that nobody has to ask; 0 says nothing."""
+    """Number that changes with the set of loaded plugins, so that others need not poll it; 0 if not reported."""
 
     def __post_init__(self) -> None:
         if len(self.pose_covariance) not in COVARIANCE_LENGTHS:
@@ -160,7 +160,7 @@ class MapPatch(Message, frozen=True, kw_only=True):
     rows: Cells
     columns: Cells
     observed_ms: Milliseconds
-    """When the cells were seen, by `map_stamp_ms`: of two statements on a cell the later one counts."""
+    """When the cells were seen, by `map_stamp_ms`; of two values for a cell the later one counts."""
     cells: bytes
 
 
@@ -170,11 +170,11 @@ class PlannedPath(Message, frozen=True, kw_only=True):
     robot: Name
     points: Annotated[list[Point2D], Meta(max_length=100_000)]
     claim: Claim = Claim()
-    """What its right of way is decided by."""
+    """Decides its right of way."""
     speed_m_s: Speed = 0.0
-    """How fast it goes where nothing hinders it; 0 if it does not say."""
+    """Speed where nothing slows it down; 0 if not reported."""
     held_at_m: Metres | None = None
-    """It goes this far along the path for now, and waits for others there; None if it waits for nobody."""
+    """Distance along the path at which it waits for others; None if it need not wait."""
 
 
 class Event(Message, frozen=True, kw_only=True):
@@ -208,16 +208,16 @@ class FunctionInfo(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PluginInfo(msgspec.Struct, frozen=True, kw_only=True):
-    """One plugin of a robot, as its host tells it."""
+    """One plugin of a robot, as its host reports it."""
 
     name: Name
     level: Name
     state: Name
     why: Text = ""
     where: Text = ""
-    """The line of the plugin's code that raised what it is faulted for, as `lamp/lamp.py:12 in step`."""
+    """The line of plugin code that raised the fault, such as `lamp/lamp.py:12 in step`; empty if none did."""
     detail: Text = ""
-    """The traceback of that, from the plugin's first line on."""
+    """The traceback of the fault, from the plugin's first frame."""
     visibility: Names = []
     requires: Names = []
     holder: Name = ""
@@ -237,13 +237,13 @@ class HostRequest(msgspec.Struct, frozen=True, kw_only=True):
     plugin: Text = ""
     """load: a name, or the path of a folder or manifest on the robot's machine; otherwise a name."""
     cascade: bool = False
-    """unload: those that require it as well."""
+    """unload: also unload the plugins that require it."""
     text: Command = ""
     """command: the text form, such as `call driver stop()`; halt: the reason."""
     by: Text = ""
-    """Who asks; halt and resume log it, hold and release are meant for that one."""
+    """Who asks: halt and resume log it; hold and release apply to it."""
     lease_s: Annotated[float, Meta(ge=-SECONDS_MAX, le=SECONDS_MAX)] = 5.0
-    """hold: for how long, at most 60 s; who needs it longer asks again in time."""
+    """hold: for how long, at most 60 s; ask again in time to hold longer."""
 
 
 class TaskOffer(msgspec.Struct, frozen=True, kw_only=True):
@@ -253,11 +253,11 @@ class TaskOffer(msgspec.Struct, frozen=True, kw_only=True):
     epoch: Epoch
     lease_s: Lease
     after: Name = ""
-    """Id of the task that the robot is at: this one is begun when that one has ended. Empty: now, in its place."""
+    """Id of the robot's current task: this one begins when that one has ended. Empty: it replaces the current one."""
 
 
 class TaskWithdrawal(msgspec.Struct, frozen=True, kw_only=True):
-    """The coordinator's query to a robot: let go of this."""
+    """The coordinator's query to a robot: drop this task."""
 
     id: Name
     epoch: Epoch
@@ -270,7 +270,7 @@ class TaskAnswer(msgspec.Struct, frozen=True, kw_only=True):
     accepted: bool
     why: Text = ""
     epoch: Epoch | msgspec.UnsetType = msgspec.UNSET
-    """The last one that the robot has accepted; only where it refuses an older one."""
+    """The latest epoch the robot has accepted; only set when it refuses an older one."""
 
 
 class TaskEvent(Message, frozen=True, kw_only=True):
@@ -282,9 +282,9 @@ class TaskEvent(Message, frozen=True, kw_only=True):
     epoch: Epoch = 0
     why: Text = ""
     result: Result = {}
-    """As the robot told it in its `TaskStatus`."""
+    """As in the robot's `TaskStatus`."""
     change: Count = 0
-    """Number of the change in the coordinator's journal; the same number again is the same change, told again."""
+    """Number of the change in the coordinator's journal; a repeated number is the same change, sent again."""
 
 
 class RobotSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -298,11 +298,11 @@ class RobotSummary(msgspec.Struct, frozen=True, kw_only=True):
     behavior: Name = ""
     task: Name = ""
     why: Text = ""
-    """Why it cannot be counted on, or has nothing to do, in words."""
+    """Why it is not available for tasks, or has nothing to do, in words."""
     faulted: Faults = []
     """Its plugins that do not run."""
     idle: IdleReason | None = None
-    """Why it has nothing to do; None if it has, or cannot be counted on."""
+    """Why it has nothing to do; None if it has a task or is not available."""
 
 
 class FrontierSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -322,10 +322,10 @@ class HaltStatus(msgspec.Struct, frozen=True, kw_only=True):
     since_ns: Stamp = 0
     """When it began, or ended."""
     stamp_ns: Stamp = 0
-    """Of the last halt or resume that was heard; grows from one to the next."""
+    """Of the last halt or resume received; increases from one to the next."""
     stopped: Names = []
     not_stopped: Names = []
-    """All others that were ever heard of, those that are lost included."""
+    """All other robots ever known, including lost ones."""
 
 
 class TeamState(Message, frozen=True, kw_only=True):
@@ -335,19 +335,19 @@ class TeamState(Message, frozen=True, kw_only=True):
     known_area_m2: Quantity = 0.0
     frontiers: list[FrontierSummary] = []
     all_explored: bool = False
-    """Nothing unknown is left that a robot could reach."""
+    """Whether nothing unknown is left that a robot could reach."""
     tasks_open: Count = 0
     tasks_done: Count = 0
     messages: Count = 0
     """Messages that the coordinator has received."""
     halt: HaltStatus | None = None
-    """None as long as nobody has halted the team."""
+    """None until somebody halts the team."""
     refused: Annotated[list[Refusal], Meta(max_length=1000)] | msgspec.UnsetType = msgspec.UNSET
-    """Messages that the coordinator has refused, most first; absent as long as there were none."""
+    """Messages that the coordinator has refused, largest count first; absent if there are none."""
 
 
 class RadioLink(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Somebody whom a robot's base station hears."""
+    """A mote or robot that a robot's base station hears."""
 
     peer: Name
     """The mote's or the robot's name."""
@@ -359,7 +359,7 @@ class RadioLink(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class RobotLinks(Message, frozen=True, kw_only=True):
-    """Whom a robot's base station hears on the motes' radio: each 2 s while it hears anybody, and a last time."""
+    """What a robot's base station hears on the motes' radio: every 2 s while it hears any, and once after the last."""
 
     robot: Name
     links: Annotated[list[RadioLink], Meta(max_length=10_000)] = []
@@ -387,12 +387,12 @@ class MoteReading(Message, frozen=True, kw_only=True):
 
 
 class MoteDuty(Message, frozen=True, kw_only=True):
-    """How often a mote is to sense; whoever meets it tells it."""
+    """How often a mote is to sense; any robot that meets it passes this on."""
 
     mote: Name
     period_s: Seconds
     by: Name = ""
-    """Who wants it so."""
+    """Who requested it."""
 
 
 class LostMessages(msgspec.Struct, frozen=True):
@@ -404,7 +404,7 @@ class LostMessages(msgspec.Struct, frozen=True):
 
 
 class RecorderState(Message, frozen=True, kw_only=True):
-    """How a recorder does: each second in live, and when something was lost."""
+    """Status of a recorder: every second in live, and when something was lost."""
 
     recorder: Name
     file: Text = ""
@@ -414,11 +414,11 @@ class RecorderState(Message, frozen=True, kw_only=True):
     bytes: Count = 0
     """Written so far."""
     lost: list[LostMessages] = []
-    """What is not in the recording."""
+    """Messages that are not in the recording."""
     waiting: Count = 0
     """Messages heard that are not written yet."""
     why: Text = ""
-    """What is wrong with it; empty as long as nothing is."""
+    """What is wrong with it; empty if nothing is."""
     closed: bool = False
     """It has finished its file."""
 
@@ -428,7 +428,7 @@ class Halt(Message, frozen=True, kw_only=True):
 
     halted: bool
     by: Text
-    """Who halts: that one may resume, and whoever's name starts with `operator`."""
+    """Who halts. The same name, or one that starts with `operator`, may resume."""
     reason: Text = ""
 
 
@@ -461,7 +461,7 @@ class ArenaClock(Message, frozen=True, kw_only=True):
 
 
 class RobotTruth(msgspec.Struct, frozen=True, kw_only=True):
-    """Where a simulated robot really is."""
+    """True pose of a simulated robot."""
 
     robot: Name
     pose: Pose2D
@@ -471,14 +471,14 @@ class RobotTruth(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class MoteTruth(msgspec.Struct, frozen=True, kw_only=True):
-    """Where a simulated mote really is."""
+    """True position of a simulated mote."""
 
     mote: Name
     place: Point2D
 
 
 class ArenaTruth(Message, frozen=True, kw_only=True):
-    """The simulated world as it is; nobody but referees and viewers listens."""
+    """The true state of the simulated world, for referees and viewers only."""
 
     sim_time_s: Seconds
     robots: list[RobotTruth]

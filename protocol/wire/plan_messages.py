@@ -16,17 +16,17 @@ from robrain.protocol.wire.task_messages import RobotVerdict
 
 
 class TaskDecision(Message, frozen=True, kw_only=True):
-    """What a plan decided of one task; said when it is decided otherwise than before."""
+    """What a plan decided about one task; sent when the decision changes."""
 
     task: Name
     plan: Count
     """Number of the plan, as in `PlanProblem`."""
     robots: tuple[Name, ...] = ()
-    """Who is to do it; empty if nobody."""
+    """Robots that are to do it; empty if none."""
     start_in_s: Quantity | None = None
-    """When it is to be begun, counted from the plan's making."""
+    """When it is to begin, seconds after the plan was made."""
     why: Text = ""
-    """Why these, or why nobody."""
+    """Why these robots, or why none."""
     bids: tuple[RobotVerdict, ...] = ()
     """What it would take each robot on top of the rest of its route, or the reason that it is out; by name."""
 
@@ -37,25 +37,25 @@ class PlanProblem(Message, frozen=True, kw_only=True):
     plan: Count
     """Number; grows by one from plan to plan of one coordinator."""
     asked_ns: Stamp
-    """When the team was looked at, by the run's clock: the problem's time 0."""
+    """Time of the team's state that the plan starts from, by the run's clock: the problem's time 0."""
     objective: Objective
     method: Name
     """Which allocator."""
     seed: Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
     rounds: Count
-    """How many searches there were after the auction."""
+    """Number of searches after the auction."""
     iterations: Count
     """Of each search."""
     gain_min: Quantity = 0.0
-    """Tasks changed hands only for a plan that was better by this share."""
+    """Tasks moved to another robot only if the plan became better by at least this share."""
     question: bytes
     """Jobs, workers and ways: MessagePack, deflated. `robrain.coordinator.planning.question` reads it."""
     warm_start: tuple[tuple[Name, tuple[Name, ...]], ...] = ()
     """Robots and their tasks in order, as they were planned before."""
     routes: tuple[tuple[Name, tuple[Name, ...]], ...] = ()
-    """Robots and their tasks in order, as they are planned now; those that they are at come first."""
+    """Robots and their tasks in order, as planned now; tasks already begun come first."""
     cause: Text = ""
-    """What the plan was made for."""
+    """What caused the plan to be made."""
 
 
 class ObjectiveRequest(msgspec.Struct, frozen=True, kw_only=True):
@@ -66,27 +66,27 @@ class ObjectiveRequest(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PlannedCharge(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """One robot's time at a charger, as it is foreseen; stamps of the run's clock."""
+    """One robot's planned time at a charger; stamps of the run's clock."""
 
     robot: Name
     charger: Point2D
     """Arena frame."""
     set_out_ns: Stamp
-    """When it sets out, so as to be there when the charger comes free; the stamp of this word if it has set out."""
+    """When it sets out, to arrive when the charger becomes free; the stamp of this message if it has set out."""
     from_ns: Stamp
     until_ns: Stamp
     soc: Charge
     """State of charge now."""
     to_soc: Charge
-    """What it charges to."""
+    """State of charge at which it leaves."""
     behind: Name = ""
-    """The robot that has the charger before it; empty if none has."""
+    """The robot that uses the charger before it; empty if none."""
     has_set_out: bool = False
     """It charges, or is on its way; else it waits where it is."""
     is_there: bool = False
     """It stands at the charger."""
     why: Text = ""
-    """In words what it waits for; empty if it waits for nothing."""
+    """What it waits for, in words; empty if it does not wait."""
 
 
 class ChargeSchedule(Message, frozen=True, kw_only=True):
@@ -105,9 +105,9 @@ class PlanningStatus(msgspec.Struct, frozen=True, kw_only=True):
     planned: Count = 0
     """Tasks in the current plan that have not begun."""
     left_out: Count = 0
-    """Tasks that nobody is to do, by the current plan."""
+    """Tasks that the current plan assigns to no robot."""
     took_s: Seconds = 0.0
-    """What the last plan took; 0 in lockstep."""
+    """Computing time of the last plan; 0 in lockstep."""
     chargers: tuple[Point2D, ...] = ()
     """All that robots of the team know of, arena frame."""
     charges: tuple[PlannedCharge, ...] = ()

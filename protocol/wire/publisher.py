@@ -31,10 +31,10 @@ class Publisher:
         self._encoder = msgspec.json.Encoder()
 
     def put(self, message: Message) -> None:
-        """Send a message, with the stamp of now and the next sequence number.
+        """Send a message, with the current time as its stamp and the next sequence number.
 
         Raises:
-            ValueError: it is larger than its topic allows.
+            ValueError: the message is larger than its topic allows.
 
         """
         stamped = msgspec.structs.replace(message, stamp_ns=self._clock.now_ns(), seq=self._seq)

@@ -1,4 +1,4 @@
-"""The guard around the handling of records: one that cannot be handled is set aside, and the others are handled."""
+"""Handles records one by one, so that one that raises does not keep the others from being handled."""
 
 import logging
 from collections.abc import Callable, Iterable
@@ -11,15 +11,15 @@ logger = logging.getLogger(__name__)
 
 R = TypeVar("R")
 FAULTS = (Exception,)
-"""What handling a record may raise: it is a defect, and must not end a component that others depend on."""
+"""Caught while handling a record: any exception is a defect, but must not end a component that others depend on."""
 
 
 class RecordGuard:
-    """Handles records one by one. What raises is counted as a refusal, with its record's name.
+    """Handles records one by one. A record whose handling raises is counted as a refusal under its name.
 
     Args:
-        refusals: where it is counted, and told of at most once a minute.
-        passes: exceptions that are the caller's: they are no defect of one record.
+        refusals: counts the refusals and logs them at most once a minute.
+        passes: exceptions raised to the caller, because they are not a defect of one record.
 
     """
 
@@ -28,7 +28,7 @@ class RecordGuard:
         self._passes = passes
 
     def messages(self, received: Iterable[Received], handle: Callable[[Received], object]) -> None:
-        """Hand each message over."""
+        """Call `handle` with each message."""
         for one in received:
             try:
                 handle(one)
@@ -38,13 +38,13 @@ class RecordGuard:
                 self._set_aside(one.topic.name, one.key, error)
 
     def records(self, records: Iterable[R], handle: Callable[[R], object], name: Callable[[R], str], what: str) -> None:
-        """Hand each record over.
+        """Call `handle` with each record.
 
         Args:
-            records: of whatever kind.
-            handle: takes one.
-            name: of a record.
-            what: the kind, in one word.
+            records: of any type.
+            handle: handles one record.
+            name: returns the name of a record.
+            what: the kind of record in one word, counted as the topic.
 
         """
         for one in records:

@@ -1,4 +1,4 @@
-"""Messages that were refused at the border: counted by topic, sender and reason, and told at most once a minute."""
+"""Refused messages: counted by topic, sender and reason, and logged at most once a minute."""
 
 import logging
 import threading
@@ -14,9 +14,9 @@ logger = logging.getLogger(__name__)
 
 TELL_NS = to_ns(60.0)
 KINDS_MAX = 256
-"""Combinations of topic, sender and reason that are told apart; all others are counted together."""
+"""Combinations of topic, sender and reason counted singly; the senders of all others are counted as `OTHERS`."""
 TOLD_MAX = 5
-"""Combinations that one line of the log names."""
+"""Combinations named in one line of the log."""
 KEY_LENGTH = 120
 WHY_LENGTH = 200
 OTHERS = "others"
@@ -27,16 +27,16 @@ class RefusalCode(StrEnum):
 
     TOO_LARGE = "too_large"
     MALFORMED = "malformed"
-    """It does not decode, or a number or text of it is out of its range."""
+    """It does not decode, or a number or text in it is out of range."""
     WRONG_NAME = "wrong_name"
-    """Its key names another sender than its payload."""
+    """Key and payload name different senders."""
     UNKNOWN_SENDER = "unknown_sender"
     NOT_PLAUSIBLE = "not_plausible"
     """It claims what its sender cannot know."""
     OLD_EPOCH = "old_epoch"
-    """A robot refuses an offer, for it knows a greater epoch than the coordinator gives."""
+    """A robot refused an offer because it has accepted one of a later epoch."""
     FAILED = "failed"
-    """It was taken in, and handling it raised."""
+    """It was accepted, but handling it raised an exception."""
 
 
 class Refusal(msgspec.Struct, frozen=True, kw_only=True):
@@ -44,18 +44,18 @@ class Refusal(msgspec.Struct, frozen=True, kw_only=True):
 
     topic: Name
     key: Text
-    """Names the sender; a record's name if it is no message."""
+    """Key of the messages, which names the sender; or the name of a record."""
     code: Name
     count: Count
     why: Text
-    """Of the last one."""
+    """Of the last message refused."""
 
 
 class Refusals:
-    """Counts what was refused. May be used on any thread.
+    """Counts refused messages. Thread-safe.
 
     Args:
-        clock: of the run.
+        clock: the run's clock.
 
     """
 
@@ -64,18 +64,18 @@ class Refusals:
         self._clock = clock
         self._found: dict[tuple[str, str, str], Refusal] = {}
         self._told: dict[tuple[str, str, str], int] = {}
-        """The count of each when the log told of it last."""
+        """Counts at the time of the last log line."""
         self._told_ns: int | None = None
         self._counting = threading.Lock()
 
     def note(self, topic: str, key: str, code: RefusalCode, why: str) -> None:
-        """A message of this key was refused.
+        """Count a refused message, and log if a line is due.
 
         Args:
-            topic: its name in the table.
-            key: of the message; or the name of a record.
+            topic: name of the topic in the table.
+            key: key of the message, or the name of a record.
             code: the reason.
-            why: in words.
+            why: the reason in words.
 
         """
         key = safe_text(key, KEY_LENGTH)
@@ -97,12 +97,12 @@ class Refusals:
             logger.warning("%s", text)
 
     def counts(self) -> list[Refusal]:
-        """All that was refused so far, most first."""
+        """All refusals so far, largest count first."""
         with self._counting:
             return sorted(self._found.values(), key=lambda one: (-one.count, one.topic, one.key, one.code))
 
     def _due(self, now_ns: int) -> str:
-        """What the log is to say now; empty if it has spoken within the last minute."""
+        """The line to log now; empty within a minute of the last one."""
         if self._told_ns is not None and 0 <= now_ns - self._told_ns < TELL_NS:
             return ""
         self._told_ns = now_ns

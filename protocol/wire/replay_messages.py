@@ -1,4 +1,4 @@
-"""What is asked of a recording that is replayed, and what it answers."""
+"""Messages that control a replay, and its status."""
 
 import msgspec
 
@@ -6,18 +6,18 @@ from robrain.protocol.model.ranges import Seconds, Speed
 
 
 class ReplayRequest(msgspec.Struct, frozen=True, kw_only=True):
-    """A query to a replay; what is None stays as it is. Without anything it only asks where the replay is."""
+    """A query to a replay. A field that is None changes nothing; an empty request only reads the status."""
 
     playing: bool | None = None
     """False pauses it."""
     seek_s: Seconds | None = None
-    """Go there, in seconds since the first message; all that was the case then is said."""
+    """Position to go to, seconds since the first message; the state at that time is published."""
     speed: Speed | None = None
-    """Recorded seconds a second, above 0."""
+    """Recorded seconds per second, above 0."""
 
 
 class ReplayStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """Where a replay is."""
+    """Position and speed of a replay."""
 
     position_s: Seconds
     duration_s: Seconds

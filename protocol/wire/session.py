@@ -79,7 +79,7 @@ def open_session(
     try:
         return _open(settings, what=f"a {mode} session")
     except WireError as error:
-        for endpoint in listen:  # another process may have taken it meanwhile
+        for endpoint in listen:  # another process may have taken the port meanwhile
             _check_port_free(endpoint)
         if connect:
             raise NobodyThere(
@@ -96,14 +96,14 @@ def check_endpoint(endpoint: str) -> str:
 
 
 def is_loopback(endpoint: str) -> bool:
-    """Whether only this machine reaches an endpoint that something listens on."""
+    """Whether a listening endpoint can be reached from this machine only."""
     match = TCP_ENDPOINT.fullmatch(endpoint)
     if match is None:
         return False
     host = match["host"].strip("[]")
     try:
         return host == "localhost" or ipaddress.ip_address(host).is_loopback
-    except ValueError:  # a name; where it leads to is not known
+    except ValueError:  # a host name: its address is unknown
         return False
 
 

@@ -22,9 +22,9 @@ class TaskSubmission(msgspec.Struct, frozen=True, kw_only=True):
     by: Text = ""
     """Who asks."""
     earliest_in_s: Seconds | None = None
-    """Counted from when the coordinator accepts it, in place of the task's `earliest_ns`."""
+    """Seconds after the coordinator accepts it, in place of the task's `earliest_ns`."""
     deadline_in_s: Seconds | None = None
-    """Counted from when the coordinator accepts it, in place of the task's `deadline_ns`."""
+    """Seconds after the coordinator accepts it, in place of the task's `deadline_ns`."""
 
 
 class TaskRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -33,12 +33,12 @@ class TaskRecord(msgspec.Struct, frozen=True, kw_only=True):
     task: Task
     state: TaskState
     robot: Name = ""
-    """Whose it is, or was when it ended."""
+    """The robot that has it, or had it when it ended."""
     epoch: Epoch = 0
     """Of the last offer."""
     why: Text = ""
     result: Result = {}
-    """What its robot told of it at the end."""
+    """As its robot reported it at the end."""
     changed_ns: Stamp = 0
     """When it last changed, by the coordinator's clock."""
     change: Count = 0
@@ -47,9 +47,9 @@ class TaskRecord(msgspec.Struct, frozen=True, kw_only=True):
     by: Text = ""
     """Who asked for it."""
     own: bool = False
-    """Whether the coordinator made it for itself: such a task is not tried again."""
+    """Whether the coordinator created it: such a task is not retried."""
     attempts: Count = 0
-    """How many robots have failed at it."""
+    """Number of robots that have failed at it."""
 
     @property
     def event(self) -> TaskEvent:
@@ -76,17 +76,17 @@ class TaskRequest(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TaskFilter(msgspec.Struct, frozen=True, kw_only=True):
-    """Which tasks are asked for; what is empty matches all."""
+    """Selects tasks; an empty field matches all."""
 
     states: Annotated[list[TaskState], Meta(max_length=64)] = []
     kinds: Annotated[list[Name], Meta(max_length=64)] = []
-    """As the tag says them: `visit`."""
+    """Tags of the task types, such as `visit`."""
     robot: Name = ""
     by: Text = ""
     own: bool = False
-    """Those, too, that the coordinator made for itself."""
+    """Include tasks that the coordinator created."""
     limit: Limit = 1000
-    """The last so many, in the order in which they were accepted."""
+    """Only the last so many, in the order of acceptance."""
 
 
 class TaskChange(msgspec.Struct, frozen=True, kw_only=True):
@@ -118,8 +118,8 @@ class TaskWhy(msgspec.Struct, frozen=True, kw_only=True):
     now: Text
     """In one sentence."""
     robots: list[RobotVerdict] = []
-    """As they were judged last, by name."""
+    """As judged last, sorted by name."""
     decided_ns: Stamp = 0
-    """When they were; 0 if never."""
+    """When they were judged; 0 if never."""
     changes: list[TaskChange] = []
     """The last ones, oldest first."""

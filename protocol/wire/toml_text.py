@@ -1,7 +1,7 @@
-"""TOML from outside: read once here, with its size, number of keys and depth bounded before it is parsed.
+"""TOML from outside, with limits on size, number of keys and depth that are checked before parsing.
 
-`tomllib` takes time by the square of the parts of a dotted key (13 s for one of 40 kB), and memory by the keys (2.2 GB
-for a million). The text is looked through first, in time linear in its length.
+`tomllib` needs time quadratic in the parts of a dotted key (13 s for one of 40 kB) and memory in proportion to the keys
+(2.2 GB for a million). The check takes time linear in the length of the text.
 """
 
 import os
@@ -15,13 +15,13 @@ from robrain.protocol.wire.errors import BadToml
 
 
 class TomlLimits(NamedTuple):
-    """What a file may be at most."""
+    """Limits on a TOML text."""
 
     kilobytes: int = 64
     keys: int = 4096
-    """Keys and table headers, also in inline tables."""
+    """Keys and table headers, including keys in inline tables."""
     depth: int = 16
-    """Parts of a key and brackets around it, together; parts of a table's header."""
+    """Parts of a key plus the brackets around it; also the parts of a table header."""
 
 
 SMALL = TomlLimits()
@@ -30,7 +30,7 @@ LARGE = TomlLimits(kilobytes=1024, keys=32768)
 """For scenarios and lists of tasks."""
 
 _TOKEN = re.compile(
-    r'"""(?:[^"\\]|\\.?|"(?!""))*+(?:"{3,5})?'  # strings first: what is in them counts for nothing
+    r'"""(?:[^"\\]|\\.?|"(?!""))*+(?:"{3,5})?'  # strings first: their content is not counted
     r"|'''(?:[^']|'(?!''))*+(?:'{3,5})?"
     r'|"(?:[^"\\\n]|\\.?)*+"?'
     r"|'[^'\n]*+'?"
@@ -41,10 +41,10 @@ _TOKEN = re.compile(
 
 
 def parse_toml(text: str, limits: TomlLimits = SMALL) -> dict[str, Any]:
-    """The tables in a text.
+    """Parse a text.
 
     Raises:
-        BadToml: it is too large, has too many keys or is nested too deep, or is not TOML; the text says which.
+        BadToml: the text is too large, has too many keys, is nested too deep, or is not TOML.
 
     """
     if len(text) > limits.kilobytes * 1024:
@@ -52,24 +52,24 @@ def parse_toml(text: str, limits: TomlLimits = SMALL) -> dict[str, Any]:
     _check(text, limits)
     try:
         return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # also a number too long
+    except (ValueError, RecursionError) as error:  # ValueError also for a number with too many digits
         raise BadToml(f"is not TOML: {error}") from error
 
 
 def read_toml_text(path: Path, limits: TomlLimits = SMALL) -> str:
-    """The text of a file, no more of it than may be parsed.
+    """The text of a file, with at most one byte read beyond the limit.
 
     Raises:
-        FileNotFoundError: there is none.
-        BadToml: it cannot be read, is no plain file, is too large or not UTF-8.
+        FileNotFoundError: there is no such file.
+        BadToml: the file cannot be read, is not a regular file, is too large or not UTF-8.
 
     """
     most = limits.kilobytes * 1024
     try:
-        # Not to wait: a pipe of that name would never end.
+        # O_NONBLOCK: opening a pipe would wait for a writer.
         with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise BadToml("cannot be read: it is no plain file")
+                raise BadToml("cannot be read: it is not a regular file")
             data = file.read(most + 1)
     except FileNotFoundError:
         raise
@@ -78,21 +78,21 @@ def read_toml_text(path: Path, limits: TomlLimits = SMALL) -> str:
     if len(data) > most:
         raise BadToml(f"expected at most {limits.kilobytes} kB")
     try:
-        # As a file opened for text gives it: ends of lines are \n.
+        # As in a file opened in text mode: lines end in \n.
         return data.decode().replace("\r\n", "\n")
     except UnicodeDecodeError as error:
         raise BadToml(f"cannot be read: {error}") from error
 
 
 def read_toml(path: Path, limits: TomlLimits = SMALL) -> dict[str, Any]:
-    """The tables in a file (FileNotFoundError, BadToml as of the two above)."""
+    """Read and parse a file (FileNotFoundError and BadToml as above)."""
     return parse_toml(read_toml_text(path, limits), limits)
 
 
 def _check(text: str, limits: TomlLimits) -> None:
     keys = depth = dots = dots_of_key = 0
     opened: list[int] = []
-    """What each open bracket adds to the depth: itself, and the dots of the key that it is the value of."""
+    """What each open bracket adds to the depth: itself and the dots of the key before it."""
     for match in _TOKEN.finditer(text):
         token = match.group()
         if token == ".":
@@ -103,7 +103,7 @@ def _check(text: str, limits: TomlLimits) -> None:
         elif token in ",\n":
             dots = dots_of_key = 0
         elif token in "[{":
-            keys += not opened  # a table's header, or a value: counted as if it were one
+            keys += not opened  # a table header, or an array or inline table, counted like one
             opened.append(1 + dots_of_key)
             depth += opened[-1]
             dots = dots_of_key = 0
@@ -111,7 +111,7 @@ def _check(text: str, limits: TomlLimits) -> None:
             depth -= opened.pop()
             dots = dots_of_key = 0
         if depth + dots > limits.depth:
-            raise BadToml(f"expected at most {limits.depth} tables in each other (line {_line(text, match.start())})")
+            raise BadToml(f"expected at most {limits.depth} levels of nesting (line {_line(text, match.start())})")
         if keys > limits.keys:
             raise BadToml(f"expected at most {limits.keys} keys")
 

@@ -54,7 +54,7 @@ CAN_FRAME = "application/vnd.robrain.can-frame"
 TINYOS_PACKET = "application/vnd.robrain.tinyos-packet"
 PNG = "image/png"
 PARSED_KEYS = 4096
-"""Keys of one topic whose names are kept at hand: there are few, and each comes many times."""
+"""Keys of one topic whose parsed names are cached: there are few, and each arrives many times."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,9 +77,9 @@ class Topic:
     """A query that changes nothing where it is answered."""
     encoding: str = JSON
     max_bytes: int | None = None
-    """A larger payload is refused, by who sends it and by who receives it; None if any size will do."""
+    """Largest payload that publisher and receivers accept; None for no limit."""
     is_blocking: bool = False
-    """It waits where the network is congested, where other puts are dropped; and it is sent at once, not in a batch."""
+    """Puts wait while the network is congested, instead of being dropped, and are sent at once, not in batches."""
     cache: int = 64
     """Samples that the sender of a lossless topic keeps."""
 
@@ -95,12 +95,12 @@ class Topic:
 
     @cached_property
     def named_twice(self) -> tuple[tuple[str, Callable[[Any], str]], ...]:
-        """Names that the key and the payload both say, each with what reads it from a message."""
+        """Names that are in both key and payload, each with a function that reads it from a message."""
         said = getattr(self.message, "__struct_fields__", ()) if self.kind is Kind.PUT else ()
         return tuple((field, _reader(self.message, field)) for field in self.fields if field in said)
 
     def too_large(self, size: int) -> str:
-        """What is wrong with a payload of so many bytes, in words."""
+        """The error text for a payload of `size` bytes."""
         return f"expected at most {self.max_bytes} bytes of {self.name}, got {size}"
 
     def key(self, team: str, /, **names: str) -> str:
@@ -120,7 +120,7 @@ class Topic:
         return self._fill(team, {field: given.get(field, "*") for field in self.fields})
 
     def of_every_team(self) -> str:
-        """The key expression of all keys of this topic, whatever the team."""
+        """The key expression that matches this topic in every team."""
         return "/".join((ROOT, "*", *("*" if chunk.startswith("{") else chunk for chunk in self.chunks)))
 
     def parse(self, key: str) -> dict[str, str] | None:

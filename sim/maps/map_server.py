@@ -21,11 +21,11 @@ from robrain.sim.maps.floor_plan import FloorPlan
 REQUIRED_KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 OPTIONAL_KEYS = ("mode",)
 RESOLUTION_M = (0.001, 1.0)
-"""Least and greatest pitch: what is finer or coarser is a slip of units, or no floor for robots."""
+"""Least and greatest pitch; anything else is an error of units or not a floor for robots."""
 YAML_BYTES_MAX = 65536
 PATH_CHARACTERS_MAX = 1000
 SHOWN_CHARACTERS = 80
-"""Of a value that is refused."""
+"""Length to which an error message cuts a refused value."""
 
 
 def load_map(path: Path) -> FloorPlan:
@@ -88,8 +88,8 @@ class _Settings:
             raise
         except (OSError, UnicodeDecodeError) as error:
             raise MapError(f"{path}: expected a readable YAML file, got: {_one_line(error)}", path=path) from error
-        # Beside its own errors it lets through those of Python: a date in month 13, a number of 5000 digits, brackets
-        # in brackets.
+        # Besides its own errors PyYAML lets Python's through: ValueError for a date in month 13 or a number of 5000
+        # digits, RecursionError for deep nesting.
         except (yaml.YAMLError, ValueError, RecursionError) as error:
             raise MapError(f"{path}: expected valid YAML, got: {_one_line(error)}", path=path) from error
         if content is None:
@@ -166,8 +166,8 @@ def _read_image(
     """Mean of the channels, (H, W) in 0–255, and which pixels are transparent, (H, W)."""
     too_many = f"{yaml_path}: image: expected at most {MAX_CELLS} pixels at {image_path}"
     try:
-        if image_path.exists() and not image_path.is_file():  # a device or a pipe might never end
-            raise OSError("it is no file")
+        if image_path.exists() and not image_path.is_file():  # reading a device or pipe might never end
+            raise OSError("it is not a file")
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             image = Image.open(image_path)
@@ -186,7 +186,7 @@ def _read_image(
         raise MapError(message, path=yaml_path, key="image") from error
     except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
         raise MapError(f"{too_many}, got: {_one_line(error)}", path=yaml_path, key="image") from error
-    # Pillow's decoders raise these for files that are cut short, empty or no image at all.
+    # Pillow's decoders raise these for files that are truncated, empty or not an image.
     except (OSError, ValueError, SyntaxError, EOFError) as error:
         message = f"{yaml_path}: image: expected a readable PGM or PNG at {image_path}, got: {_one_line(error)}"
         raise MapError(message, path=yaml_path, key="image") from error

@@ -90,9 +90,7 @@ def test_a_path_elsewhere_is_refused_whether_or_not_something_is_there(load, dis
     path = str(disk / asked)
     code, text = code_of(load, path)
     assert code is ErrorCode.FORBIDDEN
-    assert text == (
-        f"{path} lies in no folder from which this robot loads plugins; its file can open it: [robot] loadable"
-    )
+    assert text == f"{path} is outside the folders this robot loads plugins from; add its folder to [robot] loadable"
 
 
 def test_a_folder_with_a_manifest_that_leads_elsewhere_is_refused(load, disk):
@@ -178,5 +176,5 @@ def test_a_robot_file_opens_folders_beside_it_and_at_home(tmp_path, monkeypatch)
     path.write_text('[robot]\nname = "r1"\nloadable = ["~/mine", "beside"]\n')
     assert read_robot_file(path).robot.loadable == ["~/mine", "beside"]
     path.write_text('[robot]\nname = "r1"\nloadable = ["~/yours"]\n')
-    with pytest.raises(RobotFileError, match=r"robot\.loadable: expected a folder, .*/home/yours is none"):
+    with pytest.raises(RobotFileError, match=r"robot\.loadable: expected a folder, .*/home/yours is not one"):
         read_robot_file(path)

@@ -13,7 +13,10 @@ EXAMPLES = [
     ),
     (
         idle_reasons.TooNarrow(frontiers=3, needed_m=0.44, gap_m=0.391, place=Point2D(4.0, -1.5)),
-        "idle because the way to the 3 borders of the known floor is 0.39 m wide at x 4.0, y -1.5 and it needs 0.44 m",
+        (
+            "idle because the way to the 3 borders of the known floor is 0.39 m wide at x 4.0, y -1.5 "
+            "and the robot needs 0.44 m"
+        ),
     ),
     (
         idle_reasons.TriedInVain(frontiers=2),
@@ -24,9 +27,9 @@ EXAMPLES = [
         "idle because other robots go to the 2 borders of the known floor",
     ),
     (idle_reasons.PlanPending(), "idle because tasks are being planned"),
-    (idle_reasons.TaskSoon(), "idle because a task of its begins soon"),
+    (idle_reasons.TaskSoon(), "idle because its next task begins soon"),
     (idle_reasons.TeamHalted(), "idle because the team is halted"),
-    (idle_reasons.PlaceUnknown(), "idle because it does not say where it is"),
+    (idle_reasons.PlaceUnknown(), "idle because its position is unknown"),
 ]
 
 

@@ -114,9 +114,9 @@ class ExploreBehavior(Behavior):
             self._finish(*WHY[progress])
 
     def _aim(self, goal: Point2D, priority: int = 0) -> bool:
-        """Set out to where a frontier can be looked at; False if there is no way.
+        """Set out to a place from which a frontier can be seen; False if there is no way.
 
-        As near as a robot can stand there may be a wall between, as about the inside of a shelf.
+        The nearest place to stand may not do: a wall may hide the frontier from there, such as the inside of a shelf.
         """
         place = self._travel.standpoint(goal, LOOK_M)
         is_narrow = place is None

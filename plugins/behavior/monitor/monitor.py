@@ -60,7 +60,7 @@ class MonitorBehavior(Errand):
 
     def activate(self) -> None:
         try:
-            import PIL  # noqa: F401 - a robot without a camera does without it
+            import PIL  # noqa: F401 - only to see whether it is installed: an optional dependency
         except ModuleNotFoundError as error:
             why = "pictures cannot be compared without pillow: pip install 'robrain[camera]'"
             raise HardwareAbsent(self.env.plugin, why) from error

@@ -19,7 +19,7 @@ class Command(Device):
             result = self._door().call_text(text)
         except CallError as error:
             return f"error {error.code}: {error.message}"
-        except Exception as error:  # noqa: BLE001 - foreign plugin code
+        except Exception as error:  # noqa: BLE001 - foreign plugin code; its error is the answer
             return f"error {ErrorCode.FAILED}: {type(error).__name__}: {error}"
         return f"ok {result}" if result else "ok"
 

@@ -75,7 +75,7 @@ class Mapper(Skill):
         self._inbox = Inbox(capacity=4096)
         self._refused: set[str] = set()
         self._met: set[str] = set()
-        """Robots whose token has been there."""
+        """Robots whose liveliness token has been seen."""
         self._began_ns: int | None = None
         self._has_begun_anew = False
 
@@ -197,7 +197,7 @@ class Mapper(Skill):
             return
         if patch.robot in self._met:
             self._merge(patch)
-        else:  # when its token comes it is asked for all that it knows
+        else:  # nothing is lost: the mapper asks for its whole map when its token appears
             why = f"{patch.robot} is not there"
             self.env.wire.refusals.note(ROBOT_MAP.name, received.key, RefusalCode.UNKNOWN_SENDER, why)
 

@@ -30,9 +30,9 @@ class PlannerInterface(Protocol):
     ) -> list[Point2D] | None:
         """Waypoints from start to as near to goal as the robot can stand; None if there is no way.
 
-        Circles are not driven through; zones only if the way around is much longer. A way that is narrow leads through
-        places with less than the preferred clearance where there are no others, down to what a robot can squeeze
-        through; whether it really can, the driver finds out there.
+        The path avoids circles, and zones unless the way around is much longer. With `is_narrow` it may lead through
+        places with less than the preferred clearance, down to what a robot can squeeze through by the map; the driver
+        finds out on the spot whether it fits.
         """
         ...
 
@@ -46,17 +46,17 @@ class PlannerInterface(Protocol):
         *,
         is_narrow: bool = False,
     ) -> list[Point2D] | None:
-        """Waypoints to the nearest place out of the way of all tracks that go first; None if there is none."""
+        """Waypoints to the nearest place clear of all tracks with right of way; None if there is none."""
         ...
 
     def is_narrow(self, view: MapView, place: Point2D) -> bool:
-        """Whether there is less than the preferred clearance at a place and next to it."""
+        """Whether a place, and all within one cell of it, has less than the preferred clearance but room to squeeze."""
         ...
 
     def standpoint(self, view: MapView, place: Point2D, within_m: float, *, is_narrow: bool = False) -> Point2D | None:
-        """Where the robot can stand and see a place, as near to it as can be; None if walls hide it from there."""
+        """The nearest point, within `within_m`, from which the robot can see a place; None if there is none."""
         ...
 
     def safe_positions(self, view: MapView, positions: NDArray[np.float64], *, is_narrow: bool = False) -> int:
-        """How many of positions (N, 2) on a path come before the first that is too near to a known obstacle."""
+        """How many of `positions` (N, 2) on a path precede the first that is too near to a known obstacle."""
         ...

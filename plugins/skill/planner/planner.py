@@ -26,7 +26,7 @@ class Planner(Skill):
         """How paths are. All values are chosen."""
 
         margin_m: float = PREFERRED_MARGIN_M
-        """Kept from obstacles beyond the robot's radius, but for ways that are narrow."""
+        """Distance kept from obstacles beyond the robot's radius, except on narrow paths."""
         snap_m: float = 0.8
         """How far a path's ends may be from where the robot is and where it is to go, if it cannot stand there."""
         unknown: Literal["avoid", "dear", "free"] = "avoid"
@@ -45,7 +45,7 @@ class Planner(Skill):
 
     def init(self) -> None:
         self._grids: dict[bool, _Looked] = {}
-        """The map with the preferred clearance, and the one with narrow places once it is needed."""
+        """By `is_narrow`: the grid with the preferred clearance and the one with narrow places; made when needed."""
 
     def activate(self) -> None:
         self._radius_m = self.env.use("driver", DriverInterface).radius_m()
@@ -74,7 +74,7 @@ class Planner(Skill):
         *,
         is_narrow: bool = False,
     ) -> list[Point2D] | None:
-        """Waypoints to the nearest place out of the way of all tracks that go first."""
+        """Waypoints to the nearest place clear of all tracks with right of way."""
         grid = self._navigation(view, is_narrow=is_narrow)
         cell = grid.snap(start, self.parameters.snap_m)
         if cell is None:
@@ -83,21 +83,21 @@ class Planner(Skill):
         return None if cells is None else grid.waypoints(cells)
 
     def is_narrow(self, view: MapView, place: Point2D) -> bool:
-        """Whether there is less than the preferred clearance at a place and next to it."""
+        """Whether a place, and all within one cell of it, has less than the preferred clearance but room to squeeze."""
         near_m = view.geometry.resolution_m
         if self._navigation(view).snap(place, near_m) is not None:
             return False
-        return self._navigation(view, is_narrow=True).snap(place, near_m) is not None  # not just unknown
+        return self._navigation(view, is_narrow=True).snap(place, near_m) is not None  # else it is unknown or shut
 
     def standpoint(self, view: MapView, place: Point2D, within_m: float, *, is_narrow: bool = False) -> Point2D | None:
-        """Where the robot can stand and see a place, as near to it as can be; None if walls hide it from there."""
+        """The nearest point, within `within_m`, from which the robot can see a place; None if there is none."""
         grid = self._navigation(view, is_narrow=is_narrow)
         reach = round(within_m / grid.geometry.resolution_m)
         cell = standpoint(view.classes, grid.traversable, grid.geometry.cell_of(place.x_m, place.y_m), reach)
         return None if cell is None else grid.geometry.center_of(*cell)
 
     def safe_positions(self, view: MapView, positions: NDArray[np.float64], *, is_narrow: bool = False) -> int:
-        """How many of positions (N, 2) on a path come before the first that is too near to a known obstacle."""
+        """How many of `positions` (N, 2) on a path precede the first that is too near to a known obstacle."""
         looked = self._grids.get(is_narrow)
         grid = looked.grid if looked is not None else self._navigation(view, is_narrow=is_narrow)
         return grid.clear_positions(view.classes, positions)
@@ -120,7 +120,7 @@ class Planner(Skill):
 
 
 class _Looked:
-    """A grid, and the version of the map that it is of."""
+    """A grid and the version of the map it was made from."""
 
     def __init__(self, grid: NavigationGrid, version: int) -> None:
         self.grid = grid

@@ -18,7 +18,7 @@ class ByHand:
 
     @property
     def has_driven(self) -> bool:
-        """Whether somebody drives, or drove and `has_ended` has yet to say so."""
+        """Whether somebody drives by hand, or did and `has_ended` has not reported the end yet."""
         return self._until_ns is not None
 
     def ask(self, wanted: Twist2D, lease_s: float, now_ns: int) -> None:

@@ -132,7 +132,7 @@ class Driver(Unit):
         self._forget()
 
     def follow(self, path: list[Point2D], fastest_m_s: float = math.inf, *, is_narrow: bool = False) -> None:
-        """Drive along these points to the last one, and no faster than that; squeeze where it is narrow, if it is."""
+        """Drive along these points to the last one, at most this fast; `is_narrow` lets it squeeze where needed."""
         _check_range("follow", *(number for point in path for number in (point.x_m, point.y_m)))
         self._actions.cancel_all("another path was given")
         way = Path(path, ARRIVED_M, fastest_m_s=fastest_m_s, is_narrow=is_narrow) if path else None
@@ -153,9 +153,9 @@ class Driver(Unit):
 
     @external
     def move(self, forward_m_s: Speed, left_m_s: Speed, yaw_rad_s: Speed, lease_s: Seconds = 0.5) -> None:
-        """Drive by hand, body frame, for `lease_s` at the most: who wants to go on says it again in time.
+        """Drive by hand at this velocity, body frame, for at most `lease_s`; call again in time to keep driving.
 
-        The robot stops before what it sees, as ever. Paths that are given meanwhile wait; actions are cancelled.
+        The robot still stops before what it sees. Paths given meanwhile wait; actions are cancelled.
         """
         now_ns = self.env.clock.now_ns()
         was_driven = self._hand.has_driven
@@ -165,11 +165,11 @@ class Driver(Unit):
             raise CallError(ErrorCode.BAD_ARGUMENTS, f"move: {error}") from error
         if self._hand.holds(now_ns):
             self._actions.cancel_all("the robot is driven by hand")
-            if self._action is not None:  # what it drove ends with it; a path that is only followed waits
+            if self._action is not None:  # its path ends with it; a path from `follow` waits
                 self._action = self._path = None
             self._motion = Motion.DRIVING
             self.env.hurry()
-        elif not was_driven:  # there is nothing to give back, and what runs goes on
+        elif not was_driven:  # nobody was driving by hand: whatever runs goes on
             self._hand.let_go()
 
     @external
@@ -232,11 +232,11 @@ class Driver(Unit):
         return self._why if self._motion is Motion.BLOCKED else ""
 
     def squeezes(self) -> bool:
-        """Whether the robot is in a narrow place, or before one, by what it saw when it last drove."""
+        """Whether the robot is in a narrow place or in front of one, as seen when it last drove."""
         return self._squeezes
 
     def gap_m(self) -> float | None:
-        """The width of what the robot stands before because it is too narrow; None if that is not why it stands."""
+        """Width of the gap that is too narrow for the robot and blocks it; None if it is not blocked by a gap."""
         return self._gap_m if self._motion is Motion.BLOCKED else None
 
     @external
@@ -413,7 +413,7 @@ class Driver(Unit):
         return self._twist(pose)
 
     def _squeeze(self, path: Path, pose: Pose2D, heading_rad: float, free_m: float) -> Twist2D:
-        """Through a narrow place, or up to it, with `free_m` ahead for driving as usual."""
+        """Drive one period through a narrow place or up to one; `free_m` is the room ahead for normal driving."""
         way, limits = self._way, self.parameters
         found = squeeze(self._lookout, pose, heading_rad, path.along_rad(pose), self._moc.radius_m())
         is_stuck = self._progress.is_stuck(pose, self.env.clock.now_ns()) and not path.is_at_goal(pose)
@@ -484,7 +484,7 @@ class Driver(Unit):
 
 
 def _check_range(function: str, *numbers: float) -> None:
-    """External calls are checked by their types; those of other plugins are not."""
+    """Check numbers from other plugins, too: only external calls are checked by their types."""
     if not all(-METRES_MAX <= number <= METRES_MAX for number in numbers):
         wrong = [number for number in numbers if not -METRES_MAX <= number <= METRES_MAX]
         text = f"{function}: expected finite numbers of at most {METRES_MAX:g}, got {wrong[0]}"

@@ -44,9 +44,9 @@ class DriverInterface(Protocol):
     """An action has ended; its result, if it is done, is T_odom_robot."""
 
     def follow(self, path: list[Point2D], fastest_m_s: float = math.inf, *, is_narrow: bool = False) -> None:
-        """Drive along these points to the last one, no faster than that; takes the place of what was driven before.
+        """Drive along these points to the last one, at most this fast, in place of whatever was driven before.
 
-        On a path that is narrow the robot squeezes, slowly, through what is hardly wider than itself.
+        With `is_narrow` the robot squeezes, slowly, through places hardly wider than itself.
         """
 
     def drive_path(self, points: list[Point2D]) -> str:
@@ -85,11 +85,11 @@ class DriverInterface(Protocol):
         ...
 
     def squeezes(self) -> bool:
-        """Whether the robot is in a narrow place, or before one, by what it saw when it last drove."""
+        """Whether the robot is in a narrow place or in front of one, as seen when it last drove."""
         ...
 
     def gap_m(self) -> float | None:
-        """The width of what the robot stands before because it is too narrow; None if that is not why it stands."""
+        """Width of the gap that is too narrow for the robot and blocks it; None if it is not blocked by a gap."""
         ...
 
     def pose(self) -> Pose2D:

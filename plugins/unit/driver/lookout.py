@@ -10,13 +10,13 @@ from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
 from robrain.protocol.model.obstacles import Passage, contact_distance_m, hold_off, passage
 
 BUMPED_RAD = math.radians(80.0)
-"""What is touched there is not driven towards within this."""
+"""The robot does not drive within this angle of a touched direction."""
 SQUEEZED_GAP_M = 0.03
-"""The robot's edge stays this far from what is ahead of it in a narrow place."""
+"""In a narrow place the robot's edge stays this far from what is ahead."""
 
 
 class Lookout:
-    """Keeps what the sensors say, and answers for a direction.
+    """Keeps the latest sensor data and answers how far a direction is free.
 
     Args:
         moc: tells where the robot was when something was seen, and how large it is.
@@ -43,23 +43,23 @@ class Lookout:
         self._touched_rad = bump.directions_rad
 
     def look(self, now_ns: int) -> str:
-        """Take in what the sensors say; why the robot is blind, nothing if it sees."""
+        """Read the sensors; returns why the robot is blind, empty if it is not."""
         blind_why = self._obstacles.update(self._scan.latest(), self._ranges.latest(), now_ns)
         if self._obstacles.is_frozen:
             self._scan.doubt("the lidar is frozen: its ranges stay equal to the millimetre while the robot moves")
         return blind_why
 
     def free_m(self, pose: Pose2D, heading_rad: float) -> float:
-        """How far the round robot can go straight in this direction of odom, to its stop distance before something."""
+        """How far the robot can go straight in this direction of odom, less its stop distance before an obstacle."""
         if self._is_touched(pose, heading_rad):
             return 0.0
         points_m = self._obstacles.points_m
         return contact_distance_m(points_m, pose.x_m, pose.y_m, heading_rad, self._reach_m) - self._gap_m
 
     def passage(self, pose: Pose2D, heading_rad: float) -> Passage:
-        """The room for squeezing straight ahead through a narrow place.
+        """The room for squeezing straight ahead through a narrow place, by the lidar.
 
-        By the lidar; of the range sensors, who know no direction within their cone, only what is straight ahead counts.
+        Range sensors do not tell directions within their cone, so they count only for what is straight ahead.
         """
         found = passage(self._obstacles.scan_m, pose.x_m, pose.y_m, heading_rad, self._radius_m)
         free_m = min(found.free_m, self._heard_m(pose, heading_rad)) - SQUEEZED_GAP_M
@@ -68,7 +68,7 @@ class Lookout:
     def hold_off(
         self, pose: Pose2D, velocity_m_s: tuple[float, float], keep_m: float, per_s: float
     ) -> tuple[float, float]:
-        """The velocity (x, y), frame odom, without what leads nearer than `keep_m` to what the lidar sees."""
+        """The velocity (x, y), frame odom, less what would bring the hull within `keep_m` of what the lidar sees."""
         x_m_s, y_m_s = velocity_m_s
         if math.hypot(x_m_s, y_m_s) > 0.0 and self._is_touched(pose, math.atan2(y_m_s, x_m_s)):
             return 0.0, 0.0

@@ -9,7 +9,7 @@ from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
 CORNER_M = 0.25
 """A waypoint that is not the last counts as passed within this."""
 NARROW_CORNER_M = 0.15
-"""The same on a path through narrow places."""
+"""`CORNER_M` on a path through narrow places."""
 TANGENT_M = 0.2
 LOOK_AHEAD_M = 1.5
 """Corners farther off do not matter yet at any speed of a small robot."""
@@ -24,7 +24,7 @@ class Path:
         yaw_rad: where to look on the way; where it goes if None.
         turned_rad: the goal is reached only when it looks there to within this; however it looks if None.
         fastest_m_s: never faster than this.
-        is_narrow: it leads through places that the robot has to squeeze through.
+        is_narrow: whether it leads through narrow places, where the robot has to squeeze.
 
     """
 
@@ -57,7 +57,7 @@ class Path:
         return self._points[-1]
 
     def pass_points(self, pose: Pose2D) -> None:
-        """Leave behind the corners that have been reached."""
+        """Drop the corners that have been reached."""
         while len(self._points) > 1 and pose.distance_m(self._points[0]) < self._corner_m:
             self._points.pop(0)
 
@@ -78,7 +78,7 @@ class Path:
         )
 
     def along_rad(self, pose: Pose2D) -> float:
-        """Where the next `TANGENT_M` of the path lead, from its target on; towards the target if it is the last."""
+        """Direction of the next `TANGENT_M` of path beyond its target; towards the target if that is the last point."""
         begin: Point2D | Pose2D = self._points[0] if len(self._points) > 1 else pose
         left_m = TANGENT_M
         end = self._points[0]

@@ -1,8 +1,8 @@
-"""Squeezing: how the driver goes through a place that is hardly wider than the robot.
+"""Squeezing: how the driver passes a place that is hardly wider than the robot.
 
-It goes on along the path, the slower the narrower it is, and keeps to the middle between what it sees on its left and
-on its right: the map that the path was planned on is coarser than the room that there is. Whatever it wants, it comes
-no nearer to anything that the lidar sees than `KEEP_M`.
+The robot follows the direction of the path, slower the narrower the place, and centres itself between what it sees on
+its left and right, because the map behind the path is coarser than the room to spare. It never comes nearer than
+`KEEP_M` to anything the lidar sees.
 """
 
 import math
@@ -19,65 +19,65 @@ from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
 from robrain.protocol.model.obstacles import Passage
 
 BEGIN_M = 0.3
-"""The driver squeezes where there is less room ahead than this for driving as usual."""
+"""The driver squeezes where normal driving has less room ahead than this."""
 SPEED_M_S, WIDE_M_S = 0.15, 0.6
-"""The speed in the narrowest place, and in one of the preferred clearance; between them it grows with the clearance."""
+"""Speed at the least clearance and at the preferred one; it grows linearly between them."""
 CREEP_M_S = 0.05
-"""Between walls it goes on so fast, whatever seems to be ahead: it slides along what it does not run into."""
+"""Least speed between walls, whatever seems to be ahead: `hold_off` lets the robot slide along walls."""
 CENTRING_PER_S = 1.5
 CENTRING_M_S = 0.08
 SEEN_M = 0.1
-"""What stands farther than this from the hull is kept away from no more."""
+"""Walls farther than this from the hull do not count for centring."""
 OFF_CENTRE_M = 0.04
-"""So far off the middle the robot only creeps ahead."""
+"""This far off the middle the robot only creeps ahead."""
 BEND_RAD = math.radians(30.0)
-"""Where the path bends by more than this there is no middle to keep to."""
+"""The robot does not centre itself where the path bends by more than this."""
 TOLERANCE_M = 0.005
-"""What is seen to be so little wider than the robot, or less, is not entered."""
+"""A gap that seems at most this much wider than the robot is not entered."""
 ASIDE_RAD = tuple(math.radians(degrees) for degrees in (10.0, -10.0, 20.0, -20.0))
-"""Aslant a gap seems narrower than it is: where the path is not parallel to the walls, one of these is."""
+"""Seen at an angle a gap seems narrower than it is. Where the path is not parallel to the walls, one of these is."""
 KEEP_M = 0.01
 KEEP_PER_S = 1.5
 MOVED_M = 0.05
 STUCK_NS = 3_000_000_000
-"""A robot that has not moved by `MOVED_M` for so long does not get through: creeping takes a third of it."""
+"""A robot that has not moved by `MOVED_M` for this long does not fit; creeping takes a third of the time."""
 
 
 class Squeeze(NamedTuple):
     """What to do in a narrow place."""
 
     heading_rad: float
-    """Where to go, frame odom."""
+    """Direction, frame odom."""
     speed_m_s: float
-    """How fast, at the most."""
+    """Highest speed in that direction."""
     left_m_s: float
-    """How fast to the left of that, towards the middle."""
+    """Speed to the left of that direction, towards the middle."""
     free_m: float
     """The room ahead."""
     is_between: bool
-    """The robot is between walls, or about to be."""
+    """Whether the robot is between walls, or about to be."""
     gap_m: float | None
-    """How wide it is between them, if that is too narrow."""
+    """Width between them if the robot does not fit; else None."""
 
     def velocity_m_s(self, forward_m_s: float) -> tuple[float, float]:
-        """Velocity (x, y), frame odom."""
+        """Velocity (x, y), frame odom, with `forward_m_s` in the direction `heading_rad`."""
         cos, sin = math.cos(self.heading_rad), math.sin(self.heading_rad)
         return forward_m_s * cos - self.left_m_s * sin, forward_m_s * sin + self.left_m_s * cos
 
 
 class Progress:
-    """Whether the robot gets on in a narrow place."""
+    """Whether the robot makes progress in a narrow place."""
 
     def __init__(self) -> None:
         self._from: Pose2D | None = None
         self._since_ns = 0
 
     def forget(self) -> None:
-        """It is in none, or on another path."""
+        """Start over: the robot is not in a narrow place."""
         self._from = None
 
     def is_stuck(self, pose: Pose2D, now_ns: int) -> bool:
-        """Whether it has not moved for `STUCK_NS`, given where it is now."""
+        """Whether the robot has not moved by `MOVED_M` for `STUCK_NS`."""
         if self._from is None or pose.distance_m(self._from) > MOVED_M:
             self._from, self._since_ns = pose, now_ns
         return now_ns - self._since_ns > STUCK_NS
@@ -86,9 +86,9 @@ class Progress:
 def squeeze(lookout: Lookout, pose: Pose2D, target_rad: float, along_rad: float, radius_m: float) -> Squeeze:
     """How to go on where there is little room.
 
-    Between walls the robot goes the way that the path goes, `along_rad`, for the path itself may be off the middle by
-    half of a cell of the map; before it has come so far, and where the path bends, towards the path, `target_rad`
-    (frame odom).
+    Between walls the robot drives parallel to the path, `along_rad`, because the path may be off the middle by half a
+    cell of the map. Before the walls, and where the path bends, it drives towards the path, `target_rad`. Both angles
+    are in the frame odom.
     """
     seen_m = radius_m + SEEN_M
     along = lookout.passage(pose, along_rad)
@@ -112,7 +112,7 @@ def squeeze(lookout: Lookout, pose: Pose2D, target_rad: float, along_rad: float,
 
 
 def is_between(lookout: Lookout, pose: Pose2D, along_rad: float, radius_m: float) -> bool:
-    """Whether there are walls on both sides of the way nearer than the robot prefers."""
+    """Whether the walls on both sides of the path leave less than the preferred clearance."""
     found = lookout.passage(pose, along_rad)
     return found.left_m + found.right_m < 2.0 * (radius_m + PREFERRED_MARGIN_M)
 
@@ -120,12 +120,12 @@ def is_between(lookout: Lookout, pose: Pose2D, along_rad: float, radius_m: float
 def _is_shut(found: Passage, radius_m: float) -> bool:
     """Whether a passage seems no wider than the robot.
 
-    Seen by their nearer points, both walls seem nearer than they are by the noise of the lidar; so what seems as wide
-    as the robot passes for wide enough.
+    Walls are measured by their nearest points, so the noise of the lidar makes both seem too near. A passage that seems
+    as wide as the robot therefore counts as wide enough.
     """
     return found.left_m + found.right_m < 2.0 * radius_m + TOLERANCE_M
 
 
 def _off_centre_m(found: Passage, seen_m: float) -> float:
-    """How far to the left the middle of a passage lies; what is farther than `seen_m` counts as there."""
+    """How far to the left the middle of a passage lies; a wall beyond `seen_m` counts as being at `seen_m`."""
     return 0.5 * (min(found.left_m, seen_m) - min(found.right_m, seen_m))

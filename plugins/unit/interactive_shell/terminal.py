@@ -51,7 +51,7 @@ class Terminal:
                     text = line.decode(errors="replace").strip()
                     self._write((f"{self._execute(text)}\n" if text else "") + self._prompt)
             except OSError:
-                return  # whoever sat there has gone
+                return  # the terminal was closed
             finally:
                 os.close(self._terminal)
 

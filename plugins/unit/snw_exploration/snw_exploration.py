@@ -294,7 +294,7 @@ class SNwExploration(Unit):
                     # Another robot's word tells nothing of order: it may be a stored reading.
                     record.window.add((message.sequence or 0) & 0xFFFF, is_live=False)
                 elif isinstance(message, MoteDuty):
-                    # A wish from the future, by a clock that is wrong, would win over all that come until then.
+                    # A stamp in the future, from a wrong clock, would override all later requests until then.
                     stamp_ns = min(message.stamp_ns, self.env.clock.now_ns())
                     record.want_period(DutyPayload.of_seconds(message.period_s).period_ds, stamp_ns)
             except ValueError:

@@ -125,5 +125,5 @@ class LineServer:
 
 
 def _cut_off(client: socket.socket) -> None:
-    with suppress(OSError):  # it has gone by itself
+    with suppress(OSError):  # the client has already closed the connection
         client.shutdown(socket.SHUT_RDWR)

@@ -12,9 +12,9 @@ from robrain.protocol.wire.record_guard import RecordGuard
 from robrain.protocol.wire.topics import ROBOT_PATH, ROBOT_STATE
 
 HEAR_NS = to_ns(0.15)
-"""States come ten times a second from each mate; every second one is enough, and decoding them is what costs."""
+"""Each mate sends ten states a second; every second one is enough, and decoding dominates the cost."""
 MATES_MAX = 4096
-"""Names that are followed at the most."""
+"""Largest number of robots that are tracked."""
 
 
 class Teammates(Unit):
