@@ -138,7 +138,7 @@ def test_a_coordinator_whose_journal_has_such_a_task_ends_it_and_plans_the_other
     assert f"$.task.{field}" in team.why("bad")
     assert robot.task.id == "good"
     why = team.ask(TASK_WHY, TaskRequest(id="bad"), TaskWhy)
-    assert why.now.startswith("it is failed: it cannot be done as it was asked for")
+    assert why.now.startswith("it is failed: it cannot be carried out as requested")
     reopened.close()
 
 
