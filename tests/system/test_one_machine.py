@@ -16,7 +16,7 @@ from tests.own_hub import OwnHub
 from tests.system.conftest import Commands
 
 pytestmark = pytest.mark.system
-WAITS = "yet: waits for"
+WAITS = "yet: waiting for"
 
 
 @pytest.fixture(scope="module")
