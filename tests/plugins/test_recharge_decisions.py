@@ -1,4 +1,4 @@
-"""When a robot goes home of its own accord, and makes way for others: the behavior on plain objects."""
+"""When a robot decides to charge, and when it yields its charger; the behavior on fakes."""
 
 import pytest
 
@@ -77,7 +77,7 @@ def test_robot_that_cannot_judge_or_is_being_charged_stays(what):
     assert robot.it._wanted == ""
 
 
-def test_it_is_looked_every_two_seconds():
+def test_energy_is_checked_every_two_seconds():
     robot = BareRecharge(CHARGER)
     robot.it.step()
     robot.usable_j = 0.0
