@@ -94,7 +94,7 @@ def test_way_home_is_planned_again_only_when_its_bound_is_not_enough_or_other_ch
     robot.has(RESERVE_S, 6.0)
     robot.guard()
     assert robot.ways_home == 1
-    robot.errand.at = Pose2D(2.0, 0.0, 0.0)  # at the most 6 m now
+    robot.errand.at = Pose2D(2.0, 0.0, 0.0)  # at most 6 m now
     robot.guard()
     assert robot.ways_home == 1
     robot.errand.at = Pose2D(0.0, 2.01, 0.0)

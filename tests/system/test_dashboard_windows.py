@@ -99,7 +99,7 @@ def test_key_of_the_halt_works_at_once_after_the_palette_was_closed_and_the_butt
     for _ in range(TIMES):
         page.keyboard.press("Control+k")
         expect(palette).to_be_visible()
-        page.get_by_placeholder("Search commands...").press_sequentially("h")  # who types there does not halt
+        page.get_by_placeholder("Search commands...").press_sequentially("h")  # typing there does not halt
         assert page.evaluate(ON_TOP)
         page.keyboard.press("Escape")
         page.keyboard.press("h")
