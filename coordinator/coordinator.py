@@ -1,4 +1,4 @@
-"""The coordinator: hears the team, merges its maps, hands out frontiers, tells how it stands."""
+"""The coordinator: receives states, merges maps, assigns frontiers and tasks, publishes the team's state."""
 
 import math
 
@@ -50,7 +50,7 @@ SETTLED_NS = to_ns(3.0)
 SHOWN_FRONTIERS = 64
 SHOWN_REFUSALS = 16
 GAP = "gap_m"
-"""In a task's result: the width of the gap that the robot did not fit through."""
+"""Key in a task's result: width of the gap that the robot did not fit through."""
 KEPT_TASK_EVENTS = 256
 NS_PER_MS = 1_000_000
 
@@ -109,7 +109,7 @@ class Coordinator:
         self._own_tasks = self.tasks.journal.new_epoch(first_epoch)
         self._busy_ns = wire.clock.now_ns()
         self._kept_idle: dict[str, IdleReason] = {}
-        """Why robots were not even looked at for a frontier."""
+        """Why idle robots were not considered for a frontier, by name."""
         self._requests = TaskRequests(
             wire, self.tasks, self.team_map, lambda: self.capabilities.plugins, self.lifecycle.reasons.explain
         )
@@ -179,7 +179,7 @@ class Coordinator:
         self.planning.hear(before, state)
         self.roster.note_state(state, now_ns)
         self.halts.note_state(state)
-        for status in (state.task_before, state.task):  # in the order in which they ended
+        for status in (state.task_before, state.task):  # oldest first
             if status is not None:
                 self._hear_task(state.robot, status, now_ns)
         self.planning.ends_soon(before, state, now_ns)
@@ -188,14 +188,14 @@ class Coordinator:
         patch: MapPatch = received.message
         refusals = self._wire.refusals
         known = self.roster.robots.get(patch.robot)
-        if known is None or not known.was_there:  # when its token comes it is asked for all that it knows
+        if known is None or not known.was_there:  # once its token appears, its whole map is queried
             refusals.note(ROBOT_MAP.name, received.key, RefusalCode.UNKNOWN_SENDER, f"{patch.robot} is not there")
             return
         if why := self.team_map.merge(patch, self._now_ns):
             refusals.note(ROBOT_MAP.name, received.key, RefusalCode.NOT_PLAUSIBLE, why)
 
     def take_held_map(self) -> None:
-        """Take in the patches that waited for what a map needs; from now on none waits."""
+        """Merge the patches held back while the map's kernels were loading; hold none from now on."""
         for robot, why in self.team_map.release():
             key = ROBOT_MAP.key(self._wire.team, robot=robot)
             self._wire.refusals.note(ROBOT_MAP.name, key, RefusalCode.NOT_PLAUSIBLE, why)
@@ -215,7 +215,7 @@ class Coordinator:
             self.explorer.note_visit(ended.task.goal)
 
     def _note_gap(self, robot: str, status: TaskStatus, now_ns: int) -> None:
-        """A robot has not got through; it may tell the width of the gap that it stands before."""
+        """Record the gap that a robot failed to pass, if its result contains one."""
         known = self.roster.robots.get(robot)
         pose = known.state.pose if known is not None and known.state is not None else None
         if pose is not None and GAP in status.result:
@@ -302,7 +302,7 @@ class Coordinator:
         publisher.put(event)
 
     def _why_idle(self, now_ns: int) -> dict[str, IdleReason]:
-        """Why robots that can be counted on have nothing to do."""
+        """Why each idle robot that is up has no task."""
         known: dict[str, IdleReason] = {**self.explorer.idle, **self._kept_idle}
         idle = self._idle(self.roster.up(now_ns))
         if self.halts.is_halted:

@@ -30,7 +30,7 @@ class Answered(NamedTuple):
     after: str
     answer: TaskAnswer
     is_reached: bool = True
-    """False if nobody was there to answer: a robot that has come back may be heard before it can be asked."""
+    """False if no queryable answered: a robot that reconnects may send states before it can be queried."""
 
 
 class _Asked(NamedTuple):

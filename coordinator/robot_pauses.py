@@ -1,7 +1,7 @@
-"""Robots that are left in peace for a while: those that cannot be asked, and those that refuse one thing after another.
+"""Pauses for robots that cannot be reached, and for robots that keep refusing tasks.
 
-A link that comes back brings a robot's token and states before its queryables. Without a pause each answer that nobody
-is there would be followed at once by the next task of the coordinator's own.
+When a link recovers, a robot's token and states arrive before its queryables. Without a pause, the coordinator would
+follow each unanswered offer at once with another task of its own.
 """
 
 from typing import NamedTuple
@@ -9,9 +9,9 @@ from typing import NamedTuple
 from robrain.protocol.wire.clock import to_ns
 
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 8.0
-"""Each pause is twice as long as the last (chosen)."""
+"""Each pause is twice as long as the one before (chosen)."""
 REFUSALS_FREE = 3
-"""So many frontiers may a robot refuse one after another before it pauses (chosen): the next one may be reachable."""
+"""Consecutive refusals of frontiers without a pause (chosen); the next frontier may be reachable."""
 
 
 class _Pause(NamedTuple):
@@ -21,7 +21,7 @@ class _Pause(NamedTuple):
 
 
 class RobotPauses:
-    """Remembers pauses, robot by robot."""
+    """Keeps the current pauses of each robot."""
 
     def __init__(self) -> None:
         self._unreached: dict[str, _Pause] = {}
@@ -29,31 +29,31 @@ class RobotPauses:
         self._refusals: dict[str, int] = {}
 
     def unreached(self, robot: str, why: str, now_ns: int) -> None:
-        """An offer has not reached a robot."""
+        """Record that an offer did not reach a robot."""
         _lengthen(self._unreached, robot, f"could not be asked: {why}", now_ns)
 
     def refused(self, robot: str, why: str, now_ns: int) -> None:
-        """A robot has refused a task of the coordinator's own."""
+        """Record that a robot refused one of the coordinator's own tasks."""
         self._unreached.pop(robot, None)
         self._refusals[robot] = self._refusals.get(robot, 0) + 1
         if self._refusals[robot] > REFUSALS_FREE:
             _lengthen(self._tired, robot, f"refused {self._refusals[robot]} times: {why}", now_ns)
 
     def answered(self, robot: str) -> None:
-        """A robot has refused a task that somebody asked for; it can be asked."""
+        """Record that a robot refused a submitted task: it can be reached."""
         self._unreached.pop(robot, None)
 
     def accepted(self, robot: str) -> None:
-        """A robot has accepted a task."""
+        """Record that a robot accepted a task; this ends its pauses."""
         for kept in (self._unreached, self._tired, self._refusals):
             kept.pop(robot, None)
 
     def why_unreached(self, robot: str, now_ns: int) -> str:
-        """Why a robot is not to be offered anything now; empty if it may be."""
+        """Why a robot must not be offered anything now; empty if it may."""
         return _why(self._unreached, robot, now_ns)
 
     def why(self, robot: str, now_ns: int) -> str:
-        """Why a robot is not to be offered a task of the coordinator's own now; empty if it may be."""
+        """Why a robot must not be offered one of the coordinator's own tasks now; empty if it may."""
         return _why(self._unreached, robot, now_ns) or _why(self._tired, robot, now_ns)
 
 

@@ -8,11 +8,11 @@ from robrain.protocol.wire.messages import RobotState, RobotSummary
 from robrain.protocol.wire.presence import Change
 
 ROBOTS_MAX = 4096
-"""Robots that were there at some time; more are not taken in."""
+"""Maximum number of robots ever seen; further ones are rejected."""
 ROBOTS_UNSEEN_MAX = 32
-"""Names that spoke and never had a token; more are not taken in (chosen: tokens come with the first words)."""
+"""Maximum number of names without a token so far (chosen: tokens arrive with the first state)."""
 FORGET_UNSEEN_NS = to_ns(10.0)
-"""Such a name is forgotten when it has been silent for so long (chosen)."""
+"""Such a name is forgotten after this much silence (chosen)."""
 LOST_AFTER_S = 1.0
 """A robot that has said nothing for this long is not counted on, whatever its token says."""
 _LOST_AFTER_NS = to_ns(LOST_AFTER_S)
@@ -27,7 +27,7 @@ class Robot:
         self.heard_ns: int | None = None
         self.has_token = False
         self.was_there = False
-        """It has had a token."""
+        """Whether it ever had a token."""
 
     def age_s(self, now_ns: int) -> float:
         """Time since its last state; infinite before the first."""
@@ -54,12 +54,12 @@ class Roster:
         self._by_name: list[Robot] = []
         self._up: list[Robot] = []
         self._unseen = 0
-        """Robots that never had a token."""
+        """Number of robots that never had a token."""
         self._up_at_ns: int | None = None
-        """For when that was worked out; it is asked for several times a step, and there may be a thousand robots."""
+        """Time of `_up`, a cache: it is used several times a step, and there may be a thousand robots."""
 
     def why_unknown(self, name: str, now_ns: int) -> str:
-        """Why a robot that speaks is not taken in; empty if it is known, or there is room for it."""
+        """Why a state from this name is rejected; empty if the robot is known, or there is room for it."""
         if name in self.robots:
             return ""
         if len(self.robots) >= ROBOTS_MAX:
@@ -114,7 +114,7 @@ class Roster:
         return self._up
 
     def summaries(self, now_ns: int, idle: Mapping[str, IdleReason] | None = None) -> list[RobotSummary]:
-        """Each robot in a line, by name, with why it has nothing to do if that is in `idle`."""
+        """A summary of each robot, by name, with the reason why it is idle if `idle` has one."""
         reasons = idle or {}
         summaries = []
         for robot in self._by_name:

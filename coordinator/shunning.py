@@ -1,4 +1,4 @@
-"""Who is not to be offered what for a while: a robot that refused a task, or failed at it, is asked again later."""
+"""Which tasks are not offered to which robots for a while: a robot that refused or failed a task is asked later."""
 
 from typing import NamedTuple
 
@@ -28,7 +28,7 @@ class Shunning:
     def __init__(self) -> None:
         self._shunned: dict[tuple[str, str], _Shunned] = {}
         self.robots = RobotPauses()
-        """Those that are not to be offered anything, or nothing of the coordinator's own."""
+        """Robots that are offered nothing for a while, or none of the coordinator's own tasks."""
 
     def note(self, task_id: str, robot: str, why: str, now_ns: int) -> None:
         """A robot refused a task or failed at it."""

@@ -95,10 +95,10 @@ class TaskBook:
         return [self._open[task_id] for task_id in self._of_robot.get(robot, ())]
 
     def end_what_cannot_be_read(self) -> None:
-        """Tasks that the journal holds, and that no robot can be asked to do as they stand there, have failed."""
+        """Fail the open tasks that the journal could read only in part."""
         for task_id, why in self.journal.wrong.items():
             if task_id in self._open:
-                self.move(task_id, TaskState.FAILED, f"it cannot be done as it was asked for: {why}")
+                self.move(task_id, TaskState.FAILED, f"it cannot be carried out as requested: {why}")
         self.journal.wrong.clear()
 
     def tell_again(self, count: int) -> None:
@@ -137,7 +137,7 @@ class TaskBook:
         return self._change(self._open[task_id], TaskState.RUNNING, why)
 
     def outbid(self, epoch: int) -> None:
-        """Give out greater epochs than this one from now on; a robot has accepted it from somebody else."""
+        """Use greater epochs than this one, which a robot accepted from another sender, from now on."""
         self.journal.new_epoch(epoch + 1)
 
     def move(self, task_id: str, state: TaskState, why: str = "", result: dict[str, Any] | None = None) -> TaskRecord:

@@ -34,7 +34,7 @@ WITHDRAW_AGAIN_NS = to_ns(0.5)
 COMPLAIN_AGAIN_NS = to_ns(10.0)
 NS_PER_MS = 1_000_000
 OUTBID_MAX = 48 * 3600 * 1000
-"""Robots accept no epoch that is more than a day ahead of their clocks; twice that leaves room between clocks."""
+"""In ms. Robots accept epochs up to a day ahead of their clocks; twice that allows for clock differences."""
 
 
 class TaskLifecycle:
@@ -102,7 +102,7 @@ class TaskLifecycle:
         pauses = self.shunning.robots
         if answer.accepted:
             pauses.accepted(robot)
-            if not after:  # what is for later stays offered until the robot says that it has begun it
+            if not after:  # a held task stays offered until the robot reports that it has begun it
                 self._book.move(task_id, TaskState.RUNNING)
             return False
         if not is_reached:
@@ -111,7 +111,7 @@ class TaskLifecycle:
             return True
         self._book.give_back(task_id, f"{robot} refused: {answer.why}")
         if isinstance(answer.epoch, int) and self._catch_up(robot, answer.epoch, now_ns):
-            return True  # it was the epoch that was refused, not the task
+            return True  # the epoch was refused, not the task
         if record.own:
             pauses.refused(robot, answer.why, now_ns)
         else:
@@ -123,21 +123,20 @@ class TaskLifecycle:
         return True
 
     def _catch_up(self, robot: str, epoch: int, now_ns: int) -> bool:
-        """A robot has accepted a greater epoch than this coordinator gives; whether greater ones are given from now on.
+        """Handle a robot that has accepted an epoch greater than this coordinator's; True if it is now outbid.
 
-        One that is ahead of the clock no coordinator can have begun with: it was forged, or comes from a clock that was
-        wrong, and is outbid. One that is not is that of a coordinator which began later, and which this one must not
-        steer against.
+        No coordinator starts with an epoch ahead of the clock: such an epoch is forged or comes from a wrong clock, and
+        is outbid. Any other comes from a coordinator that started later, which this one must not work against.
         """
         ahead_ms = epoch - now_ns // NS_PER_MS
         outbids = 0 < ahead_ms <= OUTBID_MAX
         if outbids:
             self._book.outbid(epoch)
-            why = f"it has accepted epoch {epoch}, ahead of the clock, from somebody else; greater ones are given now"
+            why = f"it accepted epoch {epoch}, ahead of the clock, from another sender; greater ones are used now"
         elif ahead_ms > 0:
-            why = f"it tells of epoch {epoch}, which no robot accepts"
+            why = f"it reports epoch {epoch}, which no robot accepts"
         else:
-            why = f"it has accepted epoch {epoch} of another coordinator; if there is none, start this one again"
+            why = f"it accepted epoch {epoch} from another coordinator; if there is none, restart this one"
         self._refusals.note(ROBOT_OFFER.name, robot, RefusalCode.OLD_EPOCH, why)
         return outbids
 
@@ -159,7 +158,7 @@ class TaskLifecycle:
             nonlocal freed
             task_id = record.task.id
             if record.robot.startswith(MEMBER_PREFIX):
-                return  # the desk of the motes follows it
+                return  # handled by the motes' desk
             if record.robot:
                 move = reconcile(record, self._roster.robots.get(record.robot), now_ns, self._since_ns)
                 if move is not None and move.state is TaskState.QUEUED:
@@ -293,7 +292,7 @@ class TaskLifecycle:
         except JournalUnwritable as error:
             if self._complained_ns is None or now_ns - self._complained_ns > COMPLAIN_AGAIN_NS:
                 self._complained_ns = now_ns
-                logger.error("%s; no task changes until it can be", error)  # noqa: TRY400 - the words say it all
+                logger.error("%s; no task changes until it can be", error)  # noqa: TRY400 - a traceback adds nothing
 
 
 def _task_id(record: TaskRecord) -> str:

@@ -39,10 +39,10 @@ class TeamMap:
         self._held = deque(maxlen=HELD_PATCHES)
 
     def release(self) -> list[tuple[str, str]]:
-        """Take in what was held, and from now on whatever comes.
+        """Merge the held patches, and hold none from now on.
 
         Returns:
-            Of each patch that was refused, the robot and why.
+            Robot and reason for each patch that was rejected.
 
         """
         held, self._held = self._held, None
@@ -52,21 +52,21 @@ class TeamMap:
         return [(robot, why) for robot, why in merged if why]
 
     def merge(self, patch: MapPatch, now_ns: int | None = None) -> str:
-        """Take a robot's patch in; one that does not fit is refused, and changes nothing.
+        """Merge a robot's patch; one that does not fit is rejected and changes nothing.
 
         Args:
-            patch: of a robot of the team.
-            now_ns: the time, if what is claimed to be from later is to be refused.
+            patch: from a robot of the team.
+            now_ns: the current time, to reject patches from the future; None skips this check.
 
         Returns:
-            Why it was refused; empty if it was not, or waits.
+            Why it was rejected; empty if it was merged or is held.
 
         """
         if self._held is not None:
             self.dropped += len(self._held) == HELD_PATCHES
             self._held.append((patch, now_ns))
             return ""
-        # Here: they bring the map's kernels, which a coordinator loads when it is up (coordinator/live.py).
+        # Imported here: they load the map's kernels, which a coordinator does once it is up (coordinator/live.py).
         from robrain.protocol.model.occupancy_grid import OccupancyGrid
         from robrain.protocol.wire.map_patch import MAX_CELLS, check_claim, geometry_of, merge_message
 

@@ -18,12 +18,12 @@ from robrain.protocol.wire.session import listening_at
 
 
 def agent_command(robot: Path, connect: str | None, team: str | None) -> None:
-    """Run one robot until Ctrl-C; while nothing answers where it connects to, it waits.
+    """Run one robot until Ctrl-C; wait until its endpoint answers.
 
     Args:
         robot: its ROBOT.toml.
-        connect: endpoint of the team; None is what the file says, $ROBRAIN_CONNECT, or else this machine's hub.
-        team: its name; None is what the file says.
+        connect: endpoint of the team; None uses the file's, else $ROBRAIN_CONNECT, else this machine's hub.
+        team: its name; None uses the file's.
 
     Raises:
         RobrainError: in one sentence.
@@ -41,7 +41,7 @@ def agent_command(robot: Path, connect: str | None, team: str | None) -> None:
     with closing(session), claim_robot(session, table.team, table.name) as claim:
         if not claim.take(lambda text: note(f"agent: {text}"), should_stop):
             return
-        # Plugins in processes of their own join where the robot has joined, or else at the robot itself.
+        # Plugins in separate processes connect to the robot's endpoint, or to the robot itself if it has none.
         zenoh = msgspec.structs.replace(settings, connect=where or listening_at(session))
         robot_file = msgspec.structs.replace(robot_file, robot=table, zenoh=zenoh)
         host = AgentHost(robot_file, robot.parent, session, WallClock(), Drive.LIVE)

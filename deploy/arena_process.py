@@ -20,8 +20,8 @@ def arena_command(scenario: Scenario, place: Place, team: str, robot_files: Path
     """Simulate a scenario until Ctrl-C.
 
     Args:
-        scenario: what is simulated.
-        place: where it joins the team, or else has others join it; without either it is this machine's hub.
+        scenario: the scenario to simulate.
+        place: where to connect or listen; without either, the arena is this machine's hub.
         team: its name.
         robot_files: folder for a ROBOT.toml of each robot.
 
@@ -68,5 +68,5 @@ def _open(place: Place, should_stop: LiveStop) -> zenoh.Session | None:
         return open_when_there("arena", place.connect, should_stop)
     session, taken = open_hub(place.listen[0] if place.listen else None)
     if taken:
-        say(f"arena: {taken} is taken: it listens elsewhere, other commands need --connect")
+        say(f"arena: {taken} is taken, listening elsewhere: other commands need --connect")
     return session

@@ -1,7 +1,7 @@
-"""Figures that benchmarks measure: one number each, with its unit and the bound that it is to keep.
+"""Benchmark figures: one number each, with its unit and bound.
 
-Every benchmark reports through `deterministic` and `timing`. A table is for people, JSON for programs; `make bench`
-keeps the same figures in docs/figures/bench.json.
+Every benchmark reports through `deterministic` and `timing`, as a table for people or JSON for programs; `make bench`
+stores the same figures in docs/figures/bench.json.
 """
 
 import math
@@ -23,13 +23,13 @@ class Kind(StrEnum):
     """What a figure depends on."""
 
     DETERMINISTIC = "deterministic"
-    """The code alone: equal on every machine."""
+    """Only the code: equal on every machine."""
     TIMING = "timing"
-    """The machine as well, and what else it does."""
+    """Also the machine and its load."""
 
 
 class Bound(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """The values that a figure may have, in the figure's unit; several limits hold together."""
+    """Allowed values of a figure, in its unit; all limits given must hold."""
 
     at_most: float | None = None
     at_least: float | None = None
@@ -42,7 +42,7 @@ class Bound(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
             raise ValueError(f"expected a bound with finite limits, got {self!r}")
 
     def is_kept_by(self, value: float | None) -> bool:
-        """Whether a value keeps the bound; no value keeps none."""
+        """Whether a value is within the bound; None is within none."""
         if value is None:
             return False
         return (
@@ -53,7 +53,7 @@ class Bound(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
         )
 
     def words(self, unit: str = "") -> str:
-        """The bound as a table shows it: `≤ 50 ms`."""
+        """The bound as shown in tables: `≤ 50 ms`."""
         named = (("≥", self.at_least), (">", self.above), ("≤", self.at_most), ("<", self.below))
         return " and ".join(f"{sign} {with_unit(limit, unit)}" for sign, limit in named if limit is not None)
 
@@ -61,18 +61,18 @@ class Bound(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
 class Figure(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     """One measured number.
 
-    A value that is not finite becomes None: what was to be measured did not happen. `kept` follows from value and
-    bound, whatever it was given as; None where there is no bound.
+    A value that is not finite becomes None: there was nothing to measure. `kept` is computed from value and bound,
+    whatever was passed; None without a bound.
     """
 
     name: str
-    """Unique within its benchmark, and the same in every run."""
+    """Unique within its benchmark, and equal in every run."""
     value: float | None
     unit: str = ""
     bound: Bound | None = None
     kind: Kind
     beside: str = ""
-    """What belongs to the number: a comparison in the same run, a spread, a size. In words."""
+    """Text shown with the number: a comparison in the same run, a spread, a size."""
     kept: bool | None = None
 
     def __post_init__(self) -> None:
@@ -81,16 +81,16 @@ class Figure(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
         self.kept = None if self.bound is None else self.bound.is_kept_by(self.value)
 
     def value_words(self) -> str:
-        """The value with its unit as a table shows it."""
+        """The value with its unit as shown in tables."""
         return NO_VALUE if self.value is None else with_unit(self.value, self.unit)
 
     def bound_words(self) -> str:
-        """The bound with its unit as a table shows it."""
+        """The bound with its unit as shown in tables."""
         return "–" if self.bound is None else self.bound.words(self.unit)
 
 
 class Measured(msgspec.Struct, frozen=True, kw_only=True):
-    """What one benchmark prints with `--json`."""
+    """Output of one benchmark with `--json`."""
 
     bench: str
     figures: list[Figure]
@@ -108,27 +108,27 @@ def timing(name: str, value: float, unit: str = "", bound: Bound | None = None, 
 
 
 def at_most(limit: float) -> Bound:
-    """Values up to this one."""
+    """Bound: values up to and including this one."""
     return Bound(at_most=limit)
 
 
 def at_least(limit: float) -> Bound:
-    """Values from this one on."""
+    """Bound: values from this one upwards."""
     return Bound(at_least=limit)
 
 
 def below(limit: float) -> Bound:
-    """Values less than this one."""
+    """Bound: values less than this one."""
     return Bound(below=limit)
 
 
 def above(limit: float) -> Bound:
-    """Values greater than this one."""
+    """Bound: values greater than this one."""
     return Bound(above=limit)
 
 
 def between(least: float, most: float) -> Bound:
-    """Values from the first to the second."""
+    """Bound: values from the first to the second, both included."""
     return Bound(at_least=least, at_most=most)
 
 
@@ -152,7 +152,7 @@ def measured(bench: str, figures: Iterable[Figure]) -> Measured:
 
 
 def show_figures(title: str, figures: Iterable[Figure], console: Console) -> None:
-    """A line for each figure, with its bound and what belongs to it."""
+    """Print a line for each figure, with its bound and its `beside` text."""
     table = Table(title=title, title_justify="left")
     for heading in HEADINGS:
         table.add_column(heading)

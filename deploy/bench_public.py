@@ -74,7 +74,7 @@ def read_public(path: Path) -> PublicInstance:
         found = vrplib.read_instance(path, instance_format=kind)
     except OSError as error:
         raise InstanceError(f"{path}: {error.strerror or error}") from error
-    except Exception as error:  # the reader raises whatever its parsing happens to run into
+    except Exception as error:  # the foreign reader raises whatever its parser runs into
         raise InstanceError(f"{path}: cannot be read as a {kind} file: {error}") from error
     try:
         return _instance(path, found, DECIMALS[kind])

@@ -24,20 +24,20 @@ def call_command(
     """Call an external function of a robot's plugin.
 
     Args:
-        connect: endpoint of the team; None is $ROBRAIN_CONNECT, or else this machine's hub.
+        connect: endpoint of the team; None uses $ROBRAIN_CONNECT, else this machine's hub.
         team: its name.
         robot: name of the robot.
         plugin: name of the plugin.
-        function: its external name, or the text form's `drive(1.0)` with the arguments in it.
+        function: its external name, or the text form `drive(1.0)` including the arguments.
         words: the arguments, each `VALUE` or `NAME=VALUE` as in the text form; or a single JSON array or object.
         as_json: return the result as JSON.
 
     Returns:
-        The result as text, empty if there is none; or as JSON.
+        The result as text (empty if there is none), or as JSON.
 
     Raises:
-        CallError: the robot refuses, or the plugin fails.
-        NobodyThere: the robot is not there; names those that are.
+        CallError: the robot refuses the call, or the plugin fails.
+        NobodyThere: the robot is not there; the text lists those that are.
         UsageError: the arguments cannot be read.
 
     """
@@ -79,7 +79,7 @@ def _json_of(word: str) -> object:
 
 
 def _text_of(plugin: str, function: str, words: list[str]) -> str:
-    """The text form of a call; each word of the command line is one argument of it (UsageError if one is more)."""
+    """The text form of a call; each word of the command line is one argument (UsageError if one holds several)."""
     if "(" in function:
         return " ".join([f"call {plugin} {function}", *words])
     text = f"call {plugin} {function}({', '.join(words)})"
@@ -90,7 +90,7 @@ def _text_of(plugin: str, function: str, words: list[str]) -> str:
 
 
 def _plain_values(call: Call) -> list[Any] | dict[str, Any]:
-    """The arguments as JSON knows them, by position or by name: a bare word is text, unless JSON has it."""
+    """The arguments as JSON values, by position or by name; a word that is not JSON is text."""
     named: dict[str, Any] = {}
     unnamed: list[Any] = []
     for word in call.arguments:

@@ -14,7 +14,7 @@ LOOK_S = 0.05
 
 
 class StartingPage:
-    """A dashboard's process that has been started, until its page is served.
+    """A dashboard's process from its start until its page is served.
 
     Args:
         children: owns the process.
@@ -29,7 +29,7 @@ class StartingPage:
 
     @property
     def url(self) -> str:
-        """The page's address; empty while it is not served yet.
+        """The page's address; empty until it is served.
 
         Raises:
             ChildFailed: it did not start; the text says why.
@@ -50,7 +50,7 @@ class StartingPage:
 
 
 def begin_dashboard(children: Children, endpoint: str, team: str, port: int | None) -> StartingPage:
-    """Start it; the arguments are those of `start_dashboard`."""
+    """Start the process; the arguments are those of `start_dashboard`."""
     arguments = ["dashboard", "--connect", endpoint, "--team", team]
     if port is not None:
         arguments += ["--port", str(port)]

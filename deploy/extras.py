@@ -1,4 +1,4 @@
-"""Which extra brings a package that the plain install does not have."""
+"""Which extra installs a package that the plain install lacks."""
 
 from robrain.deploy.errors import UsageError
 
@@ -22,11 +22,11 @@ EXTRAS = {
     "ortools": "bench",
     "vrplib": "bench",
 }
-"""By the name that is imported."""
+"""Extra by import name."""
 
 
 def missing_package(error: ModuleNotFoundError) -> UsageError | None:
-    """What to install for an import that failed, in one sentence; None if no extra brings it.
+    """An error that says what to install after a failed import; None if no extra contains the package.
 
     >>> str(missing_package(ModuleNotFoundError("No module named 'mcap.writer'", name="mcap.writer")))
     "mcap is not installed: pip install 'robrain[team]'"

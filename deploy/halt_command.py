@@ -39,20 +39,20 @@ ABSENT = "it is not there"
 def halt_command(
     connect: str | None, team: str, robot: str | None = None, by: str | None = None, reason: str = ""
 ) -> int:
-    """Halt a team, or one robot, and say who has stopped and who has not.
+    """Halt a team, or one robot, and print which robots have stopped and which have not.
 
     Args:
-        connect: endpoint of the team; None is $ROBRAIN_CONNECT, or else this machine's hub.
+        connect: endpoint of the team; None uses $ROBRAIN_CONNECT, else this machine's hub.
         team: its name.
-        robot: only this one.
-        by: who halts, and may resume later; default is `operator:USER`.
-        reason: why, for the logs; what is too long is cut, for a halt is small.
+        robot: halt only this one.
+        by: who halts; the same name may resume. Default is `operator:USER`.
+        reason: for the logs; truncated, as a halt message must be small.
 
     Returns:
-        The exit status: 1 if somebody has not said in time that it stopped.
+        The exit status: 1 if a robot has not confirmed in time that it stopped.
 
     Raises:
-        RobrainError: nobody is there, or a name or endpoint is none.
+        RobrainError: nobody is there, or a name or endpoint is invalid.
 
     """
     return _command(connect, team, robot, Halt(halted=True, by=_who(by), reason=cut(reason, REASON_LENGTH)))
@@ -118,7 +118,7 @@ class _TeamOrder:
                 self._publisher.put(self._wanted)
                 repeat_s += REPEAT_S
         if not self._robots:
-            text = f"no robot of team {self._wire.team} is there, the word was given all the same"
+            text = f"no robot of team {self._wire.team} is there; the message was sent anyway"
             raise wrong_team(text, self._wire.session)
         return {name: self._why(name) for name in self._robots}
 

@@ -1,4 +1,4 @@
-"""Compiling the kernels before a run, with word of it: the first time on a computer that takes a while."""
+"""Compiles the kernels before a run, with a message, as the first time on a computer takes a while."""
 
 import sys
 import time
@@ -22,13 +22,13 @@ _LISTENING: Callable[[str, event.Listener], AbstractContextManager[object]] = ev
 
 
 def prepare_kernels(*, quiet: bool = False) -> int:
-    """Compile every kernel that is not stored yet, and load the others; says so on stderr where it compiles.
+    """Compile the kernels that are not cached, and load the others; report compiling on stderr.
 
     Args:
-        quiet: say nothing.
+        quiet: report nothing.
 
     Returns:
-        How many were compiled.
+        The number of kernels compiled.
 
     """
     with ExitStack() as closing:
@@ -41,7 +41,7 @@ def prepare_kernels(*, quiet: bool = False) -> int:
 
 
 class _Notice(event.Listener):
-    """Hears from numba of each kernel that is compiled, which one that is loaded is not."""
+    """Receives numba's compile events, which kernels loaded from the cache do not cause."""
 
     def __init__(self, closing: ExitStack, *, quiet: bool) -> None:
         self.compiled: set[int] = set()
@@ -51,19 +51,19 @@ class _Notice(event.Listener):
         self._progress: Progress | None = None
 
     def on_start(self, event: event.Event) -> None:
-        """Numba begins to compile a function."""
+        """Numba starts to compile a function."""
         if not self._began_s:
             self._began_s = time.monotonic()
             self._begin()
 
     def on_end(self, event: event.Event) -> None:
-        """It has compiled one."""
+        """Numba has compiled a function."""
         self.compiled.add(id(event.data["dispatcher"]))
         if self._progress is not None:
             self._progress.update(self._progress.task_ids[0], completed=len(self.compiled), total=_all_kernels())
 
     def end(self) -> None:
-        """All are there."""
+        """All kernels are ready."""
         if self._began_s and not self._quiet and self._progress is None:
             say(f"compiled {len(self.compiled)} kernels in {time.monotonic() - self._began_s:.0f} s")
 
@@ -79,6 +79,6 @@ class _Notice(event.Listener):
 
 
 def _all_kernels() -> int:
-    """Kernels in the modules that are loaded; a few are compiled within others only, so this is a little too many."""
+    """Number of kernels in loaded modules; slightly too high, as a few are only compiled as part of others."""
     modules = [module for name, module in list(sys.modules.items()) if name.startswith(OURS)]
     return len({id(one) for module in modules for one in vars(module).values() if isinstance(one, Dispatcher)})

@@ -38,13 +38,13 @@ def coordinator_command(
     objective: Objective | None = None,
     planning: Path | None = None,
 ) -> None:
-    """Coordinate a team until Ctrl-C; while nothing answers where it connects to, it waits.
+    """Coordinate a team until Ctrl-C; wait until the endpoint answers.
 
     Args:
-        place: where it joins the team, or else has others join it; without either it looks for this machine's hub.
+        place: where to connect or listen; without either, the coordinator connects to this machine's hub.
         team: its name.
         journal: file of its tasks; `TEAM.journal` if None.
-        objective: what plans are to be good at, whatever the file says.
+        objective: planning objective, overriding the file's.
         planning: file with a `[planning]` table.
 
     Raises:
@@ -71,7 +71,7 @@ def coordinator_command(
         return
     with closing(session), claim_coordinator(session, team) as claim, live_endpoint(session, team) as wire:
         if not claim.take(lambda text: note(f"coordinator: {text}"), should_stop):
-            return  # before the journal is opened: one process at a time writes it
+            return  # before the journal is opened: only one process at a time may write it
         kept = Journal(journal if journal is not None else Path(f"{team}.journal"))
 
         def ready() -> None:

@@ -24,18 +24,18 @@ ANY_PORT = "tcp/127.0.0.1:0"
 
 
 class Place(NamedTuple):
-    """Where a process joins a team, or has others join it: one of the two is empty."""
+    """Endpoints that a process connects to or listens at; at least one of the two is empty."""
 
     connect: list[str]
     listen: list[str]
 
 
 def place_of(connect: str | None, listen: str | None) -> Place:
-    """What `--connect` and `--listen` mean together; without either it is ROBRAIN_CONNECT, or nothing.
+    """The place that `--connect` or `--listen` gives; without either, ROBRAIN_CONNECT, or no endpoint.
 
     Raises:
         UsageError: both are given.
-        WireError: an endpoint is none.
+        WireError: an endpoint is invalid.
 
     """
     if listen is None:
@@ -47,11 +47,11 @@ def place_of(connect: str | None, listen: str | None) -> Place:
 
 @contextmanager
 def client_session(connect: str | None) -> Iterator[zenoh.Session]:
-    """A client of what is given to connect to, or else of this machine's hub.
+    """Open a client session at the given endpoint, or else at this machine's hub.
 
     Raises:
         NobodyThere: nothing answers there.
-        WireError: an endpoint is none.
+        WireError: an endpoint is invalid.
 
     """
     where = team_endpoints(connect)
@@ -64,14 +64,14 @@ def client_session(connect: str | None) -> Iterator[zenoh.Session]:
 
 
 def open_hub(listen: str | None) -> tuple[zenoh.Session, str]:
-    """A hub, which its owner closes: at `listen`, or else where this machine's hub is to be, or else on a free port.
+    """Open a hub at `listen`; without it, at this machine's hub endpoint, or on a free port if that is taken.
 
     Returns:
-        The hub, and the endpoint of this machine's hub if that was taken by another process, else "".
+        The hub, which the caller closes, and the endpoint of this machine's hub if another process has it, else "".
 
     Raises:
         PortTaken: another process listens at `listen`.
-        WireError: it is no endpoint, or cannot be listened on.
+        WireError: the endpoint is invalid, or cannot be listened on.
 
     """
     try:
@@ -90,32 +90,33 @@ def open_when_there(
     mode: str = "client",
     listen: Sequence[str] = (),
 ) -> zenoh.Session | None:
-    """A session as `open_session` opens it, as soon as something answers where it connects to.
+    """Open a session with `open_session` as soon as one of its endpoints answers.
 
-    Waits for as long as that takes, and says so once, on stderr.
+    Waits without a time limit, and says so once on stderr.
 
     Args:
-        who: waits, for the sentence.
-        connect: endpoints; without any there is nothing to wait for.
+        who: name of the waiting process, for the message.
+        connect: endpoints; if there are none, it does not wait.
         should_stop: asked several times a second.
-        mode: of the session.
-        listen: endpoints of its own.
+        mode: mode of the session.
+        listen: endpoints to listen at.
 
     Returns:
-        The session, whose owner closes it; None if it is to stop before there is one.
+        The session, which the caller closes; None if `should_stop` came first.
 
     Raises:
-        WireError: an endpoint is none, or cannot be listened on.
+        WireError: an endpoint is invalid, or cannot be listened on.
 
     """
     has_said = False
     while not should_stop():
         if not connect or any(map(may_answer, connect)):
-            with suppress(NobodyThere):
+            with suppress(NobodyThere):  # the hub may start later: try again
                 return open_session(mode=mode, connect=connect, listen=listen)
         if not has_said:
             has_said = True
-            sys.stderr.write(f"{who}: nobody answers at {', '.join(connect)} yet: waits for `robrain up` or a router\n")
+            where = ", ".join(connect)
+            sys.stderr.write(f"{who}: nobody answers at {where} yet: waiting for `robrain up` or a router\n")
         time.sleep(LOOK_AGAIN_S)
     return None
 
@@ -131,13 +132,13 @@ def live_endpoint(session: zenoh.Session, team: str) -> Iterator[Endpoint]:
 
 
 def tell(text: str) -> None:
-    """A line on stdout, at once: what the command was asked for, for a person or for a program."""
+    """Print a line of the command's result on stdout, unbuffered."""
     sys.stdout.write(text + "\n")
     sys.stdout.flush()
 
 
 def note(text: str) -> None:
-    """A line on stderr: how a process gets on, for a person."""
+    """Print a line about progress on stderr."""
     sys.stderr.write(text + "\n")
     sys.stderr.flush()
 

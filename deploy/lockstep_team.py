@@ -176,7 +176,7 @@ class LockstepTeam:
         path = Path(place).resolve()
         for host in self.lockstep.hosts:
             if host.name == robot:
-                host.open_folder(path)  # who writes the script may load what it names
+                host.open_folder(path)  # the author of the script may load any path it names
         asked = HostRequest(plugin=str(path), by=BY)
         reply = self._wire.ask(ROBOT_HOST, asked, robot=robot, verb="load")
         return msgspec.json.decode(reply, type=PluginInfos)

@@ -1,12 +1,12 @@
-"""One process a name: an agent or coordinator that starts claims its name first, and refuses if another process has it.
+"""One process per name: an agent or coordinator claims its name first, and exits if another process has it.
 
-A process that starts declares a token that it *asks*, then looks who else is there. Zenoh delivers in order, so of two
-that ask at once at least one sees the other. The one that is later in the order of claims withdraws its token and
-looks again; the earlier goes on when no other asks, and says that it *has* the name, until its own token of being alive
-stands. Exactly one remains.
+A starting process declares an *asks* token, then looks for other tokens of the name. Zenoh delivers in order, so of two
+that ask at the same time at least one sees the other. The one later in the order of claims withdraws its token and
+looks again. The earlier one waits until nobody else asks, then declares a *has* token until its `alive` token is
+declared. Exactly one remains.
 
-A name whose process has died is free as soon as its connection ends: 2 ms after `kill -9`, and a lease after a cut. So
-a process that does not say that it is there is waited for.
+The name of a dead process becomes free when its connection ends: 2 ms after `kill -9`, one lease after a link cut. So
+a process that does not answer is waited for.
 """
 
 import os
@@ -36,12 +36,12 @@ from robrain.protocol.wire.topics import (
 
 ASKS, HAS = "asks", "has"
 PATIENCE_S = 1.5 * LEASE_MS / 1000
-"""Longest wait for a process that is not heard of to have been cut off."""
+"""Longest wait for the token of a silent process to disappear."""
 ASK_TIMEOUT_S = 0.5
 LOOK_TIMEOUT_S = 5.0
 LOOK_PERIOD_S = 0.02
 _ELSE = re.compile(r"[^A-Za-z0-9_.]")
-"""What stands for a dash in the name of a host within a key."""
+"""Replaces a dash in a host name within a key."""
 
 
 class ProcessInfo(msgspec.Struct, frozen=True):
@@ -57,7 +57,7 @@ class ProcessInfo(msgspec.Struct, frozen=True):
 
 
 class Keys(NamedTuple):
-    """The topics of one name, and what it is called."""
+    """The topics for one name, and its description."""
 
     what: str
     claim: Topic
@@ -67,7 +67,7 @@ class Keys(NamedTuple):
 
 
 class _Seen(NamedTuple):
-    """Who else is there."""
+    """Tokens of other processes with this name."""
 
     asking: list[str]
     having: list[str]
@@ -78,9 +78,9 @@ class NameClaim:
     """The claim of this process to one name.
 
     Args:
-        session: the process's own.
+        session: the process's session.
         team: the team's name.
-        keys: what is claimed.
+        keys: the name to claim.
 
     """
 
@@ -92,15 +92,15 @@ class NameClaim:
         began_ms = time.time_ns() // 1_000_000
         host = _ELSE.sub(".", self.info.host)[:20]
         self._process = f"{began_ms:012x}-{self.info.zid[:16]}-{self.info.pid}-{host}"
-        """Orders claims: who asked first comes first, then by id."""
+        """Sort key of claims: time of asking, then id."""
         self._wire = Endpoint(session, team, WallClock(), Drive.LIVE)
         self._tokens: dict[str, Any] = {}
 
     def take(self, on_wait: Callable[[str], None], should_stop: Callable[[], bool]) -> bool:
-        """Take the name; False if the process was asked to stop before it could.
+        """Claim the name; False if `should_stop` came first.
 
         Args:
-            on_wait: told once, in words, if there is a process to wait for.
+            on_wait: called once with a message if there is a process to wait for.
             should_stop: asked every 20 ms.
 
         Raises:
@@ -114,14 +114,14 @@ class NameClaim:
             is_held = bool(seen.having) or seen.is_alive
             if not is_held and not seen.asking:
                 if ASKS in self._tokens:
-                    # First of all: who sees the token may ask at once.
+                    # Declared first, as a process that sees the token may query at once.
                     self._wire.answer(
                         self._keys.who, self._tell_who, serve=Serve.AT_ONCE, at_once=(), **self._keys.names
                     )
                     self._declare(HAS)
                     self._withdraw(ASKS)
                     return True
-                self._declare(ASKS)  # and look again: another may have asked meanwhile
+                self._declare(ASKS)  # then look again: another may have asked meanwhile
                 continue
             if is_held or min(seen.asking) < self._process:
                 self._withdraw(ASKS)
@@ -139,7 +139,7 @@ class NameClaim:
         return False
 
     def settle(self) -> None:
-        """The process's own token of being alive stands: that says from now on that the name is taken."""
+        """Withdraw the claim's tokens, as the process's `alive` token now marks the name as taken."""
         self._withdraw(HAS)
 
     def close(self) -> None:
@@ -181,7 +181,7 @@ class NameClaim:
                 try:
                     raise self._taken(str(msgspec.json.decode(reply.ok.payload.to_bytes(), type=ProcessInfo)))
                 except (msgspec.DecodeError, UnicodeDecodeError):
-                    continue  # not one of ours; its token says that something is there
+                    continue  # a foreign reply; the token shows that a process is there
 
     def _taken(self, who: str) -> NameTaken:
         return NameTaken(f"{self._keys.what} is there already: {who}. End that process first, or use another name")
@@ -191,23 +191,23 @@ class NameClaim:
 
 
 def _said_by(seen: _Seen) -> str:
-    """Who is there, by their tokens: they have not answered."""
+    """Describe a process that has not answered, from its tokens."""
     for process in (*seen.having, *sorted(seen.asking)):
         began, _, rest = process.partition("-")
         zid, _, rest = rest.partition("-")
         pid, _, host = rest.partition("-")
         if began and zid and pid and host:
             return f"process {pid} on {host}, Zenoh id {zid[:8]}, which does not answer"
-    return "a process that does not say where it runs"
+    return "a process on an unknown host"
 
 
 def claim_robot(session: zenoh.Session, team: str, robot: str) -> AbstractContextManager[NameClaim]:
-    """The claim of a robot's name, given back at the end of the block."""
+    """Claim a robot's name for the duration of the block."""
     what = f"robot {robot} of team {team}"
     return closing(NameClaim(session, team, Keys(what, ROBOT_CLAIM, ROBOT_ALIVE, ROBOT_WHO, {"robot": robot})))
 
 
 def claim_coordinator(session: zenoh.Session, team: str) -> AbstractContextManager[NameClaim]:
-    """The claim of a team's coordination, given back at the end of the block."""
+    """Claim a team's coordination for the duration of the block."""
     what = f"the coordinator of team {team}"
     return closing(NameClaim(session, team, Keys(what, COORDINATOR_CLAIM, COORDINATOR_ALIVE, COORDINATOR_WHO, {})))

@@ -1,4 +1,4 @@
-"""How this very robrain is called again, for the commands that hints print."""
+"""The command that runs this installation of robrain, for hints."""
 
 import os
 import shlex
@@ -10,10 +10,10 @@ NAME = "robrain"
 
 
 def own_program() -> str:
-    """The words for a shell in this folder that call the robrain which runs.
+    """The shell command, for the current folder, that runs this installation of robrain.
 
-    `robrain` where that is what a shell finds; else the path of the script beside this Python, relative if it is below
-    this folder; else Python and the module.
+    `robrain` if the shell's path finds this installation; else the path of the script beside this Python, relative if
+    it is below this folder; else Python with the module.
     """
     script = Path(sys.executable).with_name(NAME)
     found = shutil.which(NAME)
@@ -23,5 +23,5 @@ def own_program() -> str:
         return f"{shlex.quote(sys.executable)} -m {NAME}.cli"
     try:
         return shlex.quote(str(script.relative_to(Path.cwd())))
-    except (ValueError, OSError):  # elsewhere, or this folder is gone
+    except (ValueError, OSError):  # not below this folder, or this folder is gone
         return shlex.quote(str(script))

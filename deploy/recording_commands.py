@@ -33,7 +33,7 @@ def record(
     visual: Annotated[bool, typer.Option(help="Write what Foxglove, Lichtblick and Rerun draw, too.")] = True,
     as_json: JsonOption = False,
 ) -> None:
-    """Record a live team until Ctrl-C; one that is not there yet is waited for."""
+    """Record a live team until Ctrl-C; wait for it if it is not there yet."""
     from robrain.coordinator.recording.recording_file import check_writable
     from robrain.deploy.errors import UsageError
     from robrain.deploy.live_process import LiveStop, live_endpoint, open_when_there

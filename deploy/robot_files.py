@@ -14,9 +14,9 @@ NO_FORWARDERS: Mapping[str, str] = MappingProxyType({})
 
 
 def loadable_from_here(endpoints: Sequence[str]) -> list[Path]:
-    """The folder in which this process was started, if only this machine reaches its team: a new plugin loads at once.
+    """Folders to load plugins from while robots run: the working folder, if only this machine can reach the team.
 
-    Nothing if others could ask as well, or if that folder is the whole disk.
+    Empty if other machines can reach the team, or if that folder is the root of the disk.
     """
     here = Path.cwd()
     is_private = bool(endpoints) and all(map(is_loopback, endpoints))
@@ -32,14 +32,14 @@ def write_robot_files(
     forwarders: Mapping[str, str] = NO_FORWARDERS,
     loadable: Sequence[Path] = (),
 ) -> list[Path]:
-    """Write one file a robot into a folder.
+    """Write one file per robot into a folder.
 
     Args:
-        world: where the robots start, and which grid they map on.
+        world: start poses of the robots, and the grid of their maps.
         folder: it must exist.
-        team: of the robots.
+        team: the robots' team.
         connect: endpoint that their agents connect to.
-        forwarders: `host:port` of robots' Serial Forwarders, which a comment tells of.
+        forwarders: `host:port` of the robots' Serial Forwarders, written as a comment.
         loadable: folders from which plugins may be loaded while the robots run.
 
     """

@@ -1,4 +1,4 @@
-"""What a person sees of a lockstep run: a progress bar, and its summary."""
+"""Terminal output of a lockstep run: a progress bar and the summary."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,7 +20,7 @@ class _ClockColumn(ProgressColumn):
     """Simulated time and speed."""
 
     def render(self, task: Task) -> Text:
-        """One cell of the bar's line."""
+        """Render one cell of the progress line."""
         sim_time_s = task.fields.get("sim_time_s", 0.0)
         speed = task.fields.get("speed", 0.0)
         return Text(f"{clock_of(sim_time_s)} simulated  {speed:5.1f} × real time", style="dim")
@@ -36,7 +36,7 @@ class RunDisplay:
         self._speed = 0.0
 
     def show(self, now: RunProgress) -> None:
-        """Draw how far the run has come; the speed is that of the last second or so."""
+        """Draw the progress; the speed is that of about the last second."""
         if self._last is None:
             self._last = now
         elapsed_s = now.wall_time_s - self._last.wall_time_s
@@ -48,7 +48,7 @@ class RunDisplay:
 
 @contextmanager
 def run_display(until_explored: float, *, quiet: bool = False) -> Iterator[RunDisplay]:
-    """A progress bar for as long as the block lasts; it leaves nothing on a stream that is no terminal."""
+    """A progress bar for the duration of the block; prints nothing if the stream is not a terminal."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(bar_width=30),
@@ -97,7 +97,7 @@ def show_result(result: RunResult) -> None:
 
 
 def tell_recorded(recording: str | None) -> None:
-    """Where a recording is, and how to play it."""
+    """Print a recording's path and the command that replays it."""
     if recording is not None:
         print_line(f"recorded in {recording}")
         say(f"replay it: {own_program()} replay {recording}")

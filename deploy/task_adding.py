@@ -38,7 +38,7 @@ OPTIONS = {
     "look_at": "--look-at",
     "until_soc": "--until-soc",
 }
-"""What each field of a task is typed as."""
+"""Command-line form of each task field."""
 
 
 def add(

@@ -52,19 +52,19 @@ _NOT_NOW = (ErrorCode.TIMEOUT, ErrorCode.UNLOADED, ErrorCode.BUSY)
 class TaskClient:
     """Asks a team's coordinator for tasks; use it in a `with` block.
 
-    While the coordinator is away, a restart for instance, each question is asked again until it is answered or the
-    patience ends. That is safe: a task's id makes a submission count once, however often it arrives.
+    While the coordinator is away, e.g. restarting, each query is repeated until it is answered or `patience_s` is over.
+    That is safe: a task's id makes a submission count once, however often it arrives.
 
     Args:
-        connect: endpoint of the team; None is $ROBRAIN_CONNECT, or else this machine's hub.
+        connect: endpoint of the team; None uses $ROBRAIN_CONNECT, else this machine's hub.
         team: its name.
-        by: who asks, for the records.
+        by: name of the requester, for the records.
         patience_s: how long to wait for a coordinator.
 
     Raises:
         NobodyThere: nothing answers at the endpoint.
-        WireError: it is none.
-        BadName: the team's name cannot be one.
+        WireError: the endpoint is invalid.
+        BadName: the team's name is invalid.
 
     """
 

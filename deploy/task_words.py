@@ -23,24 +23,24 @@ KINDS: dict[str, type[msgspec.Struct]] = {str(kind.__struct_config__.tag): kind 
 POINTS = ("place", "goal", "look_at")
 RELATIVE = ("earliest_in_s", "deadline_in_s")
 ENGLISH = ("id", "needs", "after", "mote", "robot", "robots")
-"""Fields whose names are words of a sentence, too."""
+"""Fields whose names are also English words."""
 AS_ON_THE_WIRE: Mapping[str, str] = MappingProxyType({})
-"""Files name fields as the wire does."""
+"""Task files use the field names of the messages."""
 
 
 def submission_of(
     kind: str, fields: Mapping[str, Any], where: str = "", typed: Mapping[str, str] = AS_ON_THE_WIRE
 ) -> TaskSubmission:
-    """What is asked for by a kind and its fields, which are named as on the wire.
+    """Build a task request from a kind and its fields, named as in the messages.
 
     Args:
-        kind: as the tag says it.
-        fields: those that are given; `earliest_in_s` and `deadline_in_s` count from now. An id is made up.
-        where: file and number of the task, for the sentence.
-        typed: what a person types for a field, where that is something else than its name.
+        kind: the task's tag.
+        fields: the given fields; `earliest_in_s` and `deadline_in_s` count from now. A missing id is generated.
+        where: file and number of the task, for the error message.
+        typed: command-line form of fields that are not typed by their name.
 
     Raises:
-        UsageError: naming the field that is wrong.
+        UsageError: names the invalid field.
 
     """
     known = KINDS.get(kind)
@@ -122,5 +122,5 @@ def _words(text: str, kind: str, typed: Mapping[str, str]) -> str:
     field, _, rest = name.partition(".")
     if field:
         return f"{typed.get(field, field)}{f'.{rest}' if rest else ''}: {text}"
-    # The sentences of the tasks themselves name their fields amid English, which "robot" and "after" are as well.
+    # Errors of the task types name fields within English text, where "robot" and "after" are also plain words.
     return re.sub(r"\w+", lambda word: typed.get(word[0], word[0]) if word[0] not in ENGLISH else word[0], text)

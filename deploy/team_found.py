@@ -1,4 +1,4 @@
-"""Who of a team is there: what `robrain status` prints, and the errors that name those who are."""
+"""Which members of a team are present, for `robrain status` and for errors that list them."""
 
 import time
 
@@ -12,10 +12,10 @@ from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
 
 GATHER_S = 0.5
-"""For how long who is missing is asked for again: a token may take that long to come to its hub."""
+"""How long to look again for missing members: a token may take this long to reach its hub."""
 ASK_AGAIN_S = 0.1
 ANSWER_TIMEOUT_S = 10.0
-"""For a hub's answer, which is there at once unless its machine is overloaded."""
+"""Time limit for a hub's answer, which is immediate unless its machine is overloaded."""
 
 
 class TeamFound(msgspec.Struct, frozen=True, kw_only=True):
@@ -27,10 +27,10 @@ class TeamFound(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def status_of(connect: str | None, team: str) -> TeamFound:
-    """Who of a team is there.
+    """The members of a team that are present.
 
     Raises:
-        NobodyThere: nobody is; names the teams of which somebody is.
+        NobodyThere: nobody is; the text lists the teams that have members present.
 
     """
     with client_session(connect) as session, live_endpoint(session, team) as wire:
@@ -41,7 +41,7 @@ def status_of(connect: str | None, team: str) -> TeamFound:
 
 
 def team_found(wire: Endpoint) -> TeamFound:
-    """Who of the endpoint's team is there, if anybody."""
+    """The present members of the endpoint's team."""
     until_s = time.monotonic() + GATHER_S
     while True:
         robots = sorted(names["robot"] for names in _tokens(wire, ROBOT_ALIVE))
@@ -52,14 +52,14 @@ def team_found(wire: Endpoint) -> TeamFound:
 
 
 def _tokens(wire: Endpoint, topic: Topic) -> list[dict[str, str]]:
-    """The names in all tokens of a topic that the hub knows now."""
+    """The names in all of a topic's tokens that the hub has now."""
     replies = wire.session.liveliness().get(topic.selector(wire.team), timeout=ANSWER_TIMEOUT_S)
     found = [topic.parse(str(reply.ok.key_expr)) for reply in replies if reply.ok is not None]
     return [names for names in found if names is not None]
 
 
 def no_robot(wire: Endpoint, robot: str, what: str) -> NobodyThere:
-    """The error for a robot that did not answer `what`: names the robots that are there, or else the teams."""
+    """The error for a robot that did not answer `what`; it lists the robots present, or else the teams."""
     found = team_found(wire)
     if robot in found.robots:
         return NobodyThere(f"{robot} does not answer {what}: is its robrain older than this one?")
@@ -70,7 +70,7 @@ def no_robot(wire: Endpoint, robot: str, what: str) -> NobodyThere:
 
 
 def show_status(found: TeamFound) -> None:
-    """Print who of a team is there."""
+    """Print which members of a team are present."""
     tell(f"team {found.team}: coordinator {'up' if found.coordinator else 'not there'}")
     for name in found.robots:
         tell(f"  {name} up")

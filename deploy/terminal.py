@@ -1,4 +1,4 @@
-"""Lines for a person: what a command was asked for goes to stdout, progress, hints and warnings to stderr."""
+"""Terminal output: results go to stdout; progress, hints and warnings to stderr."""
 
 import sys
 
@@ -9,30 +9,30 @@ from robrain.deploy.live_process import tell
 from robrain.protocol.wire.safe_text import safe_text
 
 PLAIN_WIDTH = 200
-"""Columns of a table that goes into a file or a pipe."""
+"""Width of a table written to a file or pipe, in columns."""
 
 console = Console(stderr=True, highlight=False)
-"""For progress and hints."""
+"""Console for progress and hints, on stderr."""
 
 
 def say(text: str) -> None:
-    """A line on stderr; text from elsewhere is shown as it is, without markup, and cannot steer the terminal."""
+    """Print a line on stderr; foreign text is shown without markup, and its control characters are made harmless."""
     console.print(escape("\n".join(map(safe_text, text.split("\n")))), soft_wrap=True)
 
 
 def print_line(text: str) -> None:
-    """A line of what the command was asked for, on stdout, at once; made safe as by `say`."""
+    """Print a line of the result on stdout, unbuffered; made safe as by `say`."""
     tell("\n".join(map(safe_text, text.split("\n"))))
 
 
 def results() -> Console:
-    """For tables of what the command was asked for, on stdout."""
+    """Console for result tables, on stdout."""
     found = Console(highlight=False)
     return found if found.is_terminal else Console(highlight=False, width=PLAIN_WIDTH)
 
 
 def both_at_a_terminal() -> bool:
-    """Whether stdout may be drawn together with the progress on stderr; else it goes its own way, to a pipe maybe."""
+    """Whether stdout shares the terminal with stderr; if not, it may go to a pipe or file."""
     return sys.stdout.isatty()
 
 

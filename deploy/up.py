@@ -47,7 +47,7 @@ class TeamStatus(NamedTuple):
 
 
 class UpResult(msgspec.Struct, frozen=True, kw_only=True, tag_field="event", tag="result"):
-    """What `robrain up` tells at its end; the last line of `up --json`."""
+    """Final result of `robrain up`; the last line of `up --json`."""
 
     scenario: str
     ended: str
@@ -66,7 +66,7 @@ class UpOptions(NamedTuple):
 
     team: str
     listen: str | None = None
-    """Endpoint of the hub; None is this machine's hub, or a free port if that is taken."""
+    """Endpoint of the hub; None uses this machine's hub endpoint, or a free port if that is taken."""
     dashboard: bool = True
     dashboard_port: int | None = None
     until_explored: float | None = None
@@ -74,23 +74,23 @@ class UpOptions(NamedTuple):
     record: Path | None = None
     journal: Path | None = None
     quiet: bool = False
-    """Do not say that kernels are compiled."""
+    """Do not report the compiling of kernels."""
 
 
 class UpDisplay(Protocol):
-    """What is told of a team while it comes up and runs."""
+    """Receives events while a team starts and runs."""
 
     def hub(self, endpoint: str, taken: str) -> None:
-        """The hub listens at `endpoint`; `taken` is that of this machine's hub if another process has it, else ""."""
+        """The hub listens at `endpoint`; `taken` is this machine's hub endpoint if another process has it, else ""."""
 
     def dashboard(self, url: str) -> None:
         """The page is served."""
 
     def show(self, status: TeamStatus) -> None:
-        """How the team is, ten times a second."""
+        """Status of the team, ten times a second."""
 
     def ended(self, result: UpResult) -> None:
-        """How its time together ended."""
+        """Final result of the run."""
 
 
 def run_up(
@@ -104,14 +104,14 @@ def run_up(
     """Start a team, watch it, and stop it.
 
     Args:
-        scenario: what the arena simulates.
-        scenario_argument: the words of the command line that name the same scenario.
-        options: how.
-        should_stop: asked ten times a second.
-        display: told each thing as soon as it is known.
+        scenario: the scenario to simulate.
+        scenario_argument: the command-line arguments that name the same scenario.
+        options: options of the run.
+        should_stop: polled ten times a second.
+        display: receives events as they occur.
 
     Raises:
-        RobrainError: something cannot be started, in words.
+        RobrainError: a process cannot be started; the text says why.
 
     """
     world = scenario.world()
@@ -133,7 +133,7 @@ def run_up(
         watch = _Watch(wire, [robot.name for robot in world.robots], children)
         endpoint = _bound(hub)
         display.hub(endpoint, taken)
-        prepare_kernels(quiet=options.quiet)  # here, once, and not by each of the processes at the same time
+        prepare_kernels(quiet=options.quiet)  # once here, instead of in every process at the same time
         common = ["--connect", endpoint, "--team", options.team]
         with tempfile.TemporaryDirectory(prefix="robrain-") as folder, children:
             robot_files = write_robot_files(

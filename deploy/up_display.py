@@ -1,4 +1,4 @@
-"""What is told of a team that `robrain up` brings up: to a terminal, line by line, or as lines of JSON."""
+"""Displays for `robrain up`: on a terminal, line by line, or as lines of JSON."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -38,13 +38,13 @@ class ForwarderEvent(msgspec.Struct, frozen=True, tag_field="event", tag="serial
 
 
 class JsonLines:
-    """An event a line on stdout, as soon as each is known; the last is the result."""
+    """One event per line on stdout, as it occurs; the last is the result."""
 
     def __init__(self) -> None:
         self._forwarders: dict[str, str] = {}
 
     def hub(self, endpoint: str, taken: str) -> None:
-        """Print where the hub listens; on stderr, that it is not where it was to be."""
+        """Print where the hub listens; warn on stderr if that is not this machine's hub endpoint."""
         _warn_of_taken(endpoint, taken)
         _print(HubEvent(endpoint))
 
@@ -53,7 +53,7 @@ class JsonLines:
         _print(DashboardEvent(url))
 
     def show(self, status: TeamStatus) -> None:
-        """Print the forwarders that are new."""
+        """Print new forwarders."""
         for robot, address in status.forwarders.items():
             if self._forwarders.get(robot) != address:
                 self._forwarders[robot] = address
@@ -65,7 +65,7 @@ class JsonLines:
 
 
 class PlainLines:
-    """Endpoints on stdout; who of the team comes and goes on stderr, a line for each change."""
+    """Endpoints on stdout; a line on stderr for each team member that joins or leaves."""
 
     def __init__(self) -> None:
         self._before: dict[str, str] = {}
@@ -81,7 +81,7 @@ class PlainLines:
         print_line(f"dashboard: {url}")
 
     def show(self, status: TeamStatus) -> None:
-        """Say what has changed."""
+        """Print what has changed."""
         now = dict(status.robots) | {"coordinator": "up" if status.coordinator_up else "starting"}
         for name, text in now.items():
             seen = "up" if text not in ("starting", "halted") and "lost" not in text and text != "gone" else text
@@ -94,7 +94,7 @@ class PlainLines:
                 print_line(said(robot, address))
 
     def ended(self, result: UpResult) -> None:
-        """Print how the team's time together ended."""
+        """Print the result of the run."""
         print_line(
             f"{result.ended}: {result.explored_fraction:.1%} explored in {clock_of(result.sim_time_s)}, "
             f"{result.collisions} collisions"
@@ -103,20 +103,20 @@ class PlainLines:
 
 
 class DrawnTable(PlainLines):
-    """A table of the team, drawn again and again below the endpoints."""
+    """A live table of the team below the endpoints."""
 
     def __init__(self, live: Live) -> None:
         super().__init__()
         self._live = live
 
     def show(self, status: TeamStatus) -> None:
-        """Draw how the team is."""
+        """Draw the team's status."""
         self._live.update(_team_table(status))
 
 
 @contextmanager
 def up_display(*, as_json: bool) -> Iterator[UpDisplay]:
-    """The display of `robrain up` for as long as the team runs."""
+    """Choose the display of `robrain up` for the duration of the block."""
     if as_json:
         yield JsonLines()
     elif console.is_terminal:

@@ -1,8 +1,8 @@
-"""For all tests: no timing fails one, so hypothesis sets no deadline; in CI it draws the same examples each time.
+"""Set-up for all tests. Timings fail no test, so hypothesis has no deadline; in CI it always draws the same examples.
 
-Tests that were left out for want of the real maps are counted at the end of the run.
-System tests, which mostly wait, are spread among the others, which need the processor.
-Each process of tests has a hub endpoint of its own, at which nobody listens: no test meets a team by accident.
+The end of a run reports how many tests were skipped for lack of the real maps.
+System tests, which mostly wait, are spread among the others, which need the CPU.
+Each test process has its own hub endpoint, at which nobody listens, so that no test meets a team by accident.
 """
 
 import os
@@ -28,7 +28,7 @@ def pytest_unconfigure() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Spread the files of system tests evenly among the others, except for the last fifth of those."""
+    """Spread the files of system tests evenly among all but the last fifth of the others."""
     files: dict[str, list[pytest.Item]] = {}
     for item in items:
         files.setdefault(item.nodeid.partition("::")[0], []).append(item)
@@ -40,7 +40,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """How many tests were left out for want of the real maps."""
+    """Report how many tests were skipped for lack of the real maps."""
     left_out = sum(WHY_NOT in str(report.longrepr) for report in terminalreporter.getreports("skipped"))
     if left_out:
         terminalreporter.section("real maps", sep="!", yellow=True, bold=True)

@@ -1,13 +1,13 @@
-"""A hub endpoint of a test's own, so that no test meets another's team, or one that runs on the machine."""
+"""A hub endpoint for one test process, so that no test meets another test's team or one running on the machine."""
 
 import socket
 from typing import Self
 
 
 class OwnHub:
-    """A port that stays bound without listening: a hub may listen there, any other process gets another port.
+    """A port that stays bound without listening: a hub may listen there, but the system gives it to nobody else.
 
-    Both sides set SO_REUSEADDR, as Zenoh does, so that being bound here keeps nobody from listening.
+    Both sides set SO_REUSEADDR, as Zenoh does, so that a hub can still listen.
     """
 
     def __init__(self) -> None:

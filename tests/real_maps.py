@@ -1,7 +1,7 @@
-"""The real maps, which lie beside the project and do not come with it.
+"""The real maps, which are expected beside the project and are not part of it.
 
-A test that needs them is marked `needs_real_maps`; where they are not, the end of the test run says how many tests were
-left out for that reason. What such tests hold is held on `examples/maps` in any clone.
+Tests that need them are marked `needs_real_maps`; without the maps, the end of the test run says how many tests were
+skipped. In any clone, other tests check the same on `examples/maps`.
 """
 
 from pathlib import Path
@@ -15,6 +15,6 @@ needs_real_maps = pytest.mark.skipif(not REAL_MAPS.is_dir(), reason=WHY_NOT)
 
 
 def require_real_maps() -> None:
-    """FileNotFoundError where there are none."""
+    """Raise FileNotFoundError if the maps are missing."""
     if not REAL_MAPS.is_dir():
         raise FileNotFoundError(WHY_NOT)

@@ -1,4 +1,4 @@
-"""What a digest depends on uses nothing whose results vary by processor, and reads no clock of the machine."""
+"""Code behind a digest uses nothing whose results vary by processor, and does not read the machine's clock."""
 
 import ast
 from collections.abc import Iterator
@@ -10,23 +10,23 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = ("agent", "coordinator", "plugins", "protocol", "sim")
 LOOKS_ON = ("coordinator/dashboard",)
-"""Draws what is on the wire; nothing that it says is on a recorded topic but a person's clicks."""
+"""Only draws messages; the only recorded messages that it sends are a person's clicks."""
 
 BLAS = {
     "dot", "vdot", "inner", "matmul", "tensordot", "einsum", "vecdot", "matvec", "vecmat", "cov", "corrcoef",
     "convolve", "correlate", "polyfit", "linalg",
 }  # fmt: skip
-"""By OpenBLAS or LAPACK, which have a version for each processor. Take `small_linear_algebra`."""
+"""Functions of OpenBLAS or LAPACK, which have a version per processor. Use `small_linear_algebra`."""
 VECTORISED = {
     "exp", "exp2", "expm1", "log", "log2", "log10", "log1p", "logaddexp", "logaddexp2", "power", "float_power", "cbrt",
     "tan", "arcsin", "arccos", "arctan", "arctan2", "sinh", "cosh", "tanh", "arcsinh", "arccosh", "arctanh", "angle",
     "fft", "partition", "argpartition",
 }  # fmt: skip
-"""By NumPy's own code, which has a version for each vector unit. Take `elementary_functions`."""
+"""Functions of NumPy, which have a version per vector unit. Use `elementary_functions`."""
 SCIPY = {"ndimage", "linear_sum_assignment"}
-"""What of SciPy has one version."""
+"""Functions of SciPy that have only one version."""
 EXCEPTIONS: dict[str, str] = {}
-"""`file: name` that is used all the same, and why that is no harm."""
+"""Permitted uses as `file: name`, each with the reason."""
 
 CLOCKS = {
     "agent/crew.py": "starts and halts plugins side by side, in live",
@@ -59,7 +59,7 @@ def sources() -> dict[str, ast.Module]:
 
 
 def varying(tree: ast.AST) -> Iterator[str]:
-    """What a source uses whose results vary by processor."""
+    """Names used by a source file whose results vary by processor."""
     for node in ast.walk(tree):
         match node:
             case ast.BinOp(op=ast.MatMult()) | ast.AugAssign(op=ast.MatMult()):

@@ -39,7 +39,7 @@ SAYS = {
 
 README = EXAMPLES.parent / "README.md"
 PRINTED = re.compile(r"(?<=^```text\n)\d+% explored in .*?\n(?=```$)", re.MULTILINE | re.DOTALL)
-"""What the README says that its ten lines, which are those of the first example, print."""
+"""Output printed in the README for its script, which is that of the first example."""
 
 
 def test_there_are_patterns_for_every_example_and_a_line_in_the_readme() -> None:

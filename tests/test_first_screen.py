@@ -1,4 +1,4 @@
-"""The first screen of the README can be typed as it stands."""
+"""The commands on the README's first screen work as printed."""
 
 import re
 import subprocess

@@ -1,4 +1,4 @@
-"""Tests that need the real maps are not left out in silence."""
+"""Skipped tests that need the real maps are reported."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,7 +12,7 @@ TESTS = Path(__file__).parent
 
 
 class FakeReporter:
-    """A terminal reporter that remembers what it is to print."""
+    """A terminal reporter that records its output."""
 
     def __init__(self, *reasons: str) -> None:
         self.printed: list[str] = []

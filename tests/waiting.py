@@ -1,7 +1,7 @@
-"""Waiting for what has to come to pass: the wait ends when it does, and the limit is for what never will.
+"""Waits for conditions; the time limit is only for conditions that never hold.
 
-A limit says nothing about speed. It is far above what the slowest loaded machine takes, so that no test fails for being
-run beside other work; a test that hangs is ended by it all the same.
+The limit is no statement about speed. It is far above what the slowest loaded machine takes, so that no test fails
+because of other work; it still ends a test that hangs.
 """
 
 import time
@@ -14,7 +14,7 @@ import pytest
 T = TypeVar("T")
 
 PATIENCE_S = 180.0
-"""The longest wait for anything; below the limit that pytest sets for one test."""
+"""Longest wait; below pytest's time limit for one test."""
 
 
 def until(
@@ -27,12 +27,12 @@ def until(
     """Wait until the condition holds.
 
     Args:
-        condition: asked again and again; what it returns is true when it holds.
-        what: said when it never does.
-        step: called between, for a component that the test itself drives.
-        pause_s: wall-clock seconds between two looks.
+        condition: polled; returns a true value once it holds.
+        what: text for the failure message.
+        step: called between polls, for a component that the test drives.
+        pause_s: wall-clock seconds between two polls.
 
-    Returns: what the condition returned.
+    Returns: the value of the condition.
 
     """
     deadline_s = time.monotonic() + PATIENCE_S
@@ -45,7 +45,7 @@ def until(
 
 
 def has_ended(pid: int) -> bool:
-    """Whether a process runs no more; one that its parent has not reaped yet has ended."""
+    """Whether a process has ended; this includes one that its parent has not reaped yet."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
     except (FileNotFoundError, ProcessLookupError):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from robrain.protocol.model.objective import Objective as Objective
 
 LARGEST = 1e25
-"""Of joules and seconds: sums and products of them stay finite."""
+"""Upper bound of joules and of seconds; sums and products of them stay finite."""
 
 
 class Job(msgspec.Struct, frozen=True, kw_only=True):

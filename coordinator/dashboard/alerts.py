@@ -51,9 +51,7 @@ def alerts_of(view: TeamView, now_s: float) -> list[Alert]:
 
 def _of_refusal(one: Refusal) -> Alert:
     sender = one.key.partition("/")[2].partition("/")[2] or one.key  # without the root and the team
-    return Alert(
-        Level.WARN, "Coordinator", f"has refused {one.count} × {one.topic} of {sender} ({one.code}): {one.why}"
-    )
+    return Alert(Level.WARN, "Coordinator", f"rejected {one.count} × {one.topic} from {sender} ({one.code}): {one.why}")
 
 
 def _of_robot(robot: RobotView, now_s: float) -> list[Alert]:
@@ -81,7 +79,7 @@ def _of_robot(robot: RobotView, now_s: float) -> list[Alert]:
 
 
 def last_line(why: str) -> str:
-    r"""What a traceback says in the end.
+    r"""The last line of a traceback.
 
     >>> last_line("Traceback:\n  File ...\nValueError: no")
     'ValueError: no'

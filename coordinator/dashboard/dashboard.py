@@ -120,19 +120,19 @@ class Dashboard:
             layer.needed = layer in seen if self._pages else layer.wanted
 
     def _step_page(self, page: ClientPage, now_s: float) -> None:
-        """Bring one browser's page up to date; what fails there concerns no other browser."""
+        """Update one browser's page; an error there does not affect other browsers."""
         if not page.retry.is_due(now_s):
             return
         try:
             with page.client.atomic():
                 page.step(now_s)
-        except Exception:
+        except Exception:  # viser may raise anything; other browsers must not notice
             pause_s = page.retry.fail(now_s)
-            logger.exception("a browser's page cannot be drawn; it stands still, next try in %.0f s", pause_s)
+            logger.exception("a browser's page cannot be updated; next try in %.0f s", pause_s)
             page.robot.drive.let_go()
         else:
             if failures := page.retry.succeed():
-                logger.warning("the browser's page is drawn again after %d failures", failures)
+                logger.warning("the browser's page is updated again after %d failures", failures)
 
     def _draw_halt(self, view: TeamView, now_s: float) -> None:
         if self._halt is None:
@@ -154,8 +154,8 @@ class Dashboard:
             try:
                 with client.atomic():
                     self._pages[client.client_id] = ClientPage(client, self._context)
-            except Exception:
-                logger.exception("a browser's page cannot be built; it has to be loaded again")
+            except Exception:  # viser may raise anything; other browsers must not notice
+                logger.exception("a browser's page cannot be built; reload it")
 
     def _click(self, event: viser.SceneClickEvent) -> None:
         page = self._pages.get(event.client_id)

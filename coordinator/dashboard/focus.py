@@ -1,4 +1,4 @@
-"""What one browser looks at closely: the robot and the mote that are selected there, and where it has zoomed in."""
+"""The focus of one browser: its selected robot and mote, and the area that it has zoomed in on."""
 
 from typing import NamedTuple
 
@@ -7,30 +7,30 @@ from robrain.coordinator.dashboard.team_view import TeamView
 from robrain.protocol.model.geometry import Point2D
 
 MOTES = 40
-"""More motes than this have neither label nor link at the same time; the table has them all."""
+"""Maximum number of motes with label and link at a time; the table lists all."""
 
 
 class Focus(NamedTuple):
-    """Motes are many: their labels and links are drawn only for those in focus."""
+    """Labels and links are drawn only for motes in focus, as a team may have many motes."""
 
     robot: str = ""
-    """The selected robot; nobody if empty."""
+    """Name of the selected robot; empty if none."""
     chosen: bool = False
-    """Whether a person selected it; at first the page itself selects one."""
+    """Whether a person selected it; the page preselects one."""
     mote: str = ""
-    """The selected mote; none if empty."""
+    """Name of the selected mote; empty if none."""
     middle: Point2D | None = None
-    """What the camera looks at, arena frame, if it is zoomed in."""
+    """Point that the camera looks at, arena frame; None if not zoomed in."""
     reach_m: float = 0.0
-    """How far around the middle is seen."""
+    """Visible radius around `middle`."""
 
     def is_another(self, other: "Focus") -> bool:
-        """Whether something else is selected, or it was zoomed in or out; the camera may have moved."""
+        """Whether the selection or the zoom state differs; camera movement does not count."""
         return (self[:3], self.middle is None) != (other[:3], other.middle is None)
 
 
 def motes_in_focus(view: TeamView, focus: Focus) -> list[MoteView]:
-    """The selected mote, those that the selected robot hears, and those that are seen from nearby, nearest first."""
+    """The selected mote, motes that the selected robot hears, then visible ones, nearest first; at most `MOTES`."""
     robot = view.robots.get(focus.robot) if focus.chosen else None
     heard = {link.peer for link in robot.links if not link.is_robot} if robot is not None else set()
     found: list[tuple[float, str]] = []

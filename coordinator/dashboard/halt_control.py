@@ -1,8 +1,8 @@
-"""The emergency halt: one click or the key H halts the team, its end has to be confirmed.
+"""The emergency halt: one click or the key H halts the team; resuming needs a confirmation.
 
-The button is the page's own (`page.js`), as viser's panels lie below viser's windows. It triggers the same command as
-the key. Commands are served on viser's threads, not in the dashboard's step, so that a halt leaves at once whatever is
-being drawn or asked.
+`page.js` draws the button, because viser's panels lie below viser's windows. It triggers the same command as the key.
+Commands run on viser's threads, not in the dashboard's step, so that a halt is sent at once whatever the dashboard is
+drawing or querying.
 """
 
 import threading
@@ -21,7 +21,7 @@ from robrain.protocol.wire.topics import HALT
 WIDTH_PX = 290
 MARGIN_PX = 15
 BUTTON_PX = 64
-"""Height of the page's own button, which stands below the panel."""
+"""Height of the button that `page.js` draws below the panel."""
 BY = "operator:dashboard"
 LABEL_RESUME = "Resume after halt …"
 LABEL_CONFIRM = "Resume all robots"
@@ -30,7 +30,7 @@ NAMES_SHOWN = 12
 
 
 class HaltControl:
-    """The halt and its end, what they send, and who has obeyed."""
+    """Sends the halt and the resume, and shows which robots have obeyed."""
 
     def __init__(self, server: viser.ViserServer, endpoint: Endpoint) -> None:
         self._publisher = endpoint.publisher(HALT)

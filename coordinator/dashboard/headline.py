@@ -1,4 +1,4 @@
-"""The headline's dot: the worst of robots, coordinator, localisation, map and lateness. Values in, words out."""
+"""The headline's dot: the worst of robots, coordinator, localisation, map and lateness."""
 
 import math
 from collections.abc import Mapping
@@ -11,18 +11,18 @@ from robrain.coordinator.dashboard.team_view import TeamView
 from robrain.coordinator.robot_history import position_sigma_m
 
 UNSURE_M, ASTRAY_M = 0.5, 2.0
-"""Standard deviations of a position from which it is uncertain, and from which it is of no use."""
+"""Standard deviation above which a position is uncertain, and above which it is useless."""
 LATE_S, VERY_LATE_S = 1.0, 3.0
-"""Ages of what is said ten times (coordinator: twice) a second."""
+"""Maximum ages of states (sent at 10 Hz) before a warning and an error; `SUMMARY_S` is added for summaries (2 Hz)."""
 SUMMARY_S = 0.5
 MAPLESS_S = 10.0
-"""Robots that are up for so long have told a map."""
+"""Robots that have been up for this long should have sent map patches."""
 REFUSED_S = 10.0
-"""A refused map patch counts for so long."""
+"""How long a rejected map patch stays in the headline."""
 
 
 class Grade(IntEnum):
-    """How bad something is; the greatest counts."""
+    """Severity of a finding; the highest one sets the dot."""
 
     GOOD = 0
     WARN = 1
@@ -30,14 +30,14 @@ class Grade(IntEnum):
 
 
 class Finding(NamedTuple):
-    """One thing that is not as it should be."""
+    """One problem."""
 
     grade: Grade
     words: str
 
 
 class Headline(NamedTuple):
-    """The dot, and what made it so beside the robots' own conditions."""
+    """Grade of the dot, and the problems other than the robots' own conditions."""
 
     grade: Grade
     findings: tuple[Finding, ...] = ()
@@ -48,21 +48,21 @@ class Vitals:
     """What the headline goes by."""
 
     conditions: Mapping[Condition, int] = field(default_factory=dict)
-    """How many robots are in each."""
+    """Number of robots in each condition."""
     connected: bool = True
     halted: bool = False
-    """Whether a halt of all robots holds, acknowledged or not."""
+    """Whether a team-wide halt is in force, acknowledged or not."""
     coordinator_up: bool | None = None
-    """None where it cannot be known, as in a recording that has nothing of it."""
+    """None if unknown, as in a recording."""
     worst_sigma_m: float = math.nan
-    """The greatest position uncertainty of a robot in contact, 1 σ; NaN if none tells."""
+    """Greatest position uncertainty (1 σ) of a robot in contact; NaN if no robot reports one."""
     worst_sigma_robot: str = ""
     map_missing: bool = False
-    """Robots have been up for a while, and no floor is known."""
+    """Robots have been up for `MAPLESS_S`, and no floor is known."""
     map_refused: bool = False
-    """Just now a map patch did not fit the map."""
+    """A map patch was rejected within the last `REFUSED_S`."""
     late_s: float = 0.0
-    """Age of the oldest of the last states and summaries from those in contact."""
+    """Age of the oldest latest state or summary from a component in contact."""
 
 
 ROBOT_GRADES: dict[Condition, Grade] = {
@@ -76,7 +76,7 @@ ROBOT_GRADES: dict[Condition, Grade] = {
 
 
 def headline_of(vitals: Vitals) -> Headline:
-    """The worst of all.
+    """The worst grade of all, with its findings.
 
     >>> headline_of(Vitals({Condition.UP: 2}, coordinator_up=False)).grade
     <Grade.BAD: 2>
@@ -87,7 +87,7 @@ def headline_of(vitals: Vitals) -> Headline:
 
 
 def vitals_of(view: TeamView, now_s: float) -> Vitals:
-    """What the headline goes by, of a team as it is known at `now_s`."""
+    """The headline's inputs, from the team's view at `now_s`."""
     robots = [robot for robot in view.robots.values() if robot.contact(now_s) is Contact.UP]
     conditions = dict.fromkeys(Condition, 0)
     for robot in view.robots.values():

@@ -39,11 +39,11 @@ class Layer(ABC):
         self._wanted = self.shown_at_first
         self._retry = Retry()
         self.needed = self.shown_at_first
-        """Whether any browser shows it; it is not drawn otherwise."""
+        """Whether any browser shows it; if not, it is not drawn."""
 
     @property
     def wanted(self) -> bool:
-        """Whether browsers show it that have not switched it for themselves, unless it fails."""
+        """Whether browsers show it by default, unless it fails."""
         return self._wanted
 
     @wanted.setter
@@ -53,22 +53,22 @@ class Layer(ABC):
 
     @property
     def shown(self) -> bool:
-        """Whether it is visible: wanted, and drawn without an error the last time."""
+        """Whether it is visible: wanted, and last drawn without an error."""
         return self._wanted and not self.failing
 
     @property
     def failing(self) -> bool:
-        """Whether it could not be drawn the last time; it is hidden until it can."""
+        """Whether the last drawing failed; the layer is hidden until one succeeds."""
         return self._retry.failing
 
     def retry_in_s(self, now_s: float) -> float:
-        """Time until a failing layer is drawn again, seconds."""
+        """Time until the next attempt to draw a failing layer, seconds."""
         return self._retry.wait_s(now_s)
 
     def draw(self, view: TeamView, now_s: float) -> None:
-        """Draw what changed, if it is time to.
+        """Draw what changed, if drawing is due.
 
-        A layer that cannot be drawn is hidden, so that the page and its halt go on, and is tried again after a while.
+        A layer that fails is hidden and retried later, so that the page and its halt keep working.
         """
         period_s = self.period_s * (SLOWER if len(view.robots) > MANY_ROBOTS else 1.0)
         is_time = self._drawn_s is None or now_s - self._drawn_s >= period_s
@@ -77,7 +77,7 @@ class Layer(ABC):
         self._drawn_s = now_s
         try:
             self._draw(view, now_s)
-        except Exception:
+        except Exception:  # viser may raise anything; the page and its halt must keep working
             pause_s = self._retry.fail(now_s)
             logger.exception("the layer %s cannot be drawn; it is hidden, next try in %.0f s", self.label, pause_s)
         else:

@@ -40,7 +40,7 @@ class LayerSwitch:
 
     @property
     def shown(self) -> bool:
-        """Whether this browser shows it; while it fails it is hidden all the same."""
+        """Whether this browser shows it; a failing layer is hidden regardless."""
         return self._shown
 
     @shown.setter
@@ -92,13 +92,13 @@ class OwnSwitch:
         return (self.layer,)
 
     def draw(self, view: TeamView, focus: Focus, now_s: float) -> None:
-        """Draw it for what is in focus."""
+        """Draw it for the given focus."""
         self.layer.draw_for(focus, view, now_s)
 
 
 Switch = LayerSwitch | OwnSwitch
 OWN: dict[type[Layer], type[OwnLayer]] = {MoteLayer: MoteLabelLayer, RadioLayer: FocusRadioLayer}
-"""Layers of one browser's own that go with one of all browsers."""
+"""Per-browser layers that share the switch of a layer common to all browsers."""
 
 
 def switches_of(client: viser.ClientHandle, layers: tuple[Layer, ...]) -> list[Switch]:
@@ -110,7 +110,7 @@ def switches_of(client: viser.ClientHandle, layers: tuple[Layer, ...]) -> list[S
 
 
 def troubles_of(switches: Iterable[Switch], now_s: float) -> list[Alert]:
-    """What of the picture one browser wants to show and cannot."""
+    """Alerts for the layers that one browser wants to show and that fail."""
     return [
         Alert(Level.WARN, "Picture", f"{layer.label} cannot be drawn; next try in {layer.retry_in_s(now_s):.0f} s")
         for switch in switches

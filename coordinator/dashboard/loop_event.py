@@ -1,9 +1,9 @@
-"""Wakes viser's connections on viser's own thread alone.
+"""Wakes viser's connections only on viser's own thread.
 
-`asyncio.Event` is not thread-safe. viser 1.1 sets one in `AsyncMessageBuffer.push` on the thread that pushes, while
+`asyncio.Event` is not thread-safe. viser 1.1 sets one in `AsyncMessageBuffer.push` on the pushing thread, while
 connections start and stop waiting for it on the server's thread. With many browsers, drawing raised
-`RuntimeError: deque mutated during iteration`. viser sets the same event again by `call_soon_threadsafe`, right after
-the push or at the end of the atomic block; that call wakes the connections, so the first one can be left out.
+`RuntimeError: deque mutated during iteration`. viser sets the same event again with `call_soon_threadsafe`, right after
+the push or at the end of the atomic block; that second call wakes the connections, so the first can be ignored.
 """
 
 import asyncio
@@ -14,14 +14,14 @@ from viser.infra._async_message_buffer import AsyncMessageBuffer
 
 
 class LoopEvent(asyncio.Event):
-    """An event that ignores `set` on any thread but the given one, which is its loop's."""
+    """An event that ignores `set` on any thread other than its loop's."""
 
     def __init__(self, thread: int) -> None:
         super().__init__()
         self._thread = thread
 
     def set(self) -> None:
-        """Wake all waiters, if this is the loop's thread."""
+        """Wake all waiters if called on the loop's thread."""
         if threading.get_ident() == self._thread:
             super().set()
 
@@ -43,4 +43,4 @@ def wake_on_own_thread(server: viser.ViserServer) -> None:
 def _exchange(buffer: AsyncMessageBuffer) -> None:
     old = buffer.message_event
     buffer.message_event = LoopEvent(threading.get_ident())
-    old.set()  # its waiters then wait for the new one
+    old.set()  # moves its waiters to the new event

@@ -44,7 +44,7 @@ MOTE_MESHES: tuple[tuple[Mesh, float], ...] = (
 
 
 class MoteLayer(Layer):
-    """Motes with the colour and shape of their supply."""
+    """Motes; colour and shape show the state of their supply."""
 
     name, label, period_s = "motes", "Motes", 1.0
 
@@ -69,7 +69,7 @@ class MoteLayer(Layer):
 
 
 class MoteLabelLayer(OwnLayer):
-    """What the motes in focus last read."""
+    """Latest readings of the motes in focus."""
 
     name, label, period_s = "mote_labels", "Readings of motes", 1.0
 

@@ -1,4 +1,4 @@
-"""What a layer is that one browser has for itself: it shows something of what is looked at closely there."""
+"""Base class of per-browser layers, which show details of that browser's focus."""
 
 from robrain.coordinator.dashboard.focus import Focus
 from robrain.coordinator.dashboard.layer import Layer
@@ -6,12 +6,12 @@ from robrain.coordinator.dashboard.team_view import TeamView
 
 
 class OwnLayer(Layer):
-    """A layer of a client's scene; `_draw` finds what is looked at in `focus`."""
+    """A layer of one client's scene; `_draw` reads `focus`."""
 
     focus = Focus()
 
     def draw_for(self, focus: Focus, view: TeamView, now_s: float) -> None:
-        """Draw what changed, if it is time to, and at once when something else is selected or zoomed at."""
+        """Draw what changed, if drawing is due; at once if the selection or the zoom state changed."""
         if focus.is_another(self.focus):
             self.hurry()
         self.focus = focus

@@ -47,23 +47,23 @@
   const WRITTEN = "input:not([type=checkbox], [type=radio], [type=range], [type=button], [readonly]), "
     + "textarea, select, [contenteditable]";
   let left = null;
-  // A field that is hidden, or that Escape has left, such as that of the closed palette, may keep the focus for a while.
+  // A field that is hidden or was left with Escape, like that of a closed palette, may keep the focus for a moment.
   function isTyping(event) {
     const field = event.target instanceof Element ? event.target.closest(WRITTEN) : null;
     return field !== null && field !== left && field.checkVisibility();
   }
 
-  // -- the halt: its key works wherever nobody types, and its button lies above everything ---------------------------
+  // -- the halt: its key works outside text fields, its button lies above everything ----------------------------------
   const halt = () => again("h");
   addEventListener("keydown", (event) => {
-    if (!event.isTrusted || event.key.toLowerCase() !== "h") return;  // what `again` sends is for viser
+    if (!event.isTrusted || event.key.toLowerCase() !== "h") return;  // synthetic events from `again` go to viser
     if (event.ctrlKey || event.metaKey || event.altKey || isTyping(event)) return;
     event.stopImmediatePropagation();
     event.preventDefault();
     if (!event.repeat) halt();
   }, true);
 
-  // -- Escape closes the window on top, and leaves a field -------------------------------------------------------------
+  // -- Escape closes the topmost window, or leaves a field -------------------------------------------------------------
   addEventListener("focusin", () => { left = null; }, true);
   addEventListener("keydown", (event) => {
     const palette = document.querySelector(".mantine-Spotlight-content");
@@ -76,7 +76,7 @@
         return;
       }
     }
-    // Mantine closes the palette by itself, and leaves the focus in its field until that has faded.
+    // Mantine closes the palette itself, but keeps the focus in its field until the palette has faded out.
     const field = document.activeElement;
     if (field instanceof HTMLElement && field !== document.body && field.closest("input, textarea")) {
       left = field;
@@ -130,11 +130,11 @@
       button.type = "button";
       button.textContent = "EMERGENCY HALT";
       button.title = "Halt all robots at once. Key: H";
-      // A press counts: a hand that slips off the button has meant it all the same.
+      // The press counts, not the release: the hand may slip off the button.
       button.addEventListener("pointerdown", (event) => { if (event.button === 0) { event.preventDefault(); halt(); } });
       button.addEventListener("click", (event) => { if (event.detail === 0) halt(); });  // Enter, space, assistive tools
       for (const kind of ["mousedown", "touchstart", "keydown"]) {
-        button.addEventListener(kind, (event) => event.stopPropagation());  // an open window stays as it is
+        button.addEventListener(kind, (event) => event.stopPropagation());  // keeps an open window open
       }
       document.body.append(button);
     }

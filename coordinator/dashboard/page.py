@@ -41,14 +41,14 @@ class ClientPage:
         self.chosen = False
         """Whether a person selected it."""
         self.mote = ""
-        """Name of the mote that is selected; none if empty."""
+        """Name of the selected mote; empty if none."""
         self.follows = False
         """Whether the camera goes along with the selected robot."""
         self.dark = True
         self.switches = switches_of(client, context.scene.layers)
         """Which layers of the picture it shows."""
         self.retry = Retry()
-        """When to draw it again after an error."""
+        """Schedules the next update after an error."""
         self._notes: deque[Action] = deque(maxlen=NOTES)
         self._drawn_s: float | None = None
         self._view: TeamView | None = None
@@ -125,7 +125,7 @@ class ClientPage:
             self.select(names[(at + step) % len(names)])
 
     def click_floor(self, origin: tuple[float, float, float], direction: tuple[float, float, float]) -> None:
-        """The scene was clicked, along a ray: a place for a task if one is wanted, else what stands there."""
+        """Handle a click along a ray: place a task if one is being added, else select the robot or mote there."""
         hit = floor_hit(origin, direction)
         if hit is None:
             return
@@ -141,7 +141,7 @@ class ClientPage:
         self.select_mote(mote.name if mote is not None else "")
 
     def select_mote(self, mote: str) -> None:
-        """Show the reading and the link of a mote; of none if it is empty or selected already."""
+        """Show a mote's reading and link; deselect if the name is empty or already selected."""
         self.mote = mote if mote in self.context.view.motes and mote != self.mote else ""
 
     def tell(self, title: str, body: str = "", *, color: Any = "green") -> None:

@@ -73,11 +73,11 @@ class PageGuard:
             return serve(*arguments, process_request=self._before(process_request), **options)
 
         with _swapping:
-            websockets.asyncio.server.serve = guarded  # type: ignore[assignment,misc]
+            websockets.asyncio.server.serve = guarded  # type: ignore[assignment,misc]  # viser offers no hook
             try:
                 yield
             finally:
-                websockets.asyncio.server.serve = serve  # type: ignore[misc]
+                websockets.asyncio.server.serve = serve  # type: ignore[misc]  # put back
 
     def _before(self, theirs: ProcessRequest) -> ProcessRequest:
         def process(connection: ServerConnection, request: Request) -> Response | None:

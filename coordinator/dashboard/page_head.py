@@ -6,13 +6,13 @@ viser's own elements cannot say that a row was clicked, nor that a key is held; 
 from importlib import resources
 
 CLOSE_MARK = '<div class="rb-close-mark"></div>'
-"""Stands in a window before the button that closes it: Escape presses that button."""
+"""Marks the close button of a window, which follows it; Escape presses that button."""
 
 
 def page_head(*, has_halt: bool) -> str:
-    """HTML for the page's head, with `{nonce}` where the script's nonce belongs.
+    """HTML for the page's head, with `{nonce}` as placeholder for the script's nonce.
 
-    `has_halt` is whether there is a team to halt: a recording has no halt button.
+    `has_halt` adds the halt button; a recording has none.
     """
     folder = resources.files("robrain.coordinator.dashboard")
     style = folder.joinpath("page.css").read_text(encoding="utf-8")

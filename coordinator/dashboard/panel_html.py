@@ -31,7 +31,7 @@ ROWS = 200
 ALERTS = 6
 LOG_LINES = 12
 GRADES: dict[Grade, tuple[str, str]] = {Grade.GOOD: ("●", "good"), Grade.WARN: ("◐", "warn"), Grade.BAD: ("▲", "bad")}
-"""Shape and class of the headline's dot."""
+"""Symbol and CSS class of the headline's dot."""
 MOTE_SHAPES = ("◆", "▲", "■", "◇")
 MOTE_KINDS = ("good", "warn", "bad", "soft")
 

@@ -36,7 +36,7 @@ def robot_near(view: TeamView, place: Point2D, camera_m: float) -> RobotView | N
 
 
 def mote_near(view: TeamView, place: Point2D, camera_m: float) -> MoteView | None:
-    """The nearest mote that may have been meant by a click at a place, seen from so far."""
+    """The nearest mote within picking range of a click; the range grows with the camera's distance."""
     reach_m = max(NEAR_M, NEAR_SHARE * camera_m)
     near = [
         (math.hypot(mote.place.x_m - place.x_m, mote.place.y_m - place.y_m), mote.name)

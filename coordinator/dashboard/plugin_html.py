@@ -23,7 +23,7 @@ EVENTS = 12
 FAULTS = 5
 SHORT = 160
 WHY = 8000
-"""Characters of an error that are shown."""
+"""Number of characters of an error that are shown."""
 
 
 def robot_card_html(view: TeamView, robot: RobotView, now_s: float) -> str:
@@ -112,7 +112,7 @@ def plugin_card_html(plugin: PluginInfo | None) -> str:
 
 
 def error_html(why: str) -> str:
-    """An error in full, with its traceback: each line as it came; of a very long one the end."""
+    """An error with its traceback, line by line; a very long one is cut to its end."""
     said = why.strip()
     said = said if len(said) <= WHY else "…" + said[-WHY:]
     return f'<pre class="rb-bad" data-testid="plugin-why">{text(said, WHY + 1)}</pre>'

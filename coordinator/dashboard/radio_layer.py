@@ -49,7 +49,7 @@ LOOKS = (LinkLook(GOOD, 0.05, 0.0), LinkLook(WARNING, 0.035, 0.3), LinkLook(BAD,
 
 
 class RadioLayer(Layer):
-    """The links that hold the team together, and thick lines from relays to whom they serve."""
+    """The links that connect the team, and thick lines from relays to the robots they serve."""
 
     name, label, period_s, shown_at_first = "radio", "Radio links", 1.0, True
 
@@ -66,7 +66,7 @@ class RadioLayer(Layer):
 
 
 class FocusRadioLayer(OwnLayer):
-    """All that the selected robot hears, and the best link of each mote in focus; shown with the radio links of all."""
+    """Links of the selected robot, and the best link of each mote in focus; switched with the team's radio links."""
 
     name, label, period_s = "focus_radio", "Radio links of motes", 1.0
 

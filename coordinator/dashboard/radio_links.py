@@ -27,7 +27,7 @@ class Link(NamedTuple):
 
 
 def best_links(view: TeamView, motes: Iterable[MoteView]) -> list[Link]:
-    """The best link of each of these motes; with all of them nothing else would be seen."""
+    """The best link of each of these motes; drawing all links would hide everything else."""
     found = []
     for mote in motes:
         link = best_link(mote)
@@ -64,9 +64,9 @@ def links_of_robot(view: TeamView, name: str, now_s: float) -> list[Link]:
 
 
 def links_in_focus(view: TeamView, focus: Focus, now_s: float) -> list[Link]:
-    """All that a robot hears that a person selected, and the best link of each mote zoomed at or selected, once each.
+    """All links of a robot selected by a person, and the best link of each mote in focus, without duplicates.
 
-    Those that are drawn for everybody are left out.
+    Links that are drawn for all browsers are left out.
     """
     drawn = {frozenset((link.start, link.end)) for link in team_links(view, now_s)}
     found: list[Link] = []

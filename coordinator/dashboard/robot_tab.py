@@ -118,13 +118,13 @@ class RobotTab:
             self._choose_function("")
 
     def _offer_plugins(self, plugins: list[PluginInfo]) -> None:
-        """Have the selected plugin, or those that have functions, in the list above the functions."""
+        """Update the plugin list: plugins that have functions, and the selected one."""
         names = [plugin.name for plugin in plugins if plugin.functions or plugin.name == self._plugin]
         chosen = self._plugin if self._plugin in names else NO_PLUGIN
         set_options(self._callable, (NO_PLUGIN, *sorted(names)), chosen)
 
     def _chosen_plugin(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None:  # and not our own setting of it
+        if event.client is not None:  # a person's choice, not our own assignment
             name = event.target.value
             self._page.post(lambda: self.select_plugin("" if name == NO_PLUGIN else name))
 

@@ -52,7 +52,7 @@ class RobotView:
     heard_s: float | None = None
     """When its state last came, on the caller's clock."""
     first_s: float | None = None
-    """When it first came."""
+    """When its first state arrived."""
     state: RobotState | None = None
     summary: RobotSummary | None = None
     truth: RobotTruth | None = None

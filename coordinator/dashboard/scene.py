@@ -53,7 +53,7 @@ UPRIGHT = 0.75
 """A picture narrower than this by its height is a phone's, on which the panel lies at the bottom."""
 SAME_ASPECT = 0.03
 ZOOMED = 0.65
-"""A camera that is nearer than this share of the overview's distance has zoomed in."""
+"""A camera nearer than this share of the overview's distance counts as zoomed in."""
 SAME_PLACE_M = 0.01
 
 
@@ -65,7 +65,7 @@ class Framed(NamedTuple):
     elevation_rad: float
     position: tuple[float, float, float]
     distance_m: float
-    """From the camera to what it looks at."""
+    """Distance from the camera to the point that it looks at."""
 
 
 class Scene:
@@ -110,7 +110,7 @@ class Scene:
         self._move(client, TOP_ELEVATION_RAD)
 
     def keep_framed(self, client: viser.ClientHandle) -> None:
-        """Frame another map, and the same map if the picture changed its shape and nobody moved the camera."""
+        """Frame a new map, or the same one if the window's aspect ratio changed and nobody moved the camera."""
         framed = self._framed.get(client.client_id)
         if framed is None:
             return
@@ -123,7 +123,7 @@ class Scene:
             self._move(client, framed.elevation_rad)
 
     def looked_at(self, client: viser.ClientHandle) -> tuple[Point2D | None, float]:
-        """What a browser that has zoomed in looks at, and how far around that it sees, metres; None if it has not."""
+        """Point that a zoomed-in browser looks at, and the visible radius, metres; None if not zoomed in."""
         framed = self._framed.get(client.client_id)
         position, look_at = client.camera.position, client.camera.look_at
         distance_m = float(np.linalg.norm(position - look_at))
@@ -155,6 +155,6 @@ class Scene:
 
 
 def aspect_of(client: viser.ClientHandle) -> float:
-    """Width of a browser's picture by its height; what is expected where the browser tells none, as when minimised."""
+    """Aspect ratio of a browser's window; a default if the browser reports none, as when minimised."""
     width, height = client.camera.image_width, client.camera.image_height
     return width / height if width > 0 and height > 0 else EXPECTED_ASPECT

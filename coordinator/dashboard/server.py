@@ -27,9 +27,9 @@ class LocalServer(viser.ViserServer):
 
 
 def open_server(host: str, port: int, *, has_halt: bool = True) -> LocalServer:
-    """A server listening at `host`; port 0 takes a free one, `get_port()` tells which.
+    """Start a server that listens at `host`; port 0 picks a free one, which `get_port()` returns.
 
-    Its page has the button of the emergency halt if `has_halt`.
+    The page has an emergency halt button if `has_halt`.
 
     Raises:
         PortTaken: another process listens on that port.

@@ -15,12 +15,12 @@ ENDED_ROWS = 15
 
 
 def queue_html(view: TeamView, *, is_live: bool, done: int = 0) -> str:
-    """Open tasks, then those that ended last; `done` is how many the team says to have done."""
+    """Open tasks, then those that ended last; `done` is the number that the team reports as done."""
     open_tasks = list(view.tasks.values())[-OPEN_ROWS:][::-1]
     open_tasks.sort(key=lambda event: (kind_of(event.task) == "explore", event.state is not TaskState.RUNNING))
     ended = [event for event in list(view.board.ended)[::-1] if kind_of(event.task) != "explore"][:ENDED_ROWS]
     if not open_tasks and not ended:
-        said = "No open tasks. The finished ones are not listed: explorations, or done before this page was started."
+        said = "No open tasks. Explorations, and tasks finished before this page was started, are not listed."
         none = said if done else "No tasks yet."
         return f'<div class="rb"><div class="rb-none" data-testid="no-tasks">{none}</div></div>'
     head = (

@@ -31,7 +31,7 @@ HIDDEN = {"id", "type", "earliest_ns", "deadline_ns", "needs", "after", "robots"
 DEADLINE = "deadline_in_s"
 GANTT_PERIOD_S = 1.0
 BELOW_THE_FORM = 1e9
-"""The form is made anew with each kind, and would come after the button."""
+"""Order of the button: the form is rebuilt for each kind of task, and would otherwise come after it."""
 BY_CLICK, BY_CLICK_WAITS = "Click on the map to add a task", "Now click on the map (or here to cancel)"
 
 

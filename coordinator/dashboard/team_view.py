@@ -96,11 +96,11 @@ class TeamView:
         self.explored: list[tuple[float, float]] = []
         """Arena time in seconds and explored share, 0 to 1; over the whole run, ever coarser."""
         self.team_heard_s: float | None = None
-        """When the coordinator's summary last came, on the caller's clock."""
+        """When the last summary of the coordinator arrived, on the caller's clock."""
         self.rejected = 0
         """Messages that decoded but made no sense."""
         self.map_refused_s: float | None = None
-        """When a map patch last did not fit the map, on the caller's clock."""
+        """When a map patch was last rejected, on the caller's clock."""
         self.runs = 1
         """Runs seen: grows when the arena's clock starts over."""
         self._explored_step_s = HISTORY_STEP_S

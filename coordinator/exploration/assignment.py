@@ -52,7 +52,7 @@ class Choice(NamedTuple):
     way_m: float = math.nan
     """How far it is."""
     is_narrow: bool = False
-    """The way there leads through places with less than the preferred clearance."""
+    """Whether the path passes places with less than the preferred clearance."""
 
 
 def assign_frontiers(
@@ -69,10 +69,10 @@ def assign_frontiers(
         candidates: frontiers.
         seekers: robots without a goal.
         taken: goals of the other robots.
-        shut: circles (x, y, radius in metres) whose narrow places no robot gets through.
+        shut: circles (x, y, radius in metres) whose narrow places are impassable.
 
     Returns:
-        The choices, by robot; robots that can reach none are left out.
+        The choices, by robot; robots that can reach no frontier are left out.
 
     """
     if not candidates or not seekers:
@@ -87,7 +87,7 @@ def ways_to(
     seekers: Sequence[Seeker],
     shut: Sequence[tuple[float, float, float]] = (),
 ) -> NDArray[np.float64]:
-    """Cost of the way of each robot to each frontier (robots, frontiers), metres on open floor; inf without one."""
+    """Path cost from robots to frontiers, (robots, frontiers), metres of open floor; inf if there is no path."""
     cells = [navigation.snap(candidate.place, SNAP_M) for candidate in candidates]
     reachable = [(index, cell) for index, cell in enumerate(cells) if cell is not None]
     ways_m = np.full((len(seekers), len(candidates)), np.inf)
@@ -106,8 +106,8 @@ def assign(
     *,
     is_narrow: bool = False,
 ) -> list[Choice]:
-    """As `assign_frontiers`, by ways (robots, frontiers) that are known."""
-    # Here: it takes a third of a second, and a coordinator is to be up before.
+    """Like `assign_frontiers`, with path costs (robots, frontiers) given."""
+    # Imported here: it takes a third of a second, which would delay the coordinator's start.
     from scipy.optimize import linear_sum_assignment
 
     worth_m = np.array([GAIN_M_PER_M * min(candidate.length_m, GAIN_LIMIT_M) for candidate in candidates])
@@ -133,7 +133,7 @@ def assign(
 
 
 def is_shunned(candidate: Candidate, seeker: Seeker) -> bool:
-    """Whether a robot is not to be sent to a frontier now."""
+    """Whether a robot must not be sent to a frontier now."""
     return _near_any(candidate.place, seeker.shunned, SHUN_RADIUS_M)
 
 

@@ -35,12 +35,12 @@ if TYPE_CHECKING:
     from robrain.protocol.model.occupancy_grid import OccupancyGrid
 
 NARROW_LOOK_NS = to_ns(2.0)
-"""How often narrow ways are looked for, for robots that have nothing to do otherwise: that takes some milliseconds."""
+"""Period of the search for narrow paths for idle robots; each search takes some milliseconds."""
 GAP_M = (0.0, 10.0)
-"""A gap's width that a robot tells is between these."""
+"""Plausible range of a gap's width reported by a robot."""
 SHUN_NS = to_ns(15.0)
 LOOK_M = 0.6
-"""Robots call a frontier done by what is unknown within 0.5 m of it, and its edge."""
+"""Robots judge a frontier by the unknown cells within 0.5 m of it; this adds the edge."""
 
 
 class _Failure(NamedTuple):
@@ -64,11 +64,11 @@ class Explorer:
         self._visited: dict[Point2D, int] = {}
         """What was unknown around each frontier when a robot had been there, in cells."""
         self.idle: dict[str, IdleReason] = {}
-        """Why robots were given nothing when they were last looked at."""
+        """Why each robot got no goal at the last decision."""
         self._narrow = NarrowWays()
         self._narrow_due_ns = 0
         self._narrow_goals: set[Point2D] = set()
-        """To which robots were sent by narrow ways."""
+        """Goals to which robots were sent along narrow paths."""
 
     def note_failure(self, robot: str, place: Point2D, now_ns: int) -> None:
         """A robot could not get to a place: others may, it shuns the place for a while."""
@@ -78,7 +78,7 @@ class Explorer:
             self._narrow.note_failure(place)
 
     def note_gap(self, place: Point2D, gap_m: object, now_ns: int) -> None:
-        """A robot stands at a place before a gap of this width, and does not fit through."""
+        """A robot at `place` does not fit through a gap of this width; implausible widths are ignored."""
         if isinstance(gap_m, float | int) and GAP_M[0] < gap_m < GAP_M[1]:
             self._narrow.note_gap(place, float(gap_m), now_ns + SHUN_NS)
             self._vain = None
@@ -139,7 +139,7 @@ class Explorer:
     def _squeeze(
         self, candidates: list[Candidate], seekers: list[Seeker], taken: list[Point2D], radius_m: float, now_ns: int
     ) -> list[Choice]:
-        """Goals by narrow ways for robots that have none otherwise; and why those have none that get none so."""
+        """Choose goals along narrow paths for robots without any other; set `idle` for those that get none."""
         grid = self._map.grid
         if grid is None or not candidates:
             self.idle |= {seeker.name: NothingUnknown() for seeker in seekers}
@@ -162,7 +162,7 @@ class Explorer:
     def _why_idle(
         self, seeker: Seeker, candidates: list[Candidate], within: list[Candidate], radius_m: float
     ) -> IdleReason:
-        """Why a robot has nothing to explore, given the frontiers to which there is some way for it."""
+        """Why a robot has nothing to explore, given the frontiers that it has some path to."""
         tried = [one for one in within if is_shunned(one, seeker) or self._narrow.is_given_up(one.place)]
         if len(tried) < len(within):
             return OthersExplore(frontiers=len(within) - len(tried))

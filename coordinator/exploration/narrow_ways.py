@@ -1,7 +1,7 @@
-"""Ways that are hardly wider than a robot: where there are such, and which of them were tried and are too narrow.
+"""Passages hardly wider than a robot: where they are, and which of them proved too narrow.
 
-A team's map is too coarse to tell a gap that a robot just fits through from one that is a little narrower. Robots are
-sent to try, when there is nothing else for them; where one has measured that it does not fit, no other is sent twice.
+A team's map is too coarse to distinguish a gap that a robot just fits through from one that is slightly narrower.
+Robots with nothing else to explore are sent to try. After `TRIES` failures at a passage, no robot is sent there.
 """
 
 import math
@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, NamedTuple
 from robrain.protocol.model.clearance import mapped_clearance_m
 from robrain.protocol.model.geometry import Point2D
 
-if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
+if TYPE_CHECKING:  # imports the map's kernels, which a coordinator loads once it is up (coordinator/live.py)
     from robrain.protocol.model.navigation import NavigationGrid
     from robrain.protocol.model.occupancy_grid import OccupancyGrid
 
 SHUT_RADIUS_M = 0.6
-"""Narrow places within this of where a robot stood that did not fit are taken to be what it did not fit through."""
+"""Narrow places within this distance of a robot that did not fit through are taken to be the gap it failed at."""
 TRIES = 2
-"""So many robots, or times, find a way too narrow or do not get through until it is given up."""
+"""Number of failures after which a passage is given up."""
 KEPT = 256
 
 
@@ -26,15 +26,15 @@ class Gap(NamedTuple):
     """A gap that a robot did not fit through."""
 
     place: Point2D
-    """Where the robot stood before it, arena frame."""
+    """Where the robot stood in front of it, arena frame."""
     gap_m: float
     tries: int
     again_ns: int
-    """When it may be tried again, if it may."""
+    """When it may be tried again, unless it has been given up."""
 
 
 class NarrowWays:
-    """Remembers what was tried, and keeps the map with narrow places for as long as it is needed."""
+    """Remembers failed attempts, and caches the map with narrow places."""
 
     def __init__(self) -> None:
         self.gaps: deque[Gap] = deque(maxlen=KEPT)
@@ -43,7 +43,7 @@ class NarrowWays:
         self._version = 0
 
     def note_gap(self, place: Point2D, gap_m: float, again_ns: int) -> None:
-        """A robot stood at a place before a gap that it does not fit through."""
+        """Record that a robot at `place` does not fit through the gap in front of it."""
         tries = 0
         for known in list(self.gaps):
             if _apart_m(known.place, place) < SHUT_RADIUS_M:
@@ -52,7 +52,7 @@ class NarrowWays:
         self.gaps.append(Gap(place, gap_m, tries + 1, again_ns))
 
     def note_failure(self, goal: Point2D) -> None:
-        """A robot that was sent by a narrow way did not get there, for whatever reason."""
+        """Record that a robot sent along a narrow path did not reach its goal, for whatever reason."""
         tries = 0
         for known in list(self._failures):
             if _apart_m(known[0], goal) < SHUT_RADIUS_M:
@@ -61,11 +61,11 @@ class NarrowWays:
         self._failures.append((goal, tries + 1))
 
     def is_given_up(self, goal: Point2D) -> bool:
-        """Whether robots have failed to get to a place by narrow ways as often as they are to."""
+        """Whether robots have failed `TRIES` times to reach a place along narrow paths."""
         return any(tries >= TRIES and _apart_m(place, goal) < SHUT_RADIUS_M for place, tries in self._failures)
 
     def shut(self, now_ns: int) -> list[tuple[float, float, float]]:
-        """Circles (x, y, radius in metres, arena frame) whose narrow places no robot is to be sent through now."""
+        """Circles (x, y, radius in metres, arena frame) through whose narrow places no robot may be sent now."""
         return [
             (gap.place.x_m, gap.place.y_m, SHUT_RADIUS_M)
             for gap in self.gaps
@@ -73,7 +73,7 @@ class NarrowWays:
         ]
 
     def look(self, grid: "OccupancyGrid", radius_m: float, preferred_m: float) -> "NavigationGrid":
-        """The map as it is for robots of this radius, narrow places included."""
+        """The navigation grid for robots of this radius, narrow places included."""
         from robrain.protocol.model.navigation import NavigationGrid
 
         needed_m = min(preferred_m, mapped_clearance_m(radius_m, grid.geometry.resolution_m))

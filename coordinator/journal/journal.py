@@ -60,7 +60,7 @@ class Journal:
     def __init__(self, path: Path | None = None, *, factory: type[sqlite3.Connection] = sqlite3.Connection) -> None:
         self.path = path
         self.wrong: dict[str, str] = {}
-        """Open tasks that could be read only in part, and why: they cannot be done as they were asked for."""
+        """Open tasks that could be read only in part, by id, with the reason; they cannot be done as requested."""
         self.told: list[str] = []
         """What there is to tell of the opening: a damaged file, and what of it was read."""
         self._factory = factory
@@ -235,7 +235,7 @@ class Journal:
         except sqlite3.OperationalError as error:
             self._roll_back()
             raise JournalUnwritable(self.path, f"cannot be written: {error}") from error
-        except BaseException:
+        except BaseException:  # the block's own error, or Ctrl-C: no transaction may stay open
             self._roll_back()
             raise
 

@@ -1,4 +1,4 @@
-"""Tasks of a journal that hold what a task cannot hold any more: read as far as they can be, with what is wrong."""
+"""Reads journal records with values that are out of range by now: invalid fields get their defaults."""
 
 import re
 from typing import Any
@@ -8,18 +8,18 @@ import msgspec
 from robrain.protocol.wire.task_messages import TaskRecord
 
 FIELDS_MAX = 16
-"""So many fields of one task may be out of range."""
+"""Maximum number of invalid fields per task."""
 _PATH = re.compile(r" - at `\$\.([\w.]+)`$")
 
 
 def read_record(text: str) -> tuple[TaskRecord, str]:
-    """A record as the journal has it; fields that are out of their range have their defaults.
+    """Decode a record of the journal; fields out of range get their defaults.
 
     Returns:
-        The record, and what is wrong with it; empty if nothing is.
+        The record, and what is wrong with it (empty if nothing).
 
     Raises:
-        msgspec.DecodeError: it cannot be read, or a field without a default is out of range.
+        msgspec.DecodeError: the record cannot be read, or a field without a default is out of range.
 
     """
     try:

@@ -79,7 +79,7 @@ def migrate(connection: sqlite3.Connection, path: Path | None, migrations: tuple
             connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
             connection.execute(f"PRAGMA user_version = {number}")
             connection.execute("COMMIT")
-        except BaseException:
+        except BaseException:  # also Ctrl-C: half a migration must not stay
             if connection.in_transaction:
                 connection.execute("ROLLBACK")
             raise

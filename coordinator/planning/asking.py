@@ -97,12 +97,12 @@ def leave(task_id: str) -> str:
 
 
 def needed_m(situation: Situation) -> float:
-    """The clearance that the greatest robot prefers."""
+    """Preferred clearance of the largest robot."""
     return PREFERRED_MARGIN_M + greatest_radius_m(situation)
 
 
 def greatest_radius_m(situation: Situation) -> float:
-    """The radius of the greatest robot."""
+    """Radius of the largest robot."""
     return max((member.state.radius_m for member in situation.members.values()), default=0.0)
 
 

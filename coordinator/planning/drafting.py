@@ -1,4 +1,4 @@
-"""From a situation to a plan: the auction's first, then better ones as long as somebody asks for more."""
+"""From a situation to a plan: first the auction's, then better ones for as long as the caller asks for more."""
 
 import logging
 from collections.abc import Iterator
@@ -19,20 +19,20 @@ logger = logging.getLogger(__name__)
 
 
 class Drafting:
-    """Turns situations into plans, the auction's first; keeps the ways of the floor for as long as that is the same."""
+    """Turns situations into plans, the auction's first; caches path lengths until the floor changes."""
 
     def __init__(self) -> None:
         self._ways: Ways | None = None
 
     def draft(self, situation: Situation, policy: PlanningPolicy) -> "Draft":
-        """A plan in the making; tasks for which none can be made are set aside, each with its reason.
+        """Start a plan; tasks that cannot be planned are set aside, each with its reason.
 
-        Raises what it raised if none is to be had without any one of them.
+        Re-raises the planner's error if it is not due to single tasks.
         """
         try:
             return self._draft(situation, policy)
         except Exception:
-            # A solver and figures from outside: whatever it is, one task must not keep all others from being planned.
+            # The figures come from outside and the solver may raise anything; one bad task must not block all others.
             logger.exception("no plan %d can be made; looking for the tasks that prevent it", situation.number)
             wrong = self._find_wrong(situation, policy)
             if not wrong:
@@ -48,7 +48,7 @@ class Drafting:
             alone = msgspec.structs.replace(situation, records=(record,), orders={})
             try:
                 self._draft(alone, policy)
-            except Exception as error:
+            except Exception as error:  # see `draft`
                 logger.exception("task %s cannot be planned", record.task.id)
                 wrong[record.task.id] = cut(f"it cannot be planned: {type(error).__name__}: {error}")
         return wrong

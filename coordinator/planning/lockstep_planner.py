@@ -34,7 +34,7 @@ class LockstepPlanner:
                     break
             self._made.append(draft.planned())
             self.why_failed = ""
-        except Exception as error:  # as in live: a plan that cannot be made must not end the coordinator
+        except Exception as error:  # as in live: a planning error must not end the coordinator
             logger.exception("no plan %d could be made", situation.number)
             self.why_failed = f"{type(error).__name__}: {error}"
 

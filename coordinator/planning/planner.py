@@ -27,7 +27,7 @@ class Planner(Protocol):
 
     @property
     def why_failed(self) -> str:
-        """Why the last question has no plan; empty if it has one, or may still have."""
+        """Why planning failed for the last question; empty if it has not failed (so far)."""
         ...
 
     def close(self) -> None:

@@ -71,7 +71,7 @@ def _serve(questions: socket.socket, said: socket.socket) -> None:
             _answer(drafting, question, is_asked, say)
         except OSError:  # the coordinator has gone, and this process is about to
             return
-        except Exception:  # noqa: BLE001 - a plan that cannot be made must not end planning: the next question may do
+        except Exception:  # noqa: BLE001 - a planning error must not end the process: the next question may succeed
             say(Failed(traceback.format_exc()))
         say(Done(question.number))
 

@@ -52,7 +52,7 @@ class PlannerProcess:
                 pass_fds=theirs,
                 start_new_session=True,  # a Ctrl-C in the terminal reaches the coordinator, which ends this one
             )
-        except BaseException:
+        except BaseException:  # also Ctrl-C: the open ends must not leak
             os.close(self._lifeline)
             self._questions.close()
             self._said.close()

@@ -1,9 +1,9 @@
-"""How far it is from place to place, along the floor that the team knows.
+"""Path lengths between places, over the floor that the team knows.
 
-Dijkstra's fields over the known map, one for each place that is gone to; they are kept while the map stays the same.
-Lengths are those of paths over the eight neighbours of cells of 0.2 m: on open floor up to 8 % (5 % on the average)
-longer than a straight line, about what keeping clear of walls adds to a robot's own path. Where there is no way with
-the clearance that robots prefer, those count that they can squeeze through.
+Dijkstra distance fields over the known map, one per destination, cached until the map changes.
+Paths run over the eight neighbours of cells of 0.2 m: on open floor they are up to 8 % (5 % on average) longer than a
+straight line, about as much as keeping clear of walls adds to a robot's path. Where there is no path with the
+preferred clearance, narrow passages count too.
 """
 
 import math
@@ -19,26 +19,26 @@ from robrain.protocol.model.occupancy_grid import FREE
 from robrain.protocol.model.path_planning import distance_field
 
 COARSE = 2
-"""Pitch, in cells of the map. No wall with room for a robot on both sides is passed through so; where narrow places
-count, the cells themselves are taken."""
+"""Pitch, in cells of the map, coarse but too fine for paths to jump a wall with room for a robot on both sides.
+Narrow passages are searched at the map's own resolution."""
 SLOW = 4.0
-"""A metre of narrow floor takes as long as so many (the driver squeezes at a quarter of its speed)."""
+"""Cost of a metre of narrow floor, in metres of open floor (the driver squeezes at a quarter of its speed)."""
 SNAP_M = 0.8
-"""A place may be so far from where a robot can stand."""
+"""Maximum distance between a place and the nearest cell where a robot can stand."""
 DETOUR = 1.5
-"""How much longer than a straight line a way is taken to be where there is no map (chosen, as the robots do)."""
+"""Assumed ratio of path length to straight line where there is no map (chosen; robots assume the same)."""
 KEPT_BYTES = 96_000_000
 """Of fields; beyond, the oldest are made anew when they are needed."""
 
 
 class Ways:
-    """Lengths of ways on one floor, for robots of one size.
+    """Path lengths on one floor, for robots of one size.
 
     Args:
-        floor: the map; None if there is none, and ways are straight lines with `DETOUR`.
-        needed_m: clearance that a robot prefers.
+        floor: the map; without one (None), lengths are straight lines times `DETOUR`.
+        needed_m: clearance that robots prefer.
         unknown_cost: what a metre of unknown floor counts as.
-        narrow_m: clearance that it takes where there is no other way; None if it takes none.
+        narrow_m: clearance that robots accept where there is no other path; None to exclude narrow passages.
 
     """
 
@@ -76,7 +76,7 @@ class Ways:
     def _squeeze(
         self, length_m: NDArray[np.float64], straight_m: NDArray[np.float64], places: Sequence[Point2D]
     ) -> None:
-        """Put the lengths of narrow ways where there are no others, from as few places as that takes."""
+        """Fill infinite lengths with those of narrow paths, from as few start places as possible."""
         missing = np.isinf(length_m)
         if not missing.any():
             return
@@ -90,7 +90,7 @@ class Ways:
     def _from_each(
         self, places: Sequence[Point2D], straight_m: NDArray[np.float64], *, is_narrow: bool
     ) -> Callable[[int], NDArray[np.float64]]:
-        """What tells the lengths (n,) from the place of an index to all of them."""
+        """A function that returns the lengths (n,) from the place of an index to all places."""
         grid = self._grid(is_narrow=is_narrow)
         cells = [grid.cell(place) for place in places]
         there = np.array([cell is not None for cell in cells], np.bool_)
@@ -129,7 +129,7 @@ class Ways:
 
 
 class _Grid:
-    """The cells that ways are measured on.
+    """The cells that paths are measured on.
 
     Args:
         floor: the map.
@@ -149,7 +149,7 @@ class _Grid:
         self.mask, self.cost = _every(self._step, traversable, np.where(traversable, cost, np.inf))
 
     def cell(self, place: Point2D) -> tuple[int, int] | None:
-        """The cell in which a robot stands for a place; None if there is none near it."""
+        """The cell nearest to a place where a robot can stand; None if there is none within `SNAP_M`."""
         cell = self._navigation.snap(place, SNAP_M)
         return None if cell is None else (cell[0] // self._step, cell[1] // self._step)
 
@@ -157,7 +157,7 @@ class _Grid:
 def _every(
     step: int, traversable: NDArray[np.bool_], cost: NDArray[np.float64]
 ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
-    """Every `step` rows and columns: a cell is traversable if one of its cells is, and costs what the cheapest does."""
+    """Downsample by `step`: a coarse cell is traversable if one of its cells is, at the cost of the cheapest."""
     if step == 1:
         return traversable, np.where(traversable, cost, 1.0).astype(np.float32)
     rows, columns = (math.ceil(size / step) for size in cost.shape)

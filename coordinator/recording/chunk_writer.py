@@ -239,5 +239,5 @@ def _packed(*records: McapRecord) -> bytes:
     builder = RecordBuilder()
     for record in records:
         record.write(builder)
-    packed: bytes = builder.end()  # type: ignore[no-untyped-call]
+    packed: bytes = builder.end()  # type: ignore[no-untyped-call]  # mcap leaves it unannotated
     return packed

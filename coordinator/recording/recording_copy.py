@@ -63,7 +63,7 @@ def copy_recording(
                     copy.learn(stream)
                 _copy_all(source, stream, copy, on_progress)
             copy.finish(*metadata(copy))
-    except BaseException:
+    except BaseException:  # also Ctrl-C: half a copy must not look like a recording
         path.unlink(missing_ok=True)
         raise
     if on_progress is not None:
@@ -182,7 +182,7 @@ class RecordingCopy:
         self._start()
         self._draw()
         self._writer.add_metadata(name, values)
-        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it unannotated
 
     def _start(self, profile: str = "", library: str | None = None) -> None:
         if not self._started:

@@ -184,7 +184,7 @@ class RecordingFile:
         self.why = error.strerror or str(error)
         self.lost_by_topic.update(self._held)
         self._held.clear()
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError):  # the disk has failed already, which was reported above
             self._stream.cut(self._whole_bytes)
         with contextlib.suppress(OSError):
             self._stream.close()
@@ -268,7 +268,7 @@ def object_schema(topic: Topic) -> bytes:
 
 
 def check_writable(path: Path) -> None:
-    """Whether a recording can be written there (RecordingError if not)."""
+    """Raise RecordingError if no recording can be written to this path."""
     if path.suffix != SUFFIX:
         raise RecordingError(path, f"cannot record to {path}: a recording's name ends in {SUFFIX}, give one that does")
     if path.is_dir():

@@ -88,6 +88,7 @@ def write_report(
     steps = len(recordings) + 1
     runs = []
     for done, path in enumerate(recordings):
+        # mypy cannot infer a lambda with a default.
         runs.append(read_run(path, lambda share, done=done: show((done + share) / steps)))  # type: ignore[misc]
     pictures: list[tuple[str, bytes]] = []
     several = len(runs) > 1

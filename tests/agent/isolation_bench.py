@@ -32,7 +32,7 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 
 
 PATIENT = Limits(call_s=PATIENCE_S, start_s=PATIENCE_S, halt_s=2.0)
-"""Where a test is not about limits, none of them depends on how fast the machine is."""
+"""Generous limits for tests that are not about limits, so that slow machines pass too."""
 
 
 class StandInEnvironment:

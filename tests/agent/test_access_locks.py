@@ -1,4 +1,4 @@
-"""Calls from outside take the plugin's lock, but for functions that say that they need none."""
+"""Calls from outside take the plugin's lock, except to functions marked `unlocked`."""
 
 import threading
 
@@ -26,7 +26,7 @@ PROBE = """
 
 @pytest.fixture
 def probe(bench):
-    """A plugin whose functions say how often its lock is taken while they run."""
+    """A plugin whose functions return how often its lock is held while they run."""
     bench.code("probe", PROBE)
     bench.manifest("probe", "probe:Probe", visibility=["command"], hang_s=0.05)
     bench.start("probe")
@@ -58,7 +58,7 @@ def test_call_that_raises_gives_the_lock_back(probe):
     assert probe.hosts[-1].manager.get("probe").turn.depth == 0
 
 
-def test_who_is_in_a_plugin_keeps_calls_from_outside_out_but_for_those_that_need_no_lock(probe):
+def test_a_visitor_in_a_plugin_blocks_outside_calls_except_unlocked_ones(probe):
     tag = probe.hosts[-1].manager.get("probe")
     is_in, may_go = threading.Event(), threading.Event()
 

@@ -58,7 +58,7 @@ class Foo(Unit):
 
     @external
     def apart(self, a: int, *, b: int = 2) -> list[int]:
-        """Takes `b` by its name only."""
+        """Takes `b` as a keyword only."""
         return [a, b]
 
     @external("twin")

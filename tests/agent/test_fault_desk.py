@@ -1,4 +1,4 @@
-"""What becomes of a fault, by the tick: restarts, their pauses, floods and hangs, with tags of the test's own."""
+"""Handling of faults, tick by tick: restarts, their pauses, floods and hangs, with the test's own tags."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -15,7 +15,7 @@ SECOND_NS = to_ns(1.0)
 
 
 class Turn:
-    """Whose turn it is in a plugin."""
+    """Stand-in for a plugin's turn."""
 
     def __init__(self) -> None:
         self.owner: int | None = None
@@ -27,7 +27,7 @@ class Turn:
 
 
 class Tag:
-    """A plugin as the fault desk sees it; notes what is done with it."""
+    """A plugin as the fault desk sees it; records what is done to it."""
 
     def __init__(self, name: str, level: Level = Level.UNIT, **policy: Any) -> None:
         self.name = name
@@ -60,7 +60,7 @@ class Tag:
 
 
 class Manager:
-    """The plugins, and who uses whom. What it is asked to do later is done by `look`."""
+    """The plugins and their users; `look` runs the work that was deferred."""
 
     robot = "r1"
 
@@ -72,7 +72,7 @@ class Manager:
         self.cannot_begin: set[str] = set()
         self.noted: list[str] = []
         self._later: list[Any] = []
-        self.desk = FaultDesk(self)  # a manager as far as the desk asks
+        self.desk = FaultDesk(self)  # provides the part of a manager that the desk uses
 
     def users_of(self, name: str) -> list[Tag]:
         return self.users.get(name, [])
@@ -101,7 +101,7 @@ def faulted(tag: Tag, manager: Manager, now_ns: int) -> None:
 
 
 def restarted_after_ns(tag: Tag, manager: Manager, now_ns: int) -> int | None:
-    """How long after `now_ns` the plugin is begun again, to the nanosecond; None if not within a minute."""
+    """Time from `now_ns` until the plugin restarts, to the nanosecond; None if not within a minute."""
     for wait_s in (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 30.0, 60.0):
         for wait_ns in (to_ns(wait_s) - 1, to_ns(wait_s)):
             manager.look(now_ns + wait_ns)
@@ -152,7 +152,7 @@ def test_user_whose_clean_up_fails_holds_up_no_other() -> None:
 
 
 @pytest.mark.parametrize("change", ["replaced", "active"])
-def test_fault_of_an_instance_that_is_gone_or_of_one_that_runs_again_is_none(change: str) -> None:
+def test_fault_of_a_replaced_or_restarted_instance_is_ignored(change: str) -> None:
     boiler = Tag("boiler")
     manager = Manager(boiler)
     boiler.fault(RuntimeError("leak"))
@@ -189,7 +189,7 @@ def test_pause_before_a_restart_is_never_longer_than_half_a_minute() -> None:
         assert boiler.state is PluginState.ACTIVE
 
 
-def test_plugin_that_is_never_to_be_restarted_is_not() -> None:
+def test_plugin_without_restarts_is_not_restarted() -> None:
     boiler = Tag("boiler", restart="never")
     manager = Manager(boiler)
     faulted(boiler, manager, 0)
@@ -271,7 +271,7 @@ def test_restart_that_fails_is_a_fault_again_and_its_users_stay_aside() -> None:
 # -- hangs and floods -------------------------------------------------------------------------------------------
 
 
-def test_lowest_of_those_that_hang_is_to_blame() -> None:
+def test_lowest_hanging_plugin_is_blamed() -> None:
     device, unit, skill = Tag("device", Level.DEVICE), Tag("unit"), Tag("skill", Level.SKILL)
     manager = Manager(skill, unit, device)
     for tag in (unit, skill):

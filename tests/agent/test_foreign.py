@@ -127,7 +127,7 @@ def test_nobody_is_listed_under_anothers_name(robot):
     assert [listed.name for listed in robot.foreign.infos()] == ["gauge"]
 
 
-def test_who_says_nothing_of_itself_is_asked_again_after_a_while_and_not_before(hub, monkeypatch):
+def test_silent_foreign_plugin_is_queried_again_only_after_a_pause(hub, monkeypatch):
     clock, asked = VirtualClock(), []
     wire = Endpoint(hub, "t", clock, Drive.LIVE)
     monkeypatch.setattr(wire, "ask_into", lambda *_, **names: asked.append(names["plugin"]))

@@ -1,4 +1,4 @@
-"""One end of a conversation between processes: what it waits for, and for how long."""
+"""One end of a connection between processes: what it waits for, and for how long."""
 
 import socket
 import threading
@@ -14,8 +14,8 @@ STEP_S = 0.05
 LIMIT_S = 0.3
 
 
-def test_an_end_that_asks_back_again_and_again_is_late_all_the_same():
-    """Each of its questions comes in time, and together they take longer than it may."""
+def test_repeated_counter_questions_do_not_extend_the_time_limit():
+    """Each of its questions arrives in time, but together they exceed the time limit."""
     near_end, far_end = socket.socketpair()
     asked_back = 0
 

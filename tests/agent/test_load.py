@@ -340,7 +340,7 @@ def test_a_query_declared_with_activate_goes_with_deactivate(lab):
     assert entities(lab) == before
 
 
-def test_an_isolated_plugin_is_refused_in_lockstep_without_a_trial_that_the_wall_clock_would_end(lab):
+def test_an_isolated_plugin_is_refused_in_lockstep_without_a_trial_start(lab):
     lab.code("slow", "import time\ntime.sleep(2.0)\nclass Slow(Unit): pass")
     path = lab.manifest("slow", "slow:Slow", isolation="process", start_s=0.1)
     with pytest.raises(ManifestError, match='"process" is for the live drive'):

@@ -37,7 +37,7 @@ def disk(tmp_path) -> Path:
 
 @pytest.fixture
 def load(bench, disk):
-    """Has the robot load something over the wire; the names and states of what it loaded."""
+    """Ask the robot to load a path; returns names and states of the loaded plugins."""
     table = RobotTable("r1", places=["place"], loadable=["open"], load=[])
     host = AgentHost(RobotFile(robot=table), disk, bench.session, VirtualClock(), Drive.LOCKSTEP)
     bench.hosts.append(host)
@@ -71,10 +71,10 @@ def test_a_path_in_a_place_is_loaded(load, disk):
         "closed",
         "closed/lamp",
         "closed/lamp/lamp.toml",
-        "open/../closed/lamp",  # out of an open folder again
+        "open/../closed/lamp",  # leaves the open folder again
         "open/link/lamp",  # a link in an open folder to one that is not
         "open/lamp/linked.toml",  # the same for a manifest
-        "open2/lamp",  # only the name begins alike
+        "open2/lamp",  # shares only a prefix of the name
         "..",
         "nowhere/at/all",  # nothing is there: the answer is the same
         "closed/lamp/none.toml",
@@ -98,15 +98,15 @@ def test_a_folder_with_a_manifest_that_leads_elsewhere_is_refused(load, disk):
     assert code_of(load, disk / "open")[0] is ErrorCode.FORBIDDEN
 
 
-def test_a_relative_path_is_one_of_where_the_robot_runs_and_is_confined_as_well(load, disk, monkeypatch):
+def test_a_relative_path_starts_at_the_working_folder_and_is_confined_too(load, disk, monkeypatch):
     monkeypatch.chdir(disk / "open")
     assert code_of(load, "../closed/lamp")[0] is ErrorCode.FORBIDDEN
     assert b'"name":"lamp"' in load("./lamp")
 
 
 @pytest.mark.parametrize("asked", ["ghost", "", "x" * 4000, "lamp"])
-def test_what_may_be_a_name_is_answered_with_the_names_that_there_are(load, disk, monkeypatch, asked):
-    monkeypatch.chdir(disk / "closed")  # where there is a folder of that name
+def test_an_unknown_name_is_answered_with_the_known_names(load, disk, monkeypatch, asked):
+    monkeypatch.chdir(disk / "closed")  # has a folder of that name
     code, text = code_of(load, asked)
     assert code is ErrorCode.UNKNOWN_PLUGIN
     assert "driver" in text or "no plugin there" in text
@@ -114,7 +114,7 @@ def test_what_may_be_a_name_is_answered_with_the_names_that_there_are(load, disk
 
 
 @pytest.mark.parametrize("asked", ["a\0b/c", "\ud800/x", "/" + "x" * 300 + "/y", "x/" * 1500])
-def test_what_is_no_path_at_all_is_refused(load, asked):
+def test_an_invalid_path_is_refused(load, asked):
     try:
         code, text = code_of(load, asked)
     except UnicodeEncodeError:  # cannot even be sent
@@ -161,7 +161,7 @@ def test_a_refusal_does_not_say_where_the_robot_keeps_its_files(load, disk, file
     assert str(disk) not in text
 
 
-def test_what_is_loaded_already_does_not_say_where_it_came_from_but_for_the_folder(load, disk):
+def test_an_already_loaded_plugin_names_only_its_folder(load, disk):
     write_lamp(disk / "place" / "lamp")
     load("lamp")
     _, text = code_of(load, "lamp")

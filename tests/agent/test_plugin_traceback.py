@@ -1,4 +1,4 @@
-"""A plugin's error is shown with the author's file, line and traceback, wherever it is told."""
+"""Every report of a plugin's error has the author's file, line and traceback."""
 
 import logging
 
@@ -56,7 +56,7 @@ def traceback_of_step(lamp) -> str:
 
 
 def untangled(text: str) -> str:
-    """Without the marks under a line that some versions of Python add."""
+    """The traceback without the markers that some versions of Python print below a line."""
     return "\n".join(line for line in text.splitlines() if line.strip(" ~^"))
 
 
@@ -106,7 +106,7 @@ def test_a_call_that_raises_answers_with_the_traceback_and_logs_it(bench, lamp, 
     assert error.detail in caplog.text
     with pytest.raises(CallError) as raised:
         bench.call("lamp", "refuse")
-    assert (raised.value.message, raised.value.detail) == ("not now", "")  # what a plugin refuses is no mistake in it
+    assert (raised.value.message, raised.value.detail) == ("not now", "")  # a refusal is not an error of the plugin
 
 
 def test_the_text_form_answers_with_the_traceback_as_well(bench, lamp):
@@ -181,7 +181,7 @@ def test_a_long_traceback_keeps_its_beginning_and_end_within_a_bound():
     assert "RecursionError" in detail
 
 
-def test_errors_that_caused_each_other_in_a_circle_end():
+def test_a_circular_chain_of_causes_ends():
     first, second = ValueError("a"), ValueError("b")
     first.__cause__, second.__cause__ = second, first
     assert (where_raised(first), plugin_traceback(first)) == ("", "")

@@ -58,14 +58,14 @@ def test_an_epoch_that_no_coordinator_gives_is_refused_and_locks_nobody_out(desk
     assert explorer.started == ["t1"]
 
 
-def test_a_forged_epoch_that_could_be_given_is_told_to_who_comes_after(desk, explorer):
+def test_a_plausible_forged_epoch_is_reported_to_the_next_coordinator(desk, explorer):
     assert desk.offer(offer("forged", epoch=DAY_MS), to_ns(5.0)).accepted
     answer = desk.offer(offer("t1", epoch=7), to_ns(6.0))
     assert (answer.accepted, answer.epoch) == (False, DAY_MS)
     assert desk.offer(offer("t1", epoch=DAY_MS + 1), to_ns(6.0)).accepted
 
 
-def test_an_offer_whose_lease_is_none_changes_nothing(desk, explorer):
+def test_an_offer_with_an_invalid_lease_changes_nothing(desk, explorer):
     desk.offer(offer("t0", epoch=1), 0)
     before = desk.facts
     forged = msgspec.structs.replace(offer("t1", epoch=9), lease_s=math.inf)
@@ -77,13 +77,13 @@ def test_an_offer_whose_lease_is_none_changes_nothing(desk, explorer):
 
 
 @pytest.mark.parametrize("lease_s", [1e300, -1.0, 1e9])
-def test_an_offer_whose_lease_is_out_of_all_measure_does_not_decode(lease_s):
+def test_an_offer_with_an_absurd_lease_does_not_decode(lease_s):
     said = msgspec.json.encode(msgspec.structs.replace(offer(), lease_s=lease_s))
     with pytest.raises(msgspec.ValidationError, match="lease_s"):
         msgspec.json.decode(said, type=TaskOffer)
 
 
-def test_a_reason_that_is_a_book_is_cut_so_that_the_robots_state_is_heard(desk, explorer):
+def test_an_overlong_reason_is_truncated_so_that_the_robots_state_is_accepted(desk, explorer):
     desk.offer(offer(), 0)
     desk.end("t1", TaskState.FAILED, "x" * 1_000_000)
     assert len(desk.status.why) == WHY_MAX

@@ -1,4 +1,4 @@
-"""The lease of a task, to the nanosecond: what sets it, what renews it, what ends with it."""
+"""The lease of a task, to the nanosecond: what sets it, what renews it, what its end causes."""
 
 import pytest
 
@@ -35,7 +35,7 @@ def test_newer_offer_brings_its_own_lease(desk, explorer, first_s, second_s):
     assert (desk.status.id, desk.status.state, desk.status.why) == ("t2", TaskState.CANCELLED, SILENT)
 
 
-def test_newer_offer_is_word_of_the_coordinator_and_the_lease_counts_from_it(desk, explorer):
+def test_newer_offer_restarts_the_lease(desk, explorer):
     desk.offer(offer(lease_s=5.0), 0)
     desk.offer(offer("t2", epoch=2, lease_s=5.0), to_ns(4))
     desk.check_lease(to_ns(9))
@@ -69,14 +69,14 @@ def test_held_task_that_begins_brings_its_own_lease(desk, explorer):
     assert (desk.status.id, desk.status.state) == ("t2", TaskState.CANCELLED)
 
 
-def test_offer_that_is_held_is_word_of_the_coordinator_for_the_task_that_runs(desk, explorer):
+def test_held_offer_renews_the_lease_of_the_running_task(desk, explorer):
     desk.offer(offer(lease_s=5.0), 0)
     desk.offer(held(), to_ns(4))
     desk.check_lease(to_ns(9))
     assert desk.status.state is TaskState.RUNNING
 
 
-def test_offer_that_cannot_be_held_is_not(desk, explorer):
+def test_offer_that_cannot_be_held_is_refused(desk, explorer):
     desk.offer(offer(lease_s=5.0), 0)
     assert not desk.offer(
         TaskOffer(task=Recharge(id="c1", place=GOAL), epoch=2, lease_s=5.0, after="t1"), to_ns(4)
@@ -154,14 +154,14 @@ def test_same_task_with_a_newer_epoch_is_begun_again(desk, explorer):
     assert desk.status.epoch == 2
 
 
-def test_withdrawal_without_a_reason_is_told_as_one(desk, explorer):
+def test_withdrawal_without_a_reason_gets_a_default_reason(desk, explorer):
     desk.offer(offer(), 0)
     desk.withdraw(TaskWithdrawal(id="t1", epoch=1))
     assert desk.status.why == "withdrawn"
     assert explorer.let_go_of == ["withdrawn"]
 
 
-def test_halted_robot_forgets_its_task_what_it_holds_and_what_it_did_of_its_own_accord(desk, explorer):
+def test_halted_robot_forgets_its_task_its_held_task_and_its_own_activity(desk, explorer):
     desk.offer(offer(), 0)
     desk.offer(held(), 0)
     desk.halted()
@@ -183,7 +183,7 @@ def test_task_that_takes_another_behaviors_place_has_that_one_let_go(desk, explo
     assert not desk.may_begin("t1")
     desk.offer(offer("t2", epoch=3), 0)
     assert let_go == ["t2 has taken its place"]
-    desk.offer(offer("t3", epoch=4), 0)  # of the same behavior, which knows by itself
+    desk.offer(offer("t3", epoch=4), 0)  # the same behavior, which needs no notice
     assert explorer.let_go_of == ["c1 has taken its place"]
 
 
@@ -233,7 +233,7 @@ def test_result_has_at_most_a_kilobyte(desk, explorer, length, is_taken):
         assert desk.status.state is TaskState.RUNNING
 
 
-def test_end_that_is_foreseen_is_told_while_its_task_runs_and_not_below_nothing(desk, explorer):
+def test_remaining_time_is_reported_while_the_task_runs_and_is_never_negative(desk, explorer):
     desk.offer(offer(), 0)
     desk.foresee("t0", to_ns(8))
     assert desk.standing(0).task.left_s is None
@@ -246,5 +246,5 @@ def test_end_that_is_foreseen_is_told_while_its_task_runs_and_not_below_nothing(
     desk.foresee("t1", to_ns(8))
     desk.end("t1", TaskState.DONE)
     assert desk.standing(0).task.left_s is None
-    desk.offer(offer("t1", epoch=2), 0)  # the same task once more: what was foreseen is not of this one
+    desk.offer(offer("t1", epoch=2), 0)  # the same task again: the old estimate does not apply
     assert desk.standing(0).task.left_s is None

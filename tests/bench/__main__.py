@@ -1,6 +1,6 @@
-"""`make bench`: measure, write docs/figures/bench.json, and fail if a bound is missed that is no known miss.
+"""`make bench`: measure, write docs/figures/bench.json, and fail on any missed bound that is not a known miss.
 
-`make bench ARGS="motion tasks"` measures these sections alone; the others keep their figures in the file.
+`make bench ARGS="motion tasks"` measures only these sections; the others keep their figures in the file.
 """
 
 import argparse
@@ -20,7 +20,7 @@ MISSED, UNUSABLE, INTERRUPTED = 1, 2, 130
 
 
 def main() -> int:
-    """Measure; 0 if all bounds are kept or known misses, 1 if not or a section failed, 2 for words that are wrong."""
+    """Measure; 0 if all bounds are kept or known misses, 1 if not or a section failed, 2 for bad arguments."""
     options = _options()
     if options.list:
         _say(*(f"{name:<18}{section.title}" for name, section in SECTIONS.items()))
@@ -94,4 +94,4 @@ if __name__ == "__main__":
     try:
         sys.exit(main())
     except KeyboardInterrupt:
-        sys.exit(INTERRUPTED)  # the sections before are in the file
+        sys.exit(INTERRUPTED)  # earlier sections are in the file

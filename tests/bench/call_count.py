@@ -1,7 +1,7 @@
-"""Calls of Python functions that a lockstep run makes: a measure of cost that is equal on every machine.
+"""Python function calls of a lockstep run: a measure of cost that is equal on every machine.
 
-The hot path of a robot is pure Python at 50 Hz, so what a new capability costs shows here, whatever else the machine
-does. Calls of C functions are not counted. Other versions of Python and numpy make other calls.
+A robot's hot path is pure Python at 50 Hz, so the cost of a new feature shows here, whatever the machine's load. Calls
+of C functions are not counted. The count depends on the versions of Python and numpy.
 """
 
 import cProfile
@@ -17,13 +17,13 @@ from robrain.sim.lockstep import LockstepRun
 def calls_per_robot_second(
     scenario: Scenario, *, window_s: float, settle_s: float = 0.0, until: Callable[[LockstepRun], bool] | None = None
 ) -> float:
-    """Calls of Python functions for each robot and simulated second of a whole run, arena and coordinator included.
+    """Python function calls per robot and simulated second of a whole run, arena and coordinator included.
 
     Args:
-        scenario: what is run.
-        window_s: simulated seconds that are counted.
-        settle_s: simulated seconds before that.
-        until: then goes on, before the count, until this holds.
+        scenario: the scenario to run.
+        window_s: simulated seconds to count.
+        settle_s: simulated seconds before the count.
+        until: after `settle_s`, wait for this condition before the count.
 
     """
     warm_up()
@@ -34,7 +34,7 @@ def calls_per_robot_second(
         _tick(run, settle_s)
         while until is not None and not until(run):
             run.tick()
-        gc.disable()  # what a collection calls belongs to whoever else is in this process
+        gc.disable()  # a collection may call finalizers of unrelated objects
         profile.enable()
         _tick(run, window_s)
         profile.disable()

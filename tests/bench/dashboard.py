@@ -34,7 +34,7 @@ COUNT_FRAMES = """async (seconds) => {
 
 
 def measure() -> Iterator[Figure]:
-    """The figures (FileNotFoundError where there is no Chromium)."""
+    """The figures (FileNotFoundError without Chromium)."""
     if not CHROMIUM.exists():
         raise FileNotFoundError(f"{CHROMIUM}: expected Chromium, there is none (make browser)")
     with _running("-m", "tests.bench.dashboard_team") as team:

@@ -1,8 +1,8 @@
-"""Exploration on map files: how long a team takes, what it hits, and how much faster than real time it is simulated.
+"""Exploration of map files: simulated time, collisions and real-time factor.
 
-Each run is one of `RUNS`, in lockstep. Time, explored share, way and collisions follow from the seed; `tests/sim`
-holds them against their bounds and against the printed tables. Cost is counted in calls of Python functions as well as
-timed.
+Each run is one of `RUNS`, in lockstep. Time, explored share, distance and collisions depend on the seed alone;
+`tests/sim` compares them with their bounds and with the printed tables. Cost is timed, and counted in Python function
+calls.
 """
 
 from collections.abc import Iterator
@@ -23,26 +23,26 @@ REAL_TIME_FACTOR = 20.0
 DEEPEST_M = 0.01
 SETTLE_S, WINDOW_S = 3.0, 8.0
 EXPLORING_CALLS, WAITING_CALLS = 17_200.0, 12_200.0
-"""Calls of Python functions for each robot and simulated second: what was measured, and 1 to 3 % for other ways."""
+"""Python function calls per robot and simulated second: the measured value plus 1 to 3 % for different routes."""
 
 
 class Exploration(msgspec.Struct, frozen=True, kw_only=True):
-    """One run, and what it is to keep."""
+    """One run and its bounds."""
 
     map_path: Path
     robots: int = 4
     until: float
     """The run ends when this share of the floor is known."""
     longest_s: float
-    """What was measured, and a tenth for other ways."""
+    """The measured value plus a tenth for different routes."""
     mean_s: float | None = None
-    """The same for the mean of `SEEDS`: one seed's run may come out a fifth longer after any change."""
+    """The same for the mean of `SEEDS`, as one seed's run may take a fifth longer after any change."""
     least_factor: float | None = None
     """Of real time."""
 
     @property
     def name(self) -> str:
-        """As figures begin."""
+        """Prefix of the names of its figures."""
         return f"{self.map_path.stem}, {self.robots} robots, seed {SEED}"
 
     def run(self, seed: int = SEED) -> RunResult:
@@ -63,14 +63,14 @@ RUNS = (
 
 
 def measure() -> Iterator[Figure]:
-    """On the project's own map, and what a robot costs in calls."""
+    """Runs on the project's own map, and a robot's cost in calls."""
     warm_up()
     yield from run_figures(OWN, OWN.run())
     yield from call_figures()
 
 
 def measure_real_maps() -> Iterator[Figure]:
-    """On the real maps (FileNotFoundError where they are not)."""
+    """Runs on the real maps (FileNotFoundError without them)."""
     require_real_maps()
     warm_up()
     for exploration in RUNS[1:]:
@@ -81,7 +81,7 @@ def measure_real_maps() -> Iterator[Figure]:
 
 
 def mean_figures(exploration: Exploration, mean_bound_s: float) -> Iterator[Figure]:
-    """What several seeds come to: a single one says little about a change."""
+    """Figures over several seeds, as a single one says little about a change."""
     results = [exploration.run(seed) for seed in SEEDS]
     mean_s = sum(result.sim_time_s for result in results) / len(results)
     what = f"{exploration.map_path.stem}, {exploration.robots} robots, seeds {SEEDS.start} to {SEEDS.stop - 1}"
@@ -108,7 +108,7 @@ def run_figures(exploration: Exploration, result: RunResult) -> list[Figure]:
 
 
 def call_figures() -> list[Figure]:
-    """Calls of Python functions, exploring and with nothing left to do."""
+    """Python function calls, exploring and with nothing left to do."""
     what = "calls of Python functions for each robot and simulated second"
     exploring = calls_per_robot_second(Scenario.builtin("depot"), settle_s=SETTLE_S, window_s=WINDOW_S)
     waiting = calls_per_robot_second(

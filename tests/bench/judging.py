@@ -1,8 +1,8 @@
 """Which bounds are kept, which are missed, and which misses are known.
 
-`docs/figures/known_misses.toml` lists misses with why they are accepted for now. Any other miss fails `make bench`, of
-deterministic figures and of timings alike. A timing that misses its bound while other work took the cores is neither
-kept nor missed: it has to be measured again, and until then it fails `make bench` as well.
+`docs/figures/known_misses.toml` lists accepted misses, each with the reason. Any other miss fails `make bench`, both of
+deterministic figures and of timings. A timing that misses its bound while other processes use the cores is neither kept
+nor missed: it has to be measured again, and `make bench` fails until then.
 """
 
 import tomllib
@@ -23,7 +23,7 @@ T = TypeVar("T", tuple[str], Named)
 
 
 class KnownMiss(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A bound that is not kept for now."""
+    """A bound that is currently missed."""
 
     section: str
     figure: str
@@ -31,7 +31,7 @@ class KnownMiss(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 class Unmeasured(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A section that is not measured for now."""
+    """A section that is currently not measured."""
 
     section: str
     why: str
@@ -43,7 +43,7 @@ class _File(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 class Known(NamedTuple):
-    """What is known not to be as it should be, each with why."""
+    """Known misses and unmeasured sections, each with the reason."""
 
     misses: dict[Named, str]
     unmeasured: dict[str, str]
@@ -51,17 +51,17 @@ class Known(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """What follows from figures and known misses."""
+    """The result of comparing figures, bounds and known misses."""
 
     kept: list[Named]
     known: list[Named]
-    """Missed, and listed as a known miss."""
+    """Missed and listed as a known miss."""
     missed: list[Named]
-    """Missed, and not listed."""
+    """Missed and not listed."""
     unjudged: list[Named]
-    """Timings that missed beside other work, and are not listed."""
+    """Timings that missed beside other work and are not listed."""
     kept_again: list[Named]
-    """Listed as a known miss, and kept."""
+    """Listed as a known miss but kept."""
 
     @property
     def is_good(self) -> bool:
@@ -70,7 +70,7 @@ class Verdict(NamedTuple):
 
 
 def read_known(path: Path = KNOWN_MISSES) -> Known:
-    """The list (ResultsError if it cannot be read, has no reason, or names something twice)."""
+    """Read the list (ResultsError if it cannot be read, lacks a reason, or has duplicates)."""
     try:
         found = msgspec.convert(tomllib.loads(path.read_text(encoding="utf-8")), _File)
     except (OSError, ValueError) as error:
@@ -92,7 +92,7 @@ def _by_name(path: Path, listed: list[tuple[T, str]]) -> dict[T, str]:
 
 
 def judge(figures: dict[Named, Figure], known: dict[Named, str], busy: Collection[str] = ()) -> Verdict:
-    """Hold all figures against their bounds; `busy` are sections that were measured beside other work."""
+    """Compare all figures with their bounds; `busy` are sections that were measured beside other work."""
     verdict = Verdict([], [], [], [], [])
     for named, figure in figures.items():
         if figure.kept is None:
@@ -110,9 +110,9 @@ def judge(figures: dict[Named, Figure], known: dict[Named, str], busy: Collectio
 
 
 def untrue(results: Results, known: Known, sections: Iterable[str]) -> list[str]:
-    """What of the list contradicts the results, in words.
+    """Messages for entries of the list that contradict the results.
 
-    A timing that is listed may be kept in one run: it is listed because it is not kept in each.
+    A listed timing may be kept in one run, as it is listed for not being kept in every run.
     """
     figures = results.named()
     found = [
@@ -133,7 +133,7 @@ def untrue(results: Results, known: Known, sections: Iterable[str]) -> list[str]
 
 
 def verdict_lines(verdict: Verdict, figures: dict[Named, Figure], known: dict[Named, str]) -> list[str]:
-    """The verdict for a terminal."""
+    """The verdict as text for a terminal."""
     unbounded = sum(figure.kept is None for figure in figures.values())
     counts = tuple(map(len, (verdict.kept, verdict.known, verdict.missed, verdict.unjudged)))
     lines = [

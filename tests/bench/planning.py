@@ -43,9 +43,9 @@ MEASURES = {
     "way": ("distance_m", "m"),
     "makespan": ("makespan_s", "s"),
 }
-"""What is compared: field of `Outcome`, unit."""
+"""Compared quantities: field of `Outcome`, unit."""
 BOUND_OF = {"planned, energy": "moving_j", "planned, makespan": "makespan_s"}
-"""What each way of planning has to be better at than nearest first."""
+"""The quantity in which each planning method has to beat nearest first."""
 
 
 class Outcome(NamedTuple):

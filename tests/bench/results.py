@@ -1,4 +1,4 @@
-"""docs/figures/bench.json: the figures of each section with when, on what and of which revision they were measured."""
+"""docs/figures/bench.json: figures by section, with date, machine and revision of the measurement."""
 
 import os
 import platform
@@ -18,15 +18,15 @@ ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "docs" / "figures" / "bench.json"
 UNKNOWN = "unknown"
 BUSY_SHARE = 0.25
-"""Of the cores."""
+"""Share of the cores from which other work counts as a disturbance."""
 
 
 class ResultsError(Exception):
-    """A file of results, or a list of known misses, that is not as it should be; says where and what."""
+    """A file of results, or a list of known misses, is invalid; the text says where and why."""
 
 
 class Machine(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What was measured on; nothing in it says which computer it was."""
+    """The machine of a measurement; it does not identify the computer."""
 
     cpu: str
     cores: int
@@ -47,7 +47,7 @@ class Machine(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
         )
 
     def words(self) -> str:
-        """In one line."""
+        """The description in one line."""
         return f"{self.cpu}, {self.cores} cores, {self.memory_gb:g} GB, {self.system}, Python {self.python}"
 
 
@@ -63,11 +63,11 @@ class Conditions(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     load: tuple[float, float]
     """Mean number of processes that want a core (one minute), before and after."""
     others: float
-    """Cores that other work of the machine took meanwhile, in the mean."""
+    """Mean number of cores that other processes used meanwhile."""
 
     @property
     def is_busy(self) -> bool:
-        """Whether other work took so much that timings which are too slow prove nothing."""
+        """Whether other processes used so much that slow timings prove nothing."""
         return self.others > BUSY_SHARE * self.machine.cores
 
 
@@ -115,7 +115,7 @@ class Results(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
         return {name for name, result in self.sections.items() if result.measured.is_busy}
 
     def with_section(self, name: str, result: SectionResult, order: list[str]) -> Self:
-        """The same with a section measured again; those that are not in `order` any more are left out."""
+        """A copy with a section replaced; sections no longer in `order` are dropped."""
         sections = {**self.sections, name: result}
         return msgspec.structs.replace(self, sections={each: sections[each] for each in order if each in sections})
 
@@ -127,13 +127,13 @@ class Results(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
 
 
 class Stopwatch:
-    """Wall time, and the CPU that was spent meanwhile by children of this process that have ended, and by others."""
+    """Measures wall time, and CPU time of this process's ended children and of other processes."""
 
     def __init__(self) -> None:
         self._began = self._now()
 
     def stop(self) -> tuple[float, float]:
-        """Seconds that passed, and cores that others took in the mean."""
+        """Elapsed seconds, and mean number of cores that other processes used."""
         passed_s, own_s, all_s = (now - began for now, began in zip(self._now(), self._began, strict=True))
         return passed_s, max(0.0, (all_s - own_s) / passed_s)
 
@@ -144,7 +144,7 @@ class Stopwatch:
 
 
 def _busy_s() -> float:
-    """CPU seconds of all cores since the machine's start, of whatever kind but waiting; 0 where there is no /proc."""
+    """Busy CPU seconds of all cores since the machine's start; 0 without /proc."""
     try:
         fields = Path("/proc/stat").read_text(encoding="ascii").split("\n", 1)[0].split()[1:9]
     except OSError:
@@ -154,12 +154,12 @@ def _busy_s() -> float:
 
 
 def now_words() -> str:
-    """The date and time as `Conditions.date` has it."""
+    """The current date and time in the form of `Conditions.date`."""
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%MZ")
 
 
 def revision() -> str:
-    """The commit that is checked out, `+` behind it if files differ; `unknown` without git."""
+    """The commit that is checked out, followed by `+` if files differ; `unknown` without git."""
     try:
         commit = _git("rev-parse", "--short=10", "HEAD")
         return commit + ("+" if _git("status", "--porcelain", "--untracked-files=no", "--", ":!docs") else "")

@@ -37,7 +37,7 @@ SETTLING_S = 3.0
 SIMULATED_S = 15.0
 
 UNIT = "ms"
-"""Of CPU, for each robot and simulated second."""
+"""Bound on CPU time per robot and simulated second."""
 OWN = "robot: "
 """What the parts that run on the robot itself begin with."""
 PARTS: list[tuple[type, str, str]] = [
@@ -59,7 +59,7 @@ RESTING = {
     *("visit", "inspect", "collect", "relay", "monitor", "sense", "replace", "recharge", "wander", "idle"),
     *("camera", "sensor_board", "home", "counter", "command", "mote_ranges"),
 }
-"""Plugins that have next to nothing to do while a team explores; one part."""
+"""Plugins that are almost idle while a team explores, counted as one part."""
 
 
 class Meter:
@@ -87,7 +87,7 @@ class Meter:
 
 
 def measure(robots: int = ROBOTS) -> list[Figure]:
-    """The sums with their bound, then the parts, dearest first."""
+    """The sums with their bound, then the parts, most expensive first."""
     warm_up()
     whole_ms = _run(robots, contextlib.nullcontext())
     meter = Meter()

@@ -1,4 +1,4 @@
-"""A section of `make bench` in a process of its own: what it leaves behind, or how it ends, does not touch the others.
+"""Runs a section of `make bench` in its own process, so that leftovers and failures do not affect the others.
 
 `python -m tests.bench.section_process NAME FD` is that process; it writes each figure as a line of JSON to FD.
 """
@@ -22,13 +22,13 @@ from tests.bench.results import ROOT, Conditions, Machine, SectionResult, Stopwa
 from tests.bench.sections import function_of
 
 LIMIT_S = 1800.0
-"""No section takes nearly so long; one that does hangs."""
+"""Far longer than any section takes; one that exceeds it hangs."""
 ENDING_S = 5.0
 LINES_OF_LOG = 15
 
 
 class SectionFailedError(Exception):
-    """A section that could not be measured; says why, with the last lines that it printed."""
+    """A section could not be measured; the text says why, with the last lines that it printed."""
 
 
 def measure_apart(
@@ -38,12 +38,12 @@ def measure_apart(
     command: list[str] | None = None,
     limit_s: float = LIMIT_S,
 ) -> SectionResult:
-    """Measure a section in a process of its own.
+    """Measure a section in its own process.
 
     Args:
-        name: the section's.
-        on_figure: called with each figure as it is found.
-        command: what to run instead; the number of the descriptor for figures follows it.
+        name: name of the section.
+        on_figure: called with each figure as it is measured.
+        command: command to run instead; the file descriptor for figures is appended.
         limit_s: time limit.
 
     Raises:
@@ -84,7 +84,7 @@ def measure_apart(
 
 
 def _figures(lines: IO[bytes], on_figure: Callable[[Figure], None], ends_s: float) -> list[Figure]:
-    """All figures until the other end is closed (TimeoutError if that is too late)."""
+    """Read figures until the other end is closed (TimeoutError after the time limit)."""
     figures: list[Figure] = []
     rest = b""
     while True:
@@ -100,7 +100,7 @@ def _figures(lines: IO[bytes], on_figure: Callable[[Figure], None], ends_s: floa
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """End the process, and what it may have left behind."""
+    """End the process and its remaining children."""
     for number in (signal.SIGTERM, signal.SIGKILL):
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, number)

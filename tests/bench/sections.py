@@ -1,4 +1,4 @@
-"""The sections of `make bench`, in the order in which they run: those first that depend on the code alone."""
+"""The sections of `make bench` in the order in which they run, deterministic ones first."""
 
 from collections.abc import Callable, Iterable
 from importlib import import_module
@@ -8,13 +8,13 @@ from robrain.deploy.bench_figure import Figure
 
 
 class Section(NamedTuple):
-    """A group of figures that are measured together, in a process of their own."""
+    """A group of figures that are measured together in one process."""
 
     title: str
     about: str
-    """How they are measured."""
+    """How the figures are measured."""
     measure: str
-    """`module:function`, which gives figures."""
+    """`module:function` that yields the figures."""
 
 
 SECTIONS = {
@@ -116,10 +116,10 @@ SECTIONS = {
         "tests.bench.dashboard:measure",
     ),
 }
-"""By name."""
+"""Sections by name."""
 
 
 def function_of(name: str) -> Callable[[], Iterable[Figure]]:
-    """What measures a section, loaded only now."""
+    """Import and return the function that measures a section."""
     module, function = SECTIONS[name].measure.split(":")
     return cast(Callable[[], Iterable[Figure]], getattr(import_module(module), function))

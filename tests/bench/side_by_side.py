@@ -1,4 +1,4 @@
-"""Runs that do not depend on each other, on all cores at once; only for figures that are no timings."""
+"""Independent runs in parallel on all cores; only for deterministic figures."""
 
 import multiprocessing
 from collections.abc import Callable, Iterable
@@ -11,11 +11,11 @@ Outcome = TypeVar("Outcome")
 
 
 def side_by_side(run: Callable[[Case], Outcome], cases: Iterable[Case]) -> list[Outcome]:
-    """What a run gives for each case, in their order; function and cases go to other processes."""
+    """Results of a function for each case, in order; function and cases are sent to other processes."""
     return list(_pool().map(run, cases))
 
 
 @cache
 def _pool() -> ProcessPoolExecutor:
-    """As many processes as there are cores; they end with this one."""
+    """A pool of one process per core, which ends with this process."""
     return ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn"))

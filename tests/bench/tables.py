@@ -1,7 +1,7 @@
-"""Tables of figures in the pages, written from docs/figures/bench.json.
+"""Writes the tables of figures in the pages from docs/figures/bench.json.
 
-`make figures` (`python -m tests.bench.tables`) writes each block `<!-- figures: NAME -->` … `<!-- /figures -->` of the
-pages anew. NAME is a section of `make bench`, `summary` or `misses`. A test holds blocks and JSON equal.
+`make figures` (`python -m tests.bench.tables`) replaces each block `<!-- figures: NAME -->` … `<!-- /figures -->` of
+the pages. NAME is a section of `make bench`, `summary` or `misses`. A test checks that blocks and JSON agree.
 """
 
 import re
@@ -21,7 +21,7 @@ KEPT_WORDS = {True: "yes", False: "**no**", None: ""}
 
 
 class PageError(Exception):
-    """A page whose blocks cannot be written; says which and why."""
+    """A page's blocks cannot be written; the text says which and why."""
 
 
 def blocks(text: str) -> dict[str, str]:
@@ -36,7 +36,7 @@ def blocks(text: str) -> dict[str, str]:
 
 
 def filled(text: str, results: Results, known: Known) -> str:
-    """The page with its blocks as the results say (PageError for a name that is none)."""
+    """The page with its blocks written from the results (PageError for an unknown name)."""
     blocks(text)
     return BLOCK.sub(
         lambda match: f"<!-- figures: {match['name']} -->\n{block(match['name'], results, known)}<!-- /figures -->",
@@ -68,7 +68,7 @@ def section_table(name: str, results: Results) -> str:
 
 
 def summary(results: Results, known: Known) -> str:
-    """How many figures there are and how many bounds are kept, and what was measured on."""
+    """Numbers of figures and of bounds kept, and the machine of the measurement."""
     figures = results.named()
     verdict = judge(figures, known.misses, results.busy)
     bounded = sum(figure.kept is not None for figure in figures.values())
@@ -84,7 +84,7 @@ def summary(results: Results, known: Known) -> str:
 
 
 def misses(results: Results, known: Known) -> str:
-    """Each bound that is missed, and why."""
+    """Each missed bound with the reason."""
     figures = results.named()
     verdict = judge(figures, known.misses, results.busy)
     missed = [named for named in figures if named in {*verdict.known, *verdict.missed}]
@@ -103,7 +103,7 @@ def misses(results: Results, known: Known) -> str:
 
 
 def pages() -> list[Path]:
-    """The pages that have blocks."""
+    """The pages with blocks."""
     return sorted(path for path in PAGES.glob("*.md") if MARKER.search(path.read_text(encoding="utf-8")))
 
 
@@ -132,7 +132,7 @@ def _table(headings: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
 
 
 def main() -> int:
-    """Write the pages; 0 if that worked."""
+    """Write the pages; 0 on success."""
     try:
         results, known = Results.read(), read_known()
         for path in pages():

@@ -1,4 +1,4 @@
-"""Bounds that are missed are seen, and fail unless they are known with a reason."""
+"""Missed bounds are detected and fail unless they are listed with a reason."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""`make bench` as it is typed: what it measures, merges, says, and how it exits."""
+"""`make bench` as a command: measuring, merging, output and exit status."""
 
 import sys
 from pathlib import Path
@@ -13,7 +13,7 @@ from tests.bench.section_process import SectionFailedError
 from tests.bench.sections import SECTIONS, function_of
 
 VALUES = {"tasks": 1.0, "motes": 3.0}
-"""Measured against a bound of 2; any other section fails."""
+"""Yields a figure with a bound of 2; any other section fails."""
 
 
 @pytest.fixture
@@ -77,5 +77,5 @@ def test_sections_are_listed(run) -> None:
 
 
 @pytest.mark.parametrize("name", SECTIONS)
-def test_section_names_a_function_that_there_is(name: str) -> None:
+def test_section_names_an_existing_function(name: str) -> None:
     assert callable(function_of(name))

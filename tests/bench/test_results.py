@@ -1,4 +1,4 @@
-"""The file of results: sections are merged, another schema is refused, nothing names the computer."""
+"""The file of results: sections are merged, unknown schemas are refused, and the computer is not named."""
 
 import socket
 from pathlib import Path
@@ -28,7 +28,7 @@ def test_sections_that_are_not_measured_again_keep_their_figures(tmp_path: Path)
     assert [file.name for file in path.parent.iterdir()] == ["bench.json"]
 
 
-def test_section_that_is_there_no_more_is_left_out() -> None:
+def test_removed_section_is_left_out() -> None:
     old = Results(sections={"gone": section(1.0)})
     assert list(old.with_section("tasks", section(2.0), ["motion", "tasks"]).sections) == ["tasks"]
 
@@ -45,7 +45,7 @@ def test_there_are_no_results_where_there_is_no_file(tmp_path: Path) -> None:
         ('{"sections": {"a": 1}}', "expected results of make bench"),
     ],
 )
-def test_file_that_is_none_is_refused(tmp_path: Path, text: str, said: str) -> None:
+def test_invalid_file_is_refused(tmp_path: Path, text: str, said: str) -> None:
     path = tmp_path / "bench.json"
     path.write_text(text)
     with pytest.raises(ResultsError, match=f"bench.json: {said}"):

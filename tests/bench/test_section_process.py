@@ -1,4 +1,4 @@
-"""A section in a process of its own: its figures come one by one, and a failure is told and leaves nothing behind."""
+"""A section in its own process: figures arrive one by one; a failure is reported and leaves nothing behind."""
 
 import contextlib
 import os
@@ -59,7 +59,7 @@ def test_section_that_hangs_is_ended_with_all_that_it_started(tmp_path: Path) ->
     told: list[Figure] = []
     with pytest.raises(SectionFailedError, match="not measured after 3 s"):
         measure_apart("any", told.append, command=script(code), limit_s=3.0)
-    if told:  # on a machine so busy that nothing had begun, nothing is left either
+    if told:  # on a very busy machine it may not have started, and leaves nothing
         deadline_s = time.monotonic() + PATIENCE_S
         while _is_running(int(note.read_text())) and time.monotonic() < deadline_s:
             os.sched_yield()

@@ -1,4 +1,4 @@
-"""The pages' tables are those of docs/figures/bench.json, so that no two pages print different figures."""
+"""The pages' tables agree with docs/figures/bench.json, so that no two pages print different figures."""
 
 import re
 from pathlib import Path
@@ -34,7 +34,7 @@ def test_each_section_stands_in_one_page() -> None:
     assert sorted(named) == sorted([*SECTIONS, "summary", "misses"])
 
 
-def test_results_hold_sections_that_there_are_in_their_order() -> None:
+def test_results_hold_only_existing_sections_in_order() -> None:
     measured = Results.read().sections
     assert list(measured) == [name for name in SECTIONS if name in measured]
 

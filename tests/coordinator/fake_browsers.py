@@ -1,4 +1,4 @@
-"""Browsers that come and go by hundreds: bare websockets that say what viser's page says first, and read what comes."""
+"""Fake browsers by the hundred: bare websockets that send the opening messages of viser's page and read the answers."""
 
 import asyncio
 import threading
@@ -24,21 +24,21 @@ CAMERA = {
 
 
 class FakeBrowsers:
-    """So many browsers at a time, of which each reads a few messages, goes, and comes back, on a thread of their own.
+    """Runs `count` browsers on one thread; each reads a few messages, disconnects, and reconnects.
 
     Args:
-        port: where the dashboard is served, loopback.
+        port: port of the dashboard on loopback.
         count: browsers at a time.
-        visits: how often each comes.
-        messages: it reads so many of them at the most, then goes.
-        camera: what differs from `CAMERA`.
+        visits: connections of each browser.
+        messages: maximum number of messages read per visit.
+        camera: values that override `CAMERA`.
     """
 
     def __init__(self, port: int, count: int, visits: int, messages: int = 4, **camera: object) -> None:
         self.gone = 0
-        """Visits that have ended."""
+        """Number of visits that have ended."""
         self.heard = 0
-        """Messages that have come."""
+        """Number of messages received."""
         self.errors: list[str] = []
         self._port, self._count, self._visits, self._messages = port, count, visits, messages
         self._camera = msgspec.msgpack.encode({**CAMERA, **camera})
@@ -57,7 +57,7 @@ class FakeBrowsers:
 
     @property
     def there(self) -> bool:
-        """Whether any of them is still to come or to go."""
+        """Whether any visit is still to come or to end."""
         return self._thread.is_alive()
 
     async def _all(self) -> None:

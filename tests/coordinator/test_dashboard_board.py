@@ -155,7 +155,7 @@ def test_alerts_name_what_is_wrong_the_worst_first() -> None:
     refusal = Refusal(topic="robot_state", key="robrain/t/robot/r9/state", code="malformed", count=3, why="no pose")
     view.team = TeamState(robots=[], refused=[refusal])
     (alert,) = alerts_of(view, 0.0)
-    assert alert.text == "has refused 3 × robot_state of robot/r9/state (malformed): no pose"
+    assert alert.text == "rejected 3 × robot_state from robot/r9/state (malformed): no pose"
 
 
 def test_only_a_robot_all_of_which_has_stopped_has_acknowledged() -> None:

@@ -1,4 +1,4 @@
-"""Browsers come and go while the picture changes: that is nobody else's trouble."""
+"""Browsers that come and go while the picture changes do not affect others."""
 
 import asyncio
 import logging
@@ -24,7 +24,7 @@ BROWSERS, VISITS = 30, 8
 
 @pytest.fixture
 def hasty() -> Iterator[None]:
-    """Threads that take turns as often as they can: races that are rare elsewhere happen here."""
+    """Switch threads as often as possible, to provoke races that are otherwise rare."""
     before_s = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)
     yield
@@ -47,9 +47,9 @@ def endpoint() -> Iterator[Endpoint]:
     session.close()  # type: ignore[no-untyped-call]
 
 
-def test_waiting_browser_is_woken_on_the_servers_own_thread_alone(server: LocalServer) -> None:
+def test_waiting_browser_is_woken_only_on_the_servers_own_thread(server: LocalServer) -> None:
     buffer, loop = server._websock_server.get_message_buffer(), server.get_event_loop()
-    loop.set_debug(True)  # it then refuses what another thread does to it, every time and not by chance
+    loop.set_debug(True)  # reliably rejects calls from other threads
     waits = threading.Event()
 
     async def wait() -> int:

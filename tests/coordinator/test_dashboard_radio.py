@@ -114,7 +114,7 @@ def test_motes_have_neither_label_nor_link_until_somebody_zooms_in_or_selects() 
         return [mote.name for mote in motes_in_focus(view, focus)], len(links_in_focus(view, focus, NOW_S))
 
     assert seen(Focus()) == ([], 0)
-    assert seen(Focus("r1")) == ([], 0)  # as the page selects one at first by itself
+    assert seen(Focus("r1")) == ([], 0)  # preselected by the page
     assert seen(Focus("r1", chosen=True)) == (["m1"], 1)
     assert seen(Focus("r2", chosen=True)) == (["m2", "m3"], 2)
     assert seen(Focus(mote="m3")) == (["m3"], 1)

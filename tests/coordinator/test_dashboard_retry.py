@@ -1,4 +1,4 @@
-"""A layer that cannot be drawn is hidden, is tried again, and comes back."""
+"""A failing layer is hidden, retried, and shown again."""
 
 import logging
 from unittest.mock import MagicMock
@@ -15,7 +15,7 @@ from robrain.coordinator.dashboard.team_view import TeamView
 
 
 class Fickle(Layer):
-    """Fails as long as it is told to."""
+    """A layer that fails on demand."""
 
     name, label, period_s = "fickle", "Fickle", 0.0
     fails = False
@@ -64,7 +64,7 @@ def test_layer_that_failed_once_is_hidden_tried_again_after_a_while_and_shown_ag
     layer.fails = True
     draw(1.0)
     assert visible() == (False, False)
-    assert switch.shown  # the box stays ticked: that is what the person wants
+    assert switch.shown  # the box stays ticked, as the person wants it
     assert troubles_of([switch], 1.0) == [Alert(Level.WARN, "Picture", "Fickle cannot be drawn; next try in 5 s")]
     layer.fails = False
     draw(1.0 + FIRST_S - 0.1)

@@ -163,7 +163,7 @@ def test_where_a_robot_has_been_and_seen_no_more_nobody_is_sent_again_until_some
 
 
 def rooms(door_cells):
-    """Two known rooms with a wall between them that has a door of so many cells; only the eastern one goes on."""
+    """Two known rooms joined by a door of the given number of cells; only the eastern one has a frontier."""
     floor = Floor((2.0, 2.0, 8.0, 4.0))
     for box in ((1.9, 1.9, 2.0, 4.1), (2.0, 1.9, 8.0, 2.0), (2.0, 4.0, 8.0, 4.1), (5.0, 2.0, 5.1, 4.0)):
         floor.draw(*box, OCCUPIED)
@@ -172,7 +172,7 @@ def rooms(door_cells):
     return floor
 
 
-def test_where_there_is_no_other_way_a_robot_is_sent_by_one_that_it_can_squeeze_through():
+def test_a_robot_is_sent_along_a_narrow_path_if_there_is_no_other():
     (choice,) = Explorer(rooms(3).team_map).choose([robot("r1")], [], 0)
     assert choice.is_narrow
     assert choice.place.x_m > 7.5
@@ -180,7 +180,7 @@ def test_where_there_is_no_other_way_a_robot_is_sent_by_one_that_it_can_squeeze_
     assert not wide.is_narrow
 
 
-def test_through_what_cannot_be_a_gap_wide_enough_nobody_is_sent():
+def test_no_robot_is_sent_through_a_gap_that_is_certainly_too_narrow():
     explorer = Explorer(rooms(1).team_map)
     assert explorer.choose([robot("r1")], [], 0) == []
     assert explorer.idle == {"r1": NoWay(frontiers=1, needed_m=0.44)}
@@ -200,13 +200,13 @@ def test_a_gap_that_was_too_narrow_is_tried_once_more_after_fifteen_seconds_and_
 
 
 @pytest.mark.parametrize("gap_m", [math.nan, math.inf, -1.0, 0.0, 1e308, "0.4", None, [0.4]])
-def test_a_gap_of_a_width_that_is_none_shuts_nothing(gap_m):
+def test_a_gap_with_an_invalid_width_shuts_nothing(gap_m):
     explorer = Explorer(rooms(3).team_map)
     explorer.note_gap(Point2D(4.6, 3.1), gap_m, 0)
     assert len(explorer.choose([robot("r1")], [], 1)) == 1
 
 
-def test_a_robot_that_others_leave_nothing_to_says_so():
+def test_a_robot_says_so_if_others_explore_all_frontiers():
     explorer = Explorer(rooms(8).team_map)
     (choice,) = explorer.choose([robot("r1"), robot("r2")], [], 0)
     (left,) = {"r1", "r2"} - {choice.robot}
@@ -230,7 +230,7 @@ def test_with_nothing_unknown_left_a_robot_says_so():
     assert explorer.idle == {"r1": NothingUnknown()}
 
 
-def test_a_robot_that_is_given_something_is_idle_no_more():
+def test_a_robot_with_a_goal_is_no_longer_idle():
     floor = corridor()
     for x_m in (1.9, 8.0):
         floor.draw(x_m, 1.9, x_m + 0.1, 3.6, OCCUPIED)

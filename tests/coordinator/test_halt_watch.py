@@ -1,4 +1,4 @@
-"""When there is news of a halt for the team: at each word of one, and when a robot has stopped, or has not any more."""
+"""The team is told of a halt on each halt message, and when a robot has stopped or no longer reports so."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""Messages that no robot sends: the coordinator refuses them, counts them, and goes on."""
+"""Messages that no robot sends: the coordinator rejects and counts them, and continues."""
 
 import msgspec
 import numpy as np
@@ -32,7 +32,7 @@ def state(**fields) -> bytes:
         state(lost="x" * 10_000),
     ],
 )
-def test_a_state_out_of_all_measure_is_refused_and_the_team_goes_on(team, said):
+def test_a_state_with_absurd_numbers_is_refused_and_the_team_goes_on(team, said):
     robot = team.robot("r1")
     team.hall()
     team.run(0.5)

@@ -72,7 +72,7 @@ def test_a_file_that_is_no_database_is_put_aside_and_named(path: Path, caplog: p
 def test_a_journal_that_another_process_has_is_refused_and_left_as_it_is(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It is not damaged: to put it aside would take it from who has it."""
+    """A locked journal is not damaged; moving it aside would take it from its owner."""
     monkeypatch.setattr("robrain.coordinator.journal.journal.LOCK_TIMEOUT_S", 0.01)
     before = path.read_bytes()
     other = sqlite3.connect(path, isolation_level=None)

@@ -1,4 +1,4 @@
-"""What is on the disk when a call returns, and what may still be on its way there."""
+"""Which changes are on disk when a call returns, and which may still be pending."""
 
 import sqlite3
 from pathlib import Path
@@ -18,7 +18,7 @@ NORMAL, FULL = 1, 2
 
 
 class Watched(sqlite3.Connection):
-    """Notes how each transaction was committed, and fails at a statement if the test says so."""
+    """Records how each transaction was committed; fails at a statement on demand."""
 
     last: "Watched"
 
@@ -37,7 +37,7 @@ class Watched(sqlite3.Connection):
 
     @property
     def ceiling(self) -> int:
-        """The greatest epoch that may be given out, by the file."""
+        """The greatest epoch reserved in the file."""
         return int(super().execute("SELECT ceiling FROM epoch").fetchone()[0])
 
 

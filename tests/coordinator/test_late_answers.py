@@ -1,4 +1,4 @@
-"""Answers to offers, when they come and of which epoch they are: only the offer that stands is answered."""
+"""Late answers and answers with an old epoch: only an answer to the current offer counts."""
 
 from collections.abc import Iterator
 
@@ -26,7 +26,7 @@ NOW_NS = to_ns(5.0)
 
 
 class Mail:
-    """Offers and withdrawals that are on their way until the test delivers the answers."""
+    """Offers and withdrawals that stay pending until the test delivers the answers."""
 
     def __init__(self) -> None:
         self.asked: list[tuple[TaskRecord, str]] = []
@@ -54,7 +54,7 @@ def session() -> Iterator[zenoh.Session]:
 
 
 class Desk:
-    """The life of tasks with offers that the test answers; robots r1 and r2 are there."""
+    """A task lifecycle whose offers the test answers; robots r1 and r2 are present."""
 
     def __init__(self, session: zenoh.Session) -> None:
         self.clock = VirtualClock(NOW_NS)
@@ -164,7 +164,7 @@ def test_offer_for_later_stays_offered_when_it_is_accepted_and_is_not_shunned_wh
     assert desk.book.find("t1").why == "it is next, after t0"
 
 
-def test_offer_for_now_is_for_after_nothing(desk: Desk) -> None:
+def test_immediate_offer_has_no_predecessor(desk: Desk) -> None:
     desk.add()
     desk.tasks.offer("t1", "r1", NOW_NS)
     assert desk.mail.asked[0][1] == ""

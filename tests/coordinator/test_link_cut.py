@@ -1,4 +1,4 @@
-"""The link comes back: a robot's token and states are heard before it can be asked anything."""
+"""After a link cut, a robot's token and states arrive before it can be queried."""
 
 import pytest
 
@@ -8,11 +8,11 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_STATE
 
 SPARSE = 2
-"""Frontier tasks that a robot may be offered in a second in which it cannot be asked."""
+"""Maximum number of frontier offers during a second in which the robot cannot be queried."""
 
 
 class Late:
-    """A reply that is there at the coordinator's next step, as in live."""
+    """A reply that arrives at the coordinator's next step, as in live."""
 
     def __init__(self, reply):
         self._reply = reply
@@ -25,7 +25,7 @@ class Late:
 
 @pytest.fixture
 def live_team(team, monkeypatch):
-    """A team in which answers to offers take as long as in live."""
+    """A team in which answers to offers are as late as in live."""
     wire = team._coordinator_wire
     ask_later = wire.ask_later
     monkeypatch.setattr(wire, "ask_later", lambda *args, **names: Late(ask_later(*args, **names)))
@@ -33,7 +33,7 @@ def live_team(team, monkeypatch):
 
 
 def come_half(team, robot):
-    """The robot's token and states are there again, and none of its queryables."""
+    """Restore the robot's token and states, but none of its queryables."""
     half = Endpoint(team.session, "default", team.clock, Drive.LOCKSTEP)
     half.token(ROBOT_ALIVE, robot=robot.name)
     robot._states = half.publisher(ROBOT_STATE, robot=robot.name)
@@ -52,7 +52,7 @@ def cut(team, robot):
     robot.task = None
 
 
-def test_a_robot_that_cannot_be_asked_yet_is_not_made_one_task_after_another(live_team):
+def test_a_robot_that_cannot_be_queried_yet_gets_no_series_of_tasks(live_team):
     team = live_team
     robot = team.robot("r1")
     team.hall()
@@ -103,7 +103,7 @@ def test_a_robot_that_refuses_frontier_after_frontier_is_asked_ever_less_often(l
     assert robot.task is not None
 
 
-def test_a_task_that_somebody_asked_for_is_not_given_up_because_its_robot_cannot_be_asked(live_team):
+def test_a_submitted_task_is_not_given_up_because_its_robot_cannot_be_queried(live_team):
     team = live_team
     robot = team.robot("r1")
     team.hall()

@@ -1,4 +1,4 @@
-"""What is remembered of narrow ways that were tried."""
+"""Memory of failed attempts at narrow passages."""
 
 import pytest
 

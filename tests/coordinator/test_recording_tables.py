@@ -143,7 +143,7 @@ def test_numbers_that_no_table_holds_and_messages_that_are_none_are_left_out(tmp
             writer.add_message(channel, 1, payload, 1)
         writer.finish()  # type: ignore[no-untyped-call]
     exported = export_tables(path, tmp_path / "out", "parquet")
-    assert (exported.rows, exported.left_out) == ({"robot_state": 1}, 3)  # a number out of its range is no message
+    assert (exported.rows, exported.left_out) == ({"robot_state": 1}, 3)  # out of range, so not a valid message
     assert pq.read_table(exported.files["robot_state"]).column("seq").to_pylist() == [0]
     found = topic_of("robrain/default/robot/r1/state")
     assert found is not None

@@ -1,4 +1,4 @@
-"""Figures: their bounds, what is kept, and how they are shown."""
+"""Figures: bounds, whether they are kept, and formatting."""
 
 import math
 
@@ -37,7 +37,7 @@ def test_bound_is_kept_by_values_on_its_side(bound: Bound, kept: list[float], mi
 
 
 @pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan])
-def test_what_did_not_happen_keeps_no_bound(value: float) -> None:
+def test_missing_value_keeps_no_bound(value: float) -> None:
     figure = deterministic("found again after", value, "s", at_least(-1e9))
     assert figure.value is None
     assert figure.kept is False
@@ -65,7 +65,7 @@ def test_figure_is_the_same_after_json() -> None:
 
 
 @pytest.mark.parametrize("limits", [{}, {"at_most": math.inf}, {"at_least": math.nan}])
-def test_bound_that_says_nothing_is_refused(limits: dict[str, float]) -> None:
+def test_bound_without_a_finite_limit_is_refused(limits: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="finite limits"):
         Bound(**limits)
 

@@ -1,4 +1,4 @@
-"""Who runs robrain for the first time sees that kernels are compiled."""
+"""The first run on a computer reports that kernels are compiled."""
 
 import io
 
@@ -13,7 +13,7 @@ WARM_UPS = ("warm_up_model", "warm_up_exploration", "warm_up_allocation")
 
 @pytest.fixture
 def said(monkeypatch: pytest.MonkeyPatch) -> io.StringIO:
-    """What a person is told, while one kernel is all that there is to compile."""
+    """The output when there is just one kernel to compile."""
     told = io.StringIO()
     kernel = njit(lambda number: number + 1)
     for name in WARM_UPS:
@@ -34,7 +34,7 @@ def test_compiling_is_told_when_it_begins_and_when_it_is_over(said: io.StringIO)
     assert over.startswith("compiled 1 kernels in ")
 
 
-def test_kernels_that_are_there_are_not_spoken_of(said: io.StringIO) -> None:
+def test_cached_kernels_are_not_reported(said: io.StringIO) -> None:
     kernels.prepare_kernels(quiet=True)
     assert kernels.prepare_kernels() == 0
     assert said.getvalue() == ""

@@ -1,4 +1,4 @@
-"""The claim of a name, by sessions that are clients of one hub."""
+"""Claims of a name by clients of one hub."""
 
 import threading
 from collections.abc import Iterator
@@ -44,7 +44,7 @@ def take(claim: NameClaim) -> bool:
     return claim.take(lambda _: None, lambda: False)
 
 
-def test_a_name_that_none_has_is_taken_at_once(join):
+def test_a_free_name_is_taken_at_once(join):
     said: list[str] = []
     with claim_robot(join(), TEAM, "r1") as claim:
         assert claim.take(said.append, lambda: False)
@@ -116,7 +116,7 @@ def test_of_several_that_start_at_once_exactly_one_remains(join, attempt):
 
 @pytest.mark.parametrize("seen", [0, 1])
 def test_whatever_was_seen_first_exactly_one_of_two_remains(join, monkeypatch, seen):
-    """The two cases of the race: the later in the order of claims looked before the earlier asked, or after."""
+    """Both cases of the race: the later claim looked before or after the earlier one asked."""
     earlier, later = claim_robot(join(), TEAM, "r1"), claim_robot(join(), TEAM, "r1")
     with earlier as first, later as second:
         monkeypatch.setattr(first, "_process", "0-a-1-here")
@@ -144,7 +144,7 @@ def test_whatever_was_seen_first_exactly_one_of_two_remains(join, monkeypatch, s
             assert isinstance(result[0], NameTaken)
 
 
-def test_one_that_does_not_answer_is_waited_for_with_one_word_and_its_place_taken_when_it_goes(join):
+def test_a_silent_process_is_waited_for_and_its_name_taken_when_it_goes(join):
     dead = Endpoint(join(), TEAM, WallClock(), Drive.LIVE)
     dead.token(ROBOT_ALIVE, robot="r1")
     said: list[str] = []
@@ -158,7 +158,7 @@ def test_one_that_does_not_answer_is_waited_for_with_one_word_and_its_place_take
     assert said == ["robot r1 of team default is there, but does not answer: waiting up to 3 s for it to go"]
 
 
-def test_one_that_hangs_keeps_its_name(join, monkeypatch):
+def test_a_hanging_process_keeps_its_name(join, monkeypatch):
     monkeypatch.setattr(name_claim, "PATIENCE_S", 0.2)
     hung = Endpoint(join(), TEAM, WallClock(), Drive.LIVE)
     hung.token(ROBOT_CLAIM, robot="r1", stage="has", process="0123-abcdef0123456789-77-lab.pc")
@@ -170,7 +170,7 @@ def test_one_that_hangs_keeps_its_name(join, monkeypatch):
     hung.close()
 
 
-def test_a_token_of_no_known_stage_keeps_none_from_its_name(join):
+def test_a_token_of_an_unknown_stage_blocks_no_name(join):
     forger = Endpoint(join(), TEAM, WallClock(), Drive.LIVE)
     forger.token(ROBOT_CLAIM, robot="r1", stage="odd", process="0-0-0-x")
     with claim_robot(join(), TEAM, "r1") as claim:

@@ -1,4 +1,4 @@
-"""`make mutants`: breaks the code on purpose, a few hundred times, and lists what no test notices."""
+"""`make mutants`: tries a few hundred mutants of the code and lists those that no test detects."""
 
 import argparse
 import json
@@ -18,7 +18,7 @@ BOUND = 0.9
 
 
 def main() -> int:
-    """Draw mutants, try them, tell; 1 if fewer than nine in ten are killed."""
+    """Draw mutants, try them, print the result; 1 if fewer than nine in ten are killed."""
     options = argparse.ArgumentParser(prog="python -m tests.mutation", description=__doc__)
     options.add_argument("places", nargs="*", default=list(PLACES), help="folders or files to mutate")
     options.add_argument("--count", type=int, default=400, help="how many mutants to draw (400)")

@@ -1,9 +1,9 @@
-"""Mutants of a source file: each differs from it in one small, plausible mistake inside one function.
+"""Mutants of a source file: each has one small, plausible mistake inside one function.
 
 The mistakes are the usual ones of mutation testing (Jia and Harman, *An Analysis and Survey of the Development of
 Mutation Testing*, 2011): a comparison shifted or reversed, operators exchanged, a constant changed, a condition
-negated, a statement left out. Texts are not changed, nor what only makes a text (an f-string, the words of an
-exception, a line in a log): wording is not behavior.
+negated, a statement left out. Texts, and code that only makes texts (an f-string, the message of an exception, a log
+line), are not changed, as wording is not behavior.
 """
 
 import ast
@@ -39,7 +39,7 @@ OPERATORS: dict[type[ast.operator], type[ast.operator]] = {
     ast.RShift: ast.LShift,
 }
 LOG_CALLS = frozenset({"debug", "info", "warning", "error", "exception", "log"})
-"""Calls of these names write to a log; leaving one out is not counted as a mistake."""
+"""Functions that write to a log; leaving out such a call does not count as a mistake."""
 
 
 @dataclass(frozen=True, order=True)
@@ -48,7 +48,7 @@ class Mutant:
 
     Attributes:
         path: the file, relative to the project's root.
-        function: the qualified name of the outermost function or method that holds the change.
+        function: the qualified name of the outermost function or method that contains the change.
         line: the line of the change, from 1.
         number: which of the function's mutants this is, from 0, in the order of the source.
         change: source text before and after, for people.
@@ -63,12 +63,12 @@ class Mutant:
 
     @property
     def name(self) -> str:
-        """What identifies it as long as its function is not edited."""
+        """Identifies the mutant as long as its function is not edited."""
         return f"{self.path}::{self.function}::{self.change}"
 
 
 def mutants_of(root: Path, path: str) -> list[Mutant]:
-    """Every mutant of a file, in the order of its source."""
+    """All mutants of a file, in source order."""
     tree = ast.parse((root / path).read_text())
     found = []
     for name, function in _functions(tree):
@@ -79,7 +79,7 @@ def mutants_of(root: Path, path: str) -> list[Mutant]:
 
 
 def compile_mutant(root: Path, mutant: Mutant, filename: str) -> CodeType:
-    """The code of the whole module with the mutant in it.
+    """The compiled code of the module with the mutant applied.
 
     Raises:
         LookupError: the file has no such mutant (it was edited since).
@@ -97,7 +97,7 @@ def compile_mutant(root: Path, mutant: Mutant, filename: str) -> CodeType:
 
 
 def code_of(module: CodeType, function: str, line: int) -> CodeType:
-    """The code of a function inside a module's code, by its qualified name and first line."""
+    """The code object of a function within a module's code, by qualified name and first line."""
     waiting = [module]
     while waiting:
         code = waiting.pop()
@@ -109,7 +109,7 @@ def code_of(module: CodeType, function: str, line: int) -> CodeType:
 
 @dataclass(frozen=True)
 class _Place:
-    """Where a node hangs in the tree."""
+    """Position of a node in the tree."""
 
     parent: ast.AST
     field: str
@@ -124,7 +124,7 @@ class _Place:
 
 @dataclass(frozen=True)
 class _Change:
-    """One node in the place of another; the tree is as it was until `apply`."""
+    """Replacement of one node by another; the tree is unchanged until `apply`."""
 
     old: ast.expr | ast.stmt
     new: ast.AST
@@ -173,7 +173,7 @@ def _of_statement(parent: ast.AST, field: str, index: int, node: ast.stmt) -> It
         return
     yield from _left_out(parent, field, index, node)
     if isinstance(node, ast.Raise):
-        return  # what remains is the words of the error
+        return  # the rest is the error message
     if isinstance(node, ast.AugAssign) and type(node.op) in OPERATORS:
         new = copy.copy(node)
         new.op = OPERATORS[type(node.op)]()
@@ -221,7 +221,7 @@ def _left_out(parent: ast.AST, field: str, index: int, node: ast.stmt) -> Iterat
 
 
 def _only_logs(node: ast.stmt) -> bool:
-    """Writes to a log, and does nothing else."""
+    """Whether a statement only writes to a log."""
     return (
         isinstance(node, ast.Expr)
         and isinstance(node.value, ast.Call)
@@ -232,7 +232,7 @@ def _only_logs(node: ast.stmt) -> bool:
 
 def _negated(node: ast.If | ast.While) -> Iterator[_Change]:
     if isinstance(node.test, ast.Compare) or (isinstance(node.test, ast.Constant) and node.test.value is True):
-        return  # a comparison is reversed below; `while True` would only hang
+        return  # comparisons are reversed below; negating `while True` would only hang
     new = ast.copy_location(ast.UnaryOp(op=ast.Not(), operand=node.test), node.test)
     yield _Change(node.test, new, _Place(node, "test", None))
 

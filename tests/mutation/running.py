@@ -1,4 +1,4 @@
-"""Running tests in forked processes: which functions each test reaches, and which mutants the tests notice."""
+"""Runs tests in forked processes, to find which functions each test reaches and which mutants the tests detect."""
 
 import hashlib
 import json
@@ -20,18 +20,18 @@ from tests.mutation.swapping import SITE, Function, LoadedFunctions, load_site
 
 ROOT = Path(__file__).parent.parent.parent
 MOST_TEST_S = 60.0
-"""Tests for one mutant: the quickest that reach it, up to this much time on the unchanged code."""
+"""Time budget per mutant, on the unchanged code: the quickest tests that reach it are run within it."""
 SLOW_TEST_S = 20.0
-"""A test that takes longer than this is not asked."""
+"""Tests that take longer than this are not run."""
 
 
 @dataclass
 class Verdict:
-    """What became of one mutant."""
+    """The outcome for one mutant."""
 
     mutant: Mutant
     killed_by: str = ""
-    """The test that failed, `timeout`, or empty if it lived."""
+    """The test that failed, `timeout`, or empty if the mutant survived."""
     tests: int = 0
     seconds: float = 0.0
     why_no_verdict: str = ""
@@ -40,7 +40,7 @@ class Verdict:
 
 @dataclass
 class _Try:
-    """A mutant that is being tried by a process of its own."""
+    """A mutant that is being tried in its own process."""
 
     verdict: Verdict
     pipe: int
@@ -50,7 +50,7 @@ class _Try:
 
 @dataclass
 class Reach:
-    """What the unchanged code does under its tests."""
+    """Test results and reached functions on the unchanged code."""
 
     tests_of: dict[Function, set[str]] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
@@ -58,14 +58,13 @@ class Reach:
 
 
 class MutationRun:
-    """A pytest plugin that takes the place of pytest's own loop over the collected tests.
+    """A pytest plugin that replaces pytest's loop over the collected tests.
 
     Args:
-        mutants: what to try.
-        jobs: processes at a time.
-        tell: takes lines that say how far it is.
-        known: a file that keeps which functions each test reaches, for the next run; files of tests that have not
-            changed since are not followed again.
+        mutants: mutants to try.
+        jobs: number of parallel processes.
+        tell: receives progress lines.
+        known: file that caches which functions each test reaches; unchanged test files are not traced again.
 
     """
 
@@ -83,12 +82,12 @@ class MutationRun:
 
     @pytest.hookimpl
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Remember that the test that runs has failed."""
+        """Record that the current test has failed."""
         self._failed = self._failed or report.failed
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
-        """First every test on the unchanged code, then each mutant against the tests that reach it."""
+        """Run every test on the unchanged code, then each mutant against the tests that reach it."""
         items = {item.nodeid: item for item in session.items}
         self._tell(f"{len(items)} tests on the unchanged code, to see which functions each reaches")
         self._measure(list(items.values()))
@@ -117,7 +116,7 @@ class MutationRun:
         running[pid] = _Try(verdict, pipe, begun, begun + limit_s)
 
     def _tests_for(self, mutant: Mutant, loaded: LoadedFunctions) -> list[str]:
-        """The tests of the mutant's own folder that reach it: those named after its file first, then the quickest."""
+        """The tests in the mutant's folder that reach it: first those named after its file, then the quickest."""
         function = (mutant.path, mutant.function)
         reached_by = set(self.reach.tests_of.get(function, ()))
         for caller in loaded.callers_of_kernel(function):
@@ -135,7 +134,7 @@ class MutationRun:
         return chosen
 
     def _measure(self, items: list[pytest.Item]) -> None:
-        """Each file of tests in a process of its own, as a session that has run tests cannot be forked safely."""
+        """Run each test file in its own process, as a session that has run tests cannot be forked safely."""
         files: dict[Path, list[pytest.Item]] = {}
         for item in items:
             files.setdefault(item.path, []).append(item)
@@ -170,7 +169,7 @@ class MutationRun:
                 self.reach.tests_of.setdefault((path, name), set()).add(test)
 
     def run_item(self, item: pytest.Item, following: pytest.Item | None = None) -> bool:
-        """Run one test, and keep the fixtures that the following one shares with it; whether it passed."""
+        """Run one test and keep the fixtures shared with the next; returns whether it passed."""
         self._failed = False
         item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
         return not self._failed
@@ -186,7 +185,7 @@ class MutationRun:
         return ""
 
     def _fork(self, work: Callable[[], str | None]) -> tuple[int, int]:
-        """Do work in a process of its own, in a group of its own; what it says comes by the pipe."""
+        """Run work in a new process and process group; its output arrives through the pipe."""
         sys.stdout.flush()
         sys.stderr.flush()
         reading, writing = os.pipe()
@@ -207,7 +206,7 @@ class MutationRun:
             os._exit(0)
 
     def _collect(self, running: dict[int, "_Try"], items: dict[str, pytest.Item]) -> None:
-        """Wait until one of the mutants that run has been tried, or has taken too long."""
+        """Wait until one of the running mutants is done or out of time."""
         while running:
             for pid, one in list(running.items()):
                 ended, _ = os.waitpid(pid, os.WNOHANG)
@@ -251,7 +250,7 @@ class MutationRun:
 
 
 def _note_reach(run: MutationRun, items: list[pytest.Item], out: Path) -> None:
-    """Run tests and write down, for each, its time, whether it failed, and the functions that it reached."""
+    """Run tests and record each one's time, result and reached functions."""
     noted = {}
     with tempfile.TemporaryDirectory() as folder:
         os.environ["ROBRAIN_REACHED"] = f"{ROOT}{os.pathsep}{folder}"
@@ -279,7 +278,7 @@ def _noted_by_processes(folder: Path) -> Iterator[Function]:
 
 
 def _end_group(pid: int) -> None:
-    """End what a forked process has left behind, and nothing else: its group is its own."""
+    """End what a forked process has left behind; its process group contains nothing else."""
     try:
         os.killpg(pid, signal.SIGKILL)
     except ProcessLookupError:

@@ -15,7 +15,7 @@ PLACES = (
     "plugins/behavior/recharge/",
 )
 NOT_YET = (
-    "coordinator/dashboard/",  # judged by browser tests, which are not run here
+    "coordinator/dashboard/",  # tested in a browser, which is not done here
     # Localisation and mapping are rebuilt next; their tests come with that.
     "protocol/model/divergence_watch.py",
     "protocol/model/localiser.py",
@@ -35,13 +35,13 @@ NOT_YET = (
 
 
 def files_in_scope(root: Path, places: tuple[str, ...] = PLACES) -> list[str]:
-    """Tracked Python files of these places, without those that are left for later, sorted."""
+    """Tracked Python files in scope, without those left for later, sorted."""
     listed = subprocess.run(["git", "ls-files", "*.py"], cwd=root, capture_output=True, text=True, check=True)
     paths = listed.stdout.splitlines()
     return sorted(path for path in paths if path.startswith(places) and not path.startswith(NOT_YET))
 
 
 def draw(root: Path, count: int, seed: int, places: tuple[str, ...] = PLACES) -> list[Mutant]:
-    """`count` mutants, or all if there are fewer, each as likely as any other; equal for an equal seed and source."""
+    """Draw `count` mutants uniformly, or all if there are fewer; equal seed and source give equal mutants."""
     mutants = [mutant for path in files_in_scope(root, places) for mutant in mutants_of(root, path)]
     return sorted(random.Random(seed).sample(mutants, min(count, len(mutants))))

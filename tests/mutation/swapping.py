@@ -1,4 +1,4 @@
-"""Putting a mutant in the place of what is loaded: functions by their code, compiled kernels by compiling them anew."""
+"""Applies a mutant to loaded code: replaces the code of functions and recompiles kernels."""
 
 import gc
 import importlib.util
@@ -15,7 +15,7 @@ from tests.mutation.mutant import Mutant, code_of, compile_mutant
 
 SITE = Path(__file__).parent / "site"
 Function = tuple[str, str]
-"""A function: its file relative to the root, and its qualified name."""
+"""A function: file relative to the root, qualified name."""
 
 
 def load_site() -> ModuleType:
@@ -29,7 +29,7 @@ def load_site() -> ModuleType:
 
 
 class LoadedFunctions:
-    """The project's functions in this process, and which of them call which compiled kernels."""
+    """The project's functions in this process, and which compiled kernels they call."""
 
     def __init__(self, root: Path) -> None:
         self._root = root
@@ -51,7 +51,7 @@ class LoadedFunctions:
                     self._users.setdefault(id(kernel), []).append(function)
 
     def put(self, mutant: Mutant, folder: Path) -> None:
-        """Run the mutant from now on: in this process, and in those that it starts.
+        """Run the mutant from now on, in this process and its child processes.
 
         Raises:
             LookupError: the source no longer has this mutant.
@@ -75,7 +75,7 @@ class LoadedFunctions:
         os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (str(SITE), os.environ.get("PYTHONPATH"))))
 
     def callers_of_kernel(self, function: Function) -> Iterator[Function]:
-        """The Python functions that call a compiled kernel, directly or by other kernels; none if it is no kernel."""
+        """The Python functions that call a kernel, directly or through other kernels; empty for other functions."""
         for found in self._functions.get(function, []):
             if id(found) in self._kernels:
                 for kernel in self._compiled_from(found):
@@ -85,7 +85,7 @@ class LoadedFunctions:
                             yield path, user.__code__.co_qualname.split(".<locals>")[0]
 
     def _compiled_from(self, function: FunctionType) -> list[Dispatcher]:
-        """The kernel that this function is the source of, and all kernels that call it."""
+        """The kernel compiled from this function, and all kernels that call it."""
         first = self._kernels.get(id(function))
         found: dict[int, Dispatcher] = {}
         waiting = [first] if first is not None else []

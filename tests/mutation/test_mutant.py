@@ -1,4 +1,4 @@
-"""Mutants differ from their source in one place, can be found again, and run."""
+"""Mutants differ from their source in one place, can be identified again, and run."""
 
 from pathlib import Path
 from types import FunctionType

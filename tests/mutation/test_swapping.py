@@ -1,4 +1,4 @@
-"""A mutant takes the place of loaded functions, of compiled kernels and their callers, and in child processes."""
+"""A mutant replaces loaded functions, compiled kernels and their callers, also in child processes."""
 
 import os
 import subprocess

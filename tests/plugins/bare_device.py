@@ -1,4 +1,4 @@
-"""A device plugin on a CAN bus of the test's own: no host, no wire. The test is the other end of the bus."""
+"""A device plugin without host or Zenoh; the test is the other end of its CAN bus."""
 
 from collections import deque
 from typing import Any
@@ -12,13 +12,13 @@ from robrain.protocol.wire.clock import VirtualClock, to_ns
 
 
 class BareBus:
-    """What the device sends, and what it is to hear."""
+    """Frames that the device sends, and frames for it to receive."""
 
     def __init__(self) -> None:
         self.sent: list[can.Message] = []
         self.arrived: deque[can.Message] = deque()
         self.fails: Exception | None = None
-        """Raised by whatever is done with the bus."""
+        """Raised by every operation on the bus, if set."""
         self.is_open = True
 
     def send(self, frame: can.Message) -> None:
@@ -37,7 +37,7 @@ class BareBus:
 
 
 class BareDevice:
-    """A device of this class with these parameters, not yet activated, and what it tells by its events."""
+    """A device of this class with these parameters, not yet activated, and its recorded events."""
 
     robot, plugin = "r1", "device"
 
@@ -52,7 +52,7 @@ class BareDevice:
 
     @property
     def bus(self) -> BareBus:
-        """The bus that it opened last."""
+        """The bus opened last."""
         return self.buses[-1]
 
     def open_can(self, interface: str, channel: str, **options: Any) -> BareBus:
@@ -61,13 +61,13 @@ class BareDevice:
         return self.bus
 
     def told(self, event: Event[Any]) -> list[Any]:
-        """A list that fills with what an event tells at each step."""
+        """A list to which each step appends an event's values."""
         values: list[Any] = []
         event.add(values.append, self._mailbox)
         return values
 
     def hear(self, name: str, counter: int, **signals: float) -> can.Message:
-        """A frame arrives now."""
+        """Deliver a frame now."""
         frame = codec(name).pack(counter, **signals)
         frame.timestamp = self.clock.now_ns() / 1e9
         self.bus.arrived.append(frame)
@@ -78,7 +78,7 @@ class BareDevice:
         self.clock.advance_to(self.clock.now_ns() + to_ns(seconds))
 
     def step(self, after_s: float = 0.0) -> None:
-        """A step of the device after this time; what it tells is delivered, also if it raises."""
+        """Step the device after this time; its events are delivered even if it raises."""
         self.wait(after_s)
         try:
             self.it.step()
@@ -86,7 +86,7 @@ class BareDevice:
             self._mailbox.deliver()
 
     def sent(self) -> list[tuple[str, dict[str, float]]]:
-        """What it has sent since this was asked last, by name and signals."""
+        """Frames sent since the last call, by name and signals."""
         frames, self.bus.sent = self.bus.sent, []
         names = {codec(name).arbitration_id: name for name in ("WheelCommand", "Stop")}
         return [(name := names[frame.arbitration_id], codec(name).unpack(frame)) for frame in frames]

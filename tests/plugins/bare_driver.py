@@ -1,4 +1,4 @@
-"""A driver on devices of the test's own: no host, no wire, no arena. It says what it commands, step by step."""
+"""A driver on fake devices, without host, Zenoh or arena; records its commands step by step."""
 
 import math
 from collections.abc import Callable
@@ -20,14 +20,14 @@ RAYS = 360
 
 
 class Wheels:
-    """The motor controller: obeys at once, and can be made to say nothing."""
+    """A motor controller that obeys at once and can be silenced."""
 
     def __init__(self) -> None:
         self.at = Pose2D(0.0, 0.0, 0.0)
         self.fresh = True
         self.twist = Twist2D()
         self.said: list[Twist2D | str] = []
-        """Every command, `stop` as that word."""
+        """All commands; a stop is the text `stop`."""
 
     def drive(self, twist: Twist2D) -> None:
         self.twist = twist
@@ -62,14 +62,14 @@ class Wheels:
         return None
 
     def move(self, seconds: float) -> None:
-        """Go on with the last command."""
+        """Move on with the last command."""
         self.at = self.at.compose(
             Pose2D(self.twist.forward_m_s * seconds, self.twist.left_m_s * seconds, self.twist.yaw_rad_s * seconds)
         )
 
 
 class Lidar:
-    """Sees one wall x = `wall_m` of odom, or nothing; `None` in `speaks` is a lidar that has never spoken."""
+    """A lidar that sees one wall at x = `wall_m` of odom, or nothing; without `speaks` it repeats its last scan."""
 
     def __init__(self, wheels: Wheels, clock: VirtualClock) -> None:
         self.wall_m = math.inf
@@ -93,7 +93,7 @@ class Lidar:
 
 
 class Ring:
-    """Range sensors that hear nothing, and bump contacts."""
+    """Range sensors without echoes, and bump contacts."""
 
     def __init__(self) -> None:
         self.measured = Event[RangeRing]()
@@ -108,7 +108,7 @@ class Ring:
 
 
 class BareDriver:
-    """The driver, its devices, and all that it tells."""
+    """The driver, its devices, and its recorded events."""
 
     def __init__(self, **parameters: Any) -> None:
         self.clock = VirtualClock()
@@ -147,12 +147,12 @@ class BareDriver:
     # -- what the test does ---------------------------------------------------------------------------------
 
     def end_actions(self, why: str) -> None:
-        """As the host does at a halt or when the plugin is deactivated."""
+        """End an action, as the host does on a halt or when deactivating the plugin."""
         for function in self._at_end:
             function(why)
 
     def step(self, count: int = 1, each: Callable[[], None] | None = None) -> None:
-        """Steps of the driver, with the robot obeying in between."""
+        """Step the driver; the robot obeys in between."""
         for _ in range(count):
             self.clock.advance_to(self.clock.now_ns() + to_ns(PERIOD_S))
             self.wheels.move(PERIOD_S)
@@ -167,11 +167,11 @@ class BareDriver:
         self.clock.advance_to(self.clock.now_ns() + to_ns(seconds))
 
     def bump(self, *directions_rad: float) -> None:
-        """The contacts change now, and the driver hears of it."""
+        """Change the contacts and notify the driver."""
         self.ring.bumped.notify(Bump(self.clock.now_ns(), directions_rad))
         self._mailbox.deliver()
 
     def commands(self) -> list[Twist2D | str]:
-        """What has been commanded since this was asked last."""
+        """Commands since the last call."""
         said, self.wheels.said = self.wheels.said, []
         return said

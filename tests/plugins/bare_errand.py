@@ -1,4 +1,4 @@
-"""What the parts of `recharge` ask their behavior for, as plain objects that the test sets."""
+"""Fake of the behavior that the parts of `recharge` use, made of plain objects that the test sets."""
 
 import math
 from types import SimpleNamespace
@@ -15,7 +15,7 @@ from robrain.protocol.wire.clock import VirtualClock, to_ns
 
 
 class BareDriver:
-    """Is where it was sent at once, unless the test says that it drives on or is blocked."""
+    """Arrives at once, unless the test makes it drive on or blocks it."""
 
     def __init__(self) -> None:
         self.sent: list[Pose2D] = []
@@ -41,7 +41,7 @@ class BareDriver:
 
 
 class BareErrand:
-    """A behavior that charges: a pose, a battery, mates, and what it did."""
+    """A charging behavior: pose, battery, other robots, and its recorded actions."""
 
     def __init__(self, *chargers: ChargerPlace) -> None:
         self.clock = VirtualClock(to_ns(1000.0))
@@ -50,12 +50,12 @@ class BareErrand:
         self.soc, self.charging = 0.5, False
         self.usable_j, self.usual_power_w = 6000.0, 10.0
         self.ways: list[Point2D] = []
-        """Where the planner was asked for a way to."""
+        """Goals for which the planner was asked for a path."""
         self.no_way_to: list[Point2D] = []
         self.gone: list[Point2D] = []
         self.set_out: list[tuple[Point2D, int]] = []
         self.progress: list[Progress] = []
-        """What the next steps of the travel come to; then it arrives."""
+        """Results of the next travel steps; after them it arrives."""
         self.stands = self.made_room = 0
         self.driver = BareDriver()
         self.travel: Any = SimpleNamespace(
@@ -119,7 +119,7 @@ class BareErrand:
 
 
 def mate(name: str, x_m: float, y_m: float, bound: Point2D | None = None, **fields: Any) -> Mate:
-    """A mate that stands, or is bound for a place."""
+    """Another robot that stands, or drives to a place."""
     return Mate(
         name=name,
         pose=Pose2D(x_m, y_m, 0.0),
@@ -134,7 +134,7 @@ def mate(name: str, x_m: float, y_m: float, bound: Point2D | None = None, **fiel
 
 
 def run(script: Any, steps: int = 1000) -> Any:
-    """A script to its end, or so many steps of it; what it returns, or ... if it goes on."""
+    """Run a script to its end or for a number of steps; its result, or ... if it is still running."""
     for _ in range(steps):
         try:
             next(script)

@@ -1,4 +1,4 @@
-"""A robot whose behavior `recharge` runs on plain objects: a battery, a charger, a task desk."""
+"""A robot whose behavior `recharge` runs on fakes of battery, charger and task desk."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -23,7 +23,7 @@ RESERVE_S = 60.0
 
 
 class BareRecharge:
-    """A robot that stands at the origin, with a charger 4 m away: a metre takes 20 J, a second of standing 10 J."""
+    """A robot at the origin, with a charger 4 m away; driving takes 20 J per metre, standing 10 J per second."""
 
     def __init__(self, *chargers: ChargerPlace, start: Point2D | None = None) -> None:
         self.errand = BareErrand(*chargers)
@@ -57,14 +57,14 @@ class BareRecharge:
         return self.errand.board
 
     def has(self, wait_s: float, way_m: float, spare_j: float = 0.0) -> None:
-        """The battery has what so long a wait and so long a way take, and a little more."""
+        """Set the battery to slightly more than this wait and this distance take."""
         self.usable_j = 10.0 * wait_s + 20.0 * way_m + spare_j
 
     def work_at_a_task(self) -> None:
         self.tasks.offer(TaskOffer(task=Explore(id="e", goal=Point2D(0.0, 0.0)), epoch=1, lease_s=60.0), 0)
 
     def guard(self) -> None:
-        """The next look at what is left."""
+        """Step to the next check of the energy left."""
         self.errand.wait(GUARD_S)
         self.it.step()
 

@@ -1,4 +1,4 @@
-"""The battery's unit by measurements of the test's own: what it counts, what it tells, when it warns."""
+"""The battery unit on given measurements: counting, reporting, warnings."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -14,7 +14,7 @@ from robrain.protocol.wire.clock import VirtualClock, to_ns
 
 
 class Believed:
-    """What the tracker believes, as the test says, and what it was given."""
+    """A tracker with a given estimate that records its input."""
 
     def __init__(self) -> None:
         self.soc, self.soc_sd, self.health = 0.5, 0.0123456, 0.93456
@@ -36,7 +36,7 @@ class Believed:
 
 
 class Robot:
-    """A battery unit with a manager that the test speaks for, and its alarms."""
+    """A battery unit with a fake manager, and its alarms."""
 
     def __init__(self, **parameters: Any) -> None:
         self.clock = VirtualClock(to_ns(50.0))
@@ -58,7 +58,7 @@ class Robot:
             )
 
     def measure(self, voltage_v=15.0, current_a=1.0, charge_c=0.0, energy_j=0.0, at_s=0.0, from_s=0.0):
-        """A measurement that the unit takes in now."""
+        """Deliver a measurement now."""
         self.measured = BatteryMeasurement(to_ns(at_s), voltage_v, current_a, 21.5, charge_c, energy_j, to_ns(from_s))
         return self.step()
 
@@ -69,7 +69,7 @@ class Robot:
         return self.board.battery
 
     def told(self):
-        """The alarms since this was asked last, by name."""
+        """Alarms since the last call, by name."""
         alarms, self.alarms = self.alarms, []
         return [name for name, _ in alarms]
 

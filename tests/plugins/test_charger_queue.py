@@ -1,4 +1,4 @@
-"""Which charger a robot goes to, who makes room for whom, and where it waits: by plain objects."""
+"""Which charger a robot chooses, when it yields to another robot, and where it waits; on fakes."""
 
 import math
 

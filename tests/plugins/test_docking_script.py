@@ -1,4 +1,4 @@
-"""Docking and charging step by step, by plain objects: what counts is the current."""
+"""Docking and charging step by step, on fakes; the charging current decides."""
 
 import math
 
@@ -29,7 +29,7 @@ def docking(yaw_rad=None):
 
 
 def play(errand, script, limit_s=600.0, each=lambda: None):
-    """A script with the time that its steps take: its result and how long it took, or ... if it goes on."""
+    """Run a script on a simulated clock: its result and duration, or ... if it is still running."""
     steps = round(limit_s / STEP_S)
     for number in range(steps):
         try:

@@ -223,7 +223,7 @@ CALLS = [
 
 
 @pytest.mark.parametrize(("function", "arguments"), CALLS)
-def test_who_asks_for_what_no_robot_can_do_is_told_what_can_be_asked_for(robot, function, arguments):
+def test_an_impossible_request_is_answered_with_the_allowed_range(robot, function, arguments):
     with pytest.raises(CallError, match=f"{function}.*Expected `float` [<>]= -?1000000.0") as refused:
         robot.call("driver", function, *arguments)
     assert refused.value.code is ErrorCode.BAD_ARGUMENTS

@@ -1,4 +1,4 @@
-"""The driver's commands in figures: directions, speeds, ends of actions; on devices of the test's own."""
+"""The driver's commands: directions, speeds, ends of actions; on fake devices."""
 
 import itertools
 import math
@@ -23,7 +23,7 @@ def robot():
 
 
 def run(robot, limit=600):
-    """Until it stands."""
+    """Step until the robot stands."""
     for _ in range(limit):
         if robot.plugin.motion() is Motion.STANDING:
             return
@@ -216,7 +216,7 @@ def test_turn_stops_what_was_driven_at_once_whoever_drove(robot):
 
 @pytest.mark.parametrize("number", [math.nan, math.inf])
 @pytest.mark.parametrize("function", ["drive", "turn", "drive_path", "go_to", "move"])
-def test_what_is_no_number_to_drive_by_is_refused_and_changes_nothing(robot, function, number):
+def test_invalid_number_to_drive_by_is_refused_and_changes_nothing(robot, function, number):
     action = robot.plugin.drive(5.0)
     plugin = robot.plugin
     asked = {

@@ -1,4 +1,4 @@
-"""What the driver does at once when it must: on devices of the test's own, command by command."""
+"""The driver's immediate reactions to danger, command by command, on fake devices."""
 
 import math
 
@@ -13,7 +13,7 @@ from tests.plugins.bare_driver import BareDriver
 
 STILL = Twist2D()
 BRAKED_M_S = 1.2 * PERIOD_S
-"""What hard braking takes off the speed in a period."""
+"""Speed reduction per period in hard braking."""
 GENTLE_M_S = 4.0 * PERIOD_S**2
 """The first step of a smooth start."""
 
@@ -26,7 +26,7 @@ def robot():
 
 
 def under_way(robot, start, steps=18):
-    """The robot at full speed; what it has commanded so far is forgotten."""
+    """The robot at full speed, with its recorded commands cleared."""
     started = start(robot.plugin)
     robot.step(steps)
     robot.commands()
@@ -42,7 +42,7 @@ def by_hand(plugin):
 
 
 def wheels_stand(robot, steps=10):
-    """Whether nothing but standing is commanded from now on."""
+    """Whether only zero velocity is commanded from now on."""
     robot.commands()
     robot.step(steps)
     return all(said in ("stop", STILL) for said in robot.commands())

@@ -1,4 +1,4 @@
-"""Driving by hand, command by command: what a hand takes over, what waits for it, what it leaves alone."""
+"""Manual driving, command by command: what it takes over, what waits for it, what it leaves alone."""
 
 import math
 
@@ -21,7 +21,7 @@ def robot():
 
 
 def under_way(robot, start, steps):
-    """The robot after some steps; what it has commanded so far is forgotten."""
+    """The robot after some steps, with its recorded commands cleared."""
     started = start(robot.plugin)
     robot.step(steps)
     robot.commands()
@@ -29,7 +29,7 @@ def under_way(robot, start, steps):
 
 
 def wheels_stand(robot):
-    """Whether nothing but standing is commanded from now on."""
+    """Whether only zero velocity is commanded from now on."""
     robot.commands()
     robot.step(10)
     return all(said in ("stop", STILL) for said in robot.commands())

@@ -1,4 +1,4 @@
-"""Paths and ramps by themselves, at their edges."""
+"""Edge cases of paths and ramps."""
 
 import math
 

@@ -109,7 +109,7 @@ def test_after_a_refusal_the_robot_goes_on_with_what_it_was_at(explorer):
 
 
 @pytest.mark.parametrize("x_m", ["1e300", "-1e7", "NaN"])
-def test_a_goal_out_of_all_measure_is_refused_in_words_and_the_robot_goes_on(explorer, x_m):
+def test_a_goal_with_absurd_numbers_is_refused_and_the_robot_goes_on(explorer, x_m):
     one, host = explorer
     goal = frontiers(host)[0]
     one.offer(goal, task="good", epoch=1)

@@ -296,7 +296,7 @@ def hall(robot, observed_ms):
 
 
 @pytest.mark.parametrize(("observed_ms", "is_taken"), [(500, True), (5_900, True), (20_000, False), (2**31 - 1, False)])
-def test_what_a_mate_claims_to_have_seen_later_than_now_is_not_taken(stage, observed_ms, is_taken):
+def test_patches_from_the_future_are_ignored(stage, observed_ms, is_taken):
     one = stage()
     host = one.host("mapper", "localisation", mapper=GRID)
     one.wire.token(ROBOT_ALIVE, robot="r2")
@@ -307,7 +307,7 @@ def test_what_a_mate_claims_to_have_seen_later_than_now_is_not_taken(stage, obse
     assert one.infos()["mapper"].state == "active"
 
 
-def test_what_a_robot_says_that_is_not_there_is_not_taken_until_it_is(stage):
+def test_patches_of_an_absent_robot_are_ignored_until_it_is_there(stage):
     one = stage()
     host = one.host("mapper", "localisation", mapper=GRID)
     one.run(1.0)

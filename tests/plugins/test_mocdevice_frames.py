@@ -1,4 +1,4 @@
-"""The motor controller's device frame by frame, on a bus of the test's own."""
+"""The motor controller's device, frame by frame, on a fake bus."""
 
 import math
 
@@ -19,7 +19,7 @@ FAILED, RUNNING = 3, 0
 
 @pytest.fixture
 def device():
-    """The device of a controller that has not spoken yet."""
+    """A device whose controller has not sent anything yet."""
     one = BareDevice(MocDevice)
     one.it.activate()
     return one
@@ -27,7 +27,7 @@ def device():
 
 @pytest.fixture
 def again():
-    """The same after a restart: the controller has spoken before."""
+    """The same after a restart: the controller has sent frames before."""
     one = BareDevice(MocDevice)
     one.board.T_odom_robot, one.board.wheel_ticks = Pose2D(1.0, 2.0, 0.5), (10, 20, 30)
     one.it.activate()

@@ -1,4 +1,4 @@
-"""What lidar and range sensors see, as points, and whether the lidar can be believed: by itself."""
+"""Obstacle points from lidar and range sensors, and detection of a frozen lidar."""
 
 import math
 
@@ -92,7 +92,7 @@ def test_lidar_that_sees_nothing_is_not_frozen():
 
 @pytest.fixture
 def near():
-    """Points of a robot that stands at a pose of the test's choice."""
+    """Obstacle points of a robot at a given pose."""
     one = ObstaclePoints(lambda stamp_ns: Pose2D(round(stamp_ns / 1e9, 3), 0.0, 0.0))
     assert one.points_m.shape == (2, 0)
     return one

@@ -1,4 +1,4 @@
-"""What charging comes to, and what is told of it: the behavior on plain objects."""
+"""Results of charging and their reports; the behavior on fakes."""
 
 from types import SimpleNamespace
 
@@ -22,7 +22,7 @@ TASK = Recharge(id="c", place=CHARGER.place, yaw_rad=1.0, until_soc=0.9)
 
 
 def charged(robot, soc, *, comes=True, begun_soc=0.5, at=4.0):
-    """What charging comes to if the battery says so much when the current ends; `comes`: there was one."""
+    """Result of charging if the battery has this charge when the current ends; `comes`: whether there was a current."""
     robot.errand.at = Pose2D(at, 0.0, 0.0)
     robot.battery.soc, robot.battery.charging = begun_soc, comes
     robot.it._queue = SimpleNamespace(must_give=lambda _charger: False)

@@ -1,4 +1,4 @@
-"""When a robot goes home of its own accord, and makes way for others: the behavior on plain objects."""
+"""When a robot decides to charge, and when it yields its charger; the behavior on fakes."""
 
 import pytest
 
@@ -77,7 +77,7 @@ def test_robot_that_cannot_judge_or_is_being_charged_stays(what):
     assert robot.it._wanted == ""
 
 
-def test_it_is_looked_every_two_seconds():
+def test_energy_is_checked_every_two_seconds():
     robot = BareRecharge(CHARGER)
     robot.it.step()
     robot.usable_j = 0.0
@@ -94,7 +94,7 @@ def test_way_home_is_planned_again_only_when_its_bound_is_not_enough_or_other_ch
     robot.has(RESERVE_S, 6.0)
     robot.guard()
     assert robot.ways_home == 1
-    robot.errand.at = Pose2D(2.0, 0.0, 0.0)  # at the most 6 m now
+    robot.errand.at = Pose2D(2.0, 0.0, 0.0)  # at most 6 m now
     robot.guard()
     assert robot.ways_home == 1
     robot.errand.at = Pose2D(0.0, 2.01, 0.0)

@@ -1,4 +1,4 @@
-"""Battery manager and range sensors frame by frame, on a bus of the test's own."""
+"""Battery manager and range sensors, frame by frame, on a fake bus."""
 
 import math
 
@@ -162,7 +162,7 @@ def test_node_that_has_spoken_may_be_silent_for_just_so_long(ring):
     assert ["silent for 1.0 s" in each for each in silent] == [True]
 
 
-def test_corrupt_frame_is_no_word_of_the_node(ring):
+def test_corrupt_frame_is_no_sign_of_life(ring):
     ring.hear("Bumps", 1, contacts=0)
     ring.step()
     ring.hear("Bumps", 2, contacts=0).data[-1] ^= 1

@@ -1,4 +1,4 @@
-"""Driving through places that are hardly wider than the robot, whose radius is 0.2 m."""
+"""Driving through passages hardly wider than the robot, whose radius is 0.2 m."""
 
 import math
 
@@ -16,7 +16,7 @@ END = Point2D(3.2, 1.0)
 
 
 def two_rooms(gap_m, *, long_m=1.0, middle_m=1.0):
-    """Two rooms of 2 m in height, joined by a corridor that begins at x = 1.6."""
+    """Two rooms, 2 m in y, joined by a corridor that begins at x = 1.6."""
     occupied = np.ones((round(2.0 / CELL_M), round((2.8 + long_m) / CELL_M)), np.bool_)
     edge, begin, end = round(0.05 / CELL_M), round(1.6 / CELL_M), round((1.6 + long_m) / CELL_M)
     occupied[edge:-edge, edge:-edge] = False
@@ -27,7 +27,7 @@ def two_rooms(gap_m, *, long_m=1.0, middle_m=1.0):
 
 
 class Squeezing:
-    """A robot before a corridor."""
+    """A robot in front of a corridor."""
 
     def __init__(self, stage, plan, *, yaw_rad=0.0):
         start = Pose2D(START.x_m, START.y_m, yaw_rad)

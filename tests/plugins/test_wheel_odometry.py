@@ -1,4 +1,4 @@
-"""Dead reckoning by itself: counts in, poses out."""
+"""Dead reckoning: encoder counts in, poses out."""
 
 import math
 
@@ -12,7 +12,7 @@ from robrain.protocol.wire.clock import to_ns
 BASE = OmniBase()
 START = Pose2D(0.0, 0.0, 0.0)
 MOST = 2.0 * 32.0 * ENCODER_PERIOD_S / BASE.rad_per_tick
-"""Ticks in a frame beyond which the counter has jumped: twice what the wheels can do."""
+"""Ticks per frame above which the counter must have jumped: twice the wheels' maximum."""
 
 
 def fresh(ticks=(0, 0, 0)):

@@ -1,4 +1,4 @@
-"""One battery followed through its measurements: what is believed corrects, what is doubted widens."""
+"""Tracking one battery: trusted measurements correct the estimate, doubted ones widen it."""
 
 import pytest
 
@@ -14,11 +14,11 @@ from robrain.protocol.model.soc_filter import PackModel, SocFilter
 
 PACK = PackModel(missed_sd=0.0)
 LIE = Measured(3.0, 1.0, 25.0)
-"""A voltage that no pack has."""
+"""An impossible pack voltage."""
 
 
 class Followed:
-    """A tracker, and a gauge that measures twice a second what the tracker expects, but for a hair."""
+    """A tracker, and a gauge that measures nearly the expected values twice a second."""
 
     def __init__(self, soc: float | None = 0.8) -> None:
         self.one = BatteryTracker(PACK, GaugeLimits(recover_s=2.0), soc)
@@ -31,7 +31,7 @@ class Followed:
 
     def sound(self, count: int, current_a: float = 1.0) -> None:
         for _ in range(count):
-            self._hair_v = -self._hair_v  # one that says the same to the last bit is frozen
+            self._hair_v = -self._hair_v  # bit-identical values would count as a frozen gauge
             voltage_v = self.filter.expected_v(current_a) + self._hair_v
             self.one.follow(Measured(voltage_v, current_a, 25.0), 0.5 * current_a, 0.5)
 
@@ -127,7 +127,7 @@ def test_usual_current_is_a_mean_over_a_minute_of_what_is_drawn():
     followed.sound(1, 4.0)
     expected_a = 1.2 + (4.0 - 1.2) * 0.5 / 60.0
     assert followed.one.usual_a == pytest.approx(expected_a)
-    for current_a in (-2.0, 0.0):  # what a charger gives, or nothing, is no measure of what is drawn
+    for current_a in (-2.0, 0.0):  # charging or zero current says nothing about consumption
         followed.sound(1, current_a)
         assert followed.one.usual_a == pytest.approx(expected_a)
     followed.lie()
@@ -137,7 +137,7 @@ def test_usual_current_is_a_mean_over_a_minute_of_what_is_drawn():
     assert long.one.usual_a == 3.0
 
 
-def test_silence_that_is_short_is_none():
+def test_short_silence_is_ignored():
     followed = Followed()
     followed.one.hear_nothing(1.5, 1.5)
     assert (followed.filter.soc, followed.one.why_doubted) == (0.8, "")

@@ -1,4 +1,4 @@
-"""What comes from outside is checked once, where it comes in; what is refused is counted and told."""
+"""Messages are checked once, on entry; rejected ones are counted and reported."""
 
 import logging
 
@@ -65,13 +65,13 @@ def refusals(wire):
     ],
     ids=lambda value: getattr(value, "name", None),
 )
-def test_who_says_it_is_another_than_its_key_is_not_heard(wire, inbox, topic, names, message):
+def test_a_message_whose_sender_differs_from_its_key_is_rejected(wire, inbox, topic, names, message):
     wire.publisher(topic, **names).put(message)
     assert inbox.drain() == []
     assert refusals(wire) == [(topic.name, topic.key("t", **names), "wrong_name", 1)]
 
 
-def test_who_says_what_its_key_says_is_heard(wire, inbox):
+def test_a_message_whose_sender_matches_its_key_is_accepted(wire, inbox):
     wire.publisher(ROBOT_STATE, robot="r1").put(RobotState(robot="r1"))
     wire.publisher(TASK_EVENT, task="b").put(
         TaskEvent(task=Visit(id="b", place=Point2D(0.0, 0.0)), state=TaskState.DONE)

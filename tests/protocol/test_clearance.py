@@ -23,7 +23,7 @@ def test_a_robot_of_forty_centimetres_drives_through_forty_four():
     resolution_m=st.sampled_from([0.05, 0.1]),
 )
 def test_no_gap_that_can_be_driven_is_missing_from_a_map(radius_m, wider_m, offset, resolution_m):
-    """A corridor whose walls lie anywhere between the cells; the cells that they lie in are occupied."""
+    """A corridor whose walls are not aligned with the cells; the cells that contain them are occupied."""
     low_m = (10 + offset) * resolution_m
     high_m = low_m + least_gap_m(radius_m) + wider_m
     classes = np.full((60, 60), FREE, np.int8)

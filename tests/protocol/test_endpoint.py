@@ -327,7 +327,7 @@ def test_a_run_that_another_process_answers_cannot_be_repeated():
     key = ROBOT_PLUGINS.key("t", robot="r9")
     queryable = elsewhere.declare_queryable(key, lambda query: query.reply(key, b"[]"))
     try:
-        while not list(run.get(key)):  # it takes a moment until the run knows of it
+        while not list(run.get(key)):  # discovery takes a moment
             time.sleep(0.01)
         assert wire.robot.ask(ROBOT_PLUGINS, robot="r9", timeout_s=PATIENCE_S) == b"[]"
         inbox = Inbox()

@@ -1,4 +1,4 @@
-"""What a robot learns of its consumption, by figures: integrals of motion, lessons, outcomes, batches."""
+"""How a robot learns its consumption: integrals of motion, lessons, outcomes, batches."""
 
 import math
 
@@ -27,7 +27,7 @@ PRIOR = PowerPrior()
 
 
 def terms(*samples):
-    """Of samples (time, speed, yaw rate)."""
+    """Integrals of samples (time, speed, yaw rate)."""
     one = MotionTerms()
     for at_s, speed_m_s, yaw_rate_rad_s in samples:
         one.move(to_ns(at_s), speed_m_s, yaw_rate_rad_s)
@@ -39,7 +39,7 @@ def test_speeds_between_samples_change_evenly():
     amounts = one.between(to_ns(10.0), to_ns(11.0))
     path_m = 0.3 * 0.4 + 0.4 * 0.4 + 0.3 * 0.2
     turned_rad = 0.3 * 0.4 + 0.2 * 0.4
-    started = 0.5 * 0.6**2 + 0.5 * (0.4**2 - 0.2**2)  # what is slowed down is not given back
+    started = 0.5 * 0.6**2 + 0.5 * (0.4**2 - 0.2**2)  # braking recovers nothing
     assert amounts == pytest.approx((1.0, 1.0, path_m, turned_rad, started))
 
 

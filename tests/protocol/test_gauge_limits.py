@@ -17,7 +17,7 @@ def fresh(voltage_v=15.0, current_a=1.0):
 
 
 def judge(check, voltage_v=15.001, current_a=1.001, temperature_c=25.0, since_s=0.2, off_v=0.0, resistance_ohm=0.1):
-    """A next measurement, by default a sound one, of which the estimate is `off_v` lower."""
+    """Judge the next measurement, by default a sound one; the estimate is `off_v` lower."""
     check.judge(voltage_v, current_a, temperature_c, since_s, voltage_v - off_v, resistance_ohm)
     return check.why
 
@@ -164,7 +164,7 @@ def test_limits_are_above_nothing_and_finite(name, value):
         GaugeLimits(**{name: value})
 
 
-def test_range_of_voltages_is_none_if_it_is_empty():
+def test_empty_voltage_range_is_refused():
     with pytest.raises(ValueError, match="expected voltage_max_v above voltage_min_v"):
         GaugeLimits(voltage_min_v=12.0, voltage_max_v=12.0)
     GaugeLimits(temperature_min_c=-1.0, temperature_max_c=-0.5)

@@ -1,4 +1,4 @@
-"""Halts on a network that others flood: all of them arrive, and none that is too large is taken in."""
+"""Halts on a flooded network: all arrive, and oversized ones are rejected."""
 
 import threading
 import time
@@ -21,7 +21,7 @@ LARGE = b" " * 1_000_000
 
 @pytest.fixture
 def network():
-    """A router, and a function that opens an endpoint with a session of its own."""
+    """A router, and a function that opens an endpoint with its own session."""
     router = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
     opened = []
 
@@ -47,7 +47,7 @@ def until(condition):
 
 
 class Flood:
-    """Somebody who fills the network with chatter."""
+    """Flood the network with messages."""
 
     def __init__(self, wire):
         self._ends = threading.Event()

@@ -189,7 +189,7 @@ def test_no_path_ever_leaves_the_floor_that_may_be_driven_on(data):
 
 
 def divided(*doors):
-    """The hall with a wall at x = 3 that has doors of so many cells from these rows on."""
+    """The hall with a wall at x = 3 that has doors; each starts at a row and has a number of cells."""
     classes = hall()
     classes[:, 30] = OCCUPIED
     for row, cells in doors:
@@ -201,7 +201,7 @@ def squeezing(classes):
     return NavigationGrid(classes, GEOMETRY, 0.12, preferred_m=0.28)
 
 
-def test_a_narrow_door_is_a_way_only_for_who_squeezes():
+def test_a_narrow_door_is_passable_only_when_squeezing():
     classes = divided((19, 3))
     assert NavigationGrid(classes, GEOMETRY, 0.28).path(WEST, EAST, snap_m=SNAP_M) is None
     path = squeezing(classes).path(WEST, EAST, snap_m=SNAP_M)
@@ -213,7 +213,7 @@ def test_a_wide_door_is_preferred_to_a_narrow_one_that_is_nearer():
     assert all(y < 1.2 for x, y in along(WEST, path) if 2.9 < x < 3.2)
 
 
-def test_where_there_is_room_who_squeezes_keeps_away_from_walls_as_ever():
+def test_a_squeezing_robot_keeps_its_preferred_clearance_where_there_is_room():
     classes = divided((4, 8))
     wide = NavigationGrid(classes, GEOMETRY, 0.28)
     narrow = squeezing(classes)
@@ -248,7 +248,7 @@ def test_wide_places_stay_open_within_what_is_shut():
 
 
 def test_ways_through_narrow_places_are_not_measured_through_a_slanting_wall():
-    """On cells of twice the size a diagonal wall would leak where robots come near to it."""
+    """On cells of twice the size, a diagonal wall near robots would leak."""
     classes = hall()
     for row in range(1, 39):
         classes[row, row + 10] = OCCUPIED

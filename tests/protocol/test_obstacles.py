@@ -56,7 +56,7 @@ def test_sectors_count_counter_clockwise_from_where_the_robot_looks():
 
 
 def walls(left_m: float, right_m: float, *, from_m: float = -1.0, to_m: float = 1.0) -> np.ndarray:
-    """Points each centimetre along two walls beside the x axis."""
+    """Points every centimetre along two walls beside the x axis."""
     along_m = np.arange(from_m, to_m, 0.01)
     return np.concatenate(
         [np.stack((along_m, np.full_like(along_m, left_m))), np.stack((along_m, np.full_like(along_m, -right_m)))],
@@ -84,7 +84,7 @@ def test_the_noise_of_one_range_does_not_shut_a_way_and_a_post_does():
 
 
 def test_what_stands_beyond_something_straight_ahead_is_no_wall_beside_the_way():
-    """A team mate as large as the robot stands 0.05 m before it."""
+    """Another robot of the same size stands 0.05 m in front of it."""
     angles = np.radians(np.arange(90.0, 270.0, 2.0))
     mate = np.stack((0.45 + 0.2 * np.cos(angles), 0.2 * np.sin(angles)))
     found = passage(np.concatenate([walls(0.25, 0.25), mate], axis=1), 0.0, 0.0, 0.0, 0.2)

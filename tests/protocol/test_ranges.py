@@ -1,4 +1,4 @@
-"""No message can hold a number, a text or a list that nothing behind the border could bear."""
+"""Every number, text and list of a message has a range that the code behind the inbox can handle."""
 
 import json
 import math
@@ -58,7 +58,7 @@ def is_refused(encoded: bytes, kind: Any) -> bool:
 
 
 @pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
-def test_no_number_of_a_message_can_be_out_of_all_measure(path) -> None:
+def test_every_number_in_a_message_has_a_range(path) -> None:
     whole = json.loads(path.read_bytes())
     for where, value in leaves(whole):
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -68,7 +68,7 @@ def test_no_number_of_a_message_can_be_out_of_all_measure(path) -> None:
 
 
 @pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
-def test_no_text_of_a_message_can_be_a_book(path) -> None:
+def test_every_text_in_a_message_has_a_length_limit(path) -> None:
     whole = json.loads(path.read_bytes())
     for where, value in leaves(whole):
         if isinstance(value, str):
@@ -83,7 +83,7 @@ def test_a_covariance_has_nine_numbers_or_none(length) -> None:
 
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf, 2 * METRES_MAX])
-def test_what_is_no_length_is_none_where_a_value_is_converted(number) -> None:
+def test_an_invalid_length_is_rejected_on_conversion(number) -> None:
     with pytest.raises(msgspec.ValidationError):
         msgspec.convert(number, Metres)
 

@@ -1,4 +1,4 @@
-"""The filter's figures against whole matrices, or against sums by hand for a pack with a straight curve."""
+"""The filter's results compared with full matrices, or with hand calculations for a pack with a linear curve."""
 
 import math
 
@@ -18,12 +18,12 @@ CERTAIN = {
     "drive_current_a": 2.0,
     "rate_loss_s": 0.0,
 }
-"""A pack of which everything is known, half of whose capacity is left."""
+"""A half-charged pack of which everything is known."""
 RATED_C, HEALTH = 3600.0, 0.5
 
 
 def straight(**changes: float) -> SocFilter:
-    """From 12 V, the cut-off, to 16 V; 3600 C rated. Half charged: 14 V, and 13 V on the average below."""
+    """Linear curve from 12 V (cut-off) to 16 V, 3600 C rated; half charged it has 14 V, and 13 V on average below."""
     pack = PackModel(
         capacity_wh=14.0, curve_soc=(0.0, 0.5, 1.0), curve_v=(12.0, 14.0, 16.0), cut_off_v=12.0, **(CERTAIN | changes)
     )
@@ -200,7 +200,7 @@ STATE = (0.45, 0.05, 0.01, 0.15, 0.9)
 
 
 def somewhere() -> SocFilter:
-    """A filter in the midst of its work: all errors go together somehow."""
+    """A filter in mid-run: all errors are correlated."""
     one = SocFilter(PACK)
     root = np.random.default_rng(7).normal(size=(5, 5)) * 0.02
     one.restore((np.array(STATE), root @ root.T + 1e-4 * np.eye(5)))

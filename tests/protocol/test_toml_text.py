@@ -48,7 +48,7 @@ def test_too_many_keys_are_refused_before_they_are_parsed(monkeypatch, text):
 def test_no_more_of_a_file_is_read_than_may_be_parsed(tmp_path):
     path = tmp_path / "large.toml"
     with path.open("wb") as file:
-        file.truncate(1 << 40)  # a terabyte of nothing: to read it would not end
+        file.truncate(1 << 40)  # a sparse terabyte, which takes too long to read
     with pytest.raises(BadToml, match="expected at most 64 kB"):
         read_toml(path)
 
@@ -135,7 +135,7 @@ def test_nothing_deeper_than_the_limit_comes_through(text):
     "unit", ['\\"""\n', "'''", '"""', '"', "'", '"\\', "[a]\n", "a.", "[", "#", '\\"""x\\'], ids=repr
 )
 def test_the_look_beforehand_ends_for_any_text_that_is_not_too_large(monkeypatch, unit):
-    """A look that takes time by the square of a megabyte does not end within a test."""
+    """A check of quadratic cost would not finish a megabyte within a test."""
     looked: list[str] = []
     monkeypatch.setattr(tomllib, "loads", lambda text: looked.append(text) or {})
     limits = LARGE._replace(depth=1 << 30, keys=1 << 30)

@@ -1,4 +1,4 @@
-"""Two nodes back to back on one bus: what python-can asks of every interface, asked of `zenoh`.
+"""Two nodes back to back on one bus: python-can's checks of every interface, for `zenoh`.
 
 The subjects are those of python-can 4.6's own tests of two buses on one channel. Each test runs on nodes of a lockstep
 run, on nodes that share a live session, and on nodes whose sessions are clients of one hub.
@@ -21,7 +21,7 @@ Open = Callable[..., can.BusABC]
 
 
 def open_bus(**options) -> can.BusABC:
-    """A node as python-can's tools open it: CAN FD, and options that mean nothing to this interface."""
+    """A node as python-can's tools open it: CAN FD, and options that this interface ignores."""
     return can.Bus(
         interface="zenoh", channel=CHANNEL, **{"bitrate": 500_000, "fd": True, "single_handle": True} | options
     )
@@ -196,7 +196,7 @@ FILTERS = {
 
 @pytest.mark.parametrize(("filters", "wanted"), FILTERS.values(), ids=FILTERS)
 def test_filters_choose_what_is_received(pair, filters, wanted):
-    last = can.Message(arbitration_id=0, is_error_frame=True)  # comes through any filter, so nothing is still under way
+    last = can.Message(arbitration_id=0, is_error_frame=True)  # passes any filter: nothing else is pending
     pair[1].set_filters(filters)
     for identifier, is_extended in ((0x001, False), (0x002, True), (0x123, False), (0x123, True)):
         pair[0].send(can.Message(arbitration_id=identifier, is_extended_id=is_extended))
@@ -376,7 +376,7 @@ def test_an_unknown_option_is_refused_with_those_that_there_are(lockstep_session
 @pytest.mark.parametrize(
     ("options", "why"),
     [
-        ({"fd": "yes"}, "option fd: expected true or false, got 'yes'"),  # not what python-can makes of a word
+        ({"fd": "yes"}, "option fd: expected true or false, got 'yes'"),  # python-can does not convert this word
         ({"receive_own_messages": "maybe"}, "option receive_own_messages: expected true or false, got 'maybe'"),
         ({"team": 7.5}, "option team: expected text, got 7.5"),
         ({"connect": 7447}, "option connect: expected text, got 7447"),
@@ -403,7 +403,7 @@ def test_a_classic_node_neither_sends_nor_receives_can_fd(lockstep_session):
 @pytest.mark.parametrize(
     ("bad", "why"),
     [
-        (can.Message(arbitration_id=1, data=bytes(9)), "at most 8 bytes"),  # python-can itself does not look
+        (can.Message(arbitration_id=1, data=bytes(9)), "at most 8 bytes"),  # python-can itself does not check this
         (can.Message(arbitration_id=1, is_remote_frame=True, dlc=15), "at most 8 bytes"),
         (can.Message(arbitration_id=1 << 29), "identifier of 29 bits"),
         (can.Message(arbitration_id=-1), "identifier of 29 bits"),

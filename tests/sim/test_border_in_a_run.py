@@ -1,4 +1,4 @@
-"""What the project's own components say in a run is within the ranges of its types: nothing of it is refused."""
+"""Messages of the project's own components stay within the ranges of their types: none is rejected in a run."""
 
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -11,7 +11,7 @@ from robrain.sim.scenario import Scenario
 RUN_S = 20.0
 
 
-def test_whatever_is_said_in_a_run_is_taken_in() -> None:
+def test_every_message_of_a_run_is_accepted() -> None:
     run = LockstepRun(Scenario.builtin("arena_small").replace(robots=3, motes=4, seed=5).world())
     ears = Endpoint(run.session, "default", run.clock, Drive.LOCKSTEP)
     inbox = Inbox(100_000, every=True)

@@ -1,6 +1,6 @@
-"""Figures that follow from the code alone, held against their bounds and against what the pages print.
+"""Deterministic figures, compared with their bounds and with the pages.
 
-After a change that moves them: `make bench ARGS="exploration real_maps"`, then `make figures`.
+After a change that affects them, run `make bench ARGS="exploration real_maps"`, then `make figures`.
 """
 
 import sys
@@ -23,11 +23,11 @@ pytestmark = pytest.mark.timeout(900)
 PRINTED = Results.read().named()
 SMALL = Scenario.builtin("arena_small").replace(robots=1)
 CALLS_MARGIN = 0.05
-"""A bound of calls that is farther off than this share lets a capability pass that costs as much."""
+"""Maximum distance of a bound on calls from the measured value; a looser bound would hide the cost of new features."""
 
 
 def missed(figures: list[Figure]) -> list[str]:
-    """What is not kept of what depends on the code alone, in words."""
+    """Messages for deterministic figures that miss their bound."""
     fixed = [figure for figure in figures if figure.kind is Kind.DETERMINISTIC]
     assert fixed
     return [
@@ -38,7 +38,7 @@ def missed(figures: list[Figure]) -> list[str]:
 
 
 def misprinted(section: str, figures: list[Figure]) -> list[str]:
-    """What the pages print otherwise, in words."""
+    """Messages for figures that differ from the pages."""
     fixed = [figure for figure in figures if figure.kind is Kind.DETERMINISTIC]
     printed = {figure.name: PRINTED.get((section, figure.name)) for figure in fixed}
     return [

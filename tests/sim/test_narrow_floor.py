@@ -1,4 +1,4 @@
-"""Whole runs on floors with places that are hardly wider than the robots, or narrower."""
+"""Whole runs on floors with passages hardly wider than the robots, or narrower."""
 
 import json
 
@@ -75,7 +75,7 @@ def test_no_wall_of_a_narrow_corridor_with_bends_is_touched(gap_m, seed):
 
 
 def test_floor_behind_a_gap_that_no_robot_fits_through_is_not_asked_of_them_and_is_named():
-    """Robots of 0.46 m in diameter before the same corridor."""
+    """Robots 0.46 m in diameter in front of the same corridor."""
     result = scenario(two_rooms(0.45), radius_m=0.23).run()
     assert result.ended == "explored"
     (left,) = result.floor_left

@@ -1,4 +1,4 @@
-"""In lockstep nothing ends by the wall clock: pauses of the process leave a run as it is."""
+"""Lockstep does not depend on the wall clock: pauses of the process do not change a run."""
 
 import functools
 import random
@@ -23,7 +23,7 @@ PAUSED = {
     Inbox: "append",  # each subscription's callback
     Endpoint: "_reply",  # each handler of a query
 }
-"""What pauses at random, each with a share of its calls."""
+"""Functions that pause at random, each with the share of calls that pause."""
 SHARES = {"offer": 1.0, "run_step": 0.02, "step": 0.2, "append": 0.02, "_reply": 0.5}
 
 

@@ -43,7 +43,7 @@ MIDDLE_OF = """async (selector) => {
   const rests = before && after && before.x === after.x && before.y === after.y;
   return rests && document.elementFromPoint(after.x, after.y)?.closest(selector) ? after : null;
 }"""
-"""Where to click on something, once it has come to rest and nothing lies over it: sections open gradually."""
+"""The point to click on an element, once it has stopped moving and nothing covers it, as sections open gradually."""
 CALM = """
 (() => {
   const PAUSE_MS = 125;
@@ -54,7 +54,7 @@ CALM = """
   window.cancelAnimationFrame = (number) => clearTimeout(number);
 })();
 """
-"""Pages draw eight times a second: without a graphics card each picture takes a processor, and tests look at few."""
+"""Limits pages to eight frames a second, as each frame costs much CPU without a graphics card."""
 T = TypeVar("T")
 
 

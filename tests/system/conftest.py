@@ -16,13 +16,13 @@ from tests.waiting import PATIENCE_S
 
 ROOT = Path(__file__).parents[2]
 GRACE_S = 30.0
-"""So long a process may take to end when it is asked to, before it is killed."""
+"""Time for a process to end on request before it is killed."""
 
 
 class Commands:
-    """Runs `robrain` commands, and remembers them to end them.
+    """Runs `robrain` commands and ends them after the test.
 
-    They find a team only at an endpoint that they are given, or at `hub`, which no other test's commands know.
+    They find a team only at a given endpoint or at `hub`, which no other test's commands use.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -57,7 +57,7 @@ class Commands:
             stdout=subprocess.PIPE,
             stderr=stderr,
             text=True,
-            start_new_session=True,  # a group of its own, so that what it leaves behind can be ended with it
+            start_new_session=True,  # own process group, so that its leftovers can be ended with it
         )
         self._groups.add(process.pid)
         self.adopt(process)

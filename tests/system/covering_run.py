@@ -1,6 +1,6 @@
-"""A short lockstep run that meets the arithmetic that a digest depends on; prints its digest and what it met, as JSON.
+"""A short lockstep run that covers the arithmetic behind a digest; prints digest and coverage as JSON.
 
-It explores, drives by lidar and motes, plans tasks, takes a picture, and finds a robot again that is lost.
+It explores, localises by lidar and motes, plans tasks, takes a picture, and relocalises a lost robot.
 """
 
 import functools
@@ -25,9 +25,9 @@ from robrain.sim.camera import Camera
 from robrain.sim.radio import RadioModel
 
 BEFORE_S, AFTER_S = 12.0, 12.0
-"""How long it runs before a robot is lost, and afterwards."""
+"""Duration before a robot is lost, and afterwards."""
 MET = Counter[str]()
-"""Calls of each function that is watched."""
+"""Number of calls of each watched function."""
 
 
 def watch(owner: Any, *names: str) -> None:
@@ -47,7 +47,7 @@ def _counted(function: Callable[..., Any], name: str) -> Callable[..., Any]:
 
 
 def found_by_motes() -> list[float]:
-    """A lost robot's pose and covariance, from signals alone: it takes more of them than a short run has."""
+    """Pose and covariance of a robot relocalised from given signals, as a short run has too few of them."""
     rng = np.random.default_rng(8)
     true = Pose2D(12.0, 7.0, 1.3)
     mote_places = np.array(((0.0, 0.0), (20.0, 0.0), (20.0, 14.0), (0.0, 14.0), (10.0, 3.0)))

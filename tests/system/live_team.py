@@ -50,12 +50,12 @@ class LiveTeam:
         return sum(robot.distance_m for robot in self.robots().values())
 
     def stir(self) -> None:
-        """Have robots that have nothing to do go about for a while: what is explored, they stand on."""
+        """Drive idle robots around for a while: robots stand still on an explored map."""
         for robot in self.robots():
             until(lambda robot=robot: self._wanders(robot), f"{robot} does not wander", pause_s=ASK_S)
 
     def _wanders(self, robot: str) -> bool:
-        """Have a robot go about, if its devices are there: on a machine that is busy they may miss a while."""
+        """Start driving a robot around; False if its devices are missing, as may happen on a busy machine."""
         try:
             self._endpoint.ask(ROBOT_CALL, [WANDER_S], robot=robot, plugin="wander", function="start")
         except CallError as error:

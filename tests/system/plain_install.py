@@ -1,4 +1,4 @@
-"""The plain install, played: every package that only an extra or the tests bring cannot be imported."""
+"""Simulates the plain install: packages from extras or for tests cannot be imported."""
 
 import json
 import tomllib
@@ -25,14 +25,14 @@ sys.meta_path.insert(0, Blocker())
 
 
 def plain_python_path(folder: Path) -> str:
-    """A PYTHONPATH under which Python has what `pip install robrain` installs, and nothing else."""
+    """A PYTHONPATH that limits Python to what `pip install robrain` installs."""
     blocked = sorted(set(metadata.packages_distributions()) - plain_packages() - {"robrain"})
     (folder / "sitecustomize.py").write_text(BLOCKER.format(blocked=json.dumps(blocked)))
     return str(folder)
 
 
 def plain_packages() -> set[str]:
-    """Names that the plain install's distributions are imported by."""
+    """Import names of the plain install's distributions."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     open_requirements = [Requirement(text) for text in project["dependencies"]]
     distributions: set[str] = set()

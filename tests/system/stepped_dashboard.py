@@ -1,4 +1,4 @@
-"""A dashboard within the test's own process, of which a test sees more than its page."""
+"""A dashboard within the test process, so that a test can look behind its page."""
 
 import socket
 import threading
@@ -11,7 +11,7 @@ PERIOD_S = 0.1
 
 
 class Stepped:
-    """A dashboard that is stepped on a thread, and how its steps went."""
+    """A dashboard that is stepped on a thread; records the number of steps and the longest one."""
 
     def __init__(self, endpoint: Endpoint) -> None:
         self.dashboard = Dashboard(endpoint, port=0)
@@ -27,7 +27,7 @@ class Stepped:
         self.dashboard.close()
 
     def waiting(self) -> int:
-        """Messages that are kept for browsers, those for all of them included."""
+        """Messages buffered for browsers, including those for all of them."""
         server = self.dashboard._server._websock_server
         clients = list(server._client_state_from_id.values())
         return sum(len(client.message_buffer.message_from_id) for client in clients) + len(
@@ -35,7 +35,7 @@ class Stepped:
         )
 
     def narrow(self) -> None:
-        """Leave hardly any room in the sockets: what a hung browser does not take piles up at once."""
+        """Shrink the send buffers, so that messages for a hung browser pile up at once."""
         for connection in self.dashboard._server._websock_server._live_connections.values():
             connection.transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
 

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.system
 
 
 class Drawer(Unit):
-    """Answers with what it is given."""
+    """Echoes its arguments."""
 
     @external
     def draw(self, x_m: float, label: str = "-") -> tuple[float, str]:
@@ -38,7 +38,7 @@ class Drawer(Unit):
 
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Commands]:
-    """A robot with a drawer, played at the hub of its commands."""
+    """A fake robot with a drawer at the commands' hub."""
     commands = Commands(tmp_path_factory.mktemp("team"))
     functions, drawer = external_functions(Drawer), Drawer.__new__(Drawer)
     with open_session(mode="router", listen=[commands.hub.endpoint]) as session:
@@ -64,7 +64,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Commands]:
     ("words", "said"),
     [
         (["draw", "1.5"], '[1.5, "-"]\n'),
-        (["draw", "-1.5", "label=a b"], '[-1.5, "a b"]\n'),  # a negative number is no option
+        (["draw", "-1.5", "label=a b"], '[-1.5, "a b"]\n'),  # a negative number is not an option
         (["draw", "label=x", "x_m=2"], '[2.0, "x"]\n'),
         (["draw(1.5, x)"], '[1.5, "x"]\n'),  # as in the shell
         (["draw", '[1, "y"]'], '[1, "y"]\n'),
@@ -97,7 +97,7 @@ def test_a_program_gets_json(robot: Commands, words: list[str]) -> None:
         (["r2", "drawer", "draw"], "no robot r2 in team default; there are: r1"),
     ],
 )
-def test_a_call_that_cannot_be_is_one_sentence(robot: Commands, words: list[str], said: str) -> None:
+def test_an_invalid_call_is_one_sentence(robot: Commands, words: list[str], said: str) -> None:
     done = robot.run("call", *words)
     assert (done.returncode, done.stdout) == (2, "")
     (line,) = done.stderr.splitlines()

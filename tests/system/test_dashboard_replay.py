@@ -25,7 +25,7 @@ def test_recording_is_scrubbed_stepped_and_played(commands) -> None:
     with chromium() as context:
         page, errors = open_page(context, url)
         expect(page.get_by_role("button", name="EMERGENCY HALT")).to_have_count(0)
-        # It stands at its beginning until somebody plays it.
+        # A replay is paused at its start.
         play = page.get_by_role("button", name="▶ Play", exact=True)
         expect(play).to_be_visible()
         page.wait_for_timeout(1500)

@@ -1,4 +1,4 @@
-"""The halt while windows, palette and fields are open; what stands above what; motes from nearby. Real Chromium."""
+"""The halt while windows, palette and fields are open, stacking order, motes when zoomed in; in a real Chromium."""
 
 from collections.abc import Iterator
 
@@ -99,7 +99,7 @@ def test_key_of_the_halt_works_at_once_after_the_palette_was_closed_and_the_butt
     for _ in range(TIMES):
         page.keyboard.press("Control+k")
         expect(palette).to_be_visible()
-        page.get_by_placeholder("Search commands...").press_sequentially("h")  # who types there does not halt
+        page.get_by_placeholder("Search commands...").press_sequentially("h")  # typing there does not halt
         assert page.evaluate(ON_TOP)
         page.keyboard.press("Escape")
         page.keyboard.press("h")
@@ -109,9 +109,7 @@ def test_key_of_the_halt_works_at_once_after_the_palette_was_closed_and_the_butt
         assert next_halt(team).halted
 
 
-def test_who_types_does_not_halt_and_escape_leaves_the_field(
-    browser: Browser, stepped: Stepped, team: FakeTeam
-) -> None:
+def test_typing_does_not_halt_and_escape_leaves_the_field(browser: Browser, stepped: Stepped, team: FakeTeam) -> None:
     with window(browser) as context:
         page, errors = open_page(context, stepped.dashboard.url)
         page.get_by_role("tab", name="Robot", exact=True).click()
@@ -134,7 +132,7 @@ def test_who_types_does_not_halt_and_escape_leaves_the_field(
         assert errors == []
 
 
-def test_what_is_used_most_stands_first(browser: Browser, stepped: Stepped) -> None:
+def test_most_used_controls_come_first(browser: Browser, stepped: Stepped) -> None:
     with window(browser) as context:
         page, errors = open_page(context, stepped.dashboard.url)
         page.get_by_role("tab", name="Robot", exact=True).click()

@@ -1,4 +1,4 @@
-"""Ctrl-C while a run is set up: what has been opened is closed in order, and nothing is said about it."""
+"""Ctrl-C while a run is set up: everything opened is closed in order, without output."""
 
 import signal
 import subprocess
@@ -8,7 +8,7 @@ import pytest
 
 pytestmark = pytest.mark.system
 
-# It says that it has come so far, and then waits to be told to go on: the signal comes while robots are set up.
+# The script reports this point and waits, so that the signal arrives while robots are set up.
 SCRIPT = """
 import sys
 

@@ -14,13 +14,13 @@ from numpy._core import _multiarray_umath
 RUN = Path(__file__).parent / "covering_run.py"
 FEATURES: dict[str, bool] = _multiarray_umath.__cpu_features__
 CORE_TYPES = {"Prescott": "SSE3", "Nehalem": "SSE42", "Haswell": "AVX2", "SkylakeX": "AVX512_SKX"}
-"""What OpenBLAS can be made to take the processor for, and what that needs the processor to have."""
+"""Core types that OpenBLAS can be set to, and the processor features that each needs."""
 LIMIT_S = 540.0
 VECTOR_UNITS = [name for name in _multiarray_umath.__cpu_dispatch__ if FEATURES.get(name)]
 
 
 def other_processors() -> dict[str, dict[str, str]]:
-    """Environments in which the numeric libraries take this processor for another."""
+    """Environments in which the numeric libraries assume another processor."""
     found = {name: {"OPENBLAS_CORETYPE": name} for name, needed in CORE_TYPES.items() if FEATURES.get(needed)}
     found["Prescott"] |= {"NPY_DISABLE_CPU_FEATURES": " ".join(VECTOR_UNITS)}
     return found

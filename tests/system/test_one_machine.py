@@ -1,4 +1,4 @@
-"""One machine just works: what runs on it finds its hub, waits for it, and says who else is there."""
+"""Commands on one machine find its hub, wait for it, and list who else is there."""
 
 import json
 import os
@@ -17,12 +17,12 @@ from tests.system.conftest import Commands
 from tests.waiting import until
 
 pytestmark = pytest.mark.system
-WAITS = "yet: waits for"
+WAITS = "yet: waiting for"
 
 
 @pytest.fixture(scope="module")
 def team(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Commands]:
-    """`robrain up` with one robot, which was told of no endpoint; and commands of the same machine."""
+    """`robrain up` with one robot and no endpoint given, and commands on the same machine."""
     found = Commands(tmp_path_factory.mktemp("team"))
     try:
         process = found.start("up", "arena_small", "--robots", "1", "--no-dashboard")
@@ -138,7 +138,7 @@ def test_agent_coordinator_recorder_and_arena_wait_for_their_hub_and_say_so_once
         for who, (ready, _) in waiting.items():
             process = started[who]
             assert process.stdout is not None
-            line = process.stdout.readline()  # the very next one: it did not say so again
+            line = process.stdout.readline()  # the very next line: it did not repeat the message
             assert line.startswith(ready) or "serial forwarder" in line, line
             process.send_signal(signal.SIGINT)
         for process in started.values():

@@ -1,4 +1,4 @@
-"""Real processes that start under a name that another has, or at once with another."""
+"""Real processes that start under a name already taken, or at the same time as another."""
 
 import signal
 import subprocess
@@ -52,7 +52,7 @@ def test_a_second_process_of_a_name_refuses_and_says_who_is_there(commands, star
 def test_of_three_that_start_at_once_exactly_one_comes_up(commands, start, kind) -> None:
     processes = [start() for _ in range(3)]
     up: list[subprocess.Popen[str]] = []
-    while not up:  # who is refused ends; who is up says so
+    while not up:  # a refused process ends; the other reports that it is up
         for process in processes:
             line = process.stdout.readline()
             if UP[kind] in line:
@@ -74,11 +74,11 @@ def test_after_a_kill_the_next_one_comes_up_without_waiting(commands, start, kin
         assert commands.line_with(first, kind).startswith(UP[kind])  # its first word
 
 
-def test_one_that_hangs_for_longer_than_its_connection_lasts_loses_its_name(commands, start, kind) -> None:
+def test_a_process_that_hangs_beyond_its_lease_loses_its_name(commands, start, kind) -> None:
     first = start()
     commands.line_with(first, UP[kind])
     first.send_signal(signal.SIGSTOP)
     second = start()
     commands.line_with(second, UP[kind])
     assert first.poll() is None
-    first.kill()  # what is stopped hears no Ctrl-C
+    first.kill()  # a stopped process does not react to Ctrl-C

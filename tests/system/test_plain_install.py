@@ -63,7 +63,7 @@ LIVE = ("agent", "coordinator")
 
 
 class Plain:
-    """Commands in a plain install, beside a hub of which they know."""
+    """Commands in a plain install, with a hub that they can find."""
 
     def __init__(self, commands: Commands, python_path: str) -> None:
         self.commands = commands
@@ -131,7 +131,7 @@ def test_no_command_is_left_out() -> None:
     assert sorted([*LIVE, *(command for command, _, _ in COMMANDS)]) == sorted(_leaves(get_command(app)))
 
 
-def test_every_command_of_the_readme_is_one() -> None:
+def test_every_command_in_the_readme_exists() -> None:
     known = list(_leaves(get_command(app)))
     spans = re.findall(r"`robrain ([^`]+)`", (ROOT / "README.md").read_text())
     assert len(spans) > 15

@@ -39,7 +39,7 @@ class Robot:
         return done.stdout.splitlines()
 
     def refused(self, *words: str) -> str:
-        """What a command that is refused says: a sentence, and below it the traceback if a plugin raised."""
+        """Output of a refused command: a sentence, followed by the traceback if a plugin raised."""
         done = self.plugin(*words)
         assert (done.returncode, done.stdout) == (2, "")
         line, *traceback = done.stderr.splitlines()

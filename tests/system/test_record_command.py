@@ -88,7 +88,7 @@ def test_a_recording_is_never_overwritten_and_a_wrong_split_is_told(commands, sp
     for where, words, named in (
         (speaker.address, ["--output", "run.mcap"], "run.mcap"),
         (speaker.address, ["--output", "other.mcap", "--split-mb", "-1"], "--split-mb"),
-        (nobody, ["--output", "other.txt"], ".mcap"),  # before it waits for a team
+        (nobody, ["--output", "other.txt"], ".mcap"),  # checked before waiting for a team
     ):
         done = commands.run("record", "--connect", where, *words)
         assert done.returncode == 2

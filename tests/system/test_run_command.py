@@ -86,7 +86,7 @@ def test_demo_for_servers_runs_records_and_says_how_to_replay(commands) -> None:
     assert "explored" in done.stdout
     hint = next(line for line in done.stderr.splitlines() if line.startswith("replay it: ")).removeprefix("replay it: ")
     assert hint.endswith(" replay runs/depot-1.mcap")
-    # What it says to type works as it stands, in a shell that knows of no virtual environment.
+    # The printed command works unchanged in a shell without the virtual environment.
     shell = {"PATH": "/usr/bin:/bin", "HOME": str(commands.folder)}
     typed = hint.removesuffix(" replay runs/depot-1.mcap") + " --version"
     said = subprocess.run(

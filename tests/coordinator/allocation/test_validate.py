@@ -41,7 +41,7 @@ def faults(problem, *orders):
         ({"usable_j": float("inf")}, "worker r1: expected a finite usable_j, got inf"),
     ],
 )
-def test_a_worker_that_cannot_be_is_refused_in_words(fields, complaint):
+def test_an_impossible_worker_is_refused_with_a_message(fields, complaint):
     with pytest.raises(ValueError, match=complaint):
         Worker(**({"name": "r1", "start": 0, "ends": (0,), "usable_j": 1.0} | fields))
 

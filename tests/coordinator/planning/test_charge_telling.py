@@ -1,4 +1,4 @@
-"""When the schedule of chargers is said anew: when something of it has changed, and not because time passes."""
+"""The schedule of chargers is published again when it has changed, not because time passes."""
 
 import msgspec
 import pytest

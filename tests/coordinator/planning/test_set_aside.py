@@ -1,4 +1,4 @@
-"""A task that no plan can be made of is set aside with its reason, and the others are planned."""
+"""A task that cannot be planned is set aside with its reason, and the others are planned."""
 
 import msgspec
 import pytest
@@ -114,7 +114,7 @@ def test_whatever_a_robot_says_of_its_energy_there_is_a_plan(fields, caplog):
 
 
 @pytest.mark.parametrize("field", HUGE)
-def test_a_task_out_of_all_measure_is_refused_in_words_when_it_is_asked_for(team, field):
+def test_a_task_with_absurd_numbers_is_refused_with_a_message_on_submission(team, field):
     team.robot("r1")
     team.run(0.5)
     with pytest.raises(CallError, match=rf"at `\$.task.{field}`"):
@@ -138,7 +138,7 @@ def test_a_coordinator_whose_journal_has_such_a_task_ends_it_and_plans_the_other
     assert f"$.task.{field}" in team.why("bad")
     assert robot.task.id == "good"
     why = team.ask(TASK_WHY, TaskRequest(id="bad"), TaskWhy)
-    assert why.now.startswith("it is failed: it cannot be done as it was asked for")
+    assert why.now.startswith("it is failed: it cannot be carried out as requested")
     reopened.close()
 
 

@@ -57,14 +57,14 @@ def test_there_is_no_way_into_a_wall_or_through_a_gap_that_is_too_narrow():
 
 
 def narrow_door(rows: int) -> Floor:
-    """A room of 10 × 6 m with a wall at x = 5 through which a door of so many cells leads at y = 2."""
+    """A room of 10 × 6 m with a wall at x = 5, which has a door of the given number of cells at y = 2."""
     classes = np.full(GEOMETRY.shape, FREE, np.int8)
     classes[:, 50] = OCCUPIED
     classes[20 : 20 + rows, 50] = FREE
     return Floor(classes, GEOMETRY, 1)
 
 
-def test_where_no_other_way_leads_one_that_a_robot_squeezes_through_counts():
+def test_a_narrow_path_counts_where_there_is_no_other():
     door = narrow_door(3)
     assert np.isinf(Ways(door, 0.28, 1.5).lengths_m([WEST, EAST], [NEAR])[0, 1])
     length_m = Ways(door, 0.28, 1.5, 0.12).lengths_m([WEST, EAST], [NEAR])

@@ -1,6 +1,6 @@
-"""For Python processes that tests start: they run the mutated module too, or note which functions they reach.
+"""For Python processes started by tests: they run the mutated module too, or record which functions they reach.
 
-Python imports this file at start when its folder is in PYTHONPATH. It needs nothing of the project.
+Python imports this file at start if its folder is in PYTHONPATH. It imports nothing from the project.
 """
 
 import importlib.machinery
@@ -13,7 +13,7 @@ from typing import Any
 
 
 def put_in_imports(path: str, code: CodeType) -> None:
-    """Have this code run for the module at `path`, whoever imports it from now on."""
+    """Run this code for the module at `path` whenever it is imported from now on."""
     get_code = importlib.machinery.SourceFileLoader.get_code
 
     def get_mutated(self: importlib.machinery.SourceFileLoader, fullname: str) -> CodeType | None:
@@ -35,22 +35,22 @@ class Reached:
         self.functions: set[tuple[str, str]] = set()
 
     def clear(self) -> None:
-        """Begin with none."""
+        """Start with no functions."""
         self._known.clear()
         self.functions = set()
 
     def start(self) -> None:
-        """Follow this thread and those that it begins."""
+        """Trace this thread and those that it starts."""
         threading.settrace(self)
         sys.settrace(self)
 
     def stop(self) -> None:
-        """Follow no longer."""
+        """Stop tracing."""
         sys.settrace(None)
         threading.settrace(None)  # type: ignore[arg-type]
 
     def __call__(self, frame: FrameType, event: str, arg: Any) -> None:
-        """What Python calls at each start of a function; it is not followed line by line."""
+        """Trace function for calls; lines are not traced."""
         code = frame.f_code
         if code in self._known:
             return
