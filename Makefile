@@ -4,6 +4,8 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 # One more than cores, for some tests mostly wait.
 WORKERS := $(shell $(PYTHON) -c "import os; print(min(os.cpu_count() or 1, 4) + 1)")
+# Tests start hundreds of processes: without byte code each of them compiles 400 modules.
+unexport PYTHONDONTWRITEBYTECODE
 export CARGO_TARGET_DIR ?= $(CURDIR)/.cache/rust-target
 
 .PHONY: demo test browser kernels test-rust check bench figures soak mutants format install clean

@@ -4,7 +4,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -12,9 +12,11 @@ import pytest
 
 from robrain.protocol.wire.hub import HUB_VARIABLE
 from tests.own_hub import OwnHub
+from tests.system.prefork import OWN_INTERPRETER, ForkedCommand, PreforkServer
 from tests.waiting import PATIENCE_S
 
 ROOT = Path(__file__).parents[2]
+PREFORK = PreforkServer()
 GRACE_S = 30.0
 """Time for a process to end on request before it is killed."""
 
@@ -22,7 +24,8 @@ GRACE_S = 30.0
 class Commands:
     """Runs `robrain` commands and ends them after the test.
 
-    They find a team only at a given endpoint or at `hub`, which no other test's commands use.
+    They find a team only at a given endpoint or at `hub`, which no other test's commands use. They are forked from a
+    process that has imported robrain, except where a test sets a variable of the interpreter.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -32,7 +35,16 @@ class Commands:
         self._groups: set[int] = set()
 
     def run(self, *words: str, timeout_s: float = PATIENCE_S, **variables: str) -> subprocess.CompletedProcess[str]:
-        return self.run_python("-m", "robrain.cli", *words, timeout_s=timeout_s, **variables)
+        if self._need_interpreter(variables):
+            return self.run_python("-m", "robrain.cli", *words, timeout_s=timeout_s, **variables)
+        process = self._fork(words, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, variables=variables)
+        with process:
+            try:
+                stdout, stderr_text = process.communicate(timeout=timeout_s)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                raise
+        return subprocess.CompletedProcess(process.args, process.returncode, stdout, stderr_text)
 
     def run_python(self, *words: str, timeout_s: float, **variables: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
@@ -49,16 +61,20 @@ class Commands:
     def start(
         self, *words: str, stdin: int | None = None, stderr: int = subprocess.STDOUT, **variables: str
     ) -> subprocess.Popen[str]:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "robrain.cli", *words],
-            cwd=self.folder,
-            env=self._environment(variables),
-            stdin=stdin,
-            stdout=subprocess.PIPE,
-            stderr=stderr,
-            text=True,
-            start_new_session=True,  # own process group, so that its leftovers can be ended with it
-        )
+        process: subprocess.Popen[str]
+        if self._need_interpreter(variables):
+            process = subprocess.Popen(
+                [sys.executable, "-m", "robrain.cli", *words],
+                cwd=self.folder,
+                env=self._environment(variables),
+                stdin=stdin,
+                stdout=subprocess.PIPE,
+                stderr=stderr,
+                text=True,
+                start_new_session=True,  # own process group, so that its leftovers can be ended with it
+            )
+        else:
+            process = self._fork(words, stdin=stdin, stderr=stderr, variables=variables)
         self._groups.add(process.pid)
         self.adopt(process)
         return process
@@ -96,9 +112,33 @@ class Commands:
                 return line
         raise AssertionError(f"{text!r} never came; the process said: {''.join(seen)}")
 
+    def _fork(
+        self, words: Sequence[str], *, stdin: int | None, stderr: int, variables: dict[str, str]
+    ) -> ForkedCommand:
+        return ForkedCommand(
+            PREFORK,
+            words,
+            cwd=self.folder,
+            env=self._environment(variables),
+            stdin=stdin,
+            stdout=subprocess.PIPE,
+            stderr=stderr,
+            start_new_session=True,
+        )
+
+    @staticmethod
+    def _need_interpreter(variables: dict[str, str]) -> bool:
+        return any(name.startswith(OWN_INTERPRETER) for name in variables)
+
     def _environment(self, variables: dict[str, str]) -> dict[str, str]:
         inherited = {key: value for key, value in os.environ.items() if not key.startswith("ROBRAIN_")}
         return {**inherited, HUB_VARIABLE: self.hub.endpoint, **variables}
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _end_of_prefork_server() -> Iterator[None]:
+    yield
+    PREFORK.close()
 
 
 @pytest.fixture

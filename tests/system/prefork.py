@@ -1,0 +1,182 @@
+"""`robrain` commands forked from a process that has imported everything and loaded the kernels.
+
+A command starts in 30 ms instead of a second and a half, most of which is numba, scipy and the kernels. It is a process
+of its own all the same: own arguments, environment, folder, output, threads and Zenoh session. What a new interpreter
+does is tested by the processes that `robrain up` starts, and by all tests that set a variable of Python's.
+
+Run as `python -m tests.system.prefork`, this is the server: it reads a request from file descriptor 0, which is a Unix
+socket, forks, answers with the process id, and later with the exit status.
+"""
+
+import gc
+import importlib
+import json
+import os
+import pkgutil
+import selectors
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NoReturn
+
+ROOT = Path(__file__).parents[2]
+MAX_REQUEST_BYTES = 1 << 20
+OWN_INTERPRETER = ("PYTHON", "OPENBLAS", "NUMBA", "OMP")
+"""A command with a variable of these names gets a new interpreter."""
+
+
+class PreforkServer:
+    """Starts the server when it is first needed, and ends it."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[bytes] | None = None
+        self._socket: socket.socket | None = None
+
+    def request(self, what: Mapping[str, Any], files: Sequence[int]) -> socket.socket:
+        """Ask for one process; returns a socket that tells its process id, and then its exit status."""
+        if self._socket is None:
+            ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+            with theirs:
+                self._process = subprocess.Popen(
+                    [sys.executable, "-m", __name__], stdin=theirs, stdout=subprocess.DEVNULL, cwd=ROOT
+                )
+            self._socket = ours
+        told, tells = socket.socketpair(socket.AF_UNIX, socket.SOCK_STREAM)
+        with tells:
+            socket.send_fds(self._socket, [json.dumps(what).encode()], [*files, tells.fileno()])
+        return told
+
+    def close(self) -> None:
+        """End it; commands that still run go on."""
+        if self._socket is not None and self._process is not None:
+            self._socket.close()
+            self._process.wait()
+
+
+class ForkedCommand(subprocess.Popen[str]):
+    """Popen of `robrain WORDS`, which is forked from the server instead of started anew.
+
+    Popen makes the pipes; the three methods that know how a process begins and ends are replaced.
+    """
+
+    def __init__(self, server: PreforkServer, words: Sequence[str], **options: Any) -> None:
+        self._server = server
+        super().__init__(["robrain", *words], text=True, **options)
+
+    def _execute_child(self, args: Sequence[str], *rest: Any) -> None:
+        _, _, _, _, cwd, env, _, _, _, stdin, to_stdin, from_stdout, stdout, from_stderr, stderr, *_, session, _ = rest
+        ours = (to_stdin, from_stdout, from_stderr)
+        null = os.open(os.devnull, os.O_RDWR)
+        try:
+            files = [stdin if stdin != -1 else null, stdout if stdout != -1 else 1, stderr if stderr != -1 else 2]
+            what = {"words": args[1:], "folder": str(cwd), "variables": dict(env), "session": session}
+            self._told = self._server.request(what, files)
+        finally:
+            given = [theirs for own, theirs in zip(ours, (stdin, stdout, stderr), strict=True) if own != -1]
+            for file in {null, *given, getattr(self, "_devnull", null)}:  # as Popen does after it has forked
+                os.close(file)
+        self.pid = int.from_bytes(self._told.recv(4), "little")
+        self._child_created = True
+        if not self.pid:
+            raise ChildProcessError("the server of forked commands has ended")
+
+    def _try_wait(self, wait_flags: int) -> tuple[int, int]:
+        try:
+            told = self._told.recv(4, socket.MSG_DONTWAIT if wait_flags & os.WNOHANG else 0)
+        except BlockingIOError:
+            return 0, 0
+        self._told.close()
+        return self.pid, int.from_bytes(told, "little") if told else signal.SIGKILL
+
+    def _internal_poll(self, _deadstate: int | None = None) -> int | None:
+        if self.returncode is None and hasattr(self, "_told"):
+            pid, status = self._try_wait(os.WNOHANG)
+            if pid:
+                self.returncode = os.waitstatus_to_exitcode(status)
+        return self.returncode
+
+
+def _serve() -> None:
+    """Fork a command for each request until the other end closes; returns in the commands only."""
+    requests = socket.socket(fileno=os.dup(0))
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    signal.set_wakeup_fd(writer)
+    signal.signal(signal.SIGCHLD, lambda *_: None)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    running: dict[int, socket.socket] = {}
+    with selectors.DefaultSelector() as selector:
+        selector.register(requests, selectors.EVENT_READ)
+        selector.register(reader, selectors.EVENT_READ)
+        while True:
+            for key, _ in selector.select():
+                if key.fileobj is requests:
+                    message, files, _, _ = socket.recv_fds(requests, MAX_REQUEST_BYTES, 4)
+                    if not message:
+                        os._exit(0)
+                    pid = os.fork()
+                    if pid == 0:
+                        signal.set_wakeup_fd(-1)
+                        for own in (reader, writer, files[3], *(one.fileno() for one in running.values())):
+                            os.close(own)
+                        requests.close()
+                        _become(json.loads(message), files)
+                        return
+                    tells = socket.socket(fileno=files.pop())
+                    for file in files:
+                        os.close(file)
+                    tells.sendall(pid.to_bytes(4, "little"))
+                    running[pid] = tells
+                else:
+                    os.read(reader, 4096)
+            while running:
+                pid, status = os.waitpid(-1, os.WNOHANG)
+                if not pid:
+                    break
+                with running.pop(pid) as tells, suppress(BrokenPipeError):  # nobody may be waiting for it any more
+                    tells.sendall(status.to_bytes(4, "little"))
+
+
+def _become(what: dict[str, Any], files: list[int]) -> None:
+    """Take the place of the command: session, files, folder, variables and arguments."""
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    if what["session"]:
+        os.setsid()
+    for number, file in enumerate(files[:3]):
+        os.dup2(file, number)
+    for file in files[:3]:
+        os.close(file)
+    os.chdir(what["folder"])
+    os.environ.clear()
+    os.environ.update(what["variables"])
+    sys.argv = [str(ROOT / "robrain" / "cli.py"), *what["words"]]
+    sys.modules["__main__"].__package__ = "robrain"  # so that help names `python -m robrain.cli`
+
+
+def _import_everything() -> None:
+    from robrain.deploy.kernels import prepare_kernels
+
+    for name in ("cli", "agent.live", "coordinator.live", "coordinator.dashboard.server", "sim.live_arena"):
+        importlib.import_module(f"robrain.{name}")
+    for module in pkgutil.iter_modules(importlib.import_module("robrain.deploy").__path__):
+        if not module.name.startswith("bench_"):
+            importlib.import_module(f"robrain.deploy.{module.name}")
+    prepare_kernels(quiet=True)
+    gc.freeze()  # what is there is shared by all commands
+
+
+def _main() -> NoReturn:
+    _import_everything()
+    _serve()
+    from robrain.cli import main
+
+    sys.exit(main())
+
+
+if __name__ == "__main__":
+    _main()

@@ -1,0 +1,45 @@
+"""A forked command behaves as one that was started with a new interpreter."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.system.conftest import Commands
+
+pytestmark = pytest.mark.system
+
+
+@pytest.mark.parametrize("words", [["--version"], ["run", "nosuch"], ["replay", "nosuch.mcap"], ["run", "--help"]])
+def test_forked_command_says_and_returns_what_a_started_one_does(commands: Commands, words: list[str]) -> None:
+    forked = commands.run(*words)
+    started = subprocess.run(
+        [sys.executable, "-m", "robrain.cli", *words],
+        cwd=commands.folder, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (forked.returncode, forked.stdout, forked.stderr) == (started.returncode, started.stdout, started.stderr)
+
+
+def test_forked_command_has_its_own_folder_variables_session_and_input(commands: Commands) -> None:
+    waiting = commands.start("coordinator", stdin=subprocess.PIPE, COLUMNS="77")
+    commands.line_with(waiting, "waiting for")
+    process = Path(f"/proc/{waiting.pid}")
+    assert (process / "cwd").resolve() == commands.folder
+    assert os.getsid(waiting.pid) == waiting.pid
+    assert os.readlink(process / "fd/0").startswith("pipe:")
+    assert commands.run("status", COLUMNS="99").returncode == 2
+    assert waiting.poll() is None
+
+
+@pytest.mark.parametrize(
+    ("number", "status"), [(signal.SIGKILL, -signal.SIGKILL), (signal.SIGINT, 0), (signal.SIGTERM, 0)]
+)
+def test_signals_reach_a_forked_command(commands: Commands, number: signal.Signals, status: int) -> None:
+    waiting = commands.start("coordinator")
+    commands.line_with(waiting, "waiting for")
+    waiting.send_signal(number)
+    assert waiting.wait(60) == status
+    assert not Path(f"/proc/{waiting.pid}").exists()
