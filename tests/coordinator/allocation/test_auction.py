@@ -128,7 +128,7 @@ def _orders(routes: Routes) -> list[list[int]]:
 
 @pytest.mark.parametrize("choice", [LEAST_BID, GREATEST_GAIN, LEAST_PER_PRIZE])
 @pytest.mark.parametrize("rule", [BY_ENERGY, BY_FINISH, BY_LEAST_LEFT])
-@pytest.mark.parametrize(("wait_w", "windows"), [(0.0, False), (3.0, False), (3.0, True)])
+@pytest.mark.parametrize(("wait_w", "windows"), [(0.0, False), (0.5, False), (0.5, True)])
 def test_auction_gives_the_routes_of_the_plain_one(rule: int, choice: int, wait_w: float, windows: bool) -> None:
     given = 0
     for seed in range(8):
