@@ -1,7 +1,6 @@
 """The dashboard: hears what the team says, or what a recording tells, and draws it for browsers."""
 
 import logging
-import time
 from collections import deque
 from collections.abc import Callable
 
@@ -83,9 +82,13 @@ class Dashboard:
         host = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(self._host, self._host)
         return f"http://{host}:{self._server.get_port()}"
 
-    def step(self) -> None:
-        """Take in what arrived and draw what changed; waits neither for the team nor for a browser."""
-        now_s = time.monotonic()
+    def step(self, now_s: float) -> None:
+        """Take in what arrived and draw what changed; waits neither for the team nor for a browser.
+
+        Args:
+            now_s: seconds of a monotonic clock.
+
+        """
         self._source.hear(now_s)
         view = self._context.view = self._source.view
         self._meet_clients()

@@ -35,7 +35,7 @@ def run_dashboard(
         on_ready(dashboard.url)
         while not should_stop():
             started_s = time.monotonic()
-            dashboard.step()
+            dashboard.step(started_s)
             time.sleep(max(0.0, PERIOD_S - (time.monotonic() - started_s)))
     finally:
         dashboard.close()

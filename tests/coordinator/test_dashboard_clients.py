@@ -78,7 +78,7 @@ def test_no_layer_is_hidden_while_hundreds_of_browsers_come_and_go(
                 step += 1
                 for robot in range(12):
                     tell_place(dashboard.view, f"r{robot}", math.sin(0.1 * step + robot), time.monotonic())
-                dashboard.step()
+                dashboard.step(time.monotonic())
                 failed += [layer.label for layer in dashboard._scene.layers if layer.failing]
         assert browsers.errors == []
         assert browsers.gone == BROWSERS * VISITS
@@ -107,7 +107,7 @@ def test_browser_with_an_impossible_camera_ends_nothing_but_its_own_page(
             while browsers.there:
                 tell_place(dashboard.view, "r1", 0.0, time.monotonic())
                 tell(dashboard.view, ROBOT_MAP, patch([[0, 100]]), robot="r1")
-                dashboard.step()
+                dashboard.step(time.monotonic())
         assert browsers.errors == []
         assert not [layer.label for layer in dashboard._scene.layers if layer.failing]
     finally:

@@ -1,4 +1,5 @@
 import socket
+import time
 from collections.abc import Iterator
 
 import pytest
@@ -42,7 +43,7 @@ def test_two_dashboards_on_free_ports_stand_side_by_side_and_print_nothing(
 ) -> None:
     dashboards = [Dashboard(endpoint, port=0) for _ in range(2)]
     for dashboard in dashboards:
-        dashboard.step()
+        dashboard.step(time.monotonic())
     urls = {dashboard.url for dashboard in dashboards}
     for dashboard in dashboards:
         dashboard.close()
@@ -59,8 +60,8 @@ def test_a_layer_that_cannot_draw_is_hidden_and_the_page_with_its_halt_goes_on(
     monkeypatch.setattr(ChargerLayer, "_draw", lambda *_: 1 / 0)
     dashboard = Dashboard(endpoint, port=0)
     try:
-        dashboard.step()
-        dashboard.step()
+        dashboard.step(time.monotonic())
+        dashboard.step(time.monotonic())
         hidden = [layer.label for layer in dashboard._scene.layers if not layer.shown]
         assert ChargerLayer.label in hidden
         assert [record.getMessage() for record in caplog.records if record.exc_info] == [

@@ -42,6 +42,6 @@ class Stepped:
     def _run(self) -> None:
         while not self._stop.wait(PERIOD_S):
             began_s = time.monotonic()
-            self.dashboard.step()
+            self.dashboard.step(time.monotonic())
             self.longest_s = max(self.longest_s, time.monotonic() - began_s)
             self.steps += 1
