@@ -14,6 +14,8 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
+from robrain.agent.errors import short_path
+
 MOST_CHARACTERS = 4000
 MOST_FRAMES = 20
 MOST_CAUSES = 10
@@ -49,11 +51,11 @@ def where_raised(error: BaseException) -> str:
     for cause in _causes(error):
         frames = _frames(cause)
         if source := _not_python(cause):
-            return f"{_short(source)}:{getattr(cause, 'lineno', 0)}"
+            return f"{short_path(Path(source))}:{getattr(cause, 'lineno', 0)}"
         if frames:
             folder = Path(frames[0].filename).parent
             last = [frame for frame in frames if Path(frame.filename).parent == folder][-1]
-            return f"{_short(last.filename)}:{last.lineno} in {last.name}"
+            return f"{short_path(Path(last.filename))}:{last.lineno} in {last.name}"
     return ""
 
 
@@ -73,7 +75,7 @@ def plugin_traceback(error: BaseException) -> str:
         lines += _format(frames)
         last = "".join(traceback.format_exception_only(cause))
         if source:
-            last = last.replace(source, _short(source))
+            last = last.replace(source, short_path(Path(source)))
         text = "".join([*lines, last]).rstrip()
         return text if len(text) <= MOST_CHARACTERS else f"…{text[1 - MOST_CHARACTERS :]}"
     return ""
@@ -109,14 +111,10 @@ def _frames(error: BaseException) -> list[traceback.FrameSummary]:
 def _format(frames: list[traceback.FrameSummary]) -> list[str]:
     lines = []
     for frame in frames:
-        lines.append(f'  File "{_short(frame.filename)}", line {frame.lineno}, in {frame.name}\n')
+        lines.append(f'  File "{short_path(Path(frame.filename))}", line {frame.lineno}, in {frame.name}\n')
         if frame.line:
             lines.append(f"    {frame.line}\n")
     return lines
-
-
-def _short(file: str) -> str:
-    return "/".join(Path(file).parts[-2:])
 
 
 def _is_of_host(file: str) -> bool:
