@@ -119,6 +119,23 @@ def test_something_in_a_narrow_place_is_no_gap_that_is_too_narrow(stage):
     assert one.collisions == 0
 
 
+def test_robot_that_was_stuck_in_a_corridor_sets_out_on_a_narrow_path_back(stage):
+    plan = two_rooms(0.5)
+    occupied = plan.occupied.copy()
+    occupied[95:105, 200:210] = True  # a post in the corridor
+    one = Squeezing(stage, FloorPlan(occupied, CELL_M, 0.0, 0.0, "post"))
+    one.follow((1.5, 1.0), (END.x_m, END.y_m))
+    one.run(15.0)
+    assert one.driver.motion() is Motion.BLOCKED
+    one.follow((START.x_m, START.y_m))
+    one.run(0.1)
+    motions = set()
+    one.stage.run(0.5, lambda: motions.add(one.driver.motion()))
+    assert motions == {Motion.DRIVING}
+    one.run(15.0)
+    assert one.pose.distance_m(Point2D(START.x_m, START.y_m)) < 0.15
+
+
 def test_the_gap_is_forgotten_with_the_next_path(stage):
     one = Squeezing(stage, two_rooms(0.36))
     one.follow((1.5, 1.0), (END.x_m, END.y_m))

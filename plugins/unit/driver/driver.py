@@ -286,6 +286,7 @@ class Driver(Unit):
         self._action = None
         self._to_turn_rad = 0.0
         self._path = path
+        self._progress.forget()
         if self._motion is Motion.STANDING:
             self._motion = Motion.DRIVING
             self.env.hurry()

@@ -73,7 +73,7 @@ class Progress:
         self._since_ns = 0
 
     def forget(self) -> None:
-        """Start over: the robot is not in a narrow place."""
+        """Start over: the robot is not in a narrow place, or has been given another path."""
         self._from = None
 
     def is_stuck(self, pose: Pose2D, now_ns: int) -> bool:
