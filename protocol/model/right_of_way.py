@@ -121,7 +121,7 @@ class Way:
 
     def __init__(self, points: NDArray[np.float64]) -> None:
         self._points = points
-        legs_m = np.hypot(*np.diff(points, axis=0).T) if points.shape[0] > 1 else np.empty(0)
+        legs_m = np.hypot(*np.diff(points, axis=0).T)
         self._at_m = np.concatenate(([0.0], np.cumsum(legs_m)))
         self._positions = sample_way(points, LONGEST_M)
         self._passed = 0

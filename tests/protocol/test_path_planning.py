@@ -1,3 +1,4 @@
+import heapq
 import math
 from itertools import pairwise
 
@@ -7,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.protocol.model.path_planning import (
+    _search,
     descend,
     distance_field,
     nearest_traversable,
@@ -56,6 +58,42 @@ def test_path_costs_what_the_distance_field_says(seed: int) -> None:
     assert tuple(path[0]) == start
     assert tuple(path[-1]) == goal
     assert length_cells(path, traversable, cost) == pytest.approx(float(field[start]), rel=1e-5)
+
+
+def cheapest(traversable: np.ndarray, cost: np.ndarray, source: tuple[int, int]) -> np.ndarray:
+    """Dijkstra's algorithm with Python's heap."""
+    distance = np.full(traversable.shape, math.inf)
+    heap = [(0.0, source)]
+    while heap:
+        so_far, (row, column) = heapq.heappop(heap)
+        if so_far >= distance[row, column]:
+            continue
+        distance[row, column] = so_far
+        for to_row, to_column in ((row + i, column + j) for i in (-1, 0, 1) for j in (-1, 0, 1)):
+            if 0 <= to_row < traversable.shape[0] and 0 <= to_column < traversable.shape[1]:
+                corners = traversable[to_row, to_column] & traversable[row, to_column] & traversable[to_row, column]
+                length = math.hypot(to_row - row, to_column - column)
+                step = length * 0.5 * (float(cost[row, column]) + float(cost[to_row, to_column]))
+                if corners:
+                    heapq.heappush(heap, (so_far + step, (to_row, to_column)))
+    return distance
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.integers(0, 2**32 - 1))
+def test_distance_field_is_that_of_a_plain_dijkstra(seed: int) -> None:
+    traversable, cost, source, _ = random_world(seed)
+    field = distance_field(traversable, cost, np.array([source], np.int64))
+    assert field == pytest.approx(cheapest(traversable, cost, source))
+
+
+def test_search_for_one_goal_looks_at_a_part_of_the_floor_only() -> None:
+    mask, cost = np.ones((80, 80), np.bool_), np.ones((80, 80), np.float32)
+    source = np.array([(40, 40)], np.int64)
+    reached, _ = _search(mask, cost, source, 40, 60)
+    everywhere, _ = _search(mask, cost, source, -1, -1)
+    assert np.isfinite(everywhere).all()
+    assert np.isfinite(reached).sum() < 0.05 * everywhere.size
 
 
 @settings(deadline=None)

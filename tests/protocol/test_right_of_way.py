@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.right_of_way import STEP_M, Margins, Track, Way, meet, release, sample_way
 
 MARGINS = Margins()
@@ -25,7 +26,8 @@ OWN = line(0, 0, 8, 0)
 
 
 def test_with_nobody_there_all_is_released():
-    assert release(OWN, SPEED_M_S, [], MARGINS).is_whole
+    found = release(OWN, SPEED_M_S, [], MARGINS)
+    assert (found.positions, found.is_whole, found.must_leave, found.by) == (len(OWN), True, False, -1)
 
 
 def test_head_on_who_yields_must_leave_and_who_goes_first_drives_on():
@@ -119,3 +121,19 @@ def test_the_points_up_to_a_place_end_there():
     until = way.points_until(1.5)
     assert until[-1] == pytest.approx((1.0, 0.5))
     assert way.points_until(math.inf)[-1] == pytest.approx((1.0, 1.0))
+
+
+def test_points_until_a_place_leave_out_what_was_passed():
+    corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (2.0, 1.0), (2.0, 2.0)]
+    way = Way(np.array(corners))
+    for at in ((0.5, 0.0), (1.0, 0.0), (1.0, 0.5)):
+        way.ahead(*at, 10.0)
+    assert way.points_until(3.5).tolist() == [[1.0, 1.0], [2.0, 1.0], [2.0, 1.5]]
+    assert way.points_until(math.inf).tolist() == [list(corner) for corner in corners[2:]]
+
+
+def test_way_of_one_point_has_no_length_and_ends_there():
+    way = Way(np.array([(1.0, 2.0)]))
+    assert (way.length_m, way.left_m, way.end) == (0.0, 0.0, Point2D(1.0, 2.0))
+    assert way.points_until(math.inf).tolist() == [[1.0, 2.0]]
+    assert way.ahead(1.0, 2.1, 5.0).tolist() == [[1.0, 2.1]]
