@@ -146,6 +146,17 @@ def test_what_another_robot_has_brought_in_is_not_brought_in_again(talk):
     assert asked(said) == []
 
 
+def test_a_stored_reading_by_another_robot_is_no_new_start_of_the_mote(talk):
+    one = talk()
+    one.hear(packet(5000))
+    stored = MoteReading(
+        mote="m3", place=None, quantity="temperature_c", value=1.0, voltage_v=3.0, rssi_dbm=-80, via="r2", sequence=3
+    )
+    one.one.publisher(MOTE_READING, mote="m3").put(stored)
+    one.hear(packet(5000, kind=STORED_TYPE))
+    assert [(reading.via, reading.sequence) for reading in one.readings()] == [("r1", 5000), ("r2", 3)]
+
+
 def test_a_mote_that_starts_anew_is_believed(talk):
     one = talk()
     one.hear(packet(5000), packet(0), packet(1))

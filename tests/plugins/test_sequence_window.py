@@ -48,6 +48,11 @@ def test_only_the_last_ones_are_followed():
     assert one.request(1000).sequences() == list(range(937, 969))
 
 
+def test_what_is_remembered_does_not_grow_with_the_age_of_a_mote():
+    one = window(*range(1000), size=64)
+    assert one._have.bit_length() <= 64
+
+
 def test_a_live_reading_far_back_is_a_new_beginning_and_one_just_back_is_late():
     one = window(100, 101, 102)
     assert not one.add(101)
