@@ -42,6 +42,8 @@ QUEUE_FRAMES = 4096
 REMEMBERED_IDENTIFIERS = 4096
 MEET_TIMEOUT_S = 2.0
 """Time limit, when a bus is opened, for the answers of other nodes: the process of one may hang."""
+PERIODIC_END_S = 2.0
+"""How long a thread of periodic frames may take to end."""
 WITHOUT_MEANING = frozenset({"bitrate", "data_bitrate", "single_handle", "timing"})
 """Options that python-can's tools pass to every interface and that mean nothing on a bus without a physical layer."""
 
@@ -151,6 +153,7 @@ class ZenohBus(can.BusABC):
         self._node = (int(str(session.zid())[:12], 16) << 16) | (next(_bus_number) & 0xFFFF)
         self._node_bytes = self._node.to_bytes(8, "little")
         congestion = zenoh.CongestionControl
+        self._sending = threading.Lock()
         self._publisher = session.declare_publisher(
             self._key,
             encoding=CAN_FRAME,
@@ -199,7 +202,10 @@ class ZenohBus(can.BusABC):
                     f"{self.channel_info}: a classic frame has at most {CLASSIC_DATA_BYTES} bytes, got {len(data)}"
                 )
         try:
-            self._publisher.put(payload)
+            with self._sending:
+                if self._is_shutdown:
+                    raise self._shut_down()
+                self._publisher.put(payload)
         except zenoh.ZError as error:
             raise can.CanOperationError(f"{self.channel_info}: its session is closed") from error
 
@@ -249,7 +255,9 @@ class ZenohBus(can.BusABC):
         """Leave the bus; threads waiting in `recv` are woken."""
         if self._is_shutdown:
             return
-        super().shutdown()
+        self.stop_all_periodic_tasks()
+        with self._sending:  # a publisher that is in use on another thread cannot be undeclared
+            super().shutdown()
         with self._arrived:
             self._arrived.notify_all()
         with suppress(zenoh.ZError):  # the session is already closed, which undeclared all three
@@ -258,6 +266,15 @@ class ZenohBus(can.BusABC):
             self._publisher.undeclare()
         if self._own_session is not None:
             self._own_session.close()
+
+    def stop_all_periodic_tasks(self, remove_tasks: bool = True) -> None:
+        """Stop periodic frames, and wait for their threads: none of them sends after this."""
+        tasks = list(self._periodic_tasks)
+        super().stop_all_periodic_tasks(remove_tasks)
+        for task in tasks:
+            thread = getattr(task, "thread", None)
+            if thread is not None and thread is not threading.current_thread():
+                thread.join(PERIODIC_END_S)
 
     # -- inside ---------------------------------------------------------------------------------------------
 

@@ -23,7 +23,7 @@ from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.inbox import NOTHING, Inbox
 from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.later import Later, call_error
-from robrain.protocol.wire.lockstep_query import NO_LIMIT_S, LockstepReplies
+from robrain.protocol.wire.lockstep_query import NO_LIMIT_S, LockstepReplies, is_from_outside
 from robrain.protocol.wire.presence import Presence
 from robrain.protocol.wire.publisher import PRIORITY, Publisher
 from robrain.protocol.wire.refusals import Refusals
@@ -116,6 +116,7 @@ class Endpoint:
         """Called there when a sample has arrived."""
         self._from_others: deque[tuple[str, bytes]] = deque(maxlen=PENDING_QUERIES)
         self._owner = threading.get_ident()
+        self._zid = session.zid()
         self._entities: list[Any] = []
         self._declared_keys: dict[str, zenoh.KeyExpr] = {}
         self._pending: deque[tuple[zenoh.Query, Topic, str | None, Handler]] = deque()
@@ -213,7 +214,7 @@ class Endpoint:
             liveliness.declare_subscriber(selector, self._callback(presence.append), history=not lockstep)
         )
         if lockstep:  # a subscriber's history comes on a thread of Zenoh's even to a direct callback, some time later
-            own = LockstepReplies()
+            own = LockstepReplies(self._zid)
             liveliness.get(selector, own.handler(), timeout=NO_LIMIT_S)
             own.wait(HISTORY_TIMEOUT_S)
             for reply in own.replies:
@@ -351,7 +352,7 @@ class Endpoint:
         if self.drive is Drive.LIVE:
             replies: Iterable[zenoh.Reply] = self.session.get(selector, timeout=timeout_s, **options)
             return replies
-        own = LockstepReplies()
+        own = LockstepReplies(self._zid)
         self.session.get(selector, own.handler(), timeout=NO_LIMIT_S, **options)
         in_time = own.wait(timeout_s)
         if own.from_outside:
@@ -404,7 +405,7 @@ class Endpoint:
 
         def take(reply: zenoh.Reply) -> None:
             payload = reply.ok.payload.to_bytes() if reply.ok is not None else NOTHING
-            if self._from_outside():
+            if is_from_outside(reply, self._zid):
                 self.note_outside(key, payload)
             if payload != NOTHING:
                 inbox.append(reply_topic, reply_key, payload)

@@ -16,12 +16,25 @@ NO_LIMIT_S = 1e9
 """Zenoh requires a number. It keeps about 650 bytes per query until the session is closed."""
 
 
-class LockstepReplies:
-    """Collects the replies to one query; pass `handler()` to Zenoh's `get`."""
+def is_from_outside(reply: zenoh.Reply, own: zenoh.ZenohId) -> bool:
+    """Whether another process sent a reply; `own` is the id of this process's session.
 
-    def __init__(self) -> None:
+    The thread does not tell: the last to answer delivers all replies, and that may be the asker itself.
+    """
+    return reply.replier_id is None or reply.replier_id.zid != own
+
+
+class LockstepReplies:
+    """Collects the replies to one query; pass `handler()` to Zenoh's `get`.
+
+    Args:
+        own: id of the session that asks.
+
+    """
+
+    def __init__(self, own: zenoh.ZenohId) -> None:
         self.replies: list[zenoh.Reply] = []
-        self.asker = threading.get_ident()
+        self._own = own
         self.from_outside = False
         """Whether another process has answered, or failed to in time."""
         self._is_over = threading.Event()
@@ -38,7 +51,7 @@ class LockstepReplies:
         return False
 
     def _take(self, reply: zenoh.Reply) -> None:
-        self.replies.append(reply)
-        if threading.get_ident() != self.asker:
+        if is_from_outside(reply, self._own):
             self.from_outside = True
-            self._is_over.set()
+        self.replies.append(reply)
+        self._is_over.set()

@@ -1,5 +1,6 @@
 import threading
 import time
+from types import SimpleNamespace
 
 import msgspec
 import pytest
@@ -10,6 +11,7 @@ from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import BadName, CallError, ErrorCode, ErrorReply, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.lockstep_query import LockstepReplies
 from robrain.protocol.wire.messages import Event, Halt, RobotState, TaskAnswer
 from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session
 from robrain.protocol.wire.topics import (
@@ -318,6 +320,16 @@ def test_a_run_that_waits_for_another_process_in_vain_cannot_be_repeated(wire, f
     kept.pop().drop()
     wire.robot.serve()
     assert wire.outside == [("robrain/t/robot/r9/plugins", b"")]
+
+
+def test_a_reply_is_from_outside_by_who_sent_it_and_not_by_the_thread_that_delivers_it():
+    own, other = "own", "other"
+    for replier, is_outside in ((own, False), (other, True), (None, True)):
+        sender = SimpleNamespace(zid=replier) if replier is not None else None
+        replies = LockstepReplies(own)
+        replies._take(SimpleNamespace(replier_id=sender, ok=None))  # on the asker's thread
+        assert replies.wait(0.0)
+        assert replies.from_outside == is_outside
 
 
 def test_a_run_that_another_process_answers_cannot_be_repeated():

@@ -298,8 +298,36 @@ def test_periodic_frames_end_when_the_node_is_shut_down(clients):
     task = sender.send_periodic(can.Message(arbitration_id=9), 0.005)
     assert receiver.recv(PATIENCE_S).arbitration_id == 9
     sender.shutdown()
-    task.thread.join(PATIENCE_S)
     assert not task.thread.is_alive()
+
+
+def test_node_can_be_shut_down_while_it_sends_periodic_frames(clients):
+    failed = []
+    before, threading.excepthook = threading.excepthook, failed.append
+    try:
+        for _ in range(20):
+            sender = clients()
+            for identifier in range(3):
+                sender.send_periodic(can.Message(arbitration_id=identifier), 0.0005)
+            sender.shutdown()
+    finally:
+        threading.excepthook = before
+    assert failed == []
+
+
+def test_nothing_is_sent_after_a_node_was_shut_down(clients):
+    sender = clients()
+    sending = threading.Thread(target=lambda: [sender.send(can.Message(arbitration_id=1)) for _ in range(10**9)])
+    refused = []
+    before, threading.excepthook = threading.excepthook, lambda args: refused.append(args.exc_value)
+    try:
+        sending.start()
+        sender.shutdown()
+        sending.join(PATIENCE_S)
+    finally:
+        threading.excepthook = before
+    (error,) = refused
+    assert isinstance(error, can.CanOperationError)
 
 
 def test_a_notifier_hands_frames_to_its_listeners(clients):
