@@ -28,8 +28,8 @@ class Turn:
         self._lock = threading.RLock()
         self.depth = 0
         """How often the thread that is in the plugin has taken the turn; 0 if nobody is."""
-        self._since_ns = 0
-        self._owner = 0
+        self._since_ns: int
+        self._owner: int
 
     def set_limit(self, limit_s: float) -> None:
         """Another limit holds from now on: the manifest was edited."""

@@ -1,6 +1,7 @@
 """Which chargers each robot knows, and where it started, as it tells when it is asked."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 
 import msgspec
 
@@ -72,14 +73,13 @@ class KnownChargers:
                     )
         for received in self._inbox.drain():
             robot = received.names["robot"]
-            try:
+            # A robot that speaks otherwise ends where it was first seen.
+            with suppress(msgspec.DecodeError, UnicodeDecodeError):
                 if received.names["function"] == "start":
                     self.home[robot] = msgspec.json.decode(received.message, type=Point2D)
-                    continue
-                found = msgspec.json.decode(received.message, type=list[_Charger])
-            except (msgspec.DecodeError, UnicodeDecodeError):
-                continue  # a robot that speaks otherwise ends where it was first seen
-            self.of[robot] = tuple(Charger(Point2D(one.x_m, one.y_m), one.yaw_rad) for one in found)
+                else:
+                    found = msgspec.json.decode(received.message, type=list[_Charger])
+                    self.of[robot] = tuple(Charger(Point2D(one.x_m, one.y_m), one.yaw_rad) for one in found)
 
     def _may_have_it(self, robot: str, now_ns: int) -> bool:
         """Whether a robot has the plugin, or has not told its plugins for long enough that it never may."""

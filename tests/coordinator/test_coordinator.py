@@ -6,20 +6,69 @@ import logging
 import numpy as np
 import pytest
 
+from robrain.coordinator.planning.following import OFFERS_MAX
+from robrain.coordinator.planning.policy import Method, PlanningPolicy
 from robrain.coordinator.reconcile import LEASE_S
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.occupancy_grid import FREE, GridGeometry, PatchCells
-from robrain.protocol.model.task import TaskState
+from robrain.protocol.model.task import TaskState, Visit
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.idle_reasons import PlanPending, TaskSoon
 from robrain.protocol.wire.refusals import RefusalCode
 from robrain.protocol.wire.topics import (
     ROBOT_ALIVE,
     ROBOT_MAP,
     ROBOT_STATE,
 )
+from tests.coordinator.conftest import TICK_S
 
 # -- handing out --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", [Method.AUCTION, Method.NEAREST])
+def test_a_team_at_rest_is_looked_after_twice_a_second(team, monkeypatch, method):
+    team.begin(None, PlanningPolicy(method=method))
+    team.robot("r1")
+    team.closed_room()
+    team.run(2.0)
+    looks = []
+    monkeypatch.setattr(team.coordinator.explorer, "choose", lambda *_: looks.append(team.clock.now_ns()) or [])
+    team.run(5.0)
+    assert 9 <= len(looks) <= 11
+
+
+def test_what_is_due_for_many_robots_at_once_is_offered_in_the_next_step_if_it_was_too_much_for_one(team):
+    count = OFFERS_MAX + 2
+    robots = [team.robot(f"r{number}", 3.4 + 0.3 * number) for number in range(count)]
+    for number, robot in enumerate(robots):
+        robot.plugins = ["visit", f"tool{number}"]
+    team.closed_room()
+    team.run(2.0)
+    for number in range(count):
+        team.submit(Visit(id=f"t{number}", place=Point2D(3.4 + 0.3 * number, 5.0), needs=(f"tool{number}",)))
+    offered = []
+    for _ in range(10):
+        team.run(TICK_S)
+        offered.append(sum(len(robot.offers) for robot in robots))
+    begin = offered.index(OFFERS_MAX)
+    assert offered[begin + 1] == count
+
+
+def test_an_idle_robot_says_whether_its_task_begins_soon_or_a_plan_is_awaited(team):
+    team.begin(None, PlanningPolicy(settle_s=4.0))
+    for name, x_m in (("r1", 5.0), ("r2", 7.0)):
+        team.robot(name, x_m).plugins = ["visit", "explore", f"only-{name}"]
+    team.closed_room()
+    team.run(2.0)
+    team.submit(Visit(id="t1", place=Point2D(6.0, 4.0), needs=("only-r1",)), earliest_in_s=25.0)
+    team.run(1.0)
+    assert {one.name: one.idle for one in team.summary.robots}["r1"] == TaskSoon()
+    team.submit(Visit(id="t2", place=Point2D(6.0, 4.0), needs=("only-r2",)), earliest_in_s=25.0)
+    team.run(1.0)
+    assert {one.name: one.idle for one in team.summary.robots} == {"r1": PlanPending(), "r2": PlanPending()}
+    team.run(3.0)
+    assert {one.name: one.idle for one in team.summary.robots} == {"r1": TaskSoon(), "r2": TaskSoon()}
 
 
 def test_each_idle_robot_is_handed_a_frontier_of_its_own(team):

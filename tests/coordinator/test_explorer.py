@@ -239,3 +239,30 @@ def test_a_robot_with_a_goal_is_no_longer_idle():
     floor.draw(7.9, 2.0, 8.1, 3.5)
     assert len(explorer.choose([robot("r1")], [], 1)) == 1
     assert explorer.idle == {}
+
+
+@pytest.mark.parametrize(
+    ("column", "row", "is_seen"),
+    [(6, 0, True), (-6, 0, True), (0, 6, True), (0, -6, True), (6, 6, True), (-6, -6, True),
+     (7, 0, False), (-7, 0, False), (0, 7, False), (0, -7, False)],
+)  # fmt: skip
+def test_a_place_is_worth_another_visit_when_more_is_seen_within_sixty_centimetres_of_it(column, row, is_seen):
+    floor = Floor((2.0, 2.0, 2.1, 2.1))
+    explorer = Explorer(floor.team_map)
+    place = Point2D(5.05, 3.05)
+    explorer.note_visit(place)
+    assert explorer._is_spent(place)
+    x_m, y_m = 5.0 + 0.1 * column, 3.0 + 0.1 * row
+    floor.draw(x_m, y_m, x_m + 0.1, y_m + 0.1)
+    assert explorer._is_spent(place) is not is_seen
+
+
+@pytest.mark.parametrize("place", [Point2D(0.05, 0.05), Point2D(9.95, 5.95)])
+def test_at_the_edge_of_the_map_only_cells_of_the_map_count(place):
+    floor = Floor((2.0, 2.0, 2.1, 2.1))
+    explorer = Explorer(floor.team_map)
+    explorer.note_visit(place)
+    assert explorer._is_spent(place)
+    x_m, y_m = round(place.x_m - 0.05, 1), round(place.y_m - 0.05, 1)
+    floor.draw(x_m, y_m, x_m + 0.1, y_m + 0.1)
+    assert not explorer._is_spent(place)

@@ -94,6 +94,40 @@ def test_a_folder_is_no_journal_and_is_left_where_it_is(tmp_path: Path) -> None:
     assert tmp_path.is_dir()
 
 
+class Failing(sqlite3.Connection):
+    """A connection on which the check of the whole file fails."""
+
+    error: sqlite3.DatabaseError
+
+    def execute(self, sql: str, *values: object) -> sqlite3.Cursor:
+        if "quick_check" in sql:
+            raise self.error
+        return super().execute(sql, *values)
+
+
+@pytest.mark.parametrize("kind", [sqlite3.OperationalError, sqlite3.DatabaseError])
+@pytest.mark.parametrize("code", [sqlite3.SQLITE_IOERR, sqlite3.SQLITE_FULL, sqlite3.SQLITE_READONLY])
+def test_journal_that_cannot_be_opened_but_is_not_damaged_is_left_as_it_is(
+    path: Path, kind: type[sqlite3.DatabaseError], code: int
+) -> None:
+    """A full disk or missing rights are no damage; what is in the file is still good."""
+    Failing.error = kind("no luck")
+    Failing.error.sqlite_errorcode = code
+    with pytest.raises(JournalError, match="cannot be opened: no luck"):
+        Journal(path, factory=Failing)
+    assert asides(path) == []
+    journal = Journal(path)
+    assert journal.told == []
+    assert len(journal.open_records()) == TASKS - TASKS // 3
+    journal.close()
+
+
+def test_there_is_nothing_to_salvage_of_a_journal_in_memory() -> None:
+    Failing.error = sqlite3.DatabaseError("malformed")
+    with pytest.raises(JournalError, match="cannot be opened: malformed"):
+        Journal(factory=Failing)
+
+
 def test_damaged_files_are_counted_and_none_takes_the_place_of_another(path: Path) -> None:
     for number in (1, 2, 3):
         path.write_bytes(b"%d rubbish" % number * 500)

@@ -11,6 +11,7 @@ from robrain.coordinator.motes_energy import (
     reading_j,
     robot_share,
 )
+from robrain.coordinator.planning.policy import Method, PlanningPolicy
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.task import Monitor, Sense, TaskState
@@ -20,6 +21,7 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import MoteReading, RobotState
 from robrain.protocol.wire.task_messages import TaskRequest, TaskWhy
 from robrain.protocol.wire.topics import MOTE_DUTY, MOTE_READING, TASK_CANCEL, TASK_GET, TASK_WHY
+from tests.coordinator.conftest import TICK_S
 
 PLACE = Point2D(6.5, 4.0)
 MODEL = EnergyModel(
@@ -162,6 +164,23 @@ def test_mote_that_falls_silent_gives_its_task_to_a_robot(field):
     field.run(14.0)
     assert field.get("s").robot == "r1"
     assert field.team.history("s")[-3:] == [TaskState.QUEUED, TaskState.OFFERED, TaskState.RUNNING]
+
+
+def test_task_that_a_mote_gave_up_is_offered_to_a_robot_in_the_same_step(field):
+    team = field.team
+    team.begin(None, PlanningPolicy(method=Method.NEAREST))  # no plan is made for it
+    mote = field.mote()
+    field.run(5.0)
+    mote.speaks = False
+    team.submit(Sense(id="s", place=PLACE, timeout_s=10.0))
+    field.run(1.0)
+    assert field.get("s").robot == "mote:m1"
+    for _ in range(round(14.0 / TICK_S)):
+        if field.get("s").robot == "mote:m1":
+            team.run(TICK_S)
+    freed, offered = (event.stamp_ns for event in team.heard[-3:-1])
+    assert [event.state for event in team.heard[-3:]] == [TaskState.QUEUED, TaskState.OFFERED, TaskState.RUNNING]
+    assert freed == offered
 
 
 @pytest.mark.parametrize(

@@ -148,6 +148,36 @@ def test_auction_gives_the_routes_of_the_plain_one(rule: int, choice: int, wait_
     assert given < 8 * 12
 
 
+def test_bids_are_worked_out_anew_where_waiting_takes_little_energy() -> None:
+    """In these instances another bid than the old best and the two new ones wins."""
+    team, visits = _instance(158, wait_w=1.0, windows=True)
+    _assert_as_plain(team, visits, BY_LEAST_LEFT, LEAST_BID)
+
+
+@pytest.mark.parametrize(("seed", "choice"), [(29, GREATEST_GAIN), (234, LEAST_PER_PRIZE)])
+def test_bids_are_worked_out_anew_where_waits_are_short(seed: int, choice: int) -> None:
+    team, visits = _instance(seed, wait_w=0.0, windows=True)
+    shorter = 1e-3
+    team = team._replace(
+        time_s=team.time_s * shorter,
+        ready_s=team.ready_s * shorter,
+        end_s=team.end_s * shorter,
+        horizon_s=team.horizon_s * shorter,
+    )
+    visits = visits._replace(
+        service_s=visits.service_s * shorter,
+        earliest_s=visits.earliest_s * shorter,
+        latest_s=visits.latest_s * shorter,
+    )
+    _assert_as_plain(team, visits, BY_FINISH, choice)
+
+
+def _assert_as_plain(team: TeamArrays, visits: VisitArrays, rule: int, choice: int) -> None:
+    routes = empty_routes(team, visits)
+    hold_auction(team, visits, routes, np.ones(len(visits.job), np.bool_), rule, choice)
+    assert _orders(routes) == _auction(team, visits, rule, choice)
+
+
 @pytest.mark.parametrize("rule", [BY_ENERGY, BY_FINISH])
 @pytest.mark.parametrize("windows", [False, True])
 def test_greedy_queue_takes_the_nearest_visit_of_the_robot_that_is_free_first(rule: int, windows: bool) -> None:

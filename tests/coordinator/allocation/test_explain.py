@@ -1,10 +1,14 @@
+import math
+
 import msgspec
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, given, settings
 
 from robrain.coordinator.allocation.auction import AuctionAllocator
 from robrain.coordinator.allocation.explain import Decision, explain
-from robrain.coordinator.allocation.problem import Problem, Worker
+from robrain.coordinator.allocation.problem import Objective, Problem, Worker
+from robrain.coordinator.allocation.schedule import make_plan
 from robrain.coordinator.allocation.validate import validate
 from tests.coordinator.allocation.instances import team_problem
 from tests.coordinator.allocation.test_allocators import problems
@@ -68,6 +72,39 @@ def test_job_that_ends_just_when_the_plan_must_is_done():
     for horizon_s, robots in ((4.0, ("r1",)), (3.9, ())):
         decision = only_decision(line([job("a", 2)], [worker("r1")], horizon_s=horizon_s))
         assert decision.robots == robots
+
+
+@pytest.mark.parametrize(
+    ("horizon_s", "latest_s", "why"),
+    [
+        # a is done at 5 and the robot back at 10; b alone would be done at 1 or later, and the robot back at 2.
+        (12.0, math.inf, ""),
+        (10.0, math.inf, "another of its jobs would be too late"),
+        (10.0, 3.0, "another of its jobs would be too late"),
+        (10.0, 2.9, "cannot be there before 1 s, must end it by 3 s"),
+    ],
+)
+def test_job_that_would_be_in_time_alone_is_kept_from_a_robot_by_its_other_jobs(horizon_s, latest_s, why):
+    problem = line(
+        [job("a", 5, latest_s=5.0), job("b", 1, service_s=2.0, latest_s=latest_s)], [worker("r1")], horizon_s=horizon_s
+    )
+    plan = make_plan(problem, [["a"]], Objective.ENERGY)
+    (decision,) = explain(problem, plan, ["b"])
+    assert decision.options[0].why_not == why
+
+
+@pytest.mark.parametrize(
+    ("service_s", "why"),
+    [
+        (2.0, "another of its jobs would be too late"),
+        (2.1, "cannot be there before 4 s and at a charger by 10 s"),
+    ],
+)
+def test_job_that_alone_would_end_just_when_the_plan_must_is_crowded_out_and_not_too_late(service_s, why):
+    problem = line([job("a", 1, service_s=1.0), job("b", 4, service_s=service_s)], [worker("r1")], horizon_s=10.0)
+    plan = make_plan(problem, [["a"]], Objective.ENERGY)
+    (decision,) = explain(problem, plan, ["b"])
+    assert decision.options[0].why_not == why
 
 
 def test_job_that_a_robot_is_at_stays_with_it():

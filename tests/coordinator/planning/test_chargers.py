@@ -4,7 +4,7 @@ from collections import Counter
 
 import pytest
 
-from robrain.coordinator.planning.chargers import ASKED_MAX, KnownChargers
+from robrain.coordinator.planning.chargers import ASKED_MAX, Charger, KnownChargers
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -68,3 +68,73 @@ def test_robot_that_comes_again_is_asked_at_once(homes):
     homes.follow(0.5)
     homes.known.came("r1")
     assert homes.follow(1.0) == 2
+
+
+def test_robot_that_does_not_answer_is_asked_ever_less_often(homes):
+    homes.robots["r1"] = Point2D(1.0, 2.0)
+    asked_s = []
+    homes.known._wire.ask_into = lambda *_, function, **__: asked_s.append((at_s, function))
+    for at_s in range(250):
+        homes.follow(at_s)
+    assert [at_s for at_s, function in asked_s if function == "chargers"] == [0, 2, 6, 14, 30, 62, 122, 182, 242]
+    assert [at_s for at_s, function in asked_s if function == "start"] == [0, 2, 6, 14, 30, 62, 122, 182, 242]
+    assert homes.known.of == {}
+    assert homes.known.home["r1"] == Point2D(1.0, 2.0), "where it was first seen"
+
+
+def test_silent_robot_that_comes_again_is_asked_as_often_as_at_first(homes):
+    homes.robots["r1"] = Point2D(1.0, 2.0)
+    asked_s = []
+    homes.known._wire.ask_into = lambda *_, function, **__: asked_s.append(at_s)
+    for at_s in range(40):
+        if at_s == 31:
+            homes.known.came("r1")
+        homes.follow(at_s)
+    assert sorted(set(asked_s)) == [0, 2, 6, 14, 30, 31, 33, 37]
+
+
+def test_robot_that_has_answered_is_asked_again_every_thirty_seconds(homes):
+    homes.robot("r1")
+    asked_s = [at_s for at_s in range(100) if homes.follow(at_s)]
+    assert asked_s == [0, 2, 32, 62, 92]
+
+
+def test_only_a_robot_with_a_home_is_asked_and_one_that_has_none_any_more_has_no_chargers(homes):
+    plugins = {"r1": frozenset({"home", "visit"}), "r2": frozenset({"visit"})}
+    homes.known = KnownChargers(homes.wire, plugins)
+    homes.robot("r1")
+    homes.robot("r2")
+    homes.follow(0.0)
+    homes.follow(0.5)
+    assert homes.asked == {"r1": 2}
+    assert set(homes.known.of) == {"r1"}
+    plugins["r1"] = frozenset({"visit"})
+    homes.follow(1.0)
+    assert homes.known.of == {}
+
+
+def test_robot_that_has_not_told_its_plugins_is_asked_two_seconds_after_it_was_first_seen(homes):
+    homes.known = KnownChargers(homes.wire, {"r1": None})
+    homes.robot("r1")
+    assert [homes.follow(at_s) for at_s in (5.0, 6.99, 7.0)] == [0, 0, 2]
+    homes.known.came("r1")
+    assert [homes.follow(at_s) for at_s in (8.0, 9.99, 10.0)] == [0, 0, 2]
+
+
+def test_answer_that_cannot_be_read_leaves_what_is_known(homes):
+    homes.robots["r1"] = Point2D(1.0, 2.0)
+    for function in ("chargers", "start"):
+        homes.wire.answer(ROBOT_CALL, lambda _: "here", robot="r1", plugin="home", function=function)
+    homes.follow(0.0)
+    homes.follow(0.5)
+    assert homes.known.of == {}
+    assert homes.known.home == {"r1": Point2D(1.0, 2.0)}
+
+
+def test_charger_may_have_a_heading(homes):
+    homes.robots["r1"] = Point2D(1.0, 2.0)
+    told = [{"x_m": 3.0, "y_m": 4.0, "yaw_rad": 1.5}, {"x_m": 5.0, "y_m": 6.0}]
+    homes.wire.answer(ROBOT_CALL, lambda _: told, robot="r1", plugin="home", function="chargers")
+    homes.follow(0.0)
+    homes.follow(0.5)
+    assert homes.known.of["r1"] == (Charger(Point2D(3.0, 4.0), 1.5), Charger(Point2D(5.0, 6.0), None))

@@ -223,6 +223,68 @@ def test_a_short_turn_that_was_of_no_use_is_not_cut_short_again(team):
     assert max(len(charges_of(worker)) for worker in workers) <= 2
 
 
+@pytest.mark.parametrize("charging", list(Charging))
+@pytest.mark.parametrize(("soc", "charges"), [(0.5, True), (0.92, False)])
+def test_a_robot_charges_for_a_task_that_is_left_out_for_want_of_energy_unless_it_is_nearly_full(
+    team, charging, soc, charges
+):
+    team.begin(None, PlanningPolicy(charging=charging))
+    workers = staff(team, (soc,))
+    run(team, workers, 5.0)
+    assert charges_of(workers[0]) == []  # with nothing to do it has enough
+    team.submit(visit("long", service_s=0.9 * CAPACITY_J / 8.0))
+    run(team, workers, 5.0)
+    assert any("reserve" in event.why for event in team.heard if event.task.id == "long")
+    assert bool(charges_of(workers[0])) is charges
+
+
+# -- in turns -------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def turns(team):
+    """Of two robots the second has little left and waits, as the first charges of its own accord."""
+    team.begin(None, PlanningPolicy(charging=Charging.TURNS))
+    own, low = staff(team, (0.6, 0.2))
+    own.robot.behavior = "recharge"
+    run(team, [own, low], 3.0)
+    assert charges_of(low) == []
+    assert team.coordinator._charge_desk.waiting == {"r2": "waits for a charger: 1 of 1 are taken"}
+    return own, low
+
+
+def test_in_turns_a_charger_is_free_when_the_robot_that_went_there_has_left_the_team(team, turns):
+    own, low = turns
+    own.robot.speaks = False
+    own.robot.leave()
+    team.run(1.0)
+    assert len(charges_of(low)) == 1
+    own.robot.come()
+
+
+def test_in_turns_a_charger_is_free_when_the_robot_that_went_there_does_something_else(team, turns):
+    own, low = turns
+    own.robot.behavior = ""
+    run(team, [own, low], 1.0)
+    assert len(charges_of(low)) == 1
+
+
+def test_in_turns_a_robot_that_does_not_know_where_it_is_takes_no_charger(team, turns):
+    own, low = turns
+    own.robot.pose = None
+    team.run(1.0)
+    assert len(charges_of(low)) == 1
+
+
+def test_in_turns_a_charger_at_which_a_robot_charges_is_taken_whatever_it_is_at(team, turns):
+    own, low = turns
+    own.at_charger = DOCKS[0]
+    own.tell()
+    own.robot.behavior = ""
+    team.run(1.0)
+    assert charges_of(low) == []
+
+
 # -- what it will take ----------------------------------------------------------------------------------------------
 
 

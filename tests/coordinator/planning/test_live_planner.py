@@ -1,6 +1,10 @@
 """Planning beside the coordinator's loop: the auction's plan at once, a better one later, the last question only."""
 
+import pytest
+
+from robrain.coordinator.planning.live_planner import TRIES, LivePlanner
 from robrain.coordinator.planning.lockstep_planner import LockstepPlanner
+from robrain.coordinator.planning.planner_link import Done
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.replaying import plan_again
 from robrain.coordinator.planning.situation import Member
@@ -47,3 +51,46 @@ def test_a_question_that_cannot_be_answered_does_not_end_planning(planner, made,
     plans = wait_for(planner, made, bool)
     assert plans[0].problem.plan == 2
     assert "no plan could be made" in caplog.text
+
+
+@pytest.fixture
+def lonely(monkeypatch):
+    """A planner that starts no process."""
+    monkeypatch.setattr(LivePlanner, "prepare", lambda _: None)
+    return LivePlanner(lambda: None)
+
+
+def lose(planner, times):
+    for _ in range(times):
+        planner._note_lost()
+
+
+def test_a_question_that_three_processes_in_a_row_did_not_survive_is_given_up(lonely, caplog):
+    lonely.ask(open_floor_situation(7, 1), PlanningPolicy())
+    lose(lonely, TRIES - 1)
+    assert lonely.is_busy
+    assert caplog.records == []
+    lose(lonely, 1)
+    assert not lonely.is_busy
+    assert [record.getMessage() for record in caplog.records] == [
+        "no plan 7 could be made: 3 processes were lost over it"
+    ]
+
+
+def test_processes_lost_over_one_question_are_not_held_against_the_next(lonely, caplog):
+    for number in (1, 2):
+        lonely.ask(open_floor_situation(number, 1), PlanningPolicy())
+        lose(lonely, TRIES - 1)
+    assert lonely.is_busy
+    assert caplog.records == []
+
+
+def test_processes_that_are_lost_while_nothing_is_asked_cost_no_question(lonely, caplog):
+    lose(lonely, TRIES)
+    lonely.ask(open_floor_situation(1, 1), PlanningPolicy())
+    lonely._hear(Done(1))
+    lose(lonely, TRIES)
+    assert caplog.records == []
+    lonely.ask(open_floor_situation(2, 1), PlanningPolicy())
+    lose(lonely, TRIES - 1)
+    assert lonely.is_busy

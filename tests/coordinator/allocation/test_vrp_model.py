@@ -1,0 +1,108 @@
+"""The model for PyVRP: what a robot may not do is forbidden by missing ways, or by loads where those are too many."""
+
+import numpy as np
+import pytest
+
+from robrain.coordinator.allocation import vrp_model
+from robrain.coordinator.allocation.arrays import make_arrays
+from robrain.coordinator.allocation.problem import Objective, Problem
+from robrain.coordinator.allocation.vrp_model import VrpModel
+from tests.coordinator.allocation.test_validate import job, line, worker
+
+CAMERA, ARM = frozenset({"camera"}), frozenset({"arm"})
+
+
+def model_of(problem: Problem) -> VrpModel:
+    arrays = make_arrays(problem)
+    return VrpModel(problem, arrays, arrays.visits, np.zeros(len(arrays.visits.job), np.bool_), Objective.ENERGY)
+
+
+@pytest.fixture
+def needy() -> Problem:
+    jobs = [job("see", 1, needs=CAMERA), job("lift", 2, needs=ARM), job("both", 3, needs=CAMERA | ARM), job("go", 4)]
+    return line(jobs, [worker("r1", offers=CAMERA), worker("r2", offers=CAMERA | ARM), worker("r3")])
+
+
+def is_feasible(model: VrpModel, *orders: list[int]) -> bool:
+    return bool(model.solution(model.data, orders).is_feasible())
+
+
+def test_few_kinds_of_robots_have_ways_of_their_own_and_no_loads(needy):
+    model = model_of(needy)
+    assert model.data.num_load_dimensions == 0
+    assert model.data.num_profiles == 3
+
+
+def test_where_ways_of_their_own_would_be_too_many_needs_are_loads(needy, monkeypatch):
+    monkeypatch.setattr(vrp_model, "MOST_CELLS", 0)
+    model = model_of(needy)
+    assert model.data.num_profiles == 1
+    assert [list(client.delivery) for client in model.data.clients()] == [[0, 1], [1, 0], [1, 1], [0, 0]]
+    assert [list(vehicle.capacity) for vehicle in model.data.vehicle_types()] == [[0, 4], [4, 4], [0, 0]]
+
+
+def test_the_limit_is_that_of_all_matrices_together(needy, monkeypatch):
+    cells = 3 * (4 + 3) ** 2
+    for most, loads in ((cells, 0), (cells - 1, 2)):
+        monkeypatch.setattr(vrp_model, "MOST_CELLS", most)
+        assert model_of(needy).data.num_load_dimensions == loads
+
+
+@pytest.mark.parametrize("most_cells", [0, 1e7])
+def test_a_robot_that_lacks_something_cannot_do_what_needs_it(needy, monkeypatch, most_cells):
+    monkeypatch.setattr(vrp_model, "MOST_CELLS", most_cells)
+    model = model_of(needy)
+    able = {0: {0, 3}, 1: {0, 1, 2, 3}, 2: {3}}
+    for robot, visits in able.items():
+        for visit in range(4):
+            orders: list[list[int]] = [[], [], []]
+            orders[robot] = [visit]
+            assert is_feasible(model, *orders) is (visit in visits), (robot, visit)
+
+
+def test_a_robot_that_cannot_even_begin_is_no_vehicle_and_orders_are_of_all_robots():
+    problem = line([job("a", 1), job("b", 2)], [worker("out", usable_j=-1.0), worker("r2")])
+    model = model_of(problem)
+    assert model.data.num_vehicles == 1
+    solution = model.solution(model.data, [[], [1, 0]])
+    assert solution.is_feasible()
+    assert model.orders(solution) == [[], [1, 0]]
+
+
+@pytest.mark.parametrize(("usable_j", "fits"), [(6.0, True), (5.99, False)])
+def test_a_robot_goes_as_far_as_its_energy_takes_it_there_and_back(usable_j, fits):
+    assert is_feasible(model_of(line([job("a", 3)], [worker("r1", usable_j=usable_j)])), [0]) is fits
+
+
+@pytest.mark.parametrize(("latest_s", "fits"), [(5.0, True), (4.9, False)])
+def test_a_job_must_end_in_time(latest_s, fits):
+    assert is_feasible(model_of(line([job("a", 3, service_s=2.0, latest_s=latest_s)], [worker("r1")])), [0]) is fits
+
+
+@pytest.mark.parametrize(
+    ("limits", "fits"),
+    [({"end_s": 6.0}, True), ({"end_s": 5.9}, False), ({"left_j": 4.0}, True), ({"left_j": 4.1}, False), ({}, True)],
+    ids=str,
+)
+def test_limits_may_be_tighter_without_another_model(limits, fits):
+    model = model_of(line([job("a", 3), job("b", 5)], [worker("r1")]))
+    assert bool(model.solution(model.limited(**limits), [[0]]).is_feasible()) is fits
+
+
+@pytest.mark.parametrize("objective", [Objective.MAKESPAN, Objective.LIFETIME])
+def test_a_prize_outweighs_every_way_unless_energy_is_the_objective(objective):
+    problem = line([job("a", 5)], [worker("r1", usable_j=1000.0)])
+    arrays = make_arrays(problem)
+    for of, outweighs in ((Objective.ENERGY, False), (objective, True)):
+        model = VrpModel(problem, arrays, arrays.visits, np.zeros(1, np.bool_), of)
+        (client,) = model.data.clients()
+        (vehicle,) = model.data.vehicle_types()
+        assert (client.prize >= 2 * vehicle.max_distance) is outweighs
+        assert not client.required
+
+
+def test_visits_that_must_be_made_are_required():
+    problem = line([job("a", 1), job("b", 2)], [worker("r1")])
+    arrays = make_arrays(problem)
+    model = VrpModel(problem, arrays, arrays.visits, np.array([False, True]), Objective.ENERGY)
+    assert [client.required for client in model.data.clients()] == [False, True]

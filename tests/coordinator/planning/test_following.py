@@ -1,0 +1,238 @@
+"""What is due by the plan is offered, a few in each step; what is taken is told, and so is what is left out."""
+
+from collections.abc import Iterator
+from types import SimpleNamespace
+
+import pytest
+
+from robrain.coordinator.capabilities import Capabilities
+from robrain.coordinator.planning.following import OFFERS_MAX, TELL_NS, Following
+from robrain.coordinator.planning.planning import Due, LeftOut
+from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.roster import Roster
+from robrain.coordinator.task_book import TaskBook
+from robrain.coordinator.task_lifecycle import TaskLifecycle
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.task import Explore, TaskState, Visit
+from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.messages import RobotState, TaskStatus
+from robrain.protocol.wire.presence import Change
+from robrain.protocol.wire.session import open_lockstep_session
+
+PLACE = Point2D(1.0, 1.0)
+GIVE_UP_S = 60.0
+
+
+class Plan:
+    """A plan as `Following` asks it."""
+
+    def __init__(self) -> None:
+        self.number = 1
+        self.policy = PlanningPolicy(give_up_s=GIVE_UP_S)
+        self.offers: list[Due] = []
+        self.left_out: dict[str, LeftOut] = {}
+        self.taken: list[tuple[str, str]] = []
+        self.is_anybody_out = False
+
+    def due(self, _now_ns: int) -> list[Due]:
+        return self.offers
+
+    def begun(self, task_id: str, robot: str) -> None:
+        self.taken.append((task_id, robot))
+
+    def anybody_out(self, _now_ns: int) -> bool:
+        return self.is_anybody_out
+
+
+class Office:
+    """Tasks, robots r0 and on, and offers that go nowhere."""
+
+    def __init__(self, wire: Endpoint) -> None:
+        self.book = TaskBook(wire.clock, 0, lambda event: self.told.append((event.task.id, event.why)))
+        self.told: list[tuple[str, str]] = []
+        self.roster = Roster()
+        self.tasks = TaskLifecycle(wire, self.book, self.roster, Capabilities(wire))
+        self.offered: list[tuple[str, str, str]] = []
+        self.tasks._offers = SimpleNamespace(offer=self._send, answered=list)
+        self.refuses: set[str] = set()
+        self.plan = Plan()
+        self.following = Following(self.plan, self.tasks, self.book)
+
+    def robot(self, name: str, task: TaskStatus | None = None) -> None:
+        self.roster.note_presence(Change({"robot": name}, True))
+        self.roster.note_state(RobotState(robot=name, task=task), 0)
+
+    def add(self, *names: str, **fields) -> None:
+        for name in names:
+            self.book.add(Visit(id=name, place=PLACE, **fields))
+
+    def state(self, name: str) -> TaskState:
+        return self.book.find(name).state
+
+    def _send(self, record, after: str) -> None:
+        self.offered.append((record.task.id, record.robot, after))
+        if record.robot in self.refuses:
+            self.book.give_back(record.task.id, f"{record.robot} refused")
+
+
+@pytest.fixture
+def office() -> Iterator[Office]:
+    with open_lockstep_session() as session:
+        wire = Endpoint(session, "default", VirtualClock(), Drive.LOCKSTEP)
+        yield Office(wire)
+        wire.close()
+
+
+# -- what is due ----------------------------------------------------------------------------------------------------
+
+
+def test_what_is_due_is_offered_and_the_plan_is_told_that_it_was_taken(office):
+    office.robot("r1")
+    office.add("t1")
+    office.plan.offers = [Due("t1", "r1", "")]
+    decided = []
+    office.tasks.note_decision = lambda *decision: decided.append(decision)
+    assert not office.following.step(0)
+    assert decided == [("t1", ["r1"], 0)]
+    assert office.offered == [("t1", "r1", "")]
+    assert office.state("t1") is TaskState.OFFERED
+    assert office.plan.taken == [("t1", "r1")]
+
+
+def test_an_offer_that_is_refused_at_once_was_not_taken(office):
+    office.robot("r1")
+    office.refuses = {"r1"}
+    office.add("t1")
+    office.plan.offers = [Due("t1", "r1", "")]
+    office.following.step(0)
+    assert office.offered == [("t1", "r1", "")]
+    assert office.plan.taken == []
+
+
+@pytest.mark.parametrize(("due", "is_more"), [(OFFERS_MAX, False), (OFFERS_MAX + 1, True)])
+def test_so_many_are_offered_in_one_step_and_no_more(office, due, is_more):
+    for number in range(due):
+        office.robot(f"r{number}")
+        office.add(f"t{number}")
+        office.plan.offers.append(Due(f"t{number}", f"r{number}", ""))
+    assert office.following.step(0) is is_more
+    assert len(office.offered) == len(office.plan.taken) == OFFERS_MAX
+
+
+def test_what_a_robot_explores_is_called_off_for_a_task(office):
+    office.robot("r1")
+    office.book.add(Explore(id="explore-1", goal=PLACE), own=True)
+    office.tasks.offer("explore-1", "r1", 0)
+    office.add("t1")
+    office.plan.offers = [Due("t1", "r1", "")]
+    office.following.step(0)
+    assert office.state("explore-1") is TaskState.CANCELLED
+    assert ("explore-1", "r1 is needed for t1") in office.told
+    assert office.state("t1") is TaskState.OFFERED
+
+
+def test_a_task_for_later_leaves_the_robot_at_its_present_one(office):
+    office.robot("r1")
+    office.add("t1", "t2")
+    office.plan.offers = [Due("t1", "r1", "")]
+    office.following.step(0)
+    office.book.move("t1", TaskState.RUNNING)
+    office.plan.offers = [Due("t2", "r1", "t1")]
+    office.following.step(0)
+    assert office.state("t1") is TaskState.RUNNING
+    assert office.offered[1:] == [("t2", "r1", "t1")]
+
+
+def test_a_task_for_later_that_a_robot_may_not_be_given_now_keeps_nothing_else_waiting(office):
+    office.robot("r1")
+    office.robot("r2")
+    office.add("t1", "t2")
+    office.tasks.may_be_next = lambda robot, after: False
+    office.plan.offers = [Due("t1", "r1", "t0"), Due("t2", "r2", "")]
+    assert not office.following.step(0)
+    assert office.offered == [("t2", "r2", "")]
+
+
+# -- what is left out -----------------------------------------------------------------------------------------------
+
+
+def test_why_a_task_is_left_out_is_told_once(office):
+    office.add("t1")
+    office.plan.left_out = {"t1": LeftOut("r1 lacks 20 J", 0)}
+    office.following.step(0)
+    office.plan.number = 2
+    office.following.step(1)
+    assert office.told[1:] == [("t1", "r1 lacks 20 J")]
+    office.plan.number = 3
+    office.plan.left_out = {"t1": LeftOut("r1 lacks 31.5 J", 0)}
+    office.following.step(2)
+    assert office.told[2:] == [], "only its figure is another"
+    office.plan.number = 4
+    office.plan.left_out = {"t1": LeftOut("r2 lacks 31.5 J", 0)}
+    office.following.step(3)
+    assert office.told[2:] == [], "names of robots differ by figures too"
+    office.plan.number = 5
+    office.plan.left_out = {"t1": LeftOut("no way there and to a charger", 0)}
+    office.following.step(4)
+    assert office.told[2:] == [("t1", "no way there and to a charger")]
+
+
+def test_while_the_plan_stays_the_same_what_is_left_out_is_looked_at_every_five_seconds(office):
+    office.add("t1")
+    now_ns = to_ns(100.0)
+    office.following.step(now_ns)
+    office.plan.left_out = {"t1": LeftOut("r1 lacks 20 J", now_ns)}
+    office.following.step(now_ns + TELL_NS - 1)
+    assert office.told[1:] == []
+    office.following.step(now_ns + TELL_NS)
+    assert office.told[1:] == [("t1", "r1 lacks 20 J")]
+
+
+@pytest.mark.parametrize(("late_ns", "state"), [(0, TaskState.QUEUED), (1, TaskState.FAILED)])
+def test_a_task_without_a_deadline_that_is_left_out_for_too_long_has_failed(office, late_ns, state):
+    office.add("t1")
+    office.plan.left_out = {"t1": LeftOut("r1 lacks 20 J", 0)}
+    office.following.step(to_ns(GIVE_UP_S) + late_ns)
+    assert office.state("t1") is state
+    assert office.told[-1][1] == ("nobody can do it: r1 lacks 20 J" if late_ns else "r1 lacks 20 J")
+
+
+def test_a_task_with_a_deadline_waits_for_that(office):
+    office.add("t1", deadline_ns=to_ns(10 * GIVE_UP_S))
+    office.plan.left_out = {"t1": LeftOut("r1 lacks 20 J", 0)}
+    office.following.step(to_ns(2 * GIVE_UP_S))
+    assert office.state("t1") is TaskState.QUEUED
+    assert office.told[-1][1] == "r1 lacks 20 J"
+
+
+def test_nothing_is_told_of_a_task_that_is_gone_begun_or_paused(office):
+    office.robot("r1")
+    office.add("t1", "t2")
+    office.tasks.offer("t1", "r1", 0)
+    office.tasks.shunning.note("t2", "r1", "refused: no way there", 0)
+    before = len(office.told)
+    office.plan.left_out = {name: LeftOut("r1 lacks 20 J", 0) for name in ("gone", "t1", "t2")}
+    office.following.step(1)
+    assert office.told[before:] == []
+
+
+@pytest.mark.parametrize("is_anybody_out", [False, True])
+@pytest.mark.parametrize("able_but_out", [False, True])
+def test_a_task_that_a_robot_could_do_which_is_out_now_is_not_given_up(office, is_anybody_out, able_but_out):
+    office.add("t1")
+    office.plan.is_anybody_out = is_anybody_out
+    office.tasks.reasons.able_but_out = lambda record, now_ns: able_but_out
+    office.plan.left_out = {"t1": LeftOut("r2 lacks 20 J", 0)}
+    office.following.step(to_ns(2 * GIVE_UP_S))
+    is_kept = is_anybody_out and able_but_out
+    assert office.state("t1") is (TaskState.QUEUED if is_kept else TaskState.FAILED)
+
+
+def test_a_task_that_nobody_has_the_plugins_for_is_told_elsewhere(office):
+    office.add("t1")
+    office.tasks.reasons.nobody_can = lambda record: "no robot has a camera"
+    office.plan.left_out = {"t1": LeftOut("r2 lacks 20 J", 0)}
+    office.following.step(to_ns(2 * GIVE_UP_S))
+    assert office.state("t1") is TaskState.QUEUED
+    assert office.told[1:] == []

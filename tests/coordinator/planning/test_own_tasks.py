@@ -1,0 +1,59 @@
+"""What a task of the coordinator's own is told to take: the way, and docking if it is to charge."""
+
+import math
+
+import pytest
+
+from robrain.coordinator.planning.own_tasks import DETOUR, DOCK_S, own_decision
+from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.task import Explore, Recharge
+from robrain.protocol.wire.messages import RobotState
+from tests.coordinator.planning.worlds import J_PER_M, PACE_M_S, STANDING_W, model
+
+POLICY = PlanningPolicy(time_margin=1.25)
+STATE = RobotState(robot="r1", pose=Pose2D(1.0, 2.0, 0.5), energy=model(50_000.0))
+EXPLORE = Explore(id="explore-1", goal=Point2D(4.0, 6.0))
+RECHARGE = Recharge(id="recharge-1", place=Point2D(4.0, 6.0), until_soc=0.95)
+
+
+def takes(way_m: float, wait_s: float = 0.0) -> tuple[float, float]:
+    """Joules and seconds of a way, and of standing at its end."""
+    duration_s = way_m / PACE_M_S + wait_s
+    return STANDING_W * duration_s + J_PER_M * way_m, 1.25 * duration_s
+
+
+@pytest.mark.parametrize(
+    ("task", "way_m", "expected"),
+    [
+        (EXPLORE, 8.0, takes(8.0)),
+        (EXPLORE, 0.0, takes(0.0)),
+        (EXPLORE, math.nan, takes(DETOUR * 5.0)),
+        (EXPLORE, math.inf, takes(DETOUR * 5.0)),
+        (RECHARGE, 8.0, takes(8.0, DOCK_S)),
+        (RECHARGE, math.nan, takes(DETOUR * 5.0, DOCK_S)),
+    ],
+)
+def test_a_task_takes_its_way_and_a_charge_also_the_docking(task, way_m, expected):
+    decision = own_decision(task, STATE, way_m, 7, POLICY)
+    assert decision is not None
+    (bid,) = decision.bids
+    assert (bid.energy_j, bid.time_s) == pytest.approx(expected)
+    assert (bid.robot, bid.chosen) == ("r1", True)
+    assert (decision.task, decision.plan, decision.robots, decision.start_in_s) == (task.id, 7, ("r1",), 0.0)
+
+
+def test_the_reason_tells_a_charge_from_exploring():
+    assert [own_decision(task, STATE, 8.0, 7, POLICY).why for task in (EXPLORE, RECHARGE)] == [
+        "it has nothing else to do",
+        "it is to charge to 95%",
+    ]
+
+
+@pytest.mark.parametrize(
+    "state",
+    [None, RobotState(robot="r1", pose=STATE.pose), RobotState(robot="r1", energy=STATE.energy)],
+    ids=["nothing", "no energy", "no pose"],
+)
+def test_nothing_is_said_of_a_robot_that_does_not_tell_where_it_is_and_what_it_takes(state):
+    assert own_decision(EXPLORE, state, 8.0, 7, POLICY) is None
