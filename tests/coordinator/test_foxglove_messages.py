@@ -16,6 +16,7 @@ from robrain.coordinator.palette import (
     LOST,
     NOSE,
     OCCUPIED,
+    UNKNOWN,
     WALL,
     WARNING,
     look_of,
@@ -149,7 +150,7 @@ def test_the_map_is_a_grid_of_colours_of_which_the_unknown_is_clear() -> None:
     drawn = np.frombuffer(found.data, np.uint8).reshape(2, 3, 4)
     assert drawn[:, 0].tolist() == [[*FREE, 255]] * 2
     assert drawn[:, 1].tolist() == [[*OCCUPIED, 255]] * 2
-    assert drawn[:, 2, 3].tolist() == [0, 0]
+    assert drawn[:, 2].tolist() == [[*UNKNOWN, 0]] * 2
 
 
 def test_walls_stand_on_the_floor() -> None:
