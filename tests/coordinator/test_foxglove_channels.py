@@ -1,7 +1,9 @@
 """When each channel for Foxglove is drawn, and what of: by the recorded messages and the clock alone."""
 
 import json
+import socket
 from collections import Counter
+from collections.abc import Iterator
 from typing import Any
 
 import msgspec
@@ -16,6 +18,7 @@ from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
 from robrain.protocol.model.task import TaskState, Visit
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import WireError
 from robrain.protocol.wire.map_patch import to_message
 from robrain.protocol.wire.messages import (
     BatteryState,
@@ -27,11 +30,13 @@ from robrain.protocol.wire.messages import (
     RobotState,
     Scan,
     TaskEvent,
+    TeamState,
 )
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (
     ARENA_SCAN,
+    COORDINATOR_STATE,
     HALT,
     MOTE_READING,
     ROBOT_LOG,
@@ -199,6 +204,32 @@ def test_the_map_is_drawn_when_it_has_grown_and_its_walls_less_often() -> None:
     assert walls_at == [second for second, names in enumerate(seen) if "wall_points" in names] == [0, 10]
 
 
+def test_a_new_file_has_the_map_and_its_walls_and_a_patch_that_changes_nothing_is_not_drawn() -> None:
+    channels = FoxgloveChannels()
+    say(channels, ROBOT_MAP, patch(1))
+    whole = ["/visual/map", "/visual/walls", "/visual/wall_points"]
+    assert told(channels, 0.0) == whole
+    say(channels, ROBOT_MAP, patch(1))
+    assert told(channels, 20.0) == []
+    channels.begin_anew()
+    assert told(channels, 20.5) == whole
+    assert told(channels, 40.0) == []
+
+
+def test_messages_of_topics_that_are_not_drawn_are_left_alone() -> None:
+    channels = FoxgloveChannels()
+    say(channels, COORDINATOR_STATE, TeamState(robots=[]))
+    channels.take(ROBOT_LOG, "key", b"{}")
+    assert told(channels, 0.0) == []
+
+
+def test_a_path_lies_above_the_trail() -> None:
+    channels = FoxgloveChannels()
+    say(channels, ROBOT_PATH, PlannedPath(robot="r1", points=[Point2D(1.0, 2.0)]))
+    [path] = [one.message for one in channels.due(0) if one.channel == "/visual/r1/path"]
+    assert [pose.position.z for pose in path.poses] == [0.05]  # type: ignore[union-attr]
+
+
 def test_a_large_map_comes_less_often() -> None:
     channels = FoxgloveChannels()
     say(channels, ROBOT_MAP, patch(1, 1000))  # a million cells: each ten seconds
@@ -213,7 +244,17 @@ def test_a_large_map_comes_less_often() -> None:
 # -- served -----------------------------------------------------------------------------------------------------
 
 
-def test_a_robot_that_is_new_is_asked_once_for_the_map_that_it_knows(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def wire() -> Iterator[Endpoint]:
+    with open_lockstep_session() as session:
+        endpoint = Endpoint(session, "default", VirtualClock(0), Drive.LOCKSTEP)
+        yield endpoint
+        endpoint.close()
+
+
+def test_a_robot_that_is_new_is_asked_once_for_the_map_that_it_knows(
+    wire: Endpoint, monkeypatch: pytest.MonkeyPatch
+) -> None:
     asked: list[str] = []
     drawn: list[str] = []
 
@@ -227,19 +268,43 @@ def test_a_robot_that_is_new_is_asked_once_for_the_map_that_it_knows(monkeypatch
             super().take(topic, key, payload)
 
     monkeypatch.setattr("robrain.coordinator.recording.foxglove_server.FoxgloveChannels", Heard)
-    with open_lockstep_session() as session:
-        clock = VirtualClock(0)
-        wire = Endpoint(session, "default", clock, Drive.LOCKSTEP)
-        server = FoxgloveServer(wire, "127.0.0.1", 0)
-        try:
-            wire.answer(ROBOT_MAP_WHOLE, answer, robot="r1")
-            states = wire.publisher(ROBOT_STATE, robot="r1")
-            for _ in range(2):
-                states.put(RobotState(robot="r1", pose=Pose2D(1.0, 2.0, 0.0)))
-                server.step()
+    server = FoxgloveServer(wire, "127.0.0.1", 0)
+    try:
+        wire.answer(ROBOT_MAP_WHOLE, answer, robot="r1")
+        states = wire.publisher(ROBOT_STATE, robot="r1")
+        for _ in range(2):
+            states.put(RobotState(robot="r1", pose=Pose2D(1.0, 2.0, 0.0)))
             server.step()
-        finally:
-            server.close()
-            wire.close()
+        server.step()
+    finally:
+        server.close()
     assert asked == ["r1"]
     assert sorted(drawn) == ["robot_map", "robot_state", "robot_state"]
+
+
+def test_all_is_said_again_every_five_seconds_for_viewers_that_have_come(
+    wire: Endpoint, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun: list[float] = []
+    monkeypatch.setattr(FoxgloveChannels, "begin_anew", lambda _: begun.append(wire.clock.now_ns() / NS_PER_S))
+    server = FoxgloveServer(wire, "127.0.0.1", 0)
+    try:
+        for half_second in range(25):
+            assert isinstance(wire.clock, VirtualClock)
+            wire.clock.advance_to(half_second * NS_PER_S // 2)
+            server.step()
+    finally:
+        server.close()
+    assert begun == [5.0, 10.0]
+
+
+def test_a_port_that_is_taken_is_told_and_free_again_when_its_server_closes(wire: Endpoint) -> None:
+    server = FoxgloveServer(wire, "127.0.0.1", 0)
+    port = int(server.address.removeprefix("ws://127.0.0.1:"))
+    try:
+        with pytest.raises(WireError, match=f"cannot listen on 127.0.0.1:{port}"):
+            FoxgloveServer(wire, "127.0.0.1", port)
+    finally:
+        server.close()
+    with socket.socket() as probe:
+        assert probe.connect_ex(("127.0.0.1", port)) != 0

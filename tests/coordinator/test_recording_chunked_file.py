@@ -9,6 +9,7 @@ from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from robrain.coordinator.recording import chunked_file
 from robrain.coordinator.recording.chunked_file import ChunkedFile
+from robrain.coordinator.recording.errors import RecordingError
 
 CHANNEL = Channel(id=3, topic="/a", message_encoding="json", metadata={}, schema_id=7)
 SCHEMA = Schema(id=7, name="S", encoding="jsonschema", data=b"{}")
@@ -108,6 +109,33 @@ def test_the_index_tells_the_same_as_reading_through(path: Path) -> None:
     assert (indexed.counts, indexed.channels) == (scanned.counts, scanned.channels)
     assert times(indexed) == times(scanned)
     assert (indexed.start_ns, indexed.end_ns) == (scanned.start_ns, scanned.end_ns) == (100, 139)
+
+
+def test_a_whole_file_is_found_by_its_index_without_reading_through(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        writer.add_message(writer.register_channel("/a", "json", 0), 1, b"{}", 1)
+        writer.finish()  # type: ignore[no-untyped-call]
+    monkeypatch.setattr(ChunkedFile, "_scan", None)
+    assert times(ChunkedFile(path)) == [[1]]
+
+
+def test_messages_outside_of_chunks_and_what_is_no_recording_are_refused(path: Path) -> None:
+    with pytest.raises(RecordingError, match="no chunks to seek in"):
+        without_end(path, CHANNEL, message(1))
+    path.write_bytes(b"robots = 3, and more of it")
+    with pytest.raises(RecordingError, match="not an MCAP"):
+        ChunkedFile(path)
+
+
+def test_a_chunk_whose_checksum_is_wrong_is_damaged(path: Path) -> None:
+    wrong = chunk(message(1))
+    wrong.uncompressed_crc = 1
+    with pytest.raises(RecordingError, match="damaged"):
+        without_end(path, CHANNEL, wrong).read(0)
 
 
 def test_a_file_without_messages_begins_and_ends_at_zero(path: Path) -> None:

@@ -59,6 +59,7 @@ def test_whether_there_were_tasks_is_known():
         ([record(state=TaskState.LOST_CONTACT, robot="r1")], "t1 is lost contact"),
         ([record(f"t{k}") for k in range(1, 4)], "t2 is queued, t3 is queued"),
         ([record(f"t{k}") for k in range(1, 5)], "t2 is queued, t3 is queued, t4 is queued"),
+        ([record(f"t{k}") for k in range(1, 6)], "t2 is queued, t3 is queued, t4 is queued and 1 more"),
         ([record(f"t{k}") for k in range(1, 7)], "t2 is queued, t3 is queued, t4 is queued and 2 more"),
     ],
 )
@@ -112,7 +113,7 @@ def test_a_fiftieth_of_a_battery_more_or_less_than_planned_is_news(usable_j, is_
 
 
 def test_an_empty_battery_has_a_size_as_well():
-    before, now = [member(soc=0.0)], [member(soc=0.0, usable_j=0.0)]  # 0.02 of 50 kJ / 0.01
+    before, now = [member(soc=0.0, usable_j=100_000.0)], [member(soc=0.0, usable_j=0.0)]  # 0.02 of 50 kJ / 0.01
     assert cause({"members": before}, {"members": now}) == ""
     assert cause({"members": [member(soc=0.0, usable_j=100_001.0)]}, {"members": now}) != ""
 

@@ -29,6 +29,7 @@ def told(task, way_m, state=STATE):
 def test_exploring_takes_the_way():
     """At 0.5 m/s; 8 W standing, 20 J a metre."""
     assert told(EXPLORE, 10.0) == (360.0, 40.0)
+    assert told(EXPLORE, 10.0004) == (360.014, 40.002)  # to a millijoule and a millisecond
 
 
 def test_charging_takes_the_way_and_docking():

@@ -52,6 +52,7 @@ def test_a_robot_sets_out_when_it_is_free_and_for_what_begins_later_in_time():
 def test_a_task_that_begins_when_its_robot_is_there_is_set_out_for_at_once():
     made = plan_of([["a"]], job("a", 3, earliest_s=3.0))
     assert made.steps["r0"] == (Step("a", ns(0.0), 3.0, ns(3.0)),)
+    assert plan_of([["a"]], job("a", 0)).steps["r0"] == (Step("a", ns(0.0), 0.0, ns(0.0)),)
 
 
 def test_what_a_robot_is_at_is_no_step_but_takes_its_time():
@@ -87,8 +88,8 @@ def test_a_decision_of_nobody_has_no_time():
 
 def test_only_what_is_decided_anew_is_told_first_what_begins_first():
     jobs = [job("a", 1), job("b", 2), job("c", 3), job("d", 4)]
-    made = plan_of([["b", "a", "c"]], *jobs, told={"a": ("r0",), "b": ("r9",)})
-    assert [decision.task for decision in made.decisions] == ["b", "c", "d"]
+    made = plan_of([["c", "b", "a"]], *jobs, told={"a": ("r0",), "b": ("r9",)})
+    assert [decision.task for decision in made.decisions] == ["c", "b", "d"]
 
 
 @pytest.mark.parametrize(("most", "told"), [(1, 1), (3, 1), (4, 2), (6, 3), (100, 3)])
