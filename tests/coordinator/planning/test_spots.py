@@ -50,22 +50,41 @@ def test_they_are_counted_counter_clockwise_from_the_east():
     ]  # fmt: skip
 
 
+def test_spots_are_told_to_the_millimetre():
+    assert spots_around(PLACE, 5, 0.2, None)[1] == Point2D(4.184, 3.566)
+
+
+def test_a_robot_may_touch_the_edge_of_the_map():
+    """Which has two cells on each side of a robot of 0.2 m."""
+    south = Point2D(4.0, 0.25)
+    assert spots_around(south, 2, 0.2, floor()) == spots_around(south, 2, 0.2, None)
+    west = spots_around(Point2D(0.25, 3.0), 2, 0.2, floor())
+    assert min(spot.x_m for spot in west) > 0.2
+
+
 def test_the_ring_is_not_turned_where_all_of_it_is_free():
     assert spots_around(PLACE, 2, 0.2, floor()) == spots_around(PLACE, 2, 0.2, None)
 
 
+def is_free(grid, x_m, y_m):
+    """Whether a robot of 0.2 m stands there on free floor."""
+    row, column = grid.geometry.cell_of(x_m, y_m)
+    return bool((grid.log_odds[row - 2 : row + 3, column - 2 : column + 3] < 0).all())
+
+
 @pytest.mark.parametrize("value", [OCCUPIED, UNKNOWN])
-def test_the_ring_is_turned_until_most_spots_are_on_free_floor(value):
-    grid = put(floor(UNKNOWN), 3.0, 1.0, 2.0, 4.0, FREE)
+def test_the_ring_is_turned_no_farther_than_until_its_spots_are_on_free_floor(value):
     if value == OCCUPIED:
         grid = put(floor(), 4.4, 2.4, 1.0, 1.0, OCCUPIED)
     else:
         grid = put(floor(UNKNOWN), 3.7, 1.0, 0.7, 4.0, FREE)  # a lane from south to north
     north, south = spots_around(PLACE, 2, 0.2, grid)
-    for spot in (north, south):
-        row, column = grid.geometry.cell_of(spot.x_m, spot.y_m)
-        assert (grid.log_odds[row - 2 : row + 3, column - 2 : column + 3] < 0).all()
+    assert is_free(grid, north.x_m, north.y_m)
+    assert is_free(grid, south.x_m, south.y_m)
     assert north.y_m > PLACE.y_m > south.y_m
+    before_rad = math.atan2(north.y_m - PLACE.y_m, north.x_m - PLACE.x_m) - math.tau / 48  # one step less
+    x_m, y_m = 0.35 * math.cos(before_rad), 0.35 * math.sin(before_rad)
+    assert not (is_free(grid, PLACE.x_m + x_m, PLACE.y_m + y_m) and is_free(grid, PLACE.x_m - x_m, PLACE.y_m - y_m))
 
 
 def test_a_robot_as_wide_as_the_lane_does_not_fit_beside_its_middle():
