@@ -55,13 +55,15 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 Said = list[tuple[str, float, msgspec.Struct | bytes]]
 
 
-def write(path: Path, said: Said, *, metadata: bool = True) -> Path:
+def write(path: Path, said: Said, front: str = "metadata") -> Path:
     """A recording of what was said: key, seconds, message. Numbers and stamps are the messages' own."""
     with path.open("wb") as stream:
         writer = Writer(stream, chunk_size=2000)
         writer.start("robrain")
-        if metadata:
+        if front == "metadata":
             writer.add_metadata("robrain.versions", {"robrain": "0.1.0"})
+        elif front == "attachment":
+            writer.add_attachment(0, 0, "map.png", "image/png", b"png")
         channels: dict[str, int] = {}
         for key, t_s, message in said:
             if key not in channels:
@@ -269,19 +271,20 @@ def test_a_damaged_chunk_costs_its_own_messages_and_no_others(run: Path, tmp_pat
     assert set(kept) <= set(whole)
 
 
-@pytest.mark.parametrize("metadata", [True, False])
+@pytest.mark.parametrize("front", ["metadata", "attachment", "messages"])
 def test_a_recording_whose_header_is_damaged_is_made_whole(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, metadata: bool
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, front: str
 ) -> None:
     monkeypatch.setattr(recording_copy, "CHUNK_BYTES", 100)
-    source, out = write(tmp_path / "run.mcap", states(5), metadata=metadata), tmp_path / "out.mcap"
+    source, out = write(tmp_path / "run.mcap", states(5), front), tmp_path / "out.mcap"
     there = list(read_messages(source))
     content = bytearray(source.read_bytes())
     content[len(MCAP0_MAGIC)] = 0x80  # an opcode that nobody knows
     source.write_bytes(content)
     assert recover(source, out).messages == 5
     assert list(read_messages(out)) == there
-    assert recording_info(out).versions == ({"robrain": "0.1.0"} if metadata else {})
+    assert recording_info(out).versions == ({"robrain": "0.1.0"} if front == "metadata" else {})
+    assert read_contents(out).attachments == ({"map.png": 3} if front == "attachment" else {})
 
 
 def test_a_recording_is_never_overwritten(run: Path, tmp_path: Path) -> None:

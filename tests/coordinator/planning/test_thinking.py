@@ -77,6 +77,14 @@ def test_better_plans_are_looked_for_where_there_may_be_any(jobs, method, rounds
     assert sum(1 for _ in thinking.improve()) == thinking.rounds == rounds
 
 
+def test_before_there_is_a_plan_the_problem_is_what_was_asked():
+    asked = problem(job("a", 1))
+    assert (
+        Thinking(asked, Objective.ENERGY, Method.AUCTION, seed=0, iterations=1, gain_min=0.0, orders={}).problem
+        is asked
+    )
+
+
 def test_a_task_that_a_robot_is_at_is_none_that_can_be_planned_better():
     pinned = Job(id="b", place=1, prize_j=1.0, pinned_to="r0")
     assert list(thinking_of(job("a", 1), pinned).improve()) == []
