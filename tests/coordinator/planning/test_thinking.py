@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -112,3 +113,19 @@ def test_each_search_begins_with_the_best_plan_and_a_seed_of_its_own():
     for _ in thinking.improve():
         pass
     assert asked == [(5, 10, rank), (6, 10, rank)]
+
+
+@pytest.mark.parametrize("better_in", [0, 1, FRUITLESS])
+def test_searching_goes_on_for_as_long_as_something_better_was_found_not_long_ago(better_in):
+    thinking = thinking_of(job("a", 1), job("b", 3))
+    first = thinking._best
+    better = msgspec.structs.replace(first, cost_j=first.cost_j - 1.0)
+
+    class Search:
+        def plan(self, _, **fields):
+            return better if fields["seed"] == 5 + better_in else first
+
+    thinking._search = Search()
+    found = better_in < FRUITLESS
+    assert sum(1 for _ in thinking.improve()) == (better_in + 1 + FRUITLESS if found else FRUITLESS)
+    assert thinking._best is (better if found else first)
