@@ -83,11 +83,10 @@ def time_axis(axes: Axes, duration_s: float) -> float:
     return unit_s
 
 
-def legend(axes: Axes, count: int, *, below: bool = False) -> None:
+def legend(axes: Axes, count: int) -> None:
     """A legend beside the axes, unless it would have too many lines."""
-    if not 1 < count <= LEGEND_MAX and not (count and below):
-        return
-    axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
+    if 1 < count <= LEGEND_MAX:
+        axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
 
 
 def nothing(axes: Axes, text: str) -> None:

@@ -27,6 +27,7 @@ from robrain.coordinator.recording.figure_style import (
     time_axis,
 )
 from robrain.coordinator.recording.run_data import RobotRun, RunData, TaskRun
+from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED
 
 BARS_MAX = 40
 """Rows of a figure at the most."""
@@ -76,7 +77,8 @@ def trajectory_figure(run: RunData) -> Figure:
     axes.grid(visible=False)
     if grid is not None and bounds is not None:
         geometry = grid.geometry
-        classes = np.select([grid.classes() == 0, grid.classes() > 0], [1, 2], 0)
+        classes = grid.classes()
+        shades = np.select([classes == FREE, classes == OCCUPIED], [1, 2], 0)
         extent = (
             geometry.origin_x_m,
             geometry.origin_x_m + geometry.width * geometry.resolution_m,
@@ -84,7 +86,7 @@ def trajectory_figure(run: RunData) -> Figure:
             geometry.origin_y_m + geometry.height * geometry.resolution_m,
         )
         colors = ListedColormap(["#dfe3e8", "#ffffff", "#52606d"])
-        axes.imshow(classes, cmap=colors, vmin=0, vmax=2, origin="lower", extent=extent, interpolation="nearest")
+        axes.imshow(shades, cmap=colors, vmin=0, vmax=2, origin="lower", extent=extent, interpolation="nearest")
         axes.set_xlim(bounds[0] - 0.5, bounds[2] + 0.5)
         axes.set_ylim(bounds[1] - 0.5, bounds[3] + 0.5)
     places = np.array([(mote.place.x_m, mote.place.y_m) for mote in run.motes.values() if mote.place is not None])
@@ -240,7 +242,7 @@ def mote_figure(run: RunData) -> Figure:
     left.annotate("its radio fails below", (0.0, MOTE_CUTOFF_V), xytext=(4, 3), textcoords="offset points", fontsize=8)
     left.set_ylabel("Supply (V)")
     left.set_ylim(bottom=min(MOTE_CUTOFF_V - 0.1, min(min(mote.voltage_v) for mote in motes) - 0.05))
-    shown = motes if len(motes) <= BARS_MAX else motes[:: math.ceil(len(motes) / BARS_MAX)]
+    shown = motes[:: math.ceil(len(motes) / BARS_MAX)]
     for row, mote in enumerate(shown):
         color = _supply_color(mote.voltage_v[-1])
         right.plot(np.array(mote.t_s) / unit_s, np.full(len(mote.t_s), row), "|", color=color, markersize=5)

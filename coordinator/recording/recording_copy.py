@@ -196,6 +196,7 @@ class RecordingCopy:
             return
         if self._visual is not None and is_visual(channel.topic):
             return
+        self._start()
         self._watch(channel, message)
         channel_id = self._channel_ids.get(message.channel_id)
         if channel_id is None:

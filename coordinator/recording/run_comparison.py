@@ -6,7 +6,8 @@ from robrain.coordinator.recording.figure_style import label, line_look, new_fig
 from robrain.coordinator.recording.run_data import RunData
 from robrain.coordinator.recording.run_totals import totals
 
-COMPARED = ("Explored (%)", "Duration (s)", "Distance (m)", "Energy (kJ)", "Tasks done", "Messages")
+COMPARED = ("Duration (s)", "Explored (%)", "Distance (m)", "Tasks done", "Energy (kJ)", "Messages")
+"""In rows of three: the first of a row is always told, as its panel has the names of the runs."""
 
 
 def comparison_figure(runs: list[RunData]) -> Figure:

@@ -172,14 +172,13 @@ class _Gather:
 
     def _take_state(self, state: RobotState, t_s: float) -> None:
         robot = self.run.robots.setdefault(state.robot, RobotRun(state.robot))
-        before, robot.before = robot.before, state
+        before = robot.before
+        if before is not None and t_s - robot.t_s[-1] < STEP_S:
+            return
+        robot.before = state
         measured_j = robot.measured_j[-1] if robot.measured_j else 0.0
         predicted_j = robot.predicted_j[-1] if robot.predicted_j else 0.0
-        if before is not None and robot.t_s and t_s - robot.t_s[-1] < STEP_S:
-            robot.before = before
-            return
-        passed_s = t_s - robot.t_s[-1] if robot.t_s else 0.0
-        if before is not None and 0 < passed_s <= LONGEST_STEP_S:
+        if before is not None and (passed_s := t_s - robot.t_s[-1]) <= LONGEST_STEP_S:
             if before.battery is not None:
                 measured_j += before.battery.voltage_v * before.battery.current_a * passed_s
             if before.energy is not None:

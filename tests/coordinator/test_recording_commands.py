@@ -11,8 +11,9 @@ import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mcap.writer import Writer
+from mcap.writer import MCAP0_MAGIC, Writer
 
+from robrain.coordinator.recording import recording_copy
 from robrain.coordinator.recording.checking import Kind, Severity, check_recording
 from robrain.coordinator.recording.comparing import differing_path, first_difference
 from robrain.coordinator.recording.contents import read_contents
@@ -54,12 +55,15 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 Said = list[tuple[str, float, msgspec.Struct | bytes]]
 
 
-def write(path: Path, said: Said) -> Path:
+def write(path: Path, said: Said, front: str = "metadata") -> Path:
     """A recording of what was said: key, seconds, message. Numbers and stamps are the messages' own."""
     with path.open("wb") as stream:
         writer = Writer(stream, chunk_size=2000)
         writer.start("robrain")
-        writer.add_metadata("robrain.versions", {"robrain": "0.1.0"})
+        if front == "metadata":
+            writer.add_metadata("robrain.versions", {"robrain": "0.1.0"})
+        elif front == "attachment":
+            writer.add_attachment(0, 0, "map.png", "image/png", b"png")
         channels: dict[str, int] = {}
         for key, t_s, message in said:
             if key not in channels:
@@ -265,6 +269,22 @@ def test_a_damaged_chunk_costs_its_own_messages_and_no_others(run: Path, tmp_pat
     assert recovery.damaged_chunks == 1
     assert 0 < len(whole) - len(kept) < len(whole) / 4
     assert set(kept) <= set(whole)
+
+
+@pytest.mark.parametrize("front", ["metadata", "attachment", "messages"])
+def test_a_recording_whose_header_is_damaged_is_made_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, front: str
+) -> None:
+    monkeypatch.setattr(recording_copy, "CHUNK_BYTES", 100)
+    source, out = write(tmp_path / "run.mcap", states(5), front), tmp_path / "out.mcap"
+    there = list(read_messages(source))
+    content = bytearray(source.read_bytes())
+    content[len(MCAP0_MAGIC)] = 0x80  # an opcode that nobody knows
+    source.write_bytes(content)
+    assert recover(source, out).messages == 5
+    assert list(read_messages(out)) == there
+    assert recording_info(out).versions == ({"robrain": "0.1.0"} if front == "metadata" else {})
+    assert read_contents(out).attachments == ({"map.png": 3} if front == "attachment" else {})
 
 
 def test_a_recording_is_never_overwritten(run: Path, tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ import pytest
 from robrain.coordinator.planning.floor import Floor
 from robrain.coordinator.planning.live_planner import LivePlanner
 from robrain.coordinator.planning.planner_link import Question, QuestionReader, Questions
+from robrain.coordinator.planning.planner_process import PlannerProcess
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.occupancy_grid import GridGeometry
 from tests.coordinator.planning.situations import open_floor_situation
@@ -117,6 +118,16 @@ def test_closing_leaves_no_process_whatever_it_is_at(made):
     assert not [one for one in threading.enumerate() if one.name.startswith("planner")]
     planner.ask(open_floor_situation(2, 3), SHORT)  # nobody does so, but nothing comes of it
     assert planner.pid is None
+
+
+def test_a_process_that_has_ended_leaves_no_open_file():
+    before = set(os.listdir("/proc/self/fd"))
+    process = PlannerProcess(lambda _: None, lambda: None)
+    begun = set(os.listdir("/proc/self/fd")) - before
+    process.kill()
+    assert process.end() in ("", "was ended by SIGKILL")
+    assert len(begun) >= 3  # two connections and the lifeline
+    assert not begun & set(os.listdir("/proc/self/fd"))
 
 
 def test_closing_while_it_starts_leaves_no_process(made):

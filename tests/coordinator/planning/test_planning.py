@@ -3,6 +3,7 @@
 import msgspec
 import pytest
 
+from robrain.coordinator.planning.lockstep_planner import LockstepPlanner
 from robrain.coordinator.planning.policy import Method, PlanningPolicy
 from robrain.coordinator.planning.question import decode
 from robrain.coordinator.planning.replaying import plan_again
@@ -299,3 +300,22 @@ def test_without_plans_the_nearest_idle_robot_is_taken(team, ears):
 def test_a_policy_that_makes_no_sense_is_refused(fields, named):
     with pytest.raises(ValueError, match=named):
         PlanningPolicy(**fields)
+
+
+def test_a_coordinator_that_plans_has_its_planner_prepared_and_closed_with_it(team, monkeypatch):
+    called = []
+
+    class Planner(LockstepPlanner):
+        def prepare(self):
+            called.append("prepare")
+
+        def close(self):
+            called.append("close")
+
+    monkeypatch.setattr("robrain.coordinator.planning.planning._planner_of", lambda _: Planner())
+    for method, expected in ((Method.OPTIMAL, ["prepare", "close"]), (Method.NEAREST, ["close"])):
+        team.begin(None, PlanningPolicy(method=method))
+        team.coordinator.planning.prepare()
+        team.coordinator.close()
+        assert called == expected
+        called.clear()

@@ -120,6 +120,26 @@ def test_a_coordinator_that_begins_anew_goes_on_with_it(team, crew):
     assert len(killed) == 2
     assert team.history("lift").count(TaskState.DONE) == 1
     assert sum(len(parts(worker, "share")) for worker in crew) == 2
+    assert sum(len(parts(worker, "gather")) for worker in crew) == 2
+    journal.close()
+
+
+def test_a_coordinator_that_begins_anew_goes_on_with_the_last_try(team, crew):
+    journal = Journal()
+    team.begin(journal)
+    run(team, crew, 1.0)
+    team.submit(together())
+
+    def told(kind):
+        return sum(len(parts(worker, kind)) for worker in crew)
+
+    assert run(team, crew, 5.0, until=lambda: told("gather") == 2)
+    at_it(crew)[0].robot.end(TaskState.CANCELLED, "the way is blocked")
+    for kind, count in (("gather", 4), ("share", 2)):
+        assert run(team, crew, 60.0, until=lambda kind=kind, count=count: told(kind) == count)
+        team.begin(journal)
+    assert run(team, crew, 60.0, until=lambda: team.states() == {"lift": TaskState.DONE})
+    assert (told("gather"), told("share")) == (4, 2)
     journal.close()
 
 

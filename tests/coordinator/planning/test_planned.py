@@ -1,0 +1,99 @@
+"""A plan as the coordinator follows it: when each robot sets out, who does nothing, and what is told of it."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from robrain.coordinator.allocation.problem import Job, Objective, Problem, Worker
+from robrain.coordinator.allocation.schedule import make_plan
+from robrain.coordinator.planning import planned as planned_module
+from robrain.coordinator.planning.asking import Asked
+from robrain.coordinator.planning.planned import Step, planned
+from robrain.protocol.wire.plan_messages import PlanProblem
+from tests.coordinator.planning.situations import open_floor_situation
+
+NOW_S = 100.0
+WRITTEN = PlanProblem(plan=7, asked_ns=0, objective=Objective.ENERGY, method="optimal", seed=0, rounds=0, iterations=0,
+                      question=b"")  # fmt: skip
+
+
+def job(name, place, **fields):
+    return Job(id=name, place=place, prize_j=1000.0, **fields)
+
+
+def plan_of(orders, *jobs, **fields):
+    """Places 0 to 4 on a line, a metre apart, a second and a joule a metre; robots begin and end at 0."""
+    length_m = np.abs(np.subtract.outer(np.arange(5.0), np.arange(5.0)))[None]
+    workers = tuple(
+        Worker(name=f"r{k}", start=0, ends=(0,), usable_j=100.0, ready_s=2.0 * k) for k in range(len(orders))
+    )
+    problem = Problem(jobs=jobs, workers=workers, energy_j=length_m, time_s=length_m)
+    plan = make_plan(problem, orders, Objective.ENERGY)
+    assert plan is not None
+    situation = msgspec.structs.replace(open_floor_situation(7, 0), now_ns=round(NOW_S * 1e9), **fields)
+    asked = Asked(question=None, waiting={"late": "too late"}, charger_ways={})
+    return planned(situation, asked, problem, plan, WRITTEN, 0.25)
+
+
+def ns(in_s):
+    return round((NOW_S + in_s) * 1e9)
+
+
+def test_a_robot_sets_out_when_it_is_free_and_for_what_begins_later_in_time():
+    made = plan_of([[], ["a", "b"]], job("a", 1, service_s=5.0), job("b", 3, earliest_s=20.0))
+    assert made.steps == {
+        "r0": (),
+        "r1": (Step("a", ns(2.0), 1.0, ns(3.0)), Step("b", ns(18.0), 2.0, ns(20.0))),
+    }  # it is free at 2, at a from 3 to 8, and could be at b at 10
+    assert made.orders == {"r1": ("a", "b")}
+    assert (made.problem, made.took_s, made.waiting, made.left_out) == (WRITTEN, 0.25, {"late": "too late"}, {})
+
+
+def test_a_task_that_begins_when_its_robot_is_there_is_set_out_for_at_once():
+    made = plan_of([["a"]], job("a", 3, earliest_s=3.0))
+    assert made.steps["r0"] == (Step("a", ns(0.0), 3.0, ns(3.0)),)
+    assert plan_of([["a"]], job("a", 0)).steps["r0"] == (Step("a", ns(0.0), 0.0, ns(0.0)),)
+
+
+def test_what_a_robot_is_at_is_no_step_but_takes_its_time():
+    made = plan_of([["a", "b"]], job("a", 1, service_s=5.0, pinned_to="r0"), job("b", 2))
+    assert made.steps == {"r0": (Step("b", ns(6.0), 1.0, ns(7.0)),)}
+    assert [decision.task for decision in made.decisions] == ["b"]
+
+
+def test_what_nobody_does_is_left_out_with_its_reason_but_not_what_is_begun():
+    made = plan_of([[]], job("a", 1), job("b", 2, pinned_to="r0"))
+    assert list(made.left_out) == ["a"]
+
+
+def test_a_decision_is_told_with_every_robots_bid():
+    made = plan_of([["a"], []], job("a", 3, earliest_s=7.12345))
+    [decision] = made.decisions
+    assert (decision.task, decision.plan, decision.robots, decision.start_in_s) == ("a", 7, ("r0",), 7.12)
+    assert [(bid.robot, bid.chosen, bid.why_not) for bid in decision.bids] == [("r0", True, ""), ("r1", False, "")]
+    assert [bid.energy_j for bid in decision.bids] == [6.0, 6.0]
+    assert all(bid.time_s > 0 for bid in decision.bids)
+
+
+def test_a_robot_that_may_not_be_asked_says_why_and_bids_nothing():
+    made = plan_of([["a"], []], job("a", 3), pauses={("a", "r1"): "it refused"})
+    [_, bid] = made.decisions[0].bids
+    assert (bid.robot, bid.chosen, bid.why_not, bid.energy_j, bid.time_s) == ("r1", False, "it refused", None, None)
+
+
+def test_a_decision_of_nobody_has_no_time():
+    [decision] = plan_of([[]], job("a", 3)).decisions
+    assert (decision.robots, decision.start_in_s) == ((), None)
+
+
+def test_only_what_is_decided_anew_is_told_first_what_begins_first():
+    jobs = [job("a", 1), job("b", 2), job("c", 3), job("d", 4)]
+    made = plan_of([["c", "b", "a"]], *jobs, told={"a": ("r0",), "b": ("r9",)})
+    assert [decision.task for decision in made.decisions] == ["c", "b", "d"]
+
+
+@pytest.mark.parametrize(("most", "told"), [(1, 1), (3, 1), (4, 2), (6, 3), (100, 3)])
+def test_so_many_decisions_are_told_that_their_bids_do_not_last_too_long(monkeypatch, most, told):
+    monkeypatch.setattr(planned_module, "BIDS_MAX", most)
+    made = plan_of([["a", "b", "c"], []], job("a", 1), job("b", 2), job("c", 3))
+    assert [decision.task for decision in made.decisions] == ["a", "b", "c"][:told]

@@ -1,0 +1,112 @@
+"""Where robots stand that are to be at one place at once: around it, apart, and on free floor."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from robrain.coordinator.planning.spots import ROOM_M, spots_around
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
+
+PLACE = Point2D(4.0, 3.0)
+
+
+def floor(value=FREE):
+    """8 m by 6 m, a tenth of a metre a cell."""
+    grid = OccupancyGrid(GridGeometry(0.1, 0.0, 0.0, 80, 60))
+    grid.merge_patch(0, 0, np.full((60, 80), value, np.int8), 1)
+    return grid
+
+
+def put(grid, x_m, y_m, width_m, height_m, value):
+    rows, columns = round(height_m / 0.1), round(width_m / 0.1)
+    grid.merge_patch(round(y_m / 0.1), round(x_m / 0.1), np.full((rows, columns), value, np.int8), 2)
+    return grid
+
+
+def distance_m(one, other):
+    return math.hypot(one.x_m - other.x_m, one.y_m - other.y_m)
+
+
+def test_one_robot_stands_at_the_place():
+    assert spots_around(PLACE, 1, 0.3, None) == [PLACE]
+
+
+@pytest.mark.parametrize("robots", [2, 3, 6])
+def test_spots_lie_evenly_on_a_ring_with_room_between_the_robots(robots):
+    spots = spots_around(PLACE, robots, 0.2, None)
+    assert len(spots) == robots
+    ring_m = distance_m(spots[0], PLACE)
+    assert [distance_m(spot, PLACE) for spot in spots] == pytest.approx([ring_m] * robots, abs=2e-3)
+    between_m = [distance_m(one, other) for one, other in itertools.pairwise([*spots, spots[0]])]
+    assert between_m == pytest.approx([0.4 + ROOM_M] * robots, abs=2e-3)
+
+
+def test_they_are_counted_counter_clockwise_from_the_east():
+    assert spots_around(PLACE, 4, 0.2, None) == [
+        Point2D(4.495, 3.0), Point2D(4.0, 3.495), Point2D(3.505, 3.0), Point2D(4.0, 2.505),
+    ]  # fmt: skip
+
+
+def test_spots_are_told_to_the_millimetre():
+    assert spots_around(PLACE, 5, 0.2, None)[1] == Point2D(4.184, 3.566)
+
+
+def test_a_robot_may_touch_the_edge_of_the_map():
+    """Which has two cells on each side of a robot of 0.2 m."""
+    south = Point2D(4.0, 0.25)
+    assert spots_around(south, 2, 0.2, floor()) == spots_around(south, 2, 0.2, None)
+    west = spots_around(Point2D(0.25, 3.0), 2, 0.2, floor())
+    assert min(spot.x_m for spot in west) > 0.2
+
+
+def test_the_ring_is_not_turned_where_all_of_it_is_free():
+    assert spots_around(PLACE, 2, 0.2, floor()) == spots_around(PLACE, 2, 0.2, None)
+
+
+def is_free(grid, x_m, y_m):
+    """Whether a robot of 0.2 m stands there on free floor."""
+    row, column = grid.geometry.cell_of(x_m, y_m)
+    return bool((grid.log_odds[row - 2 : row + 3, column - 2 : column + 3] < 0).all())
+
+
+@pytest.mark.parametrize("value", [OCCUPIED, UNKNOWN])
+def test_the_ring_is_turned_no_farther_than_until_its_spots_are_on_free_floor(value):
+    if value == OCCUPIED:
+        grid = put(floor(), 4.4, 2.4, 1.0, 1.0, OCCUPIED)
+    else:
+        grid = put(floor(UNKNOWN), 3.7, 1.0, 0.7, 4.0, FREE)  # a lane from south to north
+    north, south = spots_around(PLACE, 2, 0.2, grid)
+    assert is_free(grid, north.x_m, north.y_m)
+    assert is_free(grid, south.x_m, south.y_m)
+    assert north.y_m > PLACE.y_m > south.y_m
+    before_rad = math.atan2(north.y_m - PLACE.y_m, north.x_m - PLACE.x_m) - math.tau / 48  # one step less
+    x_m, y_m = 0.35 * math.cos(before_rad), 0.35 * math.sin(before_rad)
+    assert not (is_free(grid, PLACE.x_m + x_m, PLACE.y_m + y_m) and is_free(grid, PLACE.x_m - x_m, PLACE.y_m - y_m))
+
+
+def test_a_robot_as_wide_as_the_lane_does_not_fit_beside_its_middle():
+    """In cells: 0.2 m are two on each side, so a lane of five has one place across."""
+    for columns, fits in ((5, True), (4, False)):
+        grid = put(floor(UNKNOWN), 3.8, 1.0, columns * 0.1, 4.0, FREE)
+        spots = spots_around(Point2D(4.05, 3.05), 2, 0.2, grid)
+        columns_of = [grid.geometry.cell_of(spot.x_m, spot.y_m)[1] for spot in spots]
+        assert (columns_of == [40, 40]) is fits
+
+
+@pytest.mark.parametrize("place", [Point2D(4.0, 0.1), Point2D(4.0, 5.9), Point2D(0.1, 3.0), Point2D(7.9, 3.0)])
+def test_a_spot_at_the_edge_of_the_map_is_not_free(place):
+    on_map = []
+    for spot in spots_around(place, 4, 0.2, floor()):
+        on_map.append(0.2 <= spot.x_m <= 7.8 and 0.2 <= spot.y_m <= 5.8)
+    assert sum(on_map) == max(
+        sum(0.2 <= x <= 7.8 and 0.2 <= y <= 5.8 for x, y in ring_at(place, turn)) for turn in range(24)
+    )
+
+
+def ring_at(place, turn):
+    ring_m = 0.7 / (2 * math.sin(math.pi / 4))
+    angles = [math.tau * turn / 24 / 4 + math.tau * k / 4 for k in range(4)]
+    return [(place.x_m + ring_m * math.cos(angle), place.y_m + ring_m * math.sin(angle)) for angle in angles]

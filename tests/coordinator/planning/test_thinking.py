@@ -1,0 +1,131 @@
+"""When a plan is worth a change of hands, and how long better ones are looked for."""
+
+import math
+
+import msgspec
+import numpy as np
+import pytest
+
+from robrain.coordinator.allocation.plan import Plan
+from robrain.coordinator.allocation.problem import Job, Objective, Problem, Worker
+from robrain.coordinator.planning import thinking as thinking_module
+from robrain.coordinator.planning.policy import Method
+from robrain.coordinator.planning.thinking import FRUITLESS, Thinking, think
+
+
+def problem(*jobs, j_per_m=1.0):
+    """Places 0 to 4 on a line, a metre and a second apart; r0 begins and ends at 0, r1 at 4."""
+    length_m = np.abs(np.subtract.outer(np.arange(5.0), np.arange(5.0)))[None]
+    workers = tuple(Worker(name=f"r{k}", start=4 * k, ends=(4 * k,), usable_j=100.0) for k in range(2))
+    return Problem(jobs=jobs, workers=workers, energy_j=j_per_m * length_m, time_s=length_m)
+
+
+def job(name, place):
+    return Job(id=name, place=place, prize_j=1000.0)
+
+
+def orders_after(asked, objective=Objective.ENERGY, *, gain_min, orders):
+    plan, _ = think(asked, objective, Method.AUCTION, seed=0, rounds=0, iterations=1, gain_min=gain_min, orders=orders)
+    return {route.worker: route.jobs for route in plan.routes if route.jobs}
+
+
+@pytest.mark.parametrize("objective", list(Objective))
+@pytest.mark.parametrize(("gain_min", "robot"), [(0.01, "r0"), (0.9, "r1")])
+def test_a_task_changes_hands_for_a_plan_that_is_better_by_enough(objective, gain_min, robot):
+    """r1 would take six metres for it, r0 two: 4 J of 6, 4 s of 6, and 2 J more of 94 left."""
+    found = orders_after(problem(job("a", 1)), objective, gain_min=gain_min, orders={"r1": ["a"]})
+    assert found == {robot: ("a",)}
+
+
+@pytest.mark.parametrize(
+    ("objective", "gain"), [(Objective.ENERGY, 4 / 6), (Objective.MAKESPAN, 4 / 6), (Objective.LIFETIME, 4 / 94)]
+)
+def test_it_is_better_by_enough_from_the_share_that_is_asked_for(objective, gain):
+    for gain_min, robot in ((gain, "r0"), (gain + 1e-9, "r1")):
+        assert orders_after(problem(job("a", 1)), objective, gain_min=gain_min, orders={"r1": ["a"]}) == {robot: ("a",)}
+
+
+def test_a_plan_that_takes_nothing_is_not_changed_for_another_that_takes_nothing():
+    asked = problem(job("a", 1), j_per_m=0.0)
+    assert orders_after(asked, gain_min=0.02, orders={"r1": ["a"]}) == {"r1": ("a",)}
+    assert orders_after(asked, gain_min=0.0, orders={"r1": ["a"]}) == {"r0": ("a",)}
+
+
+def test_any_gain_over_nothing_is_worth_a_change():
+    def plan(left_j):
+        return Plan(objective=Objective.LIFETIME, routes=(), cost_j=0.0, lost_prize_j=0.0, makespan_s=0.0,
+                    least_left_j=left_j)  # fmt: skip
+
+    assert thinking_module._gain(plan(0.0), plan(0.001)) == 1.0
+    assert thinking_module._gain(plan(0.0), plan(0.0)) == 0.0
+    assert thinking_module._gain(plan(2.0), plan(3.0)) == 0.5
+
+
+def test_a_task_that_nobody_was_to_do_is_done_however_little_it_gains():
+    found = orders_after(problem(job("a", 1), job("b", 1)), gain_min=math.inf, orders={"r1": ["a"]})
+    assert sorted(name for jobs in found.values() for name in jobs) == ["a", "b"]
+
+
+def thinking_of(*jobs, method=Method.OPTIMAL):
+    return Thinking(problem(*jobs), Objective.ENERGY, method, seed=5, iterations=10, gain_min=0.0, orders={})
+
+
+@pytest.mark.parametrize(
+    ("jobs", "method", "rounds"), [(1, Method.OPTIMAL, 0), (2, Method.OPTIMAL, FRUITLESS), (2, Method.AUCTION, 0)]
+)
+def test_better_plans_are_looked_for_where_there_may_be_any(jobs, method, rounds):
+    thinking = thinking_of(*(job(f"t{k}", 1 + k) for k in range(jobs)), method=method)
+    assert sum(1 for _ in thinking.improve()) == thinking.rounds == rounds
+
+
+def test_before_there_is_a_plan_the_problem_is_what_was_asked():
+    asked = problem(job("a", 1))
+    assert (
+        Thinking(asked, Objective.ENERGY, Method.AUCTION, seed=0, iterations=1, gain_min=0.0, orders={}).problem
+        is asked
+    )
+
+
+def test_a_task_that_a_robot_is_at_is_none_that_can_be_planned_better():
+    pinned = Job(id="b", place=1, prize_j=1.0, pinned_to="r0")
+    assert list(thinking_of(job("a", 1), pinned).improve()) == []
+
+
+def test_thinking_ends_after_the_rounds_that_are_asked_for():
+    jobs = (job("a", 1), job("b", 2), job("c", 3))
+    for rounds in (1, 2):
+        _, done = think(problem(*jobs), Objective.ENERGY, Method.OPTIMAL, seed=0, rounds=rounds, iterations=5,
+                        gain_min=0.0, orders={})  # fmt: skip
+        assert done == rounds
+
+
+def test_each_search_begins_with_the_best_plan_and_a_seed_of_its_own():
+    thinking = thinking_of(job("a", 1), job("b", 3))
+    search, asked = thinking._search, []
+
+    class Search:
+        def plan(self, asked_problem, **fields):
+            asked.append((fields["seed"], fields["iterations"], fields["warm_start"].rank))
+            return search.plan(asked_problem, **fields)
+
+    thinking._search = Search()
+    rank = thinking.plan.rank
+    for _ in thinking.improve():
+        pass
+    assert asked == [(5, 10, rank), (6, 10, rank)]
+
+
+@pytest.mark.parametrize("better_in", [0, 1, FRUITLESS])
+def test_searching_goes_on_for_as_long_as_something_better_was_found_not_long_ago(better_in):
+    thinking = thinking_of(job("a", 1), job("b", 3))
+    first = thinking._best
+    better = msgspec.structs.replace(first, cost_j=first.cost_j - 1.0)
+
+    class Search:
+        def plan(self, _, **fields):
+            return better if fields["seed"] == 5 + better_in else first
+
+    thinking._search = Search()
+    found = better_in < FRUITLESS
+    assert sum(1 for _ in thinking.improve()) == (better_in + 1 + FRUITLESS if found else FRUITLESS)
+    assert thinking._best is (better if found else first)
