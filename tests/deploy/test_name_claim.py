@@ -13,6 +13,7 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import NameTaken
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CLAIM
+from tests.waiting import until
 
 TEAM = "default"
 WAIT_S = 120.0
@@ -127,6 +128,7 @@ def test_whatever_was_seen_first_exactly_one_of_two_remains(join, monkeypatch, s
                 take(first)
         else:
             first._declare(name_claim.ASKS)  # asks, and has not looked yet
+            until(lambda: second._look().asking, "the later claim never sees the earlier one")
             looked = threading.Event()
             result: list[object] = []
 
