@@ -28,12 +28,12 @@ def pytest_unconfigure() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Spread the files of system tests evenly among all but the last fifth of the others."""
+    """Spread the files with system tests evenly among all but the last fifth of the others."""
     files: dict[str, list[pytest.Item]] = {}
     for item in items:
         files.setdefault(item.nodeid.partition("::")[0], []).append(item)
-    waiting = [name for name in files if "/system/" in name]
-    others = [name for name in files if "/system/" not in name]
+    waiting = [name for name, inside in files.items() if any(one.get_closest_marker("system") for one in inside)]
+    others = [name for name in files if name not in waiting]
     order = {name: 0.8 * (place + 0.5) / len(waiting) for place, name in enumerate(waiting)}
     order |= {name: place / len(others) for place, name in enumerate(others)}
     items[:] = [item for name in sorted(files, key=order.__getitem__) for item in files[name]]

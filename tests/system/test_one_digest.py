@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from numpy._core import _multiarray_umath
 
+pytestmark = pytest.mark.system
+
 RUN = Path(__file__).parent / "covering_run.py"
 FEATURES: dict[str, bool] = _multiarray_umath.__cpu_features__
 CORE_TYPES = {"Prescott": "SSE3", "Nehalem": "SSE42", "Haswell": "AVX2", "SkylakeX": "AVX512_SKX"}

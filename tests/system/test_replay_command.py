@@ -2,12 +2,16 @@
 
 import time
 
+import pytest
+
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_STATE
 from tests.waiting import PATIENCE_S
+
+pytestmark = pytest.mark.system
 
 
 def test_replayed_states_are_heard_by_another_process(commands) -> None:

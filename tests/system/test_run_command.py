@@ -15,6 +15,8 @@ from robrain.coordinator.recording.reading import read_messages
 from tests.real_maps import REAL_MAPS, needs_real_maps
 from tests.waiting import PATIENCE_S
 
+pytestmark = pytest.mark.system
+
 ROOT = Path(__file__).parents[2]
 
 KEYS = {
