@@ -2,7 +2,6 @@
 
 import threading
 from types import TracebackType
-from typing import Self
 
 from robrain.agent.errors import PluginHung
 from robrain.protocol.wire.clock import Clock, to_ns
@@ -60,7 +59,7 @@ class Turn:
         """Whether somebody has been in the plugin for longer than the limit."""
         return self.depth > 0 and now_ns - self._since_ns > self._limit_ns
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> None:
         # As `acquire`, written out: every call of a plugin by another passes here.
         if not self._lock.acquire(timeout=self.limit_s):
             raise PluginHung(self._plugin, f"{self._plugin} has not come back for {self.limit_s:g} s")
@@ -68,7 +67,6 @@ class Turn:
             self._since_ns = self._now_ns()
             self._owner = threading.get_ident()
         self.depth += 1
-        return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None

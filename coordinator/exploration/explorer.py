@@ -168,7 +168,7 @@ class Explorer:
             return OthersExplore(frontiers=len(within) - len(tried))
         needed_m = round(least_gap_m(radius_m), 3)
         if self._narrow.gaps:
-            gap = min(self._narrow.gaps, key=lambda gap: _apart_m(gap.place, seeker.place))
+            gap = min(self._narrow.gaps, key=lambda gap: gap.place.distance_m(seeker.place))
             return TooNarrow(
                 frontiers=len(tried or candidates), needed_m=needed_m, gap_m=round(gap.gap_m, 3), place=gap.place
             )
@@ -213,7 +213,3 @@ def _unknown_around(grid: "OccupancyGrid", place: Point2D) -> int:
     reach = round(LOOK_M / grid.geometry.resolution_m)
     box = np.s_[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
     return int(np.count_nonzero(grid.log_odds[box] == 0))
-
-
-def _apart_m(one: Point2D, other: Point2D) -> float:
-    return math.hypot(one.x_m - other.x_m, one.y_m - other.y_m)

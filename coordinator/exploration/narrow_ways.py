@@ -4,7 +4,6 @@ A team's map is too coarse to distinguish a gap that a robot just fits through f
 Robots with nothing else to explore are sent to try. After `TRIES` failures at a passage, no robot is sent there.
 """
 
-import math
 from collections import deque
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -40,13 +39,14 @@ class NarrowWays:
         self.gaps: deque[Gap] = deque(maxlen=KEPT)
         self._failures: deque[tuple[Point2D, int]] = deque(maxlen=KEPT)
         self._navigation: NavigationGrid | None = None
-        self._version = 0
+        self._version: int
+        """Of the map that `_navigation` was made from."""
 
     def note_gap(self, place: Point2D, gap_m: float, again_ns: int) -> None:
         """Record that a robot at `place` does not fit through the gap in front of it."""
         tries = 0
         for known in list(self.gaps):
-            if _apart_m(known.place, place) < SHUT_RADIUS_M:
+            if known.place.distance_m(place) < SHUT_RADIUS_M:
                 self.gaps.remove(known)
                 tries = max(tries, known.tries)
         self.gaps.append(Gap(place, gap_m, tries + 1, again_ns))
@@ -55,14 +55,14 @@ class NarrowWays:
         """Record that a robot sent along a narrow path did not reach its goal, for whatever reason."""
         tries = 0
         for known in list(self._failures):
-            if _apart_m(known[0], goal) < SHUT_RADIUS_M:
+            if known[0].distance_m(goal) < SHUT_RADIUS_M:
                 self._failures.remove(known)
                 tries = max(tries, known[1])
         self._failures.append((goal, tries + 1))
 
     def is_given_up(self, goal: Point2D) -> bool:
         """Whether robots have failed `TRIES` times to reach a place along narrow paths."""
-        return any(tries >= TRIES and _apart_m(place, goal) < SHUT_RADIUS_M for place, tries in self._failures)
+        return any(tries >= TRIES and place.distance_m(goal) < SHUT_RADIUS_M for place, tries in self._failures)
 
     def shut(self, now_ns: int) -> list[tuple[float, float, float]]:
         """Circles (x, y, radius in metres, arena frame) through whose narrow places no robot may be sent now."""
@@ -84,7 +84,3 @@ class NarrowWays:
             known.update(grid.classes())
         self._navigation, self._version = known, grid.version
         return known
-
-
-def _apart_m(one: Point2D, other: Point2D) -> float:
-    return math.hypot(one.x_m - other.x_m, one.y_m - other.y_m)

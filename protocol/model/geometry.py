@@ -18,6 +18,10 @@ class Point2D(msgspec.Struct, frozen=True):
     x_m: Metres
     y_m: Metres
 
+    def distance_m(self, other: "Pose2D | Point2D") -> float:
+        """Euclidean distance of the two places."""
+        return math.hypot(self.x_m - other.x_m, self.y_m - other.y_m)
+
 
 class Pose2D(msgspec.Struct, frozen=True):
     """Where something is and where it faces: metres and radians, arena frame unless said otherwise."""

@@ -69,7 +69,7 @@ class LargeTeam:
         self._middles = [Point2D(float(x), float(y)) for x, y in places]
         self._mote_places = [Point2D(float(x), float(y)) for x, y in rng.uniform(1.0, SIZE_M - 1.0, (MOTES, 2))]
         self._nearest = [
-            self._robots[min(range(ROBOTS), key=lambda index: _apart_m(self._middles[index], place))]
+            self._robots[min(range(ROBOTS), key=lambda index: self._middles[index].distance_m(place))]
             for place in self._mote_places
         ]
         self._ranges_mm = [[int(mm) for mm in rng.integers(500, 6000, 180)] for _ in range(10)]
@@ -124,10 +124,6 @@ class LargeTeam:
             energy=MODEL,
             behavior="explore",
         )
-
-
-def _apart_m(one: Point2D, other: Point2D) -> float:
-    return math.hypot(one.x_m - other.x_m, one.y_m - other.y_m)
 
 
 def whole_map() -> MapPatch:

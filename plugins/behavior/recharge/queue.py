@@ -150,16 +150,16 @@ class Queue:
             for away_m in ASIDE_M
             for angle_rad in (direction * math.tau / DIRECTIONS for direction in range(DIRECTIONS))
         ]
-        clear = [place for place in places if all(_apart_m(place, other) >= apart_m for other, apart_m in taken)]
+        clear = [place for place in places if all(place.distance_m(other) >= apart_m for other, apart_m in taken)]
         for place in sorted(clear, key=pose.distance_m):
             path = travel.plan(place)
-            if path and _apart_m(path[-1], place) < APART_M:
+            if path and path[-1].distance_m(place) < APART_M:
                 return place
         return None
 
     def _known(self) -> list[ChargerPlace]:
         others = self._errand.budget.home.chargers()
-        return [self._wanted, *(each for each in others if _apart_m(each.place, self._wanted.place) > AT_DOCK_M)]
+        return [self._wanted, *(each for each in others if each.place.distance_m(self._wanted.place) > AT_DOCK_M)]
 
     def _usable(self) -> list[ChargerPlace]:
         now_ns = self._now_ns()
@@ -172,7 +172,3 @@ class Queue:
 
     def _now_ns(self) -> int:
         return self._errand.env.clock.now_ns()
-
-
-def _apart_m(one: Point2D, other: Point2D) -> float:
-    return math.hypot(one.x_m - other.x_m, one.y_m - other.y_m)
