@@ -6,6 +6,7 @@ import msgspec
 import pytest
 
 from robrain.agent.errors import ManifestError, PluginError, PluginInactive, PluginMissing
+from robrain.agent.replacement import Replacement
 from robrain.protocol.wire.topics import ROBOT_MAP, ROBOT_MAP_WHOLE
 
 LAMP = """
@@ -278,3 +279,19 @@ def test_a_plugin_reloaded_in_a_halted_robot_stays_halted(lab):
         version(lab)
     lab.manager.resume()
     assert version(lab) == "one"
+
+
+def test_replacement_that_is_given_up_while_it_is_made_leaves_the_old_one_in_its_place(lab):
+    tag = lab.manager.get("lamp")
+    old = tag._loaded
+    replacement = Replacement(tag, tag.manifest, old, old.code, lambda *_: None, live=False)
+    tag.environment = None  # as if the new instance's were set already
+    finish = replacement.give_up()
+    assert tag.environment is old.environment
+    assert tag._loaded is old
+    assert finish() is None
+
+
+def test_plugin_begins_without_overruns_and_restarts(lab):
+    tag = lab.manager.get("lamp")
+    assert (tag.overruns, tag.restarts, tag.generation) == (0, 0, 0)

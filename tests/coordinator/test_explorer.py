@@ -199,6 +199,29 @@ def test_a_gap_that_was_too_narrow_is_tried_once_more_after_fifteen_seconds_and_
     assert not explorer.has_failures
 
 
+def test_each_robot_is_told_of_the_gap_nearest_to_it():
+    explorer = Explorer(rooms(3).team_map)
+    (choice,) = explorer.choose([robot("r1")], [], 0)
+    explorer.note_failure("r1", choice.place, 0)
+    west, east = Point2D(2.0, 3.1), Point2D(4.6, 3.1)
+    for _ in range(2):
+        explorer.note_gap(west, 0.38, 0)
+        explorer.note_gap(east, 0.39, 0)
+    assert explorer.choose([robot("r1", 2.5, 2.7), robot("r2", 4.2, 2.7)], [], to_ns(60.0)) == []
+    assert {name: why.place for name, why in explorer.idle.items()} == {"r1": west, "r2": east}
+
+
+def test_failure_at_a_goal_counts_once_for_each_time_a_robot_was_sent_there_through_a_narrow_place():
+    explorer = Explorer(rooms(3).team_map)
+    (choice,) = explorer.choose([robot("r1")], [], 0)
+    for _ in range(3):
+        explorer.note_failure("r1", choice.place, 0)
+    (again,) = explorer.choose([robot("r1")], [], to_ns(60.0))
+    assert again.place == choice.place
+    explorer.note_failure("r1", choice.place, to_ns(60.0))
+    assert explorer.choose([robot("r1")], [], to_ns(120.0)) == []
+
+
 @pytest.mark.parametrize("gap_m", [math.nan, math.inf, -1.0, 0.0, 1e308, "0.4", None, [0.4]])
 def test_a_gap_with_an_invalid_width_shuts_nothing(gap_m):
     explorer = Explorer(rooms(3).team_map)

@@ -208,6 +208,8 @@ def test_what_a_mote_cannot_do_it_is_not_asked_for(field, task, why):
 def test_mote_that_was_last_heard_long_ago_is_out_of_reach(field):
     mote = field.mote()
     field.run(2.0)
+    known = field.team.coordinator.motes.table.motes["m1"]
+    assert known.why_out_of_reach(field.team.coordinator.roster, field.team.clock.now_ns()) == ""
     mote.speaks = False
     field.run(20.0)
     field.team.submit(Sense(id="s", place=PLACE))

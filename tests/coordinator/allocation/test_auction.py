@@ -16,6 +16,7 @@ from robrain.coordinator.allocation.bidding import (
     queue_nearest,
 )
 from robrain.coordinator.allocation.insertion import BY_ENERGY, BY_FINISH, BY_LEAST_LEFT, Routes, empty_routes, insert
+from robrain.coordinator.allocation.refusal import FITS, judge_visit
 
 HORIZON_S = 2000.0
 
@@ -253,3 +254,29 @@ def test_visit_that_is_put_in_and_taken_out_leaves_the_route_as_it_was() -> None
     for position, visit in [(0, 4), (1, 7), (1, 2), (0, 9)]:
         insert(team, visits, routes, 0, visit, position)
     assert _orders(routes)[0] == [9, 4, 2, 7]
+
+
+def test_judgement_of_a_visit_is_that_of_its_cheapest_insertion() -> None:
+    judged = []
+    for seed in range(20):
+        team, visits = _instance(seed, wait_w=0.5, windows=seed % 2 == 1)
+        routes = empty_routes(team, visits)
+        open_visits = np.ones(len(visits.job), np.bool_)
+        hold_auction(team, visits, routes, open_visits, BY_ENERGY, GREATEST_GAIN)
+        orders = _orders(routes)
+        for visit in np.flatnonzero(open_visits):
+            for worker in range(len(orders)):
+                more_j, _, position = _bid(team, visits, orders, worker, visit, BY_ENERGY)
+                code, *_, found = judge_visit(team, visits, routes, worker, visit)
+                assert (code == FITS) == (position >= 0)
+                if code == FITS:
+                    before, after = orders[worker][:position], orders[worker][position:]
+                    walk = _walk(team, visits, worker, [*before, visit, *after])
+                    told = judge_visit(team, visits, routes, worker, visit)
+                    assert found == position
+                    assert told[1] == pytest.approx(more_j)
+                    assert told[2] == pytest.approx(walk.end_s - routes.end_s[worker])
+                    assert told[4] == pytest.approx(team.usable_j[worker] - walk.spent_j)
+                judged.append(code)
+    assert judged.count(FITS) > 10
+    assert len(set(judged)) > 2
