@@ -9,7 +9,7 @@ from robrain.agent.host import AgentHost
 from robrain.agent.live import run_agent
 from robrain.agent.robot_file import ZenohTable, read_robot_file
 from robrain.deploy.live_process import LiveStop, note, open_when_there, tell
-from robrain.deploy.name_claim import claim_robot
+from robrain.deploy.name_claim import NameWatch, claim_robot
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.hub import given_endpoints, team_endpoints
@@ -53,7 +53,9 @@ def agent_command(robot: Path, connect: str | None, team: str | None) -> None:
             for text in left_out:
                 tell(f"agent: {host.name} without {text}")
 
-        run_agent(host, should_stop, tell_plugins)
+        watch = NameWatch(claim, should_stop)
+        run_agent(host, watch, tell_plugins)
+        watch.check()
 
 
 def _endpoints(settings: ZenohTable, connect: str | None) -> list[str]:

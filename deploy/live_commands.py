@@ -21,7 +21,7 @@ from robrain.deploy.live_process import (
     open_when_there,
     tell,
 )
-from robrain.deploy.name_claim import claim_coordinator
+from robrain.deploy.name_claim import NameWatch, claim_coordinator
 from robrain.protocol.model.objective import Objective
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.hub import team_endpoints
@@ -78,10 +78,12 @@ def coordinator_command(
             claim.settle()
             tell(f"coordinator: of team {team}; Ctrl-C ends it")
 
+        watch = NameWatch(claim, should_stop)
         try:
-            run_coordinator(wire, should_stop, ready, kept, policy)
+            run_coordinator(wire, watch, ready, kept, policy)
         finally:
             kept.close()
+        watch.check()
 
 
 def dashboard_command(connect: str | None, team: str, port: int | None, replay: Path | None = None) -> None:

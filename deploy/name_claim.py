@@ -13,7 +13,7 @@ import os
 import re
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, closing
 from typing import Any, NamedTuple
 
@@ -40,6 +40,9 @@ PATIENCE_S = 1.5 * LEASE_MS / 1000
 ASK_TIMEOUT_S = 0.5
 LOOK_TIMEOUT_S = 5.0
 LOOK_PERIOD_S = 0.02
+LOOK_AFTER_HANG_NS = 10 * NS_PER_S
+"""After a hang: time to connect again, and to hear of a process that has taken the name."""
+LOOK_AGAIN_NS = NS_PER_S // 5
 _ELSE = re.compile(r"[^A-Za-z0-9_.]")
 """Replaces a dash in a host name within a key."""
 
@@ -142,6 +145,13 @@ class NameClaim:
         """Withdraw the claim's tokens, as the process's `alive` token now marks the name as taken."""
         self._withdraw(HAS)
 
+    def successor(self) -> NameTaken | None:
+        """An error that names the process that took this one's name while it hung, if there is one."""
+        for info in self._who():
+            if info.zid != self.info.zid:
+                return NameTaken(f"this process hung, and {self._keys.what} is another one now: {info}")
+        return None
+
     def close(self) -> None:
         """Give the name back."""
         for stage in list(self._tokens):
@@ -175,19 +185,69 @@ class NameClaim:
         return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
 
     def _refuse_if_it_answers(self) -> None:
+        for info in self._who():
+            raise self._taken(str(info))
+
+    def _who(self) -> Iterator[ProcessInfo]:
+        """The processes that answer for the name, this one included once it has the name."""
         key = self._keys.who.key(self._team, **self._keys.names)
-        for reply in self._session.get(key, timeout=ASK_TIMEOUT_S):
+        everyone: Any = {"target": zenoh.QueryTarget.ALL, "consolidation": zenoh.ConsolidationMode.NONE}
+        for reply in self._session.get(key, timeout=ASK_TIMEOUT_S, **everyone):
             if reply.ok is not None:
                 try:
-                    raise self._taken(str(msgspec.json.decode(reply.ok.payload.to_bytes(), type=ProcessInfo)))
+                    yield msgspec.json.decode(reply.ok.payload.to_bytes(), type=ProcessInfo)
                 except (msgspec.DecodeError, UnicodeDecodeError):
-                    continue  # a foreign reply; the token shows that a process is there
+                    continue  # not a robrain process; its token shows that something is there
 
     def _taken(self, who: str) -> NameTaken:
         return NameTaken(f"{self._keys.what} is there already: {who}. End that process first, or use another name")
 
     def _tell_who(self, _request: Request) -> ProcessInfo:
         return self.info
+
+
+class NameWatch:
+    """Says when to stop, and notices that the name was lost while this process hung.
+
+    A process that stands still for longer than its lease loses its tokens, and another may take its name. Once it runs
+    again it looks for that other process for a while, because its connection is made anew meanwhile.
+
+    Args:
+        claim: the name that this process has.
+        should_stop: says when to stop for other reasons.
+        monotonic_ns: the clock.
+
+    """
+
+    def __init__(
+        self,
+        claim: NameClaim,
+        should_stop: Callable[[], bool],
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._claim = claim
+        self._should_stop = should_stop
+        self._monotonic_ns = monotonic_ns
+        self._asked_ns = monotonic_ns()
+        self._look_until_ns = self._look_ns = 0
+        self.lost: NameTaken | None = None
+        """The name is another's now."""
+
+    def __call__(self) -> bool:
+        """Whether to stop; has to be called more often than once a lease."""
+        before_ns, self._asked_ns = self._asked_ns, self._monotonic_ns()
+        now_ns = self._asked_ns
+        if now_ns - before_ns > LEASE_MS * 1_000_000:
+            self._look_until_ns, self._look_ns = now_ns + LOOK_AFTER_HANG_NS, now_ns
+        if self.lost is None and self._look_ns <= now_ns < self._look_until_ns:
+            self._look_ns = now_ns + LOOK_AGAIN_NS
+            self.lost = self._claim.successor()
+        return self.lost is not None or self._should_stop()
+
+    def check(self) -> None:
+        """Raise NameTaken if the name was lost."""
+        if self.lost is not None:
+            raise self.lost
 
 
 def _said_by(seen: _Seen) -> str:

@@ -7,11 +7,11 @@ import pytest
 import zenoh
 
 from robrain.deploy import name_claim
-from robrain.deploy.name_claim import NameClaim, claim_coordinator, claim_robot
+from robrain.deploy.name_claim import NameClaim, NameWatch, claim_coordinator, claim_robot
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import NameTaken
-from robrain.protocol.wire.session import listening_at, open_session
+from robrain.protocol.wire.session import LEASE_MS, listening_at, open_session
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CLAIM
 from tests.waiting import until
 
@@ -185,3 +185,65 @@ def test_a_process_that_is_asked_to_stop_takes_nothing(join):
         assert not claim.take(lambda _: None, lambda: True)
         claim.close()
         assert take(other)
+
+
+class Watched:
+    """A watch whose clock and claim the test sets."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+        self.asked = 0
+        self.found: NameTaken | None = None
+        self.is_to_stop = False
+        self.watch = NameWatch(self, lambda: self.is_to_stop, lambda: round(self.now_s * 1e9))  # type: ignore[arg-type]
+
+    def successor(self) -> NameTaken | None:
+        self.asked += 1
+        return self.found
+
+    def after(self, seconds: float) -> bool:
+        self.now_s += seconds
+        return self.watch()
+
+
+def test_watch_looks_for_nobody_while_it_is_asked_more_often_than_once_a_lease() -> None:
+    one = Watched()
+    one.found = NameTaken("another")
+    assert not any(one.after(LEASE_MS / 1000) for _ in range(20))
+    assert one.asked == 0
+    one.watch.check()
+    one.is_to_stop = True
+    assert one.after(0.1)
+
+
+def test_after_a_hang_a_watch_looks_five_times_a_second_for_ten_seconds() -> None:
+    one = Watched()
+    assert not one.after(LEASE_MS / 1000 + 0.01)
+    assert one.asked == 1
+    for _ in range(300):
+        assert not one.after(0.05)
+    assert one.asked == 50
+    one.found = NameTaken("another")
+    assert not one.after(0.05)
+
+
+def test_name_that_was_lost_in_a_hang_is_told_once_and_for_all() -> None:
+    one = Watched()
+    one.after(5.0)
+    one.found = NameTaken("another")
+    assert not one.after(0.1)
+    assert one.after(0.1)
+    one.found = None
+    assert one.after(60.0)
+    with pytest.raises(NameTaken, match="another"):
+        one.watch.check()
+
+
+def test_successor_is_the_other_process_that_answers_for_the_name(join, monkeypatch) -> None:
+    monkeypatch.setattr(NameClaim, "_look", lambda _: name_claim._Seen([], [], False))  # as if the other had hung
+    with claim_robot(join(), TEAM, "r1") as first, claim_robot(join(), TEAM, "r1") as second:
+        assert take(first)
+        assert first.successor() is None
+        assert take(second)
+        until(lambda: first.successor() is not None, "the other process is never found")
+        assert second.info.zid[:8] in str(first.successor())

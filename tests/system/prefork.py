@@ -82,6 +82,8 @@ class ForkedCommand(subprocess.Popen[str]):
         self.pid = int.from_bytes(self._told.recv(4), "little")
         self._child_created = True
         if not self.pid:
+            self._told.close()
+            self.returncode = 1
             raise ChildProcessError("the server of forked commands has ended")
 
     def _try_wait(self, wait_flags: int) -> tuple[int, int]:

@@ -74,11 +74,18 @@ def test_after_a_kill_the_next_one_comes_up_without_waiting(commands, start, kin
         assert commands.line_with(first, kind).startswith(UP[kind])  # its first word
 
 
-def test_a_process_that_hangs_beyond_its_lease_loses_its_name(commands, start, kind) -> None:
+def test_a_process_that_hangs_beyond_its_lease_loses_its_name_and_ends_when_it_goes_on(commands, start, kind) -> None:
     first = start()
     commands.line_with(first, UP[kind])
     first.send_signal(signal.SIGSTOP)
     second = start()
     commands.line_with(second, UP[kind])
     assert first.poll() is None
-    first.kill()  # a stopped process does not react to Ctrl-C
+    first.send_signal(signal.SIGCONT)
+    said, _ = first.communicate(timeout=WAIT_S)
+    assert first.returncode == 2
+    last = said.splitlines()[-1]
+    assert last.startswith(
+        f"robrain: this process hung, and {NAMED[kind]} is another one now: process {second.pid} on "
+    )
+    assert second.poll() is None
