@@ -22,7 +22,7 @@ NS_PER_S = 1_000_000_000
 PATCHES = 30
 
 
-def payload(column: int, kind: int = FREE, geometry: GridGeometry = GEOMETRY) -> bytes:
+def payload(column: int, kind: np.int8 = FREE, geometry: GridGeometry = GEOMETRY) -> bytes:
     """A patch of one cell in the first row, seen after all those of smaller columns."""
     cells = PatchCells(0, column, np.full((1, 1), kind, np.int8), 100 + column)
     return msgspec.json.encode(to_message("r1", geometry, cells))
