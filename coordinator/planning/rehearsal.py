@@ -41,7 +41,6 @@ def rehearse() -> None:
         told={},
     )
     draft = Drafting().draft(situation, PlanningPolicy(iterations=1))
-    draft.planned()
     for _ in draft.improve():
         if draft.thinking.rounds:
             break

@@ -239,3 +239,41 @@ def test_a_task_tells_what_was_predicted_of_the_robot_that_did_it_and_what_it_to
     assert (found.robot, found.predicted_j, found.measured_j) == ("r2", 120.0, 131.5)
     assert (found.queued_s, found.started_s, found.ended_s, found.state) == (0.0, 0.2, 8.0, "done")
     assert found.spans == [("r2", 0.2, 8.0)]
+
+
+# -- tables and names on the page ---------------------------------------------------------------------------------
+
+
+def task_said(task_id: str, t_s: float, measured_j: float) -> tuple[str, float, msgspec.Struct]:
+    task = Visit(id=task_id, place=Point2D(1.0, 2.0))
+    event = TaskEvent(task=task, state=TaskState.DONE, robot="r1", result={"energy_j": measured_j})
+    return (f"task/event/{task_id}", t_s, event)
+
+
+def test_each_task_has_a_row_with_figures_that_are_short_and_a_dash_for_those_that_are_not_known(
+    tmp_path: Path,
+) -> None:
+    measured_j = (7.0, 0.123456, 999.87654, 1000.4, 12345.6)
+    said = [task_said(f"t{number}", float(number), one_j) for number, one_j in enumerate(measured_j)]
+    page = Page(write_report([write(tmp_path / "run.mcap", said)], tmp_path / "out").page.read_text())
+    table = page.said[page.said.index("Tasks (5)") :]
+    rows = [table[table.index(f"t{number}") :] for number in range(5)]
+    assert [row[8] for row in rows] == ["7", "0.1235", "999.9", "1,000", "12,346"]
+    assert [row[7] for row in rows] == ["–"] * 5
+    assert rows[2][:7] == ["t2", "visit", "done", "r1", "2", "–", "2"]
+
+
+def test_a_run_without_tasks_and_without_faults_has_no_table_of_them(tmp_path: Path) -> None:
+    said: list[tuple[str, float, msgspec.Struct]] = [("robot/r1/state", 0.0, RobotState(robot="r1"))]
+    text = write_report([write(tmp_path / "run.mcap", said)], tmp_path / "out").page.read_text()
+    assert "Tasks (" not in text
+    assert "Faults and recoveries (" not in text
+
+
+@pytest.mark.parametrize(("length", "shown"), [(199, "x" * 199), (200, "x" * 200), (201, "x" * 199 + "…")])
+def test_a_name_of_more_than_two_hundred_characters_is_cut_in_the_title(
+    tmp_path: Path, length: int, shown: str
+) -> None:
+    text = write_report([write(tmp_path / f"{'x' * length}.mcap", [])], tmp_path / "out").page.read_text()
+    assert f"<title>Run {shown}</title>" in text
+    assert f"<h1>Run {shown}</h1>" in text

@@ -5,6 +5,7 @@ import math
 import msgspec
 import pytest
 
+from robrain.coordinator.planning.charge_schedule import schedule_charges
 from robrain.coordinator.planning.charging import TO_SOC
 from robrain.coordinator.planning.policy import Charging, PlanningPolicy
 from robrain.coordinator.planning.replaying import plan_again
@@ -221,6 +222,28 @@ def test_a_short_turn_that_was_of_no_use_is_not_cut_short_again(team):
         team.submit(visit(f"t{number}", service_s=0.6 * CAPACITY_J / 8.0))
     assert run(team, workers, 300.0, until=lambda: set(team.states().values()) == {TaskState.RUNNING})
     assert max(len(charges_of(worker)) for worker in workers) <= 2
+
+
+@pytest.mark.parametrize(("to_soc", "is_whole"), [(0.25, [True]), (TO_SOC, [])])
+def test_who_has_had_a_short_turn_and_done_nothing_with_it_gets_a_whole_one(team, monkeypatch, to_soc, is_whole):
+    seen = []
+
+    def schedule(seekers, demand, power):
+        seekers = list(seekers)
+        seen.extend((one.name, one.is_whole) for one in seekers if one.bound_for is None)
+        return tuple(turn._replace(to_soc=to_soc) for turn in schedule_charges(seekers, demand, power))
+
+    monkeypatch.setattr("robrain.coordinator.planning.charge_desk.schedule_charges", schedule)
+    (worker,) = staff(team, (0.2,))
+    assert run(team, [worker], 60.0, until=lambda: charges_of(worker))
+    assert charges_of(worker)[0].until_soc == to_soc
+    assert set(seen) == {("r1", False)}
+    ended = charges_of(worker)[0].id
+    seen.clear()
+    assert run(team, [worker], 90.0, until=lambda: worker.robot.task.state is TaskState.DONE)
+    run(team, [worker], 0.2)
+    assert worker.robot.offers[0].task.id == ended
+    assert [whole for _, whole in seen[:1]] == is_whole
 
 
 @pytest.mark.parametrize("charging", list(Charging))

@@ -1,5 +1,7 @@
 """The coordinator plans: what it tells of it, what it does on news, and what it does not."""
 
+from itertools import pairwise
+
 import msgspec
 import pytest
 
@@ -319,3 +321,22 @@ def test_a_coordinator_that_plans_has_its_planner_prepared_and_closed_with_it(te
         team.coordinator.close()
         assert called == expected
         called.clear()
+
+
+@pytest.mark.parametrize("refresh_s", [2.0, 5.0])
+def test_while_nothing_happens_a_plan_is_looked_at_again_after_a_while_and_not_before(team, refresh_s):
+    team.begin(None, PlanningPolicy(refresh_s=refresh_s))
+    heard = Inbox(1000, every=True)
+    team.endpoint().subscribe(heard, TASK_PROBLEM)
+    team.robot("r1")
+    team.closed_room()
+    team.run(1.0)
+    team.submit(visit("at"))
+    team.submit(visit("next", 5.0))
+    team.run(16.0)
+    problems = [received.message for received in heard.drain()]
+    again = [one.asked_ns for one in problems if one.cause == "a while has passed"]
+    gaps_s = [(later - sooner) / 1e9 for sooner, later in pairwise(again)]
+    assert len(gaps_s) >= 1
+    assert all(refresh_s < gap_s <= refresh_s + 0.5 for gap_s in gaps_s)  # it looks twice a second
+    assert problems[-1].asked_ns == again[-1]

@@ -153,3 +153,24 @@ def test_three_at_once_and_what_comes_after(team, crew):
     team.submit(Visit(id="then", place=PLACE, after=("lift",)))
     assert run(team, crew, 90.0, until=lambda: set(team.states().values()) == {TaskState.DONE})
     assert team.history("then")[-1] is TaskState.DONE
+
+
+@pytest.mark.parametrize("told", [0, 1])
+def test_a_coordinator_that_was_killed_before_all_had_been_told_has_it_planned_anew(team, told):
+    journal = Journal()
+    team.begin(journal)
+    book = team.coordinator.tasks
+    book.add(together())
+    book.begin_together("lift", "r0 and r1 gather for it")
+    for number in range(told):
+        book.add(Visit(id=f"gather-{number}", place=PLACE), by="lift", own=True)
+    assert team.coordinator.tasks.find("lift").state is TaskState.RUNNING
+    team.begin(journal)
+    team.run(0.1)
+    assert team.states()["lift"] is TaskState.QUEUED
+    whys = [event.why for event in team.heard if event.task.id == "lift"]
+    assert "the coordinator began anew before all had been told" in whys
+    crew = [Worker(team.robot(f"r{number}", 3.6 + 2.2 * number), remaining_j=CAPACITY_J) for number in range(2)]
+    team.closed_room()
+    assert run(team, crew, 60.0, until=lambda: team.states()["lift"] is TaskState.DONE)
+    journal.close()
