@@ -99,7 +99,7 @@ def test_robot_goes_nowhere_near_a_touched_direction_until_it_is_released(touche
 
 
 def test_robot_that_stands_at_a_wall_is_pushed_off_although_it_is_touched():
-    senses = Senses(pressed_rad=(0.0,))
+    senses = Senses(pressed_rad=(0.0, -math.pi / 2))
     senses.see((0.0, 0.205))
     x_m_s, y_m_s = senses.lookout.hold_off(HERE, (0.0, 0.0), 0.01, 1.5)
     assert (x_m_s, y_m_s) == pytest.approx((0.0, -1.5 * 0.005))
