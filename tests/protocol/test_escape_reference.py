@@ -60,7 +60,7 @@ def _first_refuge_s(free: set[tuple[int, int]], start: tuple[int, int], tracks: 
     return math.inf
 
 
-@pytest.mark.parametrize("window_m", [12.0, 1.0])
+@pytest.mark.parametrize("window_m", [12.0, 0.8])
 def test_way_out_is_the_quickest_on_which_each_cell_is_reached_before_it_closes(
     window_m: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -68,7 +68,7 @@ def test_way_out_is_the_quickest_on_which_each_cell_is_reached_before_it_closes(
     within = round(window_m / GEOMETRY.resolution_m)
     draw = np.random.default_rng(3)
     lengths = []
-    for _ in range(60):
+    for _ in range(100):
         mask = draw.random(GEOMETRY.shape) < draw.choice([0.5, 0.75, 0.95])
         tracks = [_track(draw) for _ in range(int(draw.integers(1, 3)))]
         start = GEOMETRY.cell_of(*draw.choice(tracks[0].positions))
@@ -99,4 +99,4 @@ def test_way_out_is_the_quickest_on_which_each_cell_is_reached_before_it_closes(
         assert at_s == pytest.approx(expected_s)
         lengths.append(len(way))
     assert lengths.count(0) >= 3
-    assert sum(length > 3 for length in lengths) >= 10
+    assert sum(length > 2 for length in lengths) >= 10
