@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from robrain.plugins.unit.snw_exploration.base_links import MAX_ROBOTS, BaseLinks
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.tinyos.beacon import BEACON_TYPE, BeaconPayload
-from robrain.protocol.tinyos.packet import ActiveMessage
+from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
+from robrain.protocol.tinyos.payloads import SEQUENCES
 from robrain.protocol.wire.topics import ARENA_RADIO_TX, ROBOT_LINKS
 from robrain.sim.field import Field, FieldSpec
 from robrain.sim.mote import ArenaMote
@@ -132,3 +134,47 @@ def test_a_robot_whose_name_no_beacon_holds_is_silent_and_hears_all_the_same(sta
     said = one.inbox(ARENA_RADIO_TX)
     one.run(3.0)
     assert {received.names["robot"] for received in said.drain()} == {"r2"}
+
+
+def hearing(*sequences, robot="r2"):
+    """What r1 knows of a robot whose beacons with these numbers it heard, a second apart."""
+    links = BaseLinks("r1")
+    for second, sequence in enumerate(sequences):
+        payload = BeaconPayload(sequence % SEQUENCES, robot, -60 - 10 * second).pack()
+        links.hear(payload, second)
+    (heard,) = links.heard()
+    return heard
+
+
+@pytest.mark.parametrize(
+    ("sequences", "missed"),
+    [
+        ((7,), 0),  # the first one tells nothing of earlier ones
+        ((7, 8, 9), 0),
+        ((7, 9, 12), 3),
+        ((SEQUENCES - 2, SEQUENCES + 1), 2),  # across the wrap
+        ((7, 7), 0),  # the same again
+        ((7, 3, 5), 1),  # it has begun anew
+        ((0, SEQUENCES // 4 - 1), SEQUENCES // 4 - 2),
+        ((0, SEQUENCES // 4), 0),  # so many were never missed: it has begun anew
+        ((0, 20_000), 0),
+    ],
+)
+def test_gap_in_the_numbers_counts_as_missed_unless_the_robot_has_begun_anew(sequences, missed):
+    heard = hearing(*sequences)
+    assert (heard.packets, heard.missed) == (len(sequences), missed)
+
+
+def test_heard_robot_is_told_with_its_last_and_its_mean_strength():
+    heard = hearing(1, 2, 3)
+    assert (heard.robot, heard.rssi_dbm, heard.mean_rssi_dbm, heard.stamp_ns) == ("r2", -80.0, -70.0, 2)
+
+
+def test_no_more_robots_are_heard_than_there_is_room_for():
+    links = BaseLinks("r1")
+    for number in range(MAX_ROBOTS):
+        links.hear(BeaconPayload(1, f"other{number}").pack(), 0)
+    with pytest.raises(BadPacket, match=f"at most {MAX_ROBOTS} other robots, got 'late'"):
+        links.hear(BeaconPayload(1, "late").pack(), 0)
+    links.hear(BeaconPayload(2, "other0").pack(), 0)
+    assert len(links.heard()) == MAX_ROBOTS

@@ -1,5 +1,7 @@
 import io
 import re
+import sys
+from types import SimpleNamespace
 
 import pytest
 from PIL import Image
@@ -78,3 +80,69 @@ def test_what_is_no_png_is_not_taken_for_a_picture(broken):
 def test_a_picture_that_is_too_large_is_refused():
     with pytest.raises(CallError, match="at most 4194304 bytes"):
         png_size(png() + bytes(5 << 20))
+
+
+class Webcam:
+    """A video device and the part of OpenCV that finds it."""
+
+    def __init__(self, *, number=0, is_there=True, sees=True, encodes=True):
+        self._number, self._is_there, self._sees, self._encodes = number, is_there, sees, encodes
+        self.is_released = False
+
+    def VideoCapture(self, number):  # noqa: N802 - OpenCV's name
+        assert number == self._number
+        return self
+
+    def isOpened(self):  # noqa: N802 - OpenCV's name
+        return self._is_there
+
+    def read(self):
+        return self._sees, "pixels"
+
+    def imencode(self, ending, pixels):
+        assert (ending, pixels) == (".png", "pixels")
+        return self._encodes, SimpleNamespace(tobytes=lambda: png(9, 8))
+
+    def release(self):
+        self.is_released = True
+
+
+def with_webcam(monkeypatch, webcam, channel=""):
+    monkeypatch.setitem(sys.modules, "cv2", webcam)
+    return PluginBench(load=["camera"], parameters={"camera": {"interface": "v4l", "channel": channel}})
+
+
+@pytest.mark.parametrize(("channel", "number"), [("", 0), ("2", 2)])
+def test_picture_of_a_video_device_is_a_png_and_the_device_is_let_go(monkeypatch, channel, number):
+    webcam = Webcam(number=number)
+    with with_webcam(monkeypatch, webcam, channel) as bench:
+        info = bench.call("camera", "look")
+        assert (info["width"], info["height"]) == (9, 8)
+        assert not webcam.is_released
+    assert webcam.is_released
+
+
+@pytest.mark.parametrize(
+    ("fault", "why"),
+    [({"sees": False}, "the video device gives no picture"), ({"encodes": False}, "cannot be encoded")],
+)
+def test_video_device_without_a_picture_says_why(monkeypatch, fault, why):
+    with with_webcam(monkeypatch, Webcam(**fault)) as bench:
+        with pytest.raises(CallError, match=why):
+            bench.call("camera", "look")
+        assert bench.info("camera").state == "active"
+
+
+@pytest.mark.parametrize(
+    ("webcam", "channel", "why"),
+    [
+        (Webcam(is_there=False), "", "no video device 0"),
+        (Webcam(), "front", "expected channel to be the number of a video device, got 'front'"),
+        (None, "", "interface v4l needs OpenCV"),
+    ],
+)
+def test_video_device_that_cannot_be_opened_is_left_out_with_the_reason(monkeypatch, webcam, channel, why):
+    with with_webcam(monkeypatch, webcam, channel) as bench:
+        info = bench.info("camera")
+    assert info.state == "faulted"
+    assert why in info.why

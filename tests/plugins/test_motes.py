@@ -4,6 +4,7 @@ import msgspec
 import pytest
 
 from robrain.agent.testing import PluginBench
+from robrain.plugins.unit.snw_exploration.snw_exploration import SNwExploration
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.tinyos.payloads import (
@@ -412,3 +413,22 @@ def test_wishes_without_sense_on_the_wire_are_counted(talk):
     one.one.publisher(MOTE_DUTY, mote="bob").put(MoteDuty(mote="bob", period_s=5.0))
     one.hear(packet(1))
     assert one.counters()["refused"] == 2
+
+
+@pytest.mark.parametrize(
+    ("parameters", "sentence"),
+    [
+        ({"window": (1 << 15) + 1}, "expected window of at most 32768, half of the numbers, got 32769"),
+        ({"request_span": 33}, "expected request_span of at most 32, got 33"),
+        ({"window": 0}, "expected window > 0, got 0"),
+        ({"beacon_s": 0.0}, "expected beacon_s > 0, got 0.0"),
+    ],
+)
+def test_parameter_out_of_bounds_is_refused_in_words(parameters, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        SNwExploration.Parameters(**parameters)
+
+
+def test_parameter_may_be_as_large_as_its_bound():
+    allowed = SNwExploration.Parameters(window=1 << 15, request_span=32, collect=False, weak_dbm=-90.0)
+    assert (allowed.window, allowed.request_span) == (32768, 32)

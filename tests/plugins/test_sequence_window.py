@@ -87,3 +87,27 @@ def test_it_tells_what_a_set_would_tell(start, steps, oldest, span):
             assert one.lacks(request)
             one.add(sequence, is_live=False)
         assert not one.lacks(request)
+
+
+def test_reading_older_than_the_window_is_refused_and_the_oldest_within_it_is_taken():
+    one = window(1000, size=64)
+    assert not one.add(1000 - 64, is_live=False)
+    assert (one.arrived, one.missing) == (1, 0)
+    assert one.add(1000 - 63, is_live=False)
+    assert (one.arrived, one.missing) == (2, 62)
+
+
+def test_newer_reading_shifts_the_window_and_forgets_what_falls_out_of_it():
+    one = window(10, 73, size=64, oldest=0)
+    assert not one.add(10, is_live=False)  # still within
+    assert one.add(74)
+    assert not one.add(10, is_live=False)  # just out
+    assert (one.arrived, one.missing) == (3, 62)
+
+
+def test_live_reading_that_falls_back_by_sixteen_is_late_and_by_more_a_restart():
+    late, restarted = window(100), window(100)
+    assert late.add(84)
+    assert late.missing == 15
+    assert restarted.add(83)
+    assert (restarted.missing, restarted.complete()) == (0, (SequenceRange(83, 83), 1))

@@ -2,6 +2,7 @@ import math
 
 import pytest
 
+from robrain.plugins.unit.teammates import teammates
 from robrain.plugins.unit.teammates.interface import Doing
 from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
@@ -181,3 +182,16 @@ def test_mates_that_are_far_and_go_elsewhere_are_left_out(stage):
     one.say_state("r3", Pose2D(20.0, 2.0, 0.0))
     say_path(one, "r3", [Point2D(20.0, 2.0), Point2D(4.0, 2.0)])
     assert [mate.name for mate in mates(host)] == ["r3"]
+
+
+def test_robots_beyond_the_most_are_not_followed_and_those_known_still_are(stage, monkeypatch):
+    monkeypatch.setattr(teammates, "MATES_MAX", 2)
+    one = stage()
+    one.host("teammates")
+    for name in ("r4", "r2", "r3"):
+        one.say_state(name, POSE)
+        one.run(0.3)
+    assert names(one) == ["r2", "r4"]
+    one.say_state("r4", Pose2D(7.0, 0.0, 0.0))
+    one.run(0.3)
+    assert [mate["pose"]["x_m"] for mate in one.call("teammates", "others")] == [POSE.x_m, 7.0]

@@ -53,6 +53,14 @@ def test_where_nobody_comes_the_robot_stays():
     assert escape(floor(CORRIDOR), 30, oncoming(5.0, 9.0)).tolist() == [[20, 30]]
 
 
+def test_robot_does_not_brush_past_one_that_stands_even_on_its_first_step():
+    corridor, bay = (20, 5, 21, 95), (10, 33, 20, 35)
+    behind = oncoming(1.0, 9.0)
+    stands = Track(np.array([(3.0, 2.05 + 0.56)]), SPEED_M_S, 0, KEEP_M, goes_first=False)
+    assert escape(floor(corridor, bay), 27, behind)[-1][1] in (33, 34)
+    assert escape(floor(corridor, bay), 27, behind, stands) is None
+
+
 @settings(max_examples=50, deadline=None)
 @given(st.integers(8, 90), st.floats(0.6, 9.4), st.floats(0.6, 9.4))
 def test_no_refuge_lies_within_reach_of_the_others_way(column, x0, x1):

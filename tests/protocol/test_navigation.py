@@ -254,3 +254,29 @@ def test_ways_through_narrow_places_are_not_measured_through_a_slanting_wall():
         classes[row, row + 10] = OCCUPIED
     grid = squeezing(classes)
     assert grid.ways_m(WEST, [GEOMETRY.cell_of(EAST.x_m, EAST.y_m)], snap_m=SNAP_M) == [math.inf]
+
+
+def test_waypoints_leave_out_the_first_cell_unless_it_is_the_only_one():
+    grid = navigation(hall())
+    for count in (1, 2, 3):
+        cells = np.array([(20, 30 + step) for step in range(count)], np.int32)
+        found = grid.waypoints(cells)
+        assert len(found) == max(1, count - 1)
+        last = GEOMETRY.center_of(20, 29 + count)
+        assert (found[-1].x_m, found[-1].y_m) == pytest.approx((last.x_m, last.y_m))
+
+
+@pytest.mark.parametrize("options", [{}, {"unknown_cost": 3.0}, {"preferred_m": 0.4}])
+def test_updated_grid_is_the_one_that_would_be_built_anew(options):
+    draw = np.random.default_rng(6)
+    classes = hall()
+    grid = NavigationGrid(classes.copy(), GEOMETRY, NEEDED_M, **options)
+    for _ in range(12):
+        row, column = draw.integers(0, 38), draw.integers(0, 56)
+        part = np.s_[row : row + int(draw.integers(1, 4)), column : column + int(draw.integers(1, 6))]
+        classes[part] = draw.choice([FREE, OCCUPIED, UNKNOWN])
+        grid.update(classes.copy())
+        anew = NavigationGrid(classes, GEOMETRY, NEEDED_M, **options)
+        assert np.array_equal(grid.traversable, anew.traversable)
+        assert np.array_equal(grid.cost, anew.cost)
+        assert np.array_equal(grid.narrow, anew.narrow)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.model.obstacles import contact_distance_m, hold_off, passage, sector_distances_m
+from robrain.protocol.model.obstacles import Passage, contact_distance_m, hold_off, passage, sector_distances_m
 
 COORDINATES = st.floats(-5, 5)
 POINTS = st.lists(st.tuples(COORDINATES, COORDINATES), min_size=1, max_size=20).map(
@@ -122,3 +122,43 @@ def test_along_a_wall_a_disc_goes_as_it_likes_and_from_one_too_near_it_is_pushed
 def test_what_is_far_from_the_hull_changes_nothing(points_m, x_m_s, y_m_s):
     away = points_m[:, np.hypot(*points_m) > 0.41]
     assert hold_off(np.ascontiguousarray(away), 0.0, 0.0, x_m_s, y_m_s, 0.2, 0.01, 1.5) == (x_m_s, y_m_s)
+
+
+def plain_passage(points_m: np.ndarray, x_m: float, y_m: float, heading_rad: float, radius_m: float) -> Passage:
+    """The docstrings' rules: a hull's contact takes three points, or one that overlaps by more than 3 cm."""
+    towards = np.exp(-1j * heading_rad) * ((points_m[0] - x_m) + 1j * (points_m[1] - y_m))
+    seen = [(float(point.real), float(point.imag)) for point in towards]
+
+    def contacts_m(disc_m: float) -> list[float]:
+        within = [(ahead_m, aside_m) for ahead_m, aside_m in seen if ahead_m > 0.0 and abs(aside_m) < disc_m]
+        return sorted(ahead_m - math.sqrt(disc_m**2 - aside_m**2) for ahead_m, aside_m in within)
+
+    def third(distances_m: list[float]) -> float:
+        return sorted(distances_m)[2] if len(distances_m) > 2 else math.inf
+
+    free_m = min(third(contacts_m(radius_m)), min(contacts_m(radius_m - 0.03), default=math.inf))
+    until_m = min(0.4, radius_m + max(0.0, free_m) - 0.05)
+    beside_m = [aside_m for ahead_m, aside_m in seen if -0.15 < ahead_m < until_m and abs(aside_m) > 0.5 * radius_m]
+    left_m = third([aside_m for aside_m in beside_m if aside_m > 0.0])
+    return Passage(free_m, left_m, third([-aside_m for aside_m in beside_m if aside_m < 0.0]))
+
+
+def test_passage_is_what_its_rules_say_for_any_points() -> None:
+    draw = np.random.default_rng(8)
+    found = []
+    for _ in range(300):
+        x_m, y_m, heading_rad = draw.uniform(-4.0, 4.0, 3)
+        count = int(draw.integers(1, 40))
+        ahead_m, aside_m = draw.uniform(-0.3, 0.6, count), draw.normal(0.0, 0.3, count)
+        cos, sin = math.cos(heading_rad), math.sin(heading_rad)
+        points_m = np.stack((x_m + cos * ahead_m - sin * aside_m, y_m + sin * ahead_m + cos * aside_m))
+        found.append(passage(points_m, x_m, y_m, heading_rad, 0.2))
+        assert found[-1] == pytest.approx(plain_passage(points_m, x_m, y_m, heading_rad, 0.2), abs=1e-9)
+    assert all(50 < sum(map(math.isfinite, column)) < 290 for column in zip(*found, strict=True))
+
+
+def test_wall_beside_the_robot_counts_to_a_little_behind_its_centre() -> None:
+    """Three points on the left, the rearmost of which decides."""
+    for behind_m, left_m in ((0.14, 0.25), (0.16, math.inf)):
+        points_m = np.array([[-behind_m, -0.05, 0.05], [0.25, 0.25, 0.25]])
+        assert passage(points_m, 0.0, 0.0, 0.0, 0.2).left_m == pytest.approx(left_m)

@@ -137,3 +137,39 @@ def test_way_of_one_point_has_no_length_and_ends_there():
     assert (way.length_m, way.left_m, way.end) == (0.0, 0.0, Point2D(1.0, 2.0))
     assert way.points_until(math.inf).tolist() == [[1.0, 2.0]]
     assert way.ahead(1.0, 2.1, 5.0).tolist() == [[1.0, 2.1]]
+
+
+@pytest.mark.parametrize("limit_m", [0.3, 0.5, 0.7, 1.2])
+def test_way_that_is_cut_off_has_a_position_at_the_limit_and_none_beyond(limit_m):
+    positions = sample_way(np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)]), limit_m)
+    assert positions.shape == (round(limit_m / STEP_M) + 1, 2)
+    assert positions.sum(axis=1) == pytest.approx(STEP_M * np.arange(len(positions)))
+
+
+def test_end_of_a_way_is_a_position_of_its_own_if_it_is_no_whole_number_of_steps_away():
+    assert line(0, 0, 0.25, 0)[:, 0] == pytest.approx([0.0, 0.1, 0.2, 0.25])
+    assert line(0, 0, 0.205, 0)[:, 0] == pytest.approx([0.0, 0.1, 0.2])  # as good as there
+    assert line(0, 0, 0.3, 0)[:, 0] == pytest.approx([0.0, 0.1, 0.2, 0.3])
+    assert sample_way(np.array([(0.0, 0.0), (0.25, 0.0)]), 0.25)[-1, 0] == 0.25
+    assert sample_way(np.array([(0.0, 0.0), (0.25, 0.0)]), 0.24)[-1, 0] == pytest.approx(0.2)
+
+
+def test_guard_looks_as_far_ahead_as_its_time_and_no_farther():
+    """At 0.4 m/s the robot is at 1 m after exactly the 2.5 s of the guard."""
+
+    def released(mate_x_m):
+        stands = track(np.array([(mate_x_m, 0.0)]), first=False)
+        return release(OWN, 0.4, [stands], MARGINS)
+
+    assert MARGINS.guard_s * 0.4 == 1.0
+    assert (released(1.4).positions, released(1.4).by) == (9, 0)
+    assert released(1.5).is_whole
+
+
+def test_ways_meet_where_any_positions_are_nearer_than_reach_and_not_as_near():
+    far, near = np.array([(0.0, 0.0), (10.0, 0.0)]), np.array([(5.0, 5.0), (10.0, 0.5)])
+    assert meet(far, track(near), 0.11)
+    assert not meet(far, track(near), 0.09)
+    assert meet(near, track(far), 0.11)
+    as_near = Track(np.array([(0.0, 0.5)]), SPEED_M_S, 0, 0.25, goes_first=True)
+    assert meet(far, as_near, 0.25) is False

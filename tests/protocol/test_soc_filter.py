@@ -113,7 +113,12 @@ def test_no_history_of_measurements_breaks_the_filter(history, soc):
         ({"health_sd": -1.0}, "expected health_sd >= 0"),
         ({"curve_soc": (0.0, 1.0)}, "expected as many curve_soc as curve_v"),
         ({"curve_soc": (0.0, 1.0), "curve_v": (14.0, 13.0)}, "expected curve_v to rise"),
+        ({"curve_soc": (0.0, 1.0), "curve_v": (14.0, 14.0)}, "expected curve_v to rise"),
+        ({"curve_soc": (0.0, 0.5, 0.5, 1.0), "curve_v": (12.0, 13.0, 14.0, 15.0)}, "expected curve_soc to rise"),
+        ({"curve_soc": (0.0, 0.9), "curve_v": (13.0, 14.0)}, "expected curve_soc from 0 to 1"),
         ({"curve_soc": (0.1, 1.0), "curve_v": (13.0, 14.0)}, "expected curve_soc from 0 to 1"),
+        ({"curve_soc": (0.0,), "curve_v": (13.0,)}, "two at least"),
+        ({"cut_off_v": PACK.curve_v[-1]}, "expected cut_off_v below the curve's end"),
         ({"cut_off_v": 20.0}, "expected cut_off_v below the curve's end"),
     ],
 )

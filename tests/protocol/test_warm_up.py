@@ -5,11 +5,11 @@ from types import ModuleType
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 
-from robrain.protocol.model import frontier, inflation, occupancy_grid, path_planning, ray_cast
+from robrain.protocol.model import frontier, inflation, occupancy_grid, path_planning, ray_cast, small_linear_algebra
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.warm_up import warm_up
 
-MODULES: tuple[ModuleType, ...] = (frontier, inflation, occupancy_grid, path_planning, ray_cast)
+MODULES: tuple[ModuleType, ...] = (frontier, inflation, occupancy_grid, path_planning, ray_cast, small_linear_algebra)
 
 
 def compiled() -> dict[str, int]:
@@ -47,6 +47,10 @@ def use_every_kernel() -> None:
     path_planning.shorten_path(path[::2], traversable)
     field = path_planning.distance_field(traversable, cost, np.array([[0, 0]], np.int32))
     path_planning.descend(field, traversable, start)
+    square, vector = np.eye(4), np.ones(4)
+    small_linear_algebra.covariance_of(square, square)
+    small_linear_algebra.least_solution(square, vector)
+    small_linear_algebra.quadratic_form(square, vector)
 
 
 def test_no_kernel_is_left_to_compile_in_use_whatever_type_a_number_or_array_has() -> None:
