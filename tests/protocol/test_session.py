@@ -1,6 +1,7 @@
 import socket
 
 import pytest
+import zenoh
 
 from robrain.protocol.wire.errors import NobodyThere, PortTaken, RobrainError, WireError
 from robrain.protocol.wire.session import check_endpoint, listening_at, open_lockstep_session, open_session
@@ -104,7 +105,8 @@ def test_a_lockstep_session_listens_nowhere():
 def test_two_lockstep_sessions_in_one_machine_do_not_hear_each_other():
     one, other = open_lockstep_session(), open_lockstep_session()
     heard = []
-    subscriber = other.declare_subscriber("robrain/**", lambda sample: heard.append(str(sample.key_expr)))
+    hear = zenoh.handlers.Callback(lambda sample: heard.append(str(sample.key_expr)), indirect=False)
+    subscriber = other.declare_subscriber("robrain/**", hear)
     token = one.liveliness().declare_token("robrain/default/robot/r1/alive")
     one.put("robrain/default/halt", b"{}")
     other.put("robrain/default/own", b"{}")
