@@ -12,9 +12,11 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from tests.system.browser import chromium, keep, open_page, picture_of, wait_for
-from tests.waiting import PATIENCE_S
+from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
+TYPED_MS = 5000
+"""What was typed shows long before, unless it was lost."""
 
 
 def test_recording_is_scrubbed_stepped_and_played(commands) -> None:
@@ -94,12 +96,25 @@ def test_page_of_a_demo_in_a_terminal_goes_on_with_its_recording_until_ctrl_c(co
 
 
 def _scrub_to(page: Page, time_s: str) -> None:
-    """By the number beside the slider, as a drag of it sends the same."""
+    """By the number beside the slider, as a drag of it sends the same.
+
+    viser sends what is typed 50 ms later. If the server sets the slider meanwhile, as right after a pause, that replaces
+    what was typed; it is typed again then, as a person would.
+    """
     field = page.get_by_text("Time (s)", exact=True).locator("xpath=ancestor::div[.//input][1]//input").last
-    field.fill(time_s)
-    field.press("Enter")
-    field.blur()
-    expect(page.get_by_test_id("replay-time")).to_contain_text(f"0:{int(time_s):02} of 0:")
+    wanted = f"0:{int(time_s):02} of 0:"
+
+    def is_there() -> bool:
+        field.fill(time_s)
+        field.press("Enter")
+        field.blur()
+        try:
+            expect(page.get_by_test_id("replay-time")).to_contain_text(wanted, timeout=TYPED_MS)
+        except AssertionError:
+            return False
+        return True
+
+    until(is_there, f"the replay never came to {wanted}")
 
 
 def _explored(page: Page) -> float:
