@@ -98,8 +98,8 @@ def test_page_of_a_demo_in_a_terminal_goes_on_with_its_recording_until_ctrl_c(co
 def _scrub_to(page: Page, time_s: str) -> None:
     """By the number beside the slider, as a drag of it sends the same.
 
-    viser sends what is typed 50 ms later. If the server sets the slider meanwhile, as right after a pause, that replaces
-    what was typed; it is typed again then, as a person would.
+    viser sends what is typed 50 ms later. If the server sets the slider meanwhile, as right after a pause, that
+    replaces what was typed; it is typed again then, as a person would.
     """
     field = page.get_by_text("Time (s)", exact=True).locator("xpath=ancestor::div[.//input][1]//input").last
     wanted = f"0:{int(time_s):02} of 0:"
