@@ -22,8 +22,7 @@ $(STAMP): pyproject.toml constraints.txt
 	@touch $@
 
 test: install browser kernels ## side by side on up to four cores, each file of tests in one process (ARGS="-n 0 tests/agent" for less)
-	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile --no-loadscope-reorder --cache-clear $(ARGS) \
-		|| $(BIN)/python -m tests.again $$?
+	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile --no-loadscope-reorder $(ARGS)
 
 browser: ## Chromium for the dashboard's tests, from the distribution's packages where that is allowed
 	@if ! test -x /usr/bin/chromium && test "$$(id -u)" = 0 && command -v apt-get >/dev/null; then \
