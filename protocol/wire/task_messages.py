@@ -86,7 +86,7 @@ class TaskFilter(msgspec.Struct, frozen=True, kw_only=True):
     own: bool = False
     """Include tasks that the coordinator created."""
     limit: Limit = 1000
-    """Only the last so many, in the order of acceptance."""
+    """At most this many tasks, the most recently accepted ones."""
 
 
 class TaskChange(msgspec.Struct, frozen=True, kw_only=True):

@@ -16,7 +16,7 @@ from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, GridGeometry, OccupancyGrid, PatchCells
 from robrain.protocol.model.task import Task, TaskState
-from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.wire.clock import VirtualClock, WallClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
@@ -32,7 +32,7 @@ from robrain.protocol.wire.messages import (
     TaskWithdrawal,
     TeamState,
 )
-from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.session import open_lockstep_session, open_session
 from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord, TaskSubmission
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (
@@ -273,3 +273,13 @@ def team() -> Iterator[Team]:
         for event in team.heard:
             assert event.state in LEGAL[states.get(event.task.id)], (event, states.get(event.task.id))
             states[event.task.id] = event.state
+
+
+@pytest.fixture
+def endpoint() -> Iterator[Endpoint]:
+    """A live endpoint with a router of its own, as a dashboard gets it."""
+    session = open_session(mode="router", listen=("tcp/127.0.0.1:0",))
+    endpoint = Endpoint(session, "default", WallClock(), Drive.LIVE)
+    yield endpoint
+    endpoint.close()
+    session.close()  # type: ignore[no-untyped-call]

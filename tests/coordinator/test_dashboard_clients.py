@@ -12,9 +12,7 @@ import pytest
 
 from robrain.coordinator.dashboard import Dashboard
 from robrain.coordinator.dashboard.server import LocalServer, close_server, open_server
-from robrain.protocol.wire.clock import WallClock
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import open_session
+from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.topics import ROBOT_MAP
 from tests.coordinator.fake_browsers import FakeBrowsers
 from tests.coordinator.test_dashboard_team_view import patch, tell, tell_place
@@ -36,15 +34,6 @@ def server() -> Iterator[LocalServer]:
     server = open_server("127.0.0.1", 0)
     yield server
     close_server(server)
-
-
-@pytest.fixture
-def endpoint() -> Iterator[Endpoint]:
-    session = open_session(mode="router", listen=("tcp/127.0.0.1:0",))
-    endpoint = Endpoint(session, "default", WallClock(), Drive.LIVE)
-    yield endpoint
-    endpoint.close()
-    session.close()  # type: ignore[no-untyped-call]
 
 
 def test_waiting_browser_is_woken_only_on_the_servers_own_thread(server: LocalServer) -> None:

@@ -1,6 +1,5 @@
 import socket
 import time
-from collections.abc import Iterator
 
 import pytest
 import viser
@@ -8,19 +7,8 @@ import viser
 from robrain.coordinator.dashboard import Dashboard
 from robrain.coordinator.dashboard.place_layers import ChargerLayer
 from robrain.coordinator.dashboard.server import close_server, open_server
-from robrain.protocol.wire.clock import WallClock
-from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import PortTaken, WireError
-from robrain.protocol.wire.session import open_session
-
-
-@pytest.fixture
-def endpoint() -> Iterator[Endpoint]:
-    session = open_session(mode="router", listen=("tcp/127.0.0.1:0",))
-    endpoint = Endpoint(session, "default", WallClock(), Drive.LIVE)
-    yield endpoint
-    endpoint.close()
-    session.close()  # type: ignore[no-untyped-call]
 
 
 def test_port_that_is_taken_is_refused_and_not_moved_from(endpoint: Endpoint) -> None:

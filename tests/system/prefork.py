@@ -139,7 +139,7 @@ def _serve() -> None:
                 pid, status = os.waitpid(-1, os.WNOHANG)
                 if not pid:
                     break
-                with running.pop(pid) as tells, suppress(BrokenPipeError):  # nobody may be waiting for it any more
+                with running.pop(pid) as tells, suppress(BrokenPipeError):  # the test may have ended
                     tells.sendall(status.to_bytes(4, "little"))
 
 
