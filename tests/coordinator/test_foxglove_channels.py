@@ -46,6 +46,7 @@ from robrain.protocol.wire.topics import (
     ROBOT_STATE,
     TASK_EVENT,
 )
+from tests.waiting import until
 
 NS_PER_S = 1_000_000_000
 SCAN = Scan(robot="r1", angle_min_rad=0.0, angle_increment_rad=0.1, range_max_m=5.0, ranges_mm=[1])
@@ -306,5 +307,9 @@ def test_a_port_that_is_taken_is_told_and_free_again_when_its_server_closes(wire
             FoxgloveServer(wire, "127.0.0.1", port)
     finally:
         server.close()
+    until(lambda: not _listens(port), "the port is free again")  # the SDK closes its socket on a thread of its own
+
+
+def _listens(port: int) -> bool:
     with socket.socket() as probe:
-        assert probe.connect_ex(("127.0.0.1", port)) != 0
+        return probe.connect_ex(("127.0.0.1", port)) == 0
