@@ -1,15 +1,12 @@
 """The other live processes: coordinator, dashboard, replay."""
 
-import time
 from contextlib import closing
 from pathlib import Path
 
 import msgspec
 import zenoh
 
-from robrain.deploy.children import Children
-from robrain.deploy.dashboard_process import READY_PREFIX, start_dashboard
-from robrain.deploy.errors import UsageError
+from robrain.deploy.dashboard_process import READY_PREFIX
 from robrain.deploy.live_process import (
     ANY_PORT,
     LiveStop,
@@ -88,63 +85,52 @@ def coordinator_command(
 
 def dashboard_command(connect: str | None, team: str, port: int | None, replay: Path | None = None) -> None:
     """Show a team, or a recording, until Ctrl-C."""
-    from robrain.coordinator.dashboard import ReplaySource, run_dashboard
-    from robrain.deploy.ports import free_or
-
-    should_stop = LiveStop()
-    chosen = port if port is not None else free_or(DEFAULT_DASHBOARD_PORT)
-
-    def ready(url: str) -> None:
-        tell(f"{READY_PREFIX}{url}")
+    from robrain.coordinator.dashboard import run_dashboard
 
     if replay is not None:
-        run_dashboard(ReplaySource(replay), "127.0.0.1", chosen, ready, should_stop)
+        show_recording(replay, port)
         return
+    should_stop = LiveStop()
     with client_session(connect) as session, live_endpoint(session, team) as wire:
-        run_dashboard(wire, "127.0.0.1", chosen, ready, should_stop)
+        run_dashboard(wire, "127.0.0.1", _page_port(port), _tell_url, should_stop)
 
 
-def replay_command(
-    recording: Path,
-    speed: float,
-    *,
-    loop: bool,
-    dashboard: bool,
-    port: int | None,
-    connect: list[str],
-    team: str,
-    start_s: float = 0.0,
-    paused: bool = False,
+def show_recording(recording: Path, port: int | None, speed: float = 1.0, start_s: float = 0.0) -> None:
+    """Show a recording in a browser page until Ctrl-C; it stands at `start_s` until somebody plays it."""
+    from robrain.coordinator.dashboard import ReplaySource, run_dashboard
+
+    should_stop = LiveStop()
+    source = ReplaySource(recording, speed=speed, start_s=start_s)
+    run_dashboard(source, "127.0.0.1", _page_port(port), _tell_url, should_stop)
+
+
+def replay_on_wire(
+    recording: Path, speed: float, *, loop: bool, connect: list[str], team: str, start_s: float, paused: bool
 ) -> None:
-    """Replay a recording; with the dashboard, stay until Ctrl-C."""
+    """Put a recording back on the wire, once or in a loop."""
     from robrain.coordinator.recording.replay import Replay
     from robrain.deploy.replay_terminal import replay_terminal
     from robrain.deploy.replaying import run_replay
-    from robrain.deploy.terminal import print_line, say
+    from robrain.deploy.terminal import print_line
 
-    if speed <= 0:
-        raise UsageError(f"--speed {speed:g}: expected a number above 0")
     check_name("team", team)
     should_stop = LiveStop()
-    clock = WallClock()
     session = open_session(mode="client", connect=connect) if connect else open_hub(ANY_PORT)[0]
-    with closing(session), Children() as children, live_endpoint(session, team) as wire:
+    with closing(session), live_endpoint(session, team) as wire:
         where = connect or listening_at(session)
         with replay_terminal() as terminal:
 
             def begin(replay: Replay) -> None:
                 print_line(f"{recording} as team {team} at {where[0]}")
-                if dashboard:
-                    tell(f"{READY_PREFIX}{start_dashboard(children, where[0], team, port)}")
                 terminal.open(replay)
                 if start_s:
                     replay.seek(start_s)
                 if paused:
                     replay.player.pause()
 
-            ended = run_replay(
+            run_replay(
                 wire,
-                clock,
+                WallClock(),
                 recording,
                 speed,
                 loop=loop,
@@ -152,7 +138,13 @@ def replay_command(
                 on_progress=terminal.show,
                 on_open=begin,
             )
-        if ended and dashboard:
-            say("the end; the dashboard stays open: Ctrl-C ends it")
-            while not should_stop():
-                time.sleep(0.1)
+
+
+def _page_port(port: int | None) -> int:
+    from robrain.deploy.ports import free_or
+
+    return port if port is not None else free_or(DEFAULT_DASHBOARD_PORT)
+
+
+def _tell_url(url: str) -> None:
+    tell(f"{READY_PREFIX}{url}")

@@ -1,10 +1,12 @@
 """`robrain replay`: a recording back on the wire, by the wall clock."""
 
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from robrain.coordinator.recording.replay import Replay
+from robrain.deploy.errors import UsageError
 from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.endpoint import Endpoint
 
@@ -12,6 +14,26 @@ PERIOD_S = 0.02
 SEEK_S = 10.0
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 KEYS = "space pauses, ← → seek 10 s, + − change the speed, 0 goes to the start, q ends"
+
+
+def check_replay(speed: float, start_s: float, only_on_wire: Sequence[str]) -> None:
+    """Check the options of `robrain replay`.
+
+    Args:
+        speed: recorded seconds a second.
+        start_s: seconds after the first message.
+        only_on_wire: options given beside a page that make sense on the wire alone.
+
+    Raises:
+        UsageError: one of them cannot be used; the text names it.
+
+    """
+    if not (math.isfinite(speed) and speed > 0):
+        raise UsageError(f"--speed {speed:g}: expected a number above 0")
+    if not (math.isfinite(start_s) and start_s >= 0):
+        raise UsageError(f"--start {start_s:g}: expected seconds, 0 or more")
+    if only_on_wire:
+        raise UsageError(f"{', '.join(only_on_wire)}: for a replay on the wire; add --no-dashboard")
 
 
 class ReplayKeys:

@@ -19,7 +19,7 @@ from robrain.deploy.task_commands import task_app
 from robrain.deploy.team_options import ConnectOption, RobotArgument, TeamOption
 from robrain.protocol.model.objective import Objective
 from robrain.protocol.wire.errors import CallError, RobrainError
-from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
+from robrain.protocol.wire.keys import DEFAULT_REPLAY_TEAM, DEFAULT_TEAM, check_name
 from robrain.protocol.wire.safe_text import safe_text
 
 if TYPE_CHECKING:
@@ -252,21 +252,38 @@ def dashboard(
 def replay(
     recording: Annotated[Path, typer.Argument(help="An MCAP file that robrain recorded.")],
     speed: Annotated[float, typer.Option(help="Times the recorded speed.")] = 1.0,
-    loop: Annotated[bool, typer.Option(help="Begin again at the end.")] = False,
-    dashboard: Annotated[bool, typer.Option(help="Show it in a browser page on 127.0.0.1.")] = True,
-    port: PortOption = None,
-    connect: ConnectOption = None,
-    team: Annotated[str, typer.Option(help="Team that the messages are replayed as.")] = "replay",
     start: Annotated[float, typer.Option(help="Begin so many seconds after the first message.")] = 0.0,
-    paused: Annotated[bool, typer.Option("--paused", help="Begin paused; a key or a query goes on.")] = False,
+    dashboard: Annotated[
+        bool,
+        typer.Option(help="Show it in a browser page on 127.0.0.1; or put it back on the wire for other programs."),
+    ] = True,
+    port: PortOption = None,
+    loop: Annotated[bool, typer.Option("--loop", help="On the wire: begin again at the end.")] = False,
+    paused: Annotated[
+        bool, typer.Option("--paused", help="On the wire: begin paused; a key or a query goes on.")
+    ] = False,
+    connect: ConnectOption = None,
+    team: Annotated[
+        str, typer.Option(help="On the wire: team that the messages are replayed as.")
+    ] = DEFAULT_REPLAY_TEAM,
 ) -> None:
-    """Put a recording back on the wire, for the dashboard or for any other listener."""
-    from robrain.deploy.live_commands import replay_command
+    """Show a recording in a browser page, or put it back on the wire."""
+    from robrain.deploy.live_commands import replay_on_wire, show_recording
+    from robrain.deploy.replaying import check_replay
     from robrain.protocol.wire.hub import given_endpoints
 
+    for_the_wire = {
+        "--loop": loop,
+        "--paused": paused,
+        "--connect": connect is not None,
+        "--team": team != DEFAULT_REPLAY_TEAM,
+    }
+    check_replay(speed, start, [option for option, given in for_the_wire.items() if given and dashboard])
+    if dashboard:
+        show_recording(recording, port, speed, start)
+        return
     where = given_endpoints(connect)
-    replay_command(recording, speed, loop=loop, dashboard=dashboard, port=port, connect=where, team=team,
-                   start_s=start, paused=paused)  # fmt: skip
+    replay_on_wire(recording, speed, loop=loop, connect=where, team=team, start_s=start, paused=paused)
 
 
 RobotOption = Annotated[str | None, typer.Option(help="This robot only; default is the whole team.")]

@@ -19,13 +19,22 @@ class ReplaySource:
     Args:
         path: an MCAP file.
         on_progress: told the share that has been read, 0 to 1: the file is read before it can be looked at.
+        speed: recorded seconds a second, once somebody plays it.
+        start_s: where to stand at first, in seconds since the first message.
 
     Raises:
         RecordingError: the file is no recording, or is damaged.
 
     """
 
-    def __init__(self, path: Path, on_progress: Callable[[float], None] | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        on_progress: Callable[[float], None] | None = None,
+        *,
+        speed: float = 1.0,
+        start_s: float = 0.0,
+    ) -> None:
         self.path = path
         self.player = Player(path)
         self.player.prepare((lambda share: on_progress(0.5 * share)) if on_progress is not None else None)
@@ -38,7 +47,8 @@ class ReplaySource:
         self._asked: deque[Callable[[], None]] = deque(maxlen=64)
         self._heard_s: float | None = None
         self._messages = 0
-        self._go_to(0.0, time.monotonic())
+        self._set_speed(speed)
+        self._go_to(start_s, time.monotonic())
 
     @property
     def marks(self) -> list[Mark]:

@@ -6,6 +6,8 @@ from robrain.protocol.wire.errors import BadName
 
 ROOT = "robrain"
 DEFAULT_TEAM = "default"
+DEFAULT_REPLAY_TEAM = "replay"
+"""As whom a recording is put back on the wire."""
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,62}")
 

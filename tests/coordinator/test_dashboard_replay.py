@@ -43,6 +43,18 @@ def test_recording_stands_at_its_beginning_until_it_is_played(source: ReplaySour
     assert source.player.position_s == pytest.approx(1.0, abs=0.1)
 
 
+def test_recording_stands_where_it_was_asked_to_and_is_played_at_the_speed_asked_for(recording: Path) -> None:
+    source = ReplaySource(recording, speed=2.0, start_s=3.0)
+    source.hear(0.0)
+    assert not source.player.playing
+    assert source.player.position_s == pytest.approx(3.0, abs=0.1)
+    source.toggle()
+    source.hear(1.0)
+    source.hear(2.0)
+    assert source.player.position_s == pytest.approx(5.0, abs=0.2)
+    source.close()
+
+
 def test_time_can_be_moved_forth_and_back_and_the_past_comes_with_it(source: ReplaySource) -> None:
     look_at(source, 6.0)
     view = source.view

@@ -29,6 +29,9 @@ MAP = "image: {image}\nresolution: 0.05\norigin: [0.0, 0.0, 0.0]\nnegate: 0\nocc
         (["run", "arena_small", "--record", "nosuch/run.mcap"], ["nosuch"]),  # unwritable recording path
         (["run", "arena_small", "--record", "run.bag"], ["run.bag", ".mcap"]),
         (["replay", "nosuch.mcap"], ["nosuch.mcap"]),
+        (["replay", "run.mcap", "--speed", "0"], ["--speed", "above 0"]),
+        (["replay", "run.mcap", "--start", "nan"], ["--start", "0 or more"]),
+        (["replay", "run.mcap", "--loop", "--team", "t"], ["--loop, --team", "--no-dashboard"]),
         (["agent", "nosuch.toml"], ["nosuch.toml", "no such file"]),
         (["coordinator", "--planning", "nosuch.toml"], ["--planning", "nosuch.toml", "no such file"]),
         (["status"], ["--connect", "ROBRAIN_CONNECT"]),

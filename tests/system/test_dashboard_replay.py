@@ -22,7 +22,7 @@ TYPED_MS = 5000
 def test_recording_is_scrubbed_stepped_and_played(commands) -> None:
     done = commands.run("run", "depot", "--robots", "3", "--seed", "7", "--time-limit", "20", "--record", "run.mcap")
     assert done.returncode == 0, done.stderr
-    process = commands.start("dashboard", "--replay", "run.mcap", "--port", "0")
+    process = commands.start("replay", "run.mcap", "--port", "0")
     url = commands.line_with(process, "dashboard: ").split()[1]
     with chromium() as context:
         page, errors = open_page(context, url)
@@ -60,7 +60,7 @@ def test_recording_is_scrubbed_stepped_and_played(commands) -> None:
 def test_recording_has_no_halt_over_it_on_a_narrow_screen(commands) -> None:
     done = commands.run("run", "depot", "--robots", "2", "--seed", "7", "--time-limit", "3", "--record", "run.mcap")
     assert done.returncode == 0, done.stderr
-    process = commands.start("dashboard", "--replay", "run.mcap", "--port", "0")
+    process = commands.start("replay", "run.mcap", "--port", "0")
     url = commands.line_with(process, "dashboard: ").split()[1]
     with chromium(width=420, height=860) as context:
         page, errors = open_page(context, url)
