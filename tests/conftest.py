@@ -6,6 +6,7 @@ Each test process has its own hub endpoint, at which nobody listens, so that no 
 """
 
 import os
+import signal
 
 import pytest
 from hypothesis import settings
@@ -16,6 +17,9 @@ from tests.real_maps import WHY_NOT
 
 settings.register_profile("robrain", deadline=None, derandomize="CI" in os.environ)
 settings.load_profile("robrain")
+
+# A shell starts what runs in the background with SIGINT ignored, and children inherit that: Ctrl-C could not be tested.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 _HUB = OwnHub()
 os.environ.pop(CONNECT_VARIABLE, None)

@@ -55,9 +55,10 @@ def log_a_drive(endpoint: str, log: Path) -> None:
                 for number in range(40):
                     host.send(codec("WheelCommand").pack(number, **speeds))
                     time.sleep(0.05)
-        finally:
             logger.send_signal(signal.SIGINT)
             logger.wait(PATIENCE_S)
+        finally:
+            logger.kill()
 
 
 def test_the_logger_writes_what_passes_on_a_simulated_robot_s_bus(arena, tmp_path) -> None:
@@ -93,9 +94,10 @@ def test_a_log_that_is_played_into_a_robot_moves_its_odometry_as_the_drive_did(a
             while playing.poll() is None:
                 host.step()
                 time.sleep(0.01)
+        device = host.manager.get("mocdevice").plugin
+        until(lambda: device.pose().x_m > 0.3, "the robot has not moved", step=host.step)  # type: ignore[attr-defined]
         time.sleep(0.5)
         host.step()
-        device = host.manager.get("mocdevice").plugin
         counters = device.counters()  # type: ignore[attr-defined]
         assert counters.believed > 50
         assert counters.rejected == 0

@@ -26,17 +26,24 @@ HEADER_BYTES = 1 + 4 + 8
 
 
 async def first_transforms(address: str) -> tuple[dict[str, dict[str, Any]], FrameTransforms]:
-    """What is advertised, and the first message on the channel of transforms."""
+    """What is advertised, and the first message on the channel of transforms.
+
+    The SDK advertises a channel a moment before it takes subscriptions to it (a twentieth of those that come at once are
+    refused as "unknown channel", in a `status`), so a refused subscription is sent again.
+    """
     channels: dict[str, dict[str, Any]] = {}
+    wanted: list[dict[str, int]] = []
     async with websockets.connect(address, subprotocols=[websockets.Subprotocol(PROTOCOL)]) as socket:
         while True:
-            message = await asyncio.wait_for(socket.recv(), 30)
+            message = await asyncio.wait_for(socket.recv(), PATIENCE_S)
             if isinstance(message, str):
-                for channel in json.loads(message).get("channels", []):
+                told = json.loads(message)
+                for channel in told.get("channels", []):
                     channels[channel["topic"]] = channel
                     if channel["topic"] == "/visual/tf":
                         wanted = [{"id": channel["id"], "channelId": channel["id"]}]
-                        await socket.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+                if told["op"] in ("advertise", "status") and wanted:
+                    await socket.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
             elif message[0] == MESSAGE:
                 return channels, FrameTransforms.FromString(message[HEADER_BYTES:])
 
