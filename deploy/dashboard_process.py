@@ -9,7 +9,8 @@ from robrain.deploy.children import Children
 from robrain.deploy.errors import ChildFailed
 
 READY_PREFIX = "dashboard: "
-START_TIMEOUT_S = 30.0
+START_TIMEOUT_S = 120.0
+"""For a process that hangs: one that ends is noticed at once, and a busy machine may take long to import it all."""
 LOOK_S = 0.05
 
 

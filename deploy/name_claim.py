@@ -37,7 +37,11 @@ from robrain.protocol.wire.topics import (
 ASKS, HAS = "asks", "has"
 PATIENCE_S = 1.5 * LEASE_MS / 1000
 """Longest wait for the token of a silent process to disappear."""
-ASK_TIMEOUT_S = 0.5
+ASK_TIMEOUT_S = LEASE_MS / 1000
+"""Longest wait for a process that has the name to answer. A busy one may take long; the connection of one that hangs
+ends by then, and the question with it."""
+SUCCESSOR_TIMEOUT_S = 0.5
+"""As above, for a process that looks for its successor in its own loop."""
 LOOK_TIMEOUT_S = 5.0
 LOOK_PERIOD_S = 0.02
 LOOK_AFTER_HANG_NS = 10 * NS_PER_S
@@ -110,7 +114,8 @@ class NameClaim:
             NameTaken: another process has it; the text says which.
 
         """
-        ends_ns = 0
+        is_waiting = False
+        waited_ns, looked_ns = 0, time.monotonic_ns()
         self._declare(ASKS)
         while not should_stop():
             seen = self._look()
@@ -130,24 +135,32 @@ class NameClaim:
                 self._withdraw(ASKS)
             if is_held:
                 self._refuse_if_it_answers()
-            now_ns = time.monotonic_ns()
-            if not ends_ns:
-                ends_ns = now_ns + round(PATIENCE_S * NS_PER_S)
+            before_ns, looked_ns = looked_ns, time.monotonic_ns()
+            if not is_waiting:
+                is_waiting = True
                 if is_held:
                     what = self._keys.what
                     on_wait(f"{what} is there, but does not answer: waiting up to {PATIENCE_S:g} s for it to go")
-            elif now_ns > ends_ns:
-                raise self._taken(_said_by(seen))
+            else:
+                # If this machine stood still, the other process did as well: that counts as one look.
+                waited_ns += min(looked_ns - before_ns, round(ASK_TIMEOUT_S * NS_PER_S))
+                if waited_ns > PATIENCE_S * NS_PER_S:
+                    raise self._taken(_said_by(seen))
             time.sleep(LOOK_PERIOD_S)
         return False
 
     def settle(self) -> None:
-        """Withdraw the claim's tokens, as the process's `alive` token now marks the name as taken."""
+        """Withdraw the claim's tokens, as the process's `alive` token now marks the name as taken.
+
+        When this returns, the hub knows all that the session has declared: whoever is then told that the process is up
+        finds it there.
+        """
         self._withdraw(HAS)
+        self._look()  # its answer comes after all that was declared before it
 
     def successor(self) -> NameTaken | None:
         """An error that names the process that took this one's name while it hung, if there is one."""
-        for info in self._who():
+        for info in self._who(SUCCESSOR_TIMEOUT_S):
             if info.zid != self.info.zid:
                 return NameTaken(f"this process hung, and {self._keys.what} is another one now: {info}")
         return None
@@ -185,14 +198,14 @@ class NameClaim:
         return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
 
     def _refuse_if_it_answers(self) -> None:
-        for info in self._who():
+        for info in self._who(ASK_TIMEOUT_S):
             raise self._taken(str(info))
 
-    def _who(self) -> Iterator[ProcessInfo]:
+    def _who(self, timeout_s: float) -> Iterator[ProcessInfo]:
         """The processes that answer for the name, this one included once it has the name."""
         key = self._keys.who.key(self._team, **self._keys.names)
         everyone: Any = {"target": zenoh.QueryTarget.ALL, "consolidation": zenoh.ConsolidationMode.NONE}
-        for reply in self._session.get(key, timeout=ASK_TIMEOUT_S, **everyone):
+        for reply in self._session.get(key, timeout=timeout_s, **everyone):
             if reply.ok is not None:
                 try:
                     yield msgspec.json.decode(reply.ok.payload.to_bytes(), type=ProcessInfo)

@@ -49,7 +49,7 @@ class RemoteCommands:
             RobrainError: it does not answer.
 
         """
-        reply = self._wire.ask(ROBOT_PLUGINS, robot=self._robot)
+        reply = self._wire.ask(ROBOT_PLUGINS, timeout_s=COMMAND_TIMEOUT_S, robot=self._robot)
         self.plugins = visible_to_command(msgspec.json.decode(reply, type=list[PluginInfo]))
 
     def answer(self, text: str) -> str:

@@ -209,7 +209,7 @@ class _Watch:
             else:
                 robots.append((name, robot.why_not_up(now_ns)))
         exited = [
-            (child.name, status, next((line for line in reversed(child.lines) if line.strip()), ""))
+            (child.name, status, next((line for line in reversed(list(child.lines)) if line.strip()), ""))
             for child in self._children.all
             if (status := child.exit_status) is not None
         ]

@@ -1,6 +1,7 @@
 """Claims of a name by clients of one hub."""
 
 import threading
+import time
 from collections.abc import Iterator
 
 import pytest
@@ -17,6 +18,7 @@ from tests.waiting import until
 
 TEAM = "default"
 WAIT_S = 120.0
+BUSY_S = 0.7
 ROBOT = (name_claim.ROBOT_CLAIM, name_claim.ROBOT_ALIVE, name_claim.ROBOT_WHO)
 
 
@@ -69,6 +71,16 @@ def test_a_second_process_is_told_which_one_has_the_name(join, is_settled):
         )
         if is_settled:
             alive.close()
+
+
+def test_a_busy_process_has_time_to_say_that_it_has_the_name(join, monkeypatch):
+    said: list[str] = []
+    with claim_robot(join(), TEAM, "r1") as first, claim_robot(join(), TEAM, "r1") as second:
+        monkeypatch.setattr(first, "_tell_who", lambda _: time.sleep(BUSY_S) or first.info)
+        assert take(first)
+        with pytest.raises(NameTaken, match=f"process {first.info.pid} on {first.info.host}"):
+            second.take(said.append, lambda: False)
+    assert said == []
 
 
 def test_other_names_teams_and_roles_do_not_meet(join):
@@ -146,7 +158,8 @@ def test_whatever_was_seen_first_exactly_one_of_two_remains(join, monkeypatch, s
             assert isinstance(result[0], NameTaken)
 
 
-def test_a_silent_process_is_waited_for_and_its_name_taken_when_it_goes(join):
+def test_a_silent_process_is_waited_for_and_its_name_taken_when_it_goes(join, monkeypatch):
+    monkeypatch.setattr(name_claim, "PATIENCE_S", WAIT_S)
     dead = Endpoint(join(), TEAM, WallClock(), Drive.LIVE)
     dead.token(ROBOT_ALIVE, robot="r1")
     said: list[str] = []
@@ -157,7 +170,7 @@ def test_a_silent_process_is_waited_for_and_its_name_taken_when_it_goes(join):
 
     with claim_robot(join(), TEAM, "r1") as claim:
         assert claim.take(wait, lambda: False)
-    assert said == ["robot r1 of team default is there, but does not answer: waiting up to 3 s for it to go"]
+    assert said == ["robot r1 of team default is there, but does not answer: waiting up to 120 s for it to go"]
 
 
 def test_a_hanging_process_keeps_its_name(join, monkeypatch):

@@ -4,7 +4,8 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -45,6 +46,21 @@ class Commands:
                 process.kill()
                 raise
         return subprocess.CompletedProcess(process.args, process.returncode, stdout, stderr_text)
+
+    def run_until(
+        self, is_good: Callable[[subprocess.CompletedProcess[str]], object], *words: str, **variables: str
+    ) -> subprocess.CompletedProcess[str]:
+        """Run a command until its result is good, as a person would type it again.
+
+        On an overloaded machine a robot may lose its link for a moment, or not answer in the time that a command gives.
+        """
+        last: subprocess.CompletedProcess[str] | None = None
+        deadline_s = time.monotonic() + PATIENCE_S
+        while last is None or time.monotonic() < deadline_s:
+            last = self.run(*words, **variables)
+            if is_good(last):
+                return last
+        raise AssertionError(f"{' '.join(words)} ended with {last.returncode}: {last.stdout}{last.stderr}")
 
     def run_python(self, *words: str, timeout_s: float, **variables: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(

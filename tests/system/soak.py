@@ -43,6 +43,8 @@ LONGEST_S = 4.0
 """A kill comes after at most so long."""
 STANDS_S = 0.8
 """A robot whose agent was killed stands after this: the firmware's watchdog has stopped its wheels."""
+HEAR_S = 30.0
+"""What is on its way is heard after so long at the latest."""
 END_S = 300.0
 """The last tasks have so long to end once nothing is killed any more."""
 
@@ -66,7 +68,7 @@ class Process:
     def said(self) -> str:
         return (self._folder / f"{self.name}.log").read_text(errors="replace")
 
-    def wait_for(self, pattern: str, timeout_s: float = 60.0) -> re.Match[str]:
+    def wait_for(self, pattern: str, timeout_s: float = 180.0) -> re.Match[str]:
         ends_s = time.monotonic() + timeout_s
         while time.monotonic() < ends_s:
             if found := re.search(pattern, self.said()):
@@ -83,7 +85,7 @@ class Process:
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGTERM)
             try:
-                self.process.wait(10)
+                self.process.wait(30)
             except subprocess.TimeoutExpired:
                 self.process.kill()
                 self.process.wait()
@@ -112,6 +114,19 @@ class Ears:
             for status in (state.task_before, state.task):  # the next may begin in the step in which one ends
                 if status is not None and status.state is TaskState.DONE:
                     self.done.add((state.robot, status.id, status.epoch))
+
+    def place_of(self, robot: str) -> Pose2D:
+        """Where a robot really is, as soon as that was heard."""
+        ends_s = time.monotonic() + HEAR_S
+        while robot not in self.poses and time.monotonic() < ends_s:
+            self.listen(0.1)
+        return self.poses[robot]
+
+    def hear_of_all(self, names: set[str]) -> None:
+        """Hear until every one of these tasks was told to be done: what a robot says comes when it comes."""
+        ends_s = time.monotonic() + HEAR_S
+        while not names <= {name for _, name, _ in self.done} and time.monotonic() < ends_s:
+            self.listen(0.1)
 
     def listen(self, duration_s: float) -> None:
         until_s = time.monotonic() + duration_s
@@ -183,7 +198,7 @@ def soak(folder: Path, victim: str, kills: int, seed: int, robots: int = 2) -> d
                 struck.kill()
                 if struck is not coordinator:
                     ears.listen(STANDS_S)
-                    put(folder / f"{struck.name}.toml", ears.poses[struck.name])
+                    put(folder / f"{struck.name}.toml", ears.place_of(struck.name))
                 struck.start()
                 sys.stderr.write(f"\r{number + 1} of {kills} kills, {len(submitter.accepted)} tasks ")
             submitter.stopping.set()
@@ -196,7 +211,8 @@ def soak(folder: Path, victim: str, kills: int, seed: int, robots: int = 2) -> d
                     left = [name for name in left if not client.get(name).state.ended]
                     time.sleep(0.2)
                 whys = {name: client.why(name).now for name in left}
-            ears.hear()
+                done = TaskFilter(states=[TaskState.DONE], limit=100_000)
+                ears.hear_of_all({record.task.id for record in client.list(done)})
         finally:
             submitter.stopping.set()
             ears.wire.close()

@@ -1,6 +1,7 @@
 """A coordinator's process from its start to its end: live first, then all that it needs; nobody stays behind."""
 
 import signal
+from contextlib import suppress
 from pathlib import Path
 
 import msgspec
@@ -20,7 +21,9 @@ from robrain.protocol.wire.topics import (
     COORDINATOR_STATE,
     ROBOT_ALIVE,
     ROBOT_MAP,
+    ROBOT_MAP_WHOLE,
 )
+from tests.asking import until_answered
 from tests.waiting import PATIENCE_S, has_ended, until
 
 pytestmark = pytest.mark.system
@@ -51,9 +54,10 @@ def start(commands, hub, *words: str):
 def planner_of(pid: int) -> int:
     """Process id of a coordinator's planner; 0 if there is none."""
     for task in Path(f"/proc/{pid}/task").iterdir():
-        for child in (task / "children").read_text(encoding="ascii").split():
-            if b"planner_child" in Path(f"/proc/{child}/cmdline").read_bytes():
-                return int(child)
+        with suppress(OSError):  # a thread or a child that has ended meanwhile
+            for child in (task / "children").read_text(encoding="ascii").split():
+                if b"planner_child" in Path(f"/proc/{child}/cmdline").read_bytes():
+                    return int(child)
     return 0
 
 
@@ -61,7 +65,7 @@ def test_it_plans_as_its_file_says_except_for_what_the_command_line_does(command
     (commands.folder / "team.toml").write_text(POLICY)
     coordinator = start(commands, hub, "--planning", "team.toml", "--objective", "makespan")
     commands.line_with(coordinator, "coordinator: of team default")
-    status = msgspec.json.decode(team.ask(COORDINATOR_PLANNING), type=PlanningStatus)
+    status = msgspec.json.decode(until_answered(lambda: team.ask(COORDINATOR_PLANNING)), type=PlanningStatus)
     assert (status.method, str(status.objective)) == ("greedy", "makespan")
 
 
@@ -69,11 +73,14 @@ def test_a_map_that_comes_as_soon_as_it_is_live_is_taken_in(commands, hub, team)
     summaries = Inbox()
     team.subscribe(summaries, COORDINATOR_STATE)
     presence = team.watch(COORDINATOR_ALIVE)
+    cells = PatchCells(0, 0, np.full((10, 10), FREE), 1)
+    patch = to_message("r1", GridGeometry(0.1, 0.0, 0.0, 40, 40), cells)
+    # A patch may be taken in before the token of its robot is; as that appears, the robot is asked for its whole map.
+    team.answer(ROBOT_MAP_WHOLE, lambda _: patch, robot="r1")
     team.token(ROBOT_ALIVE, robot="r1")
     start(commands, hub)
     until(lambda: (list(presence.changes()), presence.present)[1])
-    cells = PatchCells(0, 0, np.full((10, 10), FREE), 1)
-    team.publisher(ROBOT_MAP, robot="r1").put(to_message("r1", GridGeometry(0.1, 0.0, 0.0, 40, 40), cells))
+    team.publisher(ROBOT_MAP, robot="r1").put(patch)
     known_m2 = until(lambda: [m for one in summaries.drain() if (m := one.message.known_area_m2) > 0.0])
     assert known_m2[-1] == pytest.approx(1.0)
 

@@ -14,7 +14,7 @@ import pytest
 from robrain.protocol.wire.session import open_session
 from tests.own_hub import OwnHub
 from tests.system.conftest import Commands
-from tests.waiting import until
+from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
 WAITS = "yet: waiting for"
@@ -50,22 +50,24 @@ def team(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Commands]:
 def test_what_a_team_is_asked_for_goes_to_stdout_without_an_endpoint_given(
     team: Commands, words: list[str], said: str
 ) -> None:
-    done = team.run(*words)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert said in done.stdout
+    done = team.run_until(lambda done: done.returncode == 0 and said in done.stdout, *words)
+    assert done.stderr == ""
 
 
 def test_the_shell_finds_the_robots_of_this_machine(team: Commands) -> None:
-    shell = team.start("shell", "r1", stdin=subprocess.PIPE)
-    said, _ = shell.communicate("list\nexit\n", timeout=120)
-    assert (shell.returncode, "driver" in said) == (0, True), said
+    def lists_plugins() -> bool:
+        shell = team.start("shell", "r1", stdin=subprocess.PIPE)
+        said, _ = shell.communicate("list\nexit\n", timeout=PATIENCE_S)
+        return shell.returncode == 0 and "driver" in said
+
+    until(lists_plugins, "the shell never listed the robot's plugins")
 
 
 def test_the_dashboard_finds_the_team_of_this_machine(team: Commands) -> None:
     page = team.start("dashboard", "--port", "0")
     assert "http://127.0.0.1:" in team.line_with(page, "dashboard: ")
     page.send_signal(signal.SIGINT)
-    assert page.wait(120) == 0
+    assert page.wait(PATIENCE_S) == 0
 
 
 @pytest.mark.parametrize(
@@ -81,10 +83,11 @@ def test_the_dashboard_finds_the_team_of_this_machine(team: Commands) -> None:
     ],
 )
 def test_in_the_wrong_team_those_that_are_there_are_named(team: Commands, words: list[str], missing: str) -> None:
-    done = team.run(*words, "--team", "blue")
+    done = team.run_until(
+        lambda done: missing in done.stderr and done.stderr.endswith("; there is team default\n"),
+        *words, "--team", "blue",
+    )  # fmt: skip
     assert (done.returncode, done.stdout) == (2, "")
-    assert missing in done.stderr
-    assert done.stderr.endswith("; there is team default\n")
 
 
 def test_a_recorder_in_the_wrong_team_names_those_that_are_there_and_waits(team: Commands) -> None:
@@ -92,7 +95,7 @@ def test_a_recorder_in_the_wrong_team_names_those_that_are_there_and_waits(team:
     assert "nobody of team blue is there yet; there is team default" in team.line_with(process, "robrain: ")
     team.line_with(process, "recording to blue.mcap")
     process.send_signal(signal.SIGINT)
-    assert process.wait(120) == 0
+    assert process.wait(PATIENCE_S) == 0
 
 
 def test_up_tells_hub_page_and_forwarders_as_lines_of_json_while_it_runs(commands: Commands) -> None:
@@ -112,9 +115,9 @@ def test_up_tells_hub_page_and_forwarders_as_lines_of_json_while_it_runs(command
         assert by_event["dashboard"]["url"].startswith("http://127.0.0.1:")
         assert by_event["serial_forwarder"]["robot"] == "r1"
         host, _, port = by_event["serial_forwarder"]["address"].partition(":")
-        socket.create_connection((host, int(port)), 60).close()
+        socket.create_connection((host, int(port)), PATIENCE_S).close()
         process.send_signal(signal.SIGINT)
-        rest, _ = process.communicate(timeout=120)
+        rest, _ = process.communicate(timeout=PATIENCE_S)
         assert process.returncode == 130
         (result,) = [json.loads(line) for line in rest.splitlines()]
         assert (result["event"], result["ended"]) == ("result", "interrupted")
@@ -142,7 +145,7 @@ def test_agent_coordinator_recorder_and_arena_wait_for_their_hub_and_say_so_once
             assert line.startswith(ready) or "serial forwarder" in line, line
             process.send_signal(signal.SIGINT)
         for process in started.values():
-            process.communicate(timeout=120)
+            process.communicate(timeout=PATIENCE_S)
             assert process.returncode == 0
     finally:
         hub.close()  # type: ignore[no-untyped-call]
@@ -155,7 +158,7 @@ def test_ctrl_c_ends_one_that_waits_for_its_hub(commands: Commands, words: list[
     process = commands.start(*words)
     commands.line_with(process, WAITS)
     process.send_signal(signal.SIGINT)
-    said, _ = process.communicate(timeout=120)
+    said, _ = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, said) == (0, "")
     assert set(commands.folder.iterdir()) == before
 
@@ -175,7 +178,7 @@ def test_robrain_connect_does_not_silence_listen(commands: Commands) -> None:
     words = ["arena", "arena_small", "--robots", "1", "--listen", "tcp/127.0.0.1:0"]
     arena = commands.start(*words, ROBRAIN_CONNECT="tcp/127.0.0.1:9")
     endpoint = commands.line_with(arena, "arena: arena_small at ").split(" at ")[1].split(",")[0]
-    session = open_session(connect=[endpoint])
+    session = open_session(connect=[endpoint], wait_s=PATIENCE_S)
     session.close()  # type: ignore[no-untyped-call]
 
 

@@ -6,10 +6,10 @@ import subprocess
 import pytest
 
 from robrain.protocol.wire.session import listening_at, open_session
+from tests.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.system
 
-WAIT_S = 120.0
 ROBOT = '[robot]\nname = "r1"\nload = ["counter"]\n\n[zenoh]\nconnect = ["{endpoint}"]\n'
 UP = {"agent": "agent: r1 is up", "coordinator": "coordinator: of team default; Ctrl-C"}
 NAMED = {"agent": "robot r1 of team default", "coordinator": "the coordinator of team default"}
@@ -42,7 +42,7 @@ def test_a_second_process_of_a_name_refuses_and_says_who_is_there(commands, star
     first = start()
     commands.line_with(first, UP[kind])
     second = start()
-    said, _ = second.communicate(timeout=WAIT_S)
+    said, _ = second.communicate(timeout=PATIENCE_S)
     assert second.returncode == 2
     (line,) = said.splitlines()
     assert line.startswith(f"robrain: {NAMED[kind]} is there already: process {first.pid} on ")
@@ -59,7 +59,7 @@ def test_of_three_that_start_at_once_exactly_one_comes_up(commands, start, kind)
                 up.append(process)
     refused = [process for process in processes if process not in up]
     for process in refused:
-        process.communicate(timeout=WAIT_S)
+        process.communicate(timeout=PATIENCE_S)
     assert [process.returncode for process in refused] == [2, 2]
     assert up[0].poll() is None
 
@@ -69,7 +69,7 @@ def test_after_a_kill_the_next_one_comes_up_without_waiting(commands, start, kin
     commands.line_with(first, UP[kind])
     for _ in range(3):
         first.send_signal(signal.SIGKILL)
-        first.wait(WAIT_S)
+        first.wait(PATIENCE_S)
         first = start()
         assert commands.line_with(first, kind).startswith(UP[kind])  # its first word
 
@@ -82,7 +82,7 @@ def test_a_process_that_hangs_beyond_its_lease_loses_its_name_and_ends_when_it_g
     commands.line_with(second, UP[kind])
     assert first.poll() is None
     first.send_signal(signal.SIGCONT)
-    said, _ = first.communicate(timeout=WAIT_S)
+    said, _ = first.communicate(timeout=PATIENCE_S)
     assert first.returncode == 2
     last = said.splitlines()[-1]
     assert last.startswith(

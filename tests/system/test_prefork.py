@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.system.conftest import Commands
+from tests.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.system
 
@@ -41,5 +42,5 @@ def test_signals_reach_a_forked_command(commands: Commands, number: signal.Signa
     waiting = commands.start("coordinator")
     commands.line_with(waiting, "waiting for")
     waiting.send_signal(number)
-    assert waiting.wait(60) == status
+    assert waiting.wait(PATIENCE_S) == status
     assert not Path(f"/proc/{waiting.pid}").exists()

@@ -25,6 +25,7 @@ from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.messages import HostRequest, PluginInfo
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ROBOT_HOST, ROBOT_PLUGINS
+from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
 
@@ -198,6 +199,11 @@ def heard(terminal, text):
     return said
 
 
+def threads_at(path):
+    """Those that read a terminal; others of this process come and go by themselves."""
+    return [thread for thread in threading.enumerate() if thread.name == f"terminal-{path}"]
+
+
 @pytest.fixture
 def terminal():
     """A person's side of a terminal, and the path of the robot's side."""
@@ -209,7 +215,6 @@ def terminal():
 
 def test_a_person_at_the_robots_terminal_is_answered(terminal):
     ours, path = terminal
-    before = set(threading.enumerate())
     plugin = shell(enabled=True, terminal=path)
     plugin.activate()
     heard(ours, "r1> ")
@@ -219,18 +224,17 @@ def test_a_person_at_the_robots_terminal_is_answered(terminal):
     heard(ours, "ok \N{REPLACEMENT CHARACTER}\r\nr1> r1> ")
     plugin.deactivate()
     plugin.deactivate()
-    assert set(threading.enumerate()) <= before
+    until(lambda: not threads_at(path), "the thread at the terminal goes on")
 
 
 def test_the_end_of_the_terminals_input_ends_the_shell(terminal):
     ours, path = terminal
-    before = set(threading.enumerate())
     plugin = shell(enabled=True, terminal=path)
     plugin.activate()
     heard(ours, "r1> ")
-    (thread,) = set(threading.enumerate()) - before
+    (thread,) = threads_at(path)
     os.write(ours, b"\x04")
-    thread.join(10)
+    thread.join(PATIENCE_S)
     assert not thread.is_alive()
     plugin.deactivate()
 
