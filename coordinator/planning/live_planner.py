@@ -19,7 +19,8 @@ from robrain.coordinator.planning.situation import Situation
 logger = logging.getLogger(__name__)
 
 KEPT_PLANS = 4
-JOIN_S = 5.0
+JOIN_S = 60.0
+"""How long `close` waits for the threads, which wait for the killed process: on a busy machine it takes its time."""
 GRACE_S = 30.0
 """Beyond a plan's deadline, before a process that says nothing is taken to hang: for a hundred robots on a new map it
 may take some seconds until there is the first plan."""
