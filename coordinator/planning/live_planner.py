@@ -19,7 +19,8 @@ from robrain.coordinator.planning.situation import Situation
 logger = logging.getLogger(__name__)
 
 KEPT_PLANS = 4
-JOIN_S = 5.0
+JOIN_S = 60.0
+"""How long `close` waits for the threads, which wait for the killed process: on a busy machine it takes its time."""
 GRACE_S = 30.0
 """Beyond a plan's deadline, before a process that says nothing is taken to hang: for a hundred robots on a new map it
 may take some seconds until there is the first plan."""
@@ -38,13 +39,11 @@ class LivePlanner:
 
     Args:
         on_made: called on a thread of the planner's when a plan is there.
-        grace_s: beyond a plan's deadline, before the process is taken to hang.
 
     """
 
-    def __init__(self, on_made: Callable[[], None], grace_s: float = GRACE_S) -> None:
+    def __init__(self, on_made: Callable[[], None]) -> None:
         self._on_made = on_made
-        self._grace_s = grace_s
         self._latest: Question | None = None
         self._made: deque[Planned] = deque(maxlen=KEPT_PLANS)
         self.why_failed = ""
@@ -143,12 +142,12 @@ class LivePlanner:
                 if sent <= self._answered:  # it was idle
                     self._heard_s = time.monotonic()
                 sent = question.number
-                process.ask(question, self._grace_s)
+                process.ask(question, GRACE_S)
             limit_s: float | None = None
             if not self._is_ready:
                 limit_s = START_S
             elif question is not None and sent > self._answered:
-                limit_s = question.policy.deadline_s + self._grace_s
+                limit_s = question.policy.deadline_s + GRACE_S
             left_s = None if limit_s is None else self._heard_s + limit_s - time.monotonic()
             if left_s is not None and left_s <= 0:
                 return f"has said nothing for {limit_s:g} s"

@@ -16,7 +16,8 @@ from robrain.coordinator.planning.planner_link import Question, Questions, Said,
 logger = logging.getLogger(__name__)
 
 MODULE = "robrain.coordinator.planning.planner_child"
-JOIN_S = 5.0
+JOIN_S = 20.0
+"""How long is waited for a process that is about to end, and for the thread that hears it to notice."""
 
 
 class PlannerProcess:

@@ -234,6 +234,7 @@ class Recorder:
     def _state(self) -> RecorderState:
         """How it does; also asked while it writes, on another thread."""
         assert self._file is not None
+        lost = self._lost()  # before the sum, which is counted first: what is told as lost is told in words as well
         dropped = self._inbox.dropped
         words = [self._file.why] if self._file.why else []
         words += [f"{dropped} messages came faster than they are written"] if dropped else []
@@ -242,7 +243,7 @@ class Recorder:
             file=self._file.paths[-1].name,
             messages=self._messages,
             bytes=self._file.size_bytes,
-            lost=[LostMessages(topic, messages) for topic, messages in sorted(self._lost().items())],
+            lost=[LostMessages(topic, messages) for topic, messages in sorted(lost.items())],
             waiting=len(self._inbox),
             why="; ".join(words),
             closed=self._summary is not None,

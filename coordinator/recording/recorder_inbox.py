@@ -27,15 +27,17 @@ class RecorderInbox(Inbox):
         """Take a message in, or count it as dropped."""
         self.received += 1
         self.outside += outside
-        if len(self._every) >= self.capacity or self._bytes + len(payload) > self.capacity_bytes:
+        size = len(payload)
+        if len(self._every) >= self.capacity or self._bytes + size > self.capacity_bytes:
             self.dropped += 1
             self.dropped_by_topic[topic.name] += 1
             return
-        self._bytes += len(payload)
+        self._bytes += size
         self._every.append((topic, key, payload))
 
     def drain_raw(self) -> list[tuple[Topic, str, bytes]]:
         """Take everything out as topic, key and payload, in order of arrival."""
         raw = super().drain_raw()
-        self._bytes -= sum(len(payload) for _, _, payload in raw)
+        taken = sum(len(payload) for _, _, payload in raw)  # first: what comes while it is reckoned counts as well
+        self._bytes -= taken
         return raw

@@ -94,8 +94,8 @@ class RecordingFiles:
 
     @property
     def lost_by_topic(self) -> Counter[str]:
-        """Messages of the wire that could not be written."""
-        return self._closed_lost + self._file.lost_by_topic
+        """Messages of the wire that could not be written; also asked while it writes, on another thread."""
+        return self._closed_lost.copy() + self._file.lost_by_topic.copy()
 
     @property
     def why(self) -> str:

@@ -72,7 +72,12 @@ class FakeBrowsers:
         for visit in range(self._visits):
             try:
                 async with connect(
-                    f"ws://127.0.0.1:{self._port}", subprotocols=[PROTOCOL], proxy=None, max_size=None
+                    f"ws://127.0.0.1:{self._port}",
+                    subprotocols=[PROTOCOL],
+                    proxy=None,
+                    max_size=None,
+                    open_timeout=None,  # how long anything takes is no matter
+                    ping_interval=None,
                 ) as connection:
                     await self._look(connection, self._messages - (number + visit) % 4)
             except (OSError, WebSocketException) as error:

@@ -7,8 +7,10 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from functools import partial
 
 import pytest
+import websockets.asyncio.server
 
 from robrain.coordinator.dashboard import Dashboard
 from robrain.coordinator.dashboard.server import LocalServer, close_server, open_server
@@ -16,6 +18,7 @@ from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.topics import ROBOT_MAP
 from tests.coordinator.fake_browsers import FakeBrowsers
 from tests.coordinator.test_dashboard_team_view import patch, tell, tell_place
+from tests.waiting import PATIENCE_S
 
 BROWSERS, VISITS = 30, 8
 
@@ -27,6 +30,13 @@ def hasty() -> Iterator[None]:
     sys.setswitchinterval(1e-6)
     yield
     sys.setswitchinterval(before_s)
+
+
+@pytest.fixture
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The server waits for its browsers, which are on this computer and may be held up: no time limit ends one."""
+    serve = partial(websockets.asyncio.server.serve, open_timeout=None, ping_interval=None)
+    monkeypatch.setattr(websockets.asyncio.server, "serve", serve)
 
 
 @pytest.fixture
@@ -51,10 +61,10 @@ def test_waiting_browser_is_woken_only_on_the_servers_own_thread(server: LocalSe
     waits.wait()
     asyncio.run_coroutine_threadsafe(asyncio.sleep(0), loop).result()
     server.scene.add_frame("/new", show_axes=False)
-    assert woken.result(60) == server._websock_server._server_thread.ident
+    assert woken.result(PATIENCE_S) == server._websock_server._server_thread.ident
 
 
-@pytest.mark.usefixtures("hasty")
+@pytest.mark.usefixtures("hasty", "patient")
 def test_no_layer_is_hidden_while_hundreds_of_browsers_come_and_go(
     endpoint: Endpoint, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -77,6 +87,7 @@ def test_no_layer_is_hidden_while_hundreds_of_browsers_come_and_go(
     assert [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING] == []
 
 
+@pytest.mark.usefixtures("patient")
 @pytest.mark.parametrize(
     "camera",
     [

@@ -13,6 +13,7 @@ import websockets.sync.client
 from robrain.coordinator.dashboard.page_guard import PageGuard
 from robrain.coordinator.dashboard.server import LocalServer, close_server, open_server
 from robrain.protocol.wire.errors import WireError
+from tests.waiting import PATIENCE_S
 
 PROTOCOL = f"viser-v{viser.__version__}"
 
@@ -35,6 +36,7 @@ def shake_hands(server: LocalServer, origin: str | None, host: str | None = None
             subprotocols=[PROTOCOL],
             additional_headers=headers,
             proxy=None,
+            open_timeout=PATIENCE_S,
         ) as connection:
             assert connection.response is not None
             return connection.response.status_code
@@ -64,7 +66,7 @@ def test_page_of_another_site_is_refused_before_it_can_say_anything(server: Loca
 
 
 def ask(server: LocalServer, host: str) -> tuple[int, http.client.HTTPMessage, bytes]:
-    connection = http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=10)
+    connection = http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=PATIENCE_S)
     try:
         connection.putrequest("GET", "/", skip_host=True)
         connection.putheader("Host", host.format(port=server.get_port()))

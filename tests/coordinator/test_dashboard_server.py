@@ -6,6 +6,7 @@ import viser
 
 from robrain.coordinator.dashboard import Dashboard
 from robrain.coordinator.dashboard.place_layers import ChargerLayer
+from robrain.coordinator.dashboard.retry import FIRST_S
 from robrain.coordinator.dashboard.server import close_server, open_server
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import PortTaken, WireError
@@ -48,8 +49,9 @@ def test_a_layer_that_cannot_draw_is_hidden_and_the_page_with_its_halt_goes_on(
     monkeypatch.setattr(ChargerLayer, "_draw", lambda *_: 1 / 0)
     dashboard = Dashboard(endpoint, port=0)
     try:
-        dashboard.step(time.monotonic())
-        dashboard.step(time.monotonic())
+        now_s = time.monotonic()
+        for later_s in (0.0, FIRST_S - 1.0):  # nobody looks on: it is drawn once a second
+            dashboard.step(now_s + later_s)
         hidden = [layer.label for layer in dashboard._scene.layers if not layer.shown]
         assert ChargerLayer.label in hidden
         assert [record.getMessage() for record in caplog.records if record.exc_info] == [

@@ -24,6 +24,7 @@ from robrain.coordinator.recording.recovering import recover
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.messages import LogRecord, MoteReading, RobotState
 from robrain.sim.scenario import Scenario
+from tests.waiting import PATIENCE_S
 
 NS_PER_S = 1_000_000_000
 STATE = "robrain/default/robot/r1/state"
@@ -321,7 +322,7 @@ def command(*words: str) -> subprocess.CompletedProcess[str]:
     environment = {"PATH": "", "COLUMNS": "200", "TERM": "xterm-256color"}
     return subprocess.run(
         [sys.executable, "-m", "robrain.cli", *words],
-        capture_output=True, text=True, timeout=100, env=environment, check=False,
+        capture_output=True, text=True, timeout=PATIENCE_S, env=environment, check=False,
     )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 from robrain.sim.scenario import Scenario
+from tests.waiting import PATIENCE_S
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "notebook_run_analysis.py"
 
@@ -13,7 +14,7 @@ def test_the_notebook_example_looks_at_a_recording(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     Scenario.builtin("depot").replace(robots=2, motes=4).run(time_limit_s=10.0, record=path)
     done = subprocess.run(
-        [sys.executable, str(EXAMPLE), str(path)], capture_output=True, text=True, timeout=100, check=False
+        [sys.executable, str(EXAMPLE), str(path)], capture_output=True, text=True, timeout=PATIENCE_S, check=False
     )
     assert done.returncode == 0, done.stderr
     assert "robot_state" in done.stdout

@@ -4,6 +4,7 @@ import errno
 import json
 import logging
 import os
+from collections import Counter
 from collections.abc import Iterator
 from io import FileIO
 from pathlib import Path
@@ -219,3 +220,45 @@ def test_a_full_inbox_keeps_the_first_messages_and_counts_the_rest_by_topic(said
         assert there + inbox.dropped_by_topic[topic.name] == sum(said_topic is topic for said_topic, _ in said)
     inbox.append(ROBOT_LOG, "key", b"x" * 100)
     assert len(inbox.drain_raw()) == 1
+
+
+def test_bytes_that_arrive_while_an_inbox_is_emptied_are_counted() -> None:
+    inbox = RecorderInbox(capacity=100, capacity_bytes=100)
+
+    class Measured(bytes):
+        """While the recorder's thread measures it, another message arrives on a thread of the wire."""
+
+        def __len__(self) -> int:
+            if not inbox._every:
+                inbox.append(ROBOT_LOG, "key", b"x" * 60)
+            return 10
+
+    inbox._every.append((ROBOT_LOG, "key", Measured()))
+    inbox._bytes = 10
+    inbox.drain_raw()
+    inbox.append(ROBOT_LOG, "key", b"x" * 60)
+    assert (len(inbox), inbox.dropped) == (1, 1)
+    inbox.drain_raw()
+    inbox.append(ROBOT_LOG, "key", b"x" * 100)
+    assert (len(inbox), inbox.dropped) == (1, 1)
+
+
+def test_what_is_lost_while_a_recorder_looks_how_it_does_is_told_in_words_too(
+    stage: Stage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("robrain.coordinator.recording.recorder.INBOX_CAPACITY", 0)
+    recorder = stage.recorder(tmp_path / "run.mcap")
+
+    class Counted(Counter[str]):
+        """While it is read, a message arrives on a thread of the wire."""
+
+        def copy(self) -> Counter[str]:
+            stage.logs.put_bytes(b"{}")
+            return Counter(self)
+
+    monkeypatch.setattr(recorder._inbox, "dropped_by_topic", Counted())
+    state = recorder._state()
+    assert state.lost == [LostMessages("robot_log", 1)]
+    assert state.why == "1 messages came faster than they are written"
+    monkeypatch.undo()
+    recorder.close()
