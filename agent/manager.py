@@ -46,6 +46,9 @@ logger = logging.getLogger(__name__)
 
 MakeEnvironment = Callable[[PluginTag], Environment]
 
+LOOK_TIMEOUT_S = 10.0
+"""How long, in live, a load waits for the host's own look at faults, which is mostly over at once."""
+
 
 class PluginManager:
     """Holds the tags of one robot.
@@ -83,7 +86,10 @@ class PluginManager:
         self._starter = Starter(self)
         self._parameters = parameters
         self._places = Places([])
+        self._changing = threading.Lock()
+        """Held by a load, unload, reload or restart."""
         self._under_way = threading.Lock()
+        """Held by these as well, and by `settle`."""
         self._stopped = False
         self._new_faults: deque[PluginTag] = deque()
 
@@ -336,16 +342,23 @@ class PluginManager:
 
     @contextmanager
     def _alone(self) -> Iterator[None]:
-        if not self._under_way.acquire(blocking=False):
-            raise HostBusy("", f"{self.robot} is busy with another load, unload or reload: try again")
+        busy = HostBusy("", f"{self.robot} is busy with another load, unload or reload: try again")
+        if not self._changing.acquire(blocking=False):
+            raise busy
         try:
-            self._see_to_faults(self.clock.now_ns())
-            yield
+            # In lockstep it is this thread that settles, and then waiting would not help.
+            if not self._under_way.acquire(timeout=LOOK_TIMEOUT_S if self.is_live else 0.0):
+                raise busy
+            try:
+                self._see_to_faults(self.clock.now_ns())
+                yield
+            finally:
+                self._under_way.release()
         finally:
-            self._under_way.release()
+            self._changing.release()
 
     def _do_alone(self, do: Callable[[], None]) -> None:
-        with self._under_way:
+        with self._changing, self._under_way:
             if not self._stopped:
                 do()
 

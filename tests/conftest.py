@@ -1,4 +1,4 @@
-"""Set-up for all tests. Timings fail no test, so hypothesis has no deadline; in CI it always draws the same examples.
+"""Set-up for all tests. Timings fail no test, so hypothesis has no deadline and may be slow; in CI it always draws the same examples.
 
 The end of a run reports how many tests were skipped for lack of the real maps.
 System tests, which mostly wait, are spread among the others, which need the CPU.
@@ -9,13 +9,15 @@ import os
 import signal
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from robrain.protocol.wire.hub import CONNECT_VARIABLE, HUB_VARIABLE
 from tests.own_hub import OwnHub
 from tests.real_maps import WHY_NOT
 
-settings.register_profile("robrain", deadline=None, derandomize="CI" in os.environ)
+settings.register_profile(
+    "robrain", deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize="CI" in os.environ
+)
 settings.load_profile("robrain")
 
 # A shell starts what runs in the background with SIGINT ignored, and children inherit that: Ctrl-C could not be tested.

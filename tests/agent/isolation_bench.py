@@ -31,7 +31,7 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 """
 
 
-PATIENT = Limits(call_s=PATIENCE_S, start_s=PATIENCE_S, halt_s=2.0)
+PATIENT = Limits(call_s=PATIENCE_S, start_s=PATIENCE_S, halt_s=PATIENCE_S)
 """Generous limits for tests that are not about limits, so that slow machines pass too."""
 
 

@@ -23,7 +23,7 @@ from robrain.protocol.wire.messages import BatteryState
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import ROBOT_MAP_WHOLE
 from tests.agent.isolation_bench import IsolationBench, StandInEnvironment
-from tests.waiting import PATIENCE_S
+from tests.waiting import PATIENCE_S, until
 
 VISION = """
 class Blob(msgspec.Struct, frozen=True):
@@ -351,7 +351,8 @@ def test_it_knows_robot_time_and_its_own_name(bench):
             def now(self) -> int: return self.env.clock.now_ns()
         """)
     assert vision.about() == ["r1", "vision"]
-    assert abs(vision.now() - time.time_ns()) < 5e9
+    before_ns = time.time_ns()
+    assert before_ns <= vision.now() <= time.time_ns()
 
 
 @pytest.mark.parametrize(
@@ -428,14 +429,16 @@ def test_actions_are_told_of_the_end(bench, end, why):
 
 def ask_when_there(operator):
     """The whole map of r1, as soon as it has come round between the processes that somebody answers."""
-    deadline_s = time.monotonic() + PATIENCE_S
-    while True:
-        try:
-            return operator.ask(ROBOT_MAP_WHOLE, robot="r1")
-        except NobodyThere:
-            if time.monotonic() > deadline_s:
-                raise
-            time.sleep(0.01)
+    until(lambda: not is_nobody_there(operator))
+    return operator.ask(ROBOT_MAP_WHOLE, robot="r1", timeout_s=PATIENCE_S)
+
+
+def is_nobody_there(operator):
+    try:
+        operator.ask(ROBOT_MAP_WHOLE, robot="r1", timeout_s=PATIENCE_S)
+    except NobodyThere:
+        return True
+    return False
 
 
 def test_it_has_a_place_of_its_own_on_the_wire(bench):
@@ -454,6 +457,5 @@ def test_it_has_a_place_of_its_own_on_the_wire(bench):
         )
         assert msgspec.json.decode(ask_when_there(operator)) == [vision.pid, 0.5]
         vision.deactivate()
-        with pytest.raises(NobodyThere):
-            operator.ask(ROBOT_MAP_WHOLE, robot="r1")
+        until(lambda: is_nobody_there(operator))  # the hub hears on a thread of its own that the process has left
         operator.close()

@@ -41,8 +41,10 @@ def test_a_process_that_this_side_ends_is_not_told_as_lost(
     child: ChildProcess, watcher: Watcher, monkeypatch: pytest.MonkeyPatch, end: object
 ) -> None:
     monkeypatch.setattr(child._group, "wait", lambda _timeout_s: False)  # it does not end by itself
+    os.kill(child.pid, signal.SIGSTOP)  # nor does it, however long this side takes
     assert callable(end)
     end(child)
+    child._watcher.join(PATIENCE_S)
     assert not child._watcher.is_alive()
     assert watcher.told == []
     assert child._group.status == -signal.SIGKILL

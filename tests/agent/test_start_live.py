@@ -1,5 +1,7 @@
 """A plugin that hangs while it is started, live: it is left behind, and the robot goes on."""
 
+import threading
+
 import pytest
 
 from robrain.protocol.wire.errors import CallError, ErrorCode
@@ -159,6 +161,25 @@ def test_a_restart_that_hangs_does_not_silence_the_robot(shop):
     until(lambda: states.received > before)
     assert robot.host.manager.get("guard").state == "loaded"  # it is still at it
     until(lambda: "guard has not come back from its start" in robot.infos()["guard"].why)
+
+
+def test_a_load_waits_for_the_hosts_own_look_at_faults_and_is_not_refused_for_it(shop, monkeypatch):
+    robot = shop()
+    manager = robot.host.manager
+    looking, may_end = threading.Event(), threading.Event()
+
+    def look(_now_ns):
+        looking.set()
+        may_end.wait(PATIENCE_S)
+
+    monkeypatch.setattr(manager.faults, "look", look)
+    assert looking.wait(PATIENCE_S)
+    load = threading.Thread(target=robot.ask, args=("load", "shop"))
+    load.start()
+    until(manager._changing.locked)
+    may_end.set()
+    load.join(PATIENCE_S)
+    assert robot.which() == b"1"
 
 
 def test_a_plugin_that_exits_is_faulted_and_the_robot_does_not_end(shop):
