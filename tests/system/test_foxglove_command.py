@@ -28,8 +28,8 @@ HEADER_BYTES = 1 + 4 + 8
 async def first_transforms(address: str) -> tuple[dict[str, dict[str, Any]], FrameTransforms]:
     """What is advertised, and the first message on the channel of transforms.
 
-    The SDK advertises a channel a moment before it takes subscriptions to it (a twentieth of those that come at once are
-    refused as "unknown channel", in a `status`), so a refused subscription is sent again.
+    The SDK advertises a channel a moment before it takes subscriptions to it. A twentieth of those that come at once
+    are refused as "unknown channel", in a `status`, so a refused subscription is sent again.
     """
     channels: dict[str, dict[str, Any]] = {}
     wanted: list[dict[str, int]] = []
