@@ -76,6 +76,23 @@ def test_equal_seeds_draw_equal_mutants_and_others_do_not() -> None:
     assert draw(ROOT, 20, 1, ("agent/leases.py",)) != draw(ROOT, 20, 2, ("agent/leases.py",))
 
 
+def test_an_edit_changes_only_what_is_drawn_of_the_lines_it_touches(tmp_path: Path) -> None:
+    functions = [f"def f{number}(x):\n    return x + {number}\n" for number in range(2, 40)]
+
+    def drawn(text: str) -> list[str]:
+        (tmp_path / "agent").mkdir(exist_ok=True)
+        (tmp_path / "agent" / "file.py").write_text(text)
+        subprocess.run(["git", "init", "-q", "."], cwd=tmp_path, check=True)
+        subprocess.run(["git", "add", "."], cwd=tmp_path, check=True)
+        return [mutant.name for mutant in draw(tmp_path, 20, 1)]
+
+    before = drawn("".join(functions))
+    after = drawn("import os\n" + "".join(functions[1:]))
+    assert len(before) == len(after) == 20
+    left = [name for name in before if "::f2::" not in name]
+    assert set(left) <= set(after)
+
+
 @pytest.mark.parametrize(
     "path", ["agent/task_desk.py", "coordinator/journal/journal.py", "plugins/unit/driver/driver.py"]
 )
