@@ -1,6 +1,5 @@
 """A recording in place of a team: the same view, with a position in time that can be moved."""
 
-import time
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
@@ -44,11 +43,12 @@ class ReplaySource:
         self._index.read(read_messages(path, later), self._decoder.decode)
         self.view = TeamView()
         self._runs = 0
-        self._asked: deque[Callable[[], None]] = deque(maxlen=64)
+        self._asked: deque[Callable[[float], None]] = deque(maxlen=64)
+        """Moves, each of them given the time at which it is made."""
         self._heard_s: float | None = None
         self._messages = 0
         self._set_speed(speed)
-        self._go_to(start_s, time.monotonic())
+        self.seek(start_s)
 
     @property
     def marks(self) -> list[Mark]:
@@ -58,7 +58,7 @@ class ReplaySource:
     def hear(self, now_s: float) -> None:
         """Take in what has become due."""
         while self._asked:
-            self._asked.popleft()()
+            self._asked.popleft()(now_s)
         self._age(now_s)
         if self.player.playing:
             self._take(self.player.step(round(now_s * 1e9)), now_s)
@@ -75,11 +75,11 @@ class ReplaySource:
 
     def seek(self, time_s: float) -> None:
         """Go to a time, in seconds since the first message."""
-        self._asked.append(lambda: self._go_to(time_s, time.monotonic()))
+        self._asked.append(lambda now_s: self._go_to(time_s, now_s))
 
     def skip(self, by_s: float) -> None:
         """Go so much on, or back."""
-        self._asked.append(lambda: self._go_to(self.player.position_s + by_s, time.monotonic()))
+        self._asked.append(lambda now_s: self._go_to(self.player.position_s + by_s, now_s))
 
     def toggle(self) -> None:
         """Play, or pause; at the end, play from the beginning."""
@@ -87,14 +87,14 @@ class ReplaySource:
 
     def set_speed(self, speed: float) -> None:
         """Play at so many times the recorded speed."""
-        self._asked.append(lambda: self._set_speed(speed))
+        self._asked.append(lambda _: self._set_speed(speed))
 
-    def _toggle(self) -> None:
+    def _toggle(self, now_s: float) -> None:
         if self.player.playing:
             self.player.pause()
             return
         if self.player.done:
-            self._go_to(0.0, time.monotonic())
+            self._go_to(0.0, now_s)
         self.player.play()
 
     def _set_speed(self, speed: float) -> None:

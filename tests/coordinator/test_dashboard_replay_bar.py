@@ -27,7 +27,7 @@ class Source:
 
     def __init__(self):
         self.marks = []
-        self.player = SimpleNamespace(duration_s=20.0, position_s=0.0, playing=False)
+        self.player = SimpleNamespace(duration_s=20.0, position_s=0.0, playing=False, speed=1.0)
 
     def seek(self, time_s):
         self.player.position_s = time_s
