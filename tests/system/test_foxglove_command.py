@@ -28,9 +28,11 @@ HEADER_BYTES = 1 + 4 + 8
 async def first_transforms(address: str) -> tuple[dict[str, dict[str, Any]], FrameTransforms]:
     """What is advertised, and the first message on the channel of transforms."""
     channels: dict[str, dict[str, Any]] = {}
-    async with websockets.connect(address, subprotocols=[websockets.Subprotocol(PROTOCOL)]) as socket:
+    async with websockets.connect(
+        address, subprotocols=[websockets.Subprotocol(PROTOCOL)], open_timeout=PATIENCE_S, ping_interval=None
+    ) as socket:
         while True:
-            message = await asyncio.wait_for(socket.recv(), 30)
+            message = await asyncio.wait_for(socket.recv(), PATIENCE_S)
             if isinstance(message, str):
                 for channel in json.loads(message).get("channels", []):
                     channels[channel["topic"]] = channel
