@@ -55,6 +55,16 @@ CALM = """
 })();
 """
 """Limits pages to eight frames a second, as each frame costs much CPU without a graphics card."""
+NOTICES = """
+(() => {
+  const told = (window.toldNotices = new Set());
+  new MutationObserver(() => {
+    for (const one of document.querySelectorAll(".mantine-Notification-root")) told.add(one.textContent);
+  }).observe(document, { childList: true, subtree: true, characterData: true });
+})();
+"""
+"""Keeps what notices say, which close by themselves, maybe before a busy test looks."""
+CLOSE_NOTICES = "document.querySelectorAll('.mantine-Notification-closeButton').forEach((one) => one.click())"
 T = TypeVar("T")
 
 
@@ -81,6 +91,7 @@ def window(browser: Browser, width: int = 1280, height: int = 800) -> Iterator[B
     context = browser.new_context(viewport={"width": width, "height": height})
     context.set_default_timeout(1000 * WAIT_S)
     context.add_init_script(CALM)
+    context.add_init_script(NOTICES)
     try:
         yield context
     finally:
@@ -111,6 +122,12 @@ def click_on(page: Page, selector: str) -> None:
     """Click on something in a table, which may be drawn anew at any moment; the mouse does not mind."""
     found = wait_for(lambda: page.evaluate(MIDDLE_OF, selector), bool, selector)
     page.mouse.click(found["x"], found["y"])
+
+
+def notices(page: Page) -> list[str]:
+    """What all notices have said that the page has shown."""
+    told: list[str] = page.evaluate("[...window.toldNotices]")
+    return told
 
 
 def keep(page: Page, name: str) -> None:

@@ -2,18 +2,18 @@
 
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ARENA_TRUTH, COORDINATOR_STATE, ROBOT_CALL, ROBOT_STATE, TASK_LIST
 from tests.system.conftest import Commands
-from tests.waiting import until
+from tests.waiting import PATIENCE_S, until
 
 ASK_S = 0.1
 WANDER_S = 3.0
@@ -43,11 +43,23 @@ class LiveTeam:
         """Where the arena says that the robots are."""
         for received in self._truths.drain():
             self._told = received.message
-        return {robot.robot: robot for robot in self._told.robots} if self._told is not None else {}
+        if self._told is None:
+            self._told = until(self._truths.drain, "the arena is silent")[-1].message
+        return {robot.robot: robot for robot in self._told.robots}
 
     def way_m(self) -> float:
         """How far all robots have come together."""
         return sum(robot.distance_m for robot in self.robots().values())
+
+    def come_to_a_stand(self, for_s: float, within_m: float) -> None:
+        """Wait until no robot moves for so long: the last commands to the wheels may still be on their way."""
+
+        def stand() -> bool:
+            before_m = self.way_m()
+            time.sleep(for_s)
+            return self.way_m() - before_m < within_m
+
+        until(stand, "the robots drive on")
 
     def stir(self) -> None:
         """Drive idle robots around for a while: robots stand still on an explored map."""
@@ -55,11 +67,13 @@ class LiveTeam:
             until(lambda robot=robot: self._wanders(robot), f"{robot} does not wander", pause_s=ASK_S)
 
     def _wanders(self, robot: str) -> bool:
-        """Start driving a robot around; False if its devices are missing, as may happen on a busy machine."""
+        """Start driving a robot around; False if it or its devices are missing, as may happen on a busy machine."""
         try:
             self._endpoint.ask(ROBOT_CALL, [WANDER_S], robot=robot, plugin="wander", function="start")
+        except NobodyThere:
+            return False
         except CallError as error:
-            if error.code is ErrorCode.INACTIVE:
+            if error.code in (ErrorCode.INACTIVE, ErrorCode.TIMEOUT):
                 return False
             raise
         return True
@@ -83,7 +97,8 @@ class LiveTeam:
         self._said.drain()
         ends_s, slowest_s = time.monotonic() + duration_s, 0.0
         while (asked_s := time.monotonic()) < ends_s:
-            self._endpoint.ask(TASK_LIST)
+            with suppress(CallError, NobodyThere):  # no answer in time is a slow one
+                self._endpoint.ask(TASK_LIST)
             slowest_s = max(slowest_s, time.monotonic() - asked_s)
             time.sleep(ASK_S)
         counts: dict[str, int] = {}
@@ -101,7 +116,7 @@ def live_team(folder: Path, *words: str) -> Iterator[LiveTeam]:
         process = commands.start("up", *words, "--port", "0")
         hub = commands.line_with(process, "hub: ").split()[1]
         url = commands.line_with(process, "dashboard: ").split()[1]
-        session = open_session(mode="client", connect=(hub,))
+        session = open_session(mode="client", connect=(hub,), wait_s=PATIENCE_S)
         endpoint = Endpoint(session, "default", WallClock(), Drive.LIVE)
         try:
             yield LiveTeam(url, endpoint, process.pid)

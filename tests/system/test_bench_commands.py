@@ -53,7 +53,7 @@ def test_bad_words_are_told_in_one_sentence(commands, words: list[str], named: l
 
 
 def test_responses_of_a_live_robot_are_measured(commands) -> None:
-    done = commands.run("bench", "responses", "--rounds", "3", "--json", timeout_s=110.0)
+    done = commands.run("bench", "responses", "--rounds", "3", "--json")
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     assert len(told["figures"]) == 10
@@ -62,7 +62,7 @@ def test_responses_of_a_live_robot_are_measured(commands) -> None:
 
 
 def test_agents_on_the_wire_are_counted_by_a_real_coordinator(commands) -> None:
-    done = commands.run("bench", "agents", "--robots", "20", "--minutes", "0.05", "--json", timeout_s=110.0)
+    done = commands.run("bench", "agents", "--robots", "20", "--minutes", "0.05", "--json")
     assert done.returncode == 0, done.stderr
     cpu, age, unseen, memory = json.loads(done.stdout)["figures"]
     assert cpu["unit"] == "%"

@@ -15,6 +15,7 @@ from tests.system.browser import browser_processes, chromium, open_page, wait_fo
 from tests.system.fake_team import FakeTeam
 from tests.system.hanging import stopped
 from tests.system.stepped_dashboard import PERIOD_S, Stepped
+from tests.waiting import until
 
 pytestmark = pytest.mark.system
 
@@ -47,14 +48,21 @@ def test_hung_browser_holds_up_neither_team_nor_dashboard(team: FakeTeam, endpoi
             stepped.narrow()
             with stopped(browser_processes()):
                 time.sleep(HUNG_S / 2)
-                heard.drain()
-                stepped.longest_s, steps, kept = 0.0, stepped.steps, stepped.waiting()
-                time.sleep(HUNG_S / 2)
-                # Ten states a second of each robot, as before; steps go on; what waits for the browser does not grow.
-                assert len(heard) >= 2 * 10 * HUNG_S / 2 * 0.7
-                assert stepped.steps - steps >= HUNG_S / 2 / PERIOD_S * 0.6
-                assert stepped.longest_s < 0.5
-                assert stepped.waiting() <= kept + 20
+
+                def is_held_up_by_nobody() -> bool:
+                    heard.drain()
+                    stepped.longest_s, steps, kept = 0.0, stepped.steps, stepped.waiting()
+                    time.sleep(HUNG_S / 2)
+                    # Ten states a second of each robot, as before; steps go on; what waits for the browser stays.
+                    return (
+                        len(heard) >= 2 * 10 * HUNG_S / 2 * 0.7
+                        and stepped.steps - steps >= HUNG_S / 2 / PERIOD_S * 0.6
+                        and stepped.longest_s < 0.5
+                        and stepped.waiting() <= kept + 20
+                    )
+
+                # The browser hangs all the time; a machine that is busy with other work is so for some of it.
+                until(is_held_up_by_nobody, "a browser that hangs holds up others")
             value = page.get_by_test_id("sim-time").inner_text()
             wait_for(lambda: page.get_by_test_id("sim-time").inner_text(), lambda now: now != value, "another time")
     finally:

@@ -1,5 +1,6 @@
 """The dashboard as an operator uses it, on a team of real processes: arena, coordinator and agents."""
 
+import itertools
 import re
 import time
 from collections.abc import Iterator
@@ -9,11 +10,13 @@ from playwright.sync_api import Browser, Locator, Page, expect
 
 from robrain.protocol.model.geometry import wrap_angle_rad
 from tests.system.browser import (
+    CLOSE_NOTICES,
     browser_process,
     browser_processes,
     click_on,
     colors_in,
     keep,
+    notices,
     open_page,
     picture_of,
     wait_for,
@@ -21,11 +24,11 @@ from tests.system.browser import (
 )
 from tests.system.hanging import stopped, unread_socket
 from tests.system.live_team import LiveTeam, live_team
+from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
 
 ROBOTS = ("r1", "r2")
-TASK_S = 60.0
 STOPPED_M = 0.01
 STANDS_S = 1.0
 TYPING_S = 0.15
@@ -75,7 +78,7 @@ def test_plugin_is_unloaded_loaded_and_reloaded_by_its_buttons(page: Page) -> No
     card = page.get_by_test_id("plugin-card")
     click_on(page, "[data-testid='plugin-counter']")
     expect(card).to_contain_text("counter")
-    before_s = _seconds_since_start(page)
+    before_s, answered_s = _seconds_since_start(page), time.monotonic()
     page.get_by_role("button", name="Unload", exact=True).click()
     _is_told(page, "unload counter", "done")
     expect(chip).to_have_count(0)
@@ -87,8 +90,9 @@ def test_plugin_is_unloaded_loaded_and_reloaded_by_its_buttons(page: Page) -> No
     _is_told(page, "load counter", "done")
     expect(chip).to_have_attribute("title", re.compile("^active"))
     click_on(page, "[data-testid='plugin-counter']")
+    asked_s = time.monotonic()
     loaded_s = _seconds_since_start(page)
-    assert loaded_s < before_s
+    assert loaded_s < before_s + asked_s - answered_s  # the old one would have counted on
 
     time.sleep(1.0)
     page.get_by_role("button", name="Reload", exact=True).click()
@@ -121,13 +125,18 @@ def test_task_is_called_off_by_its_button(page: Page, team: LiveTeam) -> None:
 
 def test_hung_browser_holds_up_neither_robots_nor_coordinator(page: Page, team: LiveTeam) -> None:
     calm, calm_slowest_s = team.pulse(PULSE_S)
-    assert set(calm) == {*ROBOTS, "coordinator"}
+    while set(calm) != {*ROBOTS, "coordinator"}:
+        calm, calm_slowest_s = team.pulse(PULSE_S)
+
+    def speak_and_answer_as_before() -> bool:
+        hung, slowest_s = team.pulse(PULSE_S)
+        speak = all(hung.get(speaker, 0) >= 0.7 * count for speaker, count in calm.items())
+        return speak and slowest_s < max(0.5, 3 * calm_slowest_s)
+
     with unread_socket(team.url), stopped(browser_processes()):
         time.sleep(HUNG_S - PULSE_S)
-        hung, slowest_s = team.pulse(PULSE_S)
-    for speaker, count in calm.items():
-        assert hung.get(speaker, 0) >= 0.7 * count, (speaker, calm, hung)
-    assert slowest_s < max(0.5, 3 * calm_slowest_s)
+        # The browser hangs all the time; a machine that is busy with other work is so for some of it.
+        until(speak_and_answer_as_before, "a browser that hangs holds up others")
     time_told = page.get_by_test_id("sim-time").inner_text()
     wait_for(lambda: page.get_by_test_id("sim-time").inner_text(), lambda now: now != time_told, "another time")
 
@@ -143,6 +152,7 @@ def test_robot_that_does_not_acknowledge_a_halt_is_named_until_it_does(page: Pag
         expect(page.get_by_test_id("halt-state")).to_contain_text("1 of 2 robots say that they are halted")
         keep(page, "dashboard-not-acknowledged")
         # Its wheels stand all the same: the firmware hears no more commands.
+        team.come_to_a_stand(STANDS_S, STOPPED_M)
         before_m = team.robots()["r2"].distance_m
         time.sleep(STANDS_S)
         assert team.robots()["r2"].distance_m - before_m < STOPPED_M
@@ -194,7 +204,9 @@ def _function_is_called_by_its_form(page: Page) -> None:
 def _task_is_added_by_a_click_and_done(page: Page) -> None:
     page.get_by_role("tab", name="Tasks", exact=True).click()
     said = ""
-    for x, y in ((400, 330), (300, 300), (500, 380), (420, 260)):  # some may lie in what is not known yet
+    ends_s = time.monotonic() + PATIENCE_S
+    for x, y in itertools.cycle(((400, 330), (300, 300), (500, 380), (420, 260))):  # some may not be known yet
+        assert time.monotonic() < ends_s, said
         page.get_by_role("button", name="Click on the map to add a task", exact=True).click()
         page.get_by_role("button", name="Now click on the map (or here to cancel)", exact=True).wait_for()
         before = _said_of_tasks(page)
@@ -209,7 +221,7 @@ def _task_is_added_by_a_click_and_done(page: Page) -> None:
     expect(page.get_by_test_id("why-now")).to_be_visible()
     keep(page, "dashboard-why")
     page.get_by_role("button", name="Close", exact=True).click()
-    expect(state).to_have_text("✓ done", timeout=1000 * TASK_S)
+    expect(state).to_have_text("✓ done", timeout=1000 * PATIENCE_S)
     expect(page.get_by_test_id("gantt")).to_be_visible()
     keep(page, "dashboard-tasks")
 
@@ -253,7 +265,7 @@ def _halt_stops_the_wheels(page: Page, team: LiveTeam) -> None:
     expect(page.get_by_test_id("stopped")).to_have_text("r1, r2")
     expect(page.get_by_test_id("not-stopped")).to_have_count(0)
     expect(page.get_by_test_id("robot-r1-contact")).to_have_text("■ halted")
-    time.sleep(STANDS_S)
+    team.come_to_a_stand(STANDS_S, STOPPED_M)
     before_m = team.way_m()
     time.sleep(STANDS_S)
     assert before_m > 0
@@ -279,11 +291,15 @@ def _seconds_since_start(page: Page) -> float:
 
 
 def _is_told(page: Page, title: str, said: str) -> None:
-    """A notice of this title comes, and is closed."""
-    notice = page.locator(".mantine-Notification-root").filter(has_text=title)
-    expect(notice).to_contain_text(said)
-    notice.locator("button").first.click()
-    expect(notice).to_have_count(0)
+    """A notice of this title came, and is closed; it closes by itself after six seconds, seen or not."""
+    told = wait_for(
+        lambda: [text for text in notices(page) if title in text and said in text],
+        lambda texts: len(texts) > 0,
+        f"the notice {title}",
+    )
+    assert told
+    page.evaluate(CLOSE_NOTICES)
+    expect(page.locator(".mantine-Notification-root").filter(has_text=title)).to_have_count(0)
 
 
 def _fill(page: Page, label: str, value: str) -> None:

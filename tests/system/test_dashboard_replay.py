@@ -39,7 +39,10 @@ def test_recording_is_scrubbed_stepped_and_played(commands) -> None:
         pause.click()
         expect(page.get_by_test_id("replay-time")).to_contain_text("❚❚")
 
+        _scrub_to(page, "18")
+        wait_for(lambda: _time_told(page), lambda told: told in ("0:17", "0:18"), "the figures of that time")
         _scrub_to(page, "2")
+        wait_for(lambda: _time_told(page), lambda told: told in ("0:01", "0:02"), "the figures of that time")
         early, share = picture_of(page), _explored(page)
         _scrub_to(page, "18")
         wait_for(lambda: _explored(page), lambda later: later > share + 10, "more of the floor")
@@ -58,7 +61,7 @@ def test_recording_is_scrubbed_stepped_and_played(commands) -> None:
 
 
 def test_recording_has_no_halt_over_it_on_a_narrow_screen(commands) -> None:
-    done = commands.run("run", "depot", "--robots", "2", "--seed", "7", "--time-limit", "3", "--record", "run.mcap")
+    done = commands.run("run", "depot", "--robots", "2", "--seed", "7", "--time-limit", "20", "--record", "run.mcap")
     assert done.returncode == 0, done.stderr
     process = commands.start("replay", "run.mcap", "--port", "0")
     url = commands.line_with(process, "dashboard: ").split()[1]
@@ -115,6 +118,11 @@ def _scrub_to(page: Page, time_s: str) -> None:
         return True
 
     until(is_there, f"the replay never came to {wanted}")
+
+
+def _time_told(page: Page) -> str:
+    """The time that the figures are of, which are drawn after the replay's own."""
+    return page.get_by_test_id("sim-time").inner_text()
 
 
 def _explored(page: Page) -> float:

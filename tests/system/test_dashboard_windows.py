@@ -150,6 +150,9 @@ def test_motes_have_labels_when_one_zooms_in_or_selects_and_not_before(browser: 
         page, errors = open_page(context, stepped.dashboard.url)
         expect(page.get_by_test_id("robot-r1-contact")).to_have_text("● up")
 
+        # The page of the test before is there until the server has seen it go.
+        wait_for(lambda: len(stepped.dashboard._pages), lambda pages: pages == 1, "this page alone")
+
         def labels() -> int:
             (one,) = stepped.dashboard._pages.values()
             (layer,) = [
@@ -169,10 +172,12 @@ def test_motes_have_labels_when_one_zooms_in_or_selects_and_not_before(browser: 
         click_on(page, "[data-rb='mote m1']")
         wait_for(labels, lambda count: count == 0, "no label")
         page.mouse.move(420, 380)
-        for _ in range(12):
+
+        def labels_nearer() -> int:
             page.mouse.wheel(0, -240)
-            page.wait_for_timeout(50)
-        wait_for(labels, lambda count: count == 1, "the label of a mote that is seen from nearby")
+            return labels()
+
+        wait_for(labels_nearer, lambda count: count == 1, "the label of a mote that is seen from nearby")
         keep(page, "dashboard-zoomed")
         page.keyboard.press("o")
         wait_for(labels, lambda count: count == 0, "no label in the overview")
@@ -195,6 +200,8 @@ def _open_resume(page: Page) -> None:
 
 
 def _top_of(page: Page, words: str) -> float:
-    box = page.get_by_text(words, exact=True).first.bounding_box()
+    found = page.get_by_text(words, exact=True).first
+    expect(found).to_be_visible()
+    box = found.bounding_box()
     assert box is not None
     return box["y"]

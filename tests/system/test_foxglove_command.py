@@ -33,7 +33,9 @@ async def first_transforms(address: str) -> tuple[dict[str, dict[str, Any]], Fra
     """
     channels: dict[str, dict[str, Any]] = {}
     wanted: list[dict[str, int]] = []
-    async with websockets.connect(address, subprotocols=[websockets.Subprotocol(PROTOCOL)]) as socket:
+    async with websockets.connect(
+        address, subprotocols=[websockets.Subprotocol(PROTOCOL)], open_timeout=PATIENCE_S, ping_interval=None
+    ) as socket:
         while True:
             message = await asyncio.wait_for(socket.recv(), PATIENCE_S)
             if isinstance(message, str):

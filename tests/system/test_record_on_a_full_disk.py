@@ -91,7 +91,7 @@ def test_a_recording_outlasts_a_full_disk(commands, speaker: LogSpeaker, tmp_pat
     heard = speaker.speak_until("", "run_0002.mcap").messages
     told = speaker.speak_until("", "run_0002.mcap", heard=heard + 50)
     process.send_signal(signal.SIGTERM)
-    said, _ = process.communicate(timeout=30)
+    said, _ = process.communicate(timeout=PATIENCE_S)
     assert "No space left" in said
     assert "goes on in" in said
     parts = sorted(kept.iterdir())

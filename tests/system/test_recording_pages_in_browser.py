@@ -36,6 +36,10 @@ def scene_of(page: Page) -> np.ndarray:
     return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"))
 
 
+def share_of_map(picture: np.ndarray) -> float:
+    return share_of(picture, UNKNOWN) + share_of(picture, FREE)
+
+
 def beside(path: Path, fetched: list[str]) -> list[str]:
     return [url for url in fetched if not url.startswith(("data:", "blob:", path.as_uri()))]
 
@@ -62,10 +66,9 @@ def test_a_page_plays_a_run_by_itself(tmp_path: Path) -> None:
     write_html(recording, path)
     with chromium() as context:
         page, wrong, fetched = looked_at(context, path)
-        before = wait_for(lambda: scene_of(page), lambda picture: colors_in(picture) > 20, "a picture", 40.0)
-        wait_for(lambda: scene_of(page), lambda picture: bool(np.any(picture != before)), "another picture", 40.0)
-        middle = scene_of(page)[:, 320:960]
-        assert share_of(middle, UNKNOWN) + share_of(middle, FREE) > 0.3, "the map is not in the middle"
+        before = wait_for(lambda: scene_of(page), lambda picture: colors_in(picture) > 20, "a picture")
+        wait_for(lambda: scene_of(page), lambda picture: bool(np.any(picture != before)), "another picture")
+        wait_for(lambda: share_of_map(scene_of(page)[:, 320:960]), lambda share: share > 0.3, "the map in the middle")
         keep(page, "recording_as_a_page")
         assert wrong == []
         assert beside(path, fetched) == []
@@ -76,7 +79,7 @@ def test_a_hostile_recording_does_nothing_in_the_page_that_plays_it(tmp_path: Pa
     write_html(write(tmp_path / "run.mcap", hostile_said()), path, frames_max=100)
     with chromium() as context:
         page, wrong, fetched = looked_at(context, path)
-        wait_for(lambda: scene_of(page), lambda picture: colors_in(picture) > 3, "a picture", 40.0)
+        wait_for(lambda: scene_of(page), lambda picture: colors_in(picture) > 3, "a picture")
         page.wait_for_timeout(3000)
         assert wrong == []
         assert beside(path, fetched) == []

@@ -21,6 +21,7 @@ from robrain.coordinator.recording.recording_files import SplitAt
 from robrain.coordinator.recording.recovering import recover, with_visual
 from robrain.sim.scenario import Scenario
 from tests.system.npm_packages import absent, installed
+from tests.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.system
 
@@ -58,7 +59,7 @@ def typescript() -> Path:
 
 def read_with_typescript(script: Path, paths: list[Path]) -> list[dict[str, Any]]:
     done = subprocess.run(
-        ["node", str(script), *map(str, paths)], capture_output=True, text=True, timeout=100, check=False
+        ["node", str(script), *map(str, paths)], capture_output=True, text=True, timeout=PATIENCE_S, check=False
     )
     assert done.returncode == 0, done.stderr
     return [json.loads(line) for line in done.stdout.splitlines()]
@@ -102,11 +103,13 @@ def test_rerun_finds_nothing_wrong(recordings: list[Path], tmp_path: Path) -> No
         absent("rerun")
     # Its settings, and whether it may report on its use, belong to a folder of this test.
     environment = {**os.environ, "HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path)}
-    subprocess.run([rerun, "analytics", "disable"], env=environment, capture_output=True, timeout=60, check=False)
+    subprocess.run(
+        [rerun, "analytics", "disable"], env=environment, capture_output=True, timeout=PATIENCE_S, check=False
+    )
     for path in recordings:
         done = subprocess.run(
             [rerun, "mcap", "check", "--full", str(path)],
-            env=environment, capture_output=True, text=True, timeout=100, check=False,
+            env=environment, capture_output=True, text=True, timeout=PATIENCE_S, check=False,
         )  # fmt: skip
         assert done.returncode == 0, done.stdout + done.stderr
         lines = [line for line in done.stdout.splitlines() if line.startswith(("ok", "warn", "err", "fail"))]

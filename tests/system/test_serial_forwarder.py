@@ -3,6 +3,7 @@
 import json
 import socket
 import time
+from functools import partial
 
 import pytest
 
@@ -11,6 +12,8 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ROBOT_CALL
+from tests.asking import until_answered
+from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
 
@@ -42,7 +45,7 @@ class Client:
     """As few lines as the protocol takes: `U ` from both sides, then a length byte and the packet."""
 
     def __init__(self, host, port):
-        self._socket = socket.create_connection((host, port), timeout=20.0)
+        self._socket = socket.create_connection((host, port), timeout=PATIENCE_S)
         self._socket.sendall(b"U ")
         assert self._read(2) == b"U "
 
@@ -71,7 +74,7 @@ def test_an_independent_client_hears_the_motes_and_commands_one(commands) -> Non
     mote = packet[3:5]
     assert packet[8:10] == mote
     assert packet[18:20] == b"\x00\x05"  # every 0.5 s
-    deadline_s = time.monotonic() + 20.0
+    deadline_s = time.monotonic() + PATIENCE_S
     while time.monotonic() < deadline_s:  # it listens for a moment after each packet of its own
         packet = client.read_packet()
         if packet[3:5] == mote:
@@ -90,18 +93,21 @@ def test_a_robot_goes_by_its_base_station_s_forwarder(commands) -> None:
     robot_file.write_text(text + f'\n[parameters.mote_base]\ninterface = "sf"\nhost = "{host}"\nport = {port}\n')
     agent = commands.start("agent", "r1.toml")
     commands.line_with(agent, "agent: r1 is up")
-    with open_session(connect=[endpoint]) as session:
+    with open_session(connect=[endpoint], wait_s=PATIENCE_S) as session:
         wire = Endpoint(session, "default", WallClock(), Drive.LIVE)
-        deadline_s = time.monotonic() + 30.0
-        heard = []
-        while len(heard) < 3 and time.monotonic() < deadline_s:
-            time.sleep(0.2)
+
+        def told(plugin, function):
+            ask = partial(wire.ask, ROBOT_CALL, [], robot="r1", plugin=plugin, function=function)
+            return json.loads(until_answered(ask))
+
+        def motes():
             try:
-                heard = json.loads(wire.ask(ROBOT_CALL, [], robot="r1", plugin="snw_exploration", function="heard"))
-            except CallError:
-                continue
-        assert [row["mote"] for row in heard] == ["m1", "m2", "m3"]
-        counters = json.loads(wire.ask(ROBOT_CALL, [], robot="r1", plugin="mote_base", function="counters"))
+                return [row["mote"] for row in told("snw_exploration", "heard")]
+            except CallError:  # its device may not be there yet
+                return []
+
+        until(lambda: motes() == ["m1", "m2", "m3"], "not all motes were heard", pause_s=0.2)
+        counters = told("mote_base", "counters")
         assert counters["line"] == {"unsent": 0, "reconnects": 0}
         wire.close()
 
