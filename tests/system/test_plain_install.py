@@ -74,9 +74,11 @@ class Plain:
         return self.commands.run(*words, PYTHONPATH=self._path, USER="ann")
 
     def run_until_it_works(self, *words: str) -> "subprocess.CompletedProcess[str]":
-        return self.commands.run_until(
-            lambda done: done.returncode == 0 and not done.stderr, *words, PYTHONPATH=self._path, USER="ann"
-        )
+        def works(done: "subprocess.CompletedProcess[str]") -> bool:
+            assert "Traceback" not in done.stderr, done.stderr
+            return done.returncode == 0 and not done.stderr
+
+        return self.commands.run_until(works, *words, PYTHONPATH=self._path, USER="ann")
 
     def start(self, *words: str) -> "subprocess.Popen[str]":
         return self.commands.start(*words, PYTHONPATH=self._path)
@@ -113,6 +115,7 @@ def test_a_command_works_or_says_which_extra_it_needs(
         plain.run_until_it_works(*command.split(), *arguments)
         return
     done = plain.run(*command.split(), *arguments)
+    assert "Traceback" not in done.stderr
     assert (done.returncode, done.stdout) == (2, "")
     said = rf"robrain: \w+ is not installed: pip install 'robrain\[{extra}\]'\n"
     assert re.fullmatch(said, done.stderr), done.stderr
