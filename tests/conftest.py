@@ -1,4 +1,6 @@
-"""Set-up for all tests. Timings fail no test, so hypothesis has no deadline and may be slow; in CI it always draws the same examples.
+"""Set-up for all tests.
+
+Timings fail no test, so hypothesis has no deadline and may be slow; in CI it always draws the same examples.
 
 The end of a run reports how many tests were skipped for lack of the real maps.
 System tests, which mostly wait, are spread among the others, which need the CPU.
