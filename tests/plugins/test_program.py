@@ -20,10 +20,11 @@ from robrain.plugins.unit.program import program
 from robrain.plugins.unit.program.errors import BadLine, ProgramAbsent, ProgramEnded, ProgramLate
 from robrain.plugins.unit.program.program import Program
 from robrain.protocol.wire.clock import WallClock
-from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ROBOT_CALL
+from tests.patient_endpoint import PatientEndpoint
 from tests.waiting import PATIENCE_S, has_ended, until
 
 ECHO = "import sys\nfor line in sys.stdin: print(line.strip().upper(), flush=True)"
@@ -285,7 +286,7 @@ def test_a_robot_has_two_programs_by_their_manifests_alone(tmp_path):
         host = AgentHost(robot_file, Path(), session, WallClock(), Drive.LIVE)
         thread = threading.Thread(target=run_agent, args=(host, stop.is_set, ready.set))
         thread.start()
-        operator = Endpoint(session, "default", WallClock(), Drive.LIVE)
+        operator = PatientEndpoint(session, "default", WallClock(), Drive.LIVE)
         try:
             assert ready.wait(PATIENCE_S)
             answers = [
