@@ -60,6 +60,7 @@ def start():
     benches = []
 
     def start(code=ECHO, **parameters):
+        parameters.setdefault("time_limit_s", PATIENCE_S)
         bench = Bench(command=[sys.executable, "-c", code], **parameters)
         benches.append(bench)
         bench.start()
@@ -144,6 +145,12 @@ def test_a_program_that_does_not_read_holds_nobody_up(start):
 
 def test_a_program_that_ends_instead_of_answering_says_so(start):
     bench = start("input()")
+    with pytest.raises(ProgramEnded, match="tool has ended with status 0 and did not answer"):
+        bench.plugin.send("hello")
+
+
+def test_a_program_that_takes_a_while_to_end_after_it_has_closed_its_output_has_ended(start):
+    bench = start("import os, time; input(); os.close(1); time.sleep(0.4); os._exit(0)")
     with pytest.raises(ProgramEnded, match="tool has ended with status 0 and did not answer"):
         bench.plugin.send("hello")
 
@@ -269,8 +276,8 @@ def test_runs_leave_no_thread_and_no_descriptor(start):
         bench = start()
         os.kill(bench.plugin.state().pid, signal.SIGKILL)
         bench.plugin.deactivate()
-    assert len(os.listdir("/proc/self/fd")) <= before
-    assert [thread.name for thread in threading.enumerate() if thread.name.endswith("-tool")] == []
+    until(lambda: not any(thread.name.endswith("-tool") for thread in threading.enumerate()))
+    until(lambda: len(os.listdir("/proc/self/fd")) <= before)
 
 
 def test_a_robot_has_two_programs_by_their_manifests_alone(tmp_path):
@@ -279,6 +286,7 @@ def test_a_robot_has_two_programs_by_their_manifests_alone(tmp_path):
         (tmp_path / f"{name}.toml").write_text(
             '[plugin]\nclass = "robrain.plugins.unit.program.program:Program"\n'
             f"[parameters]\ncommand = {msgspec.json.encode([sys.executable, '-c', code]).decode()}\n"
+            f"time_limit_s = {PATIENCE_S}\n[tag]\nhang_s = {PATIENCE_S}\n"
         )
     robot_file = RobotFile(robot=RobotTable("r1", places=[str(tmp_path)], load=["double", "triple"]))
     stop, ready = threading.Event(), threading.Event()
