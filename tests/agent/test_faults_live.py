@@ -123,7 +123,7 @@ def test_a_plugin_that_hangs_is_faulted_its_users_put_aside_and_the_rest_goes_on
 
 def test_callers_of_a_plugin_that_hangs_are_told_within_the_limit(mine):
     robot = mine()
-    tag, handle = robot.tag("mule"), robot.tag("miner").plugin.mule
+    handle = robot.tag("miner").plugin.mule
     hang(robot)
     with pytest.raises(PluginInactive) as late:  # it waits for its turn, and so learns of it before or with the host
         handle.push()
