@@ -26,6 +26,7 @@ from robrain.sim.firmware.battery import BatterySpec, GaugeSpec
 from robrain.sim.lidar import LidarSpec
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.mote import ArenaMote
+from tests.waiting import PATIENCE_S
 
 RESOLUTION_M = 0.05
 TICK_NS = 20_000_000
@@ -372,7 +373,7 @@ def test_in_live_the_same_arena_follows_its_commands():
     for tick in range(50):
         host.send(codec("WheelCommand").pack(tick, **wheels))
         arena.step()
-        while (frame := host.recv(timeout=5.0)) is not None:
+        while (frame := host.recv(timeout=PATIENCE_S)) is not None:
             if frame.arbitration_id == codec("WheelEncoders").arbitration_id:
                 break
         assert frame is not None
