@@ -210,7 +210,7 @@ def test_a_forwarder_that_comes_goes_and_returns_is_found_each_time(stage, forwa
         "interface": "sf",
         "port": gone.port,
         "reconnect_first_s": 0.2,
-        "reconnect_longest_s": 1.0,
+        "reconnect_longest_s": 60.0,
         **PATIENT,
     }
     one.host("snw_exploration", mote_base=parameters)
