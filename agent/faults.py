@@ -107,8 +107,7 @@ class FaultDesk:
         if overdue:
             # The lowest one hangs; those above it are in a call to it, and are put aside as its users.
             tag = min(overdue, key=lambda tag: tag.level)
-            limit_s = tag.manifest.tag.hang_s
-            tag.fault(PluginHung(tag.name, f"{tag.name} has not come back for {limit_s:g} s"))
+            tag.fault(PluginHung(tag.name, f"{tag.name} has not come back for {tag.turn.limit_s:g} s"))
 
     def _look_for_floods(self, now_ns: int) -> None:
         elapsed_s = (now_ns - self._looked_ns) / NS_PER_S

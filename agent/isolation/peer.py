@@ -69,6 +69,8 @@ class Peer:
                     return frame.value
                 if isinstance(frame, Failure):
                     raise error_of(frame, self._plugin)
+                if limit_s is not None and limit_s <= 0.0:  # however soon its next question would come
+                    raise PeerLate
                 self._answer(frame, limit_s)
 
     def tell(self, request: Request) -> None:

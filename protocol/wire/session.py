@@ -15,6 +15,9 @@ from robrain.protocol.wire.errors import NobodyThere, PortTaken, WireError
 LEASE_MS = 2000
 """A cut link is noticed after this; 800 ms did not flap on loopback, 2 s leaves room for busy machines."""
 
+LISTENING_TIMEOUT_S = 60.0
+"""A router answers for itself where it listens, at once unless the machine stands still."""
+
 TCP_ENDPOINT = re.compile(r"tcp/(?P<host>\[[^\]]+\]|[^:/]+):(?P<port>\d+)")
 """A plain TCP endpoint: host and port."""
 _ENDPOINT = re.compile(r"(tcp|tls|quic|udp|unixsock-stream|ws)/.+")
@@ -110,7 +113,7 @@ def is_loopback(endpoint: str) -> bool:
 def listening_at(session: zenoh.Session) -> list[str]:
     """The endpoints that a router session is bound to, with the real port where 0 was asked for."""
     zid = session.zid()
-    for reply in session.get(f"@/{zid}/router", timeout=2.0):
+    for reply in session.get(f"@/{zid}/router", timeout=LISTENING_TIMEOUT_S):
         if reply.ok is not None:
             status = json.loads(reply.ok.payload.to_bytes())
             return sorted(locator for locator in status.get("locators", []) if isinstance(locator, str))

@@ -11,10 +11,11 @@ from robrain.agent.host import AgentHost
 from robrain.agent.live import run_agent
 from robrain.agent.robot_file import RobotFile, RobotTable
 from robrain.protocol.wire.clock import WallClock
-from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.messages import PluginInfo
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_PLUGINS
+from tests.patient_endpoint import PatientEndpoint
 from tests.waiting import PATIENCE_S, until
 
 
@@ -34,7 +35,7 @@ class LiveRobot:
         self.session = open_lockstep_session()
         robot_file = RobotFile(robot=RobotTable("r1", places=[str(place)], load=list(load)))
         self.host = AgentHost(robot_file, place, self.session, WallClock(), Drive.LIVE)
-        self.operator = Endpoint(self.session, "default", WallClock(), Drive.LIVE)
+        self.operator = PatientEndpoint(self.session, "default", WallClock(), Drive.LIVE)
         self._stopping, self.ready = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=run_agent, args=(self.host, self._stopping.is_set, self.ready.set))
         self._thread.start()

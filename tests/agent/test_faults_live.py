@@ -1,11 +1,12 @@
 """Faults stay where they are: live, where a plugin can hang."""
 
 import threading
-import time
+from types import SimpleNamespace
 
 import msgspec
 import pytest
 
+from robrain.agent import live
 from robrain.agent.errors import PluginHung, PluginInactive
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
@@ -13,10 +14,12 @@ from robrain.protocol.wire.topics import ROBOT_STATE
 from tests.agent.live_robot import PATIENCE_S, LiveRobot, until
 
 HANG_S = 0.3
+"""Limit that a plugin is given once it hangs; before and after that it has all the time a busy machine takes."""
 
 MINE = """
     import threading
-    HANG, HANG_CALL, GO, STEPS, PRESSED = threading.Event(), threading.Event(), threading.Event(), [], []
+    HANG, HANG_CALL, IN_CALL, GO = (threading.Event() for _ in range(4))
+    STEPS, PRESSED = [], []
 
     class DoorInterface(Protocol):
         def press(self, who: str) -> None: ...
@@ -45,7 +48,9 @@ MINE = """
                     PRESSED.append("refused")
         @external
         def push(self) -> str:
-            if HANG_CALL.is_set(): GO.wait(600)
+            if HANG_CALL.is_set():
+                IN_CALL.set()
+                GO.wait(600)
             return "pushed"
 
     class Miner(Skill):
@@ -76,8 +81,8 @@ def mine(bench):
     def start(**policy):
         bench.code("mine", MINE)
         bench.manifest("door", "mine:Door", visibility=["*"])
-        bench.manifest("mule", "mine:Mule", requires=["door"], visibility=["*", "command"], hang_s=HANG_S, **policy)
-        bench.manifest("miner", "mine:Miner", requires=["mule"])
+        bench.manifest("mule", "mine:Mule", requires=["door"], visibility=["*", "command"], hang_s=PATIENCE_S, **policy)
+        bench.manifest("miner", "mine:Miner", requires=["mule"], hang_s=2 * PATIENCE_S)
         bench.manifest("watch", "mine:Watch")
         opened.append(LiveRobot(bench.place, ["miner", "watch"], space_of="door", threads="plugin-"))
         assert opened[-1].ready.wait(PATIENCE_S)
@@ -88,14 +93,21 @@ def mine(bench):
         each.close()
 
 
+def hang(robot):
+    """Let the mule hang in its step, and take it for hung soon."""
+    robot.space["HANG"].set()
+    tag = robot.tag("mule")
+    until(lambda: tag.plugin.hung)
+    tag.turn.set_limit(HANG_S)
+
+
 def test_a_plugin_that_hangs_is_faulted_its_users_put_aside_and_the_rest_goes_on(mine):
     robot = mine()
     inbox = Inbox(every=True)
     robot.operator.subscribe(inbox, ROBOT_STATE)
     watch = robot.tag("watch").plugin
     handle = robot.tag("miner").plugin.mule
-    robot.space["HANG"].set()
-    until(lambda: robot.tag("mule").turn.is_overdue(time.time_ns() + 1) or robot.tag("mule").state == "faulted")
+    hang(robot)
     why = f"PluginHung: mule has not come back for {HANG_S} s"
     until(lambda: states(robot)["mule"] == ("faulted", why))
     until(lambda: states(robot)["miner"] == ("inactive", f"requires mule, which is faulted: {why}"))
@@ -111,13 +123,11 @@ def test_a_plugin_that_hangs_is_faulted_its_users_put_aside_and_the_rest_goes_on
 
 def test_callers_of_a_plugin_that_hangs_are_told_within_the_limit(mine):
     robot = mine()
-    tag, handle = robot.tag("mule"), robot.tag("miner").plugin.mule
-    robot.space["HANG"].set()
-    until(lambda: tag.turn.owner is not None and tag.plugin.hung)
+    handle = robot.tag("miner").plugin.mule
+    hang(robot)
     with pytest.raises(PluginInactive) as late:  # it waits for its turn, and so learns of it before or with the host
         handle.push()
     assert isinstance(late.value, PluginHung)
-    assert tag.plugin.hung
     assert late.value.plugin == "mule"
 
 
@@ -126,6 +136,8 @@ def test_who_is_stuck_in_a_call_to_what_hangs_is_put_aside_with_it_and_started_a
     miner, space = robot.tag("miner").plugin, robot.space
     space["HANG_CALL"].set()
     miner.pushing = True
+    assert space["IN_CALL"].wait(PATIENCE_S)
+    robot.tag("mule").turn.set_limit(HANG_S)
     until(lambda: states(robot)["miner"][0] == "faulted")
     assert not miner.pushed
     assert states(robot)["miner"][1].startswith("requires mule, which is faulted: PluginHung: mule has not come back")
@@ -145,8 +157,7 @@ def test_who_is_stuck_in_a_call_to_what_hangs_is_put_aside_with_it_and_started_a
 def test_a_restart_is_on_a_fresh_thread_and_the_late_return_has_no_effect(mine):
     robot = mine(restart="on-failure", backoff_s=0.1)
     old, space = robot.tag("mule").plugin, robot.space
-    space["HANG"].set()
-    until(lambda: old.hung)
+    hang(robot)
     old_thread = space["STEPS"][-1][1]
     until(lambda: robot.tag("mule").state == "faulted")
     space["HANG"].clear()
@@ -174,17 +185,40 @@ def test_a_restart_after_a_raise_steps_again(mine):
     until(lambda: states(robot)["miner"][0] == "active")
 
 
-def test_a_plugin_loaded_later_steps_even_if_its_start_takes_long(mine, bench):
-    robot = mine()
+class Wall:
+    """The time that plugins' threads go by, in the hands of the test."""
+
+    def __init__(self):
+        self.now_s = 100.0
+
+    def monotonic(self):
+        return self.now_s
+
+
+def test_a_plugin_loaded_later_steps_even_if_its_start_takes_long(mine, bench, monkeypatch):
+    robot, wall = mine(), Wall()
+    monkeypatch.setattr(live, "time", SimpleNamespace(monotonic=wall.monotonic))
     bench.code(
         "late",
-        "import time\nclass Late(Device):\n    period_s = 0.01\n    steps = 0\n"
-        "    def init(self): time.sleep(0.15)\n    def step(self): self.steps += 1\n",
+        "import threading\nBEGUN, GO = threading.Event(), threading.Event()\n"
+        "class Late(Device):\n    period_s = 0.01\n    steps = 0\n"
+        "    def init(self):\n        BEGUN.set()\n        GO.wait(600)\n"
+        "    def step(self): self.steps += 1\n",
     )
-    bench.manifest("late", "late:Late")
-    robot.host.manager.load("late")
+    bench.manifest("late", "late:Late", start_s=PATIENCE_S)
+    load = threading.Thread(target=robot.host.manager.load, args=("late",))
+    load.start()
+    until(lambda: "late" in robot.host.manager.tags)
+    begun, go = (robot.tag("late").plugin_class.init.__globals__[name] for name in ("BEGUN", "GO"))
+    assert begun.wait(PATIENCE_S)
+    until(lambda: any(thread.name == "plugin-late" for thread in threading.enumerate()))
+    wall.now_s += 5.0
+    go.set()
+    load.join(PATIENCE_S)
     late = robot.tag("late").plugin
-    until(lambda: late.steps > 3)
+    for steps in range(1, 5):
+        until(lambda steps=steps: late.steps == steps)
+        wall.now_s += 0.01
     assert robot.tag("late").overruns == 0
     robot.host.manager.unload("late")
     until(lambda: not any(thread.name == "plugin-late" for thread in threading.enumerate()))

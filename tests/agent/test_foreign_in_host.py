@@ -11,13 +11,14 @@ from robrain.agent.host import AgentHost
 from robrain.agent.manifest import COMMAND
 from robrain.agent.robot_file import RobotFile, RobotTable
 from robrain.protocol.wire.clock import WallClock
-from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages import HostRequest, PluginInfo
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_FOREIGN_CALL, ROBOT_HOST, ROBOT_PLUGINS
 from tests.agent.conftest import Bench
 from tests.agent.test_foreign import Process, info
+from tests.patient_endpoint import PatientEndpoint
 from tests.waiting import until
 
 LAB = """
@@ -53,7 +54,7 @@ class Robot:
         self.connect = listening_at(hub)
         robot_file = RobotFile(robot=RobotTable("r1", team="t", places=[str(place)], load=list(load)))
         self.host = AgentHost(robot_file, Path(), hub, WallClock(), Drive.LIVE)
-        self.operator = Endpoint(hub, "t", WallClock(), Drive.LIVE)
+        self.operator = PatientEndpoint(hub, "t", WallClock(), Drive.LIVE)
         self.processes: list[Process] = []
         self.host.start()
 

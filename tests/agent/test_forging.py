@@ -36,6 +36,8 @@ from robrain.protocol.wire.messages import HostRequest
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_EVENT, ROBOT_HOST
 from tests.agent.conftest import Bench
+from tests.patient_endpoint import PatientEndpoint
+from tests.waiting import PATIENCE_S
 
 
 class SwitchInterface(Protocol):
@@ -401,14 +403,15 @@ class IsolatedLab:
         files.manifest("switch", "lab:Switch", visibility=["friend"])
         files.manifest("lamp", "lab:Switch", visibility=["stranger"], shared=False)
         files.manifest("friend", "lab:User", requires=["switch"])
-        files.manifest("stranger", "alone:Stranger", requires=["switch", "lamp"], visibility=["command"])
+        patient = {"hang_s": PATIENCE_S, "start_s": 4 * PATIENCE_S}
+        files.manifest("stranger", "alone:Stranger", requires=["switch", "lamp"], visibility=["command"], **patient)
         stranger = place / "stranger.toml"
         stranger.write_text(stranger.read_text() + '\nisolation = "process"\n')
         files.close()
         robot_file = RobotFile(robot=RobotTable("r1", places=[str(place)], load=["stranger", "friend"]))
         self.host = AgentHost(robot_file, Path(), self.session, WallClock(), Drive.LIVE)
         self.host.start()
-        self.operator = Endpoint(self.session, "default", WallClock(), Drive.LIVE)
+        self.operator = PatientEndpoint(self.session, "default", WallClock(), Drive.LIVE)
 
     def call(self, function):
         return msgspec.json.decode(self.operator.ask(ROBOT_CALL, robot="r1", plugin="stranger", function=function))

@@ -9,17 +9,19 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from robrain.agent import halting
 from robrain.agent.crew import Crew, NotBack
 from robrain.agent.host import AgentHost
 from robrain.agent.live import PluginThreads
 from robrain.agent.robot_file import RobotFile, RobotTable
 from robrain.protocol.wire.clock import WallClock
-from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import Halt, HaltAnswer, HostRequest
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import HALT, ROBOT_CALL, ROBOT_HOST, ROBOT_STATE
+from tests.patient_endpoint import PatientEndpoint
 from tests.waiting import PATIENCE_S, until
 
 ROBOT = """
@@ -65,7 +67,7 @@ class Robot:
         self.session = open_session(mode="peer", listen=["tcp/127.0.0.1:0"])
         robot_file = RobotFile(robot=RobotTable("r1", places=[str(place)], load=list(load)))
         self.host = AgentHost(robot_file, Path(), self.session, WallClock(), Drive.LIVE)
-        self.operator = Endpoint(self.session, "default", WallClock(), Drive.LIVE, workers=8)
+        self.operator = PatientEndpoint(self.session, "default", WallClock(), Drive.LIVE, workers=8)
         self.states = Inbox(every=True)
         self.operator.subscribe(self.states, ROBOT_STATE)
         self.threads = PluginThreads(self.host)
@@ -87,11 +89,12 @@ class Robot:
 
 
 @pytest.fixture
-def start(bench) -> Iterator[type[Robot]]:
+def start(bench, monkeypatch) -> Iterator[type[Robot]]:
+    monkeypatch.setattr(halting, "LIMIT_S", 3.0)  # who does not hang is not late on a busy machine either
     robots = []
     bench.code("robot", ROBOT)
     for name in ("wheels", "hanging", "raising", "above", "deaf"):
-        bench.manifest(name, f"robot:{name.capitalize()}", visibility=["command"])
+        bench.manifest(name, f"robot:{name.capitalize()}", visibility=["command"], hang_s=PATIENCE_S)
 
     def start(*load):
         robots.append(Robot(bench.place, *load))
@@ -174,9 +177,13 @@ def test_a_robot_whose_every_answering_thread_is_stuck_is_halted_by_a_query_all_
 def test_a_crew_tells_what_failed_and_what_is_late():
     crew = Crew("test", 1.0)
     release = threading.Event()
-    failed = crew.run({"good": lambda: None, "bad": lambda: 1 / 0, "late": lambda: release.wait(600)})
-    assert {name: type(error) for name, error in failed.items()} == {"bad": ZeroDivisionError, "late": NotBack}
-    assert crew.run({"good": lambda: None}) == {}
+    calls = {"good": lambda: None, "bad": lambda: 1 / 0, "late": lambda: release.wait(600)}
+
+    def kinds():
+        return {name: type(error) for name, error in crew.run(calls).items()}
+
+    until(lambda: kinds() == {"bad": ZeroDivisionError, "late": NotBack})  # again where the machine was late itself
+    assert crew.run({"good": lambda: None}, PATIENCE_S) == {}
     release.set()
     crew.close()
-    assert not [thread for thread in threading.enumerate() if thread.name.startswith("test-")]
+    until(lambda: not any(thread.name.startswith("test-") for thread in threading.enumerate()))

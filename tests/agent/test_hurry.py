@@ -16,7 +16,7 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import TaskAnswer, TaskOffer
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_OFFER, ROBOT_STATE
-from tests.waiting import until
+from tests.waiting import PATIENCE_S, until
 
 PLUGIN = """
 from robrain.agent.plugin import Behavior, external
@@ -130,6 +130,8 @@ def test_other_plugins_are_another_number_in_the_state(lockstep):
 
 
 def test_hurried_step_of_a_live_plugin_does_not_wait_for_its_period(robot):
+    source = robot[1] / "slow.py"
+    source.write_text(PLUGIN.replace("period_s = 1.0", f"period_s = {100 * PATIENCE_S}"), encoding="utf-8")
     with open_lockstep_session() as session:
         host = AgentHost(*robot, session, WallClock(), Drive.LIVE)
         threads = PluginThreads(host)
@@ -140,7 +142,6 @@ def test_hurried_step_of_a_live_plugin_does_not_wait_for_its_period(robot):
             until(lambda: plugin.steps_ns)
             plugin.hasten()
             until(lambda: len(plugin.steps_ns) > 1)
-            assert plugin.steps_ns[1] - plugin.steps_ns[0] < to_ns(0.9)
         finally:
             threads.stop()
             host.close()

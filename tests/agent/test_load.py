@@ -13,6 +13,7 @@ from robrain.agent.plugin import Plugin
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages import HostRequest
 from robrain.protocol.wire.topics import ROBOT_HOST
+from tests.waiting import PATIENCE_S
 
 LAB = """
     class LampInterface(Protocol):
@@ -184,7 +185,7 @@ def test_such_a_requirement_is_left_out_at_the_start_too(lab):
 
 def test_a_load_while_another_is_under_way_is_refused(lab):
     lab.code("slow", "import threading\nBEGUN, GO = threading.Event(), threading.Event()\nclass Slow(Device):\n"
-             "    def init(self):\n        BEGUN.set()\n        GO.wait(10)\n")  # fmt: skip
+             "    def init(self):\n        BEGUN.set()\n        GO.wait(600)\n")  # fmt: skip
     lab.manifest("slow", "slow:Slow")
     before = set(sys.modules)
     thread = threading.Thread(target=lab.manager.load, args=["slow"])
@@ -195,7 +196,7 @@ def test_a_load_while_another_is_under_way_is_refused(lab):
         module = sys.modules[new[0]]
         while not hasattr(module, "GO"):
             pass
-        assert module.BEGUN.wait(10)
+        assert module.BEGUN.wait(PATIENCE_S)
         for attempt in (lab.manager.load, lab.manager.unload, lab.manager.reload):
             with pytest.raises(HostBusy, match="r1 is busy with another load, unload or reload"):
                 attempt("lamp")

@@ -19,7 +19,7 @@ from robrain.protocol.wire.messages import HostRequest, PluginInfo
 from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_HOST, ROBOT_PLUGINS
 from tests.agent.conftest import Bench
 
-WATCHDOG_S = 60.0
+WATCHDOG_S = 500.0
 
 UNIVERSE = """
     FAULT, SEEN = {}, []

@@ -12,6 +12,7 @@ from robrain.agent.plugin import Unit, external
 from robrain.agent.transform import TransformTable
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages import PluginInfo
+from tests.waiting import PATIENCE_S
 
 
 class Garden(Unit):
@@ -148,14 +149,14 @@ def test_the_door_may_be_used_from_below_while_a_call_is_under_way():
 
     def call_external_text(function, words, *, by):
         inside.set()
-        assert go_on.wait(5)
+        assert go_on.wait(PATIENCE_S)
         return "done"
 
     slow.call_external_text = call_external_text
     door = OutsideDoor(Manager(slow, Tag("meadow")))
     thread = threading.Thread(target=lambda: results.append(door.call_text("call slow plant(1)")))
     thread.start()
-    assert inside.wait(5)
+    assert inside.wait(PATIENCE_S)
     assert door.call_text("call meadow plant(1)") == "1"
     go_on.set()
     thread.join()

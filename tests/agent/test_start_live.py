@@ -2,6 +2,7 @@
 
 import threading
 
+import msgspec
 import pytest
 
 from robrain.protocol.wire.errors import CallError, ErrorCode
@@ -11,6 +12,8 @@ from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_HOST, ROBOT_STATE
 from tests.agent.live_robot import PATIENCE_S, LiveRobot, until
 
 START_S = 1.2
+"""Limit for a start that hangs; any other has all the time that a busy machine takes."""
+LONG_S = 4 * PATIENCE_S
 
 SHOP = """
     import threading
@@ -47,7 +50,7 @@ SHOP = """
         period_s = 0.01
         fails = False
         def activate(self):
-            if self.env.plugin in WHERE: GO.wait(10)
+            if self.env.plugin in WHERE: GO.wait(600)
         def step(self):
             if self.fails: exit("I leave")
 """
@@ -62,16 +65,27 @@ class LiveShop(LiveRobot):
     def which(self):
         return self.call("shop", "which")
 
+    def limit_start(self, plugin, start_s):
+        """Have the next start of a plugin that is loaded already limited so."""
+        tag = self.tag(plugin)
+        tag.manifest = msgspec.structs.replace(
+            tag.manifest, tag=msgspec.structs.replace(tag.manifest.tag, start_s=start_s)
+        )
+
+
+def write_shop(bench, start_s):
+    bench.manifest("shop", "shop_code:Shop", requires=["bell"], visibility=["command"], start_s=start_s)
+
 
 @pytest.fixture
 def shop(bench):
     opened = []
 
-    def open_shop(*load, source=SHOP, **policy):
+    def open_shop(*load, source=SHOP, start_s=LONG_S, **policy):
         bench.code("shop_code", source)
         bench.manifest("bell", "shop_code:Bell", visibility=["*"])
-        bench.manifest("shop", "shop_code:Shop", requires=["bell"], visibility=["command"], start_s=START_S)
-        bench.manifest("guard", "shop_code:Guard", start_s=START_S, **policy)
+        write_shop(bench, start_s)
+        bench.manifest("guard", "shop_code:Guard", start_s=LONG_S, **policy)
         opened.append(LiveShop(bench.place, load or ("bell", "guard"), space_of="bell", threads="start-"))
         if not load:
             assert opened[-1].ready.wait(PATIENCE_S)
@@ -86,7 +100,7 @@ WHY = f"shop has not come back from its start for {START_S} s"
 
 
 def test_a_plugin_that_hangs_at_the_robots_start_is_left_out_and_the_rest_starts(shop):
-    robot = shop("shop", "guard", source=SHOP.replace("set(), [], []", "{'init'}, [], []"))
+    robot = shop("shop", "guard", source=SHOP.replace("set(), [], []", "{'init'}, [], []"), start_s=START_S)
     assert robot.ready.wait(PATIENCE_S)
     infos = robot.infos()
     assert (infos["shop"].state, infos["shop"].why) == ("faulted", WHY)
@@ -94,26 +108,28 @@ def test_a_plugin_that_hangs_at_the_robots_start_is_left_out_and_the_rest_starts
 
 
 @pytest.mark.parametrize("where", ["init", "activate"])
-def test_a_load_that_hangs_is_refused_in_time_and_the_next_one_is_not_kept_waiting(shop, where):
-    robot = shop()
+def test_a_load_that_hangs_is_refused_in_time_and_the_next_one_is_not_kept_waiting(shop, bench, where):
+    robot = shop(start_s=START_S)
     robot.space["WHERE"].add(where)
     with pytest.raises(CallError, match=WHY) as refused:
         robot.ask("load", "shop")
     assert refused.value.code is ErrorCode.TIMEOUT
     assert "shop" not in robot.infos()
     robot.space["WHERE"].clear()
+    write_shop(bench, LONG_S)
     robot.ask("load", "shop")
     assert robot.which() == b"1"
 
 
 @pytest.mark.parametrize("where", ["init", "activate"])
-def test_what_a_plugin_does_that_was_left_behind_in_its_start_has_no_consequence(shop, where):
-    robot = shop()
+def test_what_a_plugin_does_that_was_left_behind_in_its_start_has_no_consequence(shop, bench, where):
+    robot = shop(start_s=START_S)
     space = robot.space
     space["WHERE"].add(where)
     with pytest.raises(CallError):
         robot.ask("load", "shop")
     space["WHERE"].clear()
+    write_shop(bench, LONG_S)
     robot.ask("load", "shop")
     space["GO"].set()
     until(lambda: space["ENDED"] == [where])
@@ -129,8 +145,10 @@ def test_a_reload_that_hangs_leaves_the_old_instance_running(shop, bench, where)
     waits = f'WHERE.add("{where}"); self.wait("{where}")'
     path = bench.place / "shop_code.py"
     path.write_text(path.read_text().replace(f'self.wait("{where}")', waits).replace("version = 1", "version = 2"))
+    robot.limit_start("shop", START_S)
     with pytest.raises(CallError, match=WHY):
         robot.ask("reload", "shop")
+    robot.limit_start("shop", LONG_S)
     assert robot.infos()["shop"].state == "active"
     assert robot.which() == b"1"
     path.write_text(path.read_text().replace(waits, f'self.wait("{where}")').replace("version = 2", "version = 3"))
@@ -142,10 +160,12 @@ def test_an_old_instance_that_hangs_while_it_is_replaced_is_faulted(shop):
     robot = shop()
     robot.ask("load", "shop")
     robot.space["WHERE"].add("deactivate")
+    robot.limit_start("shop", START_S)
     with pytest.raises(CallError, match=WHY):
         robot.ask("reload", "shop")
     assert robot.infos()["shop"].state == "faulted"
     robot.space["WHERE"].clear()
+    robot.limit_start("shop", LONG_S)
     robot.ask("reload", "shop")
     assert robot.which() == b"1"
 
@@ -155,11 +175,19 @@ def test_a_restart_that_hangs_does_not_silence_the_robot(shop):
     states = Inbox(every=True)
     robot.operator.subscribe(states, ROBOT_STATE)
     robot.space["WHERE"].add("guard")
-    robot.host.manager.get("guard").plugin.fails = True
-    until(lambda: robot.host.manager.get("guard").restarts == 1)
+    guard = robot.tag("guard")
+    guard.plugin.fails = True
+    until(lambda: guard.restarts == 1 and guard.state == "loaded")
     before = states.received
     until(lambda: states.received > before)
-    assert robot.host.manager.get("guard").state == "loaded"  # it is still at it
+    assert guard.state == "loaded"  # it is still at it
+
+
+def test_a_restart_that_hangs_is_left_behind(shop):
+    robot = shop(restart="on-failure", backoff_s=0.01, restart_limit=1)
+    robot.space["WHERE"].add("guard")
+    robot.limit_start("guard", START_S)
+    robot.tag("guard").plugin.fails = True
     until(lambda: "guard has not come back from its start" in robot.infos()["guard"].why)
 
 

@@ -25,7 +25,7 @@ LAB = """
         def send(self):
             self.inside += 1
             INSIDE.set()
-            GO.wait(10)
+            GO.wait(600)
             self.inside -= 1
             return self.inside
 
@@ -37,7 +37,7 @@ LAB = """
 @pytest.fixture
 def lab(bench):
     bench.code("lab", LAB)
-    bench.manifest("bus", "lab:Bus", visibility=["*"])
+    bench.manifest("bus", "lab:Bus", visibility=["*"], hang_s=PATIENCE_S)
     bench.manifest("wheels", "lab:Wheels", requires=["bus"])
     bench.start("wheels")
     return bench

@@ -64,7 +64,7 @@ def test_one_robot_does_each_kind_of_task_and_the_same_again():
         capture_output=True,
         text=True,
         check=True,
-        timeout=120,
+        timeout=500,
     )
     assert other.stdout.strip() == digest
 

@@ -2,8 +2,10 @@
 
 import os
 import socket
+import threading
 import tty
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 
 import pytest
 
@@ -13,6 +15,9 @@ from tests.waiting import PATIENCE_S, until
 
 PACKET = bytes.fromhex("00 FF FF 00 00 08 00 09 19 77 02 07 00 13 00 00")
 SENT = bytes.fromhex("00 0003 0000 04 22 54 00010002")
+
+
+PATIENT = {"connect_timeout_s": PATIENCE_S}
 
 
 def pass_until(one, is_so):
@@ -45,6 +50,21 @@ class Forwarder:
         self._client, _ = self._server.accept()
         self._client.settimeout(PATIENCE_S)
         self._client.sendall(self._greeting)
+
+    def accept_until(self, is_enough):
+        """Greet whoever comes: a client that was greeted late has gone again, and comes once more."""
+        self._server.settimeout(0.01)
+        while not is_enough.is_set():
+            try:
+                client, _ = self._server.accept()
+            except TimeoutError:
+                continue
+            if self._client is not None:
+                self._client.close()
+            self._client = client
+            self._client.settimeout(PATIENCE_S)
+            with suppress(OSError):
+                self._client.sendall(self._greeting)
 
     def say(self, stream):
         self._client.sendall(stream)
@@ -84,7 +104,12 @@ def start_with(stage, forwarder):
         accepted = pool.submit(forwarder.accept)
         host = one.host(
             "snw_exploration",
-            mote_base={"interface": "sf", "port": forwarder.port, "reconnect_first_s": 0.2, "connect_timeout_s": 1.0},
+            mote_base={
+                "interface": "sf",
+                "port": forwarder.port,
+                "reconnect_first_s": 0.2,
+                **PATIENT,
+            },
         )
         accepted.result(PATIENCE_S)
     return one, host
@@ -159,7 +184,7 @@ def test_a_forwarder_that_is_absent_at_the_start_is_found_when_it_appears(stage,
     gone.close()
     one = stage()
     states = one.inbox(ROBOT_STATE)
-    one.host("snw_exploration", "driver", mote_base={"interface": "sf", "port": gone.port, "connect_timeout_s": 5.0})
+    one.host("snw_exploration", "driver", mote_base={"interface": "sf", "port": gone.port, **PATIENT})
     one.run(100.0)
     info = one.infos()["mote_base"]
     assert f"no Serial Forwarder at 127.0.0.1:{gone.port}" in info.why
@@ -181,15 +206,25 @@ def test_a_forwarder_that_comes_goes_and_returns_is_found_each_time(stage, forwa
     gone = forwarders()
     gone.close()
     one = stage()
-    parameters = {"interface": "sf", "port": gone.port, "reconnect_first_s": 0.2, "reconnect_longest_s": 1.0}
+    parameters = {
+        "interface": "sf",
+        "port": gone.port,
+        "reconnect_first_s": 0.2,
+        "reconnect_longest_s": 60.0,
+        **PATIENT,
+    }
     one.host("snw_exploration", mote_base=parameters)
     one.run(3.0)
     for visit in (1, 2, 3):
         come = forwarders(port=gone.port)
         with ThreadPoolExecutor(1) as pool:
-            accepted = pool.submit(come.accept)
-            pass_until(one, lambda: is_up(one) and not counters(one)["why_down"])
-            accepted.result(PATIENCE_S)
+            is_found = threading.Event()
+            accepting = pool.submit(come.accept_until, is_found)
+            try:
+                pass_until(one, lambda: is_up(one) and not counters(one)["why_down"])
+            finally:
+                is_found.set()
+            accepting.result(PATIENCE_S)
         come.say(b"\x10" + PACKET)
         pass_until(one, lambda: counters(one)["packets"] == visit)  # noqa: B023 - called at once
         come.close()

@@ -20,10 +20,11 @@ from robrain.plugins.unit.program import program
 from robrain.plugins.unit.program.errors import BadLine, ProgramAbsent, ProgramEnded, ProgramLate
 from robrain.plugins.unit.program.program import Program
 from robrain.protocol.wire.clock import WallClock
-from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ROBOT_CALL
+from tests.patient_endpoint import PatientEndpoint
 from tests.waiting import PATIENCE_S, has_ended, until
 
 ECHO = "import sys\nfor line in sys.stdin: print(line.strip().upper(), flush=True)"
@@ -59,6 +60,7 @@ def start():
     benches = []
 
     def start(code=ECHO, **parameters):
+        parameters.setdefault("time_limit_s", PATIENCE_S)
         bench = Bench(command=[sys.executable, "-c", code], **parameters)
         benches.append(bench)
         bench.start()
@@ -143,6 +145,12 @@ def test_a_program_that_does_not_read_holds_nobody_up(start):
 
 def test_a_program_that_ends_instead_of_answering_says_so(start):
     bench = start("input()")
+    with pytest.raises(ProgramEnded, match="tool has ended with status 0 and did not answer"):
+        bench.plugin.send("hello")
+
+
+def test_a_program_that_takes_a_while_to_end_after_it_has_closed_its_output_has_ended(start):
+    bench = start("import os, time; input(); os.close(1); time.sleep(0.4); os._exit(0)")
     with pytest.raises(ProgramEnded, match="tool has ended with status 0 and did not answer"):
         bench.plugin.send("hello")
 
@@ -268,8 +276,8 @@ def test_runs_leave_no_thread_and_no_descriptor(start):
         bench = start()
         os.kill(bench.plugin.state().pid, signal.SIGKILL)
         bench.plugin.deactivate()
-    assert len(os.listdir("/proc/self/fd")) <= before
-    assert [thread.name for thread in threading.enumerate() if thread.name.endswith("-tool")] == []
+    until(lambda: not any(thread.name.endswith("-tool") for thread in threading.enumerate()))
+    until(lambda: len(os.listdir("/proc/self/fd")) <= before)
 
 
 def test_a_robot_has_two_programs_by_their_manifests_alone(tmp_path):
@@ -278,6 +286,7 @@ def test_a_robot_has_two_programs_by_their_manifests_alone(tmp_path):
         (tmp_path / f"{name}.toml").write_text(
             '[plugin]\nclass = "robrain.plugins.unit.program.program:Program"\n'
             f"[parameters]\ncommand = {msgspec.json.encode([sys.executable, '-c', code]).decode()}\n"
+            f"time_limit_s = {PATIENCE_S}\n[tag]\nhang_s = {PATIENCE_S}\n"
         )
     robot_file = RobotFile(robot=RobotTable("r1", places=[str(tmp_path)], load=["double", "triple"]))
     stop, ready = threading.Event(), threading.Event()
@@ -285,7 +294,7 @@ def test_a_robot_has_two_programs_by_their_manifests_alone(tmp_path):
         host = AgentHost(robot_file, Path(), session, WallClock(), Drive.LIVE)
         thread = threading.Thread(target=run_agent, args=(host, stop.is_set, ready.set))
         thread.start()
-        operator = Endpoint(session, "default", WallClock(), Drive.LIVE)
+        operator = PatientEndpoint(session, "default", WallClock(), Drive.LIVE)
         try:
             assert ready.wait(PATIENCE_S)
             answers = [

@@ -13,7 +13,7 @@ from robrain.plugins.unit.tcp_socket import line_server
 from robrain.plugins.unit.tcp_socket.tcp_socket import TcpSocket
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.errors import ErrorCode
-from tests.waiting import until
+from tests.waiting import PATIENCE_S, until
 
 
 class Command:
@@ -26,7 +26,7 @@ class Command:
     def execute(self, text):
         if text == "wait":
             self.begun.set()
-            assert self.may_end.wait(10)
+            assert self.may_end.wait(PATIENCE_S)
         return f"ok {text}"
 
 
@@ -56,7 +56,7 @@ def listening():
 
 class Client:
     def __init__(self, plugin, host="127.0.0.1"):
-        self.socket = socket.create_connection((host, plugin.port()), timeout=10)
+        self.socket = socket.create_connection((host, plugin.port()), timeout=PATIENCE_S)
         self.lines = self.socket.makefile("rb")
 
     def __enter__(self):
@@ -106,7 +106,7 @@ def test_a_slow_command_holds_up_nobody_else(listening):
     plugin = listening(command)
     with Client(plugin) as slow, Client(plugin) as quick:
         slow.send(b"wait\n")
-        assert command.begun.wait(10)
+        assert command.begun.wait(PATIENCE_S)
         assert quick.ask("quick") == "ok quick"
         command.may_end.set()
         assert slow.line() == b"ok wait\n"
@@ -135,11 +135,14 @@ def test_a_client_that_takes_no_answers_is_cut_off(listening, monkeypatch):
     monkeypatch.setattr(line_server, "SEND_TIMEOUT_S", 0.05)
     plugin = listening()
     with Client(plugin) as client:
-        client.socket.settimeout(0.2)
-        with contextlib.suppress(OSError):
-            for _ in range(10_000):
-                client.send((b"x" * 4000 + b"\n") * 10)
-        until(lambda: plugin.clients() == 0)
+        client.socket.setblocking(False)
+
+        def say() -> None:  # as much as it takes until its answers fill what is between them
+            with contextlib.suppress(OSError):
+                for _ in range(100):
+                    client.socket.send((b"x" * 4000 + b"\n") * 10)
+
+        until(lambda: plugin.clients() == 0, step=say)
 
 
 def test_nobody_but_the_machine_itself_can_connect_unless_told(listening):
@@ -161,11 +164,11 @@ def test_deactivation_cuts_clients_off_and_leaves_no_thread(listening):
         cut.send(b"call driver dri")
         plugin.deactivate()
         assert client.line() == b""
-    assert set(threading.enumerate()) <= before
+    until(lambda: set(threading.enumerate()) <= before)  # none is waited for without a limit
     assert (plugin.port(), plugin.clients()) == (0, 0)
     plugin.deactivate()  # twice does no harm
     with pytest.raises(ConnectionRefusedError):
-        socket.create_connection(("127.0.0.1", port), timeout=10)
+        socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S)
 
 
 def test_a_command_that_hangs_does_not_hold_up_the_end(monkeypatch):
@@ -175,11 +178,11 @@ def test_a_command_that_hangs_does_not_hold_up_the_end(monkeypatch):
     plugin.activate()
     with Client(plugin) as client:
         client.send(b"wait\n")
-        assert command.begun.wait(10)
+        assert command.begun.wait(PATIENCE_S)
         (thread,) = plugin._server._clients.values()
         plugin.deactivate()
         command.may_end.set()
-        thread.join(10)
+        thread.join(PATIENCE_S)
         assert not thread.is_alive()
 
 

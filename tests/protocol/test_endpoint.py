@@ -24,7 +24,7 @@ from robrain.protocol.wire.topics import (
     ROBOT_PLUGINS,
     ROBOT_STATE,
 )
-from tests.waiting import PATIENCE_S
+from tests.waiting import PATIENCE_S, until
 
 SLOW_S = 0.2
 FOO = {"robot": "r1", "plugin": "p", "function": "foo"}
@@ -93,12 +93,7 @@ class Asker(threading.Thread):
 
 
 def wait_for_queries(endpoint, count=1):
-    deadline = threading.Event()
-    for _ in range(1000):
-        if len(endpoint._pending) >= count:
-            return
-        deadline.wait(0.01)
-    pytest.fail("the query has not arrived")
+    until(lambda: len(endpoint._pending) >= count, "the query has not arrived")
 
 
 # -- saying and hearing -----------------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ import zenoh
 
 from robrain.protocol.wire.errors import NobodyThere, PortTaken, RobrainError, WireError
 from robrain.protocol.wire.session import check_endpoint, listening_at, open_lockstep_session, open_session
+from tests.own_hub import OwnHub
 
 
 @pytest.fixture
@@ -17,9 +18,8 @@ def taken_port():
 
 @pytest.fixture
 def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
+    with OwnHub() as held:  # so that no other process listens there meanwhile
+        yield held.port
 
 
 def test_a_taken_port_is_said_in_a_sentence(taken_port):

@@ -36,6 +36,11 @@ class Desk:
         self.forwarder.step()
         return client
 
+    def wait_for_greetings(self) -> None:
+        """Until the forwarder has read what the clients greeted with."""
+        clients = self.forwarder._clients
+        self.until(lambda: len(clients) == len(self._clients) and all(one._decoder.has_greeted for one in clients))
+
     def hear(self, packet: bytes = PACKET) -> None:
         self._air.put_bytes(packet)
 
@@ -73,6 +78,7 @@ def desk() -> Iterator[Desk]:
 def test_what_the_radio_hears_goes_to_every_client_after_the_greeting(desk):
     clients = [desk.client(), desk.client()]
     assert [desk.read(client, 2) for client in clients] == [b"U ", b"U "]
+    desk.wait_for_greetings()
     desk.hear()
     for client in clients:
         assert desk.read(client, 17) == b"\x10" + PACKET
@@ -101,6 +107,7 @@ def test_a_client_that_has_not_greeted_gets_the_greeting_only(desk):
 
 def test_who_greets_otherwise_is_hung_up_on_and_the_others_stay(desk):
     good = desk.client()
+    desk.wait_for_greetings()
     desk.client(greeting=b"GET / HTTP/1.1\r\n")
     desk.until(lambda: desk.forwarder.counters.refused == 1)
     assert desk.forwarder.clients == 1

@@ -90,6 +90,11 @@ class LineProcess:
         """None while it runs, else as in subprocess."""
         return self._group.status
 
+    @property
+    def is_silent(self) -> bool:
+        """Whether it has closed its output, so that it will say no more."""
+        return self._is_silent
+
     def write(self, line: str, limit_s: float) -> bool:
         """Give it a line; False if it does not take it in time.
 

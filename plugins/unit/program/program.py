@@ -38,6 +38,8 @@ BACKOFF_S = 0.5
 LONGEST_BACKOFF_S = 30.0
 A_MOMENT_S = 0.1
 """Between a program's last word and its end."""
+SILENT_S = 2.0
+"""The same for one that has closed its output, and so is ending: on a busy machine that takes its time."""
 STEADY_S = 10.0
 """A program that has run for so long has its restarts forgiven."""
 
@@ -224,7 +226,8 @@ class Program(Unit):
             raise self._late(process, "take a line")
 
     def _late(self, process: LineProcess, what: str) -> PluginError:
-        if process.ends_within(A_MOMENT_S) and process.status is not None:
+        moment_s = SILENT_S if process.is_silent else A_MOMENT_S
+        if process.ends_within(moment_s) and process.status is not None:
             return ProgramEnded(self.env.plugin, f"{self.env.plugin} {how_it_ended(process.status)} and did not {what}")
         process.kill()
         return ProgramLate(

@@ -1,0 +1,16 @@
+"""An operator's place on the wire that waits for answers as long as the slowest machine takes."""
+
+from typing import Any
+
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.topic import Topic
+from tests.waiting import PATIENCE_S
+
+
+class PatientEndpoint(Endpoint):
+    """For tests in live that are not about how long a reply is waited for."""
+
+    def ask(
+        self, topic: Topic, payload: Any = None, *, timeout_s: float = PATIENCE_S, by: str = "", **names: str
+    ) -> bytes:
+        return super().ask(topic, payload, timeout_s=timeout_s, by=by, **names)
