@@ -113,7 +113,7 @@ def drop_unprofitable(
     `routes` and `open_visits` are changed in place; visits that are `kept`, (V,), stay.
     """
     for worker in range(len(routes.length)):
-        while routes.length[worker] > 0:
+        while True:
             before_j = routes.spent_j[worker]
             worst, worst_j = -1, 1e-9
             for position in range(routes.length[worker]):
