@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 from robrain.coordinator.allocation.auction import AuctionAllocator, GreedyAllocator
 from robrain.coordinator.allocation.optimal import OptimalAllocator
 from robrain.coordinator.allocation.problem import Job, Objective, Problem, Worker
-from robrain.coordinator.allocation.validate import validate
+from robrain.coordinator.allocation.repair import keep, repaired
+from robrain.coordinator.allocation.schedule import make_plan
+from robrain.coordinator.allocation.validate import SLACK, validate
 from tests.coordinator.allocation.instances import team_problem
 from tests.coordinator.allocation.test_validate import job, line, worker
 
@@ -94,6 +96,35 @@ def test_warm_start_of_other_jobs_and_robots_is_used_as_far_as_it_goes():
     assert again.rank <= AuctionAllocator().plan(later).rank
 
 
+@pytest.mark.parametrize(
+    "problem",
+    [
+        line([job("a", 0, service_s=SLACK, latest_s=0.0)], [worker("r1")]),
+        line([job("a", 0, service_s=SLACK)], [worker("r1")], horizon_s=0.0),
+        line([job("a", 0)], [worker("r1", usable_j=-SLACK)]),
+    ],
+    ids=["latest end", "horizon", "energy"],
+)
+def test_a_warm_start_that_misses_a_limit_by_just_what_the_checker_allows_is_kept(problem):
+    plan = make_plan(problem, [["a"]], Objective.ENERGY)
+    assert validate(problem, plan) == []
+    assert keep(problem, plan, Objective.ENERGY) == plan
+
+
+def test_where_energy_does_not_suffice_the_job_that_saves_most_for_its_prize_is_left_out():
+    """It need not be the last: on the way back from the far one, the near one takes nothing."""
+    problem = line([job("far", 5), job("near", 1)], [worker("r1", usable_j=9.0)])
+    assert repaired(problem, [["far", "near"]], Objective.ENERGY).orders == (("near",),)
+
+
+def test_where_robots_wait_for_each_other_the_jobs_for_several_are_left_out():
+    jobs = [job("lift", 1, robots=2), job("carry", 2, robots=2), job("go", 3)]
+    problem = line(jobs, [worker("r1"), worker("r2")])
+    plan = repaired(problem, [["lift", "go", "carry"], ["carry", "lift"]], Objective.ENERGY)
+    assert plan is not None
+    assert plan.orders == (("go",), ())
+
+
 def test_search_needs_a_deadline_or_iterations():
     with pytest.raises(ValueError, match="deadline_s or iterations"):
         optimal().plan(team_problem(2, 3, 1))
@@ -163,6 +194,14 @@ def test_what_a_robot_is_at_comes_first_and_its_followers_wait_for_it():
     starts_s = {stop.job: stop.start_s for route in plan.routes for stop in route.stops}
     assert starts_s["b"] >= 14.0
     assert validate(problem, plan) == []
+
+
+@pytest.mark.parametrize(("usable_j", "done"), [(6.0, ("a",)), (5.9, ())])
+def test_a_robot_that_waits_for_what_it_is_at_needs_the_energy_to_wait(usable_j, done):
+    """It is there at 1 s and waits 4 s at 1 W; the way there and back takes 2 J."""
+    at = job("a", 1, earliest_s=5.0, pinned_to="r1")
+    problem = line([at], [worker("r1", wait_w=1.0, usable_j=usable_j)])
+    assert AuctionAllocator().plan(problem).orders == (done,)
 
 
 @pytest.mark.parametrize("objective", Objective)
