@@ -104,6 +104,17 @@ def test_robots_of_a_team_job_start_at_once():
     assert validate(problem, plan) == []
 
 
+def test_robots_of_a_team_job_that_do_not_start_at_once_are_a_fault():
+    robots = [worker("r1"), worker("r2", start=5)]
+    problem = line([job("a", 2, robots=2)], robots)
+    plan = make_plan(problem, [["a"], ["a"]], Objective.ENERGY)
+    # Each does it as if alone: r1 is there a second before r2.
+    single = line([job("a", 2)], robots)
+    first, second = (make_plan(single, orders, Objective.ENERGY) for orders in ([["a"], []], [[], ["a"]]))
+    apart = msgspec.structs.replace(plan, routes=(first.routes[0], second.routes[1]))
+    assert validate(problem, apart) == ["the robots of a do not start it at once"]
+
+
 @pytest.mark.parametrize(
     ("build", "said"),
     [

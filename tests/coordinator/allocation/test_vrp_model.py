@@ -106,3 +106,10 @@ def test_visits_that_must_be_made_are_required():
     arrays = make_arrays(problem)
     model = VrpModel(problem, arrays, arrays.visits, np.array([False, True]), Objective.ENERGY)
     assert [client.required for client in model.data.clients()] == [False, True]
+
+
+def test_the_robots_of_a_job_share_its_prize():
+    problem = line([job("alone", 1), job("lift", 2, robots=2)], [worker("r1"), worker("r2")])
+    assert make_arrays(problem).visits.prize_j.tolist() == [10.0, 5.0, 5.0]
+    alone, one, other = (client.prize for client in model_of(problem).data.clients())
+    assert one == other == pytest.approx(alone / 2, rel=1e-3)
