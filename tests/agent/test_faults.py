@@ -108,6 +108,16 @@ def test_a_step_that_raises_puts_the_users_aside_and_the_rest_goes_on(house):
         assert refused.value.code is ErrorCode.INACTIVE
 
 
+def test_a_plugin_that_was_put_aside_is_not_deactivated_again_when_the_robot_stops(house):
+    bench = house()
+    radiator = bench.plugin("radiator")
+    bench.broken.append("step")
+    bench.tick(10)
+    assert states(bench)["radiator"] == "inactive"
+    bench.hosts[-1].close()
+    assert radiator.diary.count("deactivate") == 1
+
+
 def test_an_observer_that_raises_is_faulted_and_its_notifier_is_not(house):
     bench = house()
     bench.call("boiler", "heat", [13])

@@ -281,6 +281,27 @@ def test_what_it_raises_is_raised_here(bench, raised, kind, text):
     assert vision.works()
 
 
+def test_an_unknown_error_of_a_lower_plugin_is_an_error_of_the_plugin_that_called_it(bench):
+    class OutOfReach(Exception):
+        pass
+
+    class BlindRanger(Ranger):
+        def measure(self, angle_rad: float, samples: int = 1) -> Point2D:
+            raise OutOfReach("nothing within 4 m")
+
+    bench.env.others["ranger"] = BlindRanger()
+    vision = bench.start(
+        RANGED
+        + """
+    @external
+    def look(self) -> Point2D: return self.ranger.measure(0.5)
+    """
+    )
+    with pytest.raises(PluginError, match="OutOfReach: nothing within 4 m") as caught:
+        vision.look()
+    assert caught.value.plugin == "vision"
+
+
 def test_absent_hardware_is_told_as_such(bench):
     vision = bench.make("""
         class Vision(Device):

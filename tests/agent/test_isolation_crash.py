@@ -194,6 +194,22 @@ def test_deactivate_ends_the_process_and_activate_starts_another(fragile):
     assert fragile.pid not in (None, pid)
 
 
+def test_a_plugin_that_is_initialised_again_runs_in_another_process_and_the_first_one_has_ended(fragile):
+    pid = fragile.pid
+    fragile.init()
+    assert fragile.pid not in (None, pid)
+    assert not Path(f"/proc/{pid}").exists()
+
+
+def test_a_plugin_that_is_closed_has_no_process_any_more_and_says_so(fragile):
+    pid = fragile.pid
+    fragile.close()
+    assert fragile.pid is None
+    assert not Path(f"/proc/{pid}").exists()
+    with pytest.raises(PluginCrashed, match="vision was closed"):
+        fragile.halted()
+
+
 def test_what_the_plugin_has_started_ends_with_it(fragile):
     grandchild = fragile.fork_off()
     fragile.deactivate()

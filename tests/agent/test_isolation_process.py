@@ -2,13 +2,21 @@
 
 import os
 import signal
+import socket
 import threading
 import weakref
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import Any
 
+import numpy as np
 import pytest
 
+from robrain.agent.isolation.child import Child
+from robrain.agent.isolation.child_environment import ChildEnvironment
 from robrain.agent.isolation.child_process import ChildProcess
+from robrain.agent.isolation.messages import Begin
+from robrain.agent.isolation.process_group import how_it_ended
+from robrain.protocol.wire.session import listening_at, open_session
 from tests.waiting import PATIENCE_S
 
 
@@ -57,6 +65,49 @@ def test_a_process_that_ends_of_itself_is_told_as_lost_once(child: ChildProcess,
     child.end()
     child.kill()
     assert watcher.told == ["was ended by SIGTERM"]
+
+
+def test_a_process_whose_parent_hangs_up_before_it_was_told_what_to_run_ends_in_order() -> None:
+    connections = [socket.socketpair() for _ in range(3)]
+    for near_end, _ in connections:
+        near_end.close()
+    Child("vision", *(far_end for _, far_end in connections)).run()
+    for _, far_end in connections:
+        far_end.close()
+
+
+def environment_in_its_process(connect: Sequence[str] = ()) -> ChildEnvironment:
+    """What the plugin has at hand in its own process; its parent is not asked for anything."""
+    begin = Begin("r1", "default", "vision", "vision.toml", "vision:Vision", b"", "", list(connect), [], 0, 0)
+    nobody: Any = None
+    return ChildEnvironment(begin, nobody, np.random.default_rng(), threading.RLock())
+
+
+def test_an_environment_that_never_used_the_wire_closes_without_opening_it() -> None:
+    environment_in_its_process().close()  # would be refused the wire, as there is no way to it
+
+
+def test_an_environment_that_has_used_the_wire_leaves_it_when_it_closes() -> None:
+    with open_session(mode="router", listen=["tcp/127.0.0.1:0"]) as hub:
+        environment = environment_in_its_process(connect=listening_at(hub))
+        wire = environment.wire
+        assert not wire.session.is_closed()
+        environment.close()
+        assert wire.is_closed
+        assert wire.session.is_closed()
+
+
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [
+        (0, "has ended with status 0"),
+        (3, "has ended with status 3"),
+        (-6, "was ended by SIGABRT"),
+        (-250, "was ended by signal 250"),
+    ],
+)
+def test_an_exit_status_is_told_in_words(status: int, words: str) -> None:
+    assert how_it_ended(status) == words
 
 
 def test_nobody_needs_to_be_there_to_hear_of_a_loss(child: ChildProcess) -> None:

@@ -1,6 +1,7 @@
 """Reloading plugins after an edit, while the robot runs."""
 
 import os
+import sys
 
 import msgspec
 import pytest
@@ -96,6 +97,28 @@ def test_edits_within_one_second_and_of_one_size_are_seen(lab):
         os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
         lab.manager.reload("lamp")
         assert version(lab) == word
+
+
+@pytest.fixture
+def installed(bench, tmp_path_factory, monkeypatch):
+    """Two plugins of a class whose module lies beside no manifest, but where Python looks for modules."""
+    folder = tmp_path_factory.mktemp("installed")
+    bench.code("installed_lamp", LAMP)
+    (bench.place / "installed_lamp.py").rename(folder / "installed_lamp.py")
+    monkeypatch.syspath_prepend(folder)
+    bench.manifest("lamp", "installed_lamp:Lamp")
+    bench.manifest("second", "installed_lamp:Lamp")
+    bench.manager = bench.start("lamp", "second").manager
+    bench.source = folder / "installed_lamp.py"
+    yield bench
+    sys.modules.pop("installed_lamp", None)
+
+
+def test_plugins_of_one_installed_module_share_its_class_until_one_is_reloaded(installed):
+    assert type(installed.plugin("lamp")) is type(installed.plugin("second"))
+    installed.source.write_text(installed.source.read_text().replace('"one"', '"two"'))
+    installed.manager.reload("lamp")
+    assert (installed.plugin("lamp").version(), installed.plugin("second").version()) == ("two", "one")
 
 
 def test_handles_and_observers_follow_and_the_holder_stays(lab):

@@ -5,6 +5,10 @@ import threading
 import msgspec
 import pytest
 
+from robrain.agent.crew import Crew
+from robrain.agent.manager import PluginManager
+from robrain.agent.task_desk import TaskDesk
+from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import HostRequest
@@ -208,6 +212,18 @@ def test_a_load_waits_for_the_hosts_own_look_at_faults_and_is_not_refused_for_it
     may_end.set()
     load.join(PATIENCE_S)
     assert robot.which() == b"1"
+
+
+def test_what_was_to_be_done_later_is_not_begun_after_the_robot_has_stopped():
+    manager = PluginManager("r1", VirtualClock(), TaskDesk(), lambda _: None, {})
+    manager.crew = Crew("start-r1", PATIENCE_S)
+    done = []
+    manager.later(lambda: done.append("before"))
+    until(lambda: done == ["before"])
+    manager.stop()
+    manager.later(lambda: done.append("after"))
+    manager.crew.close()  # returns when all that was begun has come back
+    assert done == ["before"]
 
 
 def test_a_plugin_that_exits_is_faulted_and_the_robot_does_not_end(shop):

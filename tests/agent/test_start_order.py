@@ -132,6 +132,16 @@ def test_a_missing_requirement_is_named_with_the_whole_way_to_it(bench, diary):
     assert infos["b"].why == "no plugin ghost (b → ghost); there are: b, a"
 
 
+def test_what_is_left_out_before_it_is_loaded_is_listed_with_its_level_all_the_same(bench, diary):
+    bench.manifest("alone", "diary:Low", requires=["ghost"])
+    bench.manifest("head", "diary:Top", requires=["tail"])
+    bench.manifest("tail", "diary:Middle", requires=["head"])
+    bench.start("alone", "head", "tail")
+    infos = bench.infos()
+    assert {info.state for info in infos.values()} == {"faulted"}
+    assert {name: info.level for name, info in infos.items()} == {"alone": "device", "head": "behavior", "tail": "unit"}
+
+
 def test_plugins_that_require_each_other_are_left_out_and_the_rest_starts(bench, diary):
     bench.manifest("a", "diary:Top", requires=["b"])
     bench.manifest("b", "diary:High", requires=["c"])

@@ -393,6 +393,10 @@ def visit(task_id="v1", epoch=2):
     return TaskOffer(task=Visit(id=task_id, place=GOAL), epoch=epoch, lease_s=5.0)
 
 
+def test_before_the_first_task_no_behavior_may_begin_one(desk, explorer):
+    assert not desk.may_begin("t1")
+
+
 def test_a_task_of_another_kind_takes_the_place_of_the_one_that_runs(desk, explorer):
     begun = []
 
