@@ -145,6 +145,14 @@ def test_waiting_says_nothing_of_ways():
     assert robot.consumption.model(0.0) == before
 
 
+def test_what_is_known_is_told_with_few_digits():
+    consumption = Consumption(PowerPrior(pace_m_s=0.512345, turn_rate_rad_s=0.712345), 0.001, 0.0323456)
+    model = consumption.model(1234.5678)
+    assert model.relative_sd == 0.0323
+    assert (model.pace_m_s, model.turn_rate_rad_s) == (0.5123, 0.7123)
+    assert model.usable_j == 1234.6
+
+
 def test_the_covariance_stays_one():
     learner = PowerLearner(PowerPrior())
     rng = np.random.default_rng(1)

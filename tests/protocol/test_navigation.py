@@ -280,3 +280,21 @@ def test_updated_grid_is_the_one_that_would_be_built_anew(options):
         assert np.array_equal(grid.traversable, anew.traversable)
         assert np.array_equal(grid.cost, anew.cost)
         assert np.array_equal(grid.narrow, anew.narrow)
+
+
+def test_on_open_floor_the_way_is_straight_in_any_direction():
+    start, goal = Point2D(1.05, 1.05), Point2D(5.05, 2.85)
+    path = navigation(hall()).path(start, goal, snap_m=SNAP_M)
+    assert length_m(start, path) == pytest.approx(math.dist((1.05, 1.05), (5.05, 2.85)), abs=0.05)
+
+
+def test_unknown_floor_is_driven_on_only_with_the_clearance_that_is_needed():
+    classes = hall()
+    classes[:, 28:33] = UNKNOWN
+    classes[:, 30] = OCCUPIED
+    classes[18:24, 30] = UNKNOWN  # 0.6 m
+    grid = NavigationGrid(classes, GEOMETRY, NEEDED_M, unknown_cost=3.0)
+    assert grid.path(WEST, EAST, snap_m=SNAP_M) is not None
+    classes[20:24, 30] = OCCUPIED  # 0.2 m
+    grid = NavigationGrid(classes, GEOMETRY, NEEDED_M, unknown_cost=3.0)
+    assert grid.path(WEST, EAST, snap_m=SNAP_M) is None

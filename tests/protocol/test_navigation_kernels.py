@@ -7,7 +7,7 @@ import pytest
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.navigation import COARSE, DEAR, NavigationGrid, Zone, _centre
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, GridGeometry
+from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.path_planning import is_chord_clear
 
 RESOLUTION_M = 0.1
@@ -106,3 +106,42 @@ def test_ways_are_compared_at_twice_the_pitch_unless_there_are_narrow_places() -
     fine = NavigationGrid(classes, geometry, 0.15, preferred_m=0.2).ways_m(start, cells, snap_m=0.3)
     assert len(set(coarse)) == 1
     assert len(set(fine)) == 3
+
+
+def _middles(grid: NavigationGrid, cells: list[tuple[int, int]]) -> np.ndarray:
+    middles = [grid.geometry.center_of(row, column) for row, column in cells]
+    return np.array([(middle.x_m, middle.y_m) for middle in middles])
+
+
+@pytest.mark.parametrize("cell", [(6, 4), (6, 8), (4, 6), (8, 6)])
+def test_positions_are_clear_up_to_the_first_that_a_wall_on_any_side_is_too_near_to(cell: tuple[int, int]) -> None:
+    classes = np.full((13, 13), FREE, np.int8)
+    classes[cell] = OCCUPIED
+    grid = NavigationGrid(classes, GridGeometry(RESOLUTION_M, -1.0, 0.5, 13, 13), 0.25)  # the wall is 0.2 m off
+    assert grid.clear_positions(classes, _middles(grid, [(2, 2), (10, 2), (6, 6), (10, 10)])) == 2
+
+
+def test_positions_are_as_far_from_the_maps_border_as_from_a_wall() -> None:
+    grid = _grid(9, 7)  # 0.15 m are needed
+    inside = [(1, 1), (1, 5), (7, 5), (7, 1)]
+    assert grid.clear_positions(np.full((9, 7), FREE, np.int8), _middles(grid, inside)) == len(inside)
+    for cell in ((0, 3), (8, 3), (4, 0), (4, 6)):
+        assert grid.clear_positions(np.full((9, 7), FREE, np.int8), _middles(grid, [*inside, cell])) == len(inside)
+
+
+@pytest.mark.parametrize("unknown_cost", [None, 3.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_position_is_clear_if_all_within_the_needed_clearance_is(seed: int, unknown_cost: float | None) -> None:
+    draw = np.random.default_rng(seed)
+    height, width, needed_m = 14, 17, 0.25
+    classes = draw.choice(np.array([FREE, OCCUPIED, UNKNOWN], np.int8), (height, width), p=(0.9, 0.04, 0.06))
+    geometry = GridGeometry(RESOLUTION_M, -1.0, 0.5, width, height)
+    grid = NavigationGrid(np.full((height, width), FREE, np.int8), geometry, needed_m, unknown_cost)
+    walled = np.pad(classes, 3, constant_values=OCCUPIED)
+    walls = np.argwhere(walled == OCCUPIED) - 3
+    driven = (FREE,) if unknown_cost is None else (FREE, UNKNOWN)
+    for row in range(height):
+        for column in range(width):
+            nearest_m = RESOLUTION_M * float(np.hypot(*(walls - (row, column)).T).min())
+            is_clear = classes[row, column] in driven and nearest_m >= needed_m
+            assert grid.clear_positions(classes, _middles(grid, [(row, column)])) == is_clear, (row, column)

@@ -8,11 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.protocol.model.path_planning import (
+    CUT_CELLS,
     _search,
     descend,
     distance_field,
     nearest_traversable,
     plan_path,
+    round_corners,
     shorten_path,
 )
 
@@ -233,3 +235,29 @@ def test_nearest_traversable_cell_is_found_within_its_radius() -> None:
     assert nearest_traversable(only, (5, 5), 4) == (4, 7)
     assert nearest_traversable(only, (8, 8), 0) == (8, 8)
     assert nearest_traversable(only, (11, 8), 3) == (8, 8)
+
+
+def test_corner_is_cut_twice_each_time_at_a_quarter_of_its_shorter_side() -> None:
+    open_floor = np.ones((20, 20), np.bool_)
+    rounded = round_corners(np.array([[0, 0], [0, 12], [16, 12]], np.int32), open_floor)
+    # First from (0, 9) to (3, 12); then each of these by a quarter of the 3·√2 between them.
+    back = 0.75 * math.sqrt(2.0)
+    expected = [(0, 0), (0, 9 - back), (0.75, 9.75), (2.25, 11.25), (3 + back, 12), (16, 12)]
+    assert rounded == pytest.approx(np.array(expected))
+
+
+def test_no_more_is_cut_off_a_corner_than_two_radii_of_a_robot() -> None:
+    open_floor = np.ones((80, 80), np.bool_)
+    rounded = round_corners(np.array([[0, 0], [0, 60], [60, 60]], np.int32), open_floor)
+    back = math.sqrt(2.0)
+    expected = [(0, 0), (0, 60 - CUT_CELLS - back), (1, 57), (3, 59), (CUT_CELLS + back, 60), (60, 60)]
+    assert rounded == pytest.approx(np.array(expected))
+
+
+def test_corner_is_kept_if_its_sides_are_short_or_the_cut_would_leave_the_floor() -> None:
+    short = np.array([[0, 0], [0, 2], [2, 2]], np.int32)
+    assert round_corners(short, np.ones((20, 20), np.bool_)).tolist() == short.tolist()
+    corridor = np.zeros((20, 20), np.bool_)
+    corridor[0], corridor[:, 12] = True, True
+    bent = np.array([[0, 0], [0, 12], [16, 12]], np.int32)
+    assert round_corners(bent, corridor).tolist() == bent.tolist()

@@ -33,6 +33,13 @@ def test_counting_alone_takes_out_what_flows_and_gets_less_sure():
     assert one.soc_sd > before
 
 
+def test_a_pack_is_taken_for_full_until_something_is_known_of_it():
+    one = SocFilter(PACK)
+    assert one.soc == 1.0
+    one.count(1.0, 600.0)
+    assert one.soc == pytest.approx(1.0 - 600.0 / (PACK.health * one.rated_c))
+
+
 def test_a_charge_that_was_believed_wrongly_is_corrected_by_the_voltage():
     one = SocFilter(PACK)
     one.start_at(0.6, 0.2)

@@ -1,11 +1,21 @@
 import subprocess
 import sys
+from collections.abc import Callable
 from types import ModuleType
 
 import numpy as np
+import pytest
 from numba.core.dispatcher import Dispatcher
 
-from robrain.protocol.model import frontier, inflation, occupancy_grid, path_planning, ray_cast, small_linear_algebra
+from robrain.protocol.model import (
+    frontier,
+    inflation,
+    navigation,
+    occupancy_grid,
+    path_planning,
+    ray_cast,
+    small_linear_algebra,
+)
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.warm_up import warm_up
 
@@ -20,6 +30,10 @@ def compiled() -> dict[str, int]:
         for name, kernel in vars(module).items()
         if isinstance(kernel, Dispatcher)
     }
+
+
+def kernels_of(module: ModuleType) -> set[Dispatcher]:
+    return {kernel for kernel in vars(module).values() if isinstance(kernel, Dispatcher)}
 
 
 def use_every_kernel() -> None:
@@ -56,6 +70,27 @@ def use_every_kernel() -> None:
 def test_no_kernel_is_left_to_compile_in_use_whatever_type_a_number_or_array_has() -> None:
     # In a process of its own: here, other tests have warmed the kernels up.
     subprocess.run([sys.executable, __file__], check=True, timeout=500)
+
+
+def test_warming_up_calls_each_kernel_that_the_map_and_paths_over_it_need(monkeypatch: pytest.MonkeyPatch) -> None:
+    # As plain Python, so that it does not matter which kernels have been compiled already.
+    called: set[Dispatcher] = set()
+
+    def plain(kernel: Dispatcher) -> Callable[..., object]:
+        def call(*arguments: object) -> object:
+            called.add(kernel)
+            return kernel.py_func(*arguments)
+
+        return call
+
+    needed = {kernel for module in (*MODULES, navigation) for kernel in kernels_of(module)}
+    models = [module for name, module in sys.modules.items() if name.startswith("robrain.protocol.model.")]
+    for module in models:
+        for name, kernel in list(vars(module).items()):
+            if isinstance(kernel, Dispatcher):
+                monkeypatch.setattr(module, name, plain(kernel))
+    warm_up()
+    assert {kernel.py_func.__name__ for kernel in needed - called} == set()
 
 
 if __name__ == "__main__":

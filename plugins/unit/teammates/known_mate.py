@@ -87,7 +87,11 @@ class KnownMate:
 
     def _has_way_left(self) -> bool:
         known, way = self.teammate, self._way
-        return known is not None and way is not None and len(way.ahead(known.pose.x_m, known.pose.y_m, 1.0)) > AT_END
+        return (
+            known is not None
+            and way is not None
+            and len(way.ahead(known.pose.x_m, known.pose.y_m, MATE_AHEAD_M)) > AT_END
+        )
 
     def mate(self, now_ns: int, fresh_ns: int) -> Mate | None:
         """As it is to be reckoned with; None before it has told where it is."""
