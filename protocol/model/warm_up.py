@@ -11,7 +11,7 @@ from robrain.protocol.model.line_of_sight import standpoint
 from robrain.protocol.model.localiser import Localiser, LocaliserSpec
 from robrain.protocol.model.mote_relocalisation import Signals, find_robot
 from robrain.protocol.model.navigation import NavigationGrid, Zone
-from robrain.protocol.model.obstacles import contact_distance_m, sector_distances_m
+from robrain.protocol.model.obstacles import contact_distance_m, hold_off, passage, sector_distances_m
 from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
 from robrain.protocol.model.path_planning import (
     descend,
@@ -55,6 +55,8 @@ def warm_up() -> None:
     points_m = np.stack((ranges_m, ranges_m))
     contact_distance_m(points_m, 0.0, 0.0, 0.0, 0.2)
     sector_distances_m(points_m, 0.0, 0.0, 0.0, 8)
+    hold_off(points_m, 0.0, 0.0, 0.1, 0.1, 0.2, 0.02, 2.0)
+    passage(points_m, 0.0, 0.0, 0.0, 0.2)
     grid.integrate_scan(sensor, angles_rad, ranges_m, 1.0, 0, circles)
     patch = grid.take_patch()
     if patch is not None:
@@ -97,7 +99,16 @@ def _warm_up_localisation(grid: OccupancyGrid) -> None:
     search_scan(grid.log_odds, grid.geometry, localiser.pose, ends, within_m=0.1, within_rad=0.05)
     agreement(grid.log_odds, grid.geometry, localiser.pose, ends)
     find_by_scan(grid.log_odds, grid.geometry, ends)
-    find_robot(Signals(np.zeros((1, 2)), np.zeros(1, np.int64), np.zeros((1, 2)), np.zeros(1)), PathLoss())
+    _warm_up_finding_by_motes()
+
+
+def _warm_up_finding_by_motes() -> None:
+    places = np.array([[0.0, 0.0], [-1.0, 0.0], [-2.0, 1.0]]).repeat(3, axis=0)
+    motes, mote_places = np.tile(np.arange(3), 3), np.array([[0.0, 0.0], [3.0, 0.0], [0.0, 4.0]])
+    distances_m = np.hypot(*(places + np.array([2.5, 1.0]) - mote_places[motes]).T)
+    clear = PathLoss(shadowing_db=0.5, fading_db=0.1)  # so that the place is sure enough to be given
+    rssi_dbm = clear.rssi_at_1_m_dbm - clear.db_per_e_fold * log(distances_m)
+    find_robot(Signals(places, motes, mote_places, rssi_dbm), clear)
 
 
 def _warm_up_small_kernels() -> None:

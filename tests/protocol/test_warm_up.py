@@ -10,7 +10,9 @@ from numba.core.dispatcher import Dispatcher
 from robrain.protocol.model import (
     frontier,
     inflation,
+    mote_relocalisation,
     navigation,
+    obstacles,
     occupancy_grid,
     path_planning,
     ray_cast,
@@ -72,7 +74,7 @@ def test_no_kernel_is_left_to_compile_in_use_whatever_type_a_number_or_array_has
     subprocess.run([sys.executable, __file__], check=True, timeout=500)
 
 
-def test_warming_up_calls_each_kernel_that_the_map_and_paths_over_it_need(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_warming_up_calls_each_kernel_of_maps_paths_obstacles_and_motes(monkeypatch: pytest.MonkeyPatch) -> None:
     # As plain Python, so that it does not matter which kernels have been compiled already.
     called: set[Dispatcher] = set()
 
@@ -83,7 +85,8 @@ def test_warming_up_calls_each_kernel_that_the_map_and_paths_over_it_need(monkey
 
         return call
 
-    needed = {kernel for module in (*MODULES, navigation) for kernel in kernels_of(module)}
+    others = (navigation, obstacles, mote_relocalisation)
+    needed = {kernel for module in (*MODULES, *others) for kernel in kernels_of(module)}
     models = [module for name, module in sys.modules.items() if name.startswith("robrain.protocol.model.")]
     for module in models:
         for name, kernel in list(vars(module).items()):
