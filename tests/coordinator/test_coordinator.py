@@ -16,10 +16,12 @@ from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.idle_reasons import PlanPending, TaskSoon
 from robrain.protocol.wire.refusals import RefusalCode
+from robrain.protocol.wire.task_messages import TaskRequest
 from robrain.protocol.wire.topics import (
     ROBOT_ALIVE,
     ROBOT_MAP,
     ROBOT_STATE,
+    TASK_CANCEL,
 )
 from tests.coordinator.conftest import TICK_S
 
@@ -31,6 +33,20 @@ def test_a_team_at_rest_is_looked_after_twice_a_second(team, monkeypatch, method
     team.begin(None, PlanningPolicy(method=method))
     team.robot("r1")
     team.closed_room()
+    team.run(2.0)
+    looks = []
+    monkeypatch.setattr(team.coordinator.explorer, "choose", lambda *_: looks.append(team.clock.now_ns()) or [])
+    team.run(5.0)
+    assert 9 <= len(looks) <= 11
+
+
+def test_a_team_is_looked_after_twice_a_second_again_once_it_has_looked_at_what_was_asked_for(team, monkeypatch):
+    team.begin(None, PlanningPolicy(method=Method.NEAREST))
+    team.robot("r1")
+    team.closed_room()
+    team.run(2.0)
+    team.submit(Visit(id="t1", place=Point2D(6.0, 4.0)))
+    team.ask(TASK_CANCEL, TaskRequest(id="t1"))
     team.run(2.0)
     looks = []
     monkeypatch.setattr(team.coordinator.explorer, "choose", lambda *_: looks.append(team.clock.now_ns()) or [])

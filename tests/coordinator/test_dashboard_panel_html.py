@@ -101,6 +101,16 @@ def test_robot_is_told_in_figures() -> None:
     assert Page(robots_html(view, 60.0)).values["robot-r1-contact"].strip() == "✕ lost"
 
 
+@pytest.mark.parametrize(
+    ("soc", "kind"), [(1.0, "good"), (0.4, "good"), (0.39, "warn"), (0.2, "warn"), (0.19, "bad"), (0.0, "bad")]
+)
+def test_a_battery_is_coloured_by_what_is_in_it(soc: float, kind: str) -> None:
+    view = TeamView()
+    battery = BatteryState(voltage_v=24.0, current_a=1.0, temperature_c=30.0, soc=soc, remaining_j=1.0)
+    tell(view, ROBOT_STATE, RobotState(robot="r1", battery=battery), robot="r1")
+    assert f'<span class="rb-{kind}">{100 * soc:.0f} %</span>' in robots_html(view, 1.0)
+
+
 def test_figures_of_the_team_tell_what_is_known_and_no_more() -> None:
     view = TeamView()
     values = Page(summary_html(view)).values

@@ -9,7 +9,14 @@ from robrain.coordinator.team_map import TeamMap
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, GridGeometry, PatchCells
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.idle_reasons import NothingUnknown, NoWay, OthersExplore, TooNarrow, TriedInVain
+from robrain.protocol.wire.idle_reasons import (
+    NothingUnknown,
+    NoWay,
+    OthersExplore,
+    PlaceUnknown,
+    TooNarrow,
+    TriedInVain,
+)
 from robrain.protocol.wire.map_patch import to_message
 from robrain.protocol.wire.messages import RobotState
 
@@ -116,7 +123,9 @@ def test_asked_in_vain_it_answers_anew_when_a_robot_has_found_out_where_it_is():
     lost = Robot("r1")
     lost.state = RobotState(robot="r1", radius_m=0.2)
     assert explorer.choose([lost], [], 0) == []
+    assert explorer.idle == {"r1": PlaceUnknown()}
     assert len(explorer.choose([robot("r1")], [], 1)) == 1
+    assert explorer.idle == {}
 
 
 def test_asked_in_vain_it_answers_anew_when_a_robot_stands_elsewhere():

@@ -206,7 +206,9 @@ def test_an_epoch_of_a_coordinator_that_came_later_is_not_outbid_but_told(team, 
     monkeypatch.setattr(robot, "_offered", robot._offered)
     team.run(2.0)
     assert robot.task is None
-    assert [one.code for one in team.summary.refused] == ["old_epoch"]
+    (found,) = team.summary.refused
+    assert found.code == "old_epoch"
+    assert found.why == "it accepted epoch 50 from another coordinator; if there is none, restart this one"
 
 
 def test_an_epoch_that_no_robot_accepts_does_not_drive_the_coordinator_out_of_range(team, monkeypatch):
@@ -215,4 +217,5 @@ def test_an_epoch_that_no_robot_accepts_does_not_drive_the_coordinator_out_of_ra
     team.hall()
     team.run(2.0)
     assert team.coordinator.tasks.journal.new_epoch() < DAY_MS
-    assert [one.code for one in team.summary.refused] == ["old_epoch"]
+    (found,) = team.summary.refused
+    assert (found.code, found.why) == ("old_epoch", f"it reports epoch {2**53 - 1}, which no robot accepts")

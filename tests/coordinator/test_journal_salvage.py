@@ -181,6 +181,13 @@ def test_most_of_a_journal_survives_the_loss_of_one_leaf(path: Path) -> None:
     journal.close()
 
 
+@pytest.mark.parametrize(("lost", "end"), [(1, "lost: t0"), (20, ", t19"), (21, ", t19 …")])
+def test_of_many_lost_tasks_the_first_twenty_are_named(lost: int, end: str) -> None:
+    names = tuple(f"t{number}" for number in range(lost))
+    found = salvage.Salvaged(tasks={1: ()}, changes={}, epoch_ceiling=0, lost=names, open=1)
+    assert found.told().endswith(end)
+
+
 def test_a_cut_off_file_is_salvaged(path: Path) -> None:
     content = path.read_bytes()
     path.write_bytes(content[: len(content) * 2 // 3])

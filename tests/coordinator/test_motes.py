@@ -1,7 +1,11 @@
 """Motes as members of the team: what they do in place of robots, and what becomes of it when they fall silent."""
 
+from contextlib import nullcontext
+
 import pytest
 
+from robrain.coordinator import motes
+from robrain.coordinator.motes import MoteTable
 from robrain.coordinator.motes_energy import (
     CAPACITY_J,
     FLAT_V,
@@ -258,6 +262,26 @@ def test_mote_s_task_does_not_outlive_its_deadline(field):
     field.run(5.0)
     record = field.get("s")
     assert (record.state, record.why) == (TaskState.FAILED, "its deadline has passed")
+
+
+def test_a_task_whose_deadline_a_mote_has_missed_is_over_and_comes_free_for_nobody(field):
+    mote = field.mote()
+    field.run(5.0)
+    mote.speaks = False
+    field.team.submit(Sense(id="s", place=PLACE), deadline_in_s=3.0)
+    field.run(1.0)
+    assert field.get("s").robot == "mote:m1"
+    desk = field.team.coordinator.motes
+    assert not desk.step(field.team.clock.now_ns() + to_ns(3.0), nullcontext())
+    assert field.get("s").state is TaskState.FAILED
+
+
+def test_of_more_motes_than_there_is_room_for_the_first_are_known(monkeypatch):
+    monkeypatch.setattr(motes, "MOTES_MAX", 2)
+    table = MoteTable()
+    for mote in ("m1", "m2", "m3", "m1"):
+        table.note(MoteReading(mote=mote, place=PLACE, quantity="t", value=1.0, voltage_v=3.0, rssi_dbm=0, via="r1"), 0)
+    assert list(table.motes) == ["m1", "m2"]
 
 
 def test_coordinator_that_begins_anew_asks_again_for_what_a_mote_was_at(field, tmp_path):

@@ -19,6 +19,7 @@ from robrain.coordinator.recording.comparing import differing_path, first_differ
 from robrain.coordinator.recording.contents import read_contents
 from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.folded_keys import FOLDED_ABOVE, folded
+from robrain.coordinator.recording.provenance import SUMMARY_METADATA
 from robrain.coordinator.recording.reading import read_messages, read_provenance, recording_info
 from robrain.coordinator.recording.recovering import recover
 from robrain.protocol.model.geometry import Pose2D
@@ -56,8 +57,11 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 Said = list[tuple[str, float, msgspec.Struct | bytes]]
 
 
-def write(path: Path, said: Said, front: str = "metadata") -> Path:
-    """A recording of what was said: key, seconds, message. Numbers and stamps are the messages' own."""
+def write(path: Path, said: Said, front: str = "metadata", summary: dict[str, str] | None = None) -> Path:
+    """A recording of what was said: key, seconds, message. Numbers and stamps are the messages' own.
+
+    With a summary it ends as a recorder's does.
+    """
     with path.open("wb") as stream:
         writer = Writer(stream, chunk_size=2000)
         writer.start("robrain")
@@ -72,6 +76,8 @@ def write(path: Path, said: Said, front: str = "metadata") -> Path:
             data = message if isinstance(message, bytes) else msgspec.json.encode(message)
             stamp_ns, seq = getattr(message, "stamp_ns", 0), getattr(message, "seq", 0)
             writer.add_message(channels[key], round(t_s * NS_PER_S), data, stamp_ns, seq)
+        if summary is not None:
+            writer.add_metadata(SUMMARY_METADATA, summary)
         writer.finish()  # type: ignore[no-untyped-call]
     return path
 
@@ -103,6 +109,14 @@ def test_contents_tell_rates_gaps_and_missing_numbers_of_each_key(tmp_path: Path
     assert told.longest_gap_at_s == pytest.approx(3.9)
     assert told.rate_hz == pytest.approx(69 / 9.9)
     assert (log.messages, log.rate_hz, log.gaps) == (1, 0.0, 0)
+
+
+def test_the_rate_of_a_key_counts_from_its_own_first_message(tmp_path: Path) -> None:
+    said: Said = [(LOG, 0.0, LogRecord(robot="r1", level="info", source="a", text="b"))]
+    said += [(STATE, 20.0 + seq / 10, state(seq)) for seq in range(11)]
+    [_, told] = read_contents(write(tmp_path / "run.mcap", said)).keys
+    assert (told.first_s, told.last_s) == pytest.approx((20.0, 21.0))
+    assert told.rate_hz == pytest.approx(10.0)
 
 
 def test_contents_of_a_real_run_agree_with_the_recorder(run: Path) -> None:
@@ -157,6 +171,21 @@ def test_what_is_wrong_is_found(tmp_path: Path, said: Said, found: tuple[Kind, S
     path = write(tmp_path / "run.mcap", said)
     assert found in findings(path)
     assert check_recording(path).good == (found[1] is Severity.NOTE)
+
+
+@pytest.mark.parametrize(
+    ("summary", "found"),
+    [
+        ({"messages": "3"}, []),
+        ({"messages": "4"}, [(Kind.COUNT, Severity.PROBLEM)]),
+        ({"messages": "4", "lost": "1"}, [(Kind.LOST, Severity.PROBLEM)]),
+        ({"messages": "4", "part": "1"}, []),  # the recorder counts the messages of all parts
+    ],
+)
+def test_what_the_recorder_says_of_its_messages_is_compared_with_them(
+    tmp_path: Path, summary: dict[str, str], found: list[tuple[Kind, Severity]]
+) -> None:
+    assert findings(write(tmp_path / "run.mcap", states(3), summary=summary)) == found
 
 
 def test_two_robots_that_bring_readings_of_one_mote_each_have_numbers_of_their_own(tmp_path: Path) -> None:
@@ -286,6 +315,13 @@ def test_a_recording_whose_header_is_damaged_is_made_whole(
     assert list(read_messages(out)) == there
     assert recording_info(out).versions == ({"robrain": "0.1.0"} if front == "metadata" else {})
     assert read_contents(out).attachments == ({"map.png": 3} if front == "attachment" else {})
+
+
+def test_of_a_recording_that_ends_in_its_first_record_nothing_is_read(tmp_path: Path) -> None:
+    whole, cut = write(tmp_path / "run.mcap", states(5)), tmp_path / "cut.mcap"
+    cut.write_bytes(whole.read_bytes()[: len(MCAP0_MAGIC) + 5])
+    recovery = recover(cut, tmp_path / "out.mcap")
+    assert (recovery.messages, recovery.unread_bytes) == (0, len(MCAP0_MAGIC) + 5)
 
 
 def test_a_recording_is_never_overwritten(run: Path, tmp_path: Path) -> None:

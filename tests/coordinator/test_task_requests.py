@@ -366,6 +366,26 @@ def test_on_a_full_disk_new_tasks_are_refused_and_the_rest_goes_on(team, monkeyp
     assert team.submit(visit("new")).state is TaskState.QUEUED
 
 
+def test_on_a_full_disk_a_task_is_not_cancelled_and_who_asks_is_told_so(team, monkeypatch):
+    robot = team.robot("r1")
+    team.closed_room()
+    team.run(1.0)
+    team.submit(visit())
+    team.run(0.5)
+
+    def full(*_arguments):
+        raise JournalUnwritable(None, "cannot be written: database or disk is full")
+
+    with monkeypatch.context() as disk:
+        disk.setattr(team.coordinator.tasks.journal, "change", full)
+        with pytest.raises(CallError, match=r"task t1 is not cancelled: .*disk is full") as caught:
+            team.ask(TASK_CANCEL, TaskRequest(id="t1"))
+    assert caught.value.code is ErrorCode.REFUSED
+    team.run(1.0)
+    assert (team.states(), robot.withdrawals) == ({"t1": TaskState.RUNNING}, [])
+    assert team.ask(TASK_CANCEL, TaskRequest(id="t1")).state is TaskState.CANCELLED
+
+
 def test_the_clock_of_the_run_stamps_everything(team):
     team.run(2.0)
     record = team.submit(visit())

@@ -9,6 +9,8 @@ from contextlib import suppress
 
 import pytest
 
+from robrain.plugins.device.mote_base.link import Backoff
+from robrain.plugins.device.mote_base.sf_link import MAX_UNSENT_BYTES, SfLink
 from robrain.protocol.tinyos.hdlc import Deframer, frame
 from robrain.protocol.wire.topics import ROBOT_EVENT, ROBOT_STATE
 from tests.waiting import PATIENCE_S, until
@@ -125,6 +127,52 @@ def test_over_tcp_packets_go_both_ways(stage, forwarders):
     pass_until(one, lambda: counters(one)["packets"] == 2)
     send(host)
     assert forwarder.read(1 + len(SENT)) == bytes([len(SENT)]) + SENT
+
+
+def test_a_packet_that_comes_with_the_greeting_is_heard_once(stage, forwarders):
+    one, _ = start_with(stage, forwarders(greeting=b"U \x10" + PACKET))
+    pass_until(one, lambda: counters(one)["packets"])
+    one.run(0.5)
+    assert counters(one)["packets"] == 1
+
+
+class Clogged:
+    """A connection to a forwarder that greets and then takes nothing any more."""
+
+    family = socket.AF_INET
+
+    def __init__(self, *_address, **_options):
+        self.is_closed = False
+
+    def getpeername(self):
+        return "127.0.0.1", 9002
+
+    def sendall(self, data):
+        pass
+
+    def setblocking(self, blocks):
+        pass
+
+    def recv(self, most):
+        return b"U "
+
+    def send(self, data):
+        raise BlockingIOError
+
+    def close(self):
+        self.is_closed = True
+
+
+def test_while_a_forwarder_takes_nothing_so_many_bytes_wait_and_packets_beyond_are_counted_as_unsent(monkeypatch):
+    monkeypatch.setattr(socket, "create_connection", Clogged)
+    link = SfLink("127.0.0.1", 9002, capacity=10, backoff=Backoff(1.0, 10.0), timeout_s=1.0)
+    for _ in range(MAX_UNSENT_BYTES // 256):
+        link.send(bytes(255), 0)  # 256 bytes with its length
+    link.send(SENT, 0)
+    assert link.counters()["unsent"] == 0
+    link.send(SENT, 0)
+    assert link.counters()["unsent"] == 1
+    assert not link.why_down()
 
 
 def test_a_forwarder_that_hangs_up_is_told_and_found_again(stage, forwarders):

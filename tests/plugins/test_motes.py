@@ -415,6 +415,15 @@ def test_wishes_without_sense_on_the_wire_are_counted(talk):
     assert one.counters()["refused"] == 2
 
 
+def test_a_wish_for_a_mote_beyond_the_most_is_counted_and_the_next_one_is_taken(talk):
+    one = talk(max_motes=1)
+    one.hear(packet(1))
+    for mote in ("m4", "m3"):
+        one.one.publisher(MOTE_DUTY, mote=mote).put(MoteDuty(mote=mote, period_s=30.0))
+    assert duties(one.hear(packet(2))) == [300]
+    assert one.counters()["refused"] == 1
+
+
 @pytest.mark.parametrize(
     ("parameters", "sentence"),
     [

@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,7 +17,7 @@ from robrain.agent.event import Mailbox
 from robrain.agent.host import AgentHost
 from robrain.agent.live import run_agent
 from robrain.agent.robot_file import RobotFile, RobotTable
-from robrain.plugins.unit.program import program
+from robrain.plugins.unit.program import line_process, program
 from robrain.plugins.unit.program.errors import BadLine, ProgramAbsent, ProgramEnded, ProgramLate
 from robrain.plugins.unit.program.program import Program
 from robrain.protocol.wire.clock import WallClock
@@ -226,6 +227,26 @@ def test_stderr_is_logged_and_a_flood_of_it_is_counted(start, caplog):
     assert "tool: oops 0" in caplog.text
     assert "more lines on stderr were not logged" in caplog.text
     assert sum("oops" in record.getMessage() for record in caplog.records) < 1000
+
+
+def test_in_each_second_as_much_of_stderr_is_logged_as_in_the_first(start, caplog, monkeypatch):
+    caplog.set_level(logging.INFO)
+    clock = [time.monotonic()]
+    monkeypatch.setattr(line_process, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    count = line_process.STDERR_LINES_A_SECOND
+    bench = start(
+        f"""
+import sys
+for n in range({count}): print(f"oops {{n}}.", file=sys.stderr, flush=True)
+input()
+for n in range({count}, {2 * count}): print(f"oops {{n}}.", file=sys.stderr, flush=True)
+"""
+    )
+    until(lambda: f"oops {count - 1}." in caplog.text)
+    clock[0] += 1.0
+    bench.plugin.tell("go on")
+    until(lambda: f"oops {2 * count - 1}." in caplog.text or "were not logged" in caplog.text)
+    assert "were not logged" not in caplog.text
 
 
 def test_it_has_its_folder_and_its_environment(start, tmp_path):

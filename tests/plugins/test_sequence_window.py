@@ -2,7 +2,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.plugins.unit.snw_exploration.sequence_window import SequenceWindow
-from robrain.protocol.tinyos.payloads import SEQUENCES, SequenceRange
+from robrain.protocol.tinyos.payloads import SEQUENCES, RequestPayload, SequenceRange
 
 
 def window(*sequences, oldest=None, size=64):
@@ -17,6 +17,7 @@ def window(*sequences, oldest=None, size=64):
 def test_nothing_is_missing_of_a_mote_that_was_never_heard():
     one = SequenceWindow(64)
     assert (one.missing, one.request(16), one.complete()) == (0, None, None)
+    assert one.lacks(RequestPayload(3, 0b111)) is False
 
 
 def test_what_is_missing_is_asked_for_oldest_first_out_of_so_many_in_a_row():

@@ -57,7 +57,8 @@ class Docking:
     def charge(self, until_soc: float, must_give: Callable[[ChargerPlace], bool]) -> Generator[None, None, bool]:
         """Stay until there is enough, or nothing has come for a while; True if the place is to be given to a mate."""
         clock = self._errand.env.clock
-        has_sought, last_ns, look_ns = False, clock.now_ns(), 0
+        has_sought, last_ns = False, clock.now_ns()
+        look_ns = last_ns
         while (battery := self._errand.battery()).soc < until_soc:
             now_ns = clock.now_ns()
             if battery.charging:

@@ -7,11 +7,14 @@ import pytest
 
 from robrain.coordinator.planning.charge_schedule import schedule_charges
 from robrain.coordinator.planning.charging import TO_SOC
+from robrain.coordinator.planning.energy import CHARGED_SHARE, when_charged
 from robrain.coordinator.planning.policy import Charging, PlanningPolicy
 from robrain.coordinator.planning.replaying import plan_again
+from robrain.coordinator.planning.situation import AfterCharge
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.task import Recharge, TaskState, Visit
 from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages import BatteryState, RobotState
 from robrain.protocol.wire.plan_messages import PlanningStatus
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.task_messages import TaskRequest, TaskWhy
@@ -24,7 +27,7 @@ from robrain.protocol.wire.topics import (
     TASK_WHY,
 )
 from tests.coordinator.conftest import Team
-from tests.coordinator.planning.worlds import CAPACITY_J, Worker, run
+from tests.coordinator.planning.worlds import CAPACITY_J, Worker, model, run
 
 DOCKS = (Point2D(3.5, 2.5), Point2D(8.5, 2.5), Point2D(8.5, 5.5), Point2D(3.5, 5.5))
 RESERVE_SOC = 0.1
@@ -119,6 +122,17 @@ def test_a_task_that_only_a_robot_that_charges_can_do_waits_for_it_and_says_so(t
     assert all(plan_again(one) == one.routes for one in problems)
     waited = [change.why for change in team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy).changes]
     assert sum(why.startswith("waits until r1 has charged") for why in waited) == 1  # told once
+
+
+@pytest.mark.parametrize(("until_soc", "soc", "gain_j"), [(0.75, 0.75, 0.25 * CAPACITY_J), (0.3, 0.5, 0.0)])
+def test_a_robot_that_charges_is_planned_with_as_it_will_be_and_with_no_less_than_it_has(until_soc, soc, gain_j):
+    has_j = 0.5 * CAPACITY_J
+    battery = BatteryState(voltage_v=16.0, current_a=1.0, temperature_c=20.0, soc=0.5, remaining_j=has_j)
+    now = RobotState(robot="r1", pose=Pose2D(1.0, 2.0, 3.0), battery=battery, energy=model(has_j))
+    then = when_charged(now, AfterCharge(0, Point2D(4.0, 5.0), until_soc))
+    assert then.pose == Pose2D(4.0, 5.0, 3.0)
+    assert (then.battery.soc, then.battery.remaining_j) == pytest.approx((soc, has_j + gain_j))
+    assert then.energy.usable_j == pytest.approx(has_j + CHARGED_SHARE * gain_j)
 
 
 def test_what_somebody_free_can_do_does_not_wait_for_one_that_charges_though_that_is_cheaper(team):

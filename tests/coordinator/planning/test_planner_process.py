@@ -139,6 +139,14 @@ def test_a_process_that_has_ended_leaves_no_open_file():
     assert not begun & open_links()
 
 
+def test_a_process_that_cannot_be_started_leaves_no_open_file(monkeypatch):
+    before = open_links()
+    monkeypatch.setattr(sys, "executable", "/nonexistent/python")
+    with pytest.raises(FileNotFoundError):
+        PlannerProcess(lambda _: None, lambda: None)
+    assert open_links() <= before
+
+
 def test_closing_while_it_starts_leaves_no_process(made):
     planner = LivePlanner(made.set)
     planner.prepare()

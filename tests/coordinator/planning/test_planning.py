@@ -304,6 +304,11 @@ def test_a_policy_that_makes_no_sense_is_refused(fields, named):
         PlanningPolicy(**fields)
 
 
+@pytest.mark.parametrize(("visits", "iterations"), [(0, 40), (50, 40), (100, 20), (400, 5), (401, 5), (10_000, 5)])
+def test_searches_of_many_visits_are_shorter_but_never_of_fewer_than_five_iterations(visits, iterations):
+    assert PlanningPolicy(iterations=40).iterations_for(visits) == iterations
+
+
 def test_a_coordinator_that_plans_has_its_planner_prepared_and_closed_with_it(team, monkeypatch):
     called = []
 

@@ -4,6 +4,7 @@ import msgspec
 import pytest
 
 from robrain.coordinator.journal.journal import Journal
+from robrain.coordinator.planning import drafting
 from robrain.coordinator.planning.drafting import Drafting
 from robrain.coordinator.planning.policy import Method, PlanningPolicy
 from robrain.protocol.model.energy_model import EnergyModel
@@ -52,6 +53,21 @@ def test_what_waits_for_such_a_task_says_so_and_is_not_planned():
     made = plan(with_tasks(queued("bad", priority=1e308), queued("next", after=("bad",))))
     assert planned_tasks(made) == {"t0", "t1", "t2"}
     assert made.waiting["next"] == "bad, which it waits for, is not planned"
+
+
+def test_tasks_that_can_be_planned_each_but_not_together_are_not_tried_together_again(monkeypatch):
+    tried = []
+
+    def faulty(situation, *_):
+        tried.append(len(situation.records))
+        if len(situation.records) > 1:
+            raise OverflowError("too many")
+
+    monkeypatch.setattr(drafting, "ask", faulty)
+    monkeypatch.setattr(drafting, "Draft", lambda *_: None)
+    with pytest.raises(OverflowError, match="too many"):
+        Drafting().draft(open_floor_situation(1, 3), PlanningPolicy())
+    assert tried == [3, 1, 1, 1]
 
 
 @pytest.mark.parametrize("method", [Method.GREEDY, Method.AUCTION, Method.OPTIMAL])
