@@ -64,6 +64,8 @@ class MoteTable:
 
     def __init__(self) -> None:
         self.motes: dict[str, Mote] = {}
+        self.refused = 0
+        """Readings of motes that were one too many."""
 
     def note(self, reading: MoteReading, now_ns: int) -> None:
         """Somebody brought a reading in."""
@@ -72,6 +74,8 @@ class MoteTable:
             mote.note(reading, now_ns)
         elif len(self.motes) < MOTES_MAX:
             self.motes[reading.mote] = Mote(reading, now_ns)
+        else:
+            self.refused += 1
 
     def near(self, place: Point2D, most: int) -> list[Mote]:
         """The motes nearest to a place, nearest first; those that do not know where they are are not among them."""

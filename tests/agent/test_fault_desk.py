@@ -21,6 +21,7 @@ class Turn:
         self.owner: int | None = None
         self.depth = 0
         self.overdue = False
+        self.limit_s = 2.0
 
     def is_overdue(self, _now_ns: int) -> bool:
         return self.overdue
@@ -37,7 +38,7 @@ class Tag:
         self.turn = Turn()
         self.dropped = 0
         self.done: list[str] = []
-        tag = {"restart": "on-failure", "restart_limit": 3, "backoff_s": 0.5, "hang_s": 2.0} | policy
+        tag = {"restart": "on-failure", "restart_limit": 3, "backoff_s": 0.5} | policy
         self.manifest = SimpleNamespace(tag=SimpleNamespace(**tag))
 
     def events(self) -> dict[str, Any]:

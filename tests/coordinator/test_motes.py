@@ -282,6 +282,7 @@ def test_of_more_motes_than_there_is_room_for_the_first_are_known(monkeypatch):
     for mote in ("m1", "m2", "m3", "m1"):
         table.note(MoteReading(mote=mote, place=PLACE, quantity="t", value=1.0, voltage_v=3.0, rssi_dbm=0, via="r1"), 0)
     assert list(table.motes) == ["m1", "m2"]
+    assert table.refused == 1
 
 
 def test_coordinator_that_begins_anew_asks_again_for_what_a_mote_was_at(field, tmp_path):
