@@ -264,7 +264,7 @@ def test_mote_s_task_does_not_outlive_its_deadline(field):
     assert (record.state, record.why) == (TaskState.FAILED, "its deadline has passed")
 
 
-def test_a_task_whose_deadline_a_mote_has_missed_is_over_and_comes_free_for_nobody(field):
+def test_a_task_that_a_mote_is_at_comes_free_for_nobody_nor_when_its_deadline_has_passed(field):
     mote = field.mote()
     field.run(5.0)
     mote.speaks = False
@@ -272,6 +272,8 @@ def test_a_task_whose_deadline_a_mote_has_missed_is_over_and_comes_free_for_nobo
     field.run(1.0)
     assert field.get("s").robot == "mote:m1"
     desk = field.team.coordinator.motes
+    assert not desk.step(field.team.clock.now_ns() + to_ns(0.5), nullcontext())
+    assert field.get("s").robot == "mote:m1"
     assert not desk.step(field.team.clock.now_ns() + to_ns(3.0), nullcontext())
     assert field.get("s").state is TaskState.FAILED
 
