@@ -96,7 +96,7 @@ def dashboard_command(connect: str | None, team: str, port: int | None, replay: 
 
 
 def show_recording(recording: Path, port: int | None, speed: float = 1.0, start_s: float = 0.0) -> None:
-    """Show a recording in a browser page until Ctrl-C; it stands at `start_s` until somebody plays it."""
+    """Show a recording in a browser page until Ctrl-C; it is paused at `start_s` until *Play* is pressed."""
     from robrain.coordinator.dashboard import ReplaySource, run_dashboard
 
     should_stop = LiveStop()

@@ -39,6 +39,12 @@ class Office:
         for name in names:
             self.book.add(Visit(id=name, place=Point2D(1.0, 2.0)))
 
+    def hold(self, task: str, after: str) -> None:
+        """r1 is at one task and holds another for afterwards."""
+        self.add(after, task)
+        self.life.offer(after, "r1", NOW_NS)
+        self.life.offer(task, "r1", NOW_NS, after=after)
+
     def why_not(self, task: str = "t", robot: str = "r1", now_ns: int = NOW_NS) -> str:
         record = self.book.find(task)
         assert record is not None
@@ -113,17 +119,13 @@ def test_a_robot_that_failed_at_a_task_is_not_asked_for_it_at_once(office: Offic
 
 
 def test_a_task_that_was_held_and_is_not_begun_when_its_turn_comes_was_refused(office: Office) -> None:
-    office.add("first", "t")
-    office.life.offer("first", "r1", NOW_NS)
-    office.life.offer("t", "r1", NOW_NS, after="first")
+    office.hold("t", after="first")
     office.say("t", TaskState.CANCELLED, "no way")
     assert office.life.shunning.why("t", "r1", NOW_NS) == "refused: no way"
 
 
 def test_a_task_that_was_held_and_then_begun_was_not_refused_if_it_is_given_up(office: Office) -> None:
-    office.add("first", "t")
-    office.life.offer("first", "r1", NOW_NS)
-    office.life.offer("t", "r1", NOW_NS, after="first")
+    office.hold("t", after="first")
     office.say("first", TaskState.DONE)
     office.book.move("t", TaskState.RUNNING)
     office.say("t", TaskState.CANCELLED, "halted")
@@ -131,9 +133,7 @@ def test_a_task_that_was_held_and_then_begun_was_not_refused_if_it_is_given_up(o
 
 
 def test_only_the_task_that_was_held_counts_as_refused(office: Office) -> None:
-    office.add("first", "t")
-    office.life.offer("first", "r1", NOW_NS)
-    office.life.offer("t", "r1", NOW_NS, after="first")
+    office.hold("t", after="first")
     office.say("first", TaskState.CANCELLED, "halted")
     assert office.life.shunning.why("first", "r1", NOW_NS) == ""
 
@@ -149,9 +149,7 @@ def test_a_robot_is_offered_something_for_after_its_task_once(office: Office) ->
 
 
 def test_a_task_that_was_offered_for_at_once_and_is_called_off_was_not_held(office: Office) -> None:
-    office.add("first", "t")
-    office.life.offer("first", "r1", NOW_NS)
-    office.life.offer("t", "r1", NOW_NS, after="first")
+    office.hold("t", after="first")
     office.say("first", TaskState.DONE)
     office.say("t", TaskState.DONE)
     office.add("later")

@@ -18,7 +18,7 @@ def taken_port():
 
 @pytest.fixture
 def free_port():
-    with OwnHub() as held:  # so that no other process listens there meanwhile
+    with OwnHub() as held:  # keeps the port, so that no other process can listen there
         yield held.port
 
 

@@ -54,7 +54,7 @@ def start(commands, hub, *words: str):
 def planner_of(pid: int) -> int:
     """Process id of a coordinator's planner; 0 if there is none."""
     for task in Path(f"/proc/{pid}/task").iterdir():
-        with suppress(OSError):  # a thread or a child that has ended meanwhile
+        with suppress(OSError):  # the thread or child has ended
             for child in (task / "children").read_text(encoding="ascii").split():
                 if b"planner_child" in Path(f"/proc/{child}/cmdline").read_bytes():
                     return int(child)

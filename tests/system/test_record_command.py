@@ -21,7 +21,7 @@ pytestmark = pytest.mark.system
 
 LOST_S = 0.6
 KILLS, ATTEMPTS = 3, 5
-"""So many kills of so many may cost no more than that: the machine may stand still just then."""
+"""Of five kills, three must lose no more than LOST_S; a busy machine may delay the recorder at any of them."""
 
 
 class StateSpeaker(Speaker):
