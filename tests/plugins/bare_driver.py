@@ -25,6 +25,7 @@ class Wheels:
     def __init__(self) -> None:
         self.at = Pose2D(0.0, 0.0, 0.0)
         self.fresh = True
+        self.until_ns = 0
         self.twist = Twist2D()
         self.said: list[Twist2D | str] = []
         """All commands; a stop is the text `stop`."""
@@ -48,6 +49,9 @@ class Wheels:
 
     def pose_at(self, stamp_ns: int) -> Pose2D:
         return self.at
+
+    def odometry_until_ns(self) -> int:
+        return self.until_ns
 
     def velocity(self) -> Twist2D:
         return self.twist

@@ -247,6 +247,8 @@ def test_driver_hands_on_what_its_wheels_say(robot):
     robot.wheels.twist = Twist2D(0.1, 0.2, 0.3)
     plugin, wheels = robot.plugin, robot.wheels
     assert (plugin.pose(), plugin.pose_at(0), plugin.velocity()) == (wheels.at, wheels.at, wheels.twist)
+    wheels.until_ns = 7
+    assert plugin.odometry_until_ns() == 7
     assert (plugin.radius_m(), plugin.bus_counters()) == (wheels.radius_m(), wheels.counters())
     assert plugin.odometry_noise() is plugin.parameters.odometry
     assert plugin.controller_status() is None

@@ -1,4 +1,5 @@
 import math
+from itertools import pairwise
 
 import can
 import pytest
@@ -242,19 +243,22 @@ def test_an_emergency_halt_stops_the_wheels_and_refuses_calls_until_resumed(stag
     assert not states.drain()[-1].message.halted
 
 
-def test_the_pose_at_a_time_is_that_of_the_nearest_encoder_frame(stage):
+def test_the_pose_at_a_time_lies_between_the_encoder_frames_around_it(stage):
     one = stage()
     host = one.host("mocdevice")
     controller = Controller(one)
+    assert device(host).odometry_until_ns() == 0
     controller.turn(0, 0, 0)
     poses = {}
     for _ in range(30):
         one.run(0.02, lambda: controller.turn(100, 100, 100))
         poses[one.clock.now_ns()] = device(host).pose()
+        assert device(host).odometry_until_ns() == one.clock.now_ns()
     for stamp_ns, pose in poses.items():
         assert device(host).pose_at(stamp_ns) == pose
-        assert device(host).pose_at(stamp_ns + 9_000_000) == pose
-        assert device(host).pose_at(stamp_ns - 9_000_000) == pose
+    for before_ns, after_ns in pairwise(poses):
+        middle_rad = device(host).pose_at((before_ns + after_ns) // 2).yaw_rad
+        assert middle_rad == pytest.approx((poses[before_ns].yaw_rad + poses[after_ns].yaw_rad) / 2)
     assert device(host).pose_at(one.clock.now_ns() + 10**9) == device(host).pose()
     assert math.isclose(device(host).pose_at(0).yaw_rad, 0.0)
 

@@ -6,11 +6,13 @@ import can
 import pytest
 
 from robrain.plugins.device.mocdevice.errors import BusFault, MotorFault
+from robrain.plugins.device.mocdevice.frame_clock import StampedAt
 from robrain.plugins.device.mocdevice.interface import ControllerStatus, Counters
 from robrain.plugins.device.mocdevice.mocdevice import ECHOES, Condition, MocDevice
 from robrain.protocol.can.bus_state import BusState, error_frame
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.model.omni_drive import OmniBase
+from robrain.protocol.wire.clock import to_ns
 from tests.plugins.bare_device import BareDevice
 
 WELL = {"rejected_frames": 1, "lost_commands": 2, "bus_state": 3, "transmit_errors": 4, "receive_errors": 5}
@@ -322,5 +324,68 @@ def test_stamp_of_a_frame_counts_unless_it_is_of_another_clock(device, off_s, is
     device.step()
     now_ns = device.clock.now_ns()
     stamp_ns = now_ns + round(off_s * 1e9) if is_taken else now_ns
-    (history,) = device.it._odometry._history
-    assert history[0] == pytest.approx(stamp_ns, abs=1000)
+    assert device.it.odometry_until_ns() == pytest.approx(stamp_ns, abs=1000)
+
+
+@pytest.mark.parametrize("late_s", [0.3, 1.5])
+def test_late_frames_that_say_when_they_were_sent_were_measured_then(device, late_s):
+    sent_ns = hear_late(device, late_s)
+    turn_rad = device.it.pose_at(sent_ns[-1]).yaw_rad
+    for number, stamp_ns in enumerate(sent_ns):
+        assert device.it.pose_at(stamp_ns).yaw_rad == pytest.approx(turn_rad * number / (len(sent_ns) - 1), abs=1e-9)
+    assert device.it.odometry_until_ns() == pytest.approx(sent_ns[-1], abs=1000)
+
+
+def test_burst_on_an_interface_that_stamps_on_arrival_is_spread_by_the_frames_counter():
+    device = BareDevice(MocDevice, interface="socketcan")
+    device.it.activate()
+    sent_ns = hear_late(device, 0.3, stamps_arrival=True)
+    assert device.it.odometry_until_ns() == pytest.approx(sent_ns[-1], abs=1000)
+    turn_rad = device.it.pose().yaw_rad
+    assert device.it.pose_at(sent_ns[8]).yaw_rad == pytest.approx(turn_rad * 8 / (len(sent_ns) - 1), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "counts"),
+    [
+        ({}, False),
+        ({"interface": "socketcan"}, True),
+        ({"stamped_at": StampedAt.ARRIVAL}, True),
+        ({"interface": "socketcan", "stamped_at": StampedAt.SENDING}, False),
+    ],
+)
+def test_parameters_say_what_the_stamps_stand_for(parameters, counts):
+    device = BareDevice(MocDevice, **parameters)
+    device.it.activate()
+    sent_ns = hear_late(device, 0.3, stamps_arrival=True)
+    late_ns = 0 if counts else to_ns(0.3)
+    assert device.it.odometry_until_ns() == pytest.approx(sent_ns[-1] + late_ns, abs=1000)
+
+
+def test_odometry_of_counts_that_jumped_goes_on_from_the_stamp_of_the_next_frame():
+    device = BareDevice(MocDevice, interface="socketcan")
+    device.it.activate()
+    for counter, ticks in ((1, 0), (2, 30_000), (7, 30_000)):
+        encoders(device, counter, (ticks, 0, 0))
+        device.step(0.02)
+    assert device.it.odometry_until_ns() == pytest.approx(device.clock.now_ns() - to_ns(0.02), abs=1000)
+
+
+def hear_late(device, late_s, *, stamps_arrival=False):
+    """When a frame in time and then sixteen, each with 10 ticks more, that arrive together, were sent.
+
+    The last is `late_s` late. They are stamped when they are sent; with `stamps_arrival`, when they arrive.
+    """
+    sent_ns = []
+    for number in range(17):
+        encoders(device, number, (10 * number,) * 3)
+        sent_ns.append(device.clock.now_ns())
+        if number == 0:
+            device.step()
+        device.wait(0.02)
+    device.wait(late_s - 0.02)
+    if stamps_arrival:
+        for frame in device.bus.arrived:
+            frame.timestamp = device.clock.now_ns() / 1e9
+    device.step()
+    return sent_ns

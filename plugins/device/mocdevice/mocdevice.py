@@ -16,6 +16,7 @@ import msgspec
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
 from robrain.plugins.device.mocdevice.errors import BusFault, MotionFault, MotorFault
+from robrain.plugins.device.mocdevice.frame_clock import FrameClock, StampedAt
 from robrain.plugins.device.mocdevice.interface import ControllerStatus, Counters, MocDeviceInterface
 from robrain.plugins.device.mocdevice.odometry import WheelOdometry
 from robrain.protocol.can.bus_state import BusState, state_in
@@ -33,6 +34,8 @@ MOTOR_ERROR = 3
 """MotorStatus' state for a power stage that has failed."""
 ACKNOWLEDGE_NS = to_ns(0.1)
 """A status that left the controller before it heard an acknowledgement is not held against it."""
+STAMPS_SENDING = "zenoh"
+"""The interface whose frames carry the sender's stamps."""
 ECHOES = 64
 """Own frames that are remembered: some interfaces give them back."""
 
@@ -58,6 +61,8 @@ class MocDevice(Device):
         base: OmniBase = OmniBase()
         silent_s: float = 0.4
         """Without an encoder frame for so long, the bus counts as cut; they come every 20 ms."""
+        stamped_at: StampedAt | None = None
+        """What the interface's time stamps stand for; None means `sending` for `zenoh`, `arrival` for all others."""
 
         def __post_init__(self) -> None:
             for name in ("radius_m", "silent_s"):
@@ -88,6 +93,7 @@ class MocDevice(Device):
         self._odometry = WheelOdometry(
             self.parameters.base, WHEEL_SPEED_MAX_RAD_S, board.T_odom_robot or Pose2D(0.0, 0.0, 0.0), board.wheel_ticks
         )
+        self._frame_clock = FrameClock(self._stamped_at())
         self._broken: BusFault | None = None
         self._acknowledged_ns: int | None = None
         self._heard_ns: int | None = None
@@ -145,8 +151,13 @@ class MocDevice(Device):
         return self._odometry.pose, self.is_fresh()
 
     def pose_at(self, stamp_ns: int) -> Pose2D:
-        """T_odom_robot at a time within the last second: of the encoder frame nearest to it."""
-        return self._odometry.pose_at(stamp_ns)
+        """T_odom_robot at a time within the last five seconds, between the encoder frames before and after it."""
+        return self._odometry.pose_at(stamp_ns - self._frame_clock.offset_ns)
+
+    def odometry_until_ns(self) -> int:
+        """When the newest wheel counts were measured; 0 before the first."""
+        until_ns = self._odometry.until_ns
+        return until_ns + self._frame_clock.offset_ns if until_ns is not None else 0
 
     def velocity(self) -> Twist2D:
         """Velocity in the body frame, from the encoders."""
@@ -167,6 +178,12 @@ class MocDevice(Device):
         return self._status
 
     # -- the bus --------------------------------------------------------------------------------------------
+
+    def _stamped_at(self) -> StampedAt:
+        wanted = self.parameters
+        if wanted.stamped_at is not None:
+            return wanted.stamped_at
+        return StampedAt.SENDING if wanted.interface == STAMPS_SENDING else StampedAt.ARRIVAL
 
     def _open(self) -> can.BusABC:
         wanted = self.parameters
@@ -253,16 +270,16 @@ class MocDevice(Device):
         except BadFrame:
             self._rejected += 1
             return
-        missing = self._sequence.note(int(signals["counter"]))
+        counter = int(signals["counter"])
+        missing = self._sequence.note(counter)
         ticks = (int(signals["wheel_1_ticks"]), int(signals["wheel_2_ticks"]), int(signals["wheel_3_ticks"]))
         now_ns = self.env.clock.now_ns()
-        stamp_ns = round(frame.timestamp * NS_PER_S)
-        if abs(now_ns - stamp_ns) > NS_PER_S:
-            stamp_ns = now_ns  # some interfaces stamp by a clock of their own, or not at all
-        if self._odometry.take(ticks, stamp_ns, missing):
+        measured_ns = self._frame_clock.note(counter, round(frame.timestamp * NS_PER_S), now_ns)
+        if self._odometry.take(ticks, measured_ns, missing):
             self._believed += 1
         else:
             self._rejected += 1
+            self._frame_clock.start_anew()
         if self._heard_ns is None and self._is_again:
             self.condition.notify(Condition(True, "the motor controller speaks again"))
         self._heard_ns = now_ns

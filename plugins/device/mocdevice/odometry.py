@@ -1,16 +1,17 @@
-"""Dead reckoning from the counts of the three wheels, with a second of it kept."""
+"""Dead reckoning from the counts of the three wheels, with the last five seconds of it kept."""
 
 from bisect import bisect_left
 from collections import deque
 
-from robrain.protocol.model.geometry import Pose2D, Twist2D
+from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
 from robrain.protocol.model.odometry import moved
 from robrain.protocol.model.omni_drive import OmniBase
 
 ENCODER_MODULUS = 1 << 16
 HALF_TURN = ENCODER_MODULUS // 2
 ENCODER_PERIOD_S = 0.02
-HISTORY_FRAMES = 64
+HISTORY_FRAMES = 256
+"""Five seconds: scans and frames may wait while the computer is busy."""
 JUMP_SLACK = 2.0
 """Wheels that seem to have turned this many times as far as they can have not: the counter has."""
 
@@ -42,8 +43,17 @@ class WheelOdometry:
         self._ticks_per_frame = JUMP_SLACK * wheel_speed_max_rad_s * ENCODER_PERIOD_S / base.rad_per_tick
         self._history: deque[tuple[int, Pose2D]] = deque(maxlen=HISTORY_FRAMES)
 
+    @property
+    def until_ns(self) -> int | None:
+        """When the last counts were measured; None before the first."""
+        return self._history[-1][0] if self._history else None
+
     def take(self, ticks: Ticks, stamp_ns: int, missing: int) -> bool:
-        """The counts of one frame, before which so many are missing; False if they have jumped."""
+        """The counts of one frame, before which so many are missing; False if they have jumped.
+
+        `stamp_ns` is when they were measured. Earlier ones that claim to be no older, as by a clock that was set back,
+        are forgotten.
+        """
         before, self.ticks = self.ticks, ticks
         since_ns, self._stamp_ns = self._stamp_ns, stamp_ns
         has_jumped = False
@@ -61,18 +71,30 @@ class WheelOdometry:
             else:
                 elapsed_s = frames * ENCODER_PERIOD_S if since_ns is not None else None
                 self._move([count * self._rad_per_tick for count in turned], elapsed_s)
+        while self._history and self._history[-1][0] >= stamp_ns:
+            self._history.pop()
         self._history.append((stamp_ns, self.pose))
         return not has_jumped
 
     def pose_at(self, stamp_ns: int) -> Pose2D:
-        """T_odom_robot of the frame nearest to a time within the last second."""
+        """T_odom_robot at a time within the last five seconds, between the frames before and after it.
+
+        Before the first frame that is kept it is that frame's pose, after `until_ns` the last one.
+        """
         history = self._history
         if not history or stamp_ns >= history[-1][0]:
             return self.pose
         index = bisect_left(history, stamp_ns, key=lambda entry: entry[0])
-        if index > 0 and stamp_ns - history[index - 1][0] < history[index][0] - stamp_ns:
-            index -= 1
-        return history[index][1]
+        after_ns, after = history[index]
+        if index == 0 or after_ns == stamp_ns:
+            return after
+        before_ns, before = history[index - 1]
+        share = (stamp_ns - before_ns) / (after_ns - before_ns)
+        return Pose2D(
+            before.x_m + share * (after.x_m - before.x_m),
+            before.y_m + share * (after.y_m - before.y_m),
+            wrap_angle_rad(before.yaw_rad + share * wrap_angle_rad(after.yaw_rad - before.yaw_rad)),
+        )
 
     def _move(self, turns_rad: list[float], elapsed_s: float | None) -> None:
         """Go on by what the wheels have turned within this time; None if nobody knows for how long they did.

@@ -245,8 +245,12 @@ class Driver(Unit):
         return self._moc.pose()
 
     def pose_at(self, stamp_ns: int) -> Pose2D:
-        """T_odom_robot at a time within the last second."""
+        """T_odom_robot at a time within the last five seconds."""
         return self._moc.pose_at(stamp_ns)
+
+    def odometry_until_ns(self) -> int:
+        """When the newest wheel counts were measured; 0 before the first."""
+        return self._moc.odometry_until_ns()
 
     @external
     def velocity(self) -> Twist2D:

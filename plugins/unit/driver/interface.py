@@ -97,7 +97,14 @@ class DriverInterface(Protocol):
         ...
 
     def pose_at(self, stamp_ns: int) -> Pose2D:
-        """T_odom_robot at a time within the last second."""
+        """T_odom_robot at a time within the last five seconds; after `odometry_until_ns` it is the newest pose."""
+        ...
+
+    def odometry_until_ns(self) -> int:
+        """When the newest wheel counts were measured, stamp of the robot's clock; 0 before the first.
+
+        What was measured later is not covered by the odometry yet: `pose_at` would place it too far back.
+        """
         ...
 
     def velocity(self) -> Twist2D:
