@@ -2,8 +2,12 @@
 
 from collections import deque
 
+import numpy as np
+from numpy.typing import NDArray
+
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Pose2D, Twist2D
+from robrain.protocol.model.mapping.local_map import LocalMap, LocalPose
 from robrain.protocol.model.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.rssi_ranging import RssiSample
 from robrain.protocol.wire.messages import BatteryState
@@ -33,7 +37,13 @@ class Board:
         self.mote_ranges: deque[RssiSample] = deque(maxlen=256)
         """Signals of motes of known place; mote_ranges leaves them here for localisation."""
         self.map: OccupancyGrid | None = None
-        """What the robot maps on, to be read only; mapper writes it."""
+        """The team's map as this robot knows it, to be read only; mapper writes it."""
+        self.local_map: LocalMap | None = None
+        """The robot's own recent surroundings, by which it is localised; mapper writes it."""
+        self.local_pose: LocalPose | None = None
+        """The odometry's frame in the frame of that map; localisation writes it."""
+        self.mate_places: NDArray[np.float64] = np.empty((0, 3))
+        """(K, 3) where other robots say that they are, and their radii: x, y, radius, m, arena frame; mapper writes it."""
         self.map_of_others: OccupancyGrid | None = None
         """What the others had mapped when this robot came, for some seconds after it; mapper writes it."""
         self.false_start = False

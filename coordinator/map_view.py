@@ -3,8 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
 from robrain.protocol.model.occupancy_grid import OCCUPIED, OccupancyGrid
-from robrain.protocol.wire.map_patch import MAX_CELLS, geometry_of, merge_message
+from robrain.protocol.wire.map_patch import MAX_CELLS, geometry_of, take_message
 from robrain.protocol.wire.messages import MapPatch
 
 FAR_M = 1e6
@@ -12,10 +13,16 @@ FAR_M = 1e6
 
 
 class MapView:
-    """Merges map patches of all robots into one grid; the geometry is that of the first patch."""
+    """Composes the submaps of all robots to one grid; the geometry is that of the first patch."""
 
     def __init__(self) -> None:
-        self.grid: OccupancyGrid | None = None
+        self.atlas: SubmapAtlas | None = None
+        """None before the first patch."""
+
+    @property
+    def grid(self) -> OccupancyGrid | None:
+        """The composed map; None before the first patch. To be read only."""
+        return None if self.atlas is None else self.atlas.grid
 
     @property
     def version(self) -> int:
@@ -39,17 +46,17 @@ class MapView:
             ValueError: the patch does not fit its own description or the grid of the patches before, or its grid is
                 so large that it would fill the memory.
         """
-        grid = self.grid
-        if grid is None:
+        atlas = self.atlas
+        if atlas is None:
             geometry = geometry_of(patch)
             if geometry.width * geometry.height > MAX_CELLS:
                 raise ValueError(f"expected at most {MAX_CELLS} cells, got {geometry.width} x {geometry.height}")
             size_m = max(geometry.shape) * geometry.resolution_m
             if max(abs(geometry.origin_x_m), abs(geometry.origin_y_m), size_m) > FAR_M:
                 raise ValueError(f"expected a grid within {FAR_M:g} m, got {geometry}")
-            grid = OccupancyGrid(geometry)
-        merge_message(grid, patch)
-        self.grid = grid
+            atlas = SubmapAtlas(geometry)
+        take_message(atlas, patch)
+        self.atlas = atlas
 
     def picture(
         self, unknown: tuple[int, int, int], free: tuple[int, int, int], occupied: tuple[int, int, int]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from robrain.protocol.wire.messages import MapPatch
 
 if TYPE_CHECKING:
+    from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
     from robrain.protocol.model.occupancy_grid import OccupancyGrid
 
 logger = logging.getLogger(__name__)
@@ -19,10 +20,15 @@ class TeamMap:
     """What the team knows of the floor. The first patch says which grid the team maps on."""
 
     def __init__(self) -> None:
-        self.grid: OccupancyGrid | None = None
+        self._atlas: SubmapAtlas | None = None
         self.dropped = 0
         """Patches that were too many to be held."""
         self._held: deque[tuple[MapPatch, int | None]] | None = None
+
+    @property
+    def grid(self) -> "OccupancyGrid | None":
+        """The robots' submaps, composed; None before the first patch. To be read only."""
+        return None if self._atlas is None else self._atlas.grid
 
     @property
     def version(self) -> int:
@@ -67,22 +73,22 @@ class TeamMap:
             self._held.append((patch, now_ns))
             return ""
         # Imported here: they load the map's kernels, which a coordinator does once it is up (coordinator/live.py).
-        from robrain.protocol.model.occupancy_grid import OccupancyGrid
-        from robrain.protocol.wire.map_patch import MAX_CELLS, check_claim, geometry_of, merge_message
+        from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
+        from robrain.protocol.wire.map_patch import MAX_CELLS, check_claim, geometry_of, take_message
 
         try:
             if now_ns is not None:
                 check_claim(patch, now_ns)
-            grid = self.grid
-            if grid is None:
+            atlas = self._atlas
+            if atlas is None:
                 geometry = geometry_of(patch)
                 cells = geometry.width * geometry.height
                 if cells > MAX_CELLS:
                     size = f"{geometry.width} x {geometry.height}"
                     raise ValueError(f"expected a grid of at most {MAX_CELLS} cells, got {size}")
-                grid = OccupancyGrid(geometry)
-            merge_message(grid, patch)
-            self.grid = grid  # not before: a first patch that is broken must not say which grid it is
+                atlas = SubmapAtlas(geometry)
+            take_message(atlas, patch)
+            self._atlas = atlas  # not before: a first patch that is broken must not say which grid it is
         except ValueError as error:
             return f"the map of {patch.robot} cannot be merged: {error}"
         return ""

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
+from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
+from robrain.protocol.model.occupancy_grid import GridGeometry
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.map_patch import check_claim, merge_message
+from robrain.protocol.wire.map_patch import check_claim, take_message
 from robrain.protocol.wire.topics import ROBOT_MAP
 from robrain.sim.maps.extent import TEAM_RESOLUTION_M
 from robrain.sim.maps.floor_plan import FloorPlan
@@ -54,7 +55,9 @@ class Referee:
         geometry: GridGeometry,
         endpoint: Endpoint,
     ) -> None:
-        self.grid = OccupancyGrid(geometry)
+        self._atlas = SubmapAtlas(geometry)
+        self.grid = self._atlas.grid
+        """What the team knows together."""
         self._misfits = 0
         self._inbox = Inbox(PATCHES_A_STEP)
         self._weights = _cells_per_team_cell(plan, plan.reachable(list(starts), clearance_m), geometry)
@@ -84,7 +87,7 @@ class Referee:
         for received in self._inbox.drain():
             try:
                 check_claim(received.message, self._clock.now_ns())
-                merge_message(self.grid, received.message)
+                take_message(self._atlas, received.message)
             except ValueError:
                 self._misfits += 1
         if self.grid.version != self._version and self._total:

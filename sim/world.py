@@ -77,6 +77,7 @@ class World:
                     "origin_y_m": geometry.origin_y_m,
                     "width_m": geometry.width * geometry.resolution_m,
                     "height_m": geometry.height * geometry.resolution_m,
+                    "closure_slack_m": 0.5 * geometry.resolution_m if robot.wheels.is_exact else 0.0,
                 },
                 "battery": {"capacity_wh": robot.battery.capacity_wh},
                 "mocdevice": {"radius_m": robot.radius_m, "base": msgspec.structs.asdict(robot.base)},

@@ -41,5 +41,5 @@ class KnownMap:
 
     def patches(self, by: str, now_ns: int) -> list[MapPatch]:
         """Messages that tell the whole map to somebody who has heard of none, as said by `by`."""
-        grid = self.merged().grid
-        return [] if grid is None else patches_of(by, grid, now_ns)
+        atlas = self.merged().atlas
+        return [] if atlas is None else patches_of(by, atlas, now_ns)

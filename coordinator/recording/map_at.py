@@ -1,25 +1,22 @@
-"""The map as it was at any time of a recording: patches merged, with a copy kept every so often.
+"""The map as it was at any time of a recording: submaps composed, with a copy kept every so often.
 
-Patches say what changed, so the map at a time is made of all before it. Merging is the same as the team's, so what
-is told here is what a listener of the run knew.
+Patches say what changed, so the map at a time is made of all before it. They are composed as the team composes them, so
+what is told here is what a listener of the run knew.
 """
 
-import zlib
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import msgspec
-import numpy as np
 
-from robrain.protocol.model.occupancy_grid import UNKNOWN, GridGeometry, OccupancyGrid, PatchCells
-from robrain.protocol.wire.map_patch import MAX_CELLS, geometry_of, map_stamp_ms, merge_message, to_message
+from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
+from robrain.protocol.model.occupancy_grid import GridGeometry
+from robrain.protocol.wire.map_patch import MAX_CELLS, geometry_of, submap_message, take_message, whole_map
 from robrain.protocol.wire.messages import MapPatch
 
 PATCHES_BETWEEN = 250
 KEPT_MAX = 400
 """Copies that are kept; with more patches they stand farther apart."""
-RECENT_MS = 2000
-"""A patch may come this much later than another that was seen after it."""
 
 Place = tuple[int, int]
 """Chunk and message in it; places compare as they follow each other in the file."""
@@ -30,12 +27,11 @@ PatchSource = Callable[[Place, Place], Iterator[bytes]]
 class _Kept(NamedTuple):
     place: Place
     geometry: GridGeometry
-    classes: bytes
-    stamps_ms: bytes
+    submaps: list[MapPatch]
 
 
 class MapAt:
-    """Tells the merged map at any place of a recording.
+    """Tells the composed map at any place of a recording.
 
     Args:
         patches: reads patches.
@@ -46,25 +42,36 @@ class MapAt:
         self._patches = patches
         self._between = max(PATCHES_BETWEEN, total // KEPT_MAX)
         self._kept: list[_Kept] = []
+        self._packed: dict[SubmapKey, tuple[int, MapPatch]] = {}
+        """The last copy of each submap, and the version it is of: most submaps do not change from copy to copy."""
         self._decoder = msgspec.json.Decoder(MapPatch)
 
-    def keep(self, grid: OccupancyGrid, place: Place) -> None:
+    def keep(self, atlas: SubmapAtlas, place: Place) -> None:
         """Keep a copy of the map as it is before `place`."""
-        classes, stamps = zlib.compress(grid.classes().tobytes(), 1), zlib.compress(grid.stamp_ms.tobytes(), 1)
-        self._kept.append(_Kept(place, grid.geometry, classes, stamps))
+        geometry = atlas.grid.geometry
+        submaps = []
+        for key, submap in sorted(atlas.submaps.items()):
+            version, packed = self._packed.get(key, (-1, None))
+            if packed is None or version != submap.version:
+                packed = submap_message(key, submap, geometry)
+            elif packed.T_arena_local != submap.T_arena_local:
+                packed = msgspec.structs.replace(packed, T_arena_local=submap.T_arena_local)
+            self._packed[key] = submap.version, packed
+            submaps.append(packed)
+        self._kept.append(_Kept(place, geometry, submaps))
 
     def builder(self) -> "MapBuilder":
         """Takes all patches once, in order, and keeps copies for later."""
         return MapBuilder(self, self._between, self._decoder)
 
-    def grid_at(self, place: Place) -> OccupancyGrid | None:
+    def atlas_at(self, place: Place) -> SubmapAtlas | None:
         """The map before `place`; None before the first patch."""
         kept = next((kept for kept in reversed(self._kept) if kept.place <= place), None)
-        grid = None if kept is None else _restored(kept)
+        atlas = None if kept is None else _restored(kept)
         start = (0, 0) if kept is None else kept.place
         for payload in self._patches(start, place):
-            grid = merged(grid, payload, self._decoder)
-        return grid
+            atlas = merged(atlas, payload, self._decoder)
+        return atlas
 
 
 class MapBuilder:
@@ -74,66 +81,45 @@ class MapBuilder:
         self._store = store
         self._between = between
         self._decoder = decoder
-        self._grid: OccupancyGrid | None = None
+        self._atlas: SubmapAtlas | None = None
         self._since = 0
 
     def take(self, payload: bytes, place: Place) -> None:
         """The next patch, which stands at `place`."""
-        if self._grid is not None and self._since >= self._between:
-            self._store.keep(self._grid, place)
+        if self._atlas is not None and self._since >= self._between:
+            self._store.keep(self._atlas, place)
             self._since = 0
-        self._grid = merged(self._grid, payload, self._decoder)
+        self._atlas = merged(self._atlas, payload, self._decoder)
         self._since += 1
 
 
 def merged(
-    grid: OccupancyGrid | None, payload: bytes, decoder: "msgspec.json.Decoder[MapPatch]"
-) -> OccupancyGrid | None:
+    atlas: SubmapAtlas | None, payload: bytes, decoder: "msgspec.json.Decoder[MapPatch]"
+) -> SubmapAtlas | None:
     """The map with one more patch; one that does not decode or fit is left out, as its listeners did."""
     try:
         patch = decoder.decode(payload)
-        if grid is None:
+        if atlas is None:
             geometry = geometry_of(patch)
             if geometry.width * geometry.height > MAX_CELLS:
                 return None
-            fresh = OccupancyGrid(geometry)
-            merge_message(fresh, patch)
+            fresh = SubmapAtlas(geometry)
+            take_message(fresh, patch)
             return fresh
-        merge_message(grid, patch)
+        take_message(atlas, patch)
     except (msgspec.DecodeError, UnicodeDecodeError, ValueError, RecursionError):
-        return grid
-    return grid
+        return atlas
+    return atlas
 
 
-def patches_of(robot: str, grid: OccupancyGrid, now_ns: int) -> list[MapPatch]:
-    """Messages that tell a map to somebody who knows nothing of it, so that what comes later merges rightly.
-
-    What is old goes into one patch; what was seen in the last two seconds keeps its own times, because a patch that
-    comes late must neither replace what is newer nor be replaced by what is older.
-    """
-    recent_ms = map_stamp_ms(now_ns) - RECENT_MS
-    known = grid.known()
-    old = known & (grid.stamp_ms <= recent_ms)
-    masks = [old] if old.any() else []
-    masks += [known & (grid.stamp_ms == stamp) for stamp in np.unique(grid.stamp_ms[known & ~old])]
-    classes = grid.classes()
-    patches = []
-    for mask in masks:
-        rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-        box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-        cells = np.where(mask[box], classes[box], np.int8(UNKNOWN))
-        stamp_ms = int(grid.stamp_ms[box][mask[box]].max())
-        patch = to_message(robot, grid.geometry, PatchCells(int(rows[0]), int(columns[0]), cells, stamp_ms))
-        patches.append(msgspec.structs.replace(patch, stamp_ns=now_ns))
-    return patches
+def patches_of(robot: str, atlas: SubmapAtlas, now_ns: int) -> list[MapPatch]:
+    """Messages that tell a map to somebody who knows nothing of it, so that what comes later is drawn rightly."""
+    whole = whole_map(robot, atlas, sorted(atlas.submaps))
+    return [] if whole is None else [msgspec.structs.replace(whole, stamp_ns=now_ns)]
 
 
-def _restored(kept: _Kept) -> OccupancyGrid:
-    grid = OccupancyGrid(kept.geometry)
-    shape = kept.geometry.shape
-    classes = np.frombuffer(zlib.decompress(kept.classes), np.int8).reshape(shape)
-    stamps = np.frombuffer(zlib.decompress(kept.stamps_ms), np.int32).reshape(shape)
-    # Merged as of time 0 they are known, and then take the times at which they were seen.
-    grid.merge_patch(0, 0, classes, 0)
-    grid.stamp_ms[:] = stamps
-    return grid
+def _restored(kept: _Kept) -> SubmapAtlas:
+    atlas = SubmapAtlas(kept.geometry)
+    for submap in kept.submaps:
+        take_message(atlas, submap)
+    return atlas

@@ -135,7 +135,8 @@ class Player:
 
     def map_at(self, t_s: float) -> OccupancyGrid | None:
         """The map that all patches until `t_s` make up; None before the first."""
-        return self._maps.grid_at(self._place_after(self._ns_of(t_s)))
+        atlas = self._maps.atlas_at(self._place_after(self._ns_of(t_s)))
+        return None if atlas is None else atlas.grid
 
     # -- playing --------------------------------------------------------------------------------------------
 
@@ -286,12 +287,12 @@ class Player:
         key = min(self._map_keys, default="")
         if not key:
             return []
-        grid = self._maps.grid_at(place)
-        if grid is None:
+        atlas = self._maps.atlas_at(place)
+        if atlas is None:
             return []
         found = topic_of(key)
         robot = found[1]["robot"] if found is not None else ""
-        patches = patches_of(robot, grid, at_ns)
+        patches = patches_of(robot, atlas, at_ns)
         return [RecordedMessage(key, at_ns, msgspec.json.encode(patch), "json", at_ns) for patch in patches]
 
     def _read_patches(self, start: Place, end: Place) -> Iterator[bytes]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.divergence_watch import DivergenceWatch, WatchSpec
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
-from robrain.protocol.model.map_anchors import NONE, MapAnchors
+from robrain.protocol.model.mapping.local_map import LocalMap, Variances
 from robrain.protocol.model.mote_relocalisation import better_elsewhere, find_robot
 from robrain.protocol.model.occupancy_grid import GridGeometry
 from robrain.protocol.model.pose_filter import GATE, DriftModel, PoseFilter
@@ -47,6 +47,7 @@ SIGNALS_TO_AGREE = 12
 SIGNALS_NIS_MAX = 2.0
 """A place on the map is not believed if the last signals of motes are off by more, in units of their variance."""
 NO_FIT = ScanFit([], 0.0, 0)
+NONE: Variances = (0.0, 0.0, 0.0)
 
 
 class LocaliserSpec(msgspec.Struct, frozen=True, kw_only=True):
@@ -66,10 +67,6 @@ class LocaliserSpec(msgspec.Struct, frozen=True, kw_only=True):
     """By matching, the place on the map is never taken to be surer than this …"""
     floor_rad: float = 0.005
     """… nor the yaw."""
-    step_m: float = 0.07
-    """With every 2 m of floor that is mapped the map goes wrong by so much more …"""
-    step_rad: float = 0.015
-    """… and turns."""
     search_m: float = 0.2
     search_rad: float = 0.06
     """A place or a yaw less sure than this is looked for before it is refined."""
@@ -97,7 +94,6 @@ class Localiser:
         self.watch = DivergenceWatch(spec.watch, GATE)
         self.lost = ""
         """Why the estimate is not to be believed; nothing while it is."""
-        self._anchors = MapAnchors(spec.step_m, spec.step_rad)
         self._of_map = NONE
         """Variances of the place in the arena of the walls that hold the robot; none while no walls do."""
         self._matched_way_m = 0.0
@@ -151,24 +147,23 @@ class Localiser:
         if why:
             self.lose(why)
 
+    def shift(self, T_new_old: Pose2D) -> None:
+        """Loop closures have moved the walls that the robot goes by: its pose is `T_new_old` · pose now."""
+        self.filter.shift(T_new_old)
+
     def see(
         self,
-        log_odds: NDArray[np.int8],
-        geometry: GridGeometry,
-        angles_rad: NDArray[np.float64],
-        ranges_m: NDArray[np.float64],
-        range_max_m: float,
+        points: NDArray[np.float64],
+        map: LocalMap,
         T_robot_sensor: Pose2D = Pose2D(0.0, 0.0, 0.0),  # noqa: B008 - immutable, so a shared default is safe
     ) -> ScanFit:
-        """A scan was made; the map is an `OccupancyGrid`'s.
+        """A scan was made, while the robot was not lost.
 
+        `points` (K, 2) are where its beams ended, see `beam_ends`, without those that ended at something that moves.
         `T_robot_sensor` is where the sensor was when it scanned, seen from where the robot is now.
         """
-        points = beam_ends(angles_rad, ranges_m, range_max_m)
-        if self.lost:
-            self._find_by_walls(log_odds, geometry, points, T_robot_sensor)
-            return NO_FIT
-        believed = guess = self.pose.compose(T_robot_sensor)
+        log_odds, geometry = map.grid.log_odds, map.grid.geometry
+        believed = guess = map.T_arena_local.inverse().compose(self.pose).compose(T_robot_sensor)
         if self.filter.sigma_m > self.spec.search_m or self.filter.sigma_rad > self.spec.search_rad:
             found = self._search(log_odds, geometry, guess, points)
             if found is None:
@@ -176,11 +171,33 @@ class Localiser:
             guess = found
         fit = match_scan(log_odds, geometry, guess, points)
         is_new = self._way_m - self._matched_way_m > MATCH_M or self.filter.sigma_m > MATCH_SIGMA_M
-        is_believed = not is_new or self._correct(fit, believed, guess, geometry.resolution_m)
+        is_believed = not is_new or self._correct(fit, believed, guess, map)
         why = self.watch.saw(fit.fit if is_believed else 0.0) if fit.beams else ""
         if why:
             self.lose(why)
         return fit
+
+    def find(
+        self,
+        points: NDArray[np.float64],
+        log_odds: NDArray[np.int8],
+        geometry: GridGeometry,
+        T_robot_sensor: Pose2D = Pose2D(0.0, 0.0, 0.0),  # noqa: B008 - immutable, so a shared default is safe
+    ) -> None:
+        """Look for a lost robot on the team's map, an `OccupancyGrid`'s. Walls look alike, so motes have to agree.
+
+        Other arguments are those of `see`.
+        """
+        self._scans_to_find -= 1
+        if self._scans_to_find > 0 or (self._signals.has_heard and len(self._signals) < SIGNALS_TO_AGREE):
+            return
+        self._scans_to_find = FIND_SCANS
+        sensor = find_by_scan(log_odds, geometry, points)
+        if sensor is None:
+            return
+        pose = sensor.compose(T_robot_sensor.inverse())
+        if self._signals.nis(pose, self.spec.path_loss) < SIGNALS_NIS_MAX:
+            self._found(pose, np.diag(np.square((0.2, 0.2, 0.1))))
 
     def check_start(
         self,
@@ -207,19 +224,21 @@ class Localiser:
             self.lose(f"only {share:.0%} of what the lidar sees at the start is as on the map of the others")
         return True
 
-    def _correct(self, fit: ScanFit, believed: Pose2D, guess: Pose2D, resolution_m: float) -> bool:
+    def _correct(self, fit: ScanFit, believed: Pose2D, guess: Pose2D, map: LocalMap) -> bool:
         """The scan lies as `fit` says about `guess`, where the filter believed the sensor to be; False if it cannot."""
         if not fit.directions:
             return True
         ahead = (guess.x_m - believed.x_m, guess.y_m - believed.y_m, wrap_angle_rad(guess.yaw_rad - believed.yaw_rad))
         rows = np.array([direction.row for direction in fit.directions])
         offsets_m = times_vector(rows, np.array(ahead)) + [direction.offset_m for direction in fit.directions]
-        slack_m = resolution_m * self.spec.slack_cells
+        slack_m = map.grid.geometry.resolution_m * self.spec.slack_cells
         offsets_m = np.copysign(np.maximum(np.abs(offsets_m) - slack_m, 0.0), offsets_m)
+        if map.T_arena_local.yaw_rad:
+            rows = _turned(rows, map.T_arena_local.yaw_rad)
         start = self.pose
-        self._enter(start)
+        self._of_map = map.variances
         variances = [self.spec.wall_sigma_m**2 * (1.0 + WALL_BEAMS / each.information) for each in fit.directions]
-        expected = covariance_of(rows, self.covariance) + np.diag(variances)
+        expected = covariance_of(rows, self.filter.covariance) + np.diag(variances)
         if inverse_form(expected, offsets_m) > SCAN_GATES[len(rows) - 1]:
             return False
         for row, offset_m, variance in zip(rows.tolist(), offsets_m.tolist(), variances, strict=True):
@@ -232,18 +251,6 @@ class Localiser:
         self.filter.at_least((floor_m2, floor_m2, self.spec.floor_rad**2))
         self._matched_way_m = self._way_m
         return True
-
-    def _enter(self, pose: Pose2D) -> None:
-        """Walls hold the robot from here on; the filter's own covariance is now that of the place *on the map*."""
-        known = self._anchors.at(pose)
-        if known is None:
-            x, y, yaw = np.diag(self.covariance).tolist()
-            self._of_map = self._anchors.enter(pose, (x, y, yaw))
-        elif known != self._of_map:
-            # Against walls that were mapped when the robot knew better, it may be off by what it has lost since.
-            x, y, yaw = (max(was - here, 0.0) for was, here in zip(self._of_map, known, strict=True))
-            self.filter.add((x, y, yaw))
-            self._of_map = known
 
     def _let_go_of_map(self) -> None:
         self.filter.add(self._of_map)
@@ -271,25 +278,6 @@ class Localiser:
         if max(covariance[0, 0], covariance[1, 1]) < FOUND_SIGMA_M**2 and covariance[2, 2] < FOUND_SIGMA_RAD**2:
             self._found(pose, covariance)
 
-    def _find_by_walls(
-        self,
-        log_odds: NDArray[np.int8],
-        geometry: GridGeometry,
-        points: NDArray[np.float64],
-        T_robot_sensor: Pose2D,
-    ) -> None:
-        """Look for a lost robot on the whole map. Walls look alike, so motes that are heard have to agree."""
-        self._scans_to_find -= 1
-        if self._scans_to_find > 0 or (self._signals.has_heard and len(self._signals) < SIGNALS_TO_AGREE):
-            return
-        self._scans_to_find = FIND_SCANS
-        sensor = find_by_scan(log_odds, geometry, points)
-        if sensor is None:
-            return
-        pose = sensor.compose(T_robot_sensor.inverse())
-        if self._signals.nis(pose, self.spec.path_loss) < SIGNALS_NIS_MAX:
-            self._found(pose, np.diag(np.square((0.2, 0.2, 0.1))))
-
     def _search(
         self,
         log_odds: NDArray[np.int8],
@@ -307,3 +295,12 @@ class Localiser:
         self._of_map = NONE
         self.filter.place(pose, covariance)
         self.watch.begin_anew()
+
+
+def _turned(rows: NDArray[np.float64], yaw_rad: float) -> NDArray[np.float64]:
+    """Directions of (x, y, yaw) in a frame turned by `yaw_rad`, in the frame that it is turned against."""
+    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+    turned = rows.copy()
+    turned[:, 0] = cos * rows[:, 0] - sin * rows[:, 1]
+    turned[:, 1] = sin * rows[:, 0] + cos * rows[:, 1]
+    return turned

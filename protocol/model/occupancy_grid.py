@@ -118,6 +118,8 @@ class OccupancyGrid:
         # Per cell, the last scan that freed it (twice its number) or ended in it (twice its number plus one).
         self._seen_by: NDArray[np.int32] = np.zeros(geometry.shape, np.int32)
         self._scans = 0
+        self._first_scan = 0
+        """The first scan since `begin_stretch`."""
 
     def classes(self) -> NDArray[np.int8]:
         """A new array of UNKNOWN, FREE and OCCUPIED, int8 (H, W)."""
@@ -167,6 +169,7 @@ class OccupancyGrid:
             self.geometry.height,
             self.geometry.width,
             2 * self._scans,
+            2 * self._first_scan,
             float(self.geometry.resolution_m),
             (sensor.x_m - self.geometry.origin_x_m) / self.geometry.resolution_m,
             (sensor.y_m - self.geometry.origin_y_m) / self.geometry.resolution_m,
@@ -226,6 +229,35 @@ class OccupancyGrid:
         )
         self._count(changed, discovered)
         return changed
+
+    def begin_stretch(self) -> None:
+        """Keep only what was seen since the last call; from here on the first sight of a cell counts as a change of it.
+
+        So the patches from one call to the next tell all that was seen in between, and the grid always holds what was
+        seen since the last call but one: a map for a submap, and the recent surroundings of the robot.
+        """
+        old = self.known() & (self._seen_by < 2 * self._first_scan)
+        self.log_odds[old] = 0
+        self.stamp_ms[old] = 0
+        self.dirty[:] = False
+        forgotten = int(np.count_nonzero(old))
+        self.known_count -= forgotten
+        self.version += forgotten > 0
+        self._first_scan = self._scans + 1
+
+    def erase(self, first_row: int, first_column: int, end_row: int, end_column: int) -> int:
+        """Know nothing any more of a box of cells; how many were known."""
+        box = np.s_[first_row:end_row, first_column:end_column]
+        forgotten = int(np.count_nonzero(self.log_odds[box]))
+        for array in (self.log_odds, self.stamp_ms, self.dirty, self._seen_by):
+            array[box] = 0
+        self.known_count -= forgotten
+        self.version += forgotten > 0
+        return forgotten
+
+    def count_drawn(self, changed: int, discovered: int) -> None:
+        """`changed` cells were given another class from outside, of which `discovered` were not known before."""
+        self._count(changed, discovered)
 
     def forget(self) -> None:
         """Know nothing any more, as if nothing had ever been seen."""
@@ -331,6 +363,7 @@ def _integrate_scan(
     height: int,
     width: int,
     scan: int,
+    first_scan: int,
     resolution_m: float,
     sensor_x: float,
     sensor_y: float,
@@ -371,6 +404,7 @@ def _integrate_scan(
         row, column = math.floor(end_y[beam]), math.floor(end_x[beam])
         cell = row * width + column
         if 0 <= row < height and 0 <= column < width and seen_by[cell] != scan + 1:
+            dirty[cell] |= seen_by[cell] < first_scan
             seen_by[cell] = scan + 1
             flips, finds = _observe(log_odds, stamps_ms, dirty, cell, HIT_LOG_ODDS, stamp_ms)
             changed += flips
@@ -413,6 +447,7 @@ def _integrate_scan(
         for k in range(count):
             cell = crossed[k]
             if seen_by[cell] < scan:
+                dirty[cell] |= seen_by[cell] < first_scan
                 seen_by[cell] = scan
                 flips, finds = _observe(log_odds, stamps_ms, dirty, cell, -MISS_LOG_ODDS, stamp_ms)
                 changed += flips

@@ -221,6 +221,18 @@ class PoseFilter:
         self._covariance[:3, :3] = covariance
         self._forget_motes()
 
+    def shift(self, T_new_old: Pose2D) -> None:
+        """The arena frame's walls have moved, and the robot with them: its pose is `T_new_old` · pose now."""
+        cos, sin = math.cos(T_new_old.yaw_rad), math.sin(T_new_old.yaw_rad)
+        x_m, y_m = self._mean[0], self._mean[1]
+        self._mean[0] = T_new_old.x_m + cos * x_m - sin * y_m
+        self._mean[1] = T_new_old.y_m + sin * x_m + cos * y_m
+        self._mean[2] += T_new_old.yaw_rad
+        size = self._size
+        for rows in (self._covariance[:2, :size], self._covariance[:size, :2].T):
+            x, y = rows[0].copy(), rows[1].copy()
+            rows[0], rows[1] = cos * x - sin * y, sin * x + cos * y
+
     def split(self, apart: float, weight: float) -> tuple["PoseFilter", "PoseFilter"]:
         """Make this the middle one of three narrower filters, mean and covariance of all together as before.
 

@@ -140,6 +140,11 @@ class PoseMixture:
         self._merge_all()
         self._parts[0].doubt(sigma_m, sigma_rad)
 
+    def shift(self, T_new_old: Pose2D) -> None:
+        """The arena frame's walls have moved, and the robot with them: its pose is `T_new_old` · pose now."""
+        for part in self._parts:
+            part.shift(T_new_old)
+
     def place(self, pose: Pose2D, covariance: NDArray[np.float64]) -> None:
         """Begin anew at a pose with a (3, 3) covariance; what is known of the odometry's errors is kept."""
         self._merge_all()

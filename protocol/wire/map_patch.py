@@ -1,10 +1,17 @@
 """Map patches between a grid and the wire."""
 
 import zlib
+from collections.abc import Iterable
+from typing import Any
 
+import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
-from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid, PatchCells
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.submap import IDENTITY, TILE_CELLS, Submap
+from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
+from robrain.protocol.model.occupancy_grid import GridGeometry, PatchCells
 from robrain.protocol.wire.messages import MapPatch
 
 NS_PER_MS = 1_000_000
@@ -26,8 +33,10 @@ def map_stamp_ms(stamp_ns: int) -> int:
     return stamp_ns // NS_PER_MS % STAMP_MODULUS_MS
 
 
-def to_message(robot: str, geometry: GridGeometry, patch: PatchCells) -> MapPatch:
-    """A patch as it travels."""
+def to_message(
+    robot: str, geometry: GridGeometry, patch: PatchCells, submap: int = 0, T_arena_local: Pose2D = IDENTITY
+) -> MapPatch:
+    """A patch of a robot's submap as it travels."""
     rows, columns = patch.cells.shape
     return MapPatch(
         robot=robot,
@@ -42,7 +51,53 @@ def to_message(robot: str, geometry: GridGeometry, patch: PatchCells) -> MapPatc
         columns=columns,
         observed_ms=patch.stamp_ms,
         cells=zlib.compress(patch.cells.tobytes(), 1),
+        submap=submap,
+        T_arena_local=T_arena_local,
     )
+
+
+def joined_message(robot: str, geometry: GridGeometry, moved: Iterable[MapPatch]) -> MapPatch:
+    """One message of several patches."""
+    return MapPatch(
+        robot=robot,
+        resolution_m=geometry.resolution_m,
+        origin_x_m=geometry.origin_x_m,
+        origin_y_m=geometry.origin_y_m,
+        width=geometry.width,
+        height=geometry.height,
+        parts=list(moved),
+    )
+
+
+def pose_message(
+    robot: str, geometry: GridGeometry, submap: int, T_arena_local: Pose2D, *, withdrawn: bool = False
+) -> MapPatch:
+    """Says where a submap lies, or that it is wrong."""
+    return MapPatch(
+        robot=robot,
+        resolution_m=geometry.resolution_m,
+        origin_x_m=geometry.origin_x_m,
+        origin_y_m=geometry.origin_y_m,
+        width=geometry.width,
+        height=geometry.height,
+        submap=submap,
+        T_arena_local=T_arena_local,
+        withdrawn=withdrawn,
+    )
+
+
+def submap_message(key: SubmapKey, submap: Submap, geometry: GridGeometry) -> MapPatch:
+    """A whole submap, with the times of its tiles."""
+    patch = PatchCells(submap.row, submap.column, submap.classes(), int(submap.stamp_ms.max(initial=0)))
+    message = to_message(key[0], geometry, patch, key[1], submap.T_arena_local)
+    return msgspec.structs.replace(message, tiles_ms=zlib.compress(submap.stamp_ms.tobytes(), 1))
+
+
+def whole_map(robot: str, atlas: SubmapAtlas, keys: Iterable[SubmapKey]) -> MapPatch | None:
+    """Some submaps of an atlas in one message; None if there are none."""
+    geometry = atlas.grid.geometry
+    parts = [submap_message(key, atlas.submaps[key], geometry) for key in keys]
+    return joined_message(robot, geometry, parts) if parts else None
 
 
 def geometry_of(message: MapPatch) -> GridGeometry:
@@ -58,10 +113,12 @@ def check_claim(message: MapPatch, now_ns: int) -> None:
         now_ns: by the receiver's clock.
 
     Raises:
-        ValueError: it is more than `AHEAD_MAX_MS` ahead. Just after the stamps wrap, so are patches from before.
+        ValueError: it, or a part of it, is more than `AHEAD_MAX_MS` ahead. Just after the stamps wrap, so are patches
+            from before.
 
     """
-    ahead_ms = message.observed_ms - map_stamp_ms(now_ns)
+    latest_ms = max((part.observed_ms for part in message.parts), default=0)
+    ahead_ms = max(message.observed_ms, latest_ms) - map_stamp_ms(now_ns)
     if ahead_ms > AHEAD_MAX_MS:
         raise ValueError(
             f"{message.robot}: its patch is from the future, {ahead_ms / 1000:.1f} s ahead, "
@@ -69,33 +126,73 @@ def check_claim(message: MapPatch, now_ns: int) -> None:
         )
 
 
-def merge_message(grid: OccupancyGrid, message: MapPatch) -> int:
-    """Merge a patch into a grid of the same geometry.
+def take_message(atlas: SubmapAtlas, message: MapPatch) -> int:
+    """Take a patch, and its parts, into an atlas of the same geometry.
+
+    Parts about other robots' submaps are hearsay: they are taken where the atlas knows nothing of those submaps.
 
     Returns:
-        How many cells changed their class.
+        How many cells of the map changed their class, at least.
 
     Raises:
-        ValueError: the patch is for another grid, its cells do not match its size, or too many are occupied.
+        ValueError: a patch is for another grid, its cells do not match its size, or too many are occupied. What came
+            before it is taken.
 
     """
-    if geometry_of(message) != grid.geometry:
-        raise ValueError(f"{message.robot} maps {geometry_of(message)}, expected {grid.geometry}")
+    geometry = geometry_of(message)
+    if geometry != atlas.grid.geometry:
+        raise ValueError(f"{message.robot} maps {geometry}, expected {atlas.grid.geometry}")
+    changed = _take_one(atlas, message) if message.withdrawn or message.cells or not message.parts else 0
+    known = {key for part in message.parts if (key := (part.robot, part.submap)) in atlas.submaps}
+    for part in message.parts:
+        if part.parts:
+            raise ValueError(f"{message.robot}: a part of its patch has parts")
+        if part.robot == message.robot or (part.robot, part.submap) not in known:
+            changed += _take_one(atlas, part)
+    return changed
+
+
+def _take_one(atlas: SubmapAtlas, patch: MapPatch) -> int:
+    key = (patch.robot, patch.submap)
+    if patch.withdrawn:
+        atlas.withdraw(key)
+        return 0
+    atlas.move(key, patch.T_arena_local)
+    if not patch.rows and not patch.columns and not patch.cells:
+        return 0
+    cells = _cells_of(patch)
+    if not patch.tiles_ms:
+        return atlas.take(key, patch.row, patch.column, cells, patch.observed_ms)
+    rows, columns = -(-patch.rows // TILE_CELLS), -(-patch.columns // TILE_CELLS)
+    stamps_ms = _inflated(patch, patch.tiles_ms, np.dtype(np.int32), rows, columns)
+    if stamps_ms.min() < 0 or stamps_ms.max() > patch.observed_ms:
+        raise ValueError(f"{patch.robot}: expected times of tiles from 0 to {patch.observed_ms} ms")
+    return atlas.take(key, patch.row, patch.column, cells, stamps_ms)
+
+
+def _cells_of(message: MapPatch) -> NDArray[np.int8]:
+    """The cells of a patch, int8 (rows, columns). Raises ValueError."""
     size = message.rows * message.columns
     if not 0 < size <= MAX_CELLS:
         raise ValueError(f"{message.robot}: expected 1 to {MAX_CELLS} cells in a patch, got {size}")
-    inflater = zlib.decompressobj()
-    try:
-        cells = inflater.decompress(message.cells, size + 1)
-    except zlib.error as error:
-        raise ValueError(f"{message.robot}: the cells of its patch do not inflate: {error}") from error
-    if len(cells) != size:
-        raise ValueError(f"{message.robot}: expected {size} cells in its patch, got {len(cells)}")
-    box = np.frombuffer(cells, dtype=np.int8).reshape(message.rows, message.columns)
+    box = _inflated(message, message.cells, np.dtype(np.int8), message.rows, message.columns)
     occupied, free = int(np.count_nonzero(box > 0)), int(np.count_nonzero(box == 0))
     if occupied > OCCUPIED_MAX + free:
         raise ValueError(
             f"{message.robot}: expected at most {OCCUPIED_MAX} occupied cells in its patch beyond the free ones "
             f"that they were seen through, got {occupied} and {free} free ones"
         )
-    return grid.merge_patch(message.row, message.column, box, message.observed_ms)
+    return box
+
+
+def _inflated(message: MapPatch, packed: bytes, dtype: "np.dtype[Any]", rows: int, columns: int) -> NDArray[Any]:
+    """An array (rows, columns) that a patch carries. Raises ValueError."""
+    size = rows * columns * dtype.itemsize
+    inflater = zlib.decompressobj()
+    try:
+        data = inflater.decompress(packed, size + 1)
+    except zlib.error as error:
+        raise ValueError(f"{message.robot}: the cells of its patch do not inflate: {error}") from error
+    if len(data) != size:
+        raise ValueError(f"{message.robot}: expected {size} bytes of cells in its patch, got {len(data)}")
+    return np.frombuffer(data, dtype).reshape(rows, columns)

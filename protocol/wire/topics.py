@@ -46,7 +46,7 @@ ROBOT_STATE = Topic(
 ROBOT_MAP = Topic(
     name="robot_map",
     pattern="robot/{robot}/map",
-    doc="Cells that the robot's own sensing changed",
+    doc="Cells of a submap that the robot's own sensing changed, and where its submaps lie",
     by=Role.ROBOT,
     message=messages.MapPatch,
     rate_hz=2,
@@ -62,6 +62,16 @@ ROBOT_MAP_WHOLE = Topic(
     by=Role.ROBOT,
     kind=Kind.QUERY,
     reads_only=True,
+)
+ROBOT_CLOSURES = Topic(
+    name="robot_closures",
+    pattern="robot/{robot}/closures",
+    doc="Where scans of the robot lie on submaps of others",
+    by=Role.ROBOT,
+    message=messages.Closures,
+    delivery=Delivery.LOSSLESS,
+    urgency=Urgency.DATA_LOW,
+    recorded=True,
 )
 ROBOT_PATH = Topic(
     name="robot_path",
@@ -426,6 +436,7 @@ TOPICS: tuple[Topic, ...] = (
     ROBOT_STATE,
     ROBOT_MAP,
     ROBOT_MAP_WHOLE,
+    ROBOT_CLOSURES,
     ROBOT_PATH,
     ROBOT_LINKS,
     ROBOT_EVENT,

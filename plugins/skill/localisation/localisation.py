@@ -17,9 +17,13 @@ from robrain.plugins.unit.driver.interface import DriverInterface, OdometryNoise
 from robrain.protocol.model.divergence_watch import WatchSpec
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.localiser import Localiser, LocaliserSpec
+from robrain.protocol.model.mapping.local_map import LocalPose
+from robrain.protocol.model.mapping.mates_in_scan import mate_circles, outside
+from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.odometry import chord
 from robrain.protocol.model.pose_filter import DriftModel
 from robrain.protocol.model.rssi_ranging import PathLoss
+from robrain.protocol.model.scan_match import beam_ends
 from robrain.protocol.wire.clock import to_ns
 
 logger = logging.getLogger(__name__)
@@ -103,19 +107,27 @@ class Localisation(Skill):
         if not start.start_known and self.env.board.T_arena_odom is None:
             self._localiser.lose("nobody has said where it starts")
         self._lost = ""
+        board = self.env.board
+        self._T_arena_local = IDENTITY if board.local_map is None else board.local_map.T_arena_local
+        self._trajectory = 0 if board.local_pose is None else board.local_pose.trajectory
+        self._waiting: LaserScan | None = None
         self._signals = self._matches = 0
         self._last_fit = 0.0
         self._scan_due_ns = 0
         self._checked_version = 0
         self._has_been_lost = bool(self._localiser.lost)
+        self._is_corrected = False
         if start.scan_matching:
             self.env.observe(self.env.use("scan", ScanInterface).scanned, self._see)
         self.env.board.radius_m = self._driver.radius_m()
         self._tell()
 
     def step(self) -> None:
+        self._follow_map()
         self._move()
         self._hear()
+        if self._waiting is not None:
+            self._see(self._waiting)
         self._tell()
         self.env.board.pose = self.pose()
         self.env.board.velocity = self._driver.velocity()
@@ -178,21 +190,44 @@ class Localisation(Skill):
                 self._localiser.hear(sample)
                 self._signals += 1
 
+    def _follow_map(self) -> None:
+        """Loop closures may have moved the frame of the map that the robot goes by: the robot moves with it."""
+        local = self.env.board.local_map
+        if local is None or local.trajectory != self._trajectory or local.T_arena_local == self._T_arena_local:
+            return
+        if not self._localiser.lost:
+            self._localiser.shift(local.T_arena_local.compose(self._T_arena_local.inverse()))
+            self._is_corrected = True
+        self._T_arena_local = local.T_arena_local
+
     def _see(self, scan: LaserScan) -> None:
+        self._waiting = None
+        if scan.stamp_ns > self._driver.odometry_until_ns():
+            self._waiting = scan  # where the robot was then is not known yet
+            return
         self._check_start(scan)
-        now_ns, grid = self.env.clock.now_ns(), self.env.board.map
-        if grid is None or now_ns < self._scan_due_ns:
+        board, now_ns = self.env.board, self.env.clock.now_ns()
+        if board.map is None or board.local_map is None or now_ns < self._scan_due_ns:
             return
         self._scan_due_ns = now_ns + to_ns(self.parameters.scan_period_s)
+        self._follow_map()
         self._move()
-        T_robot_sensor = self._odometry.inverse().compose(self._driver.pose_at(scan.stamp_ns))
-        fit = self._localiser.see(
-            grid.log_odds, grid.geometry, scan.angles_rad, scan.ranges_m, scan.range_max_m, T_robot_sensor
-        )
-        if fit.directions:
-            self._matches += 1
-            self._last_fit = fit.fit
+        T_robot_sensor = self._T_robot_sensor(scan)
+        sensor = self._localiser.pose.compose(T_robot_sensor)
+        circles = mate_circles(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, board.mate_places)
+        points = outside(beam_ends(scan.angles_rad, scan.ranges_m, scan.range_max_m), sensor, circles)
+        if self._localiser.lost:
+            self._localiser.find(points, board.map.log_odds, board.map.geometry, T_robot_sensor)
+        elif board.local_map.trajectory == self._trajectory:
+            fit = self._localiser.see(points, board.local_map, T_robot_sensor)
+            if fit.directions:
+                self._matches += 1
+                self._last_fit = fit.fit
         self._tell()
+
+    def _T_robot_sensor(self, scan: LaserScan) -> Pose2D:
+        """Where the robot was when it scanned, seen from where it is."""
+        return self._odometry.inverse().compose(self._driver.pose_at(scan.stamp_ns))
 
     def _check_start(self, scan: LaserScan) -> None:
         """Is the robot where it was told that it starts? What the others had mapped before it came may tell."""
@@ -201,9 +236,13 @@ class Localisation(Skill):
             return
         self._checked_version = others.version
         self._move()
-        T_robot_sensor = self._odometry.inverse().compose(self._driver.pose_at(scan.stamp_ns))
         self._localiser.check_start(
-            others.log_odds, others.geometry, scan.angles_rad, scan.ranges_m, scan.range_max_m, T_robot_sensor
+            others.log_odds,
+            others.geometry,
+            scan.angles_rad,
+            scan.ranges_m,
+            scan.range_max_m,
+            self._T_robot_sensor(scan),
         )
         if self._localiser.lost:
             self._has_been_lost = self.env.board.false_start = True
@@ -211,10 +250,15 @@ class Localisation(Skill):
 
     def _tell(self) -> None:
         localiser, board = self._localiser, self.env.board
+        self._trajectory += bool(self._lost) and not localiser.lost
         # Until something has corrected it, the frame stays what it was, to the last bit.
-        if self._signals or self._matches or self._has_been_lost:
+        if self._signals or self._matches or self._has_been_lost or self._is_corrected:
             self._T_arena_odom = localiser.pose.compose(self._odometry.inverse())
         board.T_arena_odom = self._T_arena_odom
+        T_local_odom = self._T_arena_odom
+        if self._T_arena_local != IDENTITY:
+            T_local_odom = self._T_arena_local.inverse().compose(T_local_odom)
+        board.local_pose = LocalPose(T_local_odom, self._trajectory)
         board.pose_covariance = tuple(localiser.covariance.ravel().tolist())
         board.lost = localiser.lost
         if localiser.lost != self._lost:

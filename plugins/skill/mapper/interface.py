@@ -28,6 +28,12 @@ class MapperCounters(msgspec.Struct, frozen=True, kw_only=True):
     """Why they are left out now; empty if they are not."""
     patches_dropped: int
     """Patches of others that came faster than they could be merged."""
+    submaps: int
+    """Of which the map is composed."""
+    closures: int
+    """Scans that lay on a submap of another robot, or on an old one of this robot."""
+    contradictions: int
+    """Scans that lay nowhere on a submap that knows the place."""
 
 
 class MapperInterface(Protocol):

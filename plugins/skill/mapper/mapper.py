@@ -10,17 +10,35 @@ from numpy.typing import NDArray
 from robrain.agent.event import Event
 from robrain.agent.plugin import Skill, external
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
+from robrain.plugins.skill.mapper.closure_search import ClosureSearch
 from robrain.plugins.skill.mapper.interface import MapperCounters, MapperInterface, MapView
+from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
 from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates.interface import TeammatesInterface
-from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.local_map import Variances
+from robrain.protocol.model.mapping.loop_closure import Contradiction, Lying, lay_on
+from robrain.protocol.model.mapping.mates_in_scan import mate_circles, outside
+from robrain.protocol.model.mapping.submap import IDENTITY
+from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
+from robrain.protocol.model.mapping.submap_graph import GraphSpec, SubmapGraph, symmetric
+from robrain.protocol.model.occupancy_grid import GridGeometry
+from robrain.protocol.model.scan_match import beam_ends
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox, Received
-from robrain.protocol.wire.map_patch import check_claim, map_stamp_ms, merge_message, to_message
-from robrain.protocol.wire.messages import MapPatch
+from robrain.protocol.wire.map_patch import (
+    check_claim,
+    joined_message,
+    map_stamp_ms,
+    pose_message,
+    take_message,
+    to_message,
+    whole_map,
+)
+from robrain.protocol.wire.messages import Closure, Closures, MapPatch
 from robrain.protocol.wire.record_guard import RecordGuard
 from robrain.protocol.wire.refusals import RefusalCode
-from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_MAP, ROBOT_MAP_WHOLE
+from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 logger = logging.getLogger(__name__)
 
@@ -28,8 +46,22 @@ START_S = 5.0
 """What the others send in this time after the start may still show that the robot is not where it was told it is."""
 TELL_AFTER_S = 0.5
 """Until then nobody is told of what was mapped; chosen."""
-TEAMMATE_MARGIN_M = 0.15
-"""A return this close to a teammate is the teammate, not a wall."""
+CLOSURE_PERIOD_S = 1.0
+"""A scan is laid on another submap this often …"""
+CLOSURE_WAY_M = 0.4
+"""… if the robot has moved so far since."""
+SOLVE_PERIOD_S = 2.0
+CONTRADICTS_MAX = 6
+"""So many scans in a row that do not lie on submaps that know the place."""
+CONTRADICTS = 0.45
+"""Share of beams that agree, below which a scan contradicts a submap."""
+
+
+SLACK_ARM_M = 5.0
+"""A turn moves walls that are so far away."""
+UNSAID: Variances = (4e-4, 4e-4, 1e-5)
+"""Of where a mate's submap lies, if the mate does not say."""
+NOBODY = np.empty((0, 3))
 
 
 class Mapper(Skill):
@@ -51,6 +83,11 @@ class Mapper(Skill):
                 if getattr(self, name) <= 0:
                     raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
 
+        submap: SubmapSpec = SubmapSpec()
+        graph: GraphSpec = GraphSpec()
+        closure_slack_m: float = 0.0
+        """Loop closures that are off by less are taken for none: half a cell for a base whose odometry is exact."""
+
         def geometry(self) -> GridGeometry:
             """The grid that covers this area."""
             return GridGeometry(
@@ -69,8 +106,14 @@ class Mapper(Skill):
 
     def init(self) -> None:
         self._why_paused = ""
-        self._taken = self._left_out = 0
-        self._grid = OccupancyGrid(self.parameters.geometry())
+        self._taken = self._left_out = self._closed = self._contradicted = 0
+        geometry = self.parameters.geometry()
+        self._atlas = SubmapAtlas(geometry)
+        self._graph = SubmapGraph(self.env.robot, self.parameters.graph)
+        self._own = OwnSubmaps(geometry, self._graph, self.parameters.submap)
+        self._search = ClosureSearch(self.env.robot, self._graph, self._atlas)
+        self._variances: dict[SubmapKey, Variances] = {}
+        """Of where the mates' submaps lie."""
         self._view: MapView | None = None
         self._inbox = Inbox(capacity=4096)
         self._refused: set[str] = set()
@@ -78,44 +121,63 @@ class Mapper(Skill):
         """Robots whose liveliness token has been seen."""
         self._began_ns: int | None = None
         self._has_begun_anew = False
+        self._waiting: LaserScan | None = None
+        self._untold: list[MapPatch] = []
+        self._found: list[Closure] = []
+        self._closed_at: Pose2D | None = None
+        self._closure_due_ns = self._solve_due_ns = 0
 
     def activate(self) -> None:
         wire, robot = self.env.wire, self.env.robot
-        self.env.board.map = self._grid
+        self.env.board.map = self._atlas.grid
+        if self.env.board.local_map is not None:
+            self._own.T_arena_local = self.env.board.local_map.T_arena_local
         if self._began_ns is None:
             self._began_ns = self.env.clock.now_ns()
-            self.env.board.map_of_others = OccupancyGrid(self._grid.geometry)
+            self._others: SubmapAtlas | None = SubmapAtlas(self._atlas.grid.geometry)
+            self.env.board.map_of_others = self._others.grid
         self._driver = self.env.use("driver", DriverInterface)
         self._teammates = self.env.use("teammates", TeammatesInterface)
-        self.env.observe(self.env.use("scan", ScanInterface).scanned, self._integrate)
+        self.env.observe(self.env.use("scan", ScanInterface).scanned, self._see)
         self._guard = RecordGuard(wire.refusals)
         self._patches = wire.publisher(ROBOT_MAP, robot=robot)
+        self._closures = wire.publisher(ROBOT_CLOSURES, robot=robot)
         self._presence = wire.watch(ROBOT_ALIVE)
         wire.subscribe(self._inbox, ROBOT_MAP)
+        wire.subscribe(self._inbox, ROBOT_CLOSURES)
         self.env.answer(ROBOT_MAP_WHOLE, lambda _request: self._whole(), robot=robot)
 
     def step(self) -> None:
         self._hear()
+        if self._waiting is not None:
+            self._see(self._waiting)
         if self.env.board.false_start:
             self._begin_anew()
         if not self._is_starting(START_S):
-            self.env.board.map_of_others = None
+            self._others = self.env.board.map_of_others = None
+        self._take_own_patch()
+        self._solve()
         if self._is_starting(TELL_AFTER_S):
             return
-        patch = self._grid.take_patch()
-        if patch is not None:
-            self._patches.put(to_message(self.env.robot, self._grid.geometry, patch))
+        for patch in self._untold:
+            self._patches.put(patch)
+        self._untold.clear()
+        if self._found:
+            self._closures.put(Closures(robot=self.env.robot, closures=self._found[:256]))
+            self._found = []
 
     def view(self) -> MapView:
         """The map as it is now."""
-        if self._view is None or self._view.version != self._grid.version:
-            self._view = MapView(self._grid.version, self._grid.geometry, self._grid.classes())
+        grid = self._atlas.grid
+        if self._view is None or self._view.version != grid.version:
+            self._view = MapView(grid.version, grid.geometry, grid.classes())
         return self._view
 
     @external
     def known_area_m2(self) -> float:
         """Area of the floor and walls that are known."""
-        return self._grid.known_count * self._grid.geometry.resolution_m**2
+        grid = self._atlas.grid
+        return grid.known_count * grid.geometry.resolution_m**2
 
     @external
     def counters(self) -> MapperCounters:
@@ -125,23 +187,135 @@ class Mapper(Skill):
             scans_left_out=self._left_out,
             why_left_out=self._why_paused,
             patches_dropped=self._inbox.dropped,
+            submaps=len(self._atlas.submaps),
+            closures=self._closed,
+            contradictions=self._contradicted,
         )
 
-    def _integrate(self, scan: LaserScan) -> None:
-        T_arena_odom = self.env.board.T_arena_odom
-        if T_arena_odom is None:
+    def _see(self, scan: LaserScan) -> None:
+        self._waiting = None
+        if scan.stamp_ns > self._driver.odometry_until_ns():
+            self._waiting = scan  # where the robot was then is not known yet
+            return
+        local_pose = self.env.board.local_pose
+        if local_pose is None:
             return
         if self.env.board.false_start:
             self._begin_anew()
         self._pause(self._why_not())
         if self._why_paused:
             self._left_out += 1
+            if self.env.board.lost and self._own.number is not None:
+                self._withdraw([self._own.number])  # nobody knows since when it is wrong
             return
         self._taken += 1
-        sensor = T_arena_odom.compose(self._driver.pose_at(scan.stamp_ns))
-        self._grid.integrate_scan(
-            sensor, scan.angles_rad, scan.ranges_m, scan.range_max_m, map_stamp_ms(scan.stamp_ns), self._team_circles()
+        if local_pose.trajectory != self._own.trajectory:
+            self._own.begin_trajectory(local_pose.trajectory)
+            self._search.forget()
+        local = local_pose.T_local_odom.compose(self._driver.pose_at(scan.stamp_ns))
+        told = self._mates()
+        sensor = self._own.T_arena_local.compose(local)
+        circles = mate_circles(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, told)
+        self.env.board.mate_places = told
+        if self._own.is_over():
+            self._take_own_patch()
+            covariance = np.array(self.env.board.pose_covariance).reshape(3, 3)
+            self._own.begin_submap(map_stamp_ms(scan.stamp_ns), local, covariance)
+        self._own.integrate(
+            local,
+            scan.angles_rad,
+            scan.ranges_m,
+            scan.range_max_m,
+            map_stamp_ms(scan.stamp_ns),
+            _in_local(circles, self._own.T_arena_local),
         )
+        self.env.board.local_map = self._own.local_map()
+        self._look_for_closure(scan, local, circles)
+
+    def _take_own_patch(self) -> None:
+        """Draw what the robot has seen, and have it told."""
+        own = self._own.take_patch()
+        if own is None:
+            return
+        key = (self.env.robot, own.submap)
+        if key not in self._atlas.submaps:
+            self._atlas.move(key, self._own.T_arena_local)
+        self._atlas.take(key, own.cells.row, own.cells.column, own.cells.cells, own.cells.stamp_ms)
+        geometry = self._atlas.grid.geometry
+        self._untold.append(to_message(self.env.robot, geometry, own.cells, own.submap, self._own.T_arena_local))
+
+    def _look_for_closure(self, scan: LaserScan, local: Pose2D, circles: NDArray[np.float64]) -> None:
+        """Lay the scan on a submap that should show the place, of another robot or an old one of this one."""
+        now_ns, number = self.env.clock.now_ns(), self._own.number
+        sensor = self._own.T_arena_local.compose(local)
+        if now_ns < self._closure_due_ns or number is None:
+            return
+        if self._closed_at is not None and self._closed_at.distance_m(sensor) < CLOSURE_WAY_M:
+            return
+        self._closure_due_ns = now_ns + to_ns(CLOSURE_PERIOD_S)
+        key = self._search.candidate(sensor)
+        if key is None:
+            return
+        self._closed_at = sensor
+        points = outside(beam_ends(scan.angles_rad, scan.ranges_m, scan.range_max_m), sensor, circles)
+        submap = self._atlas.submaps[key]
+        x_m2, y_m2, yaw_rad2 = self._own.local_map().variances
+        other = self._variances_of(key)
+        sigma_m = math.sqrt(max(x_m2 + other[0], y_m2 + other[1]))
+        sigma_rad = math.sqrt(yaw_rad2 + other[2])
+        lying = lay_on(submap, self._atlas.grid.geometry, sensor, points, sigma_m, sigma_rad)
+        if isinstance(lying, Contradiction):
+            self._contradicted += lying.agrees < CONTRADICTS
+        if not isinstance(lying, Lying):
+            return
+        believed = submap.T_arena_local.inverse().compose(sensor)
+        found = self._with_slack(believed, lying.sensor)
+        at_own = local.compose(Pose2D(0.0, 0.0, -found.yaw_rad))
+        at_other = Pose2D(found.x_m, found.y_m, 0.0)
+        self._graph.close(number, at_own, key, at_other, lying.information)
+        self._closed += 1
+        if key[0] != self.env.robot:
+            upper = lying.information[np.triu_indices(3)]
+            self._found.append(
+                Closure(
+                    submap=number, at=at_own, mate=key[0], mate_submap=key[1], at_mate=at_other,
+                    information=tuple(upper.tolist()),
+                )  # fmt: skip
+            )
+
+    def _with_slack(self, believed: Pose2D, found: Pose2D) -> Pose2D:
+        slack_m = self.parameters.closure_slack_m
+        if not slack_m:
+            return found
+        turned_rad = math.remainder(found.yaw_rad - believed.yaw_rad, math.tau)
+        is_same = believed.distance_m(found) < slack_m and abs(turned_rad) < slack_m / SLACK_ARM_M
+        return believed if is_same else found
+
+    def _solve(self) -> None:
+        now_ns = self.env.clock.now_ns()
+        if not self._graph.has_news or now_ns < self._solve_due_ns:
+            return
+        self._solve_due_ns = now_ns + to_ns(SOLVE_PERIOD_S)
+        moved = self._graph.solve(self._place_of, self._variances_of)
+        if not moved:
+            return
+        robot, geometry = self.env.robot, self._atlas.grid.geometry
+        told = []
+        for number, T_arena_local in moved.items():
+            self._atlas.move((robot, number), T_arena_local)
+            told.append(pose_message(robot, geometry, number, T_arena_local))
+        self._untold.append(joined_message(robot, geometry, told))
+        current = self._graph.current
+        if current is not None and current.number == self._own.number:
+            self._own.T_arena_local = current.T_arena_local
+            self.env.board.local_map = self._own.local_map()
+
+    def _place_of(self, key: SubmapKey) -> Pose2D | None:
+        submap = self._atlas.submaps.get(key)
+        return None if submap is None else submap.T_arena_local
+
+    def _variances_of(self, key: SubmapKey) -> Variances:
+        return self._variances.get(key, UNSAID)
 
     def _why_not(self) -> str:
         """Why a scan must not be put into the map now; walls in the wrong place are worse than none."""
@@ -161,14 +335,23 @@ class Mapper(Skill):
 
     def _begin_anew(self) -> None:
         """Throw away what was mapped from where the robot never was."""
-        others = self.env.board.map_of_others
-        if others is None or self._has_begun_anew:
+        if self._has_begun_anew:
             return
         self._has_begun_anew = True
-        self._grid.forget()
-        whole = others.full_patch()
-        if whole is not None:
-            self._grid.merge_patch(whole.row, whole.column, whole.cells, whole.stamp_ms)
+        self._withdraw(list(self._graph.own))
+
+    def _withdraw(self, numbers: list[int]) -> None:
+        """Own submaps are wrong: leave them out of the map, and tell so."""
+        robot, geometry = self.env.robot, self._atlas.grid.geometry
+        told = []
+        for number in numbers:
+            self._graph.withdraw(number)
+            self._atlas.withdraw((robot, number))
+            told.append(pose_message(robot, geometry, number, IDENTITY, withdrawn=True))
+        self._untold = [each for each in self._untold if each.submap not in numbers or each.parts]
+        if told:
+            self._untold.append(joined_message(robot, geometry, told))
+        self._own.begin_trajectory(self._own.trajectory)
 
     def _pause(self, why: str) -> None:
         if bool(why) != bool(self._why_paused):
@@ -176,11 +359,12 @@ class Mapper(Skill):
             self.paused.notify(why)
         self._why_paused = why
 
-    def _team_circles(self) -> NDArray[np.float64]:
+    def _mates(self) -> NDArray[np.float64]:
+        """(K, 3) where mates say that they are, and their radii, arena frame."""
         others = self._teammates.others()
         if not others:
-            return np.empty((0, 3))
-        return np.array([(mate.pose.x_m, mate.pose.y_m, mate.radius_m + TEAMMATE_MARGIN_M) for mate in others])
+            return NOBODY
+        return np.array([(mate.pose.x_m, mate.pose.y_m, mate.radius_m) for mate in others])
 
     def _hear(self) -> None:
         for change in self._presence.changes():
@@ -192,27 +376,57 @@ class Mapper(Skill):
         self._guard.messages(self._inbox.drain(), self._take)
 
     def _take(self, received: Received) -> None:
-        patch: MapPatch = received.message
-        if patch.robot == self.env.robot:
+        message: MapPatch | Closures = received.message
+        if message.robot == self.env.robot:
             return
-        if patch.robot in self._met:
-            self._merge(patch)
-        else:  # nothing is lost: the mapper asks for its whole map when its token appears
-            why = f"{patch.robot} is not there"
-            self.env.wire.refusals.note(ROBOT_MAP.name, received.key, RefusalCode.UNKNOWN_SENDER, why)
+        if message.robot not in self._met:
+            # nothing is lost: the mapper asks for its whole map when its token appears
+            why = f"{message.robot} is not there"
+            self.env.wire.refusals.note(received.topic.name, received.key, RefusalCode.UNKNOWN_SENDER, why)
+        elif isinstance(message, Closures):
+            self._take_closures(message)
+        else:
+            self._merge(message)
+
+    def _take_closures(self, message: Closures) -> None:
+        """A mate's scans lie on submaps of this robot."""
+        for closure in message.closures:
+            if closure.mate == self.env.robot:
+                self._graph.close_with_mate(
+                    closure.mate_submap,
+                    closure.at_mate,
+                    (message.robot, closure.submap),
+                    closure.at,
+                    symmetric(closure.information),
+                )
 
     def _merge(self, patch: MapPatch) -> None:
-        others = self.env.board.map_of_others
         try:
             check_claim(patch, self.env.clock.now_ns())
-            merge_message(self._grid, patch)
-            if others is not None and patch.observed_ms <= map_stamp_ms(self._began_ns or 0):
-                merge_message(others, patch)
+            take_message(self._atlas, patch)
+            if self._others is not None and patch.observed_ms <= map_stamp_ms(self._began_ns or 0):
+                take_message(self._others, patch)
         except ValueError as error:
             if patch.robot not in self._refused:
                 self._refused.add(patch.robot)
                 logger.warning("%s: the map of %s cannot be merged: %s", self.env.robot, patch.robot, error)
+        if any(part.robot == patch.robot for part in patch.parts):
+            self._graph.has_news = self._graph.has_news or self._graph.rests_on(patch.robot)
 
     def _whole(self) -> MapPatch | None:
-        patch = self._grid.full_patch()
-        return None if patch is None else to_message(self.env.robot, self._grid.geometry, patch)
+        """The robot's own submaps, and those of robots that are not there to tell them."""
+        robot = self.env.robot
+        keys = [key for key in sorted(self._atlas.submaps) if key[0] == robot or key[0] not in self._met]
+        return whole_map(robot, self._atlas, keys)
+
+
+def _in_local(circles: NDArray[np.float64], T_arena_local: Pose2D) -> NDArray[np.float64]:
+    """Circles of the arena frame in the frame `local`."""
+    if T_arena_local == IDENTITY or not len(circles):
+        return circles
+    T_local_arena = T_arena_local.inverse()
+    cos, sin = math.cos(T_local_arena.yaw_rad), math.sin(T_local_arena.yaw_rad)
+    moved = circles.copy()
+    moved[:, 0] = T_local_arena.x_m + cos * circles[:, 0] - sin * circles[:, 1]
+    moved[:, 1] = T_local_arena.y_m + sin * circles[:, 0] + cos * circles[:, 1]
+    return moved

@@ -1,0 +1,135 @@
+"""Which beams of a scan ended at a robot, so that nobody is matched against, or drawn as, a wall.
+
+A mate says where it is, but either robot may be wrong about its own place. A round thing of the mate's size that stands
+alone near the place told is taken to be the mate.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.kernel_array import FLOAT64, kernel_array
+
+MARGIN_M = 0.15
+"""A return this close to a mate's hull is the mate."""
+REACH_M = 0.8
+"""A mate may be so far from where it says that it is, as this robot sees it; chosen."""
+JUMP_M = 0.25
+"""Neighbouring beams whose ranges differ by more do not end at the same thing."""
+ROUND_M = 0.06
+"""So far from a circle of the mate's radius the beams may end."""
+
+
+def mate_circles(
+    angles_rad: NDArray[np.float64],
+    ranges_m: NDArray[np.float64],
+    range_max_m: float,
+    sensor: Pose2D,
+    told: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Circles (2 K, 3) x, y, radius in metres, arena frame, in which no beam's end is a wall.
+
+    Args:
+        angles_rad: (N,) directions of the beams in the sensor's frame, in order.
+        ranges_m: (N,) what they measured.
+        range_max_m: ranges of so much are no return.
+        sensor: the sensor's pose, arena frame.
+        told: (K, 3) where the mates say that they are, and their radii, arena frame.
+
+    """
+    if not len(told):
+        return np.empty((0, 3))
+    return _mate_circles(
+        kernel_array(angles_rad, FLOAT64),
+        kernel_array(ranges_m, FLOAT64),
+        float(range_max_m),
+        float(sensor.x_m),
+        float(sensor.y_m),
+        float(sensor.yaw_rad),
+        kernel_array(told, FLOAT64),
+    )
+
+
+def outside(points: NDArray[np.float64], sensor: Pose2D, circles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Those of the points (N, 2) in the sensor's frame that lie in none of the circles (K, 3) of the arena frame."""
+    if not len(circles) or not len(points):
+        return points
+    kept: NDArray[np.float64] = points[_outside(points, sensor.x_m, sensor.y_m, sensor.yaw_rad, circles)]
+    return kept
+
+
+@njit(cache=True, nogil=True)
+def _outside(
+    points: NDArray[np.float64], x_m: float, y_m: float, yaw_rad: float, circles: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+    is_outside = np.ones(points.shape[0], np.bool_)
+    for n in range(points.shape[0]):
+        at_x = x_m + cos * points[n, 0] - sin * points[n, 1]
+        at_y = y_m + sin * points[n, 0] + cos * points[n, 1]
+        for k in range(circles.shape[0]):
+            if (at_x - circles[k, 0]) ** 2 + (at_y - circles[k, 1]) ** 2 <= circles[k, 2] ** 2:
+                is_outside[n] = False
+                break
+    return is_outside
+
+
+@njit(cache=True, nogil=True)
+def _mate_circles(
+    angles_rad: NDArray[np.float64],
+    ranges_m: NDArray[np.float64],
+    range_max_m: float,
+    x_m: float,
+    y_m: float,
+    yaw_rad: float,
+    told: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    beams = angles_rad.shape[0]
+    circles = np.empty((2 * told.shape[0], 3))
+    count = 0
+    for k in range(told.shape[0]):
+        radius_m = told[k, 2]
+        away_m = math.hypot(told[k, 0] - x_m, told[k, 1] - y_m)
+        if away_m > range_max_m + REACH_M + radius_m:
+            continue
+        circles[count, 0], circles[count, 1], circles[count, 2] = told[k, 0], told[k, 1], radius_m + MARGIN_M
+        count += 1
+        # The thing nearest to the place told that stands alone, is as wide as the mate, and round.
+        nearest_m = REACH_M
+        found_x = found_y = 0.0
+        first = 0
+        while first < beams:
+            if not 0.0 < ranges_m[first] < range_max_m or abs(ranges_m[first] - ranges_m[first - 1]) <= JUMP_M:
+                first += 1
+                continue
+            last = first
+            while last + 1 < beams and abs(ranges_m[last + 1] - ranges_m[last]) <= JUMP_M:
+                last += 1
+            following = ranges_m[(last + 1) % beams]
+            is_before = ranges_m[first] < ranges_m[first - 1] and ranges_m[last] < following
+            middle = (first + last) // 2
+            reach_m = ranges_m[middle] + radius_m
+            if is_before and ranges_m[last] < range_max_m and reach_m > radius_m:
+                half_rad = math.asin(min(1.0, radius_m / reach_m))
+                spread_rad = angles_rad[last] - angles_rad[first]
+                angle = yaw_rad + 0.5 * (angles_rad[first] + angles_rad[last])
+                center_x, center_y = x_m + reach_m * math.cos(angle), y_m + reach_m * math.sin(angle)
+                off_m = math.hypot(center_x - told[k, 0], center_y - told[k, 1])
+                if off_m < nearest_m and spread_rad <= 2.2 * half_rad:
+                    is_round = True
+                    for n in range(first, last + 1):
+                        end_x = x_m + ranges_m[n] * math.cos(yaw_rad + angles_rad[n])
+                        end_y = y_m + ranges_m[n] * math.sin(yaw_rad + angles_rad[n])
+                        if abs(math.hypot(end_x - center_x, end_y - center_y) - radius_m) > ROUND_M:
+                            is_round = False
+                            break
+                    if is_round:
+                        nearest_m, found_x, found_y = off_m, center_x, center_y
+            first = last + 1
+        if nearest_m < REACH_M:
+            circles[count, 0], circles[count, 1], circles[count, 2] = found_x, found_y, radius_m + MARGIN_M
+            count += 1
+    return circles[:count]

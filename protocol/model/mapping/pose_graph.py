@@ -1,0 +1,226 @@
+"""A pose graph of submaps: where each of them lies in the arena, from what is known of pairs of them.
+
+Graph SLAM as in Grisetti et al., *A tutorial on graph-based SLAM*, IEEE Intelligent Transportation Systems Magazine
+2(4), 2010: Gauss–Newton on the residuals of the edges. Edges that may be false are weighed by dynamic covariance
+scaling (Agarwal et al., *Robust map optimization using dynamic covariance scaling*, ICRA 2013), which is the closed form
+of the switchable constraints of Sünderhauf and Protzel (IROS 2012).
+
+Nodes are poses T_arena_node. An edge says that a place fixed to one node and a place fixed to another are the same
+pose in the arena. A node may be held where it is: the arena itself, or a submap of another robot, which that robot
+places. The arithmetic is compiled without BLAS, so that results are equal on every processor.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
+
+Floats = NDArray[np.float64]
+ITERATIONS_MAX = 10
+DONE = 1e-6
+"""Metres and radians: smaller steps end the iteration."""
+SCALING = 5.0
+"""Φ of dynamic covariance scaling: edges whose squared residual exceeds it lose weight; chosen."""
+
+
+class Edge(NamedTuple):
+    """A place of node `one` and a place of node `other` are the same pose.
+
+    `information` (3, 3) is the inverse covariance of the difference other − one in x, y (m) and yaw (rad), in the axes of
+    `at_one`.
+    """
+
+    one: int
+    at_one: Pose2D
+    other: int
+    at_other: Pose2D
+    information: Floats
+    may_be_false: bool
+
+
+class Solution(NamedTuple):
+    """What a pose graph was solved to."""
+
+    poses: list[Pose2D]
+    """T_arena_node of the free nodes."""
+    covariances: Floats
+    """(n, 3, 3): marginal covariance of each free node: m², m·rad, rad², arena frame, about the node."""
+    squared_residuals: list[float]
+    """Of each edge, weighed by its information; about 3 for an edge that is true."""
+
+
+def solve(free: list[Pose2D], held: list[Pose2D], edges: list[Edge]) -> Solution | None:
+    """The most likely poses of the free nodes.
+
+    Args:
+        free: T_arena_node of the free nodes, to begin with; nodes 0 to n − 1.
+        held: T_arena_node of the nodes that are held; the numbers after those.
+        edges: what is known of pairs of nodes.
+
+    Returns:
+        None if the edges do not determine the free nodes.
+
+    """
+    nodes = np.array([(pose.x_m, pose.y_m, pose.yaw_rad) for pose in (*free, *held)]).reshape(-1, 3)
+    ends = np.array([(edge.one, edge.other) for edge in edges], np.int64).reshape(-1, 2)
+    places = np.array(
+        [
+            (a.x_m, a.y_m, a.yaw_rad, b.x_m, b.y_m, b.yaw_rad)
+            for a, b in ((edge.at_one, edge.at_other) for edge in edges)
+        ]
+    ).reshape(-1, 6)
+    information = np.array([edge.information for edge in edges]).reshape(-1, 3, 3)
+    doubtful = np.array([edge.may_be_false for edge in edges], np.bool_)
+    covariances = np.zeros((len(free), 3, 3))
+    squares = np.zeros(len(edges))
+    is_determined = _solve(nodes, len(free), ends, places, information, doubtful, covariances, squares)
+    if not is_determined:
+        return None
+    poses = [Pose2D(x_m, y_m, wrap_angle_rad(yaw_rad)) for x_m, y_m, yaw_rad in nodes[: len(free)].tolist()]
+    return Solution(poses, covariances, squares.tolist())
+
+
+@njit(cache=True, nogil=True)
+def _residual(nodes: Floats, one: int, other: int, place: Floats, residual: Floats, jacobian: Floats) -> None:
+    """Residual (3,) of an edge, and its derivatives (2, 3, 3) by the pose of either node."""
+    cos_one, sin_one = math.cos(nodes[one, 2]), math.sin(nodes[one, 2])
+    cos_other, sin_other = math.cos(nodes[other, 2]), math.sin(nodes[other, 2])
+    arm_one_x = cos_one * place[0] - sin_one * place[1]
+    arm_one_y = sin_one * place[0] + cos_one * place[1]
+    arm_other_x = cos_other * place[3] - sin_other * place[4]
+    arm_other_y = sin_other * place[3] + cos_other * place[4]
+    dx = nodes[other, 0] + arm_other_x - nodes[one, 0] - arm_one_x
+    dy = nodes[other, 1] + arm_other_y - nodes[one, 1] - arm_one_y
+    axis = nodes[one, 2] + place[2]
+    cos, sin = math.cos(axis), math.sin(axis)
+    residual[0] = cos * dx + sin * dy
+    residual[1] = -sin * dx + cos * dy
+    turn = nodes[other, 2] + place[5] - axis
+    residual[2] = turn - 2.0 * math.pi * math.floor((turn + math.pi) / (2.0 * math.pi))
+    # By x and y of either node; by its yaw the place moves at right angles to its arm.
+    jacobian[0, 0, 0], jacobian[0, 0, 1] = -cos, -sin
+    jacobian[0, 1, 0], jacobian[0, 1, 1] = sin, -cos
+    jacobian[0, 0, 2] = residual[1] - (cos * -arm_one_y + sin * arm_one_x)
+    jacobian[0, 1, 2] = -residual[0] - (-sin * -arm_one_y + cos * arm_one_x)
+    jacobian[0, 2, 0] = jacobian[0, 2, 1] = 0.0
+    jacobian[0, 2, 2] = -1.0
+    jacobian[1, 0, 0], jacobian[1, 0, 1] = cos, sin
+    jacobian[1, 1, 0], jacobian[1, 1, 1] = -sin, cos
+    jacobian[1, 0, 2] = cos * -arm_other_y + sin * arm_other_x
+    jacobian[1, 1, 2] = -sin * -arm_other_y + cos * arm_other_x
+    jacobian[1, 2, 0] = jacobian[1, 2, 1] = 0.0
+    jacobian[1, 2, 2] = 1.0
+
+
+@njit(cache=True, nogil=True)
+def _factor(matrix: Floats) -> bool:
+    """Write Cholesky's lower factor into a symmetric matrix; False if it is not positive definite."""
+    size = matrix.shape[0]
+    for i in range(size):
+        for j in range(i + 1):
+            rest = matrix[i, j]
+            for k in range(j):
+                rest -= matrix[i, k] * matrix[j, k]
+            if i == j:
+                if not rest > 0.0:
+                    return False
+                matrix[i, i] = math.sqrt(rest)
+            else:
+                matrix[i, j] = rest / matrix[j, j]
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _substitute(lower: Floats, vector: Floats, first: int) -> None:
+    """Solve L · Lᵀ · x = `vector` in place; its entries before `first` are 0."""
+    size = vector.shape[0]
+    for i in range(first, size):
+        rest = vector[i]
+        for k in range(first, i):
+            rest -= lower[i, k] * vector[k]
+        vector[i] = rest / lower[i, i]
+    for i in range(size - 1, -1, -1):
+        rest = vector[i]
+        for k in range(i + 1, size):
+            rest -= lower[k, i] * vector[k]
+        vector[i] = rest / lower[i, i]
+
+
+@njit(cache=True, nogil=True)
+def _solve(
+    nodes: Floats,
+    free: int,
+    ends: NDArray[np.int64],
+    places: Floats,
+    information: Floats,
+    doubtful: NDArray[np.bool_],
+    covariances: Floats,
+    squares: Floats,
+) -> bool:
+    size = 3 * free
+    hessian = np.zeros((size, size))
+    step = np.zeros(size)
+    residual = np.zeros(3)
+    jacobian = np.zeros((2, 3, 3))
+    weighed = np.zeros((2, 3, 3))
+    for iteration in range(ITERATIONS_MAX + 1):
+        hessian[:] = 0.0
+        step[:] = 0.0
+        for e in range(ends.shape[0]):
+            _residual(nodes, ends[e, 0], ends[e, 1], places[e], residual, jacobian)
+            square = 0.0
+            for i in range(3):
+                for j in range(3):
+                    square += residual[i] * information[e, i, j] * residual[j]
+            squares[e] = square
+            weight = 1.0
+            if doubtful[e] and square > SCALING:
+                weight = (2.0 * SCALING / (SCALING + square)) ** 2
+            for side in range(2):
+                for i in range(3):
+                    for j in range(3):
+                        total = 0.0
+                        for k in range(3):
+                            total += jacobian[side, k, i] * information[e, k, j]
+                        weighed[side, i, j] = weight * total
+            for side in range(2):
+                if ends[e, side] >= free:
+                    continue
+                at = 3 * ends[e, side]
+                for i in range(3):
+                    for k in range(3):
+                        step[at + i] -= weighed[side, i, k] * residual[k]
+                for against in range(2):
+                    if ends[e, against] >= free:
+                        continue
+                    to = 3 * ends[e, against]
+                    for i in range(3):
+                        for j in range(3):
+                            total = 0.0
+                            for k in range(3):
+                                total += weighed[side, i, k] * jacobian[against, k, j]
+                            hessian[at + i, to + j] += total
+        if not _factor(hessian):
+            return False
+        if iteration == ITERATIONS_MAX:
+            break
+        _substitute(hessian, step, 0)
+        largest = 0.0
+        for i in range(size):
+            largest = max(largest, abs(step[i]))
+            nodes[i // 3, i % 3] += step[i]
+        if largest < DONE:
+            break
+    column = np.zeros(size)
+    for n in range(free):
+        for j in range(3):
+            column[:] = 0.0
+            column[3 * n + j] = 1.0
+            _substitute(hessian, column, 3 * n)
+            for i in range(3):
+                covariances[n, i, j] = column[3 * n + i]
+    return True

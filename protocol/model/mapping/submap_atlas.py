@@ -1,0 +1,185 @@
+"""The team's map as a composition of submaps that may be moved, or withdrawn, after they were seen.
+
+Where submaps overlap, the cell that was seen last counts, and at equal times occupied does: the rule of
+`OccupancyGrid.merge_patch`. While no submap has been moved the composition is the same as merging all patches into one
+grid. A submap that is moved is erased where it was and drawn where it is, by the nearest of its cells.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.submap import IDENTITY, TILE_CELLS, Submap, moved_box
+from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
+
+SUBMAPS_MAX = 8192
+"""Submaps that an atlas holds; others are refused."""
+CELLS_MAX = 1 << 27
+"""Cells of all submaps of an atlas, a byte each; patches that would need more are refused."""
+
+SubmapKey = tuple[str, int]
+"""Robot and the number of its submap."""
+Box = tuple[int, int, int, int]
+
+
+class SubmapAtlas:
+    """Submaps of a team, composed to one grid.
+
+    Args:
+        geometry: the team's grid. Cells of submaps that come to lie outside it are not drawn.
+
+    """
+
+    def __init__(self, geometry: GridGeometry) -> None:
+        self.grid = OccupancyGrid(geometry)
+        """The composition; to be read only."""
+        self.submaps: dict[SubmapKey, Submap] = {}
+        self._poses: dict[SubmapKey, Pose2D] = {}
+        """Poses of submaps of which no cell is known yet."""
+        self._cells = 0
+        self._origin = (geometry.origin_x_m, geometry.origin_y_m)
+
+    def take(
+        self, key: SubmapKey, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int | NDArray[np.int32]
+    ) -> int:
+        """Take over statements of a robot about a box of its submap, see `Submap.take`.
+
+        Returns:
+            How many classes of the grid changed.
+
+        Raises:
+            ValueError: there are too many submaps, or the submap gets too large.
+
+        """
+        submap = self.submaps.get(key)
+        if submap is None and len(self.submaps) >= SUBMAPS_MAX:
+            raise ValueError(f"expected at most {SUBMAPS_MAX} submaps")
+        if self._cells + cells.size > CELLS_MAX:
+            raise ValueError(f"expected submaps of at most {CELLS_MAX} cells in all")
+        if submap is None:
+            submap = Submap(self._poses.get(key, IDENTITY))
+        before = submap.evidence.size
+        submap.take(row, column, cells, stamp_ms)
+        self._cells += submap.evidence.size - before
+        self.submaps[key] = submap
+        self._poses.pop(key, None)
+        # All of the tiles: their time has changed for each cell of them.
+        height, width = cells.shape
+        box = _down(row), _down(column), -_down(-row - height), -_down(-column - width)
+        return self._draw(submap, self._moved(submap.T_arena_local, box))
+
+    def move(self, key: SubmapKey, T_arena_local: Pose2D) -> None:
+        """A submap lies here from now on."""
+        submap = self.submaps.get(key)
+        if submap is None:
+            if len(self._poses) < SUBMAPS_MAX:
+                self._poses[key] = T_arena_local
+            return
+        if submap.T_arena_local == T_arena_local:
+            return
+        before = self._box_of(submap)
+        submap.T_arena_local = T_arena_local
+        self._redraw(before)
+        self._draw(submap, self._box_of(submap))
+
+    def withdraw(self, key: SubmapKey) -> None:
+        """A submap is wrong: it is not part of the map any more."""
+        self._poses.pop(key, None)
+        submap = self.submaps.pop(key, None)
+        if submap is not None:
+            self._cells -= submap.evidence.size
+            self._redraw(self._box_of(submap))
+
+    def forget(self) -> None:
+        """Know nothing any more."""
+        self.submaps.clear()
+        self._poses.clear()
+        self._cells = 0
+        self.grid.forget()
+
+    def _moved(self, T_arena_local: Pose2D, box: Box) -> Box:
+        return self._clipped(moved_box(T_arena_local, box, self.grid.geometry.resolution_m, self._origin))
+
+    def _box_of(self, submap: Submap) -> Box:
+        return self._clipped(submap.box_in_arena(self.grid.geometry.resolution_m, self._origin))
+
+    def _clipped(self, box: Box) -> Box:
+        height, width = self.grid.geometry.shape
+        return max(box[0], 0), max(box[1], 0), min(box[2], height), min(box[3], width)
+
+    def _draw(self, submap: Submap, box: Box) -> int:
+        """Draw what a submap says of a box of the grid; how many classes changed."""
+        if box[0] >= box[2] or box[1] >= box[3] or submap.is_empty:
+            return 0
+        grid = self.grid
+        changed, discovered = _draw(
+            grid.log_odds, grid.stamp_ms, box, submap.evidence, submap.stamp_ms, self._lookup(submap)
+        )
+        grid.count_drawn(changed, discovered)
+        return changed
+
+    def _redraw(self, box: Box) -> None:
+        """Compose a box of the grid anew, from all submaps."""
+        if box[0] >= box[2] or box[1] >= box[3]:
+            return
+        self.grid.erase(*box)
+        for key in sorted(self.submaps):
+            submap = self.submaps[key]
+            its = self._box_of(submap)
+            both = max(its[0], box[0]), max(its[1], box[1]), min(its[2], box[2]), min(its[3], box[3])
+            self._draw(submap, both)
+
+    def _lookup(self, submap: Submap) -> tuple[float, float, float, float]:
+        """(cos, sin, row, column): a cell (i, j) of the grid is the submap's at (row + cos·i − sin·j, column + …)."""
+        geometry = self.grid.geometry
+        T_local_arena = submap.T_arena_local.inverse()
+        cos, sin = math.cos(T_local_arena.yaw_rad), math.sin(T_local_arena.yaw_rad)
+        # The middle of cell (0, 0) of the grid, in cells of the lattice of the submap.
+        x_m = geometry.origin_x_m + 0.5 * geometry.resolution_m
+        y_m = geometry.origin_y_m + 0.5 * geometry.resolution_m
+        at_x = (T_local_arena.x_m + cos * x_m - sin * y_m - geometry.origin_x_m) / geometry.resolution_m
+        at_y = (T_local_arena.y_m + sin * x_m + cos * y_m - geometry.origin_y_m) / geometry.resolution_m
+        return cos, sin, at_y - submap.row, at_x - submap.column
+
+
+def _down(cell: int) -> int:
+    return cell // TILE_CELLS * TILE_CELLS
+
+
+@njit(cache=True, nogil=True)
+def _draw(
+    log_odds: NDArray[np.int8],
+    stamps_ms: NDArray[np.int32],
+    box: tuple[int, int, int, int],
+    evidence: NDArray[np.int8],
+    tile_stamps_ms: NDArray[np.int32],
+    lookup: tuple[float, float, float, float],
+) -> tuple[int, int]:
+    """Changed classes and newly known cells."""
+    cos, sin, first_row, first_column = lookup
+    height, width = evidence.shape
+    changed, discovered = 0, 0
+    for i in range(box[0], box[2]):
+        for j in range(box[1], box[3]):
+            row = math.floor(first_row + cos * i + sin * j)
+            column = math.floor(first_column - sin * i + cos * j)
+            if row < 0 or column < 0 or row >= height or column >= width:
+                continue
+            statement = evidence[row, column]
+            if statement == 0:
+                continue
+            stamp_ms = tile_stamps_ms[row // TILE_CELLS, column // TILE_CELLS]
+            value = log_odds[i, j]
+            if value == 0:
+                discovered += 1
+                changed += 1
+            elif stamp_ms > stamps_ms[i, j] or (stamp_ms == stamps_ms[i, j] and statement > 0 and value < 0):
+                changed += (statement > 0) != (value > 0)
+            else:
+                continue
+            log_odds[i, j] = statement
+            stamps_ms[i, j] = stamp_ms
+    return changed, discovered
