@@ -86,6 +86,8 @@ def show_result(result: RunResult) -> None:
         f"{result.mote_readings} readings of {result.motes} motes",
         soft_wrap=True,
     )
+    for line in accuracy_lines(result):
+        print_line(line)
     for left in result.floor_left:
         if result.ended == "nothing_left" or isinstance(left.why, GapTooNarrow):
             print_line(left.words)
@@ -94,6 +96,30 @@ def show_result(result: RunResult) -> None:
             if robot.idle is not None and not isinstance(robot.idle, NothingUnknown):
                 print_line(f"{robot.name} is {words(robot.idle)}")
     tell_recorded(result.recording)
+
+
+def accuracy_lines(result: RunResult) -> list[str]:
+    """How right the map and the robots' positions were, in a line each; nothing of what was not measured."""
+    lines = []
+    if (of_map := result.map_accuracy) is not None:
+        lines.append(
+            f"map: {of_map.share_off:.1%} of {of_map.occupied_cells} occupied cells off the walls, "
+            f"{of_map.doubled_walls_m:.1f} m of walls doubled"
+        )
+    told = {robot.name: robot.pose_accuracy for robot in result.per_robot if robot.pose_accuracy is not None}
+    rmse_m = {name: each.rmse_m for name, each in told.items() if each.rmse_m is not None}
+    error_m = {name: each.max_error_m for name, each in told.items() if each.max_error_m is not None}
+    if rmse_m and error_m:
+        worst, farthest = max(rmse_m, key=rmse_m.__getitem__), max(error_m, key=error_m.__getitem__)
+        silent = [
+            f"{name} {each.silent_divergence_s:.1f} s" for name, each in told.items() if each.silent_divergence_s > 0
+        ]
+        lost = [f"{name} {each.lost_s:.1f} s" for name, each in told.items() if each.lost_s > 0]
+        lines.append(
+            f"positions: RMSE at most {rmse_m[worst]:.3f} m ({worst}), largest error {error_m[farthest]:.3f} m "
+            f"({farthest}), silent divergence: {', '.join(silent) or 'none'}, lost: {', '.join(lost) or 'nobody'}"
+        )
+    return lines
 
 
 def tell_recorded(recording: str | None) -> None:

@@ -15,6 +15,7 @@ from robrain.protocol.model.occupancy_grid import GridGeometry
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.messages import ArenaClock, ArenaTruth, MoteTruth, RobotTruth
 from robrain.protocol.wire.topics import ARENA_CLOCK, ARENA_TRUTH
+from robrain.sim.accuracy_watch import TRUE_POSE_PERIOD_S, AccuracyWatch
 from robrain.sim.camera import SeenMote
 from robrain.sim.camera_desk import CameraDesk
 from robrain.sim.chargers import Chargers, ChargerSpec
@@ -145,11 +146,14 @@ class Arena:
         starts = [Point2D(robot.start.x_m, robot.start.y_m) for robot in robots]
         radius_m = min((robot.radius_m for robot in robots), default=0.0)
         self.referee = Referee(plan, starts, least_clearance_m(radius_m), team_geometry(plan), endpoint)
+        names = [robot.name for robot in robots]
+        self.accuracy = AccuracyWatch(names, self._bodies, self.referee, walls, geometry, endpoint)
         self._faults = FaultSchedule(faults, self, endpoint)
         self._clock_publisher = endpoint.publisher(ARENA_CLOCK)
         self._truth_publisher = endpoint.publisher(ARENA_TRUTH)
         self._clock_period_ticks = max(1, round(CLOCK_PERIOD_S / tick_s))
         self._truth_period_ticks = max(1, round(TRUTH_PERIOD_S / tick_s))
+        self._true_pose_period_ticks = max(1, round(TRUE_POSE_PERIOD_S / tick_s))
 
     @property
     def sim_time_s(self) -> float:
@@ -173,11 +177,13 @@ class Arena:
                     collisions=collisions,
                     distance_m=robot.body.distance_m,
                     energy_j=robot.battery.delivered_j,
+                    accuracy=self.accuracy.pose_accuracy(robot.name),
                 )
                 for robot, collisions in zip(self._robots, self._collisions.count, strict=True)
             ],
             motes=self._mote_truths,
             explored_fraction=self.referee.explored_fraction,
+            map_accuracy=self.accuracy.map_accuracy,
         )
 
     def step(self) -> None:
@@ -195,8 +201,11 @@ class Arena:
         self._motes.step(self._bodies)
         if self._ticks % self._clock_period_ticks == 0:
             self._clock_publisher.put(ArenaClock(sim_time_s=self.sim_time_s))
+        if self._ticks % self._true_pose_period_ticks == 0:
+            self.accuracy.keep()
         if self._ticks % self._truth_period_ticks == 0:
             self.referee.step()
+            self.accuracy.step()
             self._truth_publisher.put(self.truth)
 
     def break_can(self, robot: str, fault: LineFault) -> None:

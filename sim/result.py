@@ -2,6 +2,7 @@
 
 import msgspec
 
+from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.idle_reasons import IdleReason
 from robrain.sim.floor_left import FloorLeft
@@ -15,6 +16,8 @@ class RobotResult(msgspec.Struct, frozen=True, kw_only=True):
     energy_j: float
     collisions: int
     pose: Pose2D
+    pose_accuracy: PoseAccuracy | None = None
+    """How right its own poses were, over the run."""
     idle: IdleReason | None = None
     """Why it was idle when the run ended, according to the coordinator; None if it was not."""
 
@@ -37,6 +40,8 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """Share of the reachable floor that the team's maps cover."""
     floor_left: list[FloorLeft] = []
     """Regions of floor that were not seen or cannot be reached, and why."""
+    map_accuracy: MapAccuracy | None = None
+    """How right the team's map is at the end; None if nothing was mapped."""
     explored_curve: list[tuple[float, float]]
     """Pairs of sim_time_s and explored fraction."""
     distance_m: float

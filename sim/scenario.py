@@ -203,6 +203,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             pacer = Pacer(speed)
             ended, curve = _drive(run, until, limit_s, pacer, on_progress)
             wall_time_s = pacer.wall_time_s
+            run.arena.accuracy.measure_map()
             truth, left = run.truth, run.floor_left()
         finally:
             summary = run.close()
@@ -219,6 +220,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             real_time_factor=round(truth.sim_time_s / max(wall_time_s, 1e-9), 2),
             explored_fraction=truth.explored_fraction,
             floor_left=left,
+            map_accuracy=truth.map_accuracy,
             explored_curve=curve,
             distance_m=sum(robot.distance_m for robot in truth.robots),
             energy_j=sum(robot.energy_j for robot in truth.robots),
@@ -231,6 +233,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
                     energy_j=robot.energy_j,
                     collisions=robot.collisions,
                     pose=robot.pose,
+                    pose_accuracy=robot.accuracy,
                     idle=run.idle.get(robot.robot),
                 )
                 for robot in truth.robots

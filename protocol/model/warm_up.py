@@ -9,6 +9,7 @@ from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.inflation import clearance_m
 from robrain.protocol.model.line_of_sight import standpoint
 from robrain.protocol.model.localiser import Localiser, LocaliserSpec
+from robrain.protocol.model.map_accuracy import measure_map_accuracy
 from robrain.protocol.model.mote_relocalisation import Signals, find_robot
 from robrain.protocol.model.navigation import NavigationGrid, Zone
 from robrain.protocol.model.obstacles import contact_distance_m, hold_off, passage, sector_distances_m
@@ -62,6 +63,7 @@ def warm_up() -> None:
     if patch is not None:
         OccupancyGrid(geometry).merge_patch(patch.row, patch.column, patch.cells, patch.stamp_ms)
     find_frontiers(grid.classes(), ~walls)
+    measure_map_accuracy(grid.classes(), geometry, walls, geometry)
 
     traversable = clearance_m(walls, geometry.resolution_m, 0.5) > 0
     cost = np.ones(geometry.shape, np.float32)

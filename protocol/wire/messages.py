@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
+from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
@@ -508,6 +509,8 @@ class RobotTruth(msgspec.Struct, frozen=True, kw_only=True):
     collisions: Count
     distance_m: Metres
     energy_j: Joules
+    accuracy: PoseAccuracy | None = None
+    """How right the robot's own poses have been so far."""
 
 
 class MoteTruth(msgspec.Struct, frozen=True, kw_only=True):
@@ -525,6 +528,8 @@ class ArenaTruth(Message, frozen=True, kw_only=True):
     motes: list[MoteTruth] = []
     explored_fraction: Share = 0.0
     """Share of the reachable floor that the team's maps know."""
+    map_accuracy: MapAccuracy | None = None
+    """How right the team's map is; measured once a second while it changes."""
 
 
 class OutsideInput(Message, frozen=True, kw_only=True):

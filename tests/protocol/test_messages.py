@@ -4,6 +4,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
@@ -193,10 +194,32 @@ EXAMPLES = [
         **STAMP,
         sim_time_s=1.5,
         robots=[
-            messages.RobotTruth(robot="r1", pose=Pose2D(1.0, 2.0, 0.5), collisions=0, distance_m=3.5, energy_j=120.0)
+            messages.RobotTruth(
+                robot="r1",
+                pose=Pose2D(1.0, 2.0, 0.5),
+                collisions=0,
+                distance_m=3.5,
+                energy_j=120.0,
+                accuracy=PoseAccuracy(
+                    samples=7,
+                    rmse_m=0.125,
+                    max_error_m=0.75,
+                    yaw_rmse_rad=0.0625,
+                    nees=2.5,
+                    nees_with_yaw=3.5,
+                    nees_in_band=0.875,
+                    lost_s=1.0,
+                    silent_divergence_s=2.5,
+                    longest_silent_divergence_s=1.5,
+                    error_m=0.75,
+                    silent_for_s=0.5,
+                    is_lost=True,
+                ),
+            )
         ],
         motes=[messages.MoteTruth(mote="m3", place=Point2D(5.0, -2.0))],
         explored_fraction=0.25,
+        map_accuracy=MapAccuracy(occupied_cells=400, cells_off=10, share_off=0.025, doubled_walls_m=0.5),
     ),
     messages.OutsideInput(**STAMP, key="robrain/default/robot/r1/call/driver/stop", payload=b"[]"),
     messages.TaskOffer(task=TASK, epoch=12, lease_s=5.0, after="task-6"),

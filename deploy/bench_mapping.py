@@ -1,0 +1,328 @@
+"""How right maps and positions are: teams of several sizes explore floors in lockstep, with exact and with bad wheels.
+
+Every run says at its end how many of its map's occupied cells have no wall near them, how far the robots' positions
+were off, and whether a robot was far off without saying so (`sim/accuracy_watch.py`). All but the wall time depends on
+the code alone.
+"""
+
+import multiprocessing
+import statistics
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import msgspec
+from rich.console import Console
+
+from robrain.deploy.bench_figure import WIDTH, Bound, Figure, at_least, at_most, below, deterministic, show_figures
+from robrain.deploy.errors import UsageError
+from robrain.deploy.kernels import prepare_kernels
+from robrain.deploy.terminal import print_line, say
+from robrain.protocol.wire.errors import RobrainError
+from robrain.sim.result import RunResult
+from robrain.sim.scenario import MAX_SEED, Scenario
+from robrain.sim.scenario_file import MAX_ROBOTS, builtin_names
+from robrain.sim.wheels import WheelSpec
+
+PROJECT = Path(__file__).resolve().parents[1]
+OWN_MAPS = PROJECT / "examples" / "maps"
+SHARED_MAPS = PROJECT.parent / "shared" / "maps"
+SHARED_NAMES = ("stage_cave", "stage_hospital_section", "stage_autolab", "nav2_depot")
+"""Maps of public repositories; not part of the project."""
+WHEELS = {
+    "exact": None,
+    "slipping": WheelSpec(radius_sigma=0.01, base_sigma=0.01, slip=0.01, slip_sigma_m_per_sqrt_m=0.01),
+}
+"""Wheels by name; None leaves the scenario's as they are."""
+OFF_BOUND_PERCENT = {"exact": 2.0, "slipping": 3.0}
+RMSE_BOUND_M = 0.15
+SILENT_BOUND_S = 5.0
+IN_BAND_BOUND_PERCENT = 95.0
+NUMBERS_MAX = 1000
+HEADINGS = (
+    f"{'map':<24}{'N':>3}{'seed':>6}  {'wheels':<9}{'sim s':>7}  {'ended':<13}{'explored':>8}{'off %':>8}"
+    f"{'doubled m':>11}{'RMSE m':>8}{'max m':>8}{'silent s':>9}{'NEES in %':>10}{'lost':>5}{'wall s':>8}"
+)
+
+
+class Case(msgspec.Struct, frozen=True, kw_only=True):
+    """One run that is to be made."""
+
+    map: str
+    path: str
+    """Of the map's YAML file; empty for a built-in scenario."""
+    robots: int
+    seed: int
+    wheels: str
+    time_limit_s: float
+
+    def scenario(self) -> Scenario:
+        """The scenario of the run (ScenarioError if the map cannot be read)."""
+        found = Scenario.from_map(self.path) if self.path else Scenario.builtin(self.map)
+        spec = WHEELS[self.wheels]
+        if spec is not None:
+            found = found.replace(hardware=msgspec.structs.replace(found.hardware, wheels=spec))
+        return found.replace(robots=self.robots, seed=self.seed)
+
+
+class MappedRun(msgspec.Struct, frozen=True, kw_only=True):
+    """What became of it; errors and shares are the worst of all robots unless said otherwise."""
+
+    case: Case
+    why_not: str = ""
+    """Why it could not be run; the rest is empty then."""
+    sim_time_s: float = 0.0
+    ended: str = ""
+    explored_fraction: float = 0.0
+    share_off: float = 0.0
+    doubled_walls_m: float = 0.0
+    rmse_m: float = 0.0
+    max_error_m: float = 0.0
+    longest_silent_divergence_s: float = 0.0
+    nees_in_band: float | None = None
+    """Share of all robots' samples."""
+    nees: float | None = None
+    """Mean over all robots' samples, 2 dimensions."""
+    lost: int = 0
+    """Robots that say at the end that they are lost."""
+    lost_s: float = 0.0
+    """Sum over the robots."""
+    collisions: int = 0
+    wall_time_s: float = 0.0
+
+    def line(self) -> str:
+        """The run as a line below `HEADINGS`."""
+        case = self.case
+        begin = f"{case.map:<24}{case.robots:>3}{case.seed:>6}  {case.wheels:<9}"
+        if self.why_not:
+            return f"{begin}  not run: {self.why_not}"
+        in_band = "–" if self.nees_in_band is None else f"{100 * self.nees_in_band:.1f}"
+        return (
+            f"{begin}{self.sim_time_s:>7.1f}  {self.ended:<13}{self.explored_fraction:>8.1%}"
+            f"{100 * self.share_off:>8.2f}{self.doubled_walls_m:>11.1f}{self.rmse_m:>8.3f}{self.max_error_m:>8.2f}"
+            f"{self.longest_silent_divergence_s:>9.1f}{in_band:>10}{self.lost:>5}{self.wall_time_s:>8.1f}"
+        )
+
+
+class Plan(msgspec.Struct, frozen=True, kw_only=True):
+    """The whole benchmark as it was asked for."""
+
+    cases: list[Case]
+    jobs: int
+    absent: list[str]
+    """Maps of the default choice that are not on this computer."""
+
+
+class MappingReport(msgspec.Struct, frozen=True, kw_only=True):
+    """What `--json` writes."""
+
+    bench: str
+    runs: list[MappedRun]
+    figures: list[Figure]
+    all_kept: bool
+
+
+def choose(
+    maps: str | None,
+    robots: str,
+    seeds: str,
+    wheels: str,
+    jobs: int,
+    time_limit_s: float,
+    map_folder: Path | None = None,
+) -> Plan:
+    """What the options ask for: each map with each number of robots, seed and kind of wheels.
+
+    Raises:
+        UsageError: an option is wrong; the text names it and what was expected.
+
+    """
+    if map_folder is not None and not map_folder.is_dir():
+        raise UsageError(f"--map-folder {map_folder}: expected a folder of map_server files, there is none")
+    known, absent = _known_maps(map_folder or SHARED_MAPS)
+    names = list(known) if maps is None else _words("--maps", maps)
+    chosen = {name: path for word in names for name, path in [_map_of(word, known, absent)]}
+    kinds = _words("--wheels", wheels)
+    for kind in kinds:
+        if kind not in WHEELS:
+            raise UsageError(f"--wheels {kind}: expected {' or '.join(WHEELS)}")
+    counts = _numbers("--robots", robots, 1, MAX_ROBOTS)
+    drawn = _numbers("--seeds", seeds, 0, MAX_SEED)
+    if jobs < 1:
+        raise UsageError(f"--jobs {jobs}: expected at least 1")
+    if not 0 < time_limit_s < float("inf"):
+        raise UsageError(f"--time-limit-s {time_limit_s:g}: expected a number above 0")
+    cases = [
+        Case(map=name, path=path, robots=count, seed=seed, wheels=kind, time_limit_s=time_limit_s)
+        for name, path in chosen.items()
+        for count in counts
+        for kind in kinds
+        for seed in drawn
+    ]
+    return Plan(cases=cases, jobs=jobs, absent=absent if maps is None else [])
+
+
+def run_bench(plan: Plan, json_file: Path | None = None) -> None:
+    """Make all runs; print a line for each, and the figures at the end.
+
+    Args:
+        plan: the runs.
+        json_file: written after each run, so that what was measured is kept if the benchmark is interrupted.
+
+    Raises:
+        UsageError: `json_file` cannot be written.
+
+    """
+    _write(json_file, [], [])
+    for name in plan.absent:
+        say(f"{name}: left out, it is not in {SHARED_MAPS} (see --map-folder)")
+    prepare_kernels()
+    print_line(HEADINGS)
+    runs: list[MappedRun] = []
+    for run in _all_runs(plan):
+        if run.ended == "interrupted":
+            raise KeyboardInterrupt
+        runs.append(run)
+        print_line(run.line())
+        _write(json_file, runs, list(figures(runs)))
+    title = "mapping, each figure beside the bound that it is to keep"
+    show_figures(title, figures(runs), Console(width=WIDTH))
+
+
+def run_case(case: Case) -> MappedRun:
+    """Make one run; what cannot be run is told in `why_not`."""
+    try:
+        return mapped(case, case.scenario().run(time_limit_s=case.time_limit_s))
+    except RobrainError as error:
+        return MappedRun(case=case, why_not=str(error))
+
+
+def mapped(case: Case, result: RunResult) -> MappedRun:
+    """The figures of a run that was made."""
+    told = [robot.pose_accuracy for robot in result.per_robot if robot.pose_accuracy is not None]
+    compared = [each for each in told if each.nees_in_band is not None and each.nees is not None]
+    samples = sum(each.samples for each in compared)
+    of_map = result.map_accuracy
+    return MappedRun(
+        case=case,
+        sim_time_s=result.sim_time_s,
+        ended=result.ended,
+        explored_fraction=result.explored_fraction,
+        share_off=of_map.share_off if of_map is not None else 0.0,
+        doubled_walls_m=of_map.doubled_walls_m if of_map is not None else 0.0,
+        rmse_m=max((each.rmse_m or 0.0 for each in told), default=0.0),
+        max_error_m=max((each.max_error_m or 0.0 for each in told), default=0.0),
+        longest_silent_divergence_s=max((each.longest_silent_divergence_s for each in told), default=0.0),
+        nees_in_band=sum(each.samples * (each.nees_in_band or 0.0) for each in compared) / samples if samples else None,
+        nees=sum(each.samples * (each.nees or 0.0) for each in compared) / samples if samples else None,
+        lost=sum(each.is_lost for each in told),
+        lost_s=sum(each.lost_s for each in told),
+        collisions=result.collisions,
+        wall_time_s=result.wall_time_s,
+    )
+
+
+def figures(runs: Iterable[MappedRun]) -> Iterator[Figure]:
+    """Worst and median of each kind of wheels, beside their bounds."""
+    made = [run for run in runs if not run.why_not]
+    for kind in WHEELS:
+        own = [run for run in made if run.case.wheels == kind]
+        if not own:
+            continue
+        off_bound, what = at_most(OFF_BOUND_PERCENT[kind]), f"{kind} wheels"
+        off = {_name(run): 100 * run.share_off for run in own}
+        yield _worst(f"{what}: occupied cells off, worst run", off, "%", off_bound)
+        beside = f"{len(own)} runs"
+        yield deterministic(
+            f"{what}: occupied cells off, median", statistics.median(off.values()), "%", off_bound, beside
+        )
+        yield _worst(f"{what}: doubled walls, worst run", {_name(run): run.doubled_walls_m for run in own}, "m")
+        rmse_m = {_name(run): run.rmse_m for run in own}
+        yield _worst(f"{what}: position RMSE, worst robot", rmse_m, "m", at_most(RMSE_BOUND_M))
+        median_m = statistics.median(rmse_m.values())
+        yield deterministic(f"{what}: position RMSE, worst robot, median run", median_m, "m", at_most(RMSE_BOUND_M))
+        yield _worst(f"{what}: position error, largest", {_name(run): run.max_error_m for run in own}, "m")
+        silent_s = {_name(run): run.longest_silent_divergence_s for run in own}
+        yield _worst(f"{what}: silent divergence, longest", silent_s, "s", below(SILENT_BOUND_S))
+        in_band = {_name(run): -100 * run.nees_in_band for run in own if run.nees_in_band is not None}
+        if in_band:
+            worst = max(in_band, key=in_band.__getitem__)
+            least = f"{what}: NEES within its 95 % bound, worst run"
+            yield deterministic(least, -in_band[worst], "%", at_least(IN_BAND_BOUND_PERCENT), worst)
+        yield _worst(f"{what}: robots lost at the end", {_name(run): float(run.lost) for run in own}, "")
+
+
+def _worst(name: str, values: dict[str, float], unit: str, bound: Bound | None = None) -> Figure:
+    worst = max(values, key=values.__getitem__)
+    return deterministic(name, values[worst], unit, bound, worst)
+
+
+def _name(run: MappedRun) -> str:
+    return f"{run.case.map}, {run.case.robots} robots, seed {run.case.seed}"
+
+
+def _all_runs(plan: Plan) -> Iterator[MappedRun]:
+    if plan.jobs == 1:
+        yield from map(run_case, plan.cases)
+        return
+    # Forked processes would share the locks of Zenoh's threads.
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(plan.jobs, mp_context=context) as pool:
+        try:
+            yield from pool.map(run_case, plan.cases)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _write(path: Path | None, runs: list[MappedRun], found: list[Figure]) -> None:
+    if path is None:
+        return
+    kept = all(figure.kept is not False for figure in found)
+    report = MappingReport(bench="mapping", runs=runs, figures=found, all_kept=kept)
+    try:
+        path.write_bytes(msgspec.json.format(msgspec.json.encode(report), indent=1) + b"\n")
+    except OSError as error:
+        raise UsageError(f"--json {path}: cannot be written: {error.strerror or error}") from error
+
+
+def _known_maps(shared: Path) -> tuple[dict[str, str], list[str]]:
+    """Path of each map by name, empty for built-in scenarios; and the names of those that are not there."""
+    there = {name: shared / f"{name}.yaml" for name in SHARED_NAMES}
+    known = {name: str(path) for name, path in there.items() if path.is_file()}
+    absent = [name for name in there if name not in known]
+    known |= {path.stem: str(path) for path in sorted(OWN_MAPS.glob("*.yaml"))}
+    return known | dict.fromkeys(sorted(builtin_names()), ""), absent
+
+
+def _map_of(word: str, known: dict[str, str], absent: Sequence[str]) -> tuple[str, str]:
+    if word in known:
+        return word, known[word]
+    if word.endswith(".yaml") and Path(word).is_file():
+        return Path(word).stem, word
+    why = "it is not on this computer, see --map-folder" if word in absent else "there is no such map"
+    raise UsageError(f"--maps {word}: {why}; expected a map.yaml or one of {', '.join(known)}")
+
+
+def _words(option: str, text: str) -> list[str]:
+    words = list(dict.fromkeys(word.strip() for word in text.split(",") if word.strip()))
+    if not words:
+        raise UsageError(f"{option} {text!r}: expected names with commas between them")
+    return words
+
+
+def _numbers(option: str, text: str, least: int, most: int) -> list[int]:
+    """`1,2,4-6` as numbers."""
+    numbers: list[int] = []
+    for word in _words(option, text):
+        first, _, last = word.partition("-") if not word.startswith("-") else (word, "", "")
+        try:
+            begin, end = int(first), int(last or first)
+        except ValueError:
+            raise UsageError(f"{option} {text}: expected whole numbers such as 1,2 or 1-4, got {word!r}") from None
+        if not least <= begin <= end <= most:
+            raise UsageError(f"{option} {text}: expected numbers from {least} to {most}, got {word!r}")
+        if end - begin + len(numbers) >= NUMBERS_MAX:
+            raise UsageError(f"{option} {text}: expected at most {NUMBERS_MAX} numbers")
+        numbers += range(begin, end + 1)
+    return list(dict.fromkeys(numbers))

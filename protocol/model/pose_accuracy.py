@@ -1,0 +1,137 @@
+"""How right a robot's believed poses are, and whether it says so when they are not."""
+
+import math
+from collections.abc import Sequence
+
+from robrain.protocol.model.accuracy import PoseAccuracy
+from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
+
+FAR_OFF_M = 0.5
+"""A robot farther than this from where it believes to be is far off."""
+SIGMAS = 3.0
+"""A robot says so by a standard deviation of at least this part of the error."""
+NEES_BOUND = 5.991
+"""95 % of a chi-square variable of two degrees of freedom."""
+NEES_MAX = 1e6
+"""A sample counts for no more, so that a covariance that is almost singular leaves the sums finite."""
+GAP_MAX_S = 3.0
+"""A robot that tells nothing for longer has no pose: the time between counts for nothing, and ends a stretch."""
+
+
+class PoseAccuracyMeter:
+    """Accumulates the errors of one robot's poses; feed it samples in the order of time."""
+
+    def __init__(self) -> None:
+        self._last_s: float | None = None
+        self._samples = 0
+        self._squares_m2 = self._yaw_squares_rad2 = 0.0
+        self._max_error_m = 0.0
+        self._with_covariance = self._in_band = 0
+        self._nees = self._nees_with_yaw = 0.0
+        self._lost_s = self._silent_s = self._longest_silent_s = self._silent_for_s = 0.0
+        self._error_m: float | None = None
+        self._is_lost = False
+
+    def note(self, time_s: float, believed: Pose2D, covariance: Sequence[float], lost: str, true: Pose2D) -> None:
+        """Take a sample; the time since the one before counts as this one was.
+
+        Args:
+            time_s: when both poses were so; samples that are not later than the one before are left out.
+            believed: T_arena_robot as the robot tells it.
+            covariance: row-major 3 × 3 of x, y, yaw as the robot tells it: m², m·rad, rad²; empty if it tells none.
+            lost: why the robot does not believe the pose itself; empty if it does.
+            true: T_arena_robot.
+
+        """
+        last_s, self._last_s = self._last_s, time_s
+        if last_s is not None and time_s <= last_s:
+            self._last_s = last_s
+            return
+        passed_s = 0.0
+        if last_s is not None and time_s - last_s <= GAP_MAX_S:
+            passed_s = time_s - last_s
+        else:
+            self._silent_for_s = 0.0
+        dx_m, dy_m = believed.x_m - true.x_m, believed.y_m - true.y_m
+        yaw_error_rad = wrap_angle_rad(believed.yaw_rad - true.yaw_rad)
+        error_m = self._error_m = math.hypot(dx_m, dy_m)
+        self._is_lost = bool(lost)
+        if lost:
+            self._lost_s += passed_s
+        else:
+            self._samples += 1
+            self._squares_m2 += error_m * error_m
+            self._yaw_squares_rad2 += yaw_error_rad * yaw_error_rad
+            self._max_error_m = max(self._max_error_m, error_m)
+            self._note_nees(covariance, dx_m, dy_m, yaw_error_rad)
+        if error_m > FAR_OFF_M and not lost and SIGMAS * sigma_m(covariance) < error_m:
+            self._silent_s += passed_s
+            self._silent_for_s += passed_s
+            self._longest_silent_s = max(self._longest_silent_s, self._silent_for_s)
+        else:
+            self._silent_for_s = 0.0
+
+    @property
+    def accuracy(self) -> PoseAccuracy:
+        """The figures so far."""
+        count, compared = self._samples, self._with_covariance
+        return PoseAccuracy(
+            samples=count,
+            rmse_m=math.sqrt(self._squares_m2 / count) if count else None,
+            max_error_m=self._max_error_m if count else None,
+            yaw_rmse_rad=math.sqrt(self._yaw_squares_rad2 / count) if count else None,
+            nees=self._nees / compared if compared else None,
+            nees_with_yaw=self._nees_with_yaw / compared if compared else None,
+            nees_in_band=self._in_band / compared if compared else None,
+            lost_s=self._lost_s,
+            silent_divergence_s=self._silent_s,
+            longest_silent_divergence_s=self._longest_silent_s,
+            error_m=self._error_m,
+            silent_for_s=self._silent_for_s,
+            is_lost=self._is_lost,
+        )
+
+    def _note_nees(self, covariance: Sequence[float], dx_m: float, dy_m: float, yaw_error_rad: float) -> None:
+        found = nees(covariance, dx_m, dy_m, yaw_error_rad)
+        if found is None:
+            return
+        of_place, with_yaw = found
+        self._with_covariance += 1
+        self._in_band += of_place <= NEES_BOUND
+        self._nees += min(of_place, NEES_MAX)
+        self._nees_with_yaw += min(with_yaw, NEES_MAX)
+
+
+def sigma_m(covariance: Sequence[float]) -> float:
+    """Standard deviation of the position in its worst direction: root of the largest eigenvalue of the x and y block.
+
+    `covariance` is the row-major 3 × 3 of x, y, yaw; 0 for an empty one or one that has no such direction.
+    """
+    if len(covariance) != 9:
+        return 0.0
+    xx, xy, yy = covariance[0], covariance[1], covariance[4]
+    largest = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
+    return math.sqrt(largest) if largest > 0 else 0.0
+
+
+def nees(covariance: Sequence[float], dx_m: float, dy_m: float, yaw_error_rad: float) -> tuple[float, float] | None:
+    """Normalised estimation error squared of x and y, and of x, y and yaw.
+
+    `covariance` is the row-major 3 × 3 of x, y, yaw; None for an empty one or one that is not positive definite. The
+    second follows from the first by block elimination of the yaw.
+    """
+    if len(covariance) != 9:
+        return None
+    xx, xy, yy = covariance[0], covariance[1], covariance[4]
+    xt, yt, tt = covariance[2], covariance[5], covariance[8]
+    determinant = xx * yy - xy * xy
+    if not (xx > 0 and determinant > 0):
+        return None
+    of_place = (yy * dx_m * dx_m - 2.0 * xy * dx_m * dy_m + xx * dy_m * dy_m) / determinant
+    # What x and y tell of the yaw's error, and the variance that is left when they are known.
+    along_x, along_y = (yy * xt - xy * yt) / determinant, (xx * yt - xy * xt) / determinant
+    left = tt - (along_x * xt + along_y * yt)
+    if not left > 0:
+        return None
+    rest = yaw_error_rad - (along_x * dx_m + along_y * dy_m)
+    return of_place, of_place + rest * rest / left

@@ -1,0 +1,124 @@
+"""The accuracy watch: holds what robots believe of their place, and the team's map, against the truth.
+
+It hears what the robots say on the wire and knows the bodies; no robot hears of it.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
+from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
+from robrain.protocol.model.map_accuracy import measure_map_accuracy
+from robrain.protocol.model.occupancy_grid import GridGeometry
+from robrain.protocol.model.pose_accuracy import PoseAccuracyMeter
+from robrain.protocol.wire.clock import NS_PER_S
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages import RobotState
+from robrain.protocol.wire.topics import ROBOT_STATE
+from robrain.sim.referee import Referee
+from robrain.sim.robot_body import RobotBody
+
+TRUE_POSE_PERIOD_S = 0.1
+"""True poses are kept so often; between two of them they are interpolated."""
+KEPT_TRUE_POSES = 30
+"""Three seconds: a state that took longer to arrive is not compared."""
+MAP_PERIOD_STEPS = 5
+"""The map is measured in one of so many calls of `step`."""
+
+
+class AccuracyWatch:
+    """Measures how right the team is.
+
+    Call `keep()` every `TRUE_POSE_PERIOD_S`, and `step()` whenever poses are to be compared: five times a second.
+
+    Args:
+        robots: names, in the order of `bodies`.
+        bodies: where the robots truly are.
+        referee: has the map that the robots' patches make.
+        walls: bool (H, W), the true walls.
+        geometry: where those lie, arena frame.
+        endpoint: where the robots' states are heard; its clock is the one that stamps them.
+
+    """
+
+    def __init__(
+        self,
+        robots: Sequence[str],
+        bodies: Sequence[RobotBody],
+        referee: Referee,
+        walls: NDArray[np.bool_],
+        geometry: GridGeometry,
+        endpoint: Endpoint,
+    ) -> None:
+        self._bodies = bodies
+        self._referee = referee
+        self._walls, self._geometry = walls, geometry
+        self._clock = endpoint.clock
+        self._meters = {name: PoseAccuracyMeter() for name in robots}
+        self._index = {name: index for index, name in enumerate(robots)}
+        self._true: deque[tuple[int, list[tuple[float, float, float]]]] = deque(maxlen=KEPT_TRUE_POSES)
+        """Stamp, and x, y, yaw of each robot; the yaw is not wrapped."""
+        self._inbox = Inbox(max(len(robots), 1) + 64)
+        self._steps = 0
+        self._map_version = -1
+        self._map_accuracy: MapAccuracy | None = None
+        endpoint.subscribe(self._inbox, ROBOT_STATE)
+
+    @property
+    def map_accuracy(self) -> MapAccuracy | None:
+        """That of the team's map, as of the last measurement; None before the first."""
+        return self._map_accuracy
+
+    def pose_accuracy(self, robot: str) -> PoseAccuracy:
+        """That of a robot, as of the last `step()` (KeyError: no such robot)."""
+        return self._meters[robot].accuracy
+
+    def keep(self) -> None:
+        """Keep the true poses of now."""
+        poses = [(body.x_m, body.y_m, body.yaw_rad) for body in self._bodies]
+        self._true.append((self._clock.now_ns(), poses))
+
+    def step(self) -> None:
+        """Compare what the robots have last said; measure the map if it is time to."""
+        for received in self._inbox.drain():
+            self._compare(received.message)
+        if self._steps % MAP_PERIOD_STEPS == 0:
+            self.measure_map()
+        self._steps += 1
+
+    def measure_map(self) -> None:
+        """Hold the map against the true walls, if it has changed since the last time."""
+        grid = self._referee.grid
+        if grid.version != self._map_version:
+            self._map_version = grid.version
+            self._map_accuracy = measure_map_accuracy(grid.classes(), grid.geometry, self._walls, self._geometry)
+
+    def _compare(self, state: RobotState) -> None:
+        index = self._index.get(state.robot)
+        if index is None or state.pose is None:
+            return
+        true = self._true_pose(index, state.stamp_ns)
+        if true is not None:
+            time_s = state.stamp_ns / NS_PER_S
+            self._meters[state.robot].note(time_s, state.pose, state.pose_covariance, state.lost, true)
+
+    def _true_pose(self, index: int, stamp_ns: int) -> Pose2D | None:
+        """T_arena_robot at a time; None for a time from before what is kept, or more than a period after it."""
+        later_ns, later = 0, None
+        for kept_ns, poses in reversed(self._true):
+            if kept_ns <= stamp_ns:
+                if later is None and stamp_ns - kept_ns > TRUE_POSE_PERIOD_S * NS_PER_S:
+                    return None
+                share = (stamp_ns - kept_ns) / (later_ns - kept_ns) if later is not None else 0.0
+                x_m, y_m, yaw_rad = poses[index]
+                if later is not None and share > 0:
+                    x_m += share * (later[0] - x_m)
+                    y_m += share * (later[1] - y_m)
+                    yaw_rad += share * (later[2] - yaw_rad)
+                return Pose2D(x_m, y_m, wrap_angle_rad(yaw_rad))
+            later_ns, later = kept_ns, poses[index]
+        return None
