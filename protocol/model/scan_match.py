@@ -55,8 +55,9 @@ def match_scan(
     geometry: GridGeometry,
     guess: Pose2D,
     points: NDArray[np.float64],
+    reach_m: float = REACH_M,
 ) -> ScanFit:
-    """Refine a guess that is wrong by less than `REACH_M`.
+    """Refine a guess that is wrong by less than `reach_m`; beams that end farther from all walls say nothing.
 
     `log_odds` (H, W) is an `OccupancyGrid`'s; `guess` is T_arena_sensor; `points` are a scan's, see `beam_ends`. Raises
     ValueError for a map that does not fit its geometry.
@@ -71,7 +72,7 @@ def match_scan(
         guess.y_m,
         guess.yaw_rad,
         _in_walls(points, geometry),
-        REACH_M,
+        reach_m,
         DEGENERATE,
         BEAMS_MIN,
     )

@@ -288,8 +288,15 @@ class Mapper(Skill):
         if not slack_m:
             return found
         turned_rad = math.remainder(found.yaw_rad - believed.yaw_rad, math.tau)
-        is_same = believed.distance_m(found) < slack_m and abs(turned_rad) < slack_m / SLACK_ARM_M
-        return believed if is_same else found
+        off_m = believed.distance_m(found)
+        share = max(off_m - slack_m, 0.0) / max(off_m, slack_m)
+        slack_rad = slack_m / SLACK_ARM_M
+        turn_share = max(abs(turned_rad) - slack_rad, 0.0) / max(abs(turned_rad), slack_rad)
+        return Pose2D(
+            believed.x_m + share * (found.x_m - believed.x_m),
+            believed.y_m + share * (found.y_m - believed.y_m),
+            believed.yaw_rad + turn_share * turned_rad,
+        )
 
     def _solve(self) -> None:
         now_ns = self.env.clock.now_ns()
