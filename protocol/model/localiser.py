@@ -15,7 +15,8 @@ from robrain.protocol.model.pose_filter import GATE, DriftModel, PoseFilter
 from robrain.protocol.model.pose_mixture import PoseMixture
 from robrain.protocol.model.recent_signals import RecentSignals
 from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
-from robrain.protocol.model.scan_match import ScanFit, beam_ends, match_scan, search_scan
+from robrain.protocol.model.mapping.surface_match import match_surface
+from robrain.protocol.model.scan_match import ScanFit, beam_ends, search_scan
 from robrain.protocol.model.scan_relocalisation import COMPARED_MIN, agreement, find_by_scan
 from robrain.protocol.model.small_linear_algebra import covariance_of, inverse_form, times_vector
 
@@ -32,7 +33,7 @@ TURN_M_PER_RAD = 0.3
 """A turn shows as much of new as this way."""
 LET_GO_M = 1.5
 """After this way without a match the robot goes by the map no more."""
-MATCH_M, MATCH_SIGMA_M = 0.05, 0.05
+MATCH_M, MATCH_SIGMA_M = 0.02, 0.05
 """A robot this sure of its place is corrected by walls only after so much way: where in its cell each wall lies is the
 same unknown for all scans from one spot, and nothing that more of them would average away."""
 WALL_BEAMS = 20.0
@@ -113,6 +114,11 @@ class Localiser:
         return self.filter.covariance + np.diag(self._of_map)
 
     @property
+    def way_m(self) -> float:
+        """Driven since the estimate began, or began anew; turns count `TURN_M_PER_RAD`."""
+        return self._way_m
+
+    @property
     def sigma_m(self) -> float:
         """Standard deviation of the place in the arena frame, no less than along the worst direction."""
         return math.sqrt(self.filter.sigma_m**2 + max(self._of_map[:2]))
@@ -169,7 +175,7 @@ class Localiser:
             if found is None:
                 return NO_FIT
             guess = found
-        fit = match_scan(log_odds, geometry, guess, points)
+        fit = match_surface(map.grid, guess, points)
         is_new = self._way_m - self._matched_way_m > MATCH_M or self.filter.sigma_m > MATCH_SIGMA_M
         is_believed = not is_new or self._correct(fit, believed, guess, map)
         why = self.watch.saw(fit.fit if is_believed else 0.0) if fit.beams else ""

@@ -32,6 +32,8 @@ FLIPPED_LOG_ODDS = 10
 """Evidence of the new class when a cell's evidence is used up and the cell flips."""
 MERGED_LOG_ODDS = 60
 """Certainty given to what a team mate said."""
+SURFACE_HITS_MAX = 30
+"""Of so many beams that ended in a cell the mean place is kept; then older ones fade."""
 HIT_DEPTH_CELLS = 0.2
 """How far behind the measured end a beam's obstacle is taken to be, so that a surface on the border of two cells
 (where a wall of a map lies, and where range noise would fall on either side) marks the cell behind the border."""
@@ -102,19 +104,26 @@ class PatchCells(msgspec.Struct, frozen=True, eq=False):
 class OccupancyGrid:
     """The belief of one robot (or of the coordinator) about every cell of a grid.
 
+    With `surfaces` it also keeps where in its cell a wall is: `surface_at` float32 (H, W, 2), the mean place of the beams'
+    ends, column and row in cells from the origin; it holds where `log_odds` > 0 and `surface_hits` > 0.
+
     `log_odds` int8 (H, W): evidence, 0 where nothing was ever seen. `stamp_ms` int32 (H, W): when the cell was last
     observed, in milliseconds of the run's clock, 0 before. `dirty` bool (H, W): own sensing changed the class
     since the last patch. `version` grows whenever a class changes; `known_count` counts the cells not UNKNOWN.
     The arrays are to be read from outside, not written.
     """
 
-    def __init__(self, geometry: GridGeometry) -> None:
+    def __init__(self, geometry: GridGeometry, *, surfaces: bool = False) -> None:
         self.geometry = geometry
         self.log_odds: NDArray[np.int8] = np.zeros(geometry.shape, np.int8)
         self.stamp_ms: NDArray[np.int32] = np.zeros(geometry.shape, np.int32)
         self.dirty: NDArray[np.bool_] = np.zeros(geometry.shape, np.bool_)
         self.version = 0
         self.known_count = 0
+        # Where in their cells beams ended: mean column and row in cells from the origin, and of how many.
+        shape = geometry.shape if surfaces else (1, 1)
+        self.surface_at: NDArray[np.float32] = np.zeros((*shape, 2), np.float32)
+        self.surface_hits: NDArray[np.uint8] = np.zeros(shape, np.uint8)
         # Per cell, the last scan that freed it (twice its number) or ended in it (twice its number plus one).
         self._seen_by: NDArray[np.int32] = np.zeros(geometry.shape, np.int32)
         self._scans = 0
@@ -166,6 +175,8 @@ class OccupancyGrid:
             self.stamp_ms.reshape(-1),
             self.dirty.reshape(-1),
             self._seen_by.reshape(-1),
+            self.surface_at.reshape(-1, 2),
+            self.surface_hits.reshape(-1),
             self.geometry.height,
             self.geometry.width,
             2 * self._scans,
@@ -261,7 +272,7 @@ class OccupancyGrid:
 
     def forget(self) -> None:
         """Know nothing any more, as if nothing had ever been seen."""
-        for array in (self.log_odds, self.stamp_ms, self.dirty, self._seen_by):
+        for array in (self.log_odds, self.stamp_ms, self.dirty, self._seen_by, self.surface_hits):
             array[:] = 0
         self.known_count = 0
         self.version += 1
@@ -360,6 +371,8 @@ def _integrate_scan(
     stamps_ms: NDArray[np.int32],
     dirty: NDArray[np.bool_],
     seen_by: NDArray[np.int32],
+    surface_at: NDArray[np.float32],
+    surface_hits: NDArray[np.uint8],
     height: int,
     width: int,
     scan: int,
@@ -381,6 +394,7 @@ def _integrate_scan(
     end_x = np.full(beams, np.nan)
     end_y = np.full(beams, np.nan)
     is_hit = np.zeros(beams, np.bool_)
+    keeps_surfaces = surface_hits.shape[0] > 1
 
     # Ends first: what this scan hit, none of its beams may free.
     for beam in range(beams):
@@ -399,11 +413,20 @@ def _integrate_scan(
                 is_hit[beam] = False
         if not is_hit[beam]:
             continue
+        at_x, at_y = end_x[beam], end_y[beam]
         end_x[beam] += HIT_DEPTH_CELLS * direction_x
         end_y[beam] += HIT_DEPTH_CELLS * direction_y
         row, column = math.floor(end_y[beam]), math.floor(end_x[beam])
         cell = row * width + column
-        if 0 <= row < height and 0 <= column < width and seen_by[cell] != scan + 1:
+        if not (0 <= row < height and 0 <= column < width):
+            continue
+        if keeps_surfaces:
+            hits = 0 if log_odds[cell] <= 0 and seen_by[cell] != scan + 1 else surface_hits[cell]
+            hits = min(hits + 1, SURFACE_HITS_MAX)
+            surface_hits[cell] = hits
+            surface_at[cell, 0] += (at_x - surface_at[cell, 0]) / hits
+            surface_at[cell, 1] += (at_y - surface_at[cell, 1]) / hits
+        if seen_by[cell] != scan + 1:
             dirty[cell] |= seen_by[cell] < first_scan
             seen_by[cell] = scan + 1
             flips, finds = _observe(log_odds, stamps_ms, dirty, cell, HIT_LOG_ODDS, stamp_ms)

@@ -21,6 +21,7 @@ from robrain.protocol.model.mapping.local_map import LocalPose
 from robrain.protocol.model.mapping.mates_in_scan import mate_circles, outside
 from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.odometry import chord
+from robrain.protocol.model.ranges import STAMP_MAX
 from robrain.protocol.model.pose_filter import DriftModel
 from robrain.protocol.model.rssi_ranging import PathLoss
 from robrain.protocol.model.scan_match import beam_ends
@@ -59,7 +60,10 @@ class Localisation(Skill):
         """Whether to use the signals of motes that know their place; needs the plugin mote_ranges."""
         scan_matching: bool = True
         """Whether to lay scans on the map; needs the plugin mapper."""
-        scan_period_s: float = 0.5
+        scan_period_s: float = 1.0
+        """A robot that stands is matched this often; one that moves, with each scan after `scan_way_m`."""
+        scan_way_m: float = 0.03
+        """Way after which a scan is matched, turns counted in as in `protocol/model/localiser.py`."""
         wall_slack_cells: float = 0.0
         """Offsets of a scan below this many cells of the map are taken for none: more for a base whose odometry is
         better than the map's cells, as an exact one is."""
@@ -68,7 +72,7 @@ class Localisation(Skill):
         watch: WatchSpec = WatchSpec()
 
         def __post_init__(self) -> None:
-            for name in ("start_sigma_m", "start_sigma_rad", "scan_period_s"):
+            for name in ("start_sigma_m", "start_sigma_rad", "scan_period_s", "scan_way_m"):
                 if not getattr(self, name) > 0:
                     raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
             if not 0 <= self.wall_slack_cells <= 1:
@@ -114,6 +118,8 @@ class Localisation(Skill):
         self._signals = self._matches = 0
         self._last_fit = 0.0
         self._scan_due_ns = 0
+        self._matched_way_m = 0.0
+        self._until_ns = 0 if start.scan_matching else STAMP_MAX
         self._checked_version = 0
         self._has_been_lost = bool(self._localiser.lost)
         self._is_corrected = False
@@ -207,11 +213,16 @@ class Localisation(Skill):
             return
         self._check_start(scan)
         board, now_ns = self.env.board, self.env.clock.now_ns()
-        if board.map is None or board.local_map is None or now_ns < self._scan_due_ns:
-            return
-        self._scan_due_ns = now_ns + to_ns(self.parameters.scan_period_s)
+        self._until_ns = scan.stamp_ns
         self._follow_map()
         self._move()
+        way_m = self._localiser.way_m - self._matched_way_m
+        is_due = now_ns >= self._scan_due_ns or way_m > self.parameters.scan_way_m
+        if board.map is None or board.local_map is None or not is_due:
+            self._tell()
+            return
+        self._scan_due_ns = now_ns + to_ns(self.parameters.scan_period_s)
+        self._matched_way_m = self._localiser.way_m
         T_robot_sensor = self._T_robot_sensor(scan)
         sensor = self._localiser.pose.compose(T_robot_sensor)
         circles = mate_circles(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, board.mate_places)
@@ -258,7 +269,7 @@ class Localisation(Skill):
         T_local_odom = self._T_arena_odom
         if self._T_arena_local != IDENTITY:
             T_local_odom = self._T_arena_local.inverse().compose(T_local_odom)
-        board.local_pose = LocalPose(T_local_odom, self._trajectory)
+        board.local_pose = LocalPose(T_local_odom, self._trajectory, self._until_ns)
         board.pose_covariance = tuple(localiser.covariance.ravel().tolist())
         board.lost = localiser.lost
         if localiser.lost != self._lost:

@@ -2,6 +2,7 @@
 
 import logging
 import math
+from collections import deque
 
 import msgspec
 import numpy as np
@@ -16,7 +17,7 @@ from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
 from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates.interface import TeammatesInterface
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.local_map import Variances
+from robrain.protocol.model.mapping.local_map import LocalPose, Variances
 from robrain.protocol.model.mapping.loop_closure import Contradiction, Lying, lay_on
 from robrain.protocol.model.mapping.mates_in_scan import mate_circles, outside
 from robrain.protocol.model.mapping.submap import IDENTITY
@@ -57,6 +58,8 @@ CONTRADICTS = 0.45
 """Share of beams that agree, below which a scan contradicts a submap."""
 
 
+WAITING_MAX = 16
+"""Scans that wait until it is known where the robot was."""
 SLACK_ARM_M = 5.0
 """A turn moves walls that are so far away."""
 UNSAID: Variances = (4e-4, 4e-4, 1e-5)
@@ -121,7 +124,7 @@ class Mapper(Skill):
         """Robots whose liveliness token has been seen."""
         self._began_ns: int | None = None
         self._has_begun_anew = False
-        self._waiting: LaserScan | None = None
+        self._waiting: deque[LaserScan] = deque(maxlen=WAITING_MAX)
         self._untold: list[MapPatch] = []
         self._found: list[Closure] = []
         self._closed_at: Pose2D | None = None
@@ -149,8 +152,7 @@ class Mapper(Skill):
 
     def step(self) -> None:
         self._hear()
-        if self._waiting is not None:
-            self._see(self._waiting)
+        self._integrate()
         if self.env.board.false_start:
             self._begin_anew()
         if not self._is_starting(START_S):
@@ -193,13 +195,18 @@ class Mapper(Skill):
         )
 
     def _see(self, scan: LaserScan) -> None:
-        self._waiting = None
-        if scan.stamp_ns > self._driver.odometry_until_ns():
-            self._waiting = scan  # where the robot was then is not known yet
-            return
-        local_pose = self.env.board.local_pose
-        if local_pose is None:
-            return
+        self._waiting.append(scan)
+        self._integrate()
+
+    def _integrate(self) -> None:
+        """Take in the scans for which it is known by now where the robot was."""
+        until_ns = self._driver.odometry_until_ns()
+        while self._waiting and (local_pose := self.env.board.local_pose) is not None:
+            if self._waiting[0].stamp_ns > min(until_ns, local_pose.until_ns):
+                return
+            self._take_scan(self._waiting.popleft(), local_pose)
+
+    def _take_scan(self, scan: LaserScan, local_pose: LocalPose) -> None:
         if self.env.board.false_start:
             self._begin_anew()
         self._pause(self._why_not())

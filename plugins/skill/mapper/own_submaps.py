@@ -59,7 +59,8 @@ class OwnSubmaps:
                 geometry.origin_y_m - margin * geometry.resolution_m,
                 geometry.width + 2 * margin,
                 geometry.height + 2 * margin,
-            )
+            ),
+            surfaces=True,
         )
         self._number: int | None = None
         self._way_m = 0.0

@@ -30,3 +30,5 @@ class LocalPose(NamedTuple):
 
     T_local_odom: Pose2D
     trajectory: int
+    until_ns: int
+    """Stamp of the last scan that was laid on the local map, or was left out: scans until then can be mapped."""

@@ -1,0 +1,230 @@
+"""Where a scan lies on the robot's own recent map, to a fraction of a cell.
+
+Each occupied cell of an `OccupancyGrid` with surfaces keeps the mean place of the beams that ended in it. A beam's end is
+laid on the line through the means about it (point-to-line ICP: Censi, *An ICP variant using a point-to-line metric*, ICRA
+2008; on a grid of means as in the normal distributions transform of Biber and Straßer, IROS 2003). Matching against the
+cells themselves says where a wall lies to a third of a cell at best, always with the same error from one spot: measured
+with wheels that are 1 % off, a robot's own map turned by 2 to 5 degrees in ten seconds, which this does not.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.occupancy_grid import HIT_DEPTH_CELLS, OccupancyGrid
+from robrain.protocol.model.scan_match import BEAMS_MIN, DEGENERATE, Direction, ScanFit
+from robrain.protocol.model.scan_match_kernels import eigen
+
+Floats = NDArray[np.float64]
+ITERATIONS = 15
+WIDE_CELLS, NEAR_CELLS = 3.0, 1.5
+"""A beam counts if a wall is so near: in the first steps, and in the later ones."""
+WIDE_STEPS = 4
+DONE_CELLS = 0.001
+HUBER_CELLS = 0.3
+LINE_MIN = 3
+"""Means that make a line."""
+ROUGH = 0.15
+"""Ratio of the variances across and along, above which means are no line."""
+FIT_CELLS = 2.0
+"""A beam agrees if it ends so near a wall."""
+
+
+def match_surface(grid: OccupancyGrid, guess: Pose2D, points: Floats) -> ScanFit:
+    """Refine a guess that is wrong by less than 0.3 m and 0.15 rad.
+
+    Args:
+        grid: with surfaces.
+        guess: T_grid_sensor.
+        points: (K, 2) the beams' ends in the sensor's frame, metres.
+
+    """
+    geometry = grid.geometry
+    found, held, fit, beams = _match(
+        grid.log_odds,
+        grid.surface_at,
+        grid.surface_hits,
+        1.0 / geometry.resolution_m,
+        geometry.origin_x_m,
+        geometry.origin_y_m,
+        guess.x_m,
+        guess.y_m,
+        guess.yaw_rad,
+        points,
+    )
+    directions = [Direction((a, b, c), offset_m, held_by) for a, b, c, offset_m, held_by in found[:held].tolist()]
+    return ScanFit(directions, fit, beams)
+
+
+@njit(cache=True, nogil=True)
+def _line(
+    log_odds: NDArray[np.int8],
+    surface_at: NDArray[np.float32],
+    surface_hits: NDArray[np.uint8],
+    x: float,
+    y: float,
+    row: int,
+    column: int,
+    around: int,
+    reach: float,
+    line: Floats,
+) -> bool:
+    """Write a point (2,) and the normal (2,) of the wall nearest to (x, y), in cells; False if there is none in reach."""
+    height, width = log_odds.shape
+    best = reach * reach
+    best_row = -1
+    best_column = -1
+    for i in range(max(row - around, 0), min(row + around + 1, height)):
+        for j in range(max(column - around, 0), min(column + around + 1, width)):
+            if log_odds[i, j] <= 0 or surface_hits[i, j] == 0:
+                continue
+            square = (surface_at[i, j, 0] - x) ** 2 + (surface_at[i, j, 1] - y) ** 2
+            if square < best:
+                best, best_row, best_column = square, i, j
+    if best_row < 0:
+        return False
+    weight, mean_x, mean_y = 0.0, 0.0, 0.0
+    xx, xy, yy = 0.0, 0.0, 0.0
+    count = 0
+    base_x, base_y = float(surface_at[best_row, best_column, 0]), float(surface_at[best_row, best_column, 1])
+    for i in range(max(best_row - 1, 0), min(best_row + 2, height)):
+        for j in range(max(best_column - 1, 0), min(best_column + 2, width)):
+            if log_odds[i, j] <= 0 or surface_hits[i, j] == 0:
+                continue
+            hits = min(float(surface_hits[i, j]), 8.0)
+            dx, dy = surface_at[i, j, 0] - base_x, surface_at[i, j, 1] - base_y
+            weight += hits
+            mean_x += hits * dx
+            mean_y += hits * dy
+            xx += hits * dx * dx
+            xy += hits * dx * dy
+            yy += hits * dy * dy
+            count += 1
+    if count < LINE_MIN:
+        return False
+    mean_x /= weight
+    mean_y /= weight
+    xx, xy, yy = xx / weight - mean_x * mean_x, xy / weight - mean_x * mean_y, yy / weight - mean_y * mean_y
+    middle, half = 0.5 * (xx + yy), math.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
+    if middle - half > ROUGH * (middle + half):
+        return False
+    angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
+    line[0], line[1] = base_x + mean_x, base_y + mean_y
+    line[2], line[3] = -math.sin(angle), math.cos(angle)
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _match(
+    log_odds: NDArray[np.int8],
+    surface_at: NDArray[np.float32],
+    surface_hits: NDArray[np.uint8],
+    per_m: float,
+    origin_x_m: float,
+    origin_y_m: float,
+    x_m: float,
+    y_m: float,
+    yaw_rad: float,
+    points: Floats,
+) -> tuple[Floats, int, float, int]:
+    """As `scan_match_kernels.refine` answers."""
+    found = np.zeros((3, 5))
+    count = points.shape[0]
+    if count < BEAMS_MIN:
+        return found, 0, 0.0, 0
+    height, width = log_odds.shape
+    start_x, start_y = (x_m - origin_x_m) * per_m, (y_m - origin_y_m) * per_m
+    lever = 0.0
+    for k in range(count):
+        lever += points[k, 0] ** 2 + points[k, 1] ** 2
+    lever = per_m * math.sqrt(lever / count)
+    x, y, yaw = start_x, start_y, yaw_rad
+    held = 0
+    vectors, values = np.zeros((3, 3)), np.zeros(3)
+    information, pull, step, line = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros(4)
+    size = 0.0
+    for iteration in range(ITERATIONS):
+        is_wide = iteration < WIDE_STEPS and (iteration == 0 or size > 0.3)
+        reach, around = (WIDE_CELLS, 3) if is_wide else (NEAR_CELLS, 2)
+        information[:] = 0.0
+        pull[:] = 0.0
+        used = 0
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        for k in range(count):
+            out_x = per_m * (cos * points[k, 0] - sin * points[k, 1])
+            out_y = per_m * (sin * points[k, 0] + cos * points[k, 1])
+            at_x, at_y = x + out_x, y + out_y
+            deep = HIT_DEPTH_CELLS / math.sqrt(out_x * out_x + out_y * out_y)
+            row, column = math.floor(at_y + deep * out_y), math.floor(at_x + deep * out_x)
+            if row < 0 or column < 0 or row >= height or column >= width:
+                continue
+            if not _line(log_odds, surface_at, surface_hits, at_x, at_y, row, column, around, reach, line):
+                continue
+            off = line[2] * (at_x - line[0]) + line[3] * (at_y - line[1])
+            by_turn = (line[3] * out_x - line[2] * out_y) / lever
+            weight = 1.0 if abs(off) < HUBER_CELLS else HUBER_CELLS / abs(off)
+            used += 1
+            information[0, 0] += weight * line[2] * line[2]
+            information[0, 1] += weight * line[2] * line[3]
+            information[0, 2] += weight * line[2] * by_turn
+            information[1, 1] += weight * line[3] * line[3]
+            information[1, 2] += weight * line[3] * by_turn
+            information[2, 2] += weight * by_turn * by_turn
+            pull[0] -= weight * off * line[2]
+            pull[1] -= weight * off * line[3]
+            pull[2] -= weight * off * by_turn
+        if used < BEAMS_MIN:
+            held = 0
+            break
+        information[1, 0], information[2, 0], information[2, 1] = (
+            information[0, 1],
+            information[0, 2],
+            information[1, 2],
+        )
+        eigen(information, values, vectors)
+        held = 0
+        step[:] = 0.0
+        for k in range(3):
+            held += values[k] >= DEGENERATE * used
+            along = 0.0
+            for i in range(3):
+                along += vectors[i, k] * pull[i]
+            for i in range(3):
+                step[i] += vectors[i, k] * along / max(values[k], DEGENERATE * used)
+        size = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
+        if size > 2.0:
+            step *= 2.0 / size
+        x += step[0]
+        y += step[1]
+        yaw += step[2] / lever
+        if size < DONE_CELLS:
+            break
+
+    moved_x, moved_y, moved_turn = x - start_x, y - start_y, (yaw - yaw_rad) * lever
+    for at in range(held):
+        k = 3 - held + at  # eigenvalues ascend
+        found[at, 0], found[at, 1], found[at, 2] = vectors[0, k], vectors[1, k], vectors[2, k] * lever / per_m
+        offset = vectors[0, k] * moved_x + vectors[1, k] * moved_y + vectors[2, k] * moved_turn
+        found[at, 3], found[at, 4] = offset / per_m, values[k]
+
+    compared, near = 0, 0
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    for k in range(count):
+        at_x = x + per_m * (cos * points[k, 0] - sin * points[k, 1])
+        at_y = y + per_m * (sin * points[k, 0] + cos * points[k, 1])
+        row, column = math.floor(at_y), math.floor(at_x)
+        if row < 0 or column < 0 or row >= height or column >= width:
+            continue
+        is_near = False
+        for i in range(max(row - 2, 0), min(row + 3, height)):
+            for j in range(max(column - 2, 0), min(column + 3, width)):
+                if log_odds[i, j] > 0 and surface_hits[i, j] > 0:
+                    square = (surface_at[i, j, 0] - at_x) ** 2 + (surface_at[i, j, 1] - at_y) ** 2
+                    is_near = is_near or square <= FIT_CELLS * FIT_CELLS
+        if log_odds[row, column] != 0 or is_near:
+            compared += 1
+            near += is_near
+    return found, held, near / max(compared, 1), compared
