@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.divergence_watch import DivergenceWatch, WatchSpec
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
-from robrain.protocol.model.mapping.local_map import LocalMap, Variances
+from robrain.protocol.model.mapping.local_map import NONE, LocalMap, Variances
+from robrain.protocol.model.mapping.map_drift import MapDrift
 from robrain.protocol.model.mote_relocalisation import better_elsewhere, find_robot
 from robrain.protocol.model.occupancy_grid import GridGeometry
 from robrain.protocol.model.pose_filter import GATE, DriftModel, PoseFilter
@@ -31,11 +32,10 @@ FOUND_SIGMA_M, FOUND_SIGMA_RAD = 1.5, 0.5
 SEARCH_WITHIN_RAD = 0.6
 TURN_M_PER_RAD = 0.3
 """A turn shows as much of new as this way."""
-LET_GO_M = 1.5
-"""After this way without a match the robot goes by the map no more."""
 MATCH_M, MATCH_SIGMA_M = 0.02, 0.05
 """A robot this sure of its place is corrected by walls only after so much way: where in its cell each wall lies is the
 same unknown for all scans from one spot, and nothing that more of them would average away."""
+DOUBT_WAY_M = 1.0
 WALL_BEAMS = 20.0
 """So many beams on one wall err together: it is one wall, drawn in one row of cells; chosen."""
 SCAN_GATES = (10.83, 13.82, 16.27)
@@ -48,7 +48,6 @@ SIGNALS_TO_AGREE = 12
 SIGNALS_NIS_MAX = 2.0
 """A place on the map is not believed if the last signals of motes are off by more, in units of their variance."""
 NO_FIT = ScanFit([], 0.0, 0)
-NONE: Variances = (0.0, 0.0, 0.0)
 
 
 class LocaliserSpec(msgspec.Struct, frozen=True, kw_only=True):
@@ -68,6 +67,14 @@ class LocaliserSpec(msgspec.Struct, frozen=True, kw_only=True):
     """By matching, the place on the map is never taken to be surer than this …"""
     floor_rad: float = 0.005
     """… nor the yaw."""
+    doubt_m_per_m: float = 0.05
+    """Error of the odometry between two matches that the filter's states do not follow, for each metre …"""
+    doubt_rad_per_m: float = 0.1
+    """… and in yaw: each wheel has its own, which shows another curve in each direction of travel."""
+    step_m: float = 0.01
+    """With every 2 m of floor that is new the robot's own map goes wrong by so much more …"""
+    step_rad: float = 0.002
+    """… and turns."""
     search_m: float = 0.2
     search_rad: float = 0.06
     """A place or a yaw less sure than this is looked for before it is refined."""
@@ -95,6 +102,8 @@ class Localiser:
         self.watch = DivergenceWatch(spec.watch, GATE)
         self.lost = ""
         """Why the estimate is not to be believed; nothing while it is."""
+        self._drift = MapDrift(spec.step_m, spec.step_rad)
+        self._trajectory = 0
         self._of_map = NONE
         """Variances of the place in the arena of the walls that hold the robot; none while no walls do."""
         self._matched_way_m = 0.0
@@ -131,8 +140,6 @@ class Localiser:
         turned_rad = displacement.yaw_rad_s * (1.0 + turn) + curve * forward_m
         self._signals.move(Twist2D((1.0 + scale) * forward_m, (1.0 + scale) * left_m, turned_rad))
         self._way_m += math.hypot(forward_m, left_m) + TURN_M_PER_RAD * abs(turned_rad)
-        if self._of_map != NONE and self._way_m - self._matched_way_m > LET_GO_M:
-            self._let_go_of_map()
 
     def hear(self, sample: RssiSample) -> None:
         """A mote of known place was heard."""
@@ -168,20 +175,48 @@ class Localiser:
         `points` (K, 2) are where its beams ended, see `beam_ends`, without those that ended at something that moves.
         `T_robot_sensor` is where the sensor was when it scanned, seen from where the robot is now.
         """
-        log_odds, geometry = map.grid.log_odds, map.grid.geometry
+        if map.trajectory != self._trajectory:
+            self._trajectory = map.trajectory
+            self._drift.begin_anew()
+        self._enter(map)
         believed = guess = map.T_arena_local.inverse().compose(self.pose).compose(T_robot_sensor)
         if self.filter.sigma_m > self.spec.search_m or self.filter.sigma_rad > self.spec.search_rad:
-            found = self._search(log_odds, geometry, guess, points)
-            if found is None:
-                return NO_FIT
-            guess = found
+            found = self._search(map.grid.log_odds, map.grid.geometry, guess, points)
+            guess = guess if found is None else found
         fit = match_surface(map.grid, guess, points)
+        way_m = min(self._way_m - self._matched_way_m, DOUBT_WAY_M)
+        doubt_m2, doubt_rad2 = self.spec.doubt_m_per_m**2 * way_m**2, self.spec.doubt_rad_per_m**2 * way_m**2
+        self.filter.add((doubt_m2, doubt_m2, doubt_rad2))
         is_new = self._way_m - self._matched_way_m > MATCH_M or self.filter.sigma_m > MATCH_SIGMA_M
         is_believed = not is_new or self._correct(fit, believed, guess, map)
         why = self.watch.saw(fit.fit if is_believed else 0.0) if fit.beams else ""
         if why:
             self.lose(why)
         return fit
+
+    @property
+    def drift(self) -> Variances:
+        """By how much the robot's own map may have gone wrong since it began."""
+        return self._drift.now
+
+    def _enter(self, map: LocalMap) -> None:
+        """The robot goes by its own map here: the filter's covariance is that of its place on it."""
+        floors = self.spec.floor_m**2, self.spec.floor_m**2, self.spec.floor_rad**2
+        own = np.diag(self.filter.covariance).tolist()
+        x, y, yaw = (max(each - floor, 0.0) for each, floor in zip(own, floors, strict=True))
+        local = map.T_arena_local.inverse().compose(self.pose)
+        more, is_new = self._drift.enter(local, map.number, map.oldest, (x, y, yaw))
+        if is_new:
+            self.filter.at_most(floors)
+        else:
+            self.filter.add(more)
+        # The yaw at the anchor moves the robot, which is some metres on.
+        across_m2 = 0.5 * map.variances[2] * map.anchor.distance_m(local) ** 2
+        x, y, yaw = (
+            base + max(now - then, 0.0)
+            for base, now, then in zip(map.variances, self._drift.now, map.drift, strict=True)
+        )
+        self._of_map = x + across_m2, y + across_m2, yaw
 
     def find(
         self,
@@ -242,7 +277,6 @@ class Localiser:
         if map.T_arena_local.yaw_rad:
             rows = _turned(rows, map.T_arena_local.yaw_rad)
         start = self.pose
-        self._of_map = map.variances
         variances = [self.spec.wall_sigma_m**2 * (1.0 + WALL_BEAMS / each.information) for each in fit.directions]
         expected = covariance_of(rows, self.filter.covariance) + np.diag(variances)
         if inverse_form(expected, offsets_m) > SCAN_GATES[len(rows) - 1]:

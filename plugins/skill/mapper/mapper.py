@@ -227,7 +227,7 @@ class Mapper(Skill):
         if self._own.is_over():
             self._take_own_patch()
             covariance = np.array(self.env.board.pose_covariance).reshape(3, 3)
-            self._own.begin_submap(map_stamp_ms(scan.stamp_ns), local, covariance)
+            self._own.begin_submap(map_stamp_ms(scan.stamp_ns), local, local_pose.drift, covariance)
         self._own.integrate(
             local,
             scan.angles_rad,
@@ -266,10 +266,9 @@ class Mapper(Skill):
         self._closed_at = sensor
         points = outside(beam_ends(scan.angles_rad, scan.ranges_m, scan.range_max_m), sensor, circles)
         submap = self._atlas.submaps[key]
-        x_m2, y_m2, yaw_rad2 = self._own.local_map().variances
-        other = self._variances_of(key)
-        sigma_m = math.sqrt(max(x_m2 + other[0], y_m2 + other[1]))
-        sigma_rad = math.sqrt(yaw_rad2 + other[2])
+        covariance, other = self.env.board.pose_covariance, self._variances_of(key)
+        sigma_m = math.sqrt(max(covariance[0] + other[0], covariance[4] + other[1]))
+        sigma_rad = math.sqrt(covariance[8] + other[2])
         lying = lay_on(submap, self._atlas.grid.geometry, sensor, points, sigma_m, sigma_rad)
         if isinstance(lying, Contradiction):
             self._contradicted += lying.agrees < CONTRADICTS

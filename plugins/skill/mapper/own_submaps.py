@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.local_map import LocalMap, Variances
+from robrain.protocol.model.mapping.local_map import NONE, LocalMap, Variances
 from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.mapping.submap_graph import SubmapGraph
 from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid, PatchCells
 
 Floats = NDArray[np.float64]
+LEAST = 1e-6
+"""Variance of a submap against the one before, at least."""
 TURN_M_PER_RAD = 0.3
 """A turn shows as much of new as this way."""
 
@@ -63,6 +65,8 @@ class OwnSubmaps:
             surfaces=True,
         )
         self._number: int | None = None
+        self._oldest = 0
+        self._drift = NONE
         self._way_m = 0.0
         self._last: Pose2D | None = None
 
@@ -82,13 +86,23 @@ class OwnSubmaps:
         """Whether the submap is large enough: tell what is left of it, and begin another."""
         return self._number is None or self._way_m >= self._spec.way_m
 
-    def begin_submap(self, number: int, T_local_robot: Pose2D, covariance: Floats) -> None:
-        """Begin a submap here; arguments are those of `SubmapGraph.begin`."""
+    def begin_submap(self, number: int, T_local_robot: Pose2D, drift: Variances, covariance: Floats) -> None:
+        """Begin a submap here.
+
+        Args:
+            number: greater than those before.
+            T_local_robot: where the robot is on its map.
+            drift: `LocalPose.drift`.
+            covariance: (3, 3) of the robot's pose in the arena, for the first submap of a trajectory.
+
+        """
+        self._oldest = number if self._number is None else self._number
         if self._number is not None:
             self.grid.begin_stretch()
-        number = number if self._number is None else max(number, self._number + 1)
-        self.graph.begin(number, T_local_robot, self.T_arena_local, self.trajectory, covariance, self._way_m)
-        self._number, self._way_m = number, 0.0
+            number = max(number, self._number + 1)
+            covariance = np.diag([max(now - then, LEAST) for now, then in zip(drift, self._drift, strict=True)])
+        self.graph.begin(number, T_local_robot, self.T_arena_local, self.trajectory, covariance)
+        self._number, self._way_m, self._drift = number, 0.0, drift
 
     def integrate(
         self,
@@ -117,18 +131,19 @@ class OwnSubmaps:
             self._number, PatchCells(patch.row - self._margin, patch.column - self._margin, patch.cells, patch.stamp_ms)
         )
 
-    def local_map(self) -> LocalMap:
-        """What localisation goes by."""
-        return LocalMap(self.grid, self.T_arena_local, self._variances(), self.trajectory)
-
-    def _variances(self) -> Variances:
+    def local_map(self) -> LocalMap | None:
+        """What localisation goes by; None before the first scan."""
         current = self.graph.current
-        if current is None or self._last is None:
-            return 0.0, 0.0, 0.0
-        drift_m2, drift_rad2 = self.graph.drift(self._way_m)
-        covariance = current.covariance
-        # The yaw at the anchor moves the robot, which is some metres on.
-        away_m2 = current.anchor.distance_m(self._last) ** 2
-        x_m2, y_m2, yaw_rad2 = float(covariance[0, 0]), float(covariance[1, 1]), float(covariance[2, 2])
-        across_m2 = 0.5 * yaw_rad2 * away_m2
-        return x_m2 + across_m2 + drift_m2, y_m2 + across_m2 + drift_m2, yaw_rad2 + drift_rad2
+        if current is None or self._number is None:
+            return None
+        x, y, yaw = np.diag(current.covariance).tolist()
+        return LocalMap(
+            self.grid,
+            self.T_arena_local,
+            current.anchor,
+            (x, y, yaw),
+            self._drift,
+            self._number,
+            self._oldest,
+            self.trajectory,
+        )

@@ -7,6 +7,7 @@ from robrain.protocol.model.occupancy_grid import OccupancyGrid
 
 Variances = tuple[float, float, float]
 """Of x, y (m²) and yaw (rad²)."""
+NONE: Variances = (0.0, 0.0, 0.0)
 
 
 class LocalMap(NamedTuple):
@@ -17,10 +18,18 @@ class LocalMap(NamedTuple):
     """
 
     grid: OccupancyGrid
-    """In the frame `local`; to be read only."""
+    """With surfaces, in the frame `local`; to be read only."""
     T_arena_local: Pose2D
+    anchor: Pose2D
+    """The robot's place in the frame `local` when the current submap began."""
     variances: Variances
-    """How unsure that is at the robot's place."""
+    """How unsure `T_arena_local` is at the anchor."""
+    drift: Variances
+    """`LocalPose.drift` when the current submap began."""
+    number: int
+    """Of the current submap."""
+    oldest: int
+    """Of the submap that the oldest cells of the grid are of."""
     trajectory: int
     """Counts how often the robot was lost and found: each time its map begins anew."""
 
@@ -30,5 +39,7 @@ class LocalPose(NamedTuple):
 
     T_local_odom: Pose2D
     trajectory: int
+    drift: Variances
+    """By how much the local map may have gone wrong since the trajectory began; see `MapDrift`."""
     until_ns: int
     """Stamp of the last scan that was laid on the local map, or was left out: scans until then can be mapped."""

@@ -25,10 +25,6 @@ Floats = NDArray[np.float64]
 class GraphSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How sure things are in the pose graph, and how much of it is kept. All are chosen."""
 
-    drift_m_per_sqrt_m: float = 0.012
-    """Standard deviation of what matching scans drifts in place after a metre of way …"""
-    drift_rad_per_sqrt_m: float = 0.003
-    """… and in yaw."""
     submaps_max: int = 96
     """Own submaps that can still be moved; older ones stay where they are."""
     closures_per_pair: int = 2
@@ -110,7 +106,7 @@ class SubmapGraph:
         return next(reversed(self.own.values()), None)
 
     def begin(
-        self, number: int, anchor: Pose2D, T_arena_local: Pose2D, trajectory: int, covariance: Floats, way_m: float
+        self, number: int, anchor: Pose2D, T_arena_local: Pose2D, trajectory: int, covariance: Floats
     ) -> None:
         """The robot begins a submap.
 
@@ -119,9 +115,8 @@ class SubmapGraph:
             anchor: the robot's place in the frame `local`.
             T_arena_local: of that frame.
             trajectory: the first submap of a trajectory does not follow from the one before.
-            covariance: (3, 3) of the robot's pose: against the walls of the submap before, or, for the first of a
+            covariance: (3, 3) of the robot's pose: against where the submap before began, or, for the first of a
                 trajectory, in the arena.
-            way_m: driven since the submap before began.
 
         """
         before = self.current
@@ -131,25 +126,23 @@ class SubmapGraph:
             at, turned = Pose2D(node.pose.x_m, node.pose.y_m, 0.0), Pose2D(0.0, 0.0, -node.pose.yaw_rad)
             self._steps[number] = _Link(number, turned, None, at, _inverse(covariance), before is not None)
         else:
-            drift_m2, drift_rad2 = self.drift(way_m)
-            step = covariance + np.diag((drift_m2, drift_m2, drift_rad2))
-            node.covariance = before.covariance + step
+            node.covariance = before.covariance + covariance
+            # The yaw of the submap before moves this one.
+            across_m2 = 0.5 * before.covariance[2, 2] * before.anchor.distance_m(anchor) ** 2
+            node.covariance[0, 0] += across_m2
+            node.covariance[1, 1] += across_m2
             place = Pose2D(anchor.x_m, anchor.y_m, 0.0)
             self._steps[number] = _Link(
                 number,
                 Pose2D(0.0, 0.0, -anchor.yaw_rad),
                 (self._robot, before.number),
                 place,
-                _inverse(step),
+                _inverse(covariance),
                 may_be_false=False,
             )
         self.own[number] = node
         while len(self.own) > self.spec.submaps_max:
             self._freeze(next(iter(self.own)))
-
-    def drift(self, way_m: float) -> tuple[float, float]:
-        """Variances (m², rad²) of what matching scans drifts on so much way."""
-        return self.spec.drift_m_per_sqrt_m**2 * way_m, self.spec.drift_rad_per_sqrt_m**2 * way_m
 
     def close(
         self, number: int, at_own: Pose2D, other: SubmapKey, at_other: Pose2D, information: Floats

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.occupancy_grid import HIT_DEPTH_CELLS, OccupancyGrid
-from robrain.protocol.model.scan_match import BEAMS_MIN, DEGENERATE, Direction, ScanFit
+from robrain.protocol.model.scan_match import DEGENERATE, Direction, ScanFit
 from robrain.protocol.model.scan_match_kernels import eigen
 
 Floats = NDArray[np.float64]
@@ -25,6 +25,11 @@ WIDE_CELLS, NEAR_CELLS = 3.0, 1.5
 WIDE_STEPS = 4
 DONE_CELLS = 0.001
 HUBER_CELLS = 0.3
+USED_MIN = 8
+"""Beams that must end near a wall."""
+INFORMATION_MIN = 1.5
+"""A direction that is held by fewer beams, each weighed by how squarely it meets its wall, is not believed."""
+SPREAD_MAX = 4
 LINE_MIN = 3
 """Means that make a line."""
 ROUGH = 0.15
@@ -86,23 +91,29 @@ def _line(
                 best, best_row, best_column = square, i, j
     if best_row < 0:
         return False
+    base_x, base_y = float(surface_at[best_row, best_column, 0]), float(surface_at[best_row, best_column, 1])
     weight, mean_x, mean_y = 0.0, 0.0, 0.0
     xx, xy, yy = 0.0, 0.0, 0.0
     count = 0
-    base_x, base_y = float(surface_at[best_row, best_column, 0]), float(surface_at[best_row, best_column, 1])
-    for i in range(max(best_row - 1, 0), min(best_row + 2, height)):
-        for j in range(max(best_column - 1, 0), min(best_column + 2, width)):
-            if log_odds[i, j] <= 0 or surface_hits[i, j] == 0:
-                continue
-            hits = min(float(surface_hits[i, j]), 8.0)
-            dx, dy = surface_at[i, j, 0] - base_x, surface_at[i, j, 1] - base_y
-            weight += hits
-            mean_x += hits * dx
-            mean_y += hits * dy
-            xx += hits * dx * dx
-            xy += hits * dx * dy
-            yy += hits * dy * dy
-            count += 1
+    # Far from the sensor neighbouring beams end some cells apart.
+    for spread in range(1, SPREAD_MAX + 1):
+        weight = mean_x = mean_y = xx = xy = yy = 0.0
+        count = 0
+        for i in range(max(best_row - spread, 0), min(best_row + spread + 1, height)):
+            for j in range(max(best_column - spread, 0), min(best_column + spread + 1, width)):
+                if log_odds[i, j] <= 0 or surface_hits[i, j] == 0:
+                    continue
+                hits = min(float(surface_hits[i, j]), 8.0)
+                dx, dy = surface_at[i, j, 0] - base_x, surface_at[i, j, 1] - base_y
+                weight += hits
+                mean_x += hits * dx
+                mean_y += hits * dy
+                xx += hits * dx * dx
+                xy += hits * dx * dy
+                yy += hits * dy * dy
+                count += 1
+        if count >= LINE_MIN:
+            break
     if count < LINE_MIN:
         return False
     mean_x /= weight
@@ -133,7 +144,7 @@ def _match(
     """As `scan_match_kernels.refine` answers."""
     found = np.zeros((3, 5))
     count = points.shape[0]
-    if count < BEAMS_MIN:
+    if count < USED_MIN:
         return found, 0, 0.0, 0
     height, width = log_odds.shape
     start_x, start_y = (x_m - origin_x_m) * per_m, (y_m - origin_y_m) * per_m
@@ -176,7 +187,7 @@ def _match(
             pull[0] -= weight * off * line[2]
             pull[1] -= weight * off * line[3]
             pull[2] -= weight * off * by_turn
-        if used < BEAMS_MIN:
+        if used < USED_MIN:
             held = 0
             break
         information[1, 0], information[2, 0], information[2, 1] = (
@@ -188,12 +199,12 @@ def _match(
         held = 0
         step[:] = 0.0
         for k in range(3):
-            held += values[k] >= DEGENERATE * used
+            held += values[k] >= max(DEGENERATE * used, INFORMATION_MIN)
             along = 0.0
             for i in range(3):
                 along += vectors[i, k] * pull[i]
             for i in range(3):
-                step[i] += vectors[i, k] * along / max(values[k], DEGENERATE * used)
+                step[i] += vectors[i, k] * along / max(values[k], DEGENERATE * used, INFORMATION_MIN)
         size = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
         if size > 2.0:
             step *= 2.0 / size
