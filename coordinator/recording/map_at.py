@@ -93,9 +93,7 @@ class MapBuilder:
         self._since += 1
 
 
-def merged(
-    atlas: SubmapAtlas | None, payload: bytes, decoder: "msgspec.json.Decoder[MapPatch]"
-) -> SubmapAtlas | None:
+def merged(atlas: SubmapAtlas | None, payload: bytes, decoder: "msgspec.json.Decoder[MapPatch]") -> SubmapAtlas | None:
     """The map with one more patch; one that does not decode or fit is left out, as its listeners did."""
     try:
         patch = decoder.decode(payload)

@@ -8,16 +8,15 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.divergence_watch import DivergenceWatch, WatchSpec
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
-from robrain.protocol.model.mapping.local_map import NONE, LocalMap, Variances
-from robrain.protocol.model.mapping.map_drift import MapDrift
+from robrain.protocol.model.mapping.local_map import NO_DRIFT, NONE, Drift, LocalMap
+from robrain.protocol.model.mapping.surface_match import match_surface
 from robrain.protocol.model.mote_relocalisation import better_elsewhere, find_robot
 from robrain.protocol.model.occupancy_grid import GridGeometry
 from robrain.protocol.model.pose_filter import GATE, DriftModel, PoseFilter
 from robrain.protocol.model.pose_mixture import PoseMixture
 from robrain.protocol.model.recent_signals import RecentSignals
 from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
-from robrain.protocol.model.mapping.surface_match import match_surface
-from robrain.protocol.model.scan_match import ScanFit, beam_ends, search_scan
+from robrain.protocol.model.scan_match import ScanFit, search_scan
 from robrain.protocol.model.scan_relocalisation import COMPARED_MIN, agreement, find_by_scan
 from robrain.protocol.model.small_linear_algebra import covariance_of, inverse_form, times_vector
 
@@ -102,7 +101,8 @@ class Localiser:
         self.watch = DivergenceWatch(spec.watch, GATE)
         self.lost = ""
         """Why the estimate is not to be believed; nothing while it is."""
-        self._drift = MapDrift(spec.step_m, spec.step_rad)
+        self._map_drift = NO_DRIFT
+        """Of the walls by which the robot goes."""
         self._trajectory = 0
         self._of_map = NONE
         """Variances of the place in the arena of the walls that hold the robot; none while no walls do."""
@@ -177,46 +177,53 @@ class Localiser:
         """
         if map.trajectory != self._trajectory:
             self._trajectory = map.trajectory
-            self._drift.begin_anew()
-        self._enter(map)
+            self._map_drift = NO_DRIFT
         believed = guess = map.T_arena_local.inverse().compose(self.pose).compose(T_robot_sensor)
         if self.filter.sigma_m > self.spec.search_m or self.filter.sigma_rad > self.spec.search_rad:
             found = self._search(map.grid.log_odds, map.grid.geometry, guess, points)
             guess = guess if found is None else found
-        fit = match_surface(map.grid, guess, points)
+        fit, walls_drift = match_surface(map.grid, guess, points)
         way_m = min(self._way_m - self._matched_way_m, DOUBT_WAY_M)
         doubt_m2, doubt_rad2 = self.spec.doubt_m_per_m**2 * way_m**2, self.spec.doubt_rad_per_m**2 * way_m**2
         self.filter.add((doubt_m2, doubt_m2, doubt_rad2))
         is_new = self._way_m - self._matched_way_m > MATCH_M or self.filter.sigma_m > MATCH_SIGMA_M
+        if fit.directions and is_new:
+            self._go_by(walls_drift)
         is_believed = not is_new or self._correct(fit, believed, guess, map)
+        self._reckon_map(map)
         why = self.watch.saw(fit.fit if is_believed else 0.0) if fit.beams else ""
         if why:
             self.lose(why)
         return fit
 
     @property
-    def drift(self) -> Variances:
-        """By how much the robot's own map may have gone wrong since it began."""
-        return self._drift.now
+    def drift(self) -> Drift:
+        """Variances of the robot's pose against where its own map began, less what a match leaves: m², rad²."""
+        covariance, spec = self.filter.covariance, self.spec
+        beyond_m2 = max(0.5 * float(covariance[0, 0] + covariance[1, 1]) - spec.floor_m**2, 0.0)
+        beyond_rad2 = max(float(covariance[2, 2]) - spec.floor_rad**2, 0.0)
+        m2, rad2 = self._map_drift
+        return m2 + beyond_m2 + spec.step_m**2, rad2 + beyond_rad2 + spec.step_rad**2
 
-    def _enter(self, map: LocalMap) -> None:
-        """The robot goes by its own map here: the filter's covariance is that of its place on it."""
-        floors = self.spec.floor_m**2, self.spec.floor_m**2, self.spec.floor_rad**2
-        own = np.diag(self.filter.covariance).tolist()
-        x, y, yaw = (max(each - floor, 0.0) for each, floor in zip(own, floors, strict=True))
+    def _go_by(self, walls: Drift) -> None:
+        """The scan lies on walls that were drawn when the robot's pose was this unsure.
+
+        A scan that lies well on the map makes the robot sure of its place *on the map*. Where the map was drawn by a robot
+        that was not sure of its place, it is wrong by as much, and no scan can tell. The exact way is to keep the poses
+        that the map was made from as states, as SLAM does; the pose graph does so for whole submaps.
+        """
+        m2, rad2 = (max(now - then, 0.0) for now, then in zip(self._map_drift, walls, strict=True))
+        self.filter.add((m2, m2, rad2))
+        self._map_drift = walls
+
+    def _reckon_map(self, map: LocalMap) -> None:
+        """Reckon how unsure the place of the walls is, by which the robot goes."""
         local = map.T_arena_local.inverse().compose(self.pose)
-        more, is_new = self._drift.enter(local, map.number, map.oldest, (x, y, yaw))
-        if is_new:
-            self.filter.at_most(floors)
-        else:
-            self.filter.add(more)
         # The yaw at the anchor moves the robot, which is some metres on.
         across_m2 = 0.5 * map.variances[2] * map.anchor.distance_m(local) ** 2
-        x, y, yaw = (
-            base + max(now - then, 0.0)
-            for base, now, then in zip(map.variances, self._drift.now, map.drift, strict=True)
-        )
-        self._of_map = x + across_m2, y + across_m2, yaw
+        m2, rad2 = (max(now - then, 0.0) for now, then in zip(self._map_drift, map.drift, strict=True))
+        x, y, yaw = map.variances
+        self._of_map = x + across_m2 + m2, y + across_m2 + m2, yaw + rad2
 
     def find(
         self,
@@ -244,17 +251,14 @@ class Localiser:
         self,
         log_odds: NDArray[np.int8],
         geometry: GridGeometry,
-        angles_rad: NDArray[np.float64],
-        ranges_m: NDArray[np.float64],
-        range_max_m: float,
+        points: NDArray[np.float64],
         T_robot_sensor: Pose2D = Pose2D(0.0, 0.0, 0.0),  # noqa: B008 - immutable, so a shared default is safe
     ) -> bool:
         """Hold a scan against a map that others made, as to whether the robot is where it was told that it starts.
 
-        If the map knows the place and the scan contradicts it, the robot is lost. Arguments are those of `see`; False
+        If the map knows the place and the scan contradicts it, the robot is lost. Arguments are those of `find`; False
         if the map does not know enough of the place to tell.
         """
-        points = beam_ends(angles_rad, ranges_m, range_max_m)
         if self.lost or not len(points):
             return True
         sensor = self.pose.compose(T_robot_sensor)

@@ -124,6 +124,7 @@ class OccupancyGrid:
         shape = geometry.shape if surfaces else (1, 1)
         self.surface_at: NDArray[np.float32] = np.zeros((*shape, 2), np.float32)
         self.surface_hits: NDArray[np.uint8] = np.zeros(shape, np.uint8)
+        self.surface_drift: NDArray[np.float32] = np.zeros((*shape, 2), np.float32)
         # Per cell, the last scan that freed it (twice its number) or ended in it (twice its number plus one).
         self._seen_by: NDArray[np.int32] = np.zeros(geometry.shape, np.int32)
         self._scans = 0
@@ -147,6 +148,7 @@ class OccupancyGrid:
         range_max_m: float,
         stamp_ms: int,
         ignore: NDArray[np.float64],
+        drift: tuple[float, float] = (0.0, 0.0),
     ) -> int:
         """Add the evidence of one scan; returns how many cells changed their class.
 
@@ -154,6 +156,8 @@ class OccupancyGrid:
         frame, `ranges_m` (N,) what they measured. A range of `range_max_m` or more, inf included, is a miss; NaN
         and ranges that are not positive say nothing. `ignore` (K, 3) holds circles x, y, radius in metres of the
         arena frame: a beam that ends in one (a team mate) frees its way there but marks no obstacle.
+
+        `drift` are variances (m², rad²) of the sensor's pose, which new surfaces keep.
 
         Every cell takes at most one update a scan, and none is freed that a beam of the same scan ended in
         (Hornung et al., *OctoMap*, Autonomous Robots 2013). Nor does a beam free the unbroken run of occupied cells
@@ -177,6 +181,8 @@ class OccupancyGrid:
             self._seen_by.reshape(-1),
             self.surface_at.reshape(-1, 2),
             self.surface_hits.reshape(-1),
+            self.surface_drift.reshape(-1, 2),
+            (float(drift[0]), float(drift[1])),
             self.geometry.height,
             self.geometry.width,
             2 * self._scans,
@@ -373,6 +379,8 @@ def _integrate_scan(
     seen_by: NDArray[np.int32],
     surface_at: NDArray[np.float32],
     surface_hits: NDArray[np.uint8],
+    surface_drift: NDArray[np.float32],
+    drift: tuple[float, float],
     height: int,
     width: int,
     scan: int,
@@ -422,6 +430,8 @@ def _integrate_scan(
             continue
         if keeps_surfaces:
             hits = 0 if log_odds[cell] <= 0 and seen_by[cell] != scan + 1 else surface_hits[cell]
+            if hits == 0:
+                surface_drift[cell, 0], surface_drift[cell, 1] = drift
             hits = min(hits + 1, SURFACE_HITS_MAX)
             surface_hits[cell] = hits
             surface_at[cell, 0] += (at_x - surface_at[cell, 0]) / hits

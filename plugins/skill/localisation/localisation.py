@@ -8,6 +8,7 @@ import math
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from robrain.agent.event import Event
 from robrain.agent.plugin import Skill, external
@@ -21,8 +22,8 @@ from robrain.protocol.model.mapping.local_map import LocalPose
 from robrain.protocol.model.mapping.mates_in_scan import mate_circles, outside
 from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.odometry import chord
-from robrain.protocol.model.ranges import STAMP_MAX
 from robrain.protocol.model.pose_filter import DriftModel
+from robrain.protocol.model.ranges import STAMP_MAX
 from robrain.protocol.model.rssi_ranging import PathLoss
 from robrain.protocol.model.scan_match import beam_ends
 from robrain.protocol.wire.clock import to_ns
@@ -224,9 +225,7 @@ class Localisation(Skill):
         self._scan_due_ns = now_ns + to_ns(self.parameters.scan_period_s)
         self._matched_way_m = self._localiser.way_m
         T_robot_sensor = self._T_robot_sensor(scan)
-        sensor = self._localiser.pose.compose(T_robot_sensor)
-        circles = mate_circles(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, board.mate_places)
-        points = outside(beam_ends(scan.angles_rad, scan.ranges_m, scan.range_max_m), sensor, circles)
+        points = self._wall_points(scan, T_robot_sensor)
         if self._localiser.lost:
             self._localiser.find(points, board.map.log_odds, board.map.geometry, T_robot_sensor)
         elif board.local_map.trajectory == self._trajectory:
@@ -235,6 +234,13 @@ class Localisation(Skill):
                 self._matches += 1
                 self._last_fit = fit.fit
         self._tell()
+
+    def _wall_points(self, scan: LaserScan, T_robot_sensor: Pose2D) -> NDArray[np.float64]:
+        """(K, 2) where beams ended, in the sensor's frame, without those that ended at a mate."""
+        sensor = self._localiser.pose.compose(T_robot_sensor)
+        mates = self.env.board.mate_places
+        circles = mate_circles(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, mates)
+        return outside(beam_ends(scan.angles_rad, scan.ranges_m, scan.range_max_m), sensor, circles)
 
     def _T_robot_sensor(self, scan: LaserScan) -> Pose2D:
         """Where the robot was when it scanned, seen from where it is."""
@@ -247,13 +253,9 @@ class Localisation(Skill):
             return
         self._checked_version = others.version
         self._move()
+        T_robot_sensor = self._T_robot_sensor(scan)
         self._localiser.check_start(
-            others.log_odds,
-            others.geometry,
-            scan.angles_rad,
-            scan.ranges_m,
-            scan.range_max_m,
-            self._T_robot_sensor(scan),
+            others.log_odds, others.geometry, self._wall_points(scan, T_robot_sensor), T_robot_sensor
         )
         if self._localiser.lost:
             self._has_been_lost = self.env.board.false_start = True

@@ -68,6 +68,4 @@ class ClosureSearch:
         inside = INSIDE_M / geometry.resolution_m
         row, column = geometry.cell_of(place.x_m, place.y_m)
         height, width = submap.evidence.shape
-        return (
-            inside <= row - submap.row <= height - inside and inside <= column - submap.column <= width - inside
-        )
+        return inside <= row - submap.row <= height - inside and inside <= column - submap.column <= width - inside

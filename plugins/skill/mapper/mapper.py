@@ -45,6 +45,8 @@ logger = logging.getLogger(__name__)
 
 START_S = 5.0
 """What the others send in this time after the start may still show that the robot is not where it was told it is."""
+WHOLE_MS = 400
+"""So long after the start the others' answers with their whole maps may be made; less than `TELL_AFTER_S`."""
 TELL_AFTER_S = 0.5
 """Until then nobody is told of what was mapped; chosen."""
 CLOSURE_PERIOD_S = 1.0
@@ -235,6 +237,7 @@ class Mapper(Skill):
             scan.range_max_m,
             map_stamp_ms(scan.stamp_ns),
             _in_local(circles, self._own.T_arena_local),
+            local_pose.drift,
         )
         self.env.board.local_map = self._own.local_map()
         self._look_for_closure(scan, local, circles)
@@ -284,7 +287,11 @@ class Mapper(Skill):
             upper = lying.information[np.triu_indices(3)]
             self._found.append(
                 Closure(
-                    submap=number, at=at_own, mate=key[0], mate_submap=key[1], at_mate=at_other,
+                    submap=number,
+                    at=at_own,
+                    mate=key[0],
+                    mate_submap=key[1],
+                    at_mate=at_other,
                     information=tuple(upper.tolist()),
                 )  # fmt: skip
             )
@@ -417,7 +424,7 @@ class Mapper(Skill):
         try:
             check_claim(patch, self.env.clock.now_ns())
             take_message(self._atlas, patch)
-            if self._others is not None and patch.observed_ms <= map_stamp_ms(self._began_ns or 0):
+            if self._others is not None and _latest_ms(patch) <= map_stamp_ms(self._began_ns or 0) + WHOLE_MS:
                 take_message(self._others, patch)
         except ValueError as error:
             if patch.robot not in self._refused:
@@ -431,6 +438,10 @@ class Mapper(Skill):
         robot = self.env.robot
         keys = [key for key in sorted(self._atlas.submaps) if key[0] == robot or key[0] not in self._met]
         return whole_map(robot, self._atlas, keys)
+
+
+def _latest_ms(patch: MapPatch) -> int:
+    return max((part.observed_ms for part in patch.parts), default=patch.observed_ms)
 
 
 def _in_local(circles: NDArray[np.float64], T_arena_local: Pose2D) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.local_map import NONE, LocalMap, Variances
+from robrain.protocol.model.mapping.local_map import NO_DRIFT, Drift, LocalMap
 from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.mapping.submap_graph import SubmapGraph
 from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid, PatchCells
@@ -66,7 +66,7 @@ class OwnSubmaps:
         )
         self._number: int | None = None
         self._oldest = 0
-        self._drift = NONE
+        self._drift = NO_DRIFT
         self._way_m = 0.0
         self._last: Pose2D | None = None
 
@@ -86,7 +86,7 @@ class OwnSubmaps:
         """Whether the submap is large enough: tell what is left of it, and begin another."""
         return self._number is None or self._way_m >= self._spec.way_m
 
-    def begin_submap(self, number: int, T_local_robot: Pose2D, drift: Variances, covariance: Floats) -> None:
+    def begin_submap(self, number: int, T_local_robot: Pose2D, drift: Drift, covariance: Floats) -> None:
         """Begin a submap here.
 
         Args:
@@ -100,7 +100,8 @@ class OwnSubmaps:
         if self._number is not None:
             self.grid.begin_stretch()
             number = max(number, self._number + 1)
-            covariance = np.diag([max(now - then, LEAST) for now, then in zip(drift, self._drift, strict=True)])
+            m2, rad2 = (max(now - then, LEAST) for now, then in zip(drift, self._drift, strict=True))
+            covariance = np.diag((m2, m2, rad2))
         self.graph.begin(number, T_local_robot, self.T_arena_local, self.trajectory, covariance)
         self._number, self._way_m, self._drift = number, 0.0, drift
 
@@ -112,13 +113,14 @@ class OwnSubmaps:
         range_max_m: float,
         stamp_ms: int,
         ignore: Floats,
+        drift: Drift,
     ) -> None:
         """Take in a scan; arguments are those of `OccupancyGrid.integrate_scan`, in the frame `local`."""
         if self._last is not None:
             turned_rad = math.remainder(sensor.yaw_rad - self._last.yaw_rad, math.tau)
             self._way_m += sensor.distance_m(self._last) + TURN_M_PER_RAD * abs(turned_rad)
         self._last = sensor
-        self.grid.integrate_scan(sensor, angles_rad, ranges_m, range_max_m, stamp_ms, ignore)
+        self.grid.integrate_scan(sensor, angles_rad, ranges_m, range_max_m, stamp_ms, ignore, drift)
 
     def take_patch(self) -> OwnPatch | None:
         """What changed of the current submap since the last call."""

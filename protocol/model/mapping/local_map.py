@@ -8,6 +8,9 @@ from robrain.protocol.model.occupancy_grid import OccupancyGrid
 Variances = tuple[float, float, float]
 """Of x, y (m²) and yaw (rad²)."""
 NONE: Variances = (0.0, 0.0, 0.0)
+Drift = tuple[float, float]
+"""Variances of place (m², for either axis) and yaw (rad²) of a robot's own map against where it began."""
+NO_DRIFT: Drift = (0.0, 0.0)
 
 
 class LocalMap(NamedTuple):
@@ -24,7 +27,7 @@ class LocalMap(NamedTuple):
     """The robot's place in the frame `local` when the current submap began."""
     variances: Variances
     """How unsure `T_arena_local` is at the anchor."""
-    drift: Variances
+    drift: Drift
     """`LocalPose.drift` when the current submap began."""
     number: int
     """Of the current submap."""
@@ -39,7 +42,7 @@ class LocalPose(NamedTuple):
 
     T_local_odom: Pose2D
     trajectory: int
-    drift: Variances
-    """By how much the local map may have gone wrong since the trajectory began; see `MapDrift`."""
+    drift: Drift
+    """How unsure the robot's pose is against where its own map began: walls that it sees first now keep this."""
     until_ns: int
     """Stamp of the last scan that was laid on the local map, or was left out: scans until then can be mapped."""

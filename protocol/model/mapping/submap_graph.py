@@ -105,9 +105,7 @@ class SubmapGraph:
         """The submap that the robot is making."""
         return next(reversed(self.own.values()), None)
 
-    def begin(
-        self, number: int, anchor: Pose2D, T_arena_local: Pose2D, trajectory: int, covariance: Floats
-    ) -> None:
+    def begin(self, number: int, anchor: Pose2D, T_arena_local: Pose2D, trajectory: int, covariance: Floats) -> None:
         """The robot begins a submap.
 
         Args:
@@ -144,9 +142,7 @@ class SubmapGraph:
         while len(self.own) > self.spec.submaps_max:
             self._freeze(next(iter(self.own)))
 
-    def close(
-        self, number: int, at_own: Pose2D, other: SubmapKey, at_other: Pose2D, information: Floats
-    ) -> None:
+    def close(self, number: int, at_own: Pose2D, other: SubmapKey, at_other: Pose2D, information: Floats) -> None:
         """A place in the frame of an own submap is a place in the frame of another submap: a loop closure.
 
         `information` (3, 3) is that of the difference, in the axes of `at_other`.
@@ -185,9 +181,7 @@ class SubmapGraph:
         """An own submap is wrong: nothing rests on it any more."""
         self.own.pop(number, None)
         self._steps.pop(number, None)
-        kept = [
-            each for each in self._closures if each.own != number and each.other != (self._robot, number)
-        ]
+        kept = [each for each in self._closures if each.own != number and each.other != (self._robot, number)]
         self._closures.clear()
         self._closures.extend(kept)
 
@@ -269,13 +263,16 @@ def _inverse(matrix: Floats) -> Floats:
     lift = 1e-9 * (a + d + f) + 1e-12
     a, d, f = a + lift, d + lift, f + lift
     determinant = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
-    return np.array(
-        [
-            [d * f - e * e, c * e - b * f, b * e - c * d],
-            [c * e - b * f, a * f - c * c, b * c - a * e],
-            [b * e - c * d, b * c - a * e, a * d - b * b],
-        ]
-    ) / determinant
+    return (
+        np.array(
+            [
+                [d * f - e * e, c * e - b * f, b * e - c * d],
+                [c * e - b * f, a * f - c * c, b * c - a * e],
+                [b * e - c * d, b * c - a * e, a * d - b * b],
+            ]
+        )
+        / determinant
+    )
 
 
 def symmetric(upper: tuple[float, ...]) -> Floats:

@@ -38,7 +38,7 @@ FIT_CELLS = 2.0
 """A beam agrees if it ends so near a wall."""
 
 
-def match_surface(grid: OccupancyGrid, guess: Pose2D, points: Floats) -> ScanFit:
+def match_surface(grid: OccupancyGrid, guess: Pose2D, points: Floats) -> tuple[ScanFit, tuple[float, float]]:
     """Refine a guess that is wrong by less than 0.3 m and 0.15 rad.
 
     Args:
@@ -46,12 +46,16 @@ def match_surface(grid: OccupancyGrid, guess: Pose2D, points: Floats) -> ScanFit
         guess: T_grid_sensor.
         points: (K, 2) the beams' ends in the sensor's frame, metres.
 
+    Returns:
+        The fit, and the mean of `surface_drift` of the walls on which the beams lie: m², rad².
+
     """
     geometry = grid.geometry
-    found, held, fit, beams = _match(
+    found, held, fit, beams, drift_m2, drift_rad2 = _match(
         grid.log_odds,
         grid.surface_at,
         grid.surface_hits,
+        grid.surface_drift,
         1.0 / geometry.resolution_m,
         geometry.origin_x_m,
         geometry.origin_y_m,
@@ -61,7 +65,7 @@ def match_surface(grid: OccupancyGrid, guess: Pose2D, points: Floats) -> ScanFit
         points,
     )
     directions = [Direction((a, b, c), offset_m, held_by) for a, b, c, offset_m, held_by in found[:held].tolist()]
-    return ScanFit(directions, fit, beams)
+    return ScanFit(directions, fit, beams), (drift_m2, drift_rad2)
 
 
 @njit(cache=True, nogil=True)
@@ -133,6 +137,7 @@ def _match(
     log_odds: NDArray[np.int8],
     surface_at: NDArray[np.float32],
     surface_hits: NDArray[np.uint8],
+    surface_drift: NDArray[np.float32],
     per_m: float,
     origin_x_m: float,
     origin_y_m: float,
@@ -140,12 +145,12 @@ def _match(
     y_m: float,
     yaw_rad: float,
     points: Floats,
-) -> tuple[Floats, int, float, int]:
-    """As `scan_match_kernels.refine` answers."""
+) -> tuple[Floats, int, float, int, float, float]:
+    """As `scan_match_kernels.refine` answers, and the mean drift of the walls."""
     found = np.zeros((3, 5))
     count = points.shape[0]
     if count < USED_MIN:
-        return found, 0, 0.0, 0
+        return found, 0, 0.0, 0, 0.0, 0.0
     height, width = log_odds.shape
     start_x, start_y = (x_m - origin_x_m) * per_m, (y_m - origin_y_m) * per_m
     lever = 0.0
@@ -222,6 +227,7 @@ def _match(
         found[at, 3], found[at, 4] = offset / per_m, values[k]
 
     compared, near = 0, 0
+    drift_m2 = drift_rad2 = 0.0
     cos, sin = math.cos(yaw), math.sin(yaw)
     for k in range(count):
         at_x = x + per_m * (cos * points[k, 0] - sin * points[k, 1])
@@ -230,12 +236,18 @@ def _match(
         if row < 0 or column < 0 or row >= height or column >= width:
             continue
         is_near = False
+        nearest, nearest_row, nearest_column = FIT_CELLS * FIT_CELLS, 0, 0
         for i in range(max(row - 2, 0), min(row + 3, height)):
             for j in range(max(column - 2, 0), min(column + 3, width)):
                 if log_odds[i, j] > 0 and surface_hits[i, j] > 0:
                     square = (surface_at[i, j, 0] - at_x) ** 2 + (surface_at[i, j, 1] - at_y) ** 2
-                    is_near = is_near or square <= FIT_CELLS * FIT_CELLS
+                    if square <= nearest:
+                        is_near = True
+                        nearest, nearest_row, nearest_column = square, i, j
+        if is_near:
+            drift_m2 += surface_drift[nearest_row, nearest_column, 0]
+            drift_rad2 += surface_drift[nearest_row, nearest_column, 1]
         if log_odds[row, column] != 0 or is_near:
             compared += 1
             near += is_near
-    return found, held, near / max(compared, 1), compared
+    return found, held, near / max(compared, 1), compared, drift_m2 / max(near, 1), drift_rad2 / max(near, 1)
