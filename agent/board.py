@@ -43,7 +43,7 @@ class Board:
         self.local_pose: LocalPose | None = None
         """The odometry's frame in the frame of that map; localisation writes it."""
         self.mate_places: NDArray[np.float64] = np.empty((0, 3))
-        """(K, 3) where other robots say that they are, and their radii: x, y, radius, m, arena frame; mapper writes it."""
+        """(K, 3) where other robots say that they are: x, y, radius in metres, arena frame; mapper writes it."""
         self.map_of_others: OccupancyGrid | None = None
         """What the others had mapped when this robot came, for some seconds after it; mapper writes it."""
         self.false_start = False
