@@ -101,6 +101,8 @@ class Localiser:
         self.watch = DivergenceWatch(spec.watch, GATE)
         self.lost = ""
         """Why the estimate is not to be believed; nothing while it is."""
+        self.fits = True
+        """Whether the last scan lay well on the robot's own map."""
         self._map_drift = NO_DRIFT
         """Of the walls by which the robot goes."""
         self._trajectory = 0
@@ -191,6 +193,7 @@ class Localiser:
             self._go_by(walls_drift)
         is_believed = not is_new or self._correct(fit, believed, guess, map)
         self._reckon_map(map)
+        self.fits = is_believed and (not fit.beams or fit.fit >= self.spec.watch.fit_min)
         why = self.watch.saw(fit.fit if is_believed else 0.0) if fit.beams else ""
         if why:
             self.lose(why)
@@ -208,9 +211,9 @@ class Localiser:
     def _go_by(self, walls: Drift) -> None:
         """The scan lies on walls that were drawn when the robot's pose was this unsure.
 
-        A scan that lies well on the map makes the robot sure of its place *on the map*. Where the map was drawn by a robot
-        that was not sure of its place, it is wrong by as much, and no scan can tell. The exact way is to keep the poses
-        that the map was made from as states, as SLAM does; the pose graph does so for whole submaps.
+        A scan that lies well on the map makes the robot sure of its place *on the map*. Where the map was drawn by a
+        robot that was not sure of its place, it is wrong by as much, and no scan can tell. The exact way is to keep the
+        poses that the map was made from as states, as SLAM does; the pose graph does so for whole submaps.
         """
         m2, rad2 = (max(now - then, 0.0) for now, then in zip(self._map_drift, walls, strict=True))
         self.filter.add((m2, m2, rad2))
@@ -336,6 +339,7 @@ class Localiser:
 
     def _found(self, pose: Pose2D, covariance: NDArray[np.float64]) -> None:
         self.lost = ""
+        self.fits = True
         self._of_map = NONE
         self.filter.place(pose, covariance)
         self.watch.begin_anew()

@@ -271,7 +271,7 @@ class Localisation(Skill):
         T_local_odom = self._T_arena_odom
         if self._T_arena_local != IDENTITY:
             T_local_odom = self._T_arena_local.inverse().compose(T_local_odom)
-        board.local_pose = LocalPose(T_local_odom, self._trajectory, localiser.drift, self._until_ns)
+        board.local_pose = LocalPose(T_local_odom, self._trajectory, localiser.drift, self._until_ns, localiser.fits)
         board.pose_covariance = tuple(localiser.covariance.ravel().tolist())
         board.lost = localiser.lost
         if localiser.lost != self._lost:

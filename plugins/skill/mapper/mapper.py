@@ -214,8 +214,9 @@ class Mapper(Skill):
         self._pause(self._why_not())
         if self._why_paused:
             self._left_out += 1
-            if self.env.board.lost and self._own.number is not None:
-                self._withdraw([self._own.number])  # nobody knows since when it is wrong
+            return
+        if not local_pose.fits:
+            self._left_out += 1
             return
         self._taken += 1
         if local_pose.trajectory != self._own.trajectory:
@@ -293,7 +294,7 @@ class Mapper(Skill):
                     mate_submap=key[1],
                     at_mate=at_other,
                     information=tuple(upper.tolist()),
-                )  # fmt: skip
+                )
             )
 
     def _with_slack(self, believed: Pose2D, found: Pose2D) -> Pose2D:

@@ -16,8 +16,8 @@ NO_DRIFT: Drift = (0.0, 0.0)
 class LocalMap(NamedTuple):
     """The robot's own recent map, without what others told.
 
-    In the frame `local` the robot's estimate is continuous: it follows odometry and the recent walls. What loop closures
-    correct is where that frame lies in the arena.
+    In the frame `local` the robot's estimate is continuous: it follows odometry and the recent walls. Loop closures
+    correct where that frame lies in the arena.
     """
 
     grid: OccupancyGrid
@@ -46,3 +46,5 @@ class LocalPose(NamedTuple):
     """How unsure the robot's pose is against where its own map began: walls that it sees first now keep this."""
     until_ns: int
     """Stamp of the last scan that was laid on the local map, or was left out: scans until then can be mapped."""
+    fits: bool
+    """Whether the last scan that was laid on the local map lies well there; if not, nothing is to be drawn."""

@@ -1,8 +1,8 @@
 """Where a scan lies on a submap: the search for loop closures.
 
-A scan is laid on another submap where the robot believes to be (Olson, *Real-time correlative scan matching*, ICRA 2009,
-where the belief is unsure; then Gauss–Newton). It counts only if the submap knows the place, most beams are as the submap
-says, and no other place does as well.
+A scan is laid on another submap where the robot believes to be (Olson, *Real-time correlative scan matching*, ICRA
+2009, where the belief is unsure; then Gauss–Newton). It counts only if the submap knows the place, most beams are as the
+submap says, and no other place does as well.
 """
 
 import math
@@ -25,9 +25,9 @@ AGREES_MIN = 0.75
 """… and of these, that must be as it says; chosen."""
 DIRECTIONS_MIN = 2
 REACH_M, WIDE_M = 0.2, 0.4
-"""A beam that ends farther from all walls than this may have hit what the submap never saw, and would pull the scan to the
-wrong wall: measured with exact odometry, scans laid with 0.4 m were off by 0.11 m in every tenth case, with 0.2 m by 0.03 m
-(docs/localisation.md). The wide reach is tried as well, in case the belief is that far off."""
+"""A beam that ends farther from all walls than this may have hit what the submap never saw, and would pull the scan to
+the wrong wall: measured with exact odometry, scans laid with 0.4 m were off by 0.11 m in every tenth case, with 0.2 m by
+0.03 m. The wide reach is tried as well, in case the belief is that far off."""
 BETTER = 0.05
 """The answer by the wide reach counts if so many more of the beams agree."""
 SEARCH_M, SEARCH_RAD = 0.2, 0.06
@@ -54,7 +54,7 @@ class Lying(NamedTuple):
     sensor: Pose2D
     """T_local_sensor in the submap's frame."""
     information: Floats
-    """(3, 3) of that pose in x, y, yaw, in the axes of the submap's frame; directions that walls do not hold weigh 0."""
+    """(3, 3) of that pose in x, y, yaw, in the axes of the submap's frame; 0 in directions that walls do not hold."""
 
 
 class Contradiction(NamedTuple):

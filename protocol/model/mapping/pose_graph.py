@@ -2,8 +2,8 @@
 
 Graph SLAM as in Grisetti et al., *A tutorial on graph-based SLAM*, IEEE Intelligent Transportation Systems Magazine
 2(4), 2010: Gauss–Newton on the residuals of the edges. Edges that may be false are weighed by dynamic covariance
-scaling (Agarwal et al., *Robust map optimization using dynamic covariance scaling*, ICRA 2013), which is the closed form
-of the switchable constraints of Sünderhauf and Protzel (IROS 2012).
+scaling (Agarwal et al., *Robust map optimization using dynamic covariance scaling*, ICRA 2013), which is the closed
+form of the switchable constraints of Sünderhauf and Protzel (IROS 2012).
 
 Nodes are poses T_arena_node. An edge says that a place fixed to one node and a place fixed to another are the same
 pose in the arena. A node may be held where it is: the arena itself, or a submap of another robot, which that robot
@@ -30,8 +30,8 @@ SCALING = 5.0
 class Edge(NamedTuple):
     """A place of node `one` and a place of node `other` are the same pose.
 
-    `information` (3, 3) is the inverse covariance of the difference other − one in x, y (m) and yaw (rad), in the axes of
-    `at_one`.
+    `information` (3, 3) is the inverse covariance of the difference other − one in x, y (m) and yaw (rad), in the axes
+    of `at_one`.
     """
 
     one: int

@@ -1,4 +1,4 @@
-"""A submap: what one robot saw of the floor in one stretch of its way, on a grid of its own that can be moved as a whole.
+"""A submap: what one robot saw of the floor in one stretch of its way, as a grid that can be moved as a whole.
 
 Submaps are those of Cartographer (Hess et al., *Real-time loop closure in 2D LIDAR SLAM*, ICRA 2016): within one, the
 robot's drift is negligible; what is corrected later is where the submap lies. The cells lie on the lattice of the

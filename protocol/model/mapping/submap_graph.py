@@ -60,9 +60,9 @@ class OwnSubmap:
         """T_arena_node."""
         return self.T_arena_local.compose(self.anchor)
 
-    def at(self, T_local: Pose2D) -> Pose2D:
+    def at(self, place: Pose2D) -> Pose2D:
         """A place of the submap's frame, seen from the node."""
-        return self.anchor.inverse().compose(T_local)
+        return self.anchor.inverse().compose(place)
 
 
 class _Link(msgspec.Struct):
@@ -256,10 +256,8 @@ class SubmapGraph:
 
 
 def _inverse(matrix: Floats) -> Floats:
-    """Inverse of a symmetric, positive (semi-)definite (3, 3) matrix, by its adjugate; a small share makes it definite."""
-    a, b, c = matrix[0]
-    _, d, e = matrix[1]
-    f = matrix[2, 2]
+    """Inverse of a symmetric, positive semi-definite (3, 3) matrix, by its adjugate; a small share makes it definite."""
+    (a, b, c), (_, d, e), (_, _, f) = matrix.tolist()
     lift = 1e-9 * (a + d + f) + 1e-12
     a, d, f = a + lift, d + lift, f + lift
     determinant = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
