@@ -104,8 +104,9 @@ class PatchCells(msgspec.Struct, frozen=True, eq=False):
 class OccupancyGrid:
     """The belief of one robot (or of the coordinator) about every cell of a grid.
 
-    With `surfaces` it also keeps where in its cell a wall is: `surface_at` float32 (H, W, 2), the mean place of the beams'
-    ends, column and row in cells from the origin; it holds where `log_odds` > 0 and `surface_hits` > 0.
+    With `surfaces` it also keeps where in its cell a wall is: `surface_at` float32 (H, W, 2), the mean place of the
+    beams' ends, column and row in cells from the origin, and `surface_drift` float32 (H, W, 2), how unsure the sensor's
+    pose was when it saw the wall first (m², rad²). They hold where `log_odds` > 0 and `surface_hits` > 0.
 
     `log_odds` int8 (H, W): evidence, 0 where nothing was ever seen. `stamp_ms` int32 (H, W): when the cell was last
     observed, in milliseconds of the run's clock, 0 before. `dirty` bool (H, W): own sensing changed the class

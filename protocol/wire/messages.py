@@ -144,13 +144,13 @@ class RobotState(Message, frozen=True, kw_only=True):
 
 
 class MapPatch(Message, frozen=True, kw_only=True):
-    """Cells of one of this robot's submaps whose class changed by its own sensing since its last patch; or where it lies.
+    """Cells of a submap whose class changed by this robot's own sensing since its last patch; or where a submap lies.
 
     The geometry of the team's grid comes with each patch; `row`, `column`, `rows`, `columns` say which box the cells
-    fill, in the frame `local` of the submap: the lattice of the team's grid, moved by `T_arena_local`. The box may leave
-    the grid. Cells are int8, row-major, row 0 at the lowest y: 0 free, 100 occupied, −1 no statement; deflated (zlib),
-    base64 in JSON. A patch without cells moves or withdraws a submap. `robrain.protocol.wire.map_patch` makes and takes
-    them.
+    fill, in the frame `local` of the submap: the lattice of the team's grid, moved by `T_arena_local`. The box may
+    leave the grid. Cells are int8, row-major, row 0 at the lowest y: 0 free, 100 occupied, −1 no statement; deflated
+    (zlib), base64 in JSON. A patch without cells moves or withdraws a submap. `robrain.protocol.wire.map_patch` makes
+    and takes them.
     """
 
     robot: Name

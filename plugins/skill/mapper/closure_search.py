@@ -68,4 +68,5 @@ class ClosureSearch:
         inside = INSIDE_M / geometry.resolution_m
         row, column = geometry.cell_of(place.x_m, place.y_m)
         height, width = submap.evidence.shape
-        return inside <= row - submap.row <= height - inside and inside <= column - submap.column <= width - inside
+        at_row, at_column = row - submap.row, column - submap.column
+        return inside <= at_row <= height - inside and inside <= at_column <= width - inside

@@ -261,7 +261,7 @@ def _inverse(matrix: Floats) -> Floats:
     lift = 1e-9 * (a + d + f) + 1e-12
     a, d, f = a + lift, d + lift, f + lift
     determinant = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
-    return (
+    inverse: Floats = (
         np.array(
             [
                 [d * f - e * e, c * e - b * f, b * e - c * d],
@@ -271,6 +271,7 @@ def _inverse(matrix: Floats) -> Floats:
         )
         / determinant
     )
+    return inverse
 
 
 def symmetric(upper: tuple[float, ...]) -> Floats:

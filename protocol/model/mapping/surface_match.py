@@ -1,10 +1,9 @@
 """Where a scan lies on the robot's own recent map, to a fraction of a cell.
 
-Each occupied cell of an `OccupancyGrid` with surfaces keeps the mean place of the beams that ended in it. A beam's end is
-laid on the line through the means about it (point-to-line ICP: Censi, *An ICP variant using a point-to-line metric*, ICRA
-2008; on a grid of means as in the normal distributions transform of Biber and Straßer, IROS 2003). Matching against the
-cells themselves says where a wall lies to a third of a cell at best, always with the same error from one spot: measured
-with wheels that are 1 % off, a robot's own map turned by 2 to 5 degrees in ten seconds, which this does not.
+Each occupied cell of an `OccupancyGrid` with surfaces keeps the mean place of the beams that ended in it. A beam's end
+is laid on the line through the means about it (point-to-line ICP: Censi, *An ICP variant using a point-to-line metric*,
+ICRA 2008; on a grid of means as in the normal distributions transform of Biber and Straßer, IROS 2003). Matching against
+the cells themselves says where a wall lies to a third of a cell at best, always with the same error from one spot.
 """
 
 import math
@@ -81,7 +80,7 @@ def _line(
     reach: float,
     line: Floats,
 ) -> bool:
-    """Write a point (2,) and the normal (2,) of the wall nearest to (x, y), in cells; False if there is none in reach."""
+    """Write a point (2,) and the normal (2,) of the wall nearest to (x, y), in cells; False if none is in reach."""
     height, width = log_odds.shape
     best = reach * reach
     best_row = -1
