@@ -69,4 +69,4 @@ class ClosureSearch:
         row, column = geometry.cell_of(place.x_m, place.y_m)
         height, width = submap.evidence.shape
         at_row, at_column = row - submap.row, column - submap.column
-        return inside <= at_row <= height - inside and inside <= at_column <= width - inside
+        return bool(inside <= at_row <= height - inside and inside <= at_column <= width - inside)
