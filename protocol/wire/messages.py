@@ -168,6 +168,9 @@ class MapPatch(Message, frozen=True, kw_only=True):
     cells: bytes = b""
     tiles_ms: bytes = b""
     """In a patch that tells a whole submap: when each tile of 8 × 8 cells was seen, int32, row-major, deflated."""
+    surfaces: bytes = b""
+    """When the submap is finished: where in their cells its walls are, `SURFACE` of `protocol/model/mapping/submap.py`,
+    deflated."""
     submap: Count = 0
     """Number of the submap; a later one of the same robot has a greater number."""
     T_arena_local: Pose2D = Pose2D(0.0, 0.0, 0.0)

@@ -228,7 +228,7 @@ class Mapper(Skill):
         circles = mate_circles(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, told)
         self.env.board.mate_places = told
         if self._own.is_over():
-            self._take_own_patch()
+            self._finish_submap()
             covariance = np.array(self.env.board.pose_covariance).reshape(3, 3)
             self._own.begin_submap(map_stamp_ms(scan.stamp_ns), local, local_pose.drift, covariance)
         self._own.integrate(
@@ -254,6 +254,17 @@ class Mapper(Skill):
         self._atlas.take(key, own.cells.row, own.cells.column, own.cells.cells, own.cells.stamp_ms)
         geometry = self._atlas.grid.geometry
         self._untold.append(to_message(self.env.robot, geometry, own.cells, own.submap, self._own.T_arena_local))
+
+    def _finish_submap(self) -> None:
+        """What is left to tell of the current submap, and where in their cells its walls are."""
+        self._take_own_patch()
+        number = self._own.number
+        if number is None:
+            return
+        surfaces = self._own.surfaces()
+        self._atlas.take_surfaces((self.env.robot, number), surfaces)
+        geometry = self._atlas.grid.geometry
+        self._untold.append(pose_message(self.env.robot, geometry, number, self._own.T_arena_local, surfaces=surfaces))
 
     def _look_for_closure(self, scan: LaserScan, local: Pose2D, circles: NDArray[np.float64]) -> None:
         """Lay the scan on a submap that should show the place, of another robot or an old one of this one."""
