@@ -3,11 +3,21 @@
 Values carry `data-testid` so that browser tests, and people's own scripts, can read them.
 """
 
+import math
 from collections.abc import Sequence
 
 from robrain.coordinator.dashboard.alerts import Alert, Level, alerts_of
 from robrain.coordinator.dashboard.halt_control import NAMES_SHOWN, acknowledgements
-from robrain.coordinator.dashboard.headline import ROBOT_GRADES, Grade, headline_of, vitals_of
+from robrain.coordinator.dashboard.headline import (
+    ROBOT_GRADES,
+    Grade,
+    agreement_grade,
+    headline_of,
+    judged_map,
+    least_agreement,
+    map_grade,
+    vitals_of,
+)
 from robrain.coordinator.dashboard.robot_view import Condition, MoteView, RobotView
 from robrain.coordinator.dashboard.task_html import LONG_ID
 from robrain.coordinator.dashboard.team_view import TeamView
@@ -60,7 +70,7 @@ def strip_html(view: TeamView, now_s: float, troubles: Sequence[Alert] = ()) -> 
     return f'<div class="rb rb-strip">{_banners(view)}{sentence}{_alerts([*alerts_of(view, now_s), *troubles])}</div>'
 
 
-def summary_html(view: TeamView) -> str:
+def summary_html(view: TeamView, now_s: float) -> str:
     """The team's figures."""
     if view.explored_fraction is not None:
         explored = tile("Explored", "explored", f"{100 * view.explored_fraction:.1f} %")
@@ -74,6 +84,7 @@ def summary_html(view: TeamView) -> str:
     halted = sum(robot.halted for robot in view.robots.values())
     tasks = NONE if view.team is None else f"{view.team.tasks_done} / {view.team.tasks_open}"
     up = view.coordinator_up
+    first, other = _map_tiles(view, now_s)
     tiles = [
         explored,
         second,
@@ -83,8 +94,27 @@ def summary_html(view: TeamView) -> str:
         tile("Done / open", "tasks", tasks),
         tile("Messages / s", "messages-per-s", traffic),
         tile("Halted", "halted-robots", f"{halted} of {len(view.robots)}", "bad" if halted else ""),
+        first,
+        other,
     ]
     return f'<div class="rb"><div class="rb-tiles">{"".join(tiles)}</div></div>'
+
+
+def _map_tiles(view: TeamView, now_s: float) -> tuple[str, str]:
+    """How right the map is: by the truth where an arena tells it, else by the robots' own scans."""
+    if view.truth is None:
+        least, robot = least_agreement(view, now_s)
+        if not math.isfinite(least):
+            return tile("Lidar on map", "map-agreement", NONE), tile("Least", "map-agreement-robot", NONE)
+        kind = GRADES[agreement_grade(least)][1]
+        agrees = tile("Lidar on map", "map-agreement", f"{100 * least:.0f} %", kind)
+        return agrees, tile("Least", "map-agreement-robot", text(robot, 20))
+    of_map = judged_map(view)
+    if of_map is None:
+        return tile("Map wrong", "map-off", NONE), tile("Walls doubled", "map-doubled", NONE)
+    kind = GRADES[map_grade(of_map.share_off)][1]
+    wrong = tile("Map wrong", "map-off", f"{100 * of_map.share_off:.1f} %", kind)
+    return wrong, tile("Walls doubled", "map-doubled", f"{of_map.doubled_walls_m:.1f} m")
 
 
 def robots_html(view: TeamView, now_s: float, selected: str = "") -> str:

@@ -129,6 +129,8 @@ class RobotState(Message, frozen=True, kw_only=True):
     """Plugins that do not run."""
     lost: Text = ""
     """Why the robot has lost its position; empty while it has one."""
+    map_agreement: Share | None = None
+    """Share of the beams of recent scans that end at walls of the robot's map; None before the first comparison."""
     loaded: Count = 0
     """Number that changes with the set of loaded plugins, so that others need not poll it; 0 if not reported."""
 

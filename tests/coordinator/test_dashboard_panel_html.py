@@ -113,13 +113,13 @@ def test_a_battery_is_coloured_by_what_is_in_it(soc: float, kind: str) -> None:
 
 def test_figures_of_the_team_tell_what_is_known_and_no_more() -> None:
     view = TeamView()
-    values = Page(summary_html(view)).values
+    values = Page(summary_html(view, 0.0)).values
     assert values["explored"] == "0 m²"
     assert (values["sim-time"], values["speed"], values["coordinator"]) == ("–", "–", "lost")
     assert "halt-state" not in Page(strip_html(view, 0.0)).values
     tell(view, ARENA_TRUTH, ArenaTruth(sim_time_s=75.0, robots=[], explored_fraction=0.42))
     view.coordinator_up = True
-    values = Page(summary_html(view)).values
+    values = Page(summary_html(view, 0.0)).values
     assert (values["explored"], values["sim-time"], values["coordinator"]) == ("42.0 %", "1:15", "up")
 
 
@@ -208,7 +208,7 @@ def test_what_came_over_the_wire_never_becomes_markup(halted: bool) -> None:
     )
     pages = [
         strip_html(view, 0.0),
-        summary_html(view),
+        summary_html(view, 0.0),
         robots_html(view, 0.0, EVIL),
         motes_html(view),
         log_html(view),

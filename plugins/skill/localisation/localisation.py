@@ -14,6 +14,7 @@ from robrain.agent.plugin import Skill, external
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.plugins.skill.localisation.interface import Divergence, LocalisationHealth, LocalisationInterface
 from robrain.plugins.unit.driver.interface import DriverInterface, OdometryNoise
+from robrain.protocol.model.accuracy import recent_agreement
 from robrain.protocol.model.divergence_watch import WatchSpec
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.localiser import Localiser, LocaliserSpec
@@ -189,6 +190,8 @@ class Localisation(Skill):
         fit = self._localiser.see(
             grid.log_odds, grid.geometry, scan.angles_rad, scan.ranges_m, scan.range_max_m, T_robot_sensor
         )
+        if fit.beams:
+            self.env.board.map_agreement = recent_agreement(self.env.board.map_agreement, fit.fit)
         if fit.directions:
             self._matches += 1
             self._last_fit = fit.fit
