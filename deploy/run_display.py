@@ -1,6 +1,6 @@
 """Terminal output of a lockstep run: a progress bar and the summary."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from rich.markup import escape
@@ -10,6 +10,7 @@ from rich.text import Text
 
 from robrain.deploy.own_program import own_program
 from robrain.deploy.terminal import both_at_a_terminal, clock_of, console, print_line, results, say
+from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.wire.idle_reasons import NothingUnknown, words
 from robrain.sim.floor_left import GapTooNarrow
 from robrain.sim.result import RunResult
@@ -86,7 +87,8 @@ def show_result(result: RunResult) -> None:
         f"{result.mote_readings} readings of {result.motes} motes",
         soft_wrap=True,
     )
-    for line in accuracy_lines(result):
+    positions = {robot.name: robot.pose_accuracy for robot in result.per_robot}
+    for line in accuracy_lines(result.map_accuracy, positions):
         print_line(line)
     for left in result.floor_left:
         if result.ended == "nothing_left" or isinstance(left.why, GapTooNarrow):
@@ -98,15 +100,15 @@ def show_result(result: RunResult) -> None:
     tell_recorded(result.recording)
 
 
-def accuracy_lines(result: RunResult) -> list[str]:
+def accuracy_lines(of_map: MapAccuracy | None, positions: Mapping[str, PoseAccuracy | None]) -> list[str]:
     """How right the map and the robots' positions were, in a line each; nothing of what was not measured."""
     lines = []
-    if (of_map := result.map_accuracy) is not None:
+    if of_map is not None:
         lines.append(
             f"map: {of_map.share_off:.1%} of {of_map.occupied_cells} occupied cells off the walls, "
             f"{of_map.doubled_walls_m:.1f} m of walls doubled"
         )
-    told = {robot.name: robot.pose_accuracy for robot in result.per_robot if robot.pose_accuracy is not None}
+    told = {name: each for name, each in positions.items() if each is not None}
     rmse_m = {name: each.rmse_m for name, each in told.items() if each.rmse_m is not None}
     error_m = {name: each.max_error_m for name, each in told.items() if each.max_error_m is not None}
     if rmse_m and error_m:

@@ -14,7 +14,6 @@ from robrain.coordinator.dashboard.headline import (
     agreement_grade,
     headline_of,
     judged_map,
-    least_agreement,
     map_grade,
     vitals_of,
 )
@@ -84,7 +83,6 @@ def summary_html(view: TeamView, now_s: float) -> str:
     halted = sum(robot.halted for robot in view.robots.values())
     tasks = NONE if view.team is None else f"{view.team.tasks_done} / {view.team.tasks_open}"
     up = view.coordinator_up
-    first, other = _map_tiles(view, now_s)
     tiles = [
         explored,
         second,
@@ -94,27 +92,42 @@ def summary_html(view: TeamView, now_s: float) -> str:
         tile("Done / open", "tasks", tasks),
         tile("Messages / s", "messages-per-s", traffic),
         tile("Halted", "halted-robots", f"{halted} of {len(view.robots)}", "bad" if halted else ""),
-        first,
-        other,
+        *_accuracy_tiles(view, now_s),
     ]
     return f'<div class="rb"><div class="rb-tiles">{"".join(tiles)}</div></div>'
 
 
-def _map_tiles(view: TeamView, now_s: float) -> tuple[str, str]:
-    """How right the map is: by the truth where an arena tells it, else by the robots' own scans."""
+def _accuracy_tiles(view: TeamView, now_s: float) -> list[str]:
+    """How right map and positions are: by the truth where an arena tells it, else by what the robots say."""
     if view.truth is None:
-        least, robot = least_agreement(view, now_s)
-        if not math.isfinite(least):
-            return tile("Lidar on map", "map-agreement", NONE), tile("Least", "map-agreement-robot", NONE)
-        kind = GRADES[agreement_grade(least)][1]
-        agrees = tile("Lidar on map", "map-agreement", f"{100 * least:.0f} %", kind)
-        return agrees, tile("Least", "map-agreement-robot", text(robot, 20))
-    of_map = judged_map(view)
-    if of_map is None:
-        return tile("Map wrong", "map-off", NONE), tile("Walls doubled", "map-doubled", NONE)
-    kind = GRADES[map_grade(of_map.share_off)][1]
-    wrong = tile("Map wrong", "map-off", f"{100 * of_map.share_off:.1f} %", kind)
-    return wrong, tile("Walls doubled", "map-doubled", f"{of_map.doubled_walls_m:.1f} m")
+        vitals = vitals_of(view, now_s)
+        agrees = position = NONE
+        kind = ""
+        if math.isfinite(vitals.least_agreement):
+            agrees, kind = f"{100 * vitals.least_agreement:.0f} %", GRADES[agreement_grade(vitals.least_agreement)][1]
+        if math.isfinite(vitals.worst_sigma_m):
+            position = f"± {vitals.worst_sigma_m:.2f} m"
+        return [
+            tile("Lidar on map", "map-agreement", agrees, kind),
+            tile("Least", "map-agreement-robot", text(vitals.least_agreement_robot, 20) or NONE),
+            tile("Position", "position", position),
+            tile("Least sure", "position-robot", text(vitals.worst_sigma_robot, 20) or NONE),
+        ]
+    wrong = doubled = error = NONE
+    kind = ""
+    if (of_map := judged_map(view)) is not None:
+        wrong, kind = f"{100 * of_map.share_off:.1f} %", GRADES[map_grade(of_map.share_off)][1]
+        doubled = f"{of_map.doubled_walls_m:.1f} m"
+    told = [robot.accuracy for robot in view.truth.robots if robot.accuracy is not None]
+    if errors_m := [each.error_m for each in told if each.error_m is not None]:
+        error = f"{max(errors_m):.2f} m"
+    silent_s = sum(each.silent_divergence_s for each in told)
+    return [
+        tile("Map wrong", "map-off", wrong, kind),
+        tile("Walls doubled", "map-doubled", doubled),
+        tile("Worst error", "position-error", error),
+        tile("Silently off", "silently-off", f"{silent_s:.1f} s", "bad" if silent_s > 0 else ""),
+    ]
 
 
 def robots_html(view: TeamView, now_s: float, selected: str = "") -> str:

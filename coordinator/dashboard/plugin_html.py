@@ -77,8 +77,10 @@ def _accuracy_tiles(robot: RobotView) -> list[str]:
         tiles += [
             tile("True error", "card-error", NONE if told.error_m is None else f"{told.error_m:.2f} m", off),
             tile("RMSE", "card-rmse", NONE if told.rmse_m is None else f"{told.rmse_m:.2f} m"),
+            tile("Largest error", "card-largest", NONE if told.max_error_m is None else f"{told.max_error_m:.2f} m"),
             tile("NEES", "card-nees", NONE if told.nees is None else f"{told.nees:.1f}"),
             tile("NEES in 95 %", "card-nees-in-band", in_band),
+            tile("Was lost", "card-lost", f"{told.lost_s:.1f} s"),
             tile("Silently off", "card-silent", f"{silent_s:.1f} s", "bad" if silent_s > 0 else ""),
         ]
     return tiles
