@@ -464,7 +464,7 @@ class ArenaClock(Message, frozen=True, kw_only=True):
 
 
 class RobotTruth(msgspec.Struct, frozen=True, kw_only=True):
-    """True pose of a simulated robot."""
+    """True pose of a simulated robot, and how right its own poses have been so far (`accuracy`)."""
 
     robot: Name
     pose: Pose2D
@@ -472,7 +472,6 @@ class RobotTruth(msgspec.Struct, frozen=True, kw_only=True):
     distance_m: Metres
     energy_j: Joules
     accuracy: PoseAccuracy | None = None
-    """How right the robot's own poses have been so far."""
 
 
 class MoteTruth(msgspec.Struct, frozen=True, kw_only=True):
@@ -483,7 +482,7 @@ class MoteTruth(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ArenaTruth(Message, frozen=True, kw_only=True):
-    """The true state of the simulated world, for referees and viewers only."""
+    """The true state of the simulated world, and how right the team's map is, for referees and viewers only."""
 
     sim_time_s: Seconds
     robots: list[RobotTruth]
@@ -491,7 +490,6 @@ class ArenaTruth(Message, frozen=True, kw_only=True):
     explored_fraction: Share = 0.0
     """Share of the reachable floor that the team's maps know."""
     map_accuracy: MapAccuracy | None = None
-    """How right the team's map is; measured once a second while it changes."""
 
 
 class OutsideInput(Message, frozen=True, kw_only=True):
