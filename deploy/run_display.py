@@ -109,18 +109,22 @@ def accuracy_lines(of_map: MapAccuracy | None, positions: Mapping[str, PoseAccur
             f"{of_map.doubled_walls_m:.1f} m of walls doubled"
         )
     told = {name: each for name, each in positions.items() if each is not None}
-    rmse_m = {name: each.rmse_m for name, each in told.items() if each.rmse_m is not None}
-    error_m = {name: each.max_error_m for name, each in told.items() if each.max_error_m is not None}
-    if rmse_m and error_m:
-        worst, farthest = max(rmse_m, key=rmse_m.__getitem__), max(error_m, key=error_m.__getitem__)
+    if told:
+        rmse_m = {name: each.rmse_m for name, each in told.items() if each.rmse_m is not None}
+        error_m = {name: each.max_error_m for name, each in told.items() if each.max_error_m is not None}
         silent = [
             f"{name} {each.silent_divergence_s:.1f} s" for name, each in told.items() if each.silent_divergence_s > 0
         ]
         lost = [f"{name} {each.lost_s:.1f} s" for name, each in told.items() if each.lost_s > 0]
-        lines.append(
-            f"positions: RMSE at most {rmse_m[worst]:.3f} m ({worst}), largest error {error_m[farthest]:.3f} m "
-            f"({farthest}), silent divergence: {', '.join(silent) or 'none'}, lost: {', '.join(lost) or 'nobody'}"
-        )
+        parts = []
+        if rmse_m and error_m:
+            worst, farthest = max(rmse_m, key=rmse_m.__getitem__), max(error_m, key=error_m.__getitem__)
+            parts = [
+                f"RMSE at most {rmse_m[worst]:.3f} m ({worst})",
+                f"largest error {error_m[farthest]:.3f} m ({farthest})",
+            ]
+        parts += [f"silent divergence: {', '.join(silent) or 'none'}", f"lost: {', '.join(lost) or 'nobody'}"]
+        lines.append(f"positions: {', '.join(parts)}")
     return lines
 
 

@@ -209,8 +209,8 @@ def _positions(run: RunData) -> str:
         rows.append((name, *map(_number, numbers)))
     if not rows:
         return ""
-    errors = ("*RMSE (m)", "*largest error (m)", "*yaw RMSE (°)", "*NEES of x, y", "*of x, y, yaw", "*within 95 % (%)")
-    head = ("robot", *errors, "*lost (s)", "*silent divergence (s)", "*longest (s)")
+    errors = ("*RMSE (m)", "*largest (m)", "*yaw RMSE (°)", "*NEES x, y", "*with yaw", "*in 95 % (%)")
+    head = ("robot", *errors, "*lost (s)", "*silently off (s)", "*longest (s)")
     return _details(f"Positions ({len(rows)})", head, rows, is_open=True)
 
 
