@@ -5,6 +5,7 @@ were off, and whether a robot was far off without saying so (`sim/accuracy_watch
 the code alone.
 """
 
+import logging
 import multiprocessing
 import statistics
 from collections.abc import Iterable, Iterator
@@ -109,10 +110,15 @@ def run_bench(plan: Plan, json_file: Path | None = None) -> None:
 
 def run_case(case: Case) -> MappedRun:
     """Make one run; what cannot be run is told in `why_not`."""
+    log = logging.getLogger("robrain")
+    level = log.level
+    log.setLevel(logging.ERROR)  # robots that get lost are counted, a line for each would hide the others
     try:
         return mapped(case, case.scenario().run(time_limit_s=case.time_limit_s))
     except RobrainError as error:
         return MappedRun(case=case, why_not=str(error))
+    finally:
+        log.setLevel(level)
 
 
 def mapped(case: Case, result: RunResult) -> MappedRun:
