@@ -36,6 +36,7 @@ from robrain.sim.robot_body import (
 from robrain.sim.robot_hardware import ArenaRobot, RobotHardware
 from robrain.sim.sensor_desk import SensorDesk
 from robrain.sim.simulated_robot import SimulatedRobot
+from robrain.sim.surfaces import Surfaces
 
 __all__ = ["TICK_S", "Arena", "ArenaRobot", "RobotHardware"]
 
@@ -59,6 +60,7 @@ class Arena:
         network: what motes and their radio are, and what they sense.
         chargers: docks on the floor.
         faults: what breaks, and when.
+        surfaces: glass and mirrors among the walls; None if there are none.
 
     Raises:
         ValueError: a name is there twice, or a robot's start is taken.
@@ -77,6 +79,7 @@ class Arena:
         network: SensorNetwork = SensorNetwork(),  # noqa: B008 - immutable, so a shared default is safe
         chargers: Sequence[ChargerSpec] = (),
         faults: Sequence[FaultSpec] = (),
+        surfaces: Surfaces | None = None,
     ) -> None:
         _check_names([robot.name for robot in robots], "robot")
         _check_names([mote.name for mote in motes], "mote")
@@ -97,7 +100,7 @@ class Arena:
         try:
             for index, (spec, own_rng) in enumerate(zip(robots, robots_rng.spawn(len(robots)), strict=True)):
                 self._robots.append(
-                    SimulatedRobot(spec, self._space, walls, geometry, endpoint, index, tick_s, own_rng)
+                    SimulatedRobot(spec, self._space, walls, geometry, endpoint, index, tick_s, own_rng, surfaces)
                 )
         except BaseException:
             self.close()  # the caller has no arena to close

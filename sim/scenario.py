@@ -30,6 +30,7 @@ from robrain.sim.motes import SensorNetwork
 from robrain.sim.pacing import Pacer, StopOnInterrupt
 from robrain.sim.result import RobotResult, RunResult
 from robrain.sim.scenario_file import MAX_MOTES, MAX_ROBOTS, ScenarioTables, read_builtin, read_scenario_file
+from robrain.sim.surfaces import SurfaceSpec
 from robrain.sim.world import World, build_world
 
 CURVE_STEP_S = 5.0
@@ -64,6 +65,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     """What the coordinator's plans are for, and how they are made."""
     faults: tuple[FaultSpec, ...] = ()
     """What breaks, and when."""
+    surfaces: SurfaceSpec = SurfaceSpec()
+    """Which walls are glass or mirrors."""
     seed: int = 1
     until_explored: float = 0.98
     time_limit_s: float = 900.0
@@ -117,6 +120,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             chargers=tables.chargers,
             planning=tables.planning,
             faults=tables.faults,
+            surfaces=tables.surfaces,
             seed=tables.scenario.seed,
             until_explored=tables.scenario.until_explored,
             time_limit_s=tables.scenario.time_limit_s,
@@ -151,7 +155,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             if fault.robot not in (robot.name for robot in world.robots):
                 names = f"r1 to r{self.robots}"
                 raise ScenarioError(f"{self.name}: faults: no robot {fault.robot!r}; there are {names}")
-        return replace(world, faults=self.faults)
+        return replace(world, faults=self.faults, surfaces=self.surfaces)
 
     def run(
         self,

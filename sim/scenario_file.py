@@ -17,6 +17,7 @@ from robrain.sim.maps.drawing import FloorDrawing
 from robrain.sim.mote import MoteSpec
 from robrain.sim.motes import SensorNetwork
 from robrain.sim.radio import RadioModel
+from robrain.sim.surfaces import SurfaceSpec
 
 MAX_ROBOTS = 1000
 MAX_MOTES = 10000
@@ -83,6 +84,7 @@ class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     chargers: tuple[ChargerSpec, ...] = ()
     planning: PlanningPolicy = PlanningPolicy()
     faults: tuple[FaultSpec, ...] = ()
+    surfaces: SurfaceSpec = SurfaceSpec()
 
     def __post_init__(self) -> None:
         if (self.floor is None) == (self.map is None):

@@ -18,6 +18,7 @@ from robrain.sim.firmware.range_sensors import RangeSensors
 from robrain.sim.lidar import Lidar
 from robrain.sim.robot_body import MASS_KG, RobotBody
 from robrain.sim.robot_hardware import ArenaRobot
+from robrain.sim.surfaces import Surfaces
 from robrain.sim.wheels import Wheels
 
 CAN_CHANNEL = "can0"
@@ -37,6 +38,7 @@ class SimulatedRobot:
         index: among the robots; they take turns, so that no tick has all the scans.
         tick_s: how long a tick is.
         rng: the source of all its randomness.
+        surfaces: glass and mirrors among the walls; None if there are none.
 
     """
 
@@ -50,6 +52,7 @@ class SimulatedRobot:
         index: int,
         tick_s: float,
         rng: np.random.Generator,
+        surfaces: Surfaces | None = None,
     ) -> None:
         battery_rng, (wheels_rng, ranges_rng) = rng.spawn(1)[0], rng.spawn(2)
         self.name = spec.name
@@ -66,7 +69,7 @@ class SimulatedRobot:
         wheels = Wheels.draw(spec.base, spec.wheels, wheels_rng)
         self.body = RobotBody(space, wheels, spec.start, spec.radius_m, tick_s)
         self.battery = Battery(spec.battery)
-        self.lidar = Lidar(spec.lidar, spec.name, walls, geometry, rng)
+        self.lidar = Lidar(spec.lidar, spec.name, walls, geometry, rng, surfaces)
         self._scans = endpoint.publisher(ARENA_SCAN, robot=spec.name)
         self.scan_period_ticks = max(1, round(1.0 / (spec.lidar.rate_hz * tick_s)))
         self.scan_phase = index % self.scan_period_ticks

@@ -22,6 +22,7 @@ from robrain.sim.maps.placement import scatter_points, spawn_poses
 from robrain.sim.mote import ArenaMote
 from robrain.sim.motes import SensorNetwork
 from robrain.sim.referee import team_geometry
+from robrain.sim.surfaces import Surfaces, SurfaceSpec
 
 ROBOT_SPACING_M = 0.7
 MOTE_CLEARANCE_M = 0.1
@@ -39,6 +40,8 @@ class World:
     """What the motes and their radio are, and what they sense."""
     chargers: tuple[ChargerSpec, ...] = ()
     faults: tuple[FaultSpec, ...] = ()
+    surfaces: SurfaceSpec = SurfaceSpec()  # noqa: RUF009 - immutable, so a shared default is safe
+    """Which walls are glass or mirrors."""
 
     def arena(self, endpoint: Endpoint) -> Arena:
         """An arena with all of it, that speaks by this endpoint."""
@@ -51,6 +54,7 @@ class World:
             network=self.network,
             chargers=self.chargers,
             faults=self.faults,
+            surfaces=None if self.surfaces.is_plain else Surfaces.draw(self.surfaces, self.plan, self.seed),
         )
 
     def arena_rng(self) -> np.random.Generator:
