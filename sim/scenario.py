@@ -19,6 +19,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.warm_up import warm_up
 from robrain.sim.arena import RobotHardware
 from robrain.sim.chargers import ChargerSpec
+from robrain.sim.disturbance import DisturbanceSpec
 from robrain.sim.errors import ScenarioError
 from robrain.sim.fault_injection import FaultSpec
 from robrain.sim.lockstep import LockstepRun
@@ -67,6 +68,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     """What breaks, and when."""
     surfaces: SurfaceSpec = SurfaceSpec()
     """Which walls are glass or mirrors."""
+    disturbance: DisturbanceSpec = DisturbanceSpec()
+    """Which frames, scans and agents are late."""
     seed: int = 1
     until_explored: float = 0.98
     time_limit_s: float = 900.0
@@ -121,6 +124,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             planning=tables.planning,
             faults=tables.faults,
             surfaces=tables.surfaces,
+            disturbance=tables.disturbance,
             seed=tables.scenario.seed,
             until_explored=tables.scenario.until_explored,
             time_limit_s=tables.scenario.time_limit_s,
@@ -155,7 +159,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             if fault.robot not in (robot.name for robot in world.robots):
                 names = f"r1 to r{self.robots}"
                 raise ScenarioError(f"{self.name}: faults: no robot {fault.robot!r}; there are {names}")
-        return replace(world, faults=self.faults, surfaces=self.surfaces)
+        return replace(world, faults=self.faults, surfaces=self.surfaces, disturbance=self.disturbance)
 
     def run(
         self,
