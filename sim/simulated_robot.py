@@ -61,9 +61,10 @@ class SimulatedRobot:
         battery_rng, (wheels_rng, ranges_rng) = rng.spawn(1)[0], rng.spawn(2)
         self.name = spec.name
         disturbance = Disturbance(DisturbanceSpec(), 0) if disturbance is None else disturbance
-        tells_sending = disturbance.spec.can.stamped_at is StampedAt.SENDING
-        stamps = FrameStamps(endpoint.clock, tells_sending=tells_sending)
-        late_frames = disturbance.frames(index, endpoint.clock)
+        late_frames, stamps = disturbance.frames(index, endpoint.clock), None
+        if late_frames is not None:
+            tells_sending = disturbance.spec.can.stamped_at is StampedAt.SENDING
+            stamps = FrameStamps(endpoint.clock, tells_sending=tells_sending)
         self._late_scans = disturbance.scans(index, endpoint.clock)
         self.is_late = late_frames is not None or self._late_scans is not None
         """Whether `deliver` has anything to do."""
@@ -73,7 +74,7 @@ class SimulatedRobot:
                 session=endpoint.session,
                 team=endpoint.team,
                 direct=endpoint.drive is Drive.LOCKSTEP,
-                now_ns=stamps.now_ns,
+                now_ns=endpoint.clock.now_ns if stamps is None else stamps.now_ns,
                 on_outside=endpoint.note_outside,
             ),
             late_frames,
