@@ -28,8 +28,8 @@ SAYS_FREE, SAYS_OCCUPIED = np.int8(-60), np.int8(60)
 
 
 SURFACE = np.dtype([("row", "<i4"), ("column", "<i4"), ("right", "i1"), ("up", "i1"), ("view", "u1")])
-"""Where in a cell a wall is: the cell, on the lattice of the team's grid; the wall's place right of and above its middle,
-in `PARTS` of a cell; the direction of the beams that met it, in 256 parts of a turn from the axis x."""
+"""Where in a cell a wall is: the cell, on the lattice of the team's grid; the wall's place right of and above its
+middle, in `PARTS` of a cell; the direction of the beams that met it, in 256 parts of a turn from the axis x."""
 PARTS = 64
 SURFACES_MAX = 1 << 16
 """Of one submap."""
