@@ -77,6 +77,7 @@ def pose_message(
     *,
     withdrawn: bool = False,
     surfaces: NDArray[np.void] | None = None,
+    variances: tuple[float, float] = (0.0, 0.0),
 ) -> MapPatch:
     """Says where a submap lies, or that it is wrong, or that it is finished and where in their cells its walls are."""
     return MapPatch(
@@ -90,6 +91,8 @@ def pose_message(
         T_arena_local=T_arena_local,
         withdrawn=withdrawn,
         surfaces=b"" if surfaces is None else zlib.compress(surfaces.tobytes(), 1),
+        variance_m2=float(variances[0]),
+        variance_rad2=float(variances[1]),
     )
 
 
