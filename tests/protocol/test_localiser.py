@@ -2,11 +2,11 @@ import math
 
 import numpy as np
 import pytest
+from robrain.protocol.model.map_anchors import TILES_MAX, MapAnchors
 
 from robrain.protocol.model.divergence_watch import DivergenceWatch, WatchSpec
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.localiser import Localiser, LocaliserSpec
-from robrain.protocol.model.map_anchors import TILES_MAX, MapAnchors
 from robrain.protocol.model.mote_relocalisation import Signals, find_robot
 from robrain.protocol.model.odometry import moved_along
 from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
