@@ -34,6 +34,8 @@ class Board:
         self.pose_covariance: tuple[float, ...] = ()
         self.lost = ""
         """Why the pose is not to be believed; empty while it is. Localisation writes it."""
+        self.map_agreement: float | None = None
+        """Share of the beams of recent scans that end at walls of the map, 0 to 1; localisation writes it."""
         self.mote_ranges: deque[RssiSample] = deque(maxlen=256)
         """Signals of motes of known place; mote_ranges leaves them here for localisation."""
         self.map: OccupancyGrid | None = None

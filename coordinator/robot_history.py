@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.energy_model import STANDING_BELOW, EnergyModel
 from robrain.protocol.model.geometry import Twist2D
+from robrain.protocol.model.pose_accuracy import position_sigma_m
 from robrain.protocol.wire.messages import RobotState, RobotTruth
 
 STEP_S = 1.0
@@ -105,19 +106,6 @@ def model_power_w(model: EnergyModel, velocity: Twist2D) -> float:
     moves = speed_m_s > STANDING_BELOW or turn_rad_s > STANDING_BELOW
     standing_w, moving_w, speed_w, yaw_w, _ = model.coefficients
     return standing_w + (moving_w + speed_w * speed_m_s + yaw_w * turn_rad_s if moves else 0.0)
-
-
-def position_sigma_m(covariance: tuple[float, ...]) -> float:
-    """Longer half-axis of the 1-sigma ellipse of a row-major 3 × 3 covariance of x, y, yaw; nan if there is none.
-
-    >>> position_sigma_m((0.04, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.1))
-    0.2
-    """
-    if len(covariance) != 9:
-        return NAN
-    xx, xy, yy = covariance[0], covariance[1], covariance[4]
-    largest = (xx + yy) / 2 + math.hypot((xx - yy) / 2, xy)
-    return math.sqrt(largest) if largest >= 0 and math.isfinite(largest) else NAN
 
 
 def _added(total_j: float, more_j: float) -> float:

@@ -112,7 +112,8 @@ def mapping(
     json_file: Annotated[Path | None, typer.Option("--json", help="Write runs and figures to this file.")] = None,
 ) -> None:
     """Measure how right maps and positions are."""
-    from robrain.deploy.bench_mapping import choose, run_bench
+    from robrain.deploy.bench_mapping import run_bench
+    from robrain.deploy.bench_mapping_plan import choose
 
     run_bench(choose(maps, robots, seeds, wheels, jobs, time_limit_s, map_folder), json_file)
 

@@ -5,9 +5,10 @@ were off, and whether a robot was far off without saying so (`sim/accuracy_watch
 the code alone.
 """
 
+import logging
 import multiprocessing
 import statistics
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
@@ -15,54 +16,21 @@ import msgspec
 from rich.console import Console
 
 from robrain.deploy.bench_figure import WIDTH, Bound, Figure, at_least, at_most, below, deterministic, show_figures
+from robrain.deploy.bench_mapping_plan import SHARED_MAPS, WHEELS, Case, Plan
 from robrain.deploy.errors import UsageError
 from robrain.deploy.kernels import prepare_kernels
 from robrain.deploy.terminal import print_line, say
 from robrain.protocol.wire.errors import RobrainError
 from robrain.sim.result import RunResult
-from robrain.sim.scenario import MAX_SEED, Scenario
-from robrain.sim.scenario_file import MAX_ROBOTS, builtin_names
-from robrain.sim.wheels import WheelSpec
 
-PROJECT = Path(__file__).resolve().parents[1]
-OWN_MAPS = PROJECT / "examples" / "maps"
-SHARED_MAPS = PROJECT.parent / "shared" / "maps"
-SHARED_NAMES = ("stage_cave", "stage_hospital_section", "stage_autolab", "nav2_depot")
-"""Maps of public repositories; not part of the project."""
-WHEELS = {
-    "exact": None,
-    "slipping": WheelSpec(radius_sigma=0.01, base_sigma=0.01, slip=0.01, slip_sigma_m_per_sqrt_m=0.01),
-}
-"""Wheels by name; None leaves the scenario's as they are."""
 OFF_BOUND_PERCENT = {"exact": 2.0, "slipping": 3.0}
 RMSE_BOUND_M = 0.15
 SILENT_BOUND_S = 5.0
 IN_BAND_BOUND_PERCENT = 95.0
-NUMBERS_MAX = 1000
 HEADINGS = (
     f"{'map':<24}{'N':>3}{'seed':>6}  {'wheels':<9}{'sim s':>7}  {'ended':<13}{'explored':>8}{'off %':>8}"
     f"{'doubled m':>11}{'RMSE m':>8}{'max m':>8}{'silent s':>9}{'NEES in %':>10}{'lost':>5}{'wall s':>8}"
 )
-
-
-class Case(msgspec.Struct, frozen=True, kw_only=True):
-    """One run that is to be made."""
-
-    map: str
-    path: str
-    """Of the map's YAML file; empty for a built-in scenario."""
-    robots: int
-    seed: int
-    wheels: str
-    time_limit_s: float
-
-    def scenario(self) -> Scenario:
-        """The scenario of the run (ScenarioError if the map cannot be read)."""
-        found = Scenario.from_map(self.path) if self.path else Scenario.builtin(self.map)
-        spec = WHEELS[self.wheels]
-        if spec is not None:
-            found = found.replace(hardware=msgspec.structs.replace(found.hardware, wheels=spec))
-        return found.replace(robots=self.robots, seed=self.seed)
 
 
 class MappedRun(msgspec.Struct, frozen=True, kw_only=True):
@@ -104,15 +72,6 @@ class MappedRun(msgspec.Struct, frozen=True, kw_only=True):
         )
 
 
-class Plan(msgspec.Struct, frozen=True, kw_only=True):
-    """The whole benchmark as it was asked for."""
-
-    cases: list[Case]
-    jobs: int
-    absent: list[str]
-    """Maps of the default choice that are not on this computer."""
-
-
 class MappingReport(msgspec.Struct, frozen=True, kw_only=True):
     """What `--json` writes."""
 
@@ -120,46 +79,6 @@ class MappingReport(msgspec.Struct, frozen=True, kw_only=True):
     runs: list[MappedRun]
     figures: list[Figure]
     all_kept: bool
-
-
-def choose(
-    maps: str | None,
-    robots: str,
-    seeds: str,
-    wheels: str,
-    jobs: int,
-    time_limit_s: float,
-    map_folder: Path | None = None,
-) -> Plan:
-    """What the options ask for: each map with each number of robots, seed and kind of wheels.
-
-    Raises:
-        UsageError: an option is wrong; the text names it and what was expected.
-
-    """
-    if map_folder is not None and not map_folder.is_dir():
-        raise UsageError(f"--map-folder {map_folder}: expected a folder of map_server files, there is none")
-    known, absent = _known_maps(map_folder or SHARED_MAPS)
-    names = list(known) if maps is None else _words("--maps", maps)
-    chosen = {name: path for word in names for name, path in [_map_of(word, known, absent)]}
-    kinds = _words("--wheels", wheels)
-    for kind in kinds:
-        if kind not in WHEELS:
-            raise UsageError(f"--wheels {kind}: expected {' or '.join(WHEELS)}")
-    counts = _numbers("--robots", robots, 1, MAX_ROBOTS)
-    drawn = _numbers("--seeds", seeds, 0, MAX_SEED)
-    if jobs < 1:
-        raise UsageError(f"--jobs {jobs}: expected at least 1")
-    if not 0 < time_limit_s < float("inf"):
-        raise UsageError(f"--time-limit-s {time_limit_s:g}: expected a number above 0")
-    cases = [
-        Case(map=name, path=path, robots=count, seed=seed, wheels=kind, time_limit_s=time_limit_s)
-        for name, path in chosen.items()
-        for count in counts
-        for kind in kinds
-        for seed in drawn
-    ]
-    return Plan(cases=cases, jobs=jobs, absent=absent if maps is None else [])
 
 
 def run_bench(plan: Plan, json_file: Path | None = None) -> None:
@@ -191,10 +110,15 @@ def run_bench(plan: Plan, json_file: Path | None = None) -> None:
 
 def run_case(case: Case) -> MappedRun:
     """Make one run; what cannot be run is told in `why_not`."""
+    log = logging.getLogger("robrain")
+    level = log.level
+    log.setLevel(logging.ERROR)  # robots that get lost are counted, a line for each would hide the others
     try:
         return mapped(case, case.scenario().run(time_limit_s=case.time_limit_s))
     except RobrainError as error:
         return MappedRun(case=case, why_not=str(error))
+    finally:
+        log.setLevel(level)
 
 
 def mapped(case: Case, result: RunResult) -> MappedRun:
@@ -284,45 +208,3 @@ def _write(path: Path | None, runs: list[MappedRun], found: list[Figure]) -> Non
         path.write_bytes(msgspec.json.format(msgspec.json.encode(report), indent=1) + b"\n")
     except OSError as error:
         raise UsageError(f"--json {path}: cannot be written: {error.strerror or error}") from error
-
-
-def _known_maps(shared: Path) -> tuple[dict[str, str], list[str]]:
-    """Path of each map by name, empty for built-in scenarios; and the names of those that are not there."""
-    there = {name: shared / f"{name}.yaml" for name in SHARED_NAMES}
-    known = {name: str(path) for name, path in there.items() if path.is_file()}
-    absent = [name for name in there if name not in known]
-    known |= {path.stem: str(path) for path in sorted(OWN_MAPS.glob("*.yaml"))}
-    return known | dict.fromkeys(sorted(builtin_names()), ""), absent
-
-
-def _map_of(word: str, known: dict[str, str], absent: Sequence[str]) -> tuple[str, str]:
-    if word in known:
-        return word, known[word]
-    if word.endswith(".yaml") and Path(word).is_file():
-        return Path(word).stem, word
-    why = "it is not on this computer, see --map-folder" if word in absent else "there is no such map"
-    raise UsageError(f"--maps {word}: {why}; expected a map.yaml or one of {', '.join(known)}")
-
-
-def _words(option: str, text: str) -> list[str]:
-    words = list(dict.fromkeys(word.strip() for word in text.split(",") if word.strip()))
-    if not words:
-        raise UsageError(f"{option} {text!r}: expected names with commas between them")
-    return words
-
-
-def _numbers(option: str, text: str, least: int, most: int) -> list[int]:
-    """`1,2,4-6` as numbers."""
-    numbers: list[int] = []
-    for word in _words(option, text):
-        first, _, last = word.partition("-") if not word.startswith("-") else (word, "", "")
-        try:
-            begin, end = int(first), int(last or first)
-        except ValueError:
-            raise UsageError(f"{option} {text}: expected whole numbers such as 1,2 or 1-4, got {word!r}") from None
-        if not least <= begin <= end <= most:
-            raise UsageError(f"{option} {text}: expected numbers from {least} to {most}, got {word!r}")
-        if end - begin + len(numbers) >= NUMBERS_MAX:
-            raise UsageError(f"{option} {text}: expected at most {NUMBERS_MAX} numbers")
-        numbers += range(begin, end + 1)
-    return list(dict.fromkeys(numbers))

@@ -1,6 +1,6 @@
 """Terminal output of a lockstep run: a progress bar and the summary."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from rich.markup import escape
@@ -10,6 +10,7 @@ from rich.text import Text
 
 from robrain.deploy.own_program import own_program
 from robrain.deploy.terminal import both_at_a_terminal, clock_of, console, print_line, results, say
+from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.wire.idle_reasons import NothingUnknown, words
 from robrain.sim.floor_left import GapTooNarrow
 from robrain.sim.result import RunResult
@@ -86,7 +87,8 @@ def show_result(result: RunResult) -> None:
         f"{result.mote_readings} readings of {result.motes} motes",
         soft_wrap=True,
     )
-    for line in accuracy_lines(result):
+    positions = {robot.name: robot.pose_accuracy for robot in result.per_robot}
+    for line in accuracy_lines(result.map_accuracy, positions):
         print_line(line)
     for left in result.floor_left:
         if result.ended == "nothing_left" or isinstance(left.why, GapTooNarrow):
@@ -98,27 +100,31 @@ def show_result(result: RunResult) -> None:
     tell_recorded(result.recording)
 
 
-def accuracy_lines(result: RunResult) -> list[str]:
+def accuracy_lines(of_map: MapAccuracy | None, positions: Mapping[str, PoseAccuracy | None]) -> list[str]:
     """How right the map and the robots' positions were, in a line each; nothing of what was not measured."""
     lines = []
-    if (of_map := result.map_accuracy) is not None:
+    if of_map is not None:
         lines.append(
             f"map: {of_map.share_off:.1%} of {of_map.occupied_cells} occupied cells off the walls, "
             f"{of_map.doubled_walls_m:.1f} m of walls doubled"
         )
-    told = {robot.name: robot.pose_accuracy for robot in result.per_robot if robot.pose_accuracy is not None}
-    rmse_m = {name: each.rmse_m for name, each in told.items() if each.rmse_m is not None}
-    error_m = {name: each.max_error_m for name, each in told.items() if each.max_error_m is not None}
-    if rmse_m and error_m:
-        worst, farthest = max(rmse_m, key=rmse_m.__getitem__), max(error_m, key=error_m.__getitem__)
+    told = {name: each for name, each in positions.items() if each is not None}
+    if told:
+        rmse_m = {name: each.rmse_m for name, each in told.items() if each.rmse_m is not None}
+        error_m = {name: each.max_error_m for name, each in told.items() if each.max_error_m is not None}
         silent = [
             f"{name} {each.silent_divergence_s:.1f} s" for name, each in told.items() if each.silent_divergence_s > 0
         ]
         lost = [f"{name} {each.lost_s:.1f} s" for name, each in told.items() if each.lost_s > 0]
-        lines.append(
-            f"positions: RMSE at most {rmse_m[worst]:.3f} m ({worst}), largest error {error_m[farthest]:.3f} m "
-            f"({farthest}), silent divergence: {', '.join(silent) or 'none'}, lost: {', '.join(lost) or 'nobody'}"
-        )
+        parts = []
+        if rmse_m and error_m:
+            worst, farthest = max(rmse_m, key=rmse_m.__getitem__), max(error_m, key=error_m.__getitem__)
+            parts = [
+                f"RMSE at most {rmse_m[worst]:.3f} m ({worst})",
+                f"largest error {error_m[farthest]:.3f} m ({farthest})",
+            ]
+        parts += [f"silent divergence: {', '.join(silent) or 'none'}", f"lost: {', '.join(lost) or 'nobody'}"]
+        lines.append(f"positions: {', '.join(parts)}")
     return lines
 
 

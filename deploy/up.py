@@ -19,6 +19,7 @@ from robrain.deploy.kernels import prepare_kernels
 from robrain.deploy.live_process import open_hub
 from robrain.deploy.planning_file import write_planning
 from robrain.deploy.robot_files import loadable_from_here, write_robot_files
+from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import WireError
@@ -57,6 +58,10 @@ class UpResult(msgspec.Struct, frozen=True, kw_only=True, tag_field="event", tag
     collisions: int
     recording: str | None
     messages: int
+    map_accuracy: MapAccuracy | None = None
+    """How right the team's map is at the end, as the arena tells."""
+    pose_accuracy: dict[str, PoseAccuracy] = {}
+    """How right each robot's positions were."""
     serial_forwarders: dict[str, str] = {}
     """`host:port` at which each robot's base station could be reached."""
 
@@ -256,14 +261,18 @@ def _result(
     recorder: Recorder | None,
     options: UpOptions,
 ) -> UpResult:
+    truth = watch.truth
+    robots = truth.robots if truth is not None else []
     return UpResult(
         scenario=scenario.name,
         ended=ended,
         robots_up=watch.robots_up,
         sim_time_s=status.sim_time_s,
         explored_fraction=status.explored_fraction,
-        collisions=sum(robot.collisions for robot in watch.truth.robots) if watch.truth is not None else 0,
+        collisions=sum(robot.collisions for robot in robots),
         recording=str(options.record) if options.record is not None else None,
         messages=recorder.messages if recorder is not None else 0,
+        map_accuracy=truth.map_accuracy if truth is not None else None,
+        pose_accuracy={robot.robot: robot.accuracy for robot in robots if robot.accuracy is not None},
         serial_forwarders=status.forwarders,
     )

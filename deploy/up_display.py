@@ -11,7 +11,7 @@ from rich.table import Table
 
 from robrain.deploy.forwarders import said
 from robrain.deploy.live_process import tell
-from robrain.deploy.run_display import tell_recorded
+from robrain.deploy.run_display import accuracy_lines, tell_recorded
 from robrain.deploy.terminal import both_at_a_terminal, clock_of, console, print_line, say
 from robrain.deploy.up import TeamStatus, UpDisplay, UpResult
 from robrain.protocol.wire.hub import hub_endpoint
@@ -99,6 +99,8 @@ class PlainLines:
             f"{result.ended}: {result.explored_fraction:.1%} explored in {clock_of(result.sim_time_s)}, "
             f"{result.collisions} collisions"
         )
+        for line in accuracy_lines(result.map_accuracy, result.pose_accuracy):
+            print_line(line)
         tell_recorded(result.recording)
 
 

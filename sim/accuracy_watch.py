@@ -26,6 +26,8 @@ TRUE_POSE_PERIOD_S = 0.1
 """True poses are kept so often; between two of them they are interpolated."""
 KEPT_TRUE_POSES = 30
 """Three seconds: a state that took longer to arrive is not compared."""
+STATES = 1024
+"""So many states of robots that are not the arena's may wait besides those that are."""
 MAP_PERIOD_STEPS = 5
 """The map is measured in one of so many calls of `step`."""
 
@@ -62,7 +64,7 @@ class AccuracyWatch:
         self._index = {name: index for index, name in enumerate(robots)}
         self._true: deque[tuple[int, list[tuple[float, float, float]]]] = deque(maxlen=KEPT_TRUE_POSES)
         """Stamp, and x, y, yaw of each robot; the yaw is not wrapped."""
-        self._inbox = Inbox(max(len(robots), 1) + 64)
+        self._inbox = Inbox(STATES + len(robots))
         self._steps = 0
         self._map_version = -1
         self._map_accuracy: MapAccuracy | None = None

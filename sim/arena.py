@@ -19,6 +19,7 @@ from robrain.sim.accuracy_watch import TRUE_POSE_PERIOD_S, AccuracyWatch
 from robrain.sim.camera import SeenMote
 from robrain.sim.camera_desk import CameraDesk
 from robrain.sim.chargers import Chargers, ChargerSpec
+from robrain.sim.disturbance import Disturbance
 from robrain.sim.fault_injection import FaultSchedule, FaultSpec
 from robrain.sim.field import Field
 from robrain.sim.firmware.battery_manager import STATUS_PERIOD_S, Reading
@@ -37,6 +38,7 @@ from robrain.sim.robot_body import (
 from robrain.sim.robot_hardware import ArenaRobot, RobotHardware
 from robrain.sim.sensor_desk import SensorDesk
 from robrain.sim.simulated_robot import SimulatedRobot
+from robrain.sim.surfaces import Surfaces
 
 __all__ = ["TICK_S", "Arena", "ArenaRobot", "RobotHardware"]
 
@@ -60,6 +62,8 @@ class Arena:
         network: what motes and their radio are, and what they sense.
         chargers: docks on the floor.
         faults: what breaks, and when.
+        surfaces: glass and mirrors among the walls; None if there are none.
+        disturbance: which frames and scans are late on their way; none if None.
 
     Raises:
         ValueError: a name is there twice, or a robot's start is taken.
@@ -78,6 +82,8 @@ class Arena:
         network: SensorNetwork = SensorNetwork(),  # noqa: B008 - immutable, so a shared default is safe
         chargers: Sequence[ChargerSpec] = (),
         faults: Sequence[FaultSpec] = (),
+        surfaces: Surfaces | None = None,
+        disturbance: Disturbance | None = None,
     ) -> None:
         _check_names([robot.name for robot in robots], "robot")
         _check_names([mote.name for mote in motes], "mote")
@@ -98,11 +104,14 @@ class Arena:
         try:
             for index, (spec, own_rng) in enumerate(zip(robots, robots_rng.spawn(len(robots)), strict=True)):
                 self._robots.append(
-                    SimulatedRobot(spec, self._space, walls, geometry, endpoint, index, tick_s, own_rng)
+                    SimulatedRobot(
+                        spec, self._space, walls, geometry, endpoint, index, tick_s, own_rng, surfaces, disturbance
+                    )
                 )
         except BaseException:
             self.close()  # the caller has no arena to close
             raise
+        self._late = [robot for robot in self._robots if robot.is_late]
         self._bodies = [robot.body for robot in self._robots]
         self.chargers = Chargers(chargers, tick_s)
         self._charger_period_ticks = max(1, round(STATUS_PERIOD_S / tick_s))
@@ -198,6 +207,8 @@ class Arena:
         for robot in self._robots:
             robot.report(self._ticks)
         self._scan()
+        for robot in self._late:
+            robot.deliver()
         self._motes.step(self._bodies)
         if self._ticks % self._clock_period_ticks == 0:
             self._clock_publisher.put(ArenaClock(sim_time_s=self.sim_time_s))

@@ -10,6 +10,9 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.occupancy_grid import GridGeometry
 from robrain.protocol.model.ray_cast import cast_rays
 from robrain.protocol.wire.messages import Scan
+from robrain.sim.surfaces import Surfaces
+
+NEAREST_OUTLIER_M = 0.05
 
 
 class LidarSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -21,6 +24,10 @@ class LidarSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     range_max_m: float = 6.0
     noise_m: float = 0.01
     """Standard deviation of a range."""
+    dropout: float = 0.0
+    """Share of the beams that return nothing, at random: black, wet or very slanting surfaces."""
+    outlier: float = 0.0
+    """Share of the beams whose range is anything up to the maximum, at random: mixed pixels, stray reflections."""
 
     def __post_init__(self) -> None:
         for name in ("rays", "rate_hz", "range_max_m"):
@@ -28,6 +35,9 @@ class LidarSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
                 raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
         if not self.noise_m >= 0:
             raise ValueError(f"expected noise_m >= 0, got {self.noise_m}")
+        for name in ("dropout", "outlier"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"expected {name} from 0 to 1, got {getattr(self, name)}")
 
 
 class Lidar:
@@ -38,7 +48,8 @@ class Lidar:
         robot: whose it is.
         walls: (H, W) what is solid.
         geometry: where `walls` lies in the arena frame.
-        rng: draws the noise, `rays` values a scan.
+        rng: draws the noise, `rays` values a scan, and as many again for each imperfection there is.
+        surfaces: glass and mirrors among the walls; None if there are none.
 
     """
 
@@ -49,6 +60,7 @@ class Lidar:
         walls: NDArray[np.bool_],
         geometry: GridGeometry,
         rng: np.random.Generator,
+        surfaces: Surfaces | None = None,
     ) -> None:
         self.spec = spec
         self._robot = robot
@@ -56,6 +68,7 @@ class Lidar:
         self._walls = walls if walls.flags.writeable else walls.copy()
         self._geometry = geometry
         self._rng = rng
+        self._surfaces = surfaces
         self._increment_rad = math.tau / spec.rays
         self.is_frozen = False
         """A frozen lidar goes on sending the turn before, with new stamps: what a stuck driver or buffer does."""
@@ -71,9 +84,14 @@ class Lidar:
         if self.is_frozen and self._last is not None:
             return self._last
         spec = self.spec
-        ranges_m = cast_rays(self._walls, self._geometry, pose, self._angles_rad, spec.range_max_m, robots)
+        if self._surfaces is None:
+            ranges_m = cast_rays(self._walls, self._geometry, pose, self._angles_rad, spec.range_max_m, robots)
+        else:
+            ranges_m = self._surfaces.cast(pose, self._angles_rad, spec.range_max_m, robots)
         noisy_m = ranges_m + spec.noise_m * self._rng.standard_normal(spec.rays)
         noisy_m[(ranges_m >= spec.range_max_m) | (noisy_m >= spec.range_max_m)] = 0.0
+        if spec.outlier or spec.dropout:
+            self._spoil(noisy_m)
         ranges_mm = np.rint(1000.0 * noisy_m).astype(np.int64)
         ranges_mm[(ranges_mm < 1) & (noisy_m != 0.0)] = 1
         self._last = Scan(
@@ -84,3 +102,13 @@ class Lidar:
             ranges_mm=ranges_mm.tolist(),
         )
         return self._last
+
+    def _spoil(self, ranges_m: NDArray[np.float64]) -> None:
+        """Put in outliers, then leave out the beams that drop out, in place; 0 is no return."""
+        spec = self.spec
+        if spec.outlier:
+            is_outlier = self._rng.random(spec.rays) < spec.outlier
+            anywhere_m = self._rng.uniform(NEAREST_OUTLIER_M, spec.range_max_m, spec.rays)
+            ranges_m[is_outlier] = anywhere_m[is_outlier]
+        if spec.dropout:
+            ranges_m[self._rng.random(spec.rays) < spec.dropout] = 0.0

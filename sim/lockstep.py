@@ -23,6 +23,7 @@ from robrain.protocol.wire.messages import ArenaTruth, OutsideInput
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, COORDINATOR_STATE, MOTE_READING
 from robrain.sim.arena import TICK_S
+from robrain.sim.disturbance import Disturbance
 from robrain.sim.floor_left import FloorLeft, floor_left
 from robrain.sim.manifests import manifest_texts
 from robrain.sim.world import World
@@ -99,6 +100,8 @@ class LockstepRun:
         self._closers.append(self.arena.close)
         self._coordinator_wire = self._endpoint(team)
         self.coordinator = Coordinator(self._coordinator_wire, policy=self._planning)
+        disturbance = Disturbance(world.disturbance, world.seed)
+        self._pauses = [disturbance.steps(index) for index in range(len(world.robots))]
         self.hosts = []
         for robot in world.robots:
             if self._should_stop():
@@ -159,8 +162,10 @@ class LockstepRun:
         self._ticks += 1
         self.clock.advance_to(to_ns(self._ticks * TICK_S))
         self.arena.step()
-        for host in self.hosts:
-            host.step()
+        now_ns = self.clock.now_ns()
+        for host, pauses in zip(self.hosts, self._pauses, strict=True):
+            if pauses is None or not pauses.covers(now_ns):
+                host.step()
         self.coordinator.step()
         if self._ticks % TRUTH_TICKS == 0:
             self._watch()

@@ -19,6 +19,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.warm_up import warm_up
 from robrain.sim.arena import RobotHardware
 from robrain.sim.chargers import ChargerSpec
+from robrain.sim.disturbance import DisturbanceSpec
 from robrain.sim.errors import ScenarioError
 from robrain.sim.fault_injection import FaultSpec
 from robrain.sim.lockstep import LockstepRun
@@ -30,6 +31,7 @@ from robrain.sim.motes import SensorNetwork
 from robrain.sim.pacing import Pacer, StopOnInterrupt
 from robrain.sim.result import RobotResult, RunResult
 from robrain.sim.scenario_file import MAX_MOTES, MAX_ROBOTS, ScenarioTables, read_builtin, read_scenario_file
+from robrain.sim.surfaces import SurfaceSpec
 from robrain.sim.world import World, build_world
 
 CURVE_STEP_S = 5.0
@@ -64,6 +66,10 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     """What the coordinator's plans are for, and how they are made."""
     faults: tuple[FaultSpec, ...] = ()
     """What breaks, and when."""
+    surfaces: SurfaceSpec = SurfaceSpec()
+    """Which walls are glass or mirrors."""
+    disturbance: DisturbanceSpec = DisturbanceSpec()
+    """Which frames, scans and agents are late."""
     seed: int = 1
     until_explored: float = 0.98
     time_limit_s: float = 900.0
@@ -117,6 +123,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             chargers=tables.chargers,
             planning=tables.planning,
             faults=tables.faults,
+            surfaces=tables.surfaces,
+            disturbance=tables.disturbance,
             seed=tables.scenario.seed,
             until_explored=tables.scenario.until_explored,
             time_limit_s=tables.scenario.time_limit_s,
@@ -151,7 +159,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             if fault.robot not in (robot.name for robot in world.robots):
                 names = f"r1 to r{self.robots}"
                 raise ScenarioError(f"{self.name}: faults: no robot {fault.robot!r}; there are {names}")
-        return replace(world, faults=self.faults)
+        return replace(world, faults=self.faults, surfaces=self.surfaces, disturbance=self.disturbance)
 
     def run(
         self,

@@ -10,6 +10,7 @@ from robrain.protocol.wire.errors import BadToml
 from robrain.protocol.wire.toml_text import LARGE, parse_toml, read_toml_text
 from robrain.sim.arena import RobotHardware
 from robrain.sim.chargers import ChargerSpec
+from robrain.sim.disturbance import DisturbanceSpec
 from robrain.sim.errors import ScenarioError
 from robrain.sim.fault_injection import FaultSpec
 from robrain.sim.field import FieldSpec
@@ -17,6 +18,7 @@ from robrain.sim.maps.drawing import FloorDrawing
 from robrain.sim.mote import MoteSpec
 from robrain.sim.motes import SensorNetwork
 from robrain.sim.radio import RadioModel
+from robrain.sim.surfaces import SurfaceSpec
 
 MAX_ROBOTS = 1000
 MAX_MOTES = 10000
@@ -83,6 +85,8 @@ class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     chargers: tuple[ChargerSpec, ...] = ()
     planning: PlanningPolicy = PlanningPolicy()
     faults: tuple[FaultSpec, ...] = ()
+    surfaces: SurfaceSpec = SurfaceSpec()
+    disturbance: DisturbanceSpec = DisturbanceSpec()
 
     def __post_init__(self) -> None:
         if (self.floor is None) == (self.map is None):

@@ -6,18 +6,21 @@ import numpy as np
 import pymunk
 from numpy.typing import NDArray
 
+from robrain.plugins.device.mocdevice.frame_clock import StampedAt
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.occupancy_grid import GridGeometry
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.topics import ARENA_SCAN
+from robrain.sim.disturbance import Disturbance, DisturbanceSpec
 from robrain.sim.firmware.battery import Battery
 from robrain.sim.firmware.battery_manager import BatteryManager
-from robrain.sim.firmware.bus_line import BusLine
+from robrain.sim.firmware.bus_line import BusLine, FrameStamps
 from robrain.sim.firmware.motor_controller import MotorController
 from robrain.sim.firmware.range_sensors import RangeSensors
 from robrain.sim.lidar import Lidar
 from robrain.sim.robot_body import MASS_KG, RobotBody
 from robrain.sim.robot_hardware import ArenaRobot
+from robrain.sim.surfaces import Surfaces
 from robrain.sim.wheels import Wheels
 
 CAN_CHANNEL = "can0"
@@ -26,7 +29,7 @@ CAN_CHANNEL = "can0"
 class SimulatedRobot:
     """A body with its firmware and its lidar.
 
-    A tick is `act()`, the step of the space, then `report()`; `measure()` and `scan()` when they are due.
+    A tick is `act()`, the step of the space, then `report()`; `measure()` and `scan()` when they are due; `deliver()`.
 
     Args:
         spec: what it is built of, and where it starts.
@@ -37,6 +40,8 @@ class SimulatedRobot:
         index: among the robots; they take turns, so that no tick has all the scans.
         tick_s: how long a tick is.
         rng: the source of all its randomness.
+        surfaces: glass and mirrors among the walls; None if there are none.
+        disturbance: what is late on its way; nothing if None.
 
     """
 
@@ -50,23 +55,35 @@ class SimulatedRobot:
         index: int,
         tick_s: float,
         rng: np.random.Generator,
+        surfaces: Surfaces | None = None,
+        disturbance: Disturbance | None = None,
     ) -> None:
         battery_rng, (wheels_rng, ranges_rng) = rng.spawn(1)[0], rng.spawn(2)
         self.name = spec.name
+        disturbance = Disturbance(DisturbanceSpec(), 0) if disturbance is None else disturbance
+        late_frames, stamps = disturbance.frames(index, endpoint.clock), None
+        if late_frames is not None:
+            tells_sending = disturbance.spec.can.stamped_at is StampedAt.SENDING
+            stamps = FrameStamps(endpoint.clock, tells_sending=tells_sending)
+        self._late_scans = disturbance.scans(index, endpoint.clock)
+        self.is_late = late_frames is not None or self._late_scans is not None
+        """Whether `deliver` has anything to do."""
         self.bus = BusLine(
             ZenohBus(
                 f"{spec.name}/{CAN_CHANNEL}",
                 session=endpoint.session,
                 team=endpoint.team,
                 direct=endpoint.drive is Drive.LOCKSTEP,
-                now_ns=endpoint.clock.now_ns,
+                now_ns=endpoint.clock.now_ns if stamps is None else stamps.now_ns,
                 on_outside=endpoint.note_outside,
-            )
+            ),
+            late_frames,
+            stamps,
         )
         wheels = Wheels.draw(spec.base, spec.wheels, wheels_rng)
         self.body = RobotBody(space, wheels, spec.start, spec.radius_m, tick_s)
         self.battery = Battery(spec.battery)
-        self.lidar = Lidar(spec.lidar, spec.name, walls, geometry, rng)
+        self.lidar = Lidar(spec.lidar, spec.name, walls, geometry, rng, surfaces)
         self._scans = endpoint.publisher(ARENA_SCAN, robot=spec.name)
         self.scan_period_ticks = max(1, round(1.0 / (spec.lidar.rate_hz * tick_s)))
         self.scan_phase = index % self.scan_period_ticks
@@ -103,4 +120,14 @@ class SimulatedRobot:
 
     def scan(self, hulls: NDArray[np.float64]) -> None:
         """Send a turn of the lidar; hulls as for `measure`."""
-        self._scans.put(self.lidar.scan(self.body.pose, hulls))
+        turn = self.lidar.scan(self.body.pose, hulls)
+        if self._late_scans is None:
+            self._scans.put(turn)
+        else:
+            self._late_scans.put(turn)
+
+    def deliver(self) -> None:
+        """Let frames and scans arrive that are late; scans keep the time at which they were measured."""
+        self.bus.deliver()
+        for measured_ns, turn in self._late_scans.arrivals() if self._late_scans is not None else ():
+            self._scans.put(turn, measured_ns)

@@ -15,6 +15,7 @@ from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.sim.arena import Arena, ArenaRobot, RobotHardware
 from robrain.sim.chargers import ChargerSpec
+from robrain.sim.disturbance import Disturbance, DisturbanceSpec
 from robrain.sim.fault_injection import FaultSpec
 from robrain.sim.maps.errors import PlacementError
 from robrain.sim.maps.floor_plan import FloorPlan
@@ -22,6 +23,7 @@ from robrain.sim.maps.placement import scatter_points, spawn_poses
 from robrain.sim.mote import ArenaMote
 from robrain.sim.motes import SensorNetwork
 from robrain.sim.referee import team_geometry
+from robrain.sim.surfaces import Surfaces, SurfaceSpec
 
 ROBOT_SPACING_M = 0.7
 MOTE_CLEARANCE_M = 0.1
@@ -39,6 +41,10 @@ class World:
     """What the motes and their radio are, and what they sense."""
     chargers: tuple[ChargerSpec, ...] = ()
     faults: tuple[FaultSpec, ...] = ()
+    surfaces: SurfaceSpec = SurfaceSpec()  # noqa: RUF009 - immutable, so a shared default is safe
+    """Which walls are glass or mirrors."""
+    disturbance: DisturbanceSpec = DisturbanceSpec()  # noqa: RUF009 - immutable, so a shared default is safe
+    """What is late."""
 
     def arena(self, endpoint: Endpoint) -> Arena:
         """An arena with all of it, that speaks by this endpoint."""
@@ -51,6 +57,8 @@ class World:
             network=self.network,
             chargers=self.chargers,
             faults=self.faults,
+            surfaces=None if self.surfaces.is_plain else Surfaces.draw(self.surfaces, self.plan, self.seed),
+            disturbance=Disturbance(self.disturbance, self.seed),
         )
 
     def arena_rng(self) -> np.random.Generator:
@@ -80,7 +88,11 @@ class World:
                     "closure_slack_m": 0.5 * geometry.resolution_m if robot.wheels.is_exact else 0.0,
                 },
                 "battery": {"capacity_wh": robot.battery.capacity_wh},
-                "mocdevice": {"radius_m": robot.radius_m, "base": msgspec.structs.asdict(robot.base)},
+                "mocdevice": {
+                    "radius_m": robot.radius_m,
+                    "base": msgspec.structs.asdict(robot.base),
+                    **_stamped_at(self.disturbance),
+                },
                 **_range_sensors(robot),
                 **_home(self.chargers),
                 "obstacle_distance": {"radius_m": robot.radius_m},
@@ -140,6 +152,11 @@ def _check_charger(charger: ChargerSpec, plan: FloorPlan, radius_m: float) -> No
             asked=1,
             found=0,
         )
+
+
+def _stamped_at(disturbance: DisturbanceSpec) -> dict[str, object]:
+    """What the agent has to know of the stamps of late frames; nothing if there are none."""
+    return {"stamped_at": disturbance.can.stamped_at.value} if disturbance.can.is_on else {}
 
 
 def _home(chargers: Sequence[ChargerSpec]) -> dict[str, dict[str, object]]:

@@ -3,11 +3,20 @@
 Values carry `data-testid` so that browser tests, and people's own scripts, can read them.
 """
 
+import math
 from collections.abc import Sequence
 
 from robrain.coordinator.dashboard.alerts import Alert, Level, alerts_of
 from robrain.coordinator.dashboard.halt_control import NAMES_SHOWN, acknowledgements
-from robrain.coordinator.dashboard.headline import ROBOT_GRADES, Grade, headline_of, vitals_of
+from robrain.coordinator.dashboard.headline import (
+    ROBOT_GRADES,
+    Grade,
+    agreement_grade,
+    headline_of,
+    judged_map,
+    map_grade,
+    vitals_of,
+)
 from robrain.coordinator.dashboard.robot_view import Condition, MoteView, RobotView
 from robrain.coordinator.dashboard.task_html import LONG_ID
 from robrain.coordinator.dashboard.team_view import TeamView
@@ -60,7 +69,7 @@ def strip_html(view: TeamView, now_s: float, troubles: Sequence[Alert] = ()) -> 
     return f'<div class="rb rb-strip">{_banners(view)}{sentence}{_alerts([*alerts_of(view, now_s), *troubles])}</div>'
 
 
-def summary_html(view: TeamView) -> str:
+def summary_html(view: TeamView, now_s: float) -> str:
     """The team's figures."""
     if view.explored_fraction is not None:
         explored = tile("Explored", "explored", f"{100 * view.explored_fraction:.1f} %")
@@ -83,8 +92,42 @@ def summary_html(view: TeamView) -> str:
         tile("Done / open", "tasks", tasks),
         tile("Messages / s", "messages-per-s", traffic),
         tile("Halted", "halted-robots", f"{halted} of {len(view.robots)}", "bad" if halted else ""),
+        *_accuracy_tiles(view, now_s),
     ]
     return f'<div class="rb"><div class="rb-tiles">{"".join(tiles)}</div></div>'
+
+
+def _accuracy_tiles(view: TeamView, now_s: float) -> list[str]:
+    """How right map and positions are: by the truth where an arena tells it, else by what the robots say."""
+    if view.truth is None:
+        vitals = vitals_of(view, now_s)
+        agrees = position = NONE
+        kind = ""
+        if math.isfinite(vitals.least_agreement):
+            agrees, kind = f"{100 * vitals.least_agreement:.0f} %", GRADES[agreement_grade(vitals.least_agreement)][1]
+        if math.isfinite(vitals.worst_sigma_m):
+            position = f"± {vitals.worst_sigma_m:.2f} m"
+        return [
+            tile("Lidar on map", "map-agreement", agrees, kind),
+            tile("Least", "map-agreement-robot", text(vitals.least_agreement_robot, 20) or NONE),
+            tile("Position", "position", position),
+            tile("Least sure", "position-robot", text(vitals.worst_sigma_robot, 20) or NONE),
+        ]
+    wrong = doubled = error = NONE
+    kind = ""
+    if (of_map := judged_map(view)) is not None:
+        wrong, kind = f"{100 * of_map.share_off:.1f} %", GRADES[map_grade(of_map.share_off)][1]
+        doubled = f"{of_map.doubled_walls_m:.1f} m"
+    told = [robot.accuracy for robot in view.truth.robots if robot.accuracy is not None]
+    if errors_m := [each.error_m for each in told if each.error_m is not None]:
+        error = f"{max(errors_m):.2f} m"
+    silent_s = sum(each.silent_divergence_s for each in told)
+    return [
+        tile("Map wrong", "map-off", wrong, kind),
+        tile("Walls doubled", "map-doubled", doubled),
+        tile("Worst error", "position-error", error),
+        tile("Silently off", "silently-off", f"{silent_s:.1f} s", "bad" if silent_s > 0 else ""),
+    ]
 
 
 def robots_html(view: TeamView, now_s: float, selected: str = "") -> str:

@@ -7,7 +7,7 @@ from robrain.coordinator.dashboard.robot_view import RobotView
 from robrain.coordinator.dashboard.team_view import TeamView
 from robrain.coordinator.dashboard.words import NONE, colored, condition_html, span_text, text, tile
 from robrain.coordinator.palette import battery_class, look_of
-from robrain.coordinator.robot_history import position_sigma_m
+from robrain.protocol.model.pose_accuracy import position_sigma_m
 from robrain.protocol.wire.messages import PluginInfo
 
 LEVELS = ("device", "unit", "skill", "behavior")
@@ -56,12 +56,34 @@ def robot_card_html(view: TeamView, robot: RobotView, now_s: float) -> str:
         tile("Position", "card-sigma", f"± {sigma_m:.2f} m" if sigma_m == sigma_m else NONE),
         tile("Power", "card-power", _power(robot)),
         tile("Heading", "card-heading", NONE if pose is None else f"{pose.yaw_rad * 57.29578:.0f}°"),
+        *_accuracy_tiles(robot),
     ]
     return (
         f'<div class="rb">{title}<div class="rb-tiles">{"".join(tiles)}</div>'
         f'<div class="rb-soft" style="padding-top: 4px; overflow-wrap: anywhere">{task_text(robot, view)}</div>'
         f"{_faults_html(robot)}</div>"
     )
+
+
+def _accuracy_tiles(robot: RobotView) -> list[str]:
+    """How right its position is: by the truth where an arena tells it, and by its own scans."""
+    agrees = robot.state.map_agreement if robot.state is not None else None
+    told = robot.truth.accuracy if robot.truth is not None else None
+    tiles = [tile("Lidar on map", "card-agreement", NONE if agrees is None else f"{100 * agrees:.0f} %")]
+    if told is not None:
+        off = "bad" if told.silent_for_s > 0 else ""
+        in_band = NONE if told.nees_in_band is None else f"{100 * told.nees_in_band:.0f} %"
+        silent_s = told.silent_divergence_s
+        tiles += [
+            tile("True error", "card-error", NONE if told.error_m is None else f"{told.error_m:.2f} m", off),
+            tile("RMSE", "card-rmse", NONE if told.rmse_m is None else f"{told.rmse_m:.2f} m"),
+            tile("Largest error", "card-largest", NONE if told.max_error_m is None else f"{told.max_error_m:.2f} m"),
+            tile("NEES", "card-nees", NONE if told.nees is None else f"{told.nees:.1f}"),
+            tile("NEES in 95 %", "card-nees-in-band", in_band),
+            tile("Was lost", "card-lost", f"{told.lost_s:.1f} s"),
+            tile("Silently off", "card-silent", f"{silent_s:.1f} s", "bad" if silent_s > 0 else ""),
+        ]
+    return tiles
 
 
 def plugins_html(plugins: list[PluginInfo], selected: str, problem: str) -> str:

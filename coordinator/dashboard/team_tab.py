@@ -41,7 +41,7 @@ class TeamTab:
     def draw(self, now_s: float) -> None:
         """Bring it up to date."""
         view = self._page.context.view
-        set_html(self._summary, summary_html(view))
+        set_html(self._summary, summary_html(view, now_s))
         shown = (self._page.selected, len(view.robots))
         due = self._listed_s is None or now_s - self._listed_s >= MANY_PERIOD_S
         if due or shown != self._listed or len(view.robots) <= MANY_ROWS:

@@ -4,13 +4,16 @@ The page has no script and forbids any (Content-Security-Policy); every text out
 """
 
 import base64
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import msgspec
 from matplotlib.figure import Figure
 
+from robrain.coordinator.dashboard.words import natural_key
 from robrain.coordinator.recording import figures
+from robrain.coordinator.recording.accuracy_figure import accuracy_figure
 from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.figure_style import figure_style, png
 from robrain.coordinator.recording.run_comparison import comparison_figure
@@ -23,6 +26,7 @@ ROWS_MAX = 300
 FIGURES: dict[str, Callable[[RunData], Figure]] = {
     "explored": lambda run: figures.explored_figure([run]),
     "trajectories": figures.trajectory_figure,
+    "accuracy": accuracy_figure,
     "tasks": figures.task_figure,
     "energy": figures.energy_figure,
     "battery": figures.battery_figure,
@@ -34,6 +38,9 @@ FIGURES: dict[str, Callable[[RunData], Figure]] = {
 CAPTIONS = {
     "explored": "What the team has seen of the floor that can be reached.",
     "trajectories": "Where each robot believed to be, on the map as it was at the end.",
+    "accuracy": "How far each robot was from where it believed to be, thick where it was more than 0.5 m off and did "
+    "not say so; and the share of the map's occupied cells that have no true wall within 0.25 m. Where no arena tells "
+    "the truth: the share of each robot's beams that agreed with its map.",
     "tasks": "Who was at which task, and how the task ended.",
     "energy": "What the batteries gave, what the robots' own models say that their motion takes, and for tasks what "
     "the plan had predicted.",
@@ -129,7 +136,8 @@ def _run_section(run: RunData, number: int | None, pictures: list[tuple[str, byt
         pictures.append((name if number is None else f"run{number}_{name}", data))
         drawn.append(_picture(name, data))
     heading = "" if number is None else f"<h2>{safe_html(run.name, 200)}</h2>"
-    return heading + _lead(run) + _tiles(run) + "".join(drawn) + _happenings(run) + _tasks(run) + _origin(run)
+    tables = _happenings(run) + _tasks(run) + _origin(run)
+    return heading + _lead(run) + _tiles(run) + _positions(run) + "".join(drawn) + tables
 
 
 def _lead(run: RunData) -> str:
@@ -180,6 +188,32 @@ def _happenings(run: RunData) -> str:
     return _details(f"Faults and recoveries ({len(rows)})", head, rows)
 
 
+def _positions(run: RunData) -> str:
+    told = {name: run.robots[name].accuracy for name in sorted(run.robots, key=natural_key)}
+    rows = []
+    for name, accuracy in told.items():
+        if accuracy is None:
+            continue
+        in_band = None if accuracy.nees_in_band is None else 100 * accuracy.nees_in_band
+        numbers = (
+            accuracy.rmse_m,
+            accuracy.max_error_m,
+            None if accuracy.yaw_rmse_rad is None else math.degrees(accuracy.yaw_rmse_rad),
+            accuracy.nees,
+            accuracy.nees_with_yaw,
+            in_band,
+            accuracy.lost_s,
+            accuracy.silent_divergence_s,
+            accuracy.longest_silent_divergence_s,
+        )
+        rows.append((name, *map(_number, numbers)))
+    if not rows:
+        return ""
+    errors = ("*RMSE (m)", "*largest (m)", "*yaw RMSE (°)", "*NEES x, y", "*with yaw", "*in 95 % (%)")
+    head = ("robot", *errors, "*lost (s)", "*silently off (s)", "*longest (s)")
+    return _details(f"Positions ({len(rows)})", head, rows, is_open=True)
+
+
 def _tasks(run: RunData) -> str:
     if not run.tasks:
         return ""
@@ -198,8 +232,8 @@ def _origin(run: RunData) -> str:
     return _details("Where it comes from", ("what", "value"), list(told.items()))
 
 
-def _details(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table that opens with a click; all that is in it is escaped. Columns with a star hold numbers."""
+def _details(title: str, head: Sequence[str], rows: Sequence[Sequence[str]], *, is_open: bool = False) -> str:
+    """A table that opens with a click, or is open; all that is in it is escaped. Columns with a star hold numbers."""
     kinds = [' class="number"' if name.startswith("*") else "" for name in head]
     heads = "".join(f"<th{kind}>{name.lstrip('*')}</th>" for kind, name in zip(kinds, head, strict=True))
     body = "".join(
@@ -207,7 +241,8 @@ def _details(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> 
         for row in rows[:ROWS_MAX]
     )
     more = f"<p>The first {ROWS_MAX} of {len(rows)}.</p>" if len(rows) > ROWS_MAX else ""
-    return f"<details><summary>{title}</summary><table><tr>{heads}</tr>{body}</table>{more}</details>"
+    table = f"<summary>{title}</summary><table><tr>{heads}</tr>{body}</table>{more}"
+    return f"<details{' open' if is_open else ''}>{table}</details>"
 
 
 def _picture(name: str, data: bytes) -> str:

@@ -13,6 +13,7 @@ from robrain.coordinator.recording.contents import RecordingContents, read_conte
 from robrain.coordinator.recording.happenings import Happening, Happenings
 from robrain.coordinator.recording.reading import read_messages
 from robrain.coordinator.robot_history import model_power_w
+from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import kind_of
 from robrain.protocol.wire.clock import to_seconds
@@ -48,6 +49,15 @@ class RobotRun:
     """Since the beginning, at the battery's terminals."""
     predicted_j: "array[float]" = field(default_factory=lambda: array("d"))
     """The same by the robot's own model of what its motion takes."""
+    agreement: "array[float]" = field(default_factory=lambda: array("d"))
+    """Share of its beams that agree with its map, 0 to 1; nan where it does not say."""
+    accuracy: PoseAccuracy | None = None
+    """How right its poses were, as the arena tells at the end; None without one."""
+    error_t_s: "array[float]" = field(default_factory=lambda: array("d"))
+    error_m: "array[float]" = field(default_factory=lambda: array("d"))
+    """How far off it was at these times, as the arena tells; nan while it said that it was lost."""
+    is_silently_off: "array[int]" = field(default_factory=lambda: array("b"))
+    """Whether it was far off then and did not say so."""
     distance_m: float | None = None
     """As the arena tells, the next two as well; None without one."""
     energy_j: float | None = None
@@ -97,6 +107,8 @@ class RunData:
     """Time and explored share, 0 to 1, as the arena tells."""
     known_m2: list[tuple[float, float]] = field(default_factory=list)
     """Time and known area, as the coordinator tells."""
+    map_accuracy: list[tuple[float, MapAccuracy]] = field(default_factory=list)
+    """Time, and how right the team's map was, as the arena tells; one for each change."""
     robots: dict[str, RobotRun] = field(default_factory=dict)
     motes: dict[str, MoteRun] = field(default_factory=dict)
     tasks: dict[str, TaskRun] = field(default_factory=dict)
@@ -191,14 +203,23 @@ class _Gather:
         robot.y_m.append(state.pose.y_m if state.pose is not None else nan)
         robot.soc.append(state.battery.soc if state.battery is not None else nan)
         robot.soc_sd.append(state.battery.soc_sd if state.battery is not None else nan)
+        robot.agreement.append(state.map_agreement if state.map_agreement is not None else nan)
         robot.measured_j.append(measured_j)
         robot.predicted_j.append(predicted_j)
 
     def _take_truth(self, truth: ArenaTruth, t_s: float) -> None:
         self.run.explored.append((t_s, truth.explored_fraction))
+        of_map = self.run.map_accuracy
+        if truth.map_accuracy is not None and (not of_map or of_map[-1][1] != truth.map_accuracy):
+            of_map.append((t_s, truth.map_accuracy))
         for told in truth.robots:
             robot = self.run.robots.setdefault(told.robot, RobotRun(told.robot))
             robot.distance_m, robot.energy_j, robot.collisions = told.distance_m, told.energy_j, told.collisions
+            accuracy = robot.accuracy = told.accuracy
+            if accuracy is not None and accuracy.error_m is not None:
+                robot.error_t_s.append(t_s)
+                robot.error_m.append(float("nan") if accuracy.is_lost else accuracy.error_m)
+                robot.is_silently_off.append(accuracy.silent_for_s > 0)
 
     def _take_team(self, team: TeamState, t_s: float) -> None:
         self.run.known_m2.append((t_s, team.known_area_m2))

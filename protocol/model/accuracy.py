@@ -7,6 +7,9 @@ import msgspec
 
 from robrain.protocol.model.ranges import Count, Length, Quantity, Seconds, Share
 
+RECENT_SCANS = 10
+"""So many scans count for an agreement with the map: five seconds of them at two a second."""
+
 
 class MapAccuracy(msgspec.Struct, frozen=True, kw_only=True):
     """A map's occupied cells against the true walls."""
@@ -52,3 +55,14 @@ class PoseAccuracy(msgspec.Struct, frozen=True, kw_only=True):
     """How long the stretch has lasted that the robot is in at the last sample; 0 if it is in none."""
     is_lost: bool = False
     """Whether it says so at the last sample."""
+
+
+def recent_agreement(before: float | None, share: float) -> float:
+    """Agreement with the map after another scan, as an exponential mean.
+
+    Args:
+        before: the agreement so far, 0 to 1; None before the first scan.
+        share: share of this scan's beams that end at walls of the map, 0 to 1.
+
+    """
+    return share if before is None else before + (share - before) / RECENT_SCANS

@@ -105,8 +105,9 @@ class OccupancyGrid:
     """The belief of one robot (or of the coordinator) about every cell of a grid.
 
     With `surfaces` it also keeps where in its cell a wall is: `surface_at` float32 (H, W, 2), the mean place of the
-    beams' ends, column and row in cells from the origin, and `surface_drift` float32 (H, W, 2), how unsure the sensor's
-    pose was when it saw the wall first (m², rad²). They hold where `log_odds` > 0 and `surface_hits` > 0.
+    beams' ends, column and row in cells from the origin, `surface_view` float32 (H, W, 2), the mean direction of those
+    beams, and `surface_drift` float32 (H, W, 2), how unsure the sensor's pose was when it saw the wall first (m²,
+    rad²). They hold where `log_odds` > 0 and `surface_hits` > 0.
 
     `log_odds` int8 (H, W): evidence, 0 where nothing was ever seen. `stamp_ms` int32 (H, W): when the cell was last
     observed, in milliseconds of the run's clock, 0 before. `dirty` bool (H, W): own sensing changed the class
@@ -125,6 +126,7 @@ class OccupancyGrid:
         shape = geometry.shape if surfaces else (1, 1)
         self.surface_at: NDArray[np.float32] = np.zeros((*shape, 2), np.float32)
         self.surface_hits: NDArray[np.uint8] = np.zeros(shape, np.uint8)
+        self.surface_view: NDArray[np.float32] = np.zeros((*shape, 2), np.float32)
         self.surface_drift: NDArray[np.float32] = np.zeros((*shape, 2), np.float32)
         # Per cell, the last scan that freed it (twice its number) or ended in it (twice its number plus one).
         self._seen_by: NDArray[np.int32] = np.zeros(geometry.shape, np.int32)
@@ -182,6 +184,7 @@ class OccupancyGrid:
             self._seen_by.reshape(-1),
             self.surface_at.reshape(-1, 2),
             self.surface_hits.reshape(-1),
+            self.surface_view.reshape(-1, 2),
             self.surface_drift.reshape(-1, 2),
             (float(drift[0]), float(drift[1])),
             self.geometry.height,
@@ -262,6 +265,12 @@ class OccupancyGrid:
         self.known_count -= forgotten
         self.version += forgotten > 0
         self._first_scan = self._scans + 1
+
+    def recent_surfaces(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Rows and columns (n,) of the walls that were seen since `begin_stretch`; only with surfaces."""
+        walls = (self.log_odds > 0) & (self.surface_hits > 0) & (self._seen_by >= 2 * self._first_scan)
+        rows, columns = np.nonzero(walls)
+        return rows, columns
 
     def erase(self, first_row: int, first_column: int, end_row: int, end_column: int) -> int:
         """Know nothing any more of a box of cells; how many were known."""
@@ -380,6 +389,7 @@ def _integrate_scan(
     seen_by: NDArray[np.int32],
     surface_at: NDArray[np.float32],
     surface_hits: NDArray[np.uint8],
+    surface_view: NDArray[np.float32],
     surface_drift: NDArray[np.float32],
     drift: tuple[float, float],
     height: int,
@@ -437,6 +447,8 @@ def _integrate_scan(
             surface_hits[cell] = hits
             surface_at[cell, 0] += (at_x - surface_at[cell, 0]) / hits
             surface_at[cell, 1] += (at_y - surface_at[cell, 1]) / hits
+            surface_view[cell, 0] += (direction_x - surface_view[cell, 0]) / hits
+            surface_view[cell, 1] += (direction_y - surface_view[cell, 1]) / hits
         if seen_by[cell] != scan + 1:
             dirty[cell] |= seen_by[cell] < first_scan
             seen_by[cell] = scan + 1

@@ -64,7 +64,8 @@ class PoseAccuracyMeter:
             self._yaw_squares_rad2 += yaw_error_rad * yaw_error_rad
             self._max_error_m = max(self._max_error_m, error_m)
             self._note_nees(covariance, dx_m, dy_m, yaw_error_rad)
-        if error_m > FAR_OFF_M and not lost and SIGMAS * sigma_m(covariance) < error_m:
+        says_so = bool(lost) or SIGMAS * position_sigma_m(covariance) >= error_m  # False if it tells no covariance
+        if error_m > FAR_OFF_M and not says_so:
             self._silent_s += passed_s
             self._silent_for_s += passed_s
             self._longest_silent_s = max(self._longest_silent_s, self._silent_for_s)
@@ -102,16 +103,17 @@ class PoseAccuracyMeter:
         self._nees_with_yaw += min(with_yaw, NEES_MAX)
 
 
-def sigma_m(covariance: Sequence[float]) -> float:
-    """Standard deviation of the position in its worst direction: root of the largest eigenvalue of the x and y block.
+def position_sigma_m(covariance: Sequence[float]) -> float:
+    """Longer half-axis of the 1-sigma ellipse of a row-major 3 × 3 covariance of x, y, yaw; nan if there is none.
 
-    `covariance` is the row-major 3 × 3 of x, y, yaw; 0 for an empty one or one that has no such direction.
+    >>> position_sigma_m((0.04, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.1))
+    0.2
     """
     if len(covariance) != 9:
-        return 0.0
+        return math.nan
     xx, xy, yy = covariance[0], covariance[1], covariance[4]
-    largest = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
-    return math.sqrt(largest) if largest > 0 else 0.0
+    largest = (xx + yy) / 2 + math.hypot((xx - yy) / 2, xy)
+    return math.sqrt(largest) if largest >= 0 and math.isfinite(largest) else math.nan
 
 
 def nees(covariance: Sequence[float], dx_m: float, dy_m: float, yaw_error_rad: float) -> tuple[float, float] | None:

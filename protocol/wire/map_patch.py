@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.submap import IDENTITY, TILE_CELLS, Submap
+from robrain.protocol.model.mapping.submap import IDENTITY, SURFACE, SURFACES_MAX, TILE_CELLS, Submap
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.model.occupancy_grid import GridGeometry, PatchCells
 from robrain.protocol.wire.messages import MapPatch
@@ -70,9 +70,15 @@ def joined_message(robot: str, geometry: GridGeometry, moved: Iterable[MapPatch]
 
 
 def pose_message(
-    robot: str, geometry: GridGeometry, submap: int, T_arena_local: Pose2D, *, withdrawn: bool = False
+    robot: str,
+    geometry: GridGeometry,
+    submap: int,
+    T_arena_local: Pose2D,
+    *,
+    withdrawn: bool = False,
+    surfaces: NDArray[np.void] | None = None,
 ) -> MapPatch:
-    """Says where a submap lies, or that it is wrong."""
+    """Says where a submap lies, or that it is wrong, or that it is finished and where in their cells its walls are."""
     return MapPatch(
         robot=robot,
         resolution_m=geometry.resolution_m,
@@ -83,6 +89,7 @@ def pose_message(
         submap=submap,
         T_arena_local=T_arena_local,
         withdrawn=withdrawn,
+        surfaces=b"" if surfaces is None else zlib.compress(surfaces.tobytes(), 1),
     )
 
 
@@ -90,7 +97,8 @@ def submap_message(key: SubmapKey, submap: Submap, geometry: GridGeometry) -> Ma
     """A whole submap, with the times of its tiles."""
     patch = PatchCells(submap.row, submap.column, submap.classes(), int(submap.stamp_ms.max(initial=0)))
     message = to_message(key[0], geometry, patch, key[1], submap.T_arena_local)
-    return msgspec.structs.replace(message, tiles_ms=zlib.compress(submap.stamp_ms.tobytes(), 1))
+    surfaces = b"" if submap.surfaces is None else zlib.compress(submap.surfaces.tobytes(), 1)
+    return msgspec.structs.replace(message, tiles_ms=zlib.compress(submap.stamp_ms.tobytes(), 1), surfaces=surfaces)
 
 
 def whole_map(robot: str, atlas: SubmapAtlas, keys: Iterable[SubmapKey]) -> MapPatch | None:
@@ -158,8 +166,25 @@ def _take_one(atlas: SubmapAtlas, patch: MapPatch) -> int:
         atlas.withdraw(key)
         return 0
     atlas.move(key, patch.T_arena_local)
-    if not patch.rows and not patch.columns and not patch.cells:
-        return 0
+    changed = _take_cells(atlas, key, patch) if patch.rows or patch.columns or patch.cells else 0
+    if patch.surfaces:
+        atlas.take_surfaces(key, _surfaces_of(patch))
+    return changed
+
+
+def _surfaces_of(patch: MapPatch) -> NDArray[np.void]:
+    """The walls' places of a finished submap. Raises ValueError."""
+    inflater = zlib.decompressobj()
+    try:
+        data = inflater.decompress(patch.surfaces, SURFACES_MAX * SURFACE.itemsize + 1)
+    except zlib.error as error:
+        raise ValueError(f"{patch.robot}: the surfaces of its submap do not inflate: {error}") from error
+    if len(data) % SURFACE.itemsize or len(data) > SURFACES_MAX * SURFACE.itemsize:
+        raise ValueError(f"{patch.robot}: expected at most {SURFACES_MAX} surfaces of {SURFACE.itemsize} bytes each")
+    return np.frombuffer(data, SURFACE)
+
+
+def _take_cells(atlas: SubmapAtlas, key: SubmapKey, patch: MapPatch) -> int:
     cells = _cells_of(patch)
     if not patch.tiles_ms:
         return atlas.take(key, patch.row, patch.column, cells, patch.observed_ms)

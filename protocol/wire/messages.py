@@ -130,6 +130,8 @@ class RobotState(Message, frozen=True, kw_only=True):
     """Plugins that do not run."""
     lost: Text = ""
     """Why the robot has lost its position; empty while it has one."""
+    map_agreement: Share | None = None
+    """Share of the beams of recent scans that end at walls of the robot's map; None before the first comparison."""
     loaded: Count = 0
     """Number that changes with the set of loaded plugins, so that others need not poll it; 0 if not reported."""
 
@@ -168,6 +170,9 @@ class MapPatch(Message, frozen=True, kw_only=True):
     cells: bytes = b""
     tiles_ms: bytes = b""
     """In a patch that tells a whole submap: when each tile of 8 × 8 cells was seen, int32, row-major, deflated."""
+    surfaces: bytes = b""
+    """When the submap is finished: where in their cells its walls are, `SURFACE` of `protocol/model/mapping/submap.py`,
+    deflated."""
     submap: Count = 0
     """Number of the submap; a later one of the same robot has a greater number."""
     T_arena_local: Pose2D = Pose2D(0.0, 0.0, 0.0)
@@ -502,7 +507,7 @@ class ArenaClock(Message, frozen=True, kw_only=True):
 
 
 class RobotTruth(msgspec.Struct, frozen=True, kw_only=True):
-    """True pose of a simulated robot."""
+    """True pose of a simulated robot, and how right its own poses have been so far (`accuracy`)."""
 
     robot: Name
     pose: Pose2D
@@ -510,7 +515,6 @@ class RobotTruth(msgspec.Struct, frozen=True, kw_only=True):
     distance_m: Metres
     energy_j: Joules
     accuracy: PoseAccuracy | None = None
-    """How right the robot's own poses have been so far."""
 
 
 class MoteTruth(msgspec.Struct, frozen=True, kw_only=True):
@@ -521,7 +525,7 @@ class MoteTruth(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ArenaTruth(Message, frozen=True, kw_only=True):
-    """The true state of the simulated world, for referees and viewers only."""
+    """The true state of the simulated world, and how right the team's map is, for referees and viewers only."""
 
     sim_time_s: Seconds
     robots: list[RobotTruth]
@@ -529,7 +533,6 @@ class ArenaTruth(Message, frozen=True, kw_only=True):
     explored_fraction: Share = 0.0
     """Share of the reachable floor that the team's maps know."""
     map_accuracy: MapAccuracy | None = None
-    """How right the team's map is; measured once a second while it changes."""
 
 
 class OutsideInput(Message, frozen=True, kw_only=True):

@@ -30,14 +30,15 @@ class Publisher:
         self._seq = 0
         self._encoder = msgspec.json.Encoder()
 
-    def put(self, message: Message) -> None:
-        """Send a message, with the current time as its stamp and the next sequence number.
+    def put(self, message: Message, stamp_ns: int | None = None) -> None:
+        """Send a message, with the next sequence number and the time that it is of as its stamp: now if None.
 
         Raises:
             ValueError: the message is larger than its topic allows.
 
         """
-        stamped = msgspec.structs.replace(message, stamp_ns=self._clock.now_ns(), seq=self._seq)
+        stamp_ns = self._clock.now_ns() if stamp_ns is None else stamp_ns
+        stamped = msgspec.structs.replace(message, stamp_ns=stamp_ns, seq=self._seq)
         encoded = self._encoder.encode(stamped)
         if self.topic.max_bytes is not None and len(encoded) > self.topic.max_bytes:
             raise ValueError(self.topic.too_large(len(encoded)))

@@ -1,4 +1,4 @@
-"""The line between a simulated robot's nodes and its on-board computer; it can be cut and shorted.
+"""The line between a simulated robot's nodes and its on-board computer; it can be cut and shorted, and be slow.
 
 The error counters are those of ISO 11898-1 (fault confinement): eight for a frame that could not be sent, one back for
 one that was. A sender that nobody acknowledges becomes error passive and stays so (the exception for acknowledgement
@@ -11,6 +11,8 @@ from enum import StrEnum
 import can
 
 from robrain.protocol.can.bus_state import BUS_OFF_ERRORS, PASSIVE_ERRORS, BusState, error_frame, state_of
+from robrain.protocol.wire.clock import Clock
+from robrain.sim.disturbance import DelayLine
 
 ERRORS_A_FAILURE = 8
 
@@ -25,19 +27,48 @@ class LineFault(StrEnum):
     """Nothing passes; every controller goes bus off, and the host's tells its driver so."""
 
 
+class FrameStamps:
+    """The clock that stamps the frames of a line: the run's, or the time at which a frame that is late was sent.
+
+    Args:
+        clock: the run's.
+        tells_sending: whether late frames are stamped with the time at which they were sent.
+
+    """
+
+    def __init__(self, clock: Clock, *, tells_sending: bool) -> None:
+        self._clock = clock
+        self._tells_sending = tells_sending
+        self._sent_ns: int | None = None
+
+    def now_ns(self) -> int:
+        """What the next frame is stamped with."""
+        return self._clock.now_ns() if self._sent_ns is None else self._sent_ns
+
+    def note_sent(self, sent_ns: int | None) -> None:
+        """Say when the frames that follow were sent; None for now."""
+        self._sent_ns = sent_ns if self._tells_sending else None
+
+
 class BusLine(can.BusABC):
     """All nodes of one robot, seen from its on-board computer.
 
     Args:
         bus: what carries the frames; shut down with the line.
+        late: keeps the nodes' frames until they arrive; None if they always do at once.
+        stamps: told when frames that arrive were sent.
 
     """
 
-    def __init__(self, bus: can.BusABC) -> None:
+    def __init__(
+        self, bus: can.BusABC, late: DelayLine[can.Message] | None = None, stamps: FrameStamps | None = None
+    ) -> None:
         self.fault = LineFault.NONE
         self.transmit_errors = 0
         self.channel_info = bus.channel_info
         self._bus = bus
+        self._late = late
+        self._stamps = stamps
         super().__init__(channel=bus.channel_info)
 
     @property
@@ -60,9 +91,23 @@ class BusLine(can.BusABC):
         if self.fault is LineFault.NONE:
             if self.transmit_errors:
                 self.transmit_errors -= 1
-            self._bus.send(msg, timeout)
+            if self._late is None:
+                self._bus.send(msg, timeout)
+            else:
+                self._late.put(msg)
         else:
             self.transmit_errors = PASSIVE_ERRORS if self.fault is LineFault.CUT else BUS_OFF_ERRORS
+
+    def deliver(self) -> None:
+        """Have the computer get what has arrived by now of the frames that are late; a broken line swallows it."""
+        for sent_ns, frame in self._late.arrivals() if self._late is not None else ():
+            if self.fault is not LineFault.NONE:
+                continue
+            if self._stamps is not None:
+                self._stamps.note_sent(sent_ns)
+            self._bus.send(frame)
+        if self._stamps is not None:
+            self._stamps.note_sent(None)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """The next frame; what was sent while the line was broken is lost."""

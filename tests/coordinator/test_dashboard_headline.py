@@ -6,8 +6,13 @@ from dataclasses import replace
 import pytest
 
 from robrain.coordinator.dashboard.headline import (
+    AGREES,
     ASTRAY_M,
+    HARDLY_AGREES,
     LATE_S,
+    MAP_CELLS_MIN,
+    MAP_FAR_OFF,
+    MAP_OFF,
     MAPLESS_S,
     REFUSED_S,
     UNSURE_M,
@@ -20,9 +25,10 @@ from robrain.coordinator.dashboard.headline import (
 from robrain.coordinator.dashboard.panel_html import strip_html
 from robrain.coordinator.dashboard.robot_view import Condition
 from robrain.coordinator.dashboard.team_view import TeamView
+from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.messages import RobotState, TeamState
-from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_MAP, ROBOT_STATE
+from robrain.protocol.wire.messages import ArenaTruth, RobotState, RobotTruth, TeamState
+from robrain.protocol.wire.topics import ARENA_TRUTH, COORDINATOR_STATE, ROBOT_MAP, ROBOT_STATE
 from tests.coordinator.test_dashboard_team_view import patch, tell, tell_place, token
 
 WELL = Vitals({Condition.UP: 3}, coordinator_up=True, worst_sigma_m=0.1, worst_sigma_robot="r1", late_s=0.1)
@@ -50,6 +56,29 @@ def with_robots(condition: Condition) -> Vitals:
         (replace(WELL, worst_sigma_m=UNSURE_M), Grade.WARN, ("r1: position ± 0.5 m",)),
         (replace(WELL, worst_sigma_m=ASTRAY_M), Grade.BAD, ("r1: position ± 2.0 m",)),
         (replace(WELL, worst_sigma_m=math.nan), Grade.GOOD, ()),
+        (replace(WELL, share_off=MAP_OFF), Grade.GOOD, ()),
+        (replace(WELL, share_off=0.031), Grade.WARN, ("3.1 % of the map wrong",)),
+        (
+            replace(WELL, share_off=MAP_FAR_OFF + 0.01, doubled_walls_m=12.6),
+            Grade.BAD,
+            ("6.0 % of the map wrong, 13 m of walls doubled",),
+        ),
+        (
+            replace(WELL, silent_robot="r2", silent_error_m=1.24),
+            Grade.BAD,
+            ("r2: 1.2 m off, does not know it",),
+        ),
+        (replace(WELL, least_agreement=AGREES, least_agreement_robot="r3"), Grade.GOOD, ()),
+        (
+            replace(WELL, least_agreement=0.55, least_agreement_robot="r3"),
+            Grade.WARN,
+            ("r3: lidar agrees 55 % with map",),
+        ),
+        (
+            replace(WELL, least_agreement=HARDLY_AGREES - 0.1, least_agreement_robot="r3"),
+            Grade.BAD,
+            ("r3: lidar agrees 40 % with map",),
+        ),
         (replace(WELL, map_missing=True), Grade.WARN, ("no map",)),
         (replace(WELL, map_refused=True), Grade.WARN, ("a map patch does not fit",)),
         (replace(WELL, late_s=LATE_S), Grade.GOOD, ()),
@@ -113,3 +142,56 @@ def test_most_uncertain_robot_is_named() -> None:
     assert vitals.worst_sigma_robot == "r2"
     assert vitals.worst_sigma_m >= 0.8
     assert "r2: position ± " in strip_html(view, 0.0)
+
+
+def truth_of(*robots: tuple[str, PoseAccuracy | None], off: int = 0, cells: int = 1000) -> ArenaTruth:
+    here = Pose2D(0.0, 0.0, 0.0)
+    told = [
+        RobotTruth(robot=name, pose=here, collisions=0, distance_m=0.0, energy_j=0.0, accuracy=accuracy)
+        for name, accuracy in robots
+    ]
+    of_map = MapAccuracy(occupied_cells=cells, cells_off=off, share_off=off / cells, doubled_walls_m=off / 10)
+    return ArenaTruth(sim_time_s=1.0, robots=told, map_accuracy=of_map)
+
+
+def agreeing(robot: str, agreement: float | None) -> RobotState:
+    return RobotState(robot=robot, pose=Pose2D(0.0, 0.0, 0.0), map_agreement=agreement)
+
+
+def words_of(view: TeamView, now_s: float = 0.0) -> list[str]:
+    return [finding.words for finding in headline_of(vitals_of(view, now_s)).findings]
+
+
+def seen(*agreements: tuple[str, float | None]) -> TeamView:
+    view = TeamView()
+    view.coordinator_up = True
+    for robot, agreement in agreements:
+        tell(view, ROBOT_STATE, agreeing(robot, agreement), robot=robot)
+    return view
+
+
+def test_map_and_silent_robots_are_judged_by_the_truth_where_it_is_told() -> None:
+    view = seen(("r1", 0.95), ("r2", 0.95), ("r3", 0.1))
+    well, off = PoseAccuracy(error_m=0.1), PoseAccuracy(error_m=0.8, silent_for_s=0.2)
+    tell(view, ARENA_TRUTH, truth_of(("r1", well), ("r2", well), ("r3", None), off=20))
+    assert words_of(view) == []  # what robots say of their own scans does not count then
+    far = PoseAccuracy(error_m=2.5, silent_for_s=3.0)
+    tell(view, ARENA_TRUTH, truth_of(("r1", off), ("r2", far), ("r3", None), off=60))
+    assert words_of(view) == ["r2: 2.5 m off, does not know it", "6.0 % of the map wrong, 6 m of walls doubled"]
+    assert 'class="rb-bad">▲</i>' in strip_html(view, 0.0)
+    assert words_of(view, 60.0) == ["6.0 % of the map wrong, 6 m of walls doubled"]  # nobody in contact
+
+
+def test_map_of_few_cells_is_not_judged() -> None:
+    view = seen(("r1", None))
+    tell(view, ARENA_TRUTH, truth_of(off=50, cells=MAP_CELLS_MIN - 1))
+    assert words_of(view) == []
+    tell(view, ARENA_TRUTH, truth_of(off=50, cells=MAP_CELLS_MIN))
+    assert words_of(view) == ["50.0 % of the map wrong, 5 m of walls doubled"]
+
+
+def test_without_a_truth_the_robot_whose_lidar_agrees_least_counts() -> None:
+    view = seen(("r1", 0.9), ("r2", 0.6), ("r3", None))
+    assert words_of(view) == ["r2: lidar agrees 60 % with map"]
+    assert words_of(seen(("r1", None))) == []
+    assert words_of(view, 60.0) == []  # it is not in contact any more

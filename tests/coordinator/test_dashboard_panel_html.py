@@ -20,6 +20,7 @@ from robrain.coordinator.dashboard.robot_view import MoteView
 from robrain.coordinator.dashboard.task_html import queue_html, why_html
 from robrain.coordinator.dashboard.team_view import TeamView
 from robrain.coordinator.dashboard.view_tab import scale_html
+from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.task import TaskState, Visit
 from robrain.protocol.wire.inbox import Received
@@ -34,6 +35,7 @@ from robrain.protocol.wire.messages import (
     PluginFault,
     PluginInfo,
     RobotState,
+    RobotTruth,
     TaskEvent,
     TaskStatus,
 )
@@ -113,14 +115,55 @@ def test_a_battery_is_coloured_by_what_is_in_it(soc: float, kind: str) -> None:
 
 def test_figures_of_the_team_tell_what_is_known_and_no_more() -> None:
     view = TeamView()
-    values = Page(summary_html(view)).values
+    values = Page(summary_html(view, 0.0)).values
     assert values["explored"] == "0 m²"
     assert (values["sim-time"], values["speed"], values["coordinator"]) == ("–", "–", "lost")
     assert "halt-state" not in Page(strip_html(view, 0.0)).values
     tell(view, ARENA_TRUTH, ArenaTruth(sim_time_s=75.0, robots=[], explored_fraction=0.42))
     view.coordinator_up = True
-    values = Page(summary_html(view)).values
+    values = Page(summary_html(view, 0.0)).values
     assert (values["explored"], values["sim-time"], values["coordinator"]) == ("42.0 %", "1:15", "up")
+
+
+def test_accuracy_is_told_by_the_truth_where_there_is_one_else_by_what_robots_say() -> None:
+    view = TeamView()
+    values = Page(summary_html(view, 0.0)).values
+    assert (values["map-agreement"], values["position"]) == ("–", "–")
+    covariance = (0.09, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01)
+    state = RobotState(robot="r1", pose=Pose2D(0.0, 0.0, 0.0), pose_covariance=covariance, map_agreement=0.64)
+    tell(view, ROBOT_STATE, state, robot="r1")
+    html = summary_html(view, 0.0)
+    values = Page(html).values
+    assert (values["map-agreement"], values["map-agreement-robot"]) == ("64 %", "r1")
+    assert (values["position"], values["position-robot"]) == ("± 0.30 m", "r1")
+    assert '<b data-testid="map-agreement" class="rb-warn">' in html
+    card = Page(robot_card_html(view, view.robots["r1"], 0.0)).values
+    assert card["card-agreement"] == "64 %"
+    assert "card-error" not in card
+    accuracy = PoseAccuracy(
+        samples=9,
+        rmse_m=0.25,
+        max_error_m=1.5,
+        nees=7.25,
+        nees_in_band=0.5,
+        lost_s=2.0,
+        silent_divergence_s=3.25,
+        error_m=0.75,
+        silent_for_s=1.0,
+    )
+    here = Pose2D(0.0, 0.0, 0.0)
+    robot = RobotTruth(robot="r1", pose=here, collisions=0, distance_m=0.0, energy_j=0.0, accuracy=accuracy)
+    of_map = MapAccuracy(occupied_cells=200, cells_off=20, share_off=0.1, doubled_walls_m=1.25)
+    tell(view, ARENA_TRUTH, ArenaTruth(sim_time_s=1.0, robots=[robot], map_accuracy=of_map))
+    html = summary_html(view, 0.0)
+    values = Page(html).values
+    assert (values["map-off"], values["map-doubled"]) == ("10.0 %", "1.2 m")
+    assert (values["position-error"], values["silently-off"]) == ("0.75 m", "3.2 s")
+    assert '<b data-testid="map-off" class="rb-bad">' in html
+    assert "map-agreement" not in values
+    card = Page(robot_card_html(view, view.robots["r1"], 0.0)).values
+    told = [card[f"card-{name}"] for name in ("error", "rmse", "largest", "nees", "nees-in-band", "lost", "silent")]
+    assert told == ["0.75 m", "0.25 m", "1.50 m", "7.2", "50 %", "2.0 s", "3.2 s"]
 
 
 def test_halt_is_told_with_how_many_obey() -> None:
@@ -208,7 +251,7 @@ def test_what_came_over_the_wire_never_becomes_markup(halted: bool) -> None:
     )
     pages = [
         strip_html(view, 0.0),
-        summary_html(view),
+        summary_html(view, 0.0),
         robots_html(view, 0.0, EVIL),
         motes_html(view),
         log_html(view),

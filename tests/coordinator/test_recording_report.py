@@ -103,6 +103,13 @@ def test_its_totals_are_those_of_the_run(run: Path) -> None:
     result = Scenario.builtin("depot").replace(robots=3, motes=6).run(time_limit_s=15.0)
     assert told["Explored (%)"] == pytest.approx(100 * result.explored_fraction, abs=0.5)
     assert told["Distance (m)"] == pytest.approx(result.distance_m, rel=0.02)
+    assert result.map_accuracy is not None
+    assert told["Map cells off (%)"] == pytest.approx(100 * result.map_accuracy.share_off, abs=0.5)
+    rmse_m = [robot.pose_accuracy.rmse_m for robot in result.per_robot if robot.pose_accuracy is not None]
+    assert told["Worst position RMSE (m)"] == pytest.approx(max(each for each in rmse_m if each is not None), rel=0.1)
+    assert told["Silent divergence (s)"] == 0.0
+    assert told["Lidar on the map (%)"] is not None
+    assert 70.0 < told["Lidar on the map (%)"] <= 100.0
     assert told["Robots"] == 3
     robot = data.robots["r1"]
     assert robot.energy_j is not None

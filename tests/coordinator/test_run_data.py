@@ -1,5 +1,6 @@
 """What a report gathers of a run: states, truth, map, readings and tasks, message by message."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,9 @@ import pytest
 from mcap.writer import Writer
 
 from robrain.coordinator.recording.run_data import RunData, read_run
+from robrain.coordinator.recording.run_totals import totals
 from robrain.coordinator.robot_history import model_power_w
+from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.occupancy_grid import FREE, GridGeometry, OccupancyGrid
 from robrain.protocol.model.task import TaskState, Visit
@@ -115,6 +118,39 @@ def test_what_the_arena_tells_of_a_robot_is_its_own(path: Path) -> None:
     robot = run.robots["r1"]
     assert (robot.distance_m, robot.energy_j, robot.collisions) == (3.0, 50.0, 2)
     assert run.explored == [(0.0, 0.25), (2.0, 0.25)]
+
+
+def test_how_right_a_robot_and_the_map_were_is_told_over_time(path: Path) -> None:
+    def truth(error_m: float, share_off: float, **fields: Any) -> ArenaTruth:
+        accuracy = PoseAccuracy(rmse_m=0.5, error_m=error_m, **fields)
+        here = Pose2D(0.0, 0.0, 0.0)
+        robot = RobotTruth(robot="r1", pose=here, distance_m=0.0, energy_j=0.0, collisions=0, accuracy=accuracy)
+        of_map = MapAccuracy(occupied_cells=100, cells_off=1, share_off=share_off, doubled_walls_m=0.5)
+        return ArenaTruth(sim_time_s=1.0, robots=[robot], map_accuracy=of_map)
+
+    last = truth(0.125, 0.25, silent_divergence_s=2.0)
+    said = [truth(0.25, 0.01), truth(2.0, 0.01, silent_for_s=1.0), truth(9.0, 0.25, is_lost=True), last]
+    run = gathered(path, [(key("arena/truth"), float(t_s), message) for t_s, message in enumerate(said)])
+    robot = run.robots["r1"]
+    assert robot.accuracy == last.robots[0].accuracy
+    assert list(robot.error_t_s) == [0.0, 1.0, 2.0, 3.0]
+    assert list(robot.error_m) == pytest.approx([0.25, 2.0, math.nan, 0.125], nan_ok=True)
+    assert list(robot.is_silently_off) == [0, 1, 0, 0]
+    assert [(t_s, each.share_off) for t_s, each in run.map_accuracy] == [(0.0, 0.01), (2.0, 0.25)]
+    told = totals(run)
+    assert (told["Map cells off (%)"], told["Walls doubled (m)"]) == (25.0, 0.5)
+    assert (told["Worst position RMSE (m)"], told["Silent divergence (s)"]) == (0.5, 2.0)
+
+
+def test_agreement_with_the_map_is_told_by_the_robots_themselves(path: Path) -> None:
+    said = states((0.0, {}), (1.0, {"map_agreement": 0.75}), (2.0, {"map_agreement": 0.25}))
+    other = RobotState(robot="r2", map_agreement=0.75)
+    run = gathered(path, [*said, (key("robot/r2/state"), 2.0, other)])
+    assert list(run.robots["r1"].agreement) == pytest.approx([math.nan, 0.75, 0.25], nan_ok=True)
+    told = totals(run)
+    assert told["Lidar on the map (%)"] == 50.0
+    assert told["Map cells off (%)"] is None
+    assert told["Silent divergence (s)"] is None
 
 
 # -- the team, the map and motes --------------------------------------------------------------------------------

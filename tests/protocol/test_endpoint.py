@@ -119,6 +119,16 @@ def test_what_is_said_bears_the_clocks_time_and_a_number(wire):
     assert [(item.message.stamp_ns, item.message.seq) for item in inbox.drain()] == [(5, 0), (5, 1), (9, 2)]
 
 
+def test_what_is_of_another_time_bears_that_one_and_the_next_number(wire):
+    inbox = Inbox(every=True)
+    wire.other.subscribe(inbox, ROBOT_STATE)
+    publisher = wire.robot.publisher(ROBOT_STATE, robot="r1")
+    wire.clock.advance_to(9)
+    for stamp_ns in (3, 0, None):
+        publisher.put(RobotState(robot="r1"), stamp_ns)
+    assert [(item.message.stamp_ns, item.message.seq) for item in inbox.drain()] == [(3, 0), (0, 1), (9, 2)]
+
+
 def test_bytes_are_sent_as_they_are(wire):
     inbox = Inbox()
     wire.other.subscribe(inbox, ARENA_CAN)

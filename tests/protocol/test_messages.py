@@ -72,6 +72,7 @@ EXAMPLES = [
         not_halted=["arm"],
         faulted=FAULTED,
         lost="no wall where the map has one",
+        map_agreement=0.875,
         loaded=3735928559,
     ),
     messages.MapPatch(

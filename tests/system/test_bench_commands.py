@@ -12,7 +12,7 @@ pytestmark = pytest.mark.system
 def test_the_benchmarks_that_there_are_are_listed(commands) -> None:
     done = commands.run("bench", "--list")
     assert done.returncode == 0, done.stderr
-    assert [line.split()[0] for line in done.stdout.splitlines()] == ["allocation", "responses", "agents"]
+    assert [line.split()[0] for line in done.stdout.splitlines()] == ["allocation", "responses", "agents", "mapping"]
 
 
 def test_public_instance_is_solved_and_its_gap_told(commands) -> None:
@@ -42,6 +42,8 @@ def test_value_of_a_public_instance_is_told_in_words_too(commands) -> None:
         (["responses", "--rounds", "0"], ["--rounds 0", "at least 1"]),
         (["agents", "--robots", "0"], ["--robots 0", "at least 1"]),
         (["agents", "--minutes", "0"], ["--minutes 0", "above 0"]),
+        (["mapping", "--maps", "moon"], ["--maps moon", "clinic"]),
+        (["mapping", "--maps", "clinic", "--jobs", "0"], ["--jobs 0", "at least 1"]),
     ],
 )
 def test_bad_words_are_told_in_one_sentence(commands, words: list[str], named: list[str]) -> None:

@@ -46,6 +46,8 @@ def test_recording_is_scrubbed_stepped_and_played(commands) -> None:
         early, share = picture_of(page), _explored(page)
         _scrub_to(page, "18")
         wait_for(lambda: _explored(page), lambda later: later > share + 10, "more of the floor")
+        expect(page.get_by_test_id("map-off")).to_have_text(re.compile(r"^\d\.\d %$"))
+        expect(page.get_by_test_id("position-error")).to_have_text(re.compile(r"^\d\.\d\d m$"))
         late = wait_for(lambda: picture_of(page), lambda picture: bool((picture != early).any()), "another picture")
         _scrub_to(page, "2")
         wait_for(lambda: _explored(page), lambda again: abs(again - share) < 3, "less of the floor")

@@ -41,6 +41,9 @@ def test_three_agents_explore_a_floor_together(commands) -> None:
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout.splitlines()[-1])
     assert result["ended"] == "explored"
+    assert result["map_accuracy"]["share_off"] < 0.02
+    assert set(result["pose_accuracy"]) == {"r1", "r2", "r3"}
+    assert all(told["rmse_m"] < 0.5 for told in result["pose_accuracy"].values())
     assert 1 <= result["robots_up"] <= 3  # at the end: on a busy machine one may just not be heard
     speakers = {message.topic_key.split("/")[3] for message in read_messages(commands.folder / "live.mcap")
                 if message.topic_key.endswith("/state") and "/robot/" in message.topic_key}  # fmt: skip

@@ -21,6 +21,7 @@ ROOT = Path(__file__).parents[2]
 KEYS = {
     "scenario", "seed", "robots", "motes", "sim_time_s", "wall_time_s", "real_time_factor", "explored_fraction",
     "explored_curve", "distance_m", "energy_j", "per_robot", "collisions", "messages", "recording", "digest",
+    "map_accuracy",
 }  # fmt: skip
 
 
@@ -32,6 +33,8 @@ def test_json_is_all_that_is_printed_and_has_every_figure(commands) -> None:
     assert result["seed"] == 3
     assert result["recording"] == "run.mcap"
     assert len(result["per_robot"]) == result["robots"] == 2
+    assert result["map_accuracy"]["occupied_cells"] > 0
+    assert all(robot["pose_accuracy"]["rmse_m"] < 0.1 for robot in result["per_robot"])
     times = [time_s for time_s, _ in result["explored_curve"]]
     assert times == sorted(times)
     assert times[-1] == pytest.approx(result["sim_time_s"])

@@ -59,7 +59,11 @@ class FrameClock:
             now_ns: the robot's time at which it is read.
 
         """
-        stamp_ns = self._believed_ns(stamp_ns, now_ns)
+        # A stamp that follows one of the robot's clock may be as old as it likes: the frame was late.
+        if not (self._knows_stamps and self._stamp_ns <= stamp_ns <= now_ns):
+            self._knows_stamps = abs(now_ns - stamp_ns) <= OTHER_CLOCK_NS
+            stamp_ns = stamp_ns if self._knows_stamps else now_ns
+        self._stamp_ns = stamp_ns
         if not self._counts:
             self._frame_ns = stamp_ns
             return stamp_ns
@@ -77,18 +81,6 @@ class FrameClock:
     def start_anew(self) -> None:
         """Take the next frame's stamp for the time it was measured: the controller has started anew."""
         self._counter = None
-
-    def _believed_ns(self, stamp_ns: int, now_ns: int) -> int:
-        """The stamp, or now if that is of another clock.
-
-        Once a stamp has shown to be of the robot's clock, later ones may be as old as they like: the frame was late.
-        """
-        is_late = self._knows_stamps and self._stamp_ns <= stamp_ns <= now_ns
-        if not is_late and abs(now_ns - stamp_ns) > OTHER_CLOCK_NS:
-            return now_ns
-        self._knows_stamps = True
-        self._stamp_ns = stamp_ns
-        return stamp_ns
 
     def _observe(self, offset_ns: int) -> None:
         if self._frames == WINDOW_FRAMES:

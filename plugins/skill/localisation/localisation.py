@@ -15,23 +15,28 @@ from robrain.agent.plugin import Skill, external
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.plugins.skill.localisation.interface import Divergence, LocalisationHealth, LocalisationInterface
 from robrain.plugins.unit.driver.interface import DriverInterface, OdometryNoise
+from robrain.protocol.model.accuracy import recent_agreement
 from robrain.protocol.model.divergence_watch import WatchSpec
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.localiser import Localiser, LocaliserSpec
 from robrain.protocol.model.mapping.local_map import LocalPose
 from robrain.protocol.model.mapping.mates_in_scan import mate_circles, outside
 from robrain.protocol.model.mapping.submap import IDENTITY
+from robrain.protocol.model.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.odometry import chord
 from robrain.protocol.model.pose_filter import DriftModel
 from robrain.protocol.model.ranges import STAMP_MAX
 from robrain.protocol.model.rssi_ranging import PathLoss
 from robrain.protocol.model.scan_match import beam_ends
+from robrain.protocol.model.scan_relocalisation import COMPARED_MIN, agreement
 from robrain.protocol.wire.clock import to_ns
 
 logger = logging.getLogger(__name__)
 
 STILL = Twist2D()
 
+AGREE_PERIOD_S = 1.0
+"""A scan is held against the team's map this often."""
 PAUSE_M, PAUSE_RAD = 0.1, 0.05
 """How far a robot may have been pushed while its localisation paused; chosen."""
 
@@ -120,6 +125,7 @@ class Localisation(Skill):
         self._last_fit = 0.0
         self._scan_due_ns = 0
         self._matched_way_m = 0.0
+        self._agree_due_ns = 0
         self._until_ns = 0 if start.scan_matching else STAMP_MAX
         self._checked_version = 0
         self._has_been_lost = bool(self._localiser.lost)
@@ -233,7 +239,19 @@ class Localisation(Skill):
             if fit.directions:
                 self._matches += 1
                 self._last_fit = fit.fit
+            self._agree(points, board.map, T_robot_sensor)
         self._tell()
+
+    def _agree(self, points: NDArray[np.float64], team: OccupancyGrid, T_robot_sensor: Pose2D) -> None:
+        """Now and then, hold the scan against the team's map, which others and older submaps are part of."""
+        now_ns = self.env.clock.now_ns()
+        if now_ns < self._agree_due_ns:
+            return
+        self._agree_due_ns = now_ns + to_ns(AGREE_PERIOD_S)
+        sensor = self._localiser.pose.compose(T_robot_sensor)
+        share, compared = agreement(team.log_odds, team.geometry, sensor, points)
+        if compared >= COMPARED_MIN * len(points) > 0:
+            self.env.board.map_agreement = recent_agreement(self.env.board.map_agreement, share)
 
     def _wall_points(self, scan: LaserScan, T_robot_sensor: Pose2D) -> NDArray[np.float64]:
         """(K, 2) where beams ended, in the sensor's frame, without those that ended at a mate."""

@@ -154,6 +154,7 @@ class Mapper(Skill):
 
     def step(self) -> None:
         self._hear()
+        self.env.board.mate_places = self._mates()
         self._integrate()
         if self.env.board.false_start:
             self._begin_anew()
@@ -223,12 +224,11 @@ class Mapper(Skill):
             self._own.begin_trajectory(local_pose.trajectory)
             self._search.forget()
         local = local_pose.T_local_odom.compose(self._driver.pose_at(scan.stamp_ns))
-        told = self._mates()
+        self.env.board.mate_places = told = self._mates()
         sensor = self._own.T_arena_local.compose(local)
         circles = mate_circles(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, told)
-        self.env.board.mate_places = told
         if self._own.is_over():
-            self._take_own_patch()
+            self._finish_submap()
             covariance = np.array(self.env.board.pose_covariance).reshape(3, 3)
             self._own.begin_submap(map_stamp_ms(scan.stamp_ns), local, local_pose.drift, covariance)
         self._own.integrate(
@@ -254,6 +254,17 @@ class Mapper(Skill):
         self._atlas.take(key, own.cells.row, own.cells.column, own.cells.cells, own.cells.stamp_ms)
         geometry = self._atlas.grid.geometry
         self._untold.append(to_message(self.env.robot, geometry, own.cells, own.submap, self._own.T_arena_local))
+
+    def _finish_submap(self) -> None:
+        """What is left to tell of the current submap, and where in their cells its walls are."""
+        self._take_own_patch()
+        number = self._own.number
+        if number is None:
+            return
+        surfaces = self._own.surfaces()
+        self._atlas.take_surfaces((self.env.robot, number), surfaces)
+        geometry = self._atlas.grid.geometry
+        self._untold.append(pose_message(self.env.robot, geometry, number, self._own.T_arena_local, surfaces=surfaces))
 
     def _look_for_closure(self, scan: LaserScan, local: Pose2D, circles: NDArray[np.float64]) -> None:
         """Lay the scan on a submap that should show the place, of another robot or an old one of this one."""
@@ -425,8 +436,10 @@ class Mapper(Skill):
         try:
             check_claim(patch, self.env.clock.now_ns())
             take_message(self._atlas, patch)
-            if self._others is not None and _latest_ms(patch) <= map_stamp_ms(self._began_ns or 0) + WHOLE_MS:
-                take_message(self._others, patch)
+            if self._others is not None:
+                began_ms = map_stamp_ms(self._began_ns or 0)
+                before = [part for part in patch.parts if _was_before(part, began_ms)]
+                take_message(self._others, msgspec.structs.replace(patch, parts=before, rows=0, columns=0, cells=b""))
         except ValueError as error:
             if patch.robot not in self._refused:
                 self._refused.add(patch.robot)
@@ -441,8 +454,9 @@ class Mapper(Skill):
         return whole_map(robot, self._atlas, keys)
 
 
-def _latest_ms(patch: MapPatch) -> int:
-    return max((part.observed_ms for part in patch.parts), default=patch.observed_ms)
+def _was_before(part: MapPatch, began_ms: int) -> bool:
+    """Whether a submap was begun before then, and tells what was seen until about then."""
+    return part.submap < began_ms and part.observed_ms <= began_ms + WHOLE_MS
 
 
 def _in_local(circles: NDArray[np.float64], T_arena_local: Pose2D) -> NDArray[np.float64]:

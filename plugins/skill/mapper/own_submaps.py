@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, Drift, LocalMap
-from robrain.protocol.model.mapping.submap import IDENTITY
+from robrain.protocol.model.mapping.submap import IDENTITY, PARTS, SURFACE, SURFACES_MAX
 from robrain.protocol.model.mapping.submap_graph import SubmapGraph
 from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid, PatchCells
 
@@ -132,6 +132,23 @@ class OwnSubmaps:
         return OwnPatch(
             self._number, PatchCells(patch.row - self._margin, patch.column - self._margin, patch.cells, patch.stamp_ms)
         )
+
+    def surfaces(self) -> NDArray[np.void]:
+        """Where in their cells the walls of the current submap are, (n,) of `SURFACE`."""
+        grid = self.grid
+        rows, columns = grid.recent_surfaces()
+        surfaces = np.zeros(min(len(rows), SURFACES_MAX), SURFACE)
+        rows, columns = rows[: len(surfaces)], columns[: len(surfaces)]
+        surfaces["row"], surfaces["column"] = rows - self._margin, columns - self._margin
+        right = grid.surface_at[rows, columns, 0] - (columns + 0.5)
+        up = grid.surface_at[rows, columns, 1] - (rows + 0.5)
+        surfaces["right"], surfaces["up"] = (
+            np.clip(np.rint(right * PARTS), -127, 127),
+            np.clip(np.rint(up * PARTS), -127, 127),
+        )
+        view_rad = np.arctan2(grid.surface_view[rows, columns, 1], grid.surface_view[rows, columns, 0])
+        surfaces["view"] = np.rint(view_rad * (256 / math.tau)).astype(np.int64) % 256
+        return surfaces
 
     def local_map(self) -> LocalMap | None:
         """What localisation goes by; None before the first scan."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.kernel_array import INT8, kernel_array
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN
+from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
 
 BLOCK_CELLS = 32
 """A submap's box grows in steps of so many cells."""
@@ -25,6 +25,14 @@ SIDE_MAX_CELLS = 4096
 IDENTITY = Pose2D(0.0, 0.0, 0.0)
 SAYS_FREE, SAYS_OCCUPIED = np.int8(-60), np.int8(60)
 """Evidence of a submap's cell, as in `OccupancyGrid.log_odds`; 0 is no statement."""
+
+
+SURFACE = np.dtype([("row", "<i4"), ("column", "<i4"), ("right", "i1"), ("up", "i1"), ("view", "u1")])
+"""Where in a cell a wall is: the cell, on the lattice of the team's grid; the wall's place right of and above its
+middle, in `PARTS` of a cell; the direction of the beams that met it, in 256 parts of a turn from the axis x."""
+PARTS = 64
+SURFACES_MAX = 1 << 16
+"""Of one submap."""
 
 
 class Submap:
@@ -39,6 +47,8 @@ class Submap:
         self.row = self.column = 0
         self.evidence: NDArray[np.int8] = np.zeros((0, 0), np.int8)
         self.stamp_ms: NDArray[np.int32] = np.zeros((0, 0), np.int32)
+        self.surfaces: NDArray[np.void] | None = None
+        """(n,) of `SURFACE`; None until the submap is finished."""
         self.version = 0
         """Grows with every patch."""
         self.occupied = 0
@@ -84,6 +94,33 @@ class Submap:
         classes[self.evidence < 0] = FREE
         classes[self.evidence > 0] = OCCUPIED
         return classes
+
+    def grid(self, team: GridGeometry) -> OccupancyGrid:
+        """A new grid with the submap's cells and surfaces, in the submap's own frame; `team` is the team's."""
+        height, width = self.evidence.shape
+        resolution_m = team.resolution_m
+        grid = OccupancyGrid(
+            GridGeometry(
+                resolution_m,
+                team.origin_x_m + self.column * resolution_m,
+                team.origin_y_m + self.row * resolution_m,
+                width,
+                height,
+            ),
+            surfaces=True,
+        )
+        grid.log_odds[:] = self.evidence
+        if self.surfaces is not None:
+            rows, columns = self.surfaces["row"] - self.row, self.surfaces["column"] - self.column
+            inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+            rows, columns, surfaces = rows[inside], columns[inside], self.surfaces[inside]
+            grid.surface_hits[rows, columns] = 8
+            grid.surface_at[rows, columns, 0] = columns + 0.5 + surfaces["right"] / PARTS
+            grid.surface_at[rows, columns, 1] = rows + 0.5 + surfaces["up"] / PARTS
+            angles_rad = surfaces["view"] * (math.tau / 256)
+            grid.surface_view[rows, columns, 0] = np.cos(angles_rad)
+            grid.surface_view[rows, columns, 1] = np.sin(angles_rad)
+        return grid
 
     def box_in_arena(self, resolution_m: float, origin: tuple[float, float]) -> tuple[int, int, int, int]:
         """Rows and columns (first, past the last) of the arena's lattice that the submap may cover, where it lies now.

@@ -71,6 +71,12 @@ class SubmapAtlas:
         box = _down(row), _down(column), -_down(-row - height), -_down(-column - width)
         return self._draw(submap, self._moved(submap.T_arena_local, box))
 
+    def take_surfaces(self, key: SubmapKey, surfaces: NDArray[np.void]) -> None:
+        """A submap is finished: where in their cells its walls are, (n,) of `SURFACE`."""
+        submap = self.submaps.get(key)
+        if submap is not None:
+            submap.surfaces = surfaces
+
     def move(self, key: SubmapKey, T_arena_local: Pose2D) -> None:
         """A submap lies here from now on."""
         submap = self.submaps.get(key)

@@ -256,7 +256,7 @@ class SubmapGraph:
 
 
 def _inverse(matrix: Floats) -> Floats:
-    """Inverse of a symmetric, positive semi-definite (3, 3) matrix, by its adjugate; a small share makes it definite."""
+    """Inverse of a symmetric, positive semi-definite (3, 3) matrix, by its adjugate, made definite by a small share."""
     (a, b, c), (_, d, e), (_, _, f) = matrix.tolist()
     lift = 1e-9 * (a + d + f) + 1e-12
     a, d, f = a + lift, d + lift, f + lift

@@ -2,8 +2,9 @@
 
 Each occupied cell of an `OccupancyGrid` with surfaces keeps the mean place of the beams that ended in it. A beam's end
 is laid on the line through the means about it (point-to-line ICP: Censi, *An ICP variant using a point-to-line metric*,
-ICRA 2008; on a grid of means as in the normal distributions transform of Biber and Straßer, IROS 2003). Matching against
-the cells themselves says where a wall lies to a third of a cell at best, always with the same error from one spot.
+ICRA 2008; on a grid of means as in the normal distributions transform of Biber and Straßer, IROS 2003). Matching
+against the cells themselves says where a wall lies to a third of a cell at best, always with the same error from one
+spot. A thin wall seen from its other side is another wall.
 """
 
 import math
@@ -32,6 +33,8 @@ INFORMATION_MIN = 1.5
 SPREAD_MAX = 4
 LINE_MIN = 3
 """Means that make a line."""
+OPPOSITE = -0.8
+"""Cosine between beams that may have met the same side of a wall."""
 ROUGH = 0.15
 """Ratio of the variances across and along, above which means are no line."""
 FIT_CELLS = 2.0
@@ -55,6 +58,7 @@ def match_surface(grid: OccupancyGrid, guess: Pose2D, points: Floats) -> tuple[S
         grid.log_odds,
         grid.surface_at,
         grid.surface_hits,
+        grid.surface_view,
         grid.surface_drift,
         1.0 / geometry.resolution_m,
         float(geometry.origin_x_m),
@@ -73,8 +77,11 @@ def _line(
     log_odds: NDArray[np.int8],
     surface_at: NDArray[np.float32],
     surface_hits: NDArray[np.uint8],
+    surface_view: NDArray[np.float32],
     x: float,
     y: float,
+    beam_x: float,
+    beam_y: float,
     row: int,
     column: int,
     around: int,
@@ -91,11 +98,15 @@ def _line(
             if log_odds[i, j] <= 0 or surface_hits[i, j] == 0:
                 continue
             square = (surface_at[i, j, 0] - x) ** 2 + (surface_at[i, j, 1] - y) ** 2
-            if square < best:
+            if square >= best:
+                continue
+            # The other side of a thin wall is another wall.
+            if surface_view[i, j, 0] * beam_x + surface_view[i, j, 1] * beam_y > OPPOSITE:
                 best, best_row, best_column = square, i, j
     if best_row < 0:
         return False
     base_x, base_y = float(surface_at[best_row, best_column, 0]), float(surface_at[best_row, best_column, 1])
+    view_x, view_y = surface_view[best_row, best_column, 0], surface_view[best_row, best_column, 1]
     weight, mean_x, mean_y = 0.0, 0.0, 0.0
     xx, xy, yy = 0.0, 0.0, 0.0
     count = 0
@@ -106,6 +117,8 @@ def _line(
         for i in range(max(best_row - spread, 0), min(best_row + spread + 1, height)):
             for j in range(max(best_column - spread, 0), min(best_column + spread + 1, width)):
                 if log_odds[i, j] <= 0 or surface_hits[i, j] == 0:
+                    continue
+                if surface_view[i, j, 0] * view_x + surface_view[i, j, 1] * view_y <= OPPOSITE:
                     continue
                 hits = min(float(surface_hits[i, j]), 8.0)
                 dx, dy = surface_at[i, j, 0] - base_x, surface_at[i, j, 1] - base_y
@@ -129,7 +142,8 @@ def _line(
     angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
     line[0], line[1] = base_x + mean_x, base_y + mean_y
     line[2], line[3] = -math.sin(angle), math.cos(angle)
-    return True
+    same_side = (line[2] * view_x + line[3] * view_y) * (line[2] * beam_x + line[3] * beam_y) > 0.0
+    return bool(same_side)
 
 
 @njit(cache=True, nogil=True)
@@ -137,6 +151,7 @@ def _match(
     log_odds: NDArray[np.int8],
     surface_at: NDArray[np.float32],
     surface_hits: NDArray[np.uint8],
+    surface_view: NDArray[np.float32],
     surface_drift: NDArray[np.float32],
     per_m: float,
     origin_x_m: float,
@@ -173,11 +188,26 @@ def _match(
             out_x = per_m * (cos * points[k, 0] - sin * points[k, 1])
             out_y = per_m * (sin * points[k, 0] + cos * points[k, 1])
             at_x, at_y = x + out_x, y + out_y
-            deep = HIT_DEPTH_CELLS / math.sqrt(out_x * out_x + out_y * out_y)
-            row, column = math.floor(at_y + deep * out_y), math.floor(at_x + deep * out_x)
+            length = math.sqrt(out_x * out_x + out_y * out_y)
+            beam_x, beam_y = out_x / length, out_y / length
+            row, column = math.floor(at_y + HIT_DEPTH_CELLS * beam_y), math.floor(at_x + HIT_DEPTH_CELLS * beam_x)
             if row < 0 or column < 0 or row >= height or column >= width:
                 continue
-            if not _line(log_odds, surface_at, surface_hits, at_x, at_y, row, column, around, reach, line):
+            if not _line(
+                log_odds,
+                surface_at,
+                surface_hits,
+                surface_view,
+                at_x,
+                at_y,
+                beam_x,
+                beam_y,
+                row,
+                column,
+                around,
+                reach,
+                line,
+            ):
                 continue
             off = line[2] * (at_x - line[0]) + line[3] * (at_y - line[1])
             by_turn = (line[3] * out_x - line[2] * out_y) / lever

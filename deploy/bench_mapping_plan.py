@@ -1,0 +1,134 @@
+"""Which runs the mapping benchmark makes: maps, numbers of robots, seeds and wheels, as its options ask for them."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+
+from robrain.deploy.errors import UsageError
+from robrain.sim.scenario import MAX_SEED, Scenario
+from robrain.sim.scenario_file import MAX_ROBOTS, builtin_names
+from robrain.sim.wheels import WheelSpec
+
+PROJECT = Path(__file__).resolve().parents[1]
+OWN_MAPS = PROJECT / "examples" / "maps"
+SHARED_MAPS = PROJECT.parent / "shared" / "maps"
+SHARED_NAMES = ("stage_cave", "stage_hospital_section", "stage_autolab", "nav2_depot")
+"""Maps of public repositories; not part of the project."""
+WHEELS = {
+    "exact": None,
+    "slipping": WheelSpec(radius_sigma=0.01, base_sigma=0.01, slip=0.01, slip_sigma_m_per_sqrt_m=0.01),
+}
+"""Wheels by name; None leaves the scenario's as they are."""
+NUMBERS_MAX = 1000
+
+
+class Case(msgspec.Struct, frozen=True, kw_only=True):
+    """One run that is to be made."""
+
+    map: str
+    path: str
+    """Of the map's YAML file; empty for a built-in scenario."""
+    robots: int
+    seed: int
+    wheels: str
+    time_limit_s: float
+
+    def scenario(self) -> Scenario:
+        """The scenario of the run (ScenarioError if the map cannot be read)."""
+        found = Scenario.from_map(self.path) if self.path else Scenario.builtin(self.map)
+        spec = WHEELS[self.wheels]
+        if spec is not None:
+            found = found.replace(hardware=msgspec.structs.replace(found.hardware, wheels=spec))
+        return found.replace(robots=self.robots, seed=self.seed)
+
+
+class Plan(msgspec.Struct, frozen=True, kw_only=True):
+    """The whole benchmark as it was asked for."""
+
+    cases: list[Case]
+    jobs: int
+    absent: list[str]
+    """Maps of the default choice that are not on this computer."""
+
+
+def choose(
+    maps: str | None,
+    robots: str,
+    seeds: str,
+    wheels: str,
+    jobs: int,
+    time_limit_s: float,
+    map_folder: Path | None = None,
+) -> Plan:
+    """What the options ask for: each map with each number of robots, seed and kind of wheels.
+
+    Raises:
+        UsageError: an option is wrong; the text names it and what was expected.
+
+    """
+    if map_folder is not None and not map_folder.is_dir():
+        raise UsageError(f"--map-folder {map_folder}: expected a folder of map_server files, there is none")
+    known, absent = _known_maps(map_folder or SHARED_MAPS)
+    names = list(known) if maps is None else _words("--maps", maps)
+    chosen = {name: path for word in names for name, path in [_map_of(word, known, absent)]}
+    kinds = _words("--wheels", wheels)
+    for kind in kinds:
+        if kind not in WHEELS:
+            raise UsageError(f"--wheels {kind}: expected {' or '.join(WHEELS)}")
+    counts = _numbers("--robots", robots, 1, MAX_ROBOTS)
+    drawn = _numbers("--seeds", seeds, 0, MAX_SEED)
+    if jobs < 1:
+        raise UsageError(f"--jobs {jobs}: expected at least 1")
+    if not 0 < time_limit_s < float("inf"):
+        raise UsageError(f"--time-limit-s {time_limit_s:g}: expected a number above 0")
+    cases = [
+        Case(map=name, path=path, robots=count, seed=seed, wheels=kind, time_limit_s=time_limit_s)
+        for name, path in chosen.items()
+        for count in counts
+        for kind in kinds
+        for seed in drawn
+    ]
+    return Plan(cases=cases, jobs=jobs, absent=absent if maps is None else [])
+
+
+def _known_maps(shared: Path) -> tuple[dict[str, str], list[str]]:
+    """Path of each map by name, empty for built-in scenarios; and the names of those that are not there."""
+    there = {name: shared / f"{name}.yaml" for name in SHARED_NAMES}
+    known = {name: str(path) for name, path in there.items() if path.is_file()}
+    absent = [name for name in there if name not in known]
+    known |= {path.stem: str(path) for path in sorted(OWN_MAPS.glob("*.yaml"))}
+    return known | dict.fromkeys(sorted(builtin_names()), ""), absent
+
+
+def _map_of(word: str, known: dict[str, str], absent: Sequence[str]) -> tuple[str, str]:
+    if word in known:
+        return word, known[word]
+    if word.endswith(".yaml") and Path(word).is_file():
+        return Path(word).stem, word
+    why = "it is not on this computer, see --map-folder" if word in absent else "there is no such map"
+    raise UsageError(f"--maps {word}: {why}; expected a map.yaml or one of {', '.join(known)}")
+
+
+def _words(option: str, text: str) -> list[str]:
+    words = list(dict.fromkeys(word.strip() for word in text.split(",") if word.strip()))
+    if not words:
+        raise UsageError(f"{option} {text!r}: expected names with commas between them")
+    return words
+
+
+def _numbers(option: str, text: str, least: int, most: int) -> list[int]:
+    """`1,2,4-6` as numbers."""
+    numbers: list[int] = []
+    for word in _words(option, text):
+        first, _, last = word.partition("-") if not word.startswith("-") else (word, "", "")
+        try:
+            begin, end = int(first), int(last or first)
+        except ValueError:
+            raise UsageError(f"{option} {text}: expected whole numbers such as 1,2 or 1-4, got {word!r}") from None
+        if not least <= begin <= end <= most:
+            raise UsageError(f"{option} {text}: expected numbers from {least} to {most}, got {word!r}")
+        if end - begin + len(numbers) >= NUMBERS_MAX:
+            raise UsageError(f"{option} {text}: expected at most {NUMBERS_MAX} numbers")
+        numbers += range(begin, end + 1)
+    return list(dict.fromkeys(numbers))

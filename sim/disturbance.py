@@ -1,0 +1,182 @@
+"""Disturbances drawn from the seed: frames, scans and whole agents that are late. `[disturbance]` of a scenario.
+
+Moments are a Poisson process, durations are drawn evenly. Each robot has its own; all go by the run's clock.
+"""
+
+from collections import deque
+from typing import Generic, TypeVar
+
+import can
+import msgspec
+import numpy as np
+
+from robrain.plugins.device.mocdevice.frame_clock import StampedAt
+from robrain.protocol.wire.clock import Clock, to_ns
+from robrain.protocol.wire.messages import Scan
+
+MOST_PER_MINUTE = 600.0
+LONGEST_S = 60.0
+_RNG_OF_DISTURBANCE = 3
+_CAN, _SCAN, _AGENT = range(3)
+
+T = TypeVar("T")
+
+
+def _check_span(name: str, span_s: tuple[float, float]) -> None:
+    least_s, greatest_s = span_s
+    if not 0 <= least_s <= greatest_s <= LONGEST_S:
+        raise ValueError(f"expected {name} as [least, greatest] from 0 to {LONGEST_S:g} s, got {list(span_s)}")
+
+
+class PauseSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Pauses at random moments; the default is none. Raises ValueError where it is built with impossible ones."""
+
+    per_minute: float = 0.0
+    """How many begin in a minute without pauses, on average."""
+    duration_s: tuple[float, float] = (0.2, 1.0)
+    """Shortest and longest."""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.per_minute <= MOST_PER_MINUTE:
+            raise ValueError(f"expected per_minute from 0 to {MOST_PER_MINUTE:g}, got {self.per_minute}")
+        _check_span("duration_s", self.duration_s)
+
+    @property
+    def is_on(self) -> bool:
+        """Whether anything is late by it."""
+        return self.per_minute > 0
+
+
+class DelaySpec(PauseSpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What is late on its way, always in order; what waits during a pause arrives together after it."""
+
+    late_s: tuple[float, float] = (0.0, 0.0)
+    """Least and greatest delay of each, outside pauses."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_span("late_s", self.late_s)
+
+    @property
+    def is_on(self) -> bool:
+        """Whether anything is late by it."""
+        return self.per_minute > 0 or self.late_s[1] > 0
+
+
+class FrameDelaySpec(DelaySpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[disturbance.can]`: the frames of a robot's nodes; its computer's own are never late."""
+
+    stamped_at: StampedAt = StampedAt.ARRIVAL
+    """What the stamps of the frames tell then, and the robot is told of it; `arrival` is what most adapters do."""
+
+
+class DisturbanceSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[disturbance]`: what is late, for each robot."""
+
+    can: FrameDelaySpec = FrameDelaySpec()
+    scan: DelaySpec = DelaySpec()
+    """Scans keep the time at which they were measured as their stamp."""
+    agent: PauseSpec = PauseSpec()
+    """Pauses in which an agent takes no step; in lockstep."""
+
+    @property
+    def is_on(self) -> bool:
+        """Whether anything is late."""
+        return self.can.is_on or self.scan.is_on or self.agent.is_on
+
+
+class Pauses:
+    """Pauses at random moments, asked for in order of time.
+
+    Args:
+        spec: how often and how long.
+        rng: draws them.
+
+    """
+
+    def __init__(self, spec: PauseSpec, rng: np.random.Generator) -> None:
+        self._spec = spec
+        self._rng = rng
+        self._begins_ns = self._ends_ns = -1
+
+    def covers(self, now_ns: int) -> bool:
+        """Whether there is a pause at this time, which is not before the one asked for last."""
+        if self._spec.per_minute <= 0:
+            return False
+        if self._ends_ns < 0:
+            self._draw(now_ns)
+        while now_ns >= self._ends_ns:
+            self._draw(self._ends_ns)
+        return now_ns >= self._begins_ns
+
+    def _draw(self, after_ns: int) -> None:
+        self._begins_ns = after_ns + to_ns(float(self._rng.exponential(60.0 / self._spec.per_minute)))
+        self._ends_ns = self._begins_ns + max(1, to_ns(float(self._rng.uniform(*self._spec.duration_s))))
+
+
+class DelayLine(Generic[T]):
+    """Things on their way, first in, first out.
+
+    Args:
+        spec: how late they are.
+        rng: draws it.
+        clock: the run's.
+
+    """
+
+    def __init__(self, spec: DelaySpec, rng: np.random.Generator, clock: Clock) -> None:
+        pauses_rng, self._rng = rng.spawn(2)
+        self._late_s = spec.late_s
+        self._pauses = Pauses(spec, pauses_rng)
+        self._clock = clock
+        self._waiting: deque[tuple[int, int, T]] = deque()
+        self._last_due_ns = 0
+
+    def put(self, thing: T) -> None:
+        """Send a thing off now."""
+        now_ns = self._clock.now_ns()
+        late_s = float(self._rng.uniform(*self._late_s)) if self._late_s[1] > 0 else 0.0
+        self._last_due_ns = max(self._last_due_ns, now_ns + to_ns(late_s))
+        self._waiting.append((self._last_due_ns, now_ns, thing))
+
+    def arrivals(self) -> list[tuple[int, T]]:
+        """What has arrived by now, each with the time at which it was sent off."""
+        now_ns = self._clock.now_ns()
+        arrived = []
+        if not self._pauses.covers(now_ns):
+            while self._waiting and self._waiting[0][0] <= now_ns:
+                _, sent_ns, thing = self._waiting.popleft()
+                arrived.append((sent_ns, thing))
+        return arrived
+
+
+class Disturbance:
+    """The disturbances of one run.
+
+    Args:
+        spec: what there is.
+        seed: of the run.
+
+    """
+
+    def __init__(self, spec: DisturbanceSpec, seed: int) -> None:
+        self.spec = spec
+        self._seed = seed
+
+    def frames(self, robot: int, clock: Clock) -> DelayLine[can.Message] | None:
+        """Frames of the nodes of a robot, by its place in the team; None if they are never late."""
+        spec = self.spec.can
+        return DelayLine(spec, self._rng(_CAN, robot), clock) if spec.is_on else None
+
+    def scans(self, robot: int, clock: Clock) -> DelayLine[Scan] | None:
+        """Turns of its lidar."""
+        spec = self.spec.scan
+        return DelayLine(spec, self._rng(_SCAN, robot), clock) if spec.is_on else None
+
+    def steps(self, robot: int) -> Pauses | None:
+        """Pauses of its agent."""
+        spec = self.spec.agent
+        return Pauses(spec, self._rng(_AGENT, robot)) if spec.is_on else None
+
+    def _rng(self, kind: int, robot: int) -> np.random.Generator:
+        return np.random.default_rng([self._seed, _RNG_OF_DISTURBANCE, kind, robot])

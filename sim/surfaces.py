@@ -1,0 +1,206 @@
+"""Walls of glass and mirrors, drawn from the seed: `[surfaces]` of a scenario.
+
+Bodies and range sensors meet them as any wall; lidars see through glass, and in mirrors what is in front of them.
+"""
+
+from typing import NamedTuple, Self
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.occupancy_grid import GridGeometry
+from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.surface_rays import (
+    GLASS_X,
+    GLASS_Y,
+    MIRROR_EAST,
+    MIRROR_NORTH,
+    MIRROR_SOUTH,
+    MIRROR_WEST,
+    SOLID,
+    cast_rays_on_surfaces,
+)
+
+PANE_M = 0.45
+"""Thicker walls are never glass."""
+STRAIGHT_M = 0.5
+"""Shorter straight pieces of wall are neither glass nor mirrors."""
+_RNG_OF_SURFACES = 2
+
+
+class SurfaceSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[surfaces]`: how much of the walls is glass or mirrors; the default is none.
+
+    Straight walls along the axes count, by their length. Raises ValueError where it is built with values that are none.
+    """
+
+    glass_share: float = 0.0
+    """Share of the walls at most PANE_M thick that is glass."""
+    mirror_share: float = 0.0
+    """Share of the sides of walls that is a mirror."""
+    stretch_m: float = 3.0
+    """Length of a stretch of either."""
+    echo_rad: float = 0.2
+    """At most so far from its normal a pane returns a beam."""
+
+    def __post_init__(self) -> None:
+        for name in ("glass_share", "mirror_share"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"expected {name} from 0 to 1, got {getattr(self, name)}")
+        if not STRAIGHT_M <= self.stretch_m <= 1000:
+            raise ValueError(f"expected stretch_m from {STRAIGHT_M} to 1000, got {self.stretch_m}")
+        if not 0 <= self.echo_rad <= 1.5:
+            raise ValueError(f"expected echo_rad from 0 to 1.5, got {self.echo_rad}")
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether all walls are ordinary ones."""
+        return self.glass_share == 0 and self.mirror_share == 0
+
+
+class _Stretch(NamedTuple):
+    """Cells of a piece of wall, the last ones exclusive, and what they become."""
+
+    row: int
+    column: int
+    last_row: int
+    last_column: int
+    surface: int
+
+    @property
+    def cells(self) -> int:
+        """Its length."""
+        if self.surface in _ALONG_X:
+            return self.last_column - self.column
+        return self.last_row - self.row
+
+
+_ALONG_X = (GLASS_Y, MIRROR_SOUTH, MIRROR_NORTH)
+"""Surfaces whose walls run along x."""
+
+
+class Surfaces:
+    """What each cell of a floor is to a lidar.
+
+    Args:
+        cells: (H, W), as `robrain.sim.surface_rays` has it.
+        geometry: where they lie in the arena frame.
+        echo_rad: at most so far from its normal a pane returns a beam.
+
+    """
+
+    def __init__(self, cells: NDArray[np.uint8], geometry: GridGeometry, echo_rad: float) -> None:
+        self.cells = cells
+        self._geometry = geometry
+        self._echo_rad = echo_rad
+
+    @classmethod
+    def draw(cls, spec: SurfaceSpec, plan: FloorPlan, seed: int) -> Self:
+        """The walls of a floor; the same seed gives the same ones."""
+        rng = np.random.default_rng([seed, _RNG_OF_SURFACES])
+        rows, columns = plan.occupied.shape
+        geometry = GridGeometry(plan.resolution_m, plan.origin_x_m, plan.origin_y_m, columns, rows)
+        cells = np.where(plan.occupied, SOLID, 0).astype(np.uint8)
+        length = max(1, round(spec.stretch_m / plan.resolution_m))
+        shortest = max(1, round(STRAIGHT_M / plan.resolution_m))
+        thickest = round(PANE_M / plan.resolution_m)
+        panes = _panes(plan.occupied, thickest, shortest, length)
+        for stretch in _chosen(panes, spec.glass_share, rng):
+            cells[stretch.row : stretch.last_row, stretch.column : stretch.last_column] |= stretch.surface
+        sides = _sides(plan.occupied, shortest, length)
+        for stretch in _chosen(sides, spec.mirror_share, rng):
+            cells[stretch.row : stretch.last_row, stretch.column : stretch.last_column] |= stretch.surface
+        surfaces = cls(cells, geometry, spec.echo_rad)
+        surfaces.cast(Pose2D(0.0, 0.0, 0.0), np.zeros(1), 1.0, np.zeros((1, 3)))  # compiled before the first tick
+        return surfaces
+
+    def cast(
+        self, sensor: Pose2D, angles_rad: NDArray[np.float64], range_max_m: float, circles: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """The ranges (N,) of a lidar's beams in metres; see `cast_rays_on_surfaces`."""
+        return cast_rays_on_surfaces(
+            self.cells, self._geometry, sensor, angles_rad, range_max_m, circles, self._echo_rad
+        )
+
+
+def _panes(occupied: NDArray[np.bool_], thickest: int, shortest: int, length: int) -> list[_Stretch]:
+    """Stretches of straight walls of at most so many cells, between free floor and free floor or the grid's edge."""
+    found = []
+    for low, high, first, last in _thin_runs(occupied, thickest, shortest, length):
+        found.append(_Stretch(low, first, high, last, GLASS_Y))
+    for low, high, first, last in _thin_runs(occupied.T, thickest, shortest, length):
+        found.append(_Stretch(first, low, last, high, GLASS_X))
+    return found
+
+
+def _thin_runs(
+    occupied: NDArray[np.bool_], thickest: int, shortest: int, length: int
+) -> list[tuple[int, int, int, int]]:
+    """Walls along the columns: first and last row, first and last column, the last ones exclusive."""
+    rows = occupied.shape[0]
+    framed = np.zeros((rows + 2, occupied.shape[1]), dtype=np.int8)
+    framed[1:-1] = occupied
+    change = np.diff(framed, axis=0).T
+    start_columns, starts = np.nonzero(change == 1)
+    _, ends = np.nonzero(change == -1)  # in the same order: each run of a column has one of either
+    is_thin = (ends - starts <= thickest) & ~((starts == 0) & (ends == rows))
+    columns, starts, ends = start_columns[is_thin], starts[is_thin], ends[is_thin]
+    order = np.lexsort((columns, ends, starts))
+    columns, starts, ends = columns[order], starts[order], ends[order]
+    goes_on = (np.diff(columns) == 1) & (np.diff(starts) == 0) & (np.diff(ends) == 0)
+    found = []
+    for run in np.split(np.arange(len(columns)), np.flatnonzero(~goes_on) + 1):
+        if len(run) >= shortest:
+            low, high, first = int(starts[run[0]]), int(ends[run[0]]), int(columns[run[0]])
+            for begin, end in _pieces(len(run), length):
+                found.append((low, high, first + begin, first + end))
+    return found
+
+
+def _sides(occupied: NDArray[np.bool_], shortest: int, length: int) -> list[_Stretch]:
+    """Stretches of the straight sides of walls that face free floor."""
+    found = []
+    framed = np.pad(occupied, 1, constant_values=True)
+    south, north = framed[:-2, 1:-1], framed[2:, 1:-1]
+    west, east = framed[1:-1, :-2], framed[1:-1, 2:]
+    for beside, surface in ((south, MIRROR_SOUTH), (north, MIRROR_NORTH)):
+        for row, first, last in _runs(occupied & ~beside, shortest, length):
+            found.append(_Stretch(row, first, row + 1, last, surface))
+    for beside, surface in ((west, MIRROR_WEST), (east, MIRROR_EAST)):
+        for column, first, last in _runs((occupied & ~beside).T, shortest, length):
+            found.append(_Stretch(first, column, last, column + 1, surface))
+    return found
+
+
+def _runs(marked: NDArray[np.bool_], shortest: int, length: int) -> list[tuple[int, int, int]]:
+    """Runs of marked cells within rows: row, first and last column, the last exclusive."""
+    framed = np.zeros((marked.shape[0], marked.shape[1] + 2), dtype=np.int8)
+    framed[:, 1:-1] = marked
+    change = np.diff(framed, axis=1)
+    rows, starts = np.nonzero(change == 1)
+    _, ends = np.nonzero(change == -1)
+    found: list[tuple[int, int, int]] = []
+    for row, start, end in zip(rows.tolist(), starts.tolist(), ends.tolist(), strict=True):
+        if end - start >= shortest:
+            found.extend((row, start + begin, start + stop) for begin, stop in _pieces(end - start, length))
+    return found
+
+
+def _pieces(cells: int, length: int) -> list[tuple[int, int]]:
+    """First and last cell, the last exclusive, of a run's pieces; the last piece is at most half as long again."""
+    count = max(1, (cells + length // 2) // length)
+    return [(piece * length, (piece + 1) * length if piece + 1 < count else cells) for piece in range(count)]
+
+
+def _chosen(stretches: list[_Stretch], share: float, rng: np.random.Generator) -> list[_Stretch]:
+    """Stretches drawn at random that make up about this share of the length of all."""
+    wanted = share * sum(stretch.cells for stretch in stretches)
+    chosen, taken = [], 0.0
+    for index in rng.permutation(len(stretches)).tolist() if share > 0 else ():
+        stretch = stretches[index]
+        if taken + stretch.cells / 2 <= wanted:
+            chosen.append(stretch)
+            taken += stretch.cells
+    return chosen

@@ -1,0 +1,29 @@
+"""The lines on map and positions at the end of a run."""
+
+from robrain.deploy.run_display import accuracy_lines
+from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
+
+
+def test_nothing_is_said_of_what_was_not_measured() -> None:
+    assert accuracy_lines(None, {"r1": None}) == []
+    lost = PoseAccuracy(lost_s=4.0, is_lost=True)  # from the beginning, so there is no error to tell
+    assert accuracy_lines(None, {"r1": lost}) == ["positions: silent divergence: none, lost: r1 4.0 s"]
+
+
+def test_share_of_the_map_that_is_wrong_and_doubled_walls_are_said() -> None:
+    of_map = MapAccuracy(occupied_cells=2000, cells_off=31, share_off=0.0155, doubled_walls_m=1.25)
+    assert accuracy_lines(of_map, {}) == ["map: 1.6% of 2000 occupied cells off the walls, 1.2 m of walls doubled"]
+
+
+def test_worst_robots_are_named_and_who_was_lost_or_silently_off() -> None:
+    positions = {
+        "r1": PoseAccuracy(rmse_m=0.1, max_error_m=0.9, lost_s=2.0),
+        "r2": PoseAccuracy(rmse_m=0.3, max_error_m=0.8, silent_divergence_s=1.5),
+        "r3": None,
+    }
+    [line] = accuracy_lines(None, positions)
+    assert line == (
+        "positions: RMSE at most 0.300 m (r2), largest error 0.900 m (r1), silent divergence: r2 1.5 s, lost: r1 2.0 s"
+    )
+    [line] = accuracy_lines(None, {"r1": PoseAccuracy(rmse_m=0.1, max_error_m=0.2)})
+    assert line.endswith("silent divergence: none, lost: nobody")

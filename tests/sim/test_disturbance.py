@@ -1,0 +1,259 @@
+"""Frames, scans and agents that are late, by the seed."""
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robrain import Scenario
+from robrain.plugins.device.mocdevice.frame_clock import StampedAt
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.topics import ARENA_SCAN
+from robrain.sim.disturbance import (
+    DelayLine,
+    DelaySpec,
+    Disturbance,
+    DisturbanceSpec,
+    FrameDelaySpec,
+    Pauses,
+    PauseSpec,
+)
+from robrain.sim.errors import ScenarioError
+from robrain.sim.lockstep import LockstepRun
+from robrain.sim.scenario_file import parse_scenario
+
+TICK_NS = to_ns(0.02)
+PLAIN = Scenario.builtin("arena_small").replace(robots=2)
+FRAMES = FrameDelaySpec(per_minute=60, duration_s=(0.1, 0.35), late_s=(0.0, 0.03))
+SCANS = DelaySpec(per_minute=30, duration_s=(0.3, 0.9), late_s=(0.0, 0.15))
+AGENTS = PauseSpec(per_minute=30, duration_s=(0.2, 0.8))
+
+
+def rng(seed=1):
+    return np.random.default_rng(seed)
+
+
+def sent_through(spec, ticks=3000, seed=1):
+    """A number sent each tick: (tick it was sent, tick it arrived), in order of arrival; by what the line says."""
+    clock = VirtualClock()
+    line = DelayLine(spec, rng(seed), clock)
+    arrived = []
+    for tick in range(ticks):
+        clock.advance_to(tick * TICK_NS)
+        line.put(tick)
+        for sent_ns, number in line.arrivals():
+            assert sent_ns == number * TICK_NS
+            arrived.append((number, tick))
+    return arrived
+
+
+def spans(spec, ticks, seed=1):
+    """First tick and number of ticks of each pause."""
+    pauses = Pauses(spec, rng(seed))
+    paused = [pauses.covers(tick * TICK_NS) for tick in range(ticks)]
+    edges = np.flatnonzero(np.diff(np.array([False, *paused, False]).astype(int)))
+    return list(zip(edges[::2].tolist(), (edges[1::2] - edges[::2]).tolist(), strict=True))
+
+
+def test_pauses_are_as_many_and_as_long_as_they_are_to_be():
+    found = spans(PauseSpec(per_minute=6, duration_s=(0.2, 1.0)), 100_000)
+    assert len(found) == pytest.approx(100_000 * 0.02 / (10.0 + 0.6), rel=0.15)
+    lengths_s = [ticks * 0.02 for _, ticks in found]
+    assert 0.18 <= min(lengths_s) <= 0.3
+    assert 0.9 <= max(lengths_s) <= 1.02
+
+
+def test_pauses_follow_the_seed():
+    spec = PauseSpec(per_minute=6)
+    assert spans(spec, 10_000) == spans(spec, 10_000) != spans(spec, 10_000, seed=2)
+
+
+def test_without_pauses_there_is_none():
+    assert spans(PauseSpec(), 10_000) == []
+
+
+def test_what_is_late_arrives_in_order_and_within_its_time():
+    arrived = sent_through(DelaySpec(late_s=(0.1, 0.3)))
+    assert [number for number, _ in arrived] == list(range(len(arrived)))
+    late_s = [(tick - number) * 0.02 for number, tick in arrived]
+    assert min(late_s) >= 0.1
+    assert 0.25 <= max(late_s) <= 0.32
+    assert len({tick for _, tick in arrived}) < len(arrived), "some arrive together"
+
+
+def test_what_waits_in_a_pause_arrives_together_after_it():
+    spec = DelaySpec(per_minute=6, duration_s=(0.2, 1.0))
+    arrived = sent_through(spec)
+    late = [(number, tick - number) for number, tick in arrived if tick > number]
+    bursts = {number + ticks for number, ticks in late}
+    assert 3 <= len(bursts) <= 12
+    for burst in bursts:
+        together = [number for number, tick in arrived if tick == burst]
+        assert together == list(range(together[0], burst + 1))
+        assert 0.18 <= 0.02 * (len(together) - 1) <= 1.0
+
+
+def test_nothing_is_late_by_default_and_then_nothing_is_drawn():
+    disturbance = Disturbance(DisturbanceSpec(), 1)
+    clock = VirtualClock()
+    assert (disturbance.frames(0, clock), disturbance.scans(0, clock), disturbance.steps(0)) == (None, None, None)
+    assert not DisturbanceSpec().is_on
+
+
+@pytest.mark.parametrize("spec", [{"can": FRAMES}, {"scan": SCANS}, {"agent": AGENTS}])
+def test_disturbed_run_repeats_and_differs_from_one_without(spec):
+    scenario = PLAIN.replace(disturbance=DisturbanceSpec(**spec))
+    first, second = scenario.run(time_limit_s=5.0), scenario.run(time_limit_s=5.0)
+    assert first.digest == second.digest
+    assert first.digest != PLAIN.run(time_limit_s=5.0).digest
+    assert first.digest != scenario.replace(seed=2).run(time_limit_s=5.0).digest
+    assert first.distance_m > 0.1
+
+
+@pytest.mark.parametrize("stamped_at", list(StampedAt))
+def test_odometry_at_the_time_of_a_frame_is_right_however_late_the_frame_was(stamped_at):
+    frames = FrameDelaySpec(per_minute=60, duration_s=(0.1, 0.35), stamped_at=stamped_at)
+    scenario = PLAIN.replace(robots=1, disturbance=DisturbanceSpec(can=frames))
+    run = LockstepRun(scenario.world())
+    try:
+        start = run.world.robots[0].start
+        odometry = run.hosts[0].manager.get("mocdevice").plugin
+        truth: dict[int, Pose2D] = {}
+        lags_s, errors_m, speeds_m_s = [], [], []
+        for _ in range(400):
+            run.tick()
+            now_ns = run.clock.now_ns()
+            truth[now_ns] = start.inverse().compose(run.truth.robots[0].pose)
+            until_ns = odometry.odometry_until_ns()
+            assert until_ns <= now_ns
+            lags_s.append((now_ns - until_ns) / 1e9)
+            for stamp_ns in (until_ns, until_ns - 10 * TICK_NS):
+                if stamp_ns in truth:
+                    errors_m.append(truth[stamp_ns].distance_m(odometry.pose_at(stamp_ns)))
+            speeds_m_s.append(math.hypot(odometry.velocity().forward_m_s, odometry.velocity().left_m_s))
+    finally:
+        run.close()
+    assert max(lags_s[5:]) > 0.2
+    assert lags_s.count(0.0) > 200
+    assert max(speeds_m_s) > 0.3
+    assert len(errors_m) > 400
+    assert max(errors_m) < 0.003
+
+
+def test_late_scan_is_stamped_with_the_time_at_which_it_was_measured():
+    run = LockstepRun(PLAIN.replace(robots=1, disturbance=DisturbanceSpec(scan=SCANS)).world())
+    inbox = Inbox(every=True)
+    run._watcher.subscribe(inbox, ARENA_SCAN)
+    try:
+        late_s, stamps_ns = [], []
+        for _ in range(1500):
+            run.tick()
+            for received in inbox.drain():
+                late_s.append((run.clock.now_ns() - received.message.stamp_ns) / 1e9)
+                stamps_ns.append(received.message.stamp_ns)
+    finally:
+        run.close()
+    assert max(late_s) > 0.3
+    assert max(late_s) <= 0.9 + 0.15 + 0.02
+    assert set(np.diff(stamps_ns).tolist()) == {to_ns(0.2)}
+
+
+def test_agent_that_pauses_takes_no_step_and_goes_on_after_it():
+    scenario = PLAIN.replace(robots=2, disturbance=DisturbanceSpec(agent=AGENTS))
+    run = LockstepRun(scenario.world())
+    steps: list[list[int]] = [[], []]
+    try:
+        for robot, host in enumerate(run.hosts):
+
+            def step(robot=robot, whole=host.step):
+                steps[robot].append(run.clock.now_ns() // TICK_NS)
+                whole()
+
+            host.step = step
+        for _ in range(750):
+            run.tick()
+    finally:
+        run.close()
+    for taken in steps:
+        missed = [after - before - 1 for before, after in zip([0, *taken], taken, strict=False) if after - before > 1]
+        assert 2 <= len(missed) <= 12
+        assert all(9 <= ticks <= 41 for ticks in missed)
+    assert steps[0] != steps[1]
+
+
+def test_robot_is_told_what_the_stamps_of_late_frames_stand_for():
+    plain, disturbed = PLAIN.world(), PLAIN.replace(disturbance=DisturbanceSpec(can=FRAMES)).world()
+    assert "stamped_at" not in plain.robot_file(plain.robots[0]).parameters["mocdevice"]
+    assert disturbed.robot_file(disturbed.robots[0]).parameters["mocdevice"]["stamped_at"] == "arrival"
+
+
+def test_scenario_file_has_it_all():
+    text = """
+[scenario]
+name = "s"
+[floor]
+size_m = [4.0, 4.0]
+[disturbance.can]
+per_minute = 6
+duration_s = [0.1, 1]
+late_s = [0, 0.01]
+stamped_at = "sending"
+[disturbance.scan]
+late_s = [0.0, 0.3]
+[disturbance.agent]
+per_minute = 2.5
+"""
+    spec = parse_scenario(text, "s.toml").disturbance
+    assert spec == DisturbanceSpec(
+        can=FrameDelaySpec(per_minute=6.0, duration_s=(0.1, 1.0), late_s=(0.0, 0.01), stamped_at=StampedAt.SENDING),
+        scan=DelaySpec(late_s=(0.0, 0.3)),
+        agent=PauseSpec(per_minute=2.5),
+    )
+    assert spec.is_on
+
+
+@pytest.mark.parametrize(
+    ("table", "line", "sentence"),
+    [
+        ("can", "per_minute = -1", "expected per_minute from 0 to 600, got -1.0"),
+        ("agent", "per_minute = nan", "expected per_minute from 0 to 600, got nan"),
+        ("agent", "duration_s = [1.0, 0.5]", "expected duration_s as [least, greatest] from 0 to 60 s, got [1.0, 0.5]"),
+        ("scan", "late_s = [-0.1, 0.5]", "expected late_s as [least, greatest] from 0 to 60 s, got [-0.1, 0.5]"),
+        ("scan", "late_s = [0.0, 61.0]", "expected late_s as [least, greatest] from 0 to 60 s, got [0.0, 61.0]"),
+        ("scan", "late_s = [0.1]", "Expected `array` of length 2, got 1"),
+        ("can", 'stamped_at = "never"', "Invalid enum value 'never'"),
+        ("agent", "late_s = [0.0, 1.0]", "Object contains unknown field `late_s`"),
+    ],
+)
+def test_disturbances_without_sense_are_refused_with_file_and_key(table, line, sentence):
+    text = f'[scenario]\nname = "s"\n[floor]\nsize_m = [4.0, 4.0]\n[disturbance.{table}]\n{line}\n'
+    with pytest.raises(ScenarioError) as error:
+        parse_scenario(text, "s.toml")
+    assert str(error.value).startswith(f"s.toml: disturbance.{table}")
+    assert sentence in str(error.value)
+
+
+def test_scenario_of_the_documentation_is_one():
+    page = (Path(__file__).parents[2] / "docs" / "imperfections.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    tables = parse_scenario(text, "hard.toml")
+    assert tables.disturbance.can.is_on
+    assert tables.disturbance.scan.is_on
+    assert tables.disturbance.agent.is_on
+    assert not tables.surfaces.is_plain
+    assert tables.robot.lidar.dropout == 0.03
+
+
+def test_scenario_of_the_documentation_runs_and_repeats(tmp_path):
+    page = (Path(__file__).parents[2] / "docs" / "imperfections.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    maps = Path(__file__).parents[2] / "examples" / "maps"
+    (tmp_path / "hard.toml").write_text(text.replace("office_ring.yaml", str(maps / "office_ring.yaml")))
+    scenario = Scenario.from_file(tmp_path / "hard.toml")
+    first, second = (scenario.run(time_limit_s=4.0) for _ in range(2))
+    assert first.digest == second.digest
+    assert first.distance_m > 0.5
