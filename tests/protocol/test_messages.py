@@ -90,6 +90,7 @@ EXAMPLES = [
         observed_ms=1400,
         cells=b"\x00\x01\xff",
         tiles_ms=b"\x02\xfe",
+        surfaces=b"\x03\xfd",
         submap=1300,
         T_arena_local=Pose2D(0.25, -0.125, 0.0625),
         variance_m2=0.03125,
