@@ -10,6 +10,11 @@ from robrain.protocol.model.inflation import clearance_m
 from robrain.protocol.model.line_of_sight import standpoint
 from robrain.protocol.model.localiser import Localiser, LocaliserSpec
 from robrain.protocol.model.map_accuracy import measure_map_accuracy
+from robrain.protocol.model.mapping.mates_in_scan import mate_circles, outside
+from robrain.protocol.model.mapping.pose_graph import Edge, solve
+from robrain.protocol.model.mapping.submap import IDENTITY
+from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
+from robrain.protocol.model.mapping.surface_match import match_surface
 from robrain.protocol.model.mote_relocalisation import Signals, find_robot
 from robrain.protocol.model.navigation import NavigationGrid, Zone
 from robrain.protocol.model.obstacles import contact_distance_m, hold_off, passage, sector_distances_m
@@ -73,6 +78,7 @@ def warm_up() -> None:
         shorten_path(path, traversable)
     descend(distance_field(traversable, cost, np.array([[3, 0]])), traversable, start)
     _warm_up_localisation(grid)
+    _warm_up_mapping(geometry)
     _warm_up_giving_way(geometry)
     _warm_up_small_kernels()
 
@@ -102,6 +108,20 @@ def _warm_up_localisation(grid: OccupancyGrid) -> None:
     agreement(grid.log_odds, grid.geometry, localiser.pose, ends)
     find_by_scan(grid.log_odds, grid.geometry, ends)
     _warm_up_finding_by_motes()
+
+
+def _warm_up_mapping(geometry: GridGeometry) -> None:
+    sensor, angles_rad = Pose2D(0.4, 0.4, 0.0), np.linspace(-3.0, 3.0, 30)
+    ranges_m = 0.25 / np.maximum(np.abs(np.cos(angles_rad)), np.abs(np.sin(angles_rad)))
+    circles = mate_circles(angles_rad, ranges_m, 1.0, sensor, np.array([[0.6, 0.6, 0.05]]))
+    ends = outside(beam_ends(angles_rad, ranges_m, 1.0), sensor, circles)
+    own = OccupancyGrid(geometry, surfaces=True)
+    own.integrate_scan(sensor, angles_rad, ranges_m, 1.0, 0, circles)
+    match_surface(own, sensor, ends)
+    patch = own.take_patch()
+    if patch is not None:
+        SubmapAtlas(geometry).take(("r", 1), patch.row, patch.column, patch.cells, patch.stamp_ms)
+    solve([sensor], [IDENTITY], [Edge(1, sensor, 0, IDENTITY, np.eye(3), may_be_false=True)])
 
 
 def _warm_up_finding_by_motes() -> None:

@@ -64,6 +64,7 @@ class Stage:
         self._starts = starts
         self._ticks = 0
         self._buses: list[ZenohBus] = []
+        self._controllers: dict[str, ZenohBus] = {}
         self._publishers: dict[str, Any] = {}
         if plan is not None:
             robots = [
@@ -147,6 +148,14 @@ class Stage:
                 ranges_mm=[round(1000 * range_m) for range_m in ranges_m],
             )
         )
+
+    def stand_and_scan(self, ranges_m: list[float], *, robot: str = "r1", range_max_m: float = 6.0) -> None:
+        """As `scan`, of a robot whose wheels say that it stands: what it sees is mapped once that is known."""
+        if robot not in self._controllers:
+            self._controllers[robot] = self.bus(robot)
+        standing = {f"wheel_{wheel}_ticks": 0 for wheel in (1, 2, 3)}
+        self._controllers[robot].send(codec("WheelEncoders").pack(0, **standing))
+        self.scan(ranges_m, robot=robot, range_max_m=range_max_m)
 
     def radio(self, packet: bytes, *, robot: str = "r1") -> None:
         self.publisher(ARENA_RADIO_RX, robot=robot).put_bytes(packet)

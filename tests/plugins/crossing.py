@@ -91,7 +91,8 @@ class Crossing:
         host = AgentHost(RobotFile(robot=table, parameters=parameters), Path(), session, self.clock, Drive.LOCKSTEP)
         host.start()
         cells = np.where(plan.occupied, 100, 0).astype(np.int8)
-        host.manager.get("mapper").plugin._grid.merge_patch(0, 0, cells, 1)  # type: ignore[attr-defined]
+        # As a submap of somebody who has been there before.
+        host.manager.get("mapper").plugin._atlas.take(("known", 1), 0, 0, cells, 1)  # type: ignore[attr-defined]
         return host
 
     def go(self, *names: str, priority: int = 0) -> None:

@@ -143,9 +143,8 @@ def test_an_offer_of_an_older_epoch_is_refused(explorer):
 def test_a_frontier_that_walls_hide_is_done_without_going_there(explorer):
     """As the inside of a shelf, seen through a slit: nobody who can only stand outside will see more of it."""
     one, host = explorer
-    grid = host.manager.get("mapper").live_plugin()._grid
     goal = Point2D(3.25, 2.05)
-    row, column = grid.geometry.cell_of(goal.x_m, goal.y_m)
+    row, column = view(host).geometry.cell_of(goal.x_m, goal.y_m)
     inside = np.full((5, 5), OCCUPIED, np.int8)
     inside[1:4, 1:4] = UNKNOWN
     inside[1:4:2, 1:4:2] = inside[2, 2] = FREE
@@ -183,6 +182,11 @@ def test_a_robot_that_stands_blocked_gives_the_task_back(stage):
     host = one.host("explore", mapper=grid)
     ranges_m = [0.0 if abs(angle) < 1.0 else 2.0 for angle in np.linspace(-math.pi, math.pi, 360, endpoint=False)]
     one.run(1.0, lambda: one.scan(ranges_m, range_max_m=3.0))
+    # Without a word from its wheels it maps nothing itself.
+    known = np.full((50, 50), FREE)
+    known[:5] = known[:, :5] = known[-5:] = OCCUPIED
+    row, column = view(host).geometry.cell_of(0.0, 0.0)
+    host.manager.get("mapper").plugin._atlas.take(("known", 1), row - 25, column - 25, known, 1)
     assert one.offer(frontiers(host)[0]).accepted
     one.run(1.0, lambda: one.scan(ranges_m, range_max_m=3.0))
     assert status(host).state is TaskState.RUNNING
@@ -204,7 +208,7 @@ def test_a_robot_whose_way_is_found_closed_gives_the_task_back(stage, room):
     grid = view(host).geometry
     row, column = grid.cell_of(5.0, 2.0)
     closed = np.full((10, 3), OCCUPIED, np.int8)
-    host.manager.get("mapper").plugin._grid.merge_patch(row - 5, column - 1, closed, 3_000_000)
+    host.manager.get("mapper").plugin._atlas.take(("known", 1), row - 5, column - 1, closed, 3_000_000)
     lasted_s = one.run_until(lambda: status(host).state.ended, 20.0)
     assert status(host).state in (TaskState.FAILED, TaskState.DONE)
     assert lasted_s < 15.0

@@ -79,8 +79,14 @@ def biased(one, bus, metres, *, each=None):
         for wheel, turn_rad in enumerate(turns):
             state["counts"][wheel] += turn_rad * (1.02 if wheel == 2 else 1.0) / BASE.rad_per_tick
         counts = [round(count) % 65536 for count in state["counts"]]
-        bus.send(codec("WheelEncoders").pack(state["frame"], **dict(zip(WHEELS, counts, strict=True))))
-        one.run(0.02, None if each is None else lambda: each(state["x_m"]))
+        frame = codec("WheelEncoders").pack(state["frame"], **dict(zip(WHEELS, counts, strict=True)))
+
+        def tick(frame=frame):
+            bus.send(frame)
+            if each is not None:
+                each(state["x_m"])
+
+        one.run(0.02, tick)
 
 
 def heard(one, host, x_m, step):

@@ -27,12 +27,13 @@ def lose(run: Errands) -> None:
     localiser = run.hosts["r1"].manager.get("localisation").live_plugin()._localiser
     localiser.lost = WHY
     localiser.see = lambda *_, **__: NO_FIT
+    localiser.find = lambda *_, **__: None
 
 
 def find(run: Errands) -> None:
     """Have it know again."""
     localiser = run.hosts["r1"].manager.get("localisation").live_plugin()._localiser
-    del localiser.see
+    del localiser.see, localiser.find
     localiser.lost = ""
 
 

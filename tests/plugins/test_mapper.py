@@ -6,8 +6,11 @@ import pytest
 
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.mapping.local_map import NO_DRIFT, LocalPose
+from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
-from robrain.protocol.wire.map_patch import merge_message, to_message
+from robrain.protocol.model.ranges import STAMP_MAX
+from robrain.protocol.wire.map_patch import take_message, to_message
 from robrain.protocol.wire.messages import MapPatch, Scan
 from robrain.protocol.wire.topics import ARENA_SCAN, ROBOT_ALIVE, ROBOT_EVENT, ROBOT_MAP, ROBOT_MAP_WHOLE
 
@@ -39,11 +42,16 @@ def ghosts(seen, plan):
     return found
 
 
+def lies_at(T_local_odom):
+    """What localisation would say: scans may be mapped as they come."""
+    return LocalPose(T_local_odom, 0, NO_DRIFT, STAMP_MAX, True)
+
+
 def test_a_room_of_known_size_is_mapped_as_such(stage):
     one = stage()
     host = one.host("mapper", "localisation", mapper=GRID)
     ranges_m = [min(2.0 / max(abs(math.cos(a)), abs(math.sin(a))), 5.0) for a in np.linspace(-np.pi, np.pi, 721)[:-1]]
-    one.run(1.0, lambda: one.scan(ranges_m))
+    one.run(1.0, lambda: one.stand_and_scan(ranges_m))
     seen = view(host)
     for place in ((0.0, 0.0), (1.8, 0.0), (-1.5, -1.5)):
         assert class_at(seen, *place) == FREE
@@ -56,7 +64,7 @@ def test_a_room_of_known_size_is_mapped_as_such(stage):
 def test_only_what_was_sensed_is_known(stage):
     one = stage()
     host = one.host("mapper", "localisation", mapper=GRID)
-    one.run(0.6, lambda: one.scan([3.0]))  # one ray, backwards
+    one.run(0.6, lambda: one.stand_and_scan([3.0]))  # one ray, backwards
     rows, columns = np.nonzero(view(host).classes != UNKNOWN)
     places = [view(host).geometry.center_of(int(row), int(column)) for row, column in zip(rows, columns, strict=True)]
     assert len(places) == pytest.approx(31, abs=1)
@@ -66,7 +74,7 @@ def test_only_what_was_sensed_is_known(stage):
 def test_where_no_ray_returned_the_way_is_free_and_nothing_is_occupied(stage):
     one = stage()
     host = one.host("mapper", "localisation", mapper=GRID)
-    one.run(0.6, lambda: one.scan([0.0] * 360, range_max_m=3.0))
+    one.run(0.6, lambda: one.stand_and_scan([0.0] * 360, range_max_m=3.0))
     seen = view(host)
     assert class_at(seen, 2.5, 0.0) == FREE
     assert class_at(seen, 3.5, 0.0) == UNKNOWN
@@ -77,7 +85,7 @@ def test_a_robot_that_does_not_know_where_it_is_maps_nothing(stage):
     one = stage()
     one.host("mapper", mapper=GRID)
     patches = one.inbox(ROBOT_MAP)
-    one.run(1.0, lambda: one.scan([2.0] * 90))
+    one.run(1.0, lambda: one.stand_and_scan([2.0] * 90))
     assert one.call("mapper", "known_area_m2") == 0.0
     assert patches.drain() == []
 
@@ -121,22 +129,22 @@ def test_patches_merge_into_an_equal_map_elsewhere(stage, room):
     host = one.host("mapper", "localisation")
     drive(host, (2.0, 3.2), (5.0, 3.2))
     one.run(12.0)
-    elsewhere = OccupancyGrid(view(host).geometry)
+    elsewhere = SubmapAtlas(view(host).geometry)
     for received in patches.drain():
-        merge_message(elsewhere, received.message)
+        take_message(elsewhere, received.message)
     # The last scans may not have been told yet.
     one.run(0.5)
     for received in patches.drain():
-        merge_message(elsewhere, received.message)
-    assert np.count_nonzero(elsewhere.classes() != UNKNOWN) > 1500
-    assert np.array_equal(elsewhere.classes(), view(host).classes)
+        take_message(elsewhere, received.message)
+    assert np.count_nonzero(elsewhere.grid.classes() != UNKNOWN) > 1500
+    assert np.array_equal(elsewhere.grid.classes(), view(host).classes)
 
 
 def test_nothing_new_is_not_told_again(stage):
     one = stage()
     one.host("mapper", "localisation", mapper=GRID)
     patches = one.inbox(ROBOT_MAP)
-    one.run(5.0, lambda: one.scan([2.0] * 360))
+    one.run(5.0, lambda: one.stand_and_scan([2.0] * 360))
     assert len(patches.drain()) in (1, 2)
 
 
@@ -186,12 +194,12 @@ def test_the_whole_map_is_there_for_the_asking(stage):
     one = stage()
     host = one.host("mapper", "localisation", mapper=GRID)
     assert one.wire.ask(ROBOT_MAP_WHOLE, robot="r1") == b"null"
-    one.run(1.0, lambda: one.scan([2.0] * 360))
+    one.run(1.0, lambda: one.stand_and_scan([2.0] * 360))
     whole = msgspec.json.decode(one.wire.ask(ROBOT_MAP_WHOLE, robot="r1"), type=MapPatch)
-    elsewhere = OccupancyGrid(view(host).geometry)
-    merge_message(elsewhere, whole)
-    assert np.array_equal(elsewhere.classes(), view(host).classes)
-    assert one.call("mapper", "known_area_m2") == pytest.approx(0.01 * np.count_nonzero(elsewhere.known()))
+    elsewhere = SubmapAtlas(view(host).geometry)
+    take_message(elsewhere, whole)
+    assert np.array_equal(elsewhere.grid.classes(), view(host).classes)
+    assert one.call("mapper", "known_area_m2") == pytest.approx(0.01 * np.count_nonzero(elsewhere.grid.known()))
 
 
 def test_a_map_on_another_grid_is_refused_with_one_word_in_the_log(stage, caplog):
@@ -226,7 +234,7 @@ def test_its_own_patches_do_not_come_back_to_it(stage):
     """A robot that was told its own old word as news would undo what it has seen since."""
     one = stage()
     host = one.host("mapper", "localisation", mapper=GRID)
-    one.run(1.0, lambda: one.scan([2.0] * 360))
+    one.run(1.0, lambda: one.stand_and_scan([2.0] * 360))
     own = view(host).classes
     grid = GridGeometry(0.1, -8.0, -8.0, 160, 160)
     other = OccupancyGrid(grid)
@@ -241,13 +249,13 @@ def test_scans_are_left_out_while_the_place_is_not_sure_and_taken_in_again_later
     host = one.host("mapper", mapper=GRID)
     paused = one.inbox(ROBOT_EVENT, robot="r1", plugin="mapper", event="paused")
     board = host.board
-    board.T_arena_odom = Pose2D(0.0, 0.0, 0.0)
+    board.local_pose = lies_at(Pose2D(0.0, 0.0, 0.0))
     board.pose_covariance = (9.0, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01)
-    one.run(1.0, lambda: one.scan([2.0] * 90))
+    one.run(1.0, lambda: one.stand_and_scan([2.0] * 90))
     assert not np.any(view(host).classes != UNKNOWN)
     assert one.call("mapper", "counters")["scans_left_out"] > 10
     board.pose_covariance = (0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01)
-    one.run(1.0, lambda: one.scan([2.0] * 90))
+    one.run(1.0, lambda: one.stand_and_scan([2.0] * 90))
     assert np.any(view(host).classes == OCCUPIED)
     said = [received.message.value for received in paused.drain()]
     assert len(said) == 2
@@ -256,21 +264,22 @@ def test_scans_are_left_out_while_the_place_is_not_sure_and_taken_in_again_later
 
 
 def test_after_a_correction_walls_are_put_where_they_are_in_the_arena(stage):
-    """Cells are the arena's: what is mapped after T_arena_odom has jumped is not shifted with the odometry's frame."""
+    """Cells are the arena's: what is mapped after T_local_odom has jumped is not shifted with the odometry's frame."""
     one = stage()
     host = one.host("mapper", mapper=GRID)
     patches = one.inbox(ROBOT_MAP)
-    host.board.T_arena_odom = Pose2D(0.0, 0.0, 0.0)
-    one.run(1.0, lambda: one.scan([3.0]))  # one ray, backwards
-    host.board.T_arena_odom = Pose2D(0.0, 1.0, math.pi)
-    one.run(1.0, lambda: one.scan([3.0]))
+    host.board.pose_covariance = (1e-4, 0.0, 0.0, 0.0, 1e-4, 0.0, 0.0, 0.0, 1e-5)
+    host.board.local_pose = lies_at(Pose2D(0.0, 0.0, 0.0))
+    one.run(1.0, lambda: one.stand_and_scan([3.0]))  # one ray, backwards
+    host.board.local_pose = lies_at(Pose2D(0.0, 1.0, math.pi))
+    one.run(1.0, lambda: one.stand_and_scan([3.0]))
     seen = view(host)
     assert class_at(seen, -3.02, 0.0) == OCCUPIED
     assert class_at(seen, 3.02, 1.0) == OCCUPIED
-    elsewhere = OccupancyGrid(seen.geometry)
+    elsewhere = SubmapAtlas(seen.geometry)
     for received in patches.drain():
-        merge_message(elsewhere, received.message)
-    assert np.array_equal(elsewhere.classes(), seen.classes)
+        take_message(elsewhere, received.message)
+    assert np.array_equal(elsewhere.grid.classes(), seen.classes)
 
 
 def test_memory_is_bounded_whatever_the_others_send_and_drops_are_counted(stage):

@@ -6,10 +6,18 @@ import pytest
 from robrain.protocol.model.divergence_watch import DivergenceWatch, WatchSpec
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.localiser import Localiser, LocaliserSpec
-from robrain.protocol.model.map_anchors import TILES_MAX, MapAnchors
 from robrain.protocol.model.mote_relocalisation import Signals, find_robot
+from robrain.protocol.model.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.odometry import moved_along
 from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
+from tests.protocol.mapping.lidar_floor import (
+    CORRIDOR,
+    CORRIDOR_PLACES,
+    GEOMETRY,
+    ROOM,
+    ROOM_PLACES,
+    local_map,
+)
 
 MOTES = [Point2D(float(x), float(y)) for x in (2, 9, 17) for y in (3, 10, 18)]
 LOSS = PathLoss()
@@ -121,18 +129,231 @@ def test_a_robot_that_hears_two_motes_from_one_spot_may_be_anywhere():
     assert find_robot(Signals(places, motes, mote_places, np.full(30, LOSS.mean_dbm(6.0))), LOSS) is None
 
 
-def test_what_was_mapped_from_an_unsure_place_keeps_its_variance():
-    anchors = MapAnchors(0.1, 0.01)
-    here, there = Pose2D(0.5, 0.5, 0.0), Pose2D(3.0, 0.5, 0.0)
-    assert anchors.at(here) is None
-    first = anchors.enter(here, (0.0, 0.0, 0.0))
-    assert first == pytest.approx((0.01, 0.01, 0.0001))
-    assert anchors.enter(there, (0.25, 0.04, 0.01))[0] == pytest.approx(0.26)
-    assert anchors.enter(here, (9.0, 9.0, 9.0)) == first
+def at(localiser, pose):
+    return (
+        localiser.pose.x_m - pose.x_m,
+        localiser.pose.y_m - pose.y_m,
+        math.remainder(localiser.pose.yaw_rad - pose.yaw_rad, math.tau),
+    )
 
 
-def test_anchors_are_bounded():
-    anchors = MapAnchors(0.1, 0.01)
-    for number in range(TILES_MAX + 10):
-        anchors.enter(Pose2D(2.0 * number + 1.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    assert len(anchors) == TILES_MAX
+def room_map(**how):
+    return local_map(ROOM.mapped(*ROOM_PLACES), **how)
+
+
+def located(believed, sigma_m=0.1, sigma_rad=0.03, **spec):
+    return Localiser(believed, sigma_m, sigma_rad, LocaliserSpec(**spec))
+
+
+@pytest.mark.parametrize("T_arena_local", [Pose2D(0.0, 0.0, 0.0), Pose2D(3.0, -2.0, 0.7), Pose2D(-1.0, 0.5, -2.2)])
+@pytest.mark.parametrize("off", [(0.06, -0.04, 0.03), (-0.05, 0.0, -0.02)])
+def test_a_scan_puts_a_robot_where_it_lies_on_its_own_map(T_arena_local, off):
+    true = Pose2D(2.3, 4.1, 0.8)
+    localiser = located(T_arena_local.compose(Pose2D(true.x_m + off[0], true.y_m + off[1], true.yaw_rad + off[2])))
+    fit = localiser.see(ROOM.points(true), room_map(T_arena_local=T_arena_local))
+    assert fit.fit > 0.9
+    assert localiser.fits
+    assert at(localiser, T_arena_local.compose(true)) == pytest.approx((0.0, 0.0, 0.0), abs=0.015)
+    assert localiser.filter.sigma_m == pytest.approx(0.03, abs=0.01)
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 1.1])
+def test_along_a_corridor_a_scan_moves_nothing_and_the_robot_is_no_surer(yaw_rad):
+    T_arena_local = Pose2D(1.0, 2.0, yaw_rad)
+    true = T_arena_local.compose(Pose2D(6.0, 4.0, 0.2))
+    along, across = (math.cos(yaw_rad), math.sin(yaw_rad)), (-math.sin(yaw_rad), math.cos(yaw_rad))
+    believed = Pose2D(true.x_m + 0.05 * along[0], true.y_m + 0.05 * along[1], true.yaw_rad)
+    believed = Pose2D(believed.x_m + 0.05 * across[0], believed.y_m + 0.05 * across[1], believed.yaw_rad)
+    localiser = located(believed, sigma_m=0.1)
+    map = local_map(CORRIDOR.mapped(*CORRIDOR_PLACES), T_arena_local)
+    localiser.see(CORRIDOR.points(Pose2D(6.0, 4.0, 0.2)), map)
+    dx_m, dy_m, turn_rad = at(localiser, true)
+    assert dx_m * along[0] + dy_m * along[1] == pytest.approx(0.05, abs=0.01)
+    assert dx_m * across[0] + dy_m * across[1] == pytest.approx(0.0, abs=0.01)
+    assert turn_rad == pytest.approx(0.0, abs=0.01)
+    covariance = localiser.covariance[:2, :2]
+    assert np.array(along) @ covariance @ along == pytest.approx(0.01, rel=0.1)
+    assert np.array(across) @ covariance @ across < 0.0015
+
+
+def test_a_scan_counts_where_it_was_made_though_the_robot_has_gone_on():
+    then, now = Pose2D(2.3, 4.1, 0.8), Pose2D(2.6, 4.3, 1.3)
+    localiser = located(Pose2D(now.x_m + 0.05, now.y_m - 0.03, now.yaw_rad + 0.02))
+    localiser.see(ROOM.points(then), room_map(), now.inverse().compose(then))
+    assert at(localiser, now) == pytest.approx((0.0, 0.0, 0.0), abs=0.02)
+
+
+def test_an_offset_within_the_slack_is_taken_for_none():
+    true = Pose2D(2.3, 4.1, 0.0)
+    for slack_cells, left_m in ((0.0, 0.0), (0.2, 0.02), (0.9, 0.04)):
+        localiser = located(Pose2D(2.34, 4.1, 0.0), slack_cells=slack_cells)
+        localiser.see(ROOM.points(true), room_map())
+        assert localiser.pose.x_m - true.x_m == pytest.approx(left_m, abs=0.008)
+
+
+def test_a_robot_that_is_unsure_of_its_place_looks_about_before_it_is_corrected():
+    true = Pose2D(2.3, 4.1, 0.8)
+    believed = Pose2D(true.x_m + 0.7, true.y_m - 0.6, true.yaw_rad + 0.2)
+    localiser = located(believed, sigma_m=0.6, sigma_rad=0.2)
+    localiser.see(ROOM.points(true), room_map())
+    assert at(localiser, true) == pytest.approx((0.0, 0.0, 0.0), abs=0.03)
+
+
+def test_a_robot_that_stands_is_not_corrected_again_and_again():
+    true = Pose2D(2.3, 4.1, 0.8)
+    localiser = located(true, sigma_m=0.02, sigma_rad=0.01)
+    map, points = room_map(), ROOM.points(Pose2D(2.32, 4.1, 0.8))
+    localiser.see(points, map)
+    assert at(localiser, true) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+    localiser.move(Twist2D(0.03, 0.0, 0.0))
+    localiser.see(points, map, Pose2D(-0.03, 0.0, 0.0))
+    moved = moved_along(true, Twist2D(0.03, 0.0, 0.0))
+    assert localiser.pose.x_m - moved.x_m > 0.005
+
+
+def test_a_scan_that_lies_elsewhere_does_not_fit_and_eight_of_them_mean_that_the_robot_is_lost():
+    localiser = located(Pose2D(2.3, 4.1, 0.8))
+    map, elsewhere = room_map(), ROOM.points(Pose2D(6.8, 1.0, 2.2))
+    localiser.see(ROOM.points(localiser.pose), map)
+    assert localiser.fits
+    for count in range(8):
+        assert localiser.lost == ""
+        localiser.see(elsewhere, map)
+        assert not localiser.fits, f"scan {count}"
+        localiser.move(Twist2D(0.05, 0.0, 0.0))
+    assert "do not fit the map" in localiser.lost
+
+
+def test_how_unsure_the_place_of_the_map_is_counts_in_the_covariance_but_not_in_what_scans_correct():
+    true = Pose2D(5.0, 1.0, 0.0)
+    anchor, variances = Pose2D(1.0, 1.0, 0.0), (0.04, 0.09, 0.01)
+    localiser, sure = located(true), located(true)
+    sure.see(ROOM.points(true), room_map())
+    localiser.see(ROOM.points(true), room_map(anchor=anchor, variances=variances))
+    assert np.array_equal(localiser.filter.covariance, sure.filter.covariance)
+    by_map = localiser.covariance - sure.covariance
+    # Four metres from the anchor its yaw moves the robot by 0.4 m in some direction.
+    assert np.diag(by_map) == pytest.approx((0.04 + 0.08, 0.09 + 0.08, 0.01), rel=1e-3)
+    assert localiser.sigma_m > 0.4 > sure.sigma_m
+
+
+def test_walls_that_were_drawn_from_an_unsure_place_keep_that():
+    true = Pose2D(2.3, 4.1, 0.8)
+    drawn = ROOM.mapped(*ROOM_PLACES, drift=(0.04, 0.0025))
+    localiser, sure = located(true), located(true)
+    sure.see(ROOM.points(true), room_map())
+    assert sure.drift[0] < 0.001
+    localiser.see(ROOM.points(true), local_map(drawn))
+    assert localiser.drift[0] == pytest.approx(sure.drift[0] + 0.04, rel=1e-3)
+    assert localiser.drift[1] == pytest.approx(sure.drift[1] + 0.0025, rel=1e-3)
+    assert localiser.covariance[0, 0] - sure.covariance[0, 0] == pytest.approx(0.04, rel=1e-3)
+
+
+def test_what_the_submap_had_of_drift_when_it_began_is_in_its_own_variances():
+    """Else it would count twice: in where the submap lies, and in what its walls were drawn from."""
+    true = Pose2D(2.3, 4.1, 0.8)
+    drawn = ROOM.mapped(*ROOM_PLACES, drift=(0.04, 0.0025))
+    localiser, sure = located(true), located(true)
+    sure.see(ROOM.points(true), room_map())
+    localiser.see(ROOM.points(true), local_map(drawn, drift=(0.04, 0.0025)))
+    assert localiser.covariance == pytest.approx(sure.covariance, abs=1e-6)
+
+
+def test_going_back_to_walls_that_were_drawn_early_makes_a_robot_surer_again():
+    true = Pose2D(2.3, 4.1, 0.8)
+    localiser = located(true)
+    localiser.see(ROOM.points(true), local_map(ROOM.mapped(*ROOM_PLACES, drift=(0.04, 0.0025))))
+    localiser.move(Twist2D(0.1, 0.0, 0.0))
+    there = moved_along(true, Twist2D(0.1, 0.0, 0.0))
+    localiser.see(ROOM.points(there), room_map())
+    assert localiser.drift[0] < 0.001
+    assert localiser.sigma_m < 0.05
+
+
+def test_a_new_trajectory_begins_without_drift():
+    true = Pose2D(2.3, 4.1, 0.8)
+    localiser = located(true)
+    localiser.see(ROOM.points(true), local_map(ROOM.mapped(*ROOM_PLACES, drift=(0.04, 0.0025))))
+    empty = OccupancyGrid(GEOMETRY, surfaces=True)
+    localiser.see(ROOM.points(true), local_map(empty, drift=(0.04, 0.0025), trajectory=1))
+    assert localiser.drift[0] < 0.001
+
+
+def test_walls_that_are_moved_take_the_robot_along():
+    start, T_new_old = Pose2D(5.0, 2.0, 0.4), Pose2D(0.3, -0.2, 0.5)
+    localiser = located(start, sigma_m=0.05, sigma_rad=0.02)
+    localiser.filter.add((0.09, 0.0, 0.0))
+    before = localiser.covariance
+    localiser.shift(T_new_old)
+    assert at(localiser, T_new_old.compose(start)) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+    turn = np.eye(3)
+    turn[:2, :2] = [[math.cos(0.5), -math.sin(0.5)], [math.sin(0.5), math.cos(0.5)]]
+    assert localiser.covariance == pytest.approx(turn @ before @ turn.T, abs=1e-9)
+
+
+def test_an_empty_map_corrects_nothing_and_is_no_misfit():
+    localiser = located(Pose2D(2.3, 4.1, 0.8))
+    for _ in range(20):
+        localiser.see(ROOM.points(Pose2D(2.3, 4.1, 0.8)), local_map(OccupancyGrid(GEOMETRY, surfaces=True)))
+    assert at(localiser, Pose2D(2.3, 4.1, 0.8)) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+    assert localiser.fits
+    assert localiser.lost == ""
+
+
+def test_a_lost_robot_is_found_on_the_map_of_the_team():
+    true, on_robot = Pose2D(2.0, 4.6, 2.0), Pose2D(0.1, 0.05, 0.3)
+    team = ROOM.mapped(*ROOM_PLACES)
+    localiser = located(Pose2D(6.0, 1.0, 0.0))
+    localiser.lose("it was carried")
+    localiser.find(ROOM.points(true.compose(on_robot)), team.log_odds, GEOMETRY, on_robot)
+    assert localiser.lost == ""
+    assert localiser.fits
+    assert at(localiser, true) == pytest.approx((0.0, 0.0, 0.0), abs=0.12)
+
+
+def test_a_lost_robot_is_looked_for_with_every_eighth_scan():
+    true = Pose2D(2.0, 4.6, 2.0)
+    team, nothing = ROOM.mapped(*ROOM_PLACES).log_odds, np.zeros(GEOMETRY.shape, np.int8)
+    localiser = located(Pose2D(6.0, 1.0, 0.0))
+    localiser.lose("it was carried")
+    localiser.find(ROOM.points(true), nothing, GEOMETRY)
+    scans = 0
+    while localiser.lost:
+        localiser.find(ROOM.points(true), team, GEOMETRY)
+        scans += 1
+        assert scans < 20
+    assert scans == 8
+
+
+def test_a_place_on_the_map_that_motes_speak_against_is_not_believed():
+    true, team = Pose2D(2.0, 4.6, 2.0), ROOM.mapped(*ROOM_PLACES)
+    for off_m, is_found in ((0.0, True), (30.0, False)):
+        localiser = located(Pose2D(6.0, 1.0, 0.0))
+        localiser.lose("it was carried")
+        for number in range(12):
+            mote = Point2D(2.0 + 3.0 * math.cos(number), 4.6 + 3.0 * math.sin(number))
+            localiser.hear(RssiSample(f"{number}", Point2D(mote.x_m + off_m, mote.y_m), LOSS.mean_dbm(3.0)))
+        localiser.find(ROOM.points(true), team.log_odds, GEOMETRY)
+        assert (localiser.lost == "") == is_found
+
+
+@pytest.mark.parametrize(
+    ("true", "can_tell", "is_lost"),
+    [
+        (Pose2D(2.3, 4.1, 0.8), True, False),
+        (Pose2D(6.8, 1.0, 2.2), True, True),  # somewhere else than it was told
+    ],
+)
+def test_the_map_of_others_tells_whether_a_robot_starts_where_it_was_told(true, can_tell, is_lost):
+    others = ROOM.mapped(*ROOM_PLACES)
+    localiser = located(Pose2D(2.3, 4.1, 0.8))
+    assert localiser.check_start(others.log_odds, GEOMETRY, ROOM.points(true)) == can_tell
+    assert bool(localiser.lost) == is_lost
+
+
+def test_a_map_of_others_that_does_not_know_the_place_cannot_tell():
+    others = ROOM.mapped(Pose2D(7.0, 5.0, 0.0))
+    others.erase(0, 0, 80, 60)
+    localiser = located(Pose2D(1.5, 1.5, 0.8))
+    assert not localiser.check_start(others.log_odds, GEOMETRY, ROOM.points(Pose2D(1.5, 4.5, 0.0)))
+    assert localiser.lost == ""

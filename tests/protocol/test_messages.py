@@ -89,6 +89,39 @@ EXAMPLES = [
         columns=3,
         observed_ms=1400,
         cells=b"\x00\x01\xff",
+        tiles_ms=b"\x02\xfe",
+        surfaces=b"\x03\xfd",
+        submap=1300,
+        T_arena_local=Pose2D(0.25, -0.125, 0.0625),
+        variance_m2=0.03125,
+        variance_rad2=0.0078125,
+        withdrawn=True,
+        parts=[
+            messages.MapPatch(
+                robot="r2",
+                resolution_m=0.05,
+                origin_x_m=-1.0,
+                origin_y_m=-2.0,
+                width=400,
+                height=300,
+                submap=7,
+                T_arena_local=Pose2D(1.0, 0.5, -0.25),
+            )
+        ],
+    ),
+    messages.Closures(
+        **STAMP,
+        robot="r1",
+        closures=[
+            messages.Closure(
+                submap=1300,
+                at=Pose2D(1.0, 2.0, 0.5),
+                mate="r2",
+                mate_submap=7,
+                at_mate=Pose2D(1.25, 2.5, -0.5),
+                information=(400.0, 8.0, -4.0, 300.0, 2.0, 900.0),
+            )
+        ],
     ),
     messages.PlannedPath(
         **STAMP,

@@ -6,6 +6,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 from numba.core.dispatcher import Dispatcher
+from numpy.typing import NDArray
 
 from robrain.protocol.model import (
     frontier,
@@ -19,9 +20,22 @@ from robrain.protocol.model import (
     small_linear_algebra,
 )
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping import mates_in_scan, pose_graph, submap, submap_atlas, surface_match
 from robrain.protocol.model.warm_up import warm_up
 
-MODULES: tuple[ModuleType, ...] = (frontier, inflation, occupancy_grid, path_planning, ray_cast, small_linear_algebra)
+MODULES: tuple[ModuleType, ...] = (
+    frontier,
+    inflation,
+    mates_in_scan,
+    occupancy_grid,
+    path_planning,
+    pose_graph,
+    ray_cast,
+    small_linear_algebra,
+    submap,
+    submap_atlas,
+    surface_match,
+)
 
 
 def compiled() -> dict[str, int]:
@@ -63,10 +77,35 @@ def use_every_kernel() -> None:
     path_planning.shorten_path(path[::2], traversable)
     field = path_planning.distance_field(traversable, cost, np.array([[0, 0]], np.int32))
     path_planning.descend(field, traversable, start)
+    use_every_kernel_of_mapping(geometry, sensor, angles_rad, ranges_m, cells)
     square, vector = np.eye(4), np.ones(4)
     small_linear_algebra.covariance_of(square, square)
     small_linear_algebra.least_solution(square, vector)
     small_linear_algebra.quadratic_form(square, vector)
+
+
+def use_every_kernel_of_mapping(
+    geometry: occupancy_grid.GridGeometry,
+    sensor: Pose2D,
+    angles_rad: NDArray[np.float64],
+    ranges_m: NDArray[np.float64],
+    cells: NDArray[np.int8],
+) -> None:
+    own = occupancy_grid.OccupancyGrid(geometry, surfaces=True)
+    told = np.array([(3, 3, 1), (5, 8, 1)])
+    circles = mates_in_scan.mate_circles(angles_rad[::-1], ranges_m, 4, sensor, told)
+    own.integrate_scan(sensor, angles_rad, ranges_m, 4, np.int64(7), circles, (0, 1))
+    points = np.column_stack((ranges_m * np.cos(angles_rad), ranges_m * np.sin(angles_rad)))
+    surface_match.match_surface(own, sensor, mates_in_scan.outside(points, sensor, circles))
+    surface_match.match_surface(own, sensor, mates_in_scan.outside(points, sensor, np.empty((0, 3))))
+    atlas = submap_atlas.SubmapAtlas(geometry)
+    atlas.take(("r1", 1), np.int64(1), np.int64(1), cells, 8)
+    atlas.take(("r1", 1), 8, 8, cells, np.full((1, 1), 9, np.int32))
+    atlas.move(("r1", 1), Pose2D(1, 0, 0))
+    atlas.withdraw(("r1", 1))
+    edge = pose_graph.Edge(1, Pose2D(1, 0, 0), 0, Pose2D(0, 0, 0), np.eye(3), may_be_false=False)
+    pose_graph.solve([Pose2D(0, 0, 0)], [Pose2D(0, 0, 0)], [edge])
+    pose_graph.solve([Pose2D(0, 0, 0)], [], [])
 
 
 def test_no_kernel_is_left_to_compile_in_use_whatever_type_a_number_or_array_has() -> None:

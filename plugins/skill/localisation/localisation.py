@@ -225,7 +225,7 @@ class Localisation(Skill):
         self._move()
         way_m = self._localiser.way_m - self._matched_way_m
         is_due = now_ns >= self._scan_due_ns or way_m > self.parameters.scan_way_m
-        if board.map is None or board.local_map is None or not is_due:
+        if board.map is None or not is_due:
             self._tell()
             return
         self._scan_due_ns = now_ns + to_ns(self.parameters.scan_period_s)
@@ -234,7 +234,7 @@ class Localisation(Skill):
         points = self._wall_points(scan, T_robot_sensor)
         if self._localiser.lost:
             self._localiser.find(points, board.map.log_odds, board.map.geometry, T_robot_sensor)
-        elif board.local_map.trajectory == self._trajectory:
+        elif board.local_map is not None and board.local_map.trajectory == self._trajectory:
             fit = self._localiser.see(points, board.local_map, T_robot_sensor)
             if fit.directions:
                 self._matches += 1

@@ -57,7 +57,15 @@ def outside(points: NDArray[np.float64], sensor: Pose2D, circles: NDArray[np.flo
     """Those of the points (N, 2) in the sensor's frame that lie in none of the circles (K, 3) of the arena frame."""
     if not len(circles) or not len(points):
         return points
-    kept: NDArray[np.float64] = points[_outside(points, sensor.x_m, sensor.y_m, sensor.yaw_rad, circles)]
+    kept: NDArray[np.float64] = points[
+        _outside(
+            kernel_array(points, FLOAT64),
+            float(sensor.x_m),
+            float(sensor.y_m),
+            float(sensor.yaw_rad),
+            kernel_array(circles, FLOAT64),
+        )
+    ]
     return kept
 
 

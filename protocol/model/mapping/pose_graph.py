@@ -67,16 +67,19 @@ def solve(free: list[Pose2D], held: list[Pose2D], edges: list[Edge]) -> Solution
         None if the edges do not determine the free nodes.
 
     """
-    nodes = np.array([(pose.x_m, pose.y_m, pose.yaw_rad) for pose in (*free, *held)]).reshape(-1, 3)
+    nodes = np.array([(pose.x_m, pose.y_m, pose.yaw_rad) for pose in (*free, *held)], np.float64)
+    nodes = nodes.reshape(-1, 3)
     ends = np.array([(edge.one, edge.other) for edge in edges], np.int64).reshape(-1, 2)
     places = np.array(
         [
             (a.x_m, a.y_m, a.yaw_rad, b.x_m, b.y_m, b.yaw_rad)
             for a, b in ((edge.at_one, edge.at_other) for edge in edges)
-        ]
+        ],
+        np.float64,
     ).reshape(-1, 6)
-    information = np.array([edge.information for edge in edges]).reshape(-1, 3, 3)
-    sure = np.array([edge.information if edge.sure is None else edge.sure for edge in edges]).reshape(-1, 3, 3)
+    information = np.array([edge.information for edge in edges], np.float64).reshape(-1, 3, 3)
+    counted = [edge.information if edge.sure is None else edge.sure for edge in edges]
+    sure = np.array(counted, np.float64).reshape(-1, 3, 3)
     doubtful = np.array([edge.may_be_false for edge in edges], np.bool_)
     covariances = np.zeros((len(free), 3, 3))
     squares = np.zeros(len(edges))

@@ -200,7 +200,7 @@ def _take(
                 continue
             row, column = first_row + i, first_column + j
             now = SAYS_OCCUPIED if cells[i, j] > 0 else SAYS_FREE
-            more += (now > 0) - (evidence[row, column] > 0)
+            more += int(now > 0) - int(evidence[row, column] > 0)
             evidence[row, column] = now
             tile_row, tile_column = row // TILE_CELLS, column // TILE_CELLS
             stamps_ms[tile_row, tile_column] = max(stamps_ms[tile_row, tile_column], stamp_ms)

@@ -14,6 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.kernel_array import FLOAT64, kernel_array
 from robrain.protocol.model.occupancy_grid import HIT_DEPTH_CELLS, OccupancyGrid
 from robrain.protocol.model.scan_match import DEGENERATE, Direction, ScanFit
 from robrain.protocol.model.scan_match_kernels import eigen
@@ -60,12 +61,12 @@ def match_surface(grid: OccupancyGrid, guess: Pose2D, points: Floats) -> tuple[S
         grid.surface_view,
         grid.surface_drift,
         1.0 / geometry.resolution_m,
-        geometry.origin_x_m,
-        geometry.origin_y_m,
-        guess.x_m,
-        guess.y_m,
-        guess.yaw_rad,
-        points,
+        float(geometry.origin_x_m),
+        float(geometry.origin_y_m),
+        float(guess.x_m),
+        float(guess.y_m),
+        float(guess.yaw_rad),
+        kernel_array(points, FLOAT64),
     )
     directions = [Direction((a, b, c), offset_m, held_by) for a, b, c, offset_m, held_by in found[:held].tolist()]
     return ScanFit(directions, fit, beams), (drift_m2, drift_rad2)
