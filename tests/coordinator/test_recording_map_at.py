@@ -74,7 +74,7 @@ def test_only_the_patches_since_the_last_copy_are_read_again(monkeypatch: pytest
     for column in range(PATCHES):
         builder.take(payload(column), (0, column))
     for end in (0, 1, 9, 10, 11, 19, 20, 25, PATCHES):
-        assert known_columns(maps.grid_at((0, end))) == list(range(end))
+        assert known_columns(maps.atlas_at((0, end)).grid) == list(range(end))
         start, told_end = asked.pop()
         assert told_end == (0, end)
         assert start == (0, end // 10 * 10 if end < PATCHES else 20)

@@ -5,9 +5,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, NONE, Drift, LocalMap, Variances
 from robrain.protocol.model.mapping.submap import IDENTITY, Submap
+from robrain.protocol.model.mapping.submap_graph import GraphSpec, SubmapGraph
 from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
 from robrain.protocol.model.ray_cast import cast_rays
 from robrain.protocol.model.scan_match import beam_ends
@@ -52,11 +54,16 @@ class LidarFloor:
         return grid
 
     def submap(self, *sensors: Pose2D, T_arena_local: Pose2D = IDENTITY) -> Submap:
-        """What a robot tells of the same."""
-        patch = self.mapped(*sensors).take_patch()
+        """What a robot tells of the same, once it is finished."""
+        own = OwnSubmaps(GEOMETRY, SubmapGraph("r1", GraphSpec()), SubmapSpec())
+        own.begin_submap(1, sensors[0], NO_DRIFT, np.eye(3))
+        for stamp_ms, sensor in enumerate(sensors, 1):
+            own.integrate(sensor, ANGLES_RAD, self.ranges_m(sensor), RANGE_M, stamp_ms, NOBODY, NO_DRIFT)
+        patch = own.take_patch()
         assert patch is not None
         submap = Submap(T_arena_local)
-        submap.take(patch.row, patch.column, patch.cells, patch.stamp_ms)
+        submap.take(patch.cells.row, patch.cells.column, patch.cells.cells, patch.cells.stamp_ms)
+        submap.surfaces = own.surfaces()
         return submap
 
 

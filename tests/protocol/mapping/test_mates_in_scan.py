@@ -1,0 +1,141 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.mates_in_scan import MARGIN_M, REACH_M, mate_circles, outside
+from robrain.protocol.model.scan_match import beam_ends
+from tests.protocol.mapping.lidar_floor import ANGLES_RAD, NOBODY, RANGE_M, LidarFloor
+
+RADIUS_M = 0.2
+WALLS = (
+    (0.0, 0.0, 12.0, 0.2),
+    (0.0, 7.8, 12.0, 8.0),
+    (0.0, 0.0, 0.2, 8.0),
+    (11.8, 0.0, 12.0, 8.0),
+)
+HALL = LidarFloor(*WALLS)
+SENSOR = Pose2D(5.0, 4.0, 0.4)
+
+
+def circle(x_m, y_m, radius_m=RADIUS_M):
+    return np.array([(x_m, y_m, radius_m)])
+
+
+def circles_for(told, ranges_m, sensor=SENSOR):
+    return mate_circles(ANGLES_RAD, ranges_m, RANGE_M, sensor, told)
+
+
+def left_of(circles, ranges_m, sensor=SENSOR):
+    """(n, 2) ends of beams, arena frame, that are taken for walls."""
+    points = outside(beam_ends(ANGLES_RAD, ranges_m, RANGE_M), sensor, circles)
+    cos, sin = math.cos(sensor.yaw_rad), math.sin(sensor.yaw_rad)
+    return np.column_stack(
+        (sensor.x_m + cos * points[:, 0] - sin * points[:, 1], sensor.y_m + sin * points[:, 0] + cos * points[:, 1])
+    )
+
+
+def nearest_m(points, x_m, y_m):
+    return float(np.hypot(points[:, 0] - x_m, points[:, 1] - y_m).min())
+
+
+def test_without_mates_every_beam_counts():
+    ranges_m = HALL.ranges_m(SENSOR)
+    circles = circles_for(NOBODY, ranges_m)
+    assert circles.shape == (0, 3)
+    assert len(left_of(circles, ranges_m)) == len(beam_ends(ANGLES_RAD, ranges_m, RANGE_M))
+
+
+@settings(deadline=None, max_examples=60)
+@given(bearing_rad=st.floats(-2.7, 2.7), away_m=st.floats(0.6, 2.4))
+def test_a_mate_where_it_says_is_no_wall(bearing_rad, away_m):
+    x_m = SENSOR.x_m + away_m * math.cos(SENSOR.yaw_rad + bearing_rad)
+    y_m = SENSOR.y_m + away_m * math.sin(SENSOR.yaw_rad + bearing_rad)
+    ranges_m = HALL.ranges_m(SENSOR, circle(x_m, y_m))
+    left = left_of(circles_for(circle(x_m, y_m), ranges_m), ranges_m)
+    assert nearest_m(left, x_m, y_m) > RADIUS_M + MARGIN_M
+    assert len(left) > 150
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    bearing_rad=st.floats(-2.7, 2.7), away_m=st.floats(0.8, 2.4), off_m=st.floats(0.3, 0.7), to_rad=st.floats(-3.1, 3.1)
+)
+def test_a_mate_that_is_not_quite_where_it_says_is_known_by_its_shape(bearing_rad, away_m, off_m, to_rad):
+    x_m = SENSOR.x_m + away_m * math.cos(SENSOR.yaw_rad + bearing_rad)
+    y_m = SENSOR.y_m + away_m * math.sin(SENSOR.yaw_rad + bearing_rad)
+    ranges_m = HALL.ranges_m(SENSOR, circle(x_m, y_m))
+    told = circle(x_m + off_m * math.cos(to_rad), y_m + off_m * math.sin(to_rad))
+    circles = circles_for(told, ranges_m)
+    assert len(circles) == 2
+    assert circles[1] == pytest.approx((x_m, y_m, RADIUS_M + MARGIN_M), abs=0.08)
+    assert nearest_m(left_of(circles, ranges_m), x_m, y_m) > RADIUS_M + 0.05
+
+
+@pytest.mark.xfail(strict=True, reason="a thing that lies across the first and the last beam is not looked at")
+def test_a_mate_right_behind_the_lidar_is_known_by_its_shape_too():
+    behind = SENSOR.compose(Pose2D(-1.5, 0.0, 0.0))
+    ranges_m = HALL.ranges_m(SENSOR, circle(behind.x_m, behind.y_m))
+    circles = circles_for(circle(behind.x_m + 0.5, behind.y_m), ranges_m)
+    assert len(circles) == 2
+    assert circles[1] == pytest.approx((behind.x_m, behind.y_m, RADIUS_M + MARGIN_M), abs=0.08)
+
+
+def test_a_pillar_of_a_mates_size_far_from_the_mate_stays_a_wall():
+    pillar = (6.5, 4.0)
+    ranges_m = HALL.ranges_m(SENSOR, circle(*pillar))
+    circles = circles_for(circle(pillar[0], pillar[1] + REACH_M + 0.2), ranges_m)
+    assert len(circles) == 1
+    assert nearest_m(left_of(circles, ranges_m), *pillar) < RADIUS_M + 0.05
+
+
+def test_of_two_round_things_the_one_nearer_to_the_place_told_is_the_mate():
+    mate, pillar = (6.5, 4.6), (6.5, 3.4)
+    both = np.array([(*mate, RADIUS_M), (*pillar, RADIUS_M)])
+    ranges_m = HALL.ranges_m(SENSOR, both)
+    circles = circles_for(circle(6.5, 4.2), ranges_m)
+    left = left_of(circles, ranges_m)
+    assert nearest_m(left, *mate) > RADIUS_M + 0.05
+    assert nearest_m(left, *pillar) < RADIUS_M + 0.05
+
+
+@pytest.mark.parametrize(
+    "box",
+    [
+        (6.2, 3.4, 6.3, 4.6),  # a board, wider than the mate
+        (6.3, 3.95, 6.4, 4.05),  # a post, much thinner
+        (6.2, 2.0, 6.9, 7.8),  # a wall that goes on
+    ],
+)
+def test_what_is_not_round_or_not_of_the_mates_size_stays_a_wall(box):
+    floor = LidarFloor(*WALLS, box)
+    ranges_m = floor.ranges_m(SENSOR)
+    circles = circles_for(circle(6.4, 4.9), ranges_m)
+    assert len(circles) == 1
+
+
+def test_a_mate_of_whom_only_an_edge_is_seen_behind_a_corner_is_not_guessed_at():
+    floor = LidarFloor(*WALLS, (5.8, 3.0, 6.0, 4.3))
+    mate = (6.6, 4.45)
+    ranges_m = floor.ranges_m(Pose2D(5.0, 4.0, 0.0), circle(*mate))
+    assert len(circles_for(circle(6.6, 5.0), ranges_m, Pose2D(5.0, 4.0, 0.0))) == 1
+
+
+def test_a_mate_out_of_the_lidars_reach_takes_no_circle():
+    ranges_m = HALL.ranges_m(SENSOR)
+    far = np.array([(SENSOR.x_m + RANGE_M + REACH_M + RADIUS_M + 0.1, SENSOR.y_m, RADIUS_M), (6.0, 4.0, RADIUS_M)])
+    assert circles_for(far, ranges_m)[:, :2].tolist() == [[6.0, 4.0]]
+
+
+def test_beams_that_returned_nothing_are_no_edges_of_a_mate():
+    """In the open, where only the mate returns anything."""
+    nothing = LidarFloor()
+    ranges_m = nothing.ranges_m(SENSOR, circle(6.5, 4.0))
+    for none in (RANGE_M, math.inf):
+        seen_m = np.where(ranges_m >= RANGE_M, none, ranges_m)
+        circles = circles_for(circle(6.5, 4.4), seen_m)
+        assert len(circles) == 2
+        assert circles[1, :2] == pytest.approx((6.5, 4.0), abs=0.08)
