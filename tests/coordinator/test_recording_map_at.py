@@ -13,8 +13,8 @@ from robrain.coordinator.recording.map_at import MapAt, Place, merged
 from robrain.coordinator.recording.player import Player
 from robrain.coordinator.recording.reading import RecordedMessage
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid, PatchCells
+from robrain.protocol.wire.map_messages import MapPatch
 from robrain.protocol.wire.map_patch import MAX_CELLS, to_message
-from robrain.protocol.wire.messages import MapPatch
 
 DECODER = msgspec.json.Decoder(MapPatch)
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 1000, 10)

@@ -65,7 +65,7 @@ def test_patches_on_another_grid_are_refused_in_words_and_change_nothing(geometr
 BROKEN = {
     "cells that do not inflate": {"cells": b"no zlib"},
     "too few cells": {"rows": 5},
-    "a box beyond the grid": {"row": 28},
+    "a box far beyond the grid": {"row": 2800},
     "a negative box": {"rows": -4, "columns": -5},
     "a grid without size": {"width": 0},
     "a grid of no resolution": {"resolution_m": 0.0},

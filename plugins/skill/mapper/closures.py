@@ -11,7 +11,7 @@ from robrain.protocol.model.mapping.local_map import Variances
 from robrain.protocol.model.mapping.loop_closure import Contradiction, Lying, lay_on
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.model.mapping.submap_graph import SubmapGraph, symmetric
-from robrain.protocol.wire.messages import Closure, Closures, MapPatch
+from robrain.protocol.wire.map_messages import Closure, Closures, MapPatch
 
 WAY_M = 0.4
 """The robot moves so far from one closure that it looks for to the next."""
@@ -104,7 +104,7 @@ class ClosureDesk:
     def hear_places(self, patch: MapPatch) -> None:
         """A mate has told where its submaps lie, and how sure it is of that."""
         moved = False
-        for part in patch.parts or [patch]:
+        for part in patch.parts or (patch,):
             if part.robot != patch.robot or part.withdrawn:
                 continue
             key = part.robot, part.submap

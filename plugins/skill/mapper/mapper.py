@@ -26,6 +26,7 @@ from robrain.protocol.model.occupancy_grid import GridGeometry
 from robrain.protocol.model.scan_match import beam_ends
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox, Received
+from robrain.protocol.wire.map_messages import Closures, MapPatch
 from robrain.protocol.wire.map_patch import (
     check_claim,
     joined_message,
@@ -35,7 +36,6 @@ from robrain.protocol.wire.map_patch import (
     to_message,
     whole_map,
 )
-from robrain.protocol.wire.messages import Closures, MapPatch
 from robrain.protocol.wire.record_guard import RecordGuard
 from robrain.protocol.wire.refusals import RefusalCode
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE
@@ -357,7 +357,7 @@ class Mapper(Skill):
             take_message(self._atlas, patch)
             if self._others is not None:
                 began_ms = map_stamp_ms(self._began_ns or 0)
-                before = [part for part in patch.parts if _was_before(part, began_ms)]
+                before = tuple(part for part in patch.parts if _was_before(part, began_ms))
                 take_message(self._others, msgspec.structs.replace(patch, parts=before, rows=0, columns=0, cells=b""))
         except ValueError as error:
             if patch.robot not in self._refused:
