@@ -96,7 +96,7 @@ EXAMPLES = [
         variance_m2=0.03125,
         variance_rad2=0.0078125,
         withdrawn=True,
-        parts=[
+        parts=(
             map_messages.MapPatch(
                 robot="r2",
                 resolution_m=0.05,
@@ -106,8 +106,8 @@ EXAMPLES = [
                 height=300,
                 submap=7,
                 T_arena_local=Pose2D(1.0, 0.5, -0.25),
-            )
-        ],
+            ),
+        ),
     ),
     map_messages.Closures(
         **STAMP,
