@@ -5,8 +5,8 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
 from robrain.protocol.model.occupancy_grid import OCCUPIED, OccupancyGrid
+from robrain.protocol.wire.map_messages import MapPatch
 from robrain.protocol.wire.map_patch import MAX_CELLS, geometry_of, take_message
-from robrain.protocol.wire.messages import MapPatch
 
 FAR_M = 1e6
 """What lies farther out than this is refused: it cannot be drawn, and would hide what can."""

@@ -4,7 +4,7 @@ import logging
 from collections import deque
 from typing import TYPE_CHECKING
 
-from robrain.protocol.wire.messages import MapPatch
+from robrain.protocol.wire.map_messages import MapPatch
 
 if TYPE_CHECKING:
     from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas

@@ -4,7 +4,7 @@ import msgspec
 
 from robrain.coordinator.map_view import MapView
 from robrain.coordinator.recording.map_at import patches_of
-from robrain.protocol.wire.messages import MapPatch
+from robrain.protocol.wire.map_messages import MapPatch
 
 PENDING_MAX = 256
 """Patches that wait to be merged."""

@@ -11,8 +11,8 @@ import msgspec
 
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.model.occupancy_grid import GridGeometry
+from robrain.protocol.wire.map_messages import MapPatch
 from robrain.protocol.wire.map_patch import MAX_CELLS, geometry_of, submap_message, take_message, whole_map
-from robrain.protocol.wire.messages import MapPatch
 
 PATCHES_BETWEEN = 250
 KEPT_MAX = 400

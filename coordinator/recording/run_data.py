@@ -17,14 +17,8 @@ from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import kind_of
 from robrain.protocol.wire.clock import to_seconds
-from robrain.protocol.wire.messages import (
-    ArenaTruth,
-    MapPatch,
-    MoteReading,
-    RobotState,
-    TaskEvent,
-    TeamState,
-)
+from robrain.protocol.wire.map_messages import MapPatch
+from robrain.protocol.wire.messages import ArenaTruth, MoteReading, RobotState, TaskEvent, TeamState
 from robrain.protocol.wire.plan_messages import TaskDecision
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import topic_of

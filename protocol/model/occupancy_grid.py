@@ -266,11 +266,10 @@ class OccupancyGrid:
         self.version += forgotten > 0
         self._first_scan = self._scans + 1
 
-    def recent_surfaces(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Rows and columns (n,) of the walls that were seen since `begin_stretch`; only with surfaces."""
+    def recent_surfaces(self) -> NDArray[np.int64]:
+        """Rows and columns (n, 2) of the walls that were seen since `begin_stretch`; only with surfaces."""
         walls = (self.log_odds > 0) & (self.surface_hits > 0) & (self._seen_by >= 2 * self._first_scan)
-        rows, columns = np.nonzero(walls)
-        return rows, columns
+        return np.argwhere(walls)
 
     def erase(self, first_row: int, first_column: int, end_row: int, end_column: int) -> int:
         """Know nothing any more of a box of cells; how many were known."""

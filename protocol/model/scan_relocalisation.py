@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.occupancy_grid import GridGeometry
-from robrain.protocol.model.scan_match import match_scan
+from robrain.protocol.model.scan_match import REACH_M, match_scan
 from robrain.protocol.model.scan_match_kernels import distance_window
 from robrain.protocol.model.small_linear_algebra import least_solution
 
@@ -34,6 +34,8 @@ APART_M, APART_RAD = 0.5, 0.25
 NEAR_CELLS = 2.0
 BODY_M = 0.5
 """Nearer than this the map may show the robot itself, as the others saw it."""
+NEAR_M = 0.2
+"""Reach of the last refinement: walls that the map does not have would pull the scan to others."""
 SHORT_M = 0.3
 """A beam may end this far behind a wall of the map before it has gone through it."""
 
@@ -93,8 +95,8 @@ def find_by_scan(log_odds: NDArray[np.int8], geometry: GridGeometry, points: NDA
 
 
 def _refined(log_odds: NDArray[np.int8], geometry: GridGeometry, guess: Pose2D, points: NDArray[np.float64]) -> Pose2D:
-    for _ in range(2):
-        held = match_scan(log_odds, geometry, guess, points).directions
+    for reach_m in (REACH_M, REACH_M, NEAR_M):
+        held = match_scan(log_odds, geometry, guess, points, reach_m).directions
         if not held:
             return guess
         rows, offsets_m = np.array([each.row for each in held]), np.array([each.offset_m for each in held])

@@ -12,11 +12,13 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.submap import IDENTITY, SURFACE, SURFACES_MAX, TILE_CELLS, Submap
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.model.occupancy_grid import GridGeometry, PatchCells
-from robrain.protocol.wire.messages import MapPatch
+from robrain.protocol.wire.map_messages import MapPatch
 
 NS_PER_MS = 1_000_000
 STAMP_MODULUS_MS = 1 << 31
 MAX_CELLS = 1 << 24
+OUTSIDE_MAX = 2_000
+"""Cells by which a patch may lie outside the team's grid, as those of a robot that is not where it believes (chosen)."""
 AHEAD_MAX_MS = 5_000
 """Largest difference between clocks of a team (chosen). A patch from later would override what is seen until then."""
 OCCUPIED_MAX = 4_000
@@ -65,7 +67,7 @@ def joined_message(robot: str, geometry: GridGeometry, moved: Iterable[MapPatch]
         origin_y_m=geometry.origin_y_m,
         width=geometry.width,
         height=geometry.height,
-        parts=list(moved),
+        parts=tuple(moved),
     )
 
 
@@ -77,6 +79,7 @@ def pose_message(
     *,
     withdrawn: bool = False,
     surfaces: NDArray[np.void] | None = None,
+    variances: tuple[float, float] = (0.0, 0.0),
 ) -> MapPatch:
     """Says where a submap lies, or that it is wrong, or that it is finished and where in their cells its walls are."""
     return MapPatch(
@@ -90,6 +93,8 @@ def pose_message(
         T_arena_local=T_arena_local,
         withdrawn=withdrawn,
         surfaces=b"" if surfaces is None else zlib.compress(surfaces.tobytes(), 1),
+        variance_m2=float(variances[0]),
+        variance_rad2=float(variances[1]),
     )
 
 
@@ -185,6 +190,12 @@ def _surfaces_of(patch: MapPatch) -> NDArray[np.void]:
 
 
 def _take_cells(atlas: SubmapAtlas, key: SubmapKey, patch: MapPatch) -> int:
+    height, width = atlas.grid.geometry.shape
+    if max(-patch.row, patch.row - height, -patch.column, patch.column - width) > OUTSIDE_MAX:
+        at = f"row {patch.row}, column {patch.column}"
+        raise ValueError(
+            f"{patch.robot}: expected a patch at most {OUTSIDE_MAX} cells outside the grid, got one at {at}"
+        )
     cells = _cells_of(patch)
     if not patch.tiles_ms:
         return atlas.take(key, patch.row, patch.column, cells, patch.observed_ms)

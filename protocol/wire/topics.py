@@ -6,7 +6,7 @@ in the project writes a key by hand.
 
 from typing import Any
 
-from robrain.protocol.wire import messages, plan_messages, task_messages
+from robrain.protocol.wire import map_messages, messages, plan_messages, task_messages
 from robrain.protocol.wire.replay_messages import ReplayRequest
 from robrain.protocol.wire.topic import CAN_FRAME, PNG, TINYOS_PACKET, Delivery, Kind, Role, Topic, Urgency
 
@@ -48,7 +48,7 @@ ROBOT_MAP = Topic(
     pattern="robot/{robot}/map",
     doc="Cells of a submap that the robot's own sensing changed, and where its submaps lie",
     by=Role.ROBOT,
-    message=messages.MapPatch,
+    message=map_messages.MapPatch,
     rate_hz=2,
     delivery=Delivery.LOSSLESS,
     urgency=Urgency.DATA_LOW,
@@ -68,7 +68,7 @@ ROBOT_CLOSURES = Topic(
     pattern="robot/{robot}/closures",
     doc="Where scans of the robot lie on submaps of others",
     by=Role.ROBOT,
-    message=messages.Closures,
+    message=map_messages.Closures,
     delivery=Delivery.LOSSLESS,
     urgency=Urgency.DATA_LOW,
     recorded=True,

@@ -16,10 +16,10 @@ from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.map_messages import MapPatch
 from robrain.protocol.wire.messages import (
     ArenaTruth,
     BatteryState,
-    MapPatch,
     MoteReading,
     PlannedPath,
     RobotState,

@@ -9,11 +9,11 @@ from robrain.coordinator.dashboard.team_view import HISTORY_POINTS, TeamView
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.task import Explore, TaskState
 from robrain.protocol.wire.inbox import Received
+from robrain.protocol.wire.map_messages import MapPatch
 from robrain.protocol.wire.messages import (
     ArenaClock,
     ArenaTruth,
     Halt,
-    MapPatch,
     Message,
     MoteReading,
     MoteTruth,

@@ -19,12 +19,12 @@ from robrain.protocol.model.task import TaskState, Visit
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import WireError
+from robrain.protocol.wire.map_messages import MapPatch
 from robrain.protocol.wire.map_patch import to_message
 from robrain.protocol.wire.messages import (
     BatteryState,
     Halt,
     LogRecord,
-    MapPatch,
     MoteReading,
     PlannedPath,
     RobotState,

@@ -15,8 +15,8 @@ from robrain.coordinator.recording.reading import RecordedMessage
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid, PatchCells
+from robrain.protocol.wire.map_messages import MapPatch
 from robrain.protocol.wire.map_patch import MAX_CELLS, pose_message, take_message, to_message
-from robrain.protocol.wire.messages import MapPatch
 
 DECODER = msgspec.json.Decoder(MapPatch)
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 1000, 10)

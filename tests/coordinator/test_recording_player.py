@@ -16,7 +16,7 @@ from robrain.coordinator.recording.map_at import merged
 from robrain.coordinator.recording.player import Player
 from robrain.coordinator.recording.reading import RecordedMessage, read_messages
 from robrain.protocol.model.occupancy_grid import OccupancyGrid
-from robrain.protocol.wire.messages import MapPatch
+from robrain.protocol.wire.map_messages import MapPatch
 from robrain.sim.scenario import Scenario
 
 NS_PER_S = 1_000_000_000

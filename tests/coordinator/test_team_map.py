@@ -68,6 +68,7 @@ BROKEN = {
     "cells that do not inflate": {"cells": b"no zlib"},
     "too few cells": {"rows": 5},
     "a box wider than any submap": {"rows": 1, "columns": 5000, "cells": zlib.compress(bytes(5000))},
+    "a box far beyond the grid": {"row": 2800},
     "a negative box": {"rows": -4, "columns": -5},
     "a grid without size": {"width": 0},
     "a grid of no resolution": {"resolution_m": 0.0},

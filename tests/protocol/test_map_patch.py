@@ -10,6 +10,7 @@ from hypothesis.extra.numpy import arrays
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, PatchCells
+from robrain.protocol.wire.map_messages import MapPatch
 from robrain.protocol.wire.map_patch import (
     MAX_CELLS,
     OCCUPIED_MAX,
@@ -23,7 +24,6 @@ from robrain.protocol.wire.map_patch import (
     to_message,
     whole_map,
 )
-from robrain.protocol.wire.messages import MapPatch
 
 GEOMETRY = GridGeometry(0.05, -1.0, -2.0, 12, 9)
 CELLS = np.array([[FREE, OCCUPIED, UNKNOWN], [FREE, FREE, OCCUPIED]], np.int8)

@@ -9,7 +9,7 @@ from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.task import Explore, TaskState
-from robrain.protocol.wire import errors, messages, replay_messages
+from robrain.protocol.wire import errors, map_messages, messages, replay_messages
 from robrain.protocol.wire.idle_reasons import NoWay
 from robrain.protocol.wire.refusals import Refusal
 
@@ -75,7 +75,7 @@ EXAMPLES = [
         map_agreement=0.875,
         loaded=3735928559,
     ),
-    messages.MapPatch(
+    map_messages.MapPatch(
         **STAMP,
         robot="r1",
         resolution_m=0.05,
@@ -96,8 +96,8 @@ EXAMPLES = [
         variance_m2=0.03125,
         variance_rad2=0.0078125,
         withdrawn=True,
-        parts=[
-            messages.MapPatch(
+        parts=(
+            map_messages.MapPatch(
                 robot="r2",
                 resolution_m=0.05,
                 origin_x_m=-1.0,
@@ -106,14 +106,14 @@ EXAMPLES = [
                 height=300,
                 submap=7,
                 T_arena_local=Pose2D(1.0, 0.5, -0.25),
-            )
-        ],
+            ),
+        ),
     ),
-    messages.Closures(
+    map_messages.Closures(
         **STAMP,
         robot="r1",
         closures=[
-            messages.Closure(
+            map_messages.Closure(
                 submap=1300,
                 at=Pose2D(1.0, 2.0, 0.5),
                 mate="r2",

@@ -9,8 +9,8 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.occupancy_grid import PatchCells
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.map_messages import MapPatch
 from robrain.protocol.wire.map_patch import to_message
-from robrain.protocol.wire.messages import MapPatch
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ROBOT_MAP
 from robrain.sim.maps.floor_plan import FloorPlan
@@ -102,6 +102,7 @@ def test_a_team_cell_weighs_by_the_reachable_floor_in_it(endpoint):
         {"cells": zlib.compress(bytes(99))},  # too few
         {"cells": zlib.compress(bytes(101))},  # too many
         {"rows": 1, "columns": 5000, "cells": zlib.compress(bytes(5000))},  # wider than any submap
+        {"row": 3000},  # far outside the grid
         {"rows": -10, "columns": -10},
         {"rows": 10_000, "columns": 10_000},
         {"resolution_m": 0.0},  # no grid at all

@@ -10,12 +10,12 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request
 from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.map_messages import MapPatch
 from robrain.protocol.wire.messages import (
     ArenaTruth,
     BatteryState,
     Event,
     LogRecord,
-    MapPatch,
     MoteReading,
     PlannedPath,
     RobotState,

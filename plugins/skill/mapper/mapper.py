@@ -11,22 +11,22 @@ from numpy.typing import NDArray
 from robrain.agent.event import Event
 from robrain.agent.plugin import Skill, external
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
-from robrain.plugins.skill.mapper.closure_search import ClosureSearch
+from robrain.plugins.skill.mapper.closures import ClosureDesk
 from robrain.plugins.skill.mapper.interface import MapperCounters, MapperInterface, MapView
 from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
 from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates.interface import TeammatesInterface
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.local_map import LocalPose, Variances
-from robrain.protocol.model.mapping.loop_closure import Contradiction, Lying, lay_on
+from robrain.protocol.model.mapping.local_map import LocalPose
 from robrain.protocol.model.mapping.mates_in_scan import mate_circles, outside
 from robrain.protocol.model.mapping.submap import IDENTITY
-from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
-from robrain.protocol.model.mapping.submap_graph import GraphSpec, SubmapGraph, symmetric
+from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
+from robrain.protocol.model.mapping.submap_graph import GraphSpec, SubmapGraph
 from robrain.protocol.model.occupancy_grid import GridGeometry
 from robrain.protocol.model.scan_match import beam_ends
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox, Received
+from robrain.protocol.wire.map_messages import Closures, MapPatch
 from robrain.protocol.wire.map_patch import (
     check_claim,
     joined_message,
@@ -36,7 +36,6 @@ from robrain.protocol.wire.map_patch import (
     to_message,
     whole_map,
 )
-from robrain.protocol.wire.messages import Closure, Closures, MapPatch
 from robrain.protocol.wire.record_guard import RecordGuard
 from robrain.protocol.wire.refusals import RefusalCode
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE
@@ -50,22 +49,11 @@ WHOLE_MS = 400
 TELL_AFTER_S = 0.5
 """Until then nobody is told of what was mapped; chosen."""
 CLOSURE_PERIOD_S = 1.0
-"""A scan is laid on another submap this often …"""
-CLOSURE_WAY_M = 0.4
-"""… if the robot has moved so far since."""
+"""A scan is laid on another submap this often."""
+CLOSURES_A_STEP = 256
 SOLVE_PERIOD_S = 2.0
-CONTRADICTS_MAX = 6
-"""So many scans in a row that do not lie on submaps that know the place."""
-CONTRADICTS = 0.45
-"""Share of beams that agree, below which a scan contradicts a submap."""
-
-
 WAITING_MAX = 16
 """Scans that wait until it is known where the robot was."""
-SLACK_ARM_M = 5.0
-"""A turn moves walls that are so far away."""
-UNSAID: Variances = (4e-4, 4e-4, 1e-5)
-"""Of where a mate's submap lies, if the mate does not say."""
 NOBODY = np.empty((0, 3))
 
 
@@ -111,14 +99,12 @@ class Mapper(Skill):
 
     def init(self) -> None:
         self._why_paused = ""
-        self._taken = self._left_out = self._closed = self._contradicted = 0
+        self._taken = self._left_out = 0
         geometry = self.parameters.geometry()
         self._atlas = SubmapAtlas(geometry)
         self._graph = SubmapGraph(self.env.robot, self.parameters.graph)
         self._own = OwnSubmaps(geometry, self._graph, self.parameters.submap)
-        self._search = ClosureSearch(self.env.robot, self._graph, self._atlas)
-        self._variances: dict[SubmapKey, Variances] = {}
-        """Of where the mates' submaps lie."""
+        self._desk = ClosureDesk(self.env.robot, self._graph, self._atlas, self.parameters.closure_slack_m)
         self._view: MapView | None = None
         self._inbox = Inbox(capacity=4096)
         self._refused: set[str] = set()
@@ -128,8 +114,6 @@ class Mapper(Skill):
         self._has_begun_anew = False
         self._waiting: deque[LaserScan] = deque(maxlen=WAITING_MAX)
         self._untold: list[MapPatch] = []
-        self._found: list[Closure] = []
-        self._closed_at: Pose2D | None = None
         self._closure_due_ns = self._solve_due_ns = 0
 
     def activate(self) -> None:
@@ -167,9 +151,9 @@ class Mapper(Skill):
         for patch in self._untold:
             self._patches.put(patch)
         self._untold.clear()
-        if self._found:
-            self._closures.put(Closures(robot=self.env.robot, closures=self._found[:256]))
-            self._found = []
+        if self._desk.found:
+            self._closures.put(Closures(robot=self.env.robot, closures=self._desk.found[:CLOSURES_A_STEP]))
+            self._desk.found.clear()
 
     def view(self) -> MapView:
         """The map as it is now."""
@@ -193,8 +177,8 @@ class Mapper(Skill):
             why_left_out=self._why_paused,
             patches_dropped=self._inbox.dropped,
             submaps=len(self._atlas.submaps),
-            closures=self._closed,
-            contradictions=self._contradicted,
+            closures=self._desk.closed,
+            contradictions=self._desk.contradicted,
         )
 
     def _see(self, scan: LaserScan) -> None:
@@ -222,7 +206,7 @@ class Mapper(Skill):
         self._taken += 1
         if local_pose.trajectory != self._own.trajectory:
             self._own.begin_trajectory(local_pose.trajectory)
-            self._search.forget()
+            self._desk.search.forget()
         local = local_pose.T_local_odom.compose(self._driver.pose_at(scan.stamp_ns))
         self.env.board.mate_places = told = self._mates()
         sensor = self._own.T_arena_local.compose(local)
@@ -267,87 +251,34 @@ class Mapper(Skill):
         self._untold.append(pose_message(self.env.robot, geometry, number, self._own.T_arena_local, surfaces=surfaces))
 
     def _look_for_closure(self, scan: LaserScan, local: Pose2D, circles: NDArray[np.float64]) -> None:
-        """Lay the scan on a submap that should show the place, of another robot or an old one of this one."""
         now_ns, number = self.env.clock.now_ns(), self._own.number
-        sensor = self._own.T_arena_local.compose(local)
         if now_ns < self._closure_due_ns or number is None:
             return
-        if self._closed_at is not None and self._closed_at.distance_m(sensor) < CLOSURE_WAY_M:
-            return
-        self._closure_due_ns = now_ns + to_ns(CLOSURE_PERIOD_S)
-        key = self._search.candidate(sensor)
-        if key is None:
-            return
-        self._closed_at = sensor
+        sensor = self._own.T_arena_local.compose(local)
         points = outside(beam_ends(scan.angles_rad, scan.ranges_m, scan.range_max_m), sensor, circles)
-        submap = self._atlas.submaps[key]
-        covariance, other = self.env.board.pose_covariance, self._variances_of(key)
-        sigma_m = math.sqrt(max(covariance[0] + other[0], covariance[4] + other[1]))
-        sigma_rad = math.sqrt(covariance[8] + other[2])
-        lying = lay_on(submap, self._atlas.grid.geometry, sensor, points, sigma_m, sigma_rad)
-        if isinstance(lying, Contradiction):
-            self._contradicted += lying.agrees < CONTRADICTS
-        if not isinstance(lying, Lying):
-            return
-        believed = submap.T_arena_local.inverse().compose(sensor)
-        found = self._with_slack(believed, lying.sensor)
-        at_own = local.compose(Pose2D(0.0, 0.0, -found.yaw_rad))
-        at_other = Pose2D(found.x_m, found.y_m, 0.0)
-        self._graph.close(number, at_own, key, at_other, lying.information)
-        self._closed += 1
-        if key[0] != self.env.robot:
-            upper = lying.information[np.triu_indices(3)]
-            self._found.append(
-                Closure(
-                    submap=number,
-                    at=at_own,
-                    mate=key[0],
-                    mate_submap=key[1],
-                    at_mate=at_other,
-                    information=tuple(upper.tolist()),
-                )
-            )
-
-    def _with_slack(self, believed: Pose2D, found: Pose2D) -> Pose2D:
-        slack_m = self.parameters.closure_slack_m
-        if not slack_m:
-            return found
-        turned_rad = math.remainder(found.yaw_rad - believed.yaw_rad, math.tau)
-        off_m = believed.distance_m(found)
-        share = max(off_m - slack_m, 0.0) / max(off_m, slack_m)
-        slack_rad = slack_m / SLACK_ARM_M
-        turn_share = max(abs(turned_rad) - slack_rad, 0.0) / max(abs(turned_rad), slack_rad)
-        return Pose2D(
-            believed.x_m + share * (found.x_m - believed.x_m),
-            believed.y_m + share * (found.y_m - believed.y_m),
-            believed.yaw_rad + turn_share * turned_rad,
-        )
+        if self._desk.look(number, local, sensor, points, self.env.board.pose_covariance):
+            self._closure_due_ns = now_ns + to_ns(CLOSURE_PERIOD_S)
 
     def _solve(self) -> None:
         now_ns = self.env.clock.now_ns()
         if not self._graph.has_news or now_ns < self._solve_due_ns:
             return
         self._solve_due_ns = now_ns + to_ns(SOLVE_PERIOD_S)
-        moved = self._graph.solve(self._place_of, self._variances_of)
+        moved = self._graph.solve(self._desk.place_of, self._desk.variances_of)
         if not moved:
             return
         robot, geometry = self.env.robot, self._atlas.grid.geometry
         told = []
         for number, T_arena_local in moved.items():
             self._atlas.move((robot, number), T_arena_local)
-            told.append(pose_message(robot, geometry, number, T_arena_local))
+            covariance = self._graph.own[number].covariance
+            variances = max(covariance[0, 0], covariance[1, 1]), covariance[2, 2]
+            told.append(pose_message(robot, geometry, number, T_arena_local, variances=variances))
         self._untold.append(joined_message(robot, geometry, told))
         current = self._graph.current
         if current is not None and current.number == self._own.number:
             self._own.T_arena_local = current.T_arena_local
             self.env.board.local_map = self._own.local_map()
-
-    def _place_of(self, key: SubmapKey) -> Pose2D | None:
-        submap = self._atlas.submaps.get(key)
-        return None if submap is None else submap.T_arena_local
-
-    def _variances_of(self, key: SubmapKey) -> Variances:
-        return self._variances.get(key, UNSAID)
 
     def _why_not(self) -> str:
         """Why a scan must not be put into the map now; walls in the wrong place are worse than none."""
@@ -416,21 +347,9 @@ class Mapper(Skill):
             why = f"{message.robot} is not there"
             self.env.wire.refusals.note(received.topic.name, received.key, RefusalCode.UNKNOWN_SENDER, why)
         elif isinstance(message, Closures):
-            self._take_closures(message)
+            self._desk.hear(message)
         else:
             self._merge(message)
-
-    def _take_closures(self, message: Closures) -> None:
-        """A mate's scans lie on submaps of this robot."""
-        for closure in message.closures:
-            if closure.mate == self.env.robot:
-                self._graph.close_with_mate(
-                    closure.mate_submap,
-                    closure.at_mate,
-                    (message.robot, closure.submap),
-                    closure.at,
-                    symmetric(closure.information),
-                )
 
     def _merge(self, patch: MapPatch) -> None:
         try:
@@ -438,14 +357,14 @@ class Mapper(Skill):
             take_message(self._atlas, patch)
             if self._others is not None:
                 began_ms = map_stamp_ms(self._began_ns or 0)
-                before = [part for part in patch.parts if _was_before(part, began_ms)]
+                before = tuple(part for part in patch.parts if _was_before(part, began_ms))
                 take_message(self._others, msgspec.structs.replace(patch, parts=before, rows=0, columns=0, cells=b""))
         except ValueError as error:
             if patch.robot not in self._refused:
                 self._refused.add(patch.robot)
                 logger.warning("%s: the map of %s cannot be merged: %s", self.env.robot, patch.robot, error)
-        if any(part.robot == patch.robot for part in patch.parts):
-            self._graph.has_news = self._graph.has_news or self._graph.rests_on(patch.robot)
+            return
+        self._desk.hear_places(patch)
 
     def _whole(self) -> MapPatch | None:
         """The robot's own submaps, and those of robots that are not there to tell them."""

@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from robrain.protocol.model.elementary_functions import arctan2
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, Drift, LocalMap
 from robrain.protocol.model.mapping.submap import IDENTITY, PARTS, SURFACE, SURFACES_MAX
@@ -136,9 +137,8 @@ class OwnSubmaps:
     def surfaces(self) -> NDArray[np.void]:
         """Where in their cells the walls of the current submap are, (n,) of `SURFACE`."""
         grid = self.grid
-        rows, columns = grid.recent_surfaces()
-        surfaces = np.zeros(min(len(rows), SURFACES_MAX), SURFACE)
-        rows, columns = rows[: len(surfaces)], columns[: len(surfaces)]
+        rows, columns = grid.recent_surfaces()[:SURFACES_MAX].T
+        surfaces = np.zeros(len(rows), SURFACE)
         surfaces["row"], surfaces["column"] = rows - self._margin, columns - self._margin
         right = grid.surface_at[rows, columns, 0] - (columns + 0.5)
         up = grid.surface_at[rows, columns, 1] - (rows + 0.5)
@@ -146,7 +146,7 @@ class OwnSubmaps:
             np.clip(np.rint(right * PARTS), -127, 127),
             np.clip(np.rint(up * PARTS), -127, 127),
         )
-        view_rad = np.arctan2(grid.surface_view[rows, columns, 1], grid.surface_view[rows, columns, 0])
+        view_rad = arctan2(*grid.surface_view[rows, columns].T[::-1].astype(np.float64))
         surfaces["view"] = np.rint(view_rad * (256 / math.tau)).astype(np.int64) % 256
         return surfaces
 

@@ -23,6 +23,8 @@ Floats = NDArray[np.float64]
 ITERATIONS_MAX = 10
 DONE = 1e-6
 """Metres and radians: smaller steps end the iteration."""
+DETERMINED = 1e-13
+"""Share of its information that a pose keeps, at least, once those before it are eliminated: less is rounding."""
 SCALING = 5.0
 """Φ of dynamic covariance scaling: edges whose squared residual exceeds it lose weight; chosen."""
 
@@ -40,6 +42,8 @@ class Edge(NamedTuple):
     at_other: Pose2D
     information: Floats
     may_be_false: bool
+    sure: Floats | None = None
+    """(3, 3) information that counts for the covariances, if another: errors that edges share do not average out."""
 
 
 class Solution(NamedTuple):
@@ -76,10 +80,12 @@ def solve(free: list[Pose2D], held: list[Pose2D], edges: list[Edge]) -> Solution
         np.float64,
     ).reshape(-1, 6)
     information = np.array([edge.information for edge in edges], np.float64).reshape(-1, 3, 3)
+    counted = [edge.information if edge.sure is None else edge.sure for edge in edges]
+    sure = np.array(counted, np.float64).reshape(-1, 3, 3)
     doubtful = np.array([edge.may_be_false for edge in edges], np.bool_)
     covariances = np.zeros((len(free), 3, 3))
     squares = np.zeros(len(edges))
-    is_determined = _solve(nodes, len(free), ends, places, information, doubtful, covariances, squares)
+    is_determined = _solve(nodes, len(free), ends, places, information, sure, doubtful, covariances, squares)
     if not is_determined:
         return None
     poses = [Pose2D(x_m, y_m, wrap_angle_rad(yaw_rad)) for x_m, y_m, yaw_rad in nodes[: len(free)].tolist()]
@@ -128,7 +134,7 @@ def _factor(matrix: Floats) -> bool:
             for k in range(j):
                 rest -= matrix[i, k] * matrix[j, k]
             if i == j:
-                if not rest > 0.0:
+                if not rest > DETERMINED * matrix[i, i]:
                     return False
                 matrix[i, i] = math.sqrt(rest)
             else:
@@ -159,6 +165,7 @@ def _solve(
     ends: NDArray[np.int64],
     places: Floats,
     information: Floats,
+    sure: Floats,
     doubtful: NDArray[np.bool_],
     covariances: Floats,
     squares: Floats,
@@ -169,7 +176,9 @@ def _solve(
     residual = np.zeros(3)
     jacobian = np.zeros((2, 3, 3))
     weighed = np.zeros((2, 3, 3))
-    for iteration in range(ITERATIONS_MAX + 1):
+    is_last = False
+    iteration = 0
+    while True:
         hessian[:] = 0.0
         step[:] = 0.0
         for e in range(ends.shape[0]):
@@ -187,7 +196,8 @@ def _solve(
                     for j in range(3):
                         total = 0.0
                         for k in range(3):
-                            total += jacobian[side, k, i] * information[e, k, j]
+                            each = sure[e, k, j] if is_last else information[e, k, j]
+                            total += jacobian[side, k, i] * each
                         weighed[side, i, j] = weight * total
             for side in range(2):
                 if ends[e, side] >= free:
@@ -208,15 +218,15 @@ def _solve(
                             hessian[at + i, to + j] += total
         if not _factor(hessian):
             return False
-        if iteration == ITERATIONS_MAX:
+        if is_last:
             break
         _substitute(hessian, step, 0)
         largest = 0.0
         for i in range(size):
             largest = max(largest, abs(step[i]))
             nodes[i // 3, i % 3] += step[i]
-        if largest < DONE:
-            break
+        iteration += 1
+        is_last = largest < DONE or iteration >= ITERATIONS_MAX
     column = np.zeros(size)
     for n in range(free):
         for j in range(3):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.submap import IDENTITY, TILE_CELLS, Submap, moved_box
-from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
+from robrain.protocol.model.occupancy_grid import LAST_STAMP_MS, GridGeometry, OccupancyGrid
 
 SUBMAPS_MAX = 8192
 """Submaps that an atlas holds; others are refused."""
@@ -54,6 +54,8 @@ class SubmapAtlas:
             ValueError: there are too many submaps, or the submap gets too large.
 
         """
+        if isinstance(stamp_ms, int) and not 0 <= stamp_ms <= LAST_STAMP_MS:
+            raise ValueError(f"expected 0 <= stamp_ms <= {LAST_STAMP_MS} (24 days of a run's clock), got {stamp_ms}")
         submap = self.submaps.get(key)
         if submap is None and len(self.submaps) >= SUBMAPS_MAX:
             raise ValueError(f"expected at most {SUBMAPS_MAX} submaps")

@@ -234,17 +234,22 @@ class SubmapGraph:
         if other[0] == self._robot and other[1] in index:
             at_other = self.own[other[1]].at(link.at_other)
             return Edge(index[other[1]], at_other, own, link.at_own, link.information, link.may_be_false)
-        information = link.information
         if other not in held_at:
             place = place_of(other)
             if place is None:
                 return None
             held_at[other] = len(index) + len(held)
             held.append(place)
-        information = _inverse(_inverse(information) + np.diag(variances_of(other)))
+        # A mate's place is measured only once, however many scans lie there, and mates go by this robot in their turn:
+        # all closures with mates together make the robot no surer than one mate is (covariance intersection).
+        measured, mates = _inverse(link.information), np.diag(variances_of(other))
+        information, sure = _inverse(measured + mates), _inverse(measured + self._with_mates() * mates)
         if link.axes_of_own:
-            return Edge(own, link.at_own, held_at[other], link.at_other, information, link.may_be_false)
-        return Edge(held_at[other], link.at_other, own, link.at_own, information, link.may_be_false)
+            return Edge(own, link.at_own, held_at[other], link.at_other, information, link.may_be_false, sure)
+        return Edge(held_at[other], link.at_other, own, link.at_own, information, link.may_be_false, sure)
+
+    def _with_mates(self) -> int:
+        return sum(each.other is not None and each.other[0] != self._robot for each in self._closures)
 
     def _freeze(self, number: int) -> None:
         """Let an own submap stay where it is; what follows from it follows from there."""

@@ -1,0 +1,144 @@
+"""Loop closures of one robot: its scans laid on other submaps, and mates' scans on its own."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robrain.plugins.skill.mapper.closure_search import ClosureSearch
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.local_map import Variances
+from robrain.protocol.model.mapping.loop_closure import Contradiction, Lying, lay_on
+from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
+from robrain.protocol.model.mapping.submap_graph import SubmapGraph, symmetric
+from robrain.protocol.wire.map_messages import Closure, Closures, MapPatch
+
+WAY_M = 0.4
+"""The robot moves so far from one closure that it looks for to the next."""
+CONTRADICTS = 0.45
+"""Share of beams that agree, below which a scan contradicts a submap."""
+SLACK_ARM_M = 5.0
+"""A turn moves walls that are so far away."""
+UNSAID: Variances = (4e-4, 4e-4, 1e-5)
+"""Of where a mate's submap lies, if the mate does not say."""
+MATE_SUBMAPS_MAX = 8192
+
+
+class ClosureDesk:
+    """Finds loop closures and enters them into the robot's part of the pose graph.
+
+    Args:
+        robot: whose scans are laid.
+        graph: the robot's own part of the pose graph.
+        atlas: all submaps that the robot knows.
+        slack_m: closures that are off by less are taken for none.
+
+    """
+
+    def __init__(self, robot: str, graph: SubmapGraph, atlas: SubmapAtlas, slack_m: float) -> None:
+        self.search = ClosureSearch(robot, graph, atlas)
+        self.closed = self.contradicted = 0
+        """Scans that lay on another submap, and that lay nowhere on one that knows the place."""
+        self.found: list[Closure] = []
+        """Closures with mates' submaps that were not told yet."""
+        self._robot = robot
+        self._graph = graph
+        self._atlas = atlas
+        self._slack_m = slack_m
+        self._variances: dict[SubmapKey, Variances] = {}
+        """Of where mates' submaps lie."""
+        self._at: Pose2D | None = None
+
+    def look(
+        self, number: int, local: Pose2D, sensor: Pose2D, points: NDArray[np.float64], covariance: tuple[float, ...]
+    ) -> bool:
+        """Lay a scan on a submap that should show the place, of another robot or an old one of this one.
+
+        Args:
+            number: of the submap that the robot is making.
+            local: T_local_sensor.
+            sensor: T_arena_sensor as it is believed.
+            points: (K, 2) where the beams ended at walls, in the sensor's frame.
+            covariance: row-major (3, 3) of the robot's pose, arena frame.
+
+        Returns:
+            Whether there was a submap to lay it on.
+
+        """
+        if self._at is not None and self._at.distance_m(sensor) < WAY_M:
+            return False
+        key = self.search.candidate(sensor)
+        if key is None:
+            return False
+        self._at = sensor
+        submap = self._atlas.submaps[key]
+        other = self.variances_of(key)
+        sigma_m = math.sqrt(max(covariance[0] + other[0], covariance[4] + other[1]))
+        sigma_rad = math.sqrt(covariance[8] + other[2])
+        lying = lay_on(submap, self._atlas.grid.geometry, sensor, points, sigma_m, sigma_rad)
+        if isinstance(lying, Contradiction):
+            self.contradicted += lying.agrees < CONTRADICTS
+        if not isinstance(lying, Lying):
+            return True
+        found = self._with_slack(submap.T_arena_local.inverse().compose(sensor), lying.sensor)
+        at_own = local.compose(Pose2D(0.0, 0.0, -found.yaw_rad))
+        at_other = Pose2D(found.x_m, found.y_m, 0.0)
+        self._graph.close(number, at_own, key, at_other, lying.information)
+        self.closed += 1
+        if key[0] != self._robot:
+            upper = tuple(lying.information[np.triu_indices(3)].tolist())
+            closure = Closure(
+                submap=number, at=at_own, mate=key[0], mate_submap=key[1], at_mate=at_other, information=upper
+            )
+            self.found.append(closure)
+        return True
+
+    def hear(self, message: Closures) -> None:
+        """A mate's scans lie on submaps of others, of this robot perhaps."""
+        for closure in message.closures:
+            if closure.mate == self._robot:
+                other = message.robot, closure.submap
+                information = symmetric(closure.information)
+                self._graph.close_with_mate(closure.mate_submap, closure.at_mate, other, closure.at, information)
+
+    def hear_places(self, patch: MapPatch) -> None:
+        """A mate has told where its submaps lie, and how sure it is of that."""
+        moved = False
+        for part in patch.parts or (patch,):
+            if part.robot != patch.robot or part.withdrawn:
+                continue
+            key = part.robot, part.submap
+            if len(self._variances) < MATE_SUBMAPS_MAX or key in self._variances:
+                floor_m2, _, floor_rad2 = UNSAID
+                variance_m2, variance_rad2 = max(part.variance_m2, floor_m2), max(part.variance_rad2, floor_rad2)
+                self._variances[key] = variance_m2, variance_m2, variance_rad2
+            moved = moved or not part.cells
+        if moved and self._graph.rests_on(patch.robot):
+            self._graph.has_news = True
+
+    def variances_of(self, key: SubmapKey) -> Variances:
+        """How unsure it is where a submap lies."""
+        own = self._graph.own.get(key[1]) if key[0] == self._robot else None
+        if own is not None:
+            x_m2, y_m2, yaw_rad2 = np.diag(own.covariance).tolist()
+            return x_m2, y_m2, yaw_rad2
+        return self._variances.get(key, UNSAID)
+
+    def place_of(self, key: SubmapKey) -> Pose2D | None:
+        """T_arena_local of a submap; None if it is not known."""
+        submap = self._atlas.submaps.get(key)
+        return None if submap is None else submap.T_arena_local
+
+    def _with_slack(self, believed: Pose2D, found: Pose2D) -> Pose2D:
+        slack_m = self._slack_m
+        if not slack_m:
+            return found
+        turned_rad = math.remainder(found.yaw_rad - believed.yaw_rad, math.tau)
+        off_m, slack_rad = believed.distance_m(found), slack_m / SLACK_ARM_M
+        share = max(off_m - slack_m, 0.0) / max(off_m, slack_m)
+        turn_share = max(abs(turned_rad) - slack_rad, 0.0) / max(abs(turned_rad), slack_rad)
+        return Pose2D(
+            believed.x_m + share * (found.x_m - believed.x_m),
+            believed.y_m + share * (found.y_m - believed.y_m),
+            believed.yaw_rad + turn_share * turned_rad,
+        )
