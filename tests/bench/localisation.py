@@ -19,11 +19,14 @@ from numpy.typing import NDArray
 from robrain.deploy.bench_figure import Figure, at_most, deterministic
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.model.localiser import Localiser, LocaliserSpec
+from robrain.protocol.model.mapping.local_map import NO_DRIFT, NONE, LocalMap
+from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
 from robrain.protocol.model.pose_filter import DriftModel, PoseFilter
 from robrain.protocol.model.pose_mixture import PoseMixture
 from robrain.protocol.model.ray_cast import cast_rays
 from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
+from robrain.protocol.model.scan_match import beam_ends
 from tests.bench.localisation_world import (
     BLOCK_M,
     DRIFT,
@@ -198,7 +201,11 @@ class _Eyes:
         for x_m, y_m in world.blocks.tolist():
             row, column = self._geometry.cell_of(x_m - BLOCK_M / 2, y_m - BLOCK_M / 2)
             self._walls[row : row + round(BLOCK_M / 0.1), column : column + round(BLOCK_M / 0.1)] = True
-        self._map = OccupancyGrid(self._geometry)
+        self._team = OccupancyGrid(self._geometry)
+        """All that was ever seen: where a lost robot is looked for."""
+        self._own = OccupancyGrid(self._geometry, surfaces=True)
+        self._trajectory = 0
+        self._was_lost = False
         self._angles_rad = np.linspace(-math.pi, math.pi, RAYS, endpoint=False)
         self._rng = np.random.default_rng(5)
         self._nobody = np.empty((0, 3))
@@ -206,9 +213,21 @@ class _Eyes:
     def look(self, localiser: Localiser, true: Pose2D, step: int) -> None:
         ranges_m = cast_rays(self._walls, self._geometry, true, self._angles_rad, RANGE_M, self._nobody)
         ranges_m[ranges_m < RANGE_M] += RANGE_NOISE_M * self._rng.standard_normal(int((ranges_m < RANGE_M).sum()))
-        localiser.see(self._map.log_odds, self._geometry, self._angles_rad, ranges_m, RANGE_M)
-        if not localiser.lost:
-            self._map.integrate_scan(localiser.pose, self._angles_rad, ranges_m, RANGE_M, step, self._nobody)
+        points = beam_ends(self._angles_rad, ranges_m, RANGE_M)
+        if localiser.lost:
+            localiser.find(points, self._team.log_odds, self._geometry)
+        else:
+            localiser.see(points, LocalMap(self._own, IDENTITY, IDENTITY, NONE, NO_DRIFT, 1, 1, self._trajectory))
+        if self._was_lost and not localiser.lost:
+            self._trajectory += 1  # as the mapper, which begins its own map anew
+            self._own.forget()
+        self._was_lost = bool(localiser.lost)
+        if localiser.lost or not localiser.fits:
+            return
+        for grid in (self._team, self._own):
+            grid.integrate_scan(
+                localiser.pose, self._angles_rad, ranges_m, RANGE_M, step, self._nobody, localiser.drift
+            )
 
 
 def _linearisations(worlds: list[Drive]) -> list[Figure]:

@@ -55,10 +55,12 @@ def token(robot: str, present: bool) -> Change:
     return Change({"team": "default", "robot": robot}, present)
 
 
-def patch(cells: list[list[int]], *, observed_ms: int = 0, row: int = 0, column: int = 0) -> MapPatch:
+def patch(
+    cells: list[list[int]], *, observed_ms: int = 0, row: int = 0, column: int = 0, robot: str = "r1"
+) -> MapPatch:
     box = np.array(cells, np.int8)
     return MapPatch(
-        robot="r1",
+        robot=robot,
         resolution_m=0.5,
         origin_x_m=-1.0,
         origin_y_m=-2.0,
@@ -128,7 +130,7 @@ def test_trail_keeps_steps_and_is_bounded(view: TeamView) -> None:
 
 def test_later_statements_about_the_map_win_in_any_order(view: TeamView) -> None:
     tell(view, ROBOT_MAP, patch([[0, 100, -1, 0]], observed_ms=2000), robot="r1")
-    tell(view, ROBOT_MAP, patch([[100, 0, 0, -1]], observed_ms=1000), robot="r2")
+    tell(view, ROBOT_MAP, patch([[100, 0, 0, -1]], observed_ms=1000, robot="r2"), robot="r2")
     assert view.map.grid is not None
     assert view.map.grid.classes()[0].tolist() == [0, 100, 0, 0]
     tell(view, ROBOT_MAP, patch([[100]], observed_ms=3000, row=2, column=3), robot="r1")
@@ -157,12 +159,11 @@ def test_walls_are_boxes_in_the_arena_frame(view: TeamView) -> None:
         {"cells": zlib.compress(b"\0" * 11)},  # too few
         {"cells": zlib.compress(b"\0" * 50_000_000)},  # a bomb, of which no more than a patch is unpacked
         {"rows": 0},
-        {"row": 1},  # leaves the grid
+        {"rows": 1, "columns": 5000, "cells": zlib.compress(bytes(5000))},  # wider than any submap
         {"width": 1 << 20, "height": 1 << 20},  # would fill the memory
         {"resolution_m": 0.0},
         {"resolution_m": 1e300},  # cannot be drawn
         {"origin_x_m": 1e300},
-        {"observed_ms": -1},
     ],
 )
 def test_patch_that_makes_no_sense_is_refused_and_leaves_no_grid(view: TeamView, changes: dict[str, object]) -> None:

@@ -68,11 +68,11 @@ def latest(messages: list[RecordedMessage]) -> list[RecordedMessage]:
 
 
 def map_of(messages: list[RecordedMessage]) -> OccupancyGrid | None:
-    grid = None
+    atlas = None
     for message in messages:
         if is_map(message):
-            grid = merged(grid, message.payload, DECODER)
-    return grid
+            atlas = merged(atlas, message.payload, DECODER)
+    return None if atlas is None else atlas.grid
 
 
 def assert_same_map(one: OccupancyGrid | None, two: OccupancyGrid | None) -> None:

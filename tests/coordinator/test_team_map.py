@@ -1,3 +1,5 @@
+import zlib
+
 import msgspec
 import numpy as np
 import pytest
@@ -65,12 +67,13 @@ def test_patches_on_another_grid_are_refused_in_words_and_change_nothing(geometr
 BROKEN = {
     "cells that do not inflate": {"cells": b"no zlib"},
     "too few cells": {"rows": 5},
+    "a box wider than any submap": {"rows": 1, "columns": 5000, "cells": zlib.compress(bytes(5000))},
     "a box far beyond the grid": {"row": 2800},
     "a negative box": {"rows": -4, "columns": -5},
     "a grid without size": {"width": 0},
     "a grid of no resolution": {"resolution_m": 0.0},
     "a grid that no memory holds": {"width": 10_000_000, "height": 10_000_000},
-    "a stamp out of bounds": {"observed_ms": 2**31},
+    "times of tiles that are later than the patch": {"tiles_ms": zlib.compress(b"\x7f" * 8)},
 }
 
 

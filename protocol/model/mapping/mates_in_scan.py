@@ -96,6 +96,7 @@ def _mate_circles(
     told: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     beams = angles_rad.shape[0]
+    is_round_trip = beams > 1 and (angles_rad[-1] - angles_rad[0]) * beams / (beams - 1) > 0.99 * math.tau
     circles = np.empty((2 * told.shape[0], 3))
     count = 0
     for k in range(told.shape[0]):
@@ -113,22 +114,25 @@ def _mate_circles(
             if not 0.0 < ranges_m[first] < range_max_m or abs(ranges_m[first] - ranges_m[first - 1]) <= JUMP_M:
                 first += 1
                 continue
-            last = first
-            while last + 1 < beams and abs(ranges_m[last + 1] - ranges_m[last]) <= JUMP_M:
+            # The last beam and the first are neighbours if the scan goes all around.
+            last, end = first, first + beams - 1 if is_round_trip else beams - 1
+            while last < end and abs(ranges_m[(last + 1) % beams] - ranges_m[last % beams]) <= JUMP_M:
                 last += 1
             following = ranges_m[(last + 1) % beams]
-            is_before = ranges_m[first] < ranges_m[first - 1] and ranges_m[last] < following
+            is_before = ranges_m[first] < ranges_m[first - 1] and ranges_m[last % beams] < following
             middle = (first + last) // 2
-            reach_m = ranges_m[middle] + radius_m
-            if is_before and ranges_m[last] < range_max_m and reach_m > radius_m:
+            reach_m = ranges_m[middle % beams] + radius_m
+            if is_before and ranges_m[last % beams] < range_max_m and reach_m > radius_m:
                 half_rad = math.asin(min(1.0, radius_m / reach_m))
-                spread_rad = angles_rad[last] - angles_rad[first]
-                angle = yaw_rad + 0.5 * (angles_rad[first] + angles_rad[last])
+                last_rad = angles_rad[last % beams] + (math.tau if last >= beams else 0.0)
+                spread_rad = last_rad - angles_rad[first]
+                angle = yaw_rad + 0.5 * (angles_rad[first] + last_rad)
                 center_x, center_y = x_m + reach_m * math.cos(angle), y_m + reach_m * math.sin(angle)
                 off_m = math.hypot(center_x - told[k, 0], center_y - told[k, 1])
                 if off_m < nearest_m and spread_rad <= 2.2 * half_rad:
                     is_round = True
-                    for n in range(first, last + 1):
+                    for beam in range(first, last + 1):
+                        n = beam % beams
                         end_x = x_m + ranges_m[n] * math.cos(yaw_rad + angles_rad[n])
                         end_y = y_m + ranges_m[n] * math.sin(yaw_rad + angles_rad[n])
                         if abs(math.hypot(end_x - center_x, end_y - center_y) - radius_m) > ROUND_M:

@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.kernel_array import INT8, kernel_array
+from robrain.protocol.model.kernel_array import INT8, INT32, kernel_array
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
 
 BLOCK_CELLS = 32
@@ -69,24 +69,35 @@ class Submap:
 
         """
         height, width = cells.shape
-        self._cover(row, column, height, width)
-        if not isinstance(stamp_ms, int):
+        if isinstance(stamp_ms, int):
+            stamps_ms = np.full((1, 1), stamp_ms, np.int32)
+        else:
             if row % TILE_CELLS or column % TILE_CELLS:
                 raise ValueError(f"expected a box that begins where a tile does, got row {row}, column {column}")
-            first_row, first_column = (row - self.row) // TILE_CELLS, (column - self.column) // TILE_CELLS
-            rows, columns = stamp_ms.shape
-            own = self.stamp_ms[first_row : first_row + rows, first_column : first_column + columns]
-            np.maximum(own, stamp_ms, out=own)
-            stamp_ms = 0
+            tiles = -(-height // TILE_CELLS), -(-width // TILE_CELLS)
+            if stamp_ms.shape != tiles:
+                raise ValueError(f"expected times of {tiles} tiles, got {stamp_ms.shape}")
+            stamps_ms = kernel_array(stamp_ms, INT32)
+        self._cover(row, column, height, width)
         self.occupied += _take(
             self.evidence,
             self.stamp_ms,
             row - self.row,
             column - self.column,
             kernel_array(cells, INT8),
-            stamp_ms,
+            stamps_ms,
         )
         self.version += 1
+
+    def latest_ms(self, row: int, column: int, height: int, width: int) -> int:
+        """The latest observation in any tile that a box of cells touches; −1 if there was none."""
+        first_row, first_column = max((row - self.row) // TILE_CELLS, 0), max((column - self.column) // TILE_CELLS, 0)
+        end_row, end_column = (
+            -((self.row - row - height) // TILE_CELLS),
+            -((self.column - column - width) // TILE_CELLS),
+        )
+        tiles = self.stamp_ms[first_row : max(end_row, 0), first_column : max(end_column, 0)]
+        return int(tiles.max(initial=-1)) if not self.is_empty else -1
 
     def classes(self) -> NDArray[np.int8]:
         """The statements as classes of an `OccupancyGrid`, int8 (h, w), a new array."""
@@ -190,18 +201,27 @@ def _take(
     first_row: int,
     first_column: int,
     cells: NDArray[np.int8],
-    stamp_ms: int,
+    said_ms: NDArray[np.int32],
 ) -> int:
-    """By how much the number of occupied cells has grown."""
+    """By how much the number of occupied cells has grown; `said_ms` (1, 1) is of all cells, else (h / 8, w / 8)."""
     more = 0
+    is_one = said_ms.shape[0] == 1 and said_ms.shape[1] == 1
+    # What comes late fills gaps and undoes nothing; a tile's time is that before this patch until all of it is in.
     for i in range(cells.shape[0]):
         for j in range(cells.shape[1]):
             if cells[i, j] < 0:
                 continue
             row, column = first_row + i, first_column + j
+            stamp_ms = said_ms[0, 0] if is_one else said_ms[i // TILE_CELLS, j // TILE_CELLS]
+            if evidence[row, column] != 0 and stamp_ms < stamps_ms[row // TILE_CELLS, column // TILE_CELLS]:
+                continue
             now = SAYS_OCCUPIED if cells[i, j] > 0 else SAYS_FREE
-            more += int(now > 0) - int(evidence[row, column] > 0)
+            more += (now > 0) - (evidence[row, column] > 0)
             evidence[row, column] = now
-            tile_row, tile_column = row // TILE_CELLS, column // TILE_CELLS
-            stamps_ms[tile_row, tile_column] = max(stamps_ms[tile_row, tile_column], stamp_ms)
+    for i in range(cells.shape[0]):
+        for j in range(cells.shape[1]):
+            if cells[i, j] >= 0:
+                tile_row, tile_column = (first_row + i) // TILE_CELLS, (first_column + j) // TILE_CELLS
+                stamp_ms = said_ms[0, 0] if is_one else said_ms[i // TILE_CELLS, j // TILE_CELLS]
+                stamps_ms[tile_row, tile_column] = max(stamps_ms[tile_row, tile_column], stamp_ms)
     return more

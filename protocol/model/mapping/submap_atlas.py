@@ -64,6 +64,7 @@ class SubmapAtlas:
         if submap is None:
             submap = Submap(self._poses.get(key, IDENTITY))
         before = submap.evidence.size
+        latest_ms = submap.latest_ms(row, column, *cells.shape)
         submap.take(row, column, cells, stamp_ms)
         self._cells += submap.evidence.size - before
         self.submaps[key] = submap
@@ -71,7 +72,14 @@ class SubmapAtlas:
         # All of the tiles: their time has changed for each cell of them.
         height, width = cells.shape
         box = _down(row), _down(column), -_down(-row - height), -_down(-column - width)
-        return self._draw(submap, self._moved(submap.T_arena_local, box))
+        moved = self._moved(submap.T_arena_local, box)
+        if latest_ms < 0 or (isinstance(stamp_ms, int) and stamp_ms > latest_ms):
+            return self._draw(submap, moved)
+        # It is not newer than all that was drawn of this submap here, so what was drawn may not give way to it.
+        box_cells = np.s_[moved[0] : moved[2], moved[1] : moved[3]]
+        classes = np.sign(self.grid.log_odds[box_cells])
+        self._redraw(moved)
+        return int(np.count_nonzero(np.sign(self.grid.log_odds[box_cells]) != classes))
 
     def take_surfaces(self, key: SubmapKey, surfaces: NDArray[np.void]) -> None:
         """A submap is finished: where in their cells its walls are, (n,) of `SURFACE`."""

@@ -251,7 +251,6 @@ def test_a_submap_that_would_get_too_large_stays_as_it_is(column):
     assert submap.version == 1
 
 
-@pytest.mark.xfail(strict=True, reason="a box is made room for before it is checked, and the room is not counted")
 def test_a_submap_does_not_grow_for_a_box_that_is_refused():
     atlas = SubmapAtlas(GEOMETRY)
     atlas.take(("r1", 0), 0, 0, ONE, 5)
@@ -260,7 +259,6 @@ def test_a_submap_does_not_grow_for_a_box_that_is_refused():
     assert atlas.submaps["r1", 0].evidence.shape == (BLOCK_CELLS, BLOCK_CELLS)
 
 
-@pytest.mark.xfail(strict=True, reason="a submap takes what comes late for what was seen late")
 def test_what_a_robot_saw_earlier_does_not_undo_what_it_saw_later():
     """As when the answer with its whole map comes after a patch that it put later."""
     atlas = SubmapAtlas(GEOMETRY)
@@ -269,7 +267,6 @@ def test_what_a_robot_saw_earlier_does_not_undo_what_it_saw_later():
     assert atlas.submaps["r1", 0].classes()[0, 0] == OCCUPIED
 
 
-@pytest.mark.xfail(strict=True, reason="a cell is not drawn anew if its submap says otherwise at the same time")
 def test_what_is_drawn_is_what_the_submap_says():
     atlas = SubmapAtlas(GEOMETRY)
     atlas.take(("r1", 0), 0, 0, ONE, 5)
