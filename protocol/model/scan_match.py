@@ -122,6 +122,19 @@ def search_scan(
     )
 
 
+def points_in_view(
+    log_odds: NDArray[np.int8], geometry: GridGeometry, sensor: Pose2D, points: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Those of the points that the map saw from the same side: just before them it knows free floor.
+
+    The others ended at what the map never saw, or at the far side of a wall. Arguments are as for `match_scan`.
+    """
+    per_m = 1.0 / geometry.resolution_m
+    x, y = (sensor.x_m - geometry.origin_x_m) * per_m, (sensor.y_m - geometry.origin_y_m) * per_m
+    seen: NDArray[np.float64] = points[kernels.in_view(log_odds, x, y, sensor.yaw_rad, per_m, points)]
+    return seen
+
+
 def beam_ends(
     angles_rad: NDArray[np.float64], ranges_m: NDArray[np.float64], range_max_m: float
 ) -> NDArray[np.float64]:

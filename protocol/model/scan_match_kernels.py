@@ -10,6 +10,8 @@ Floats = NDArray[np.float64]
 ITERATIONS = 12
 DONE_CELLS = 0.002
 NEAR_M = 0.2
+IN_FRONT_CELLS = (2.0, 3.0)
+"""So far before its end a beam crosses floor that the map knows, if the map saw this side of the wall."""
 SWEEPS = 12
 """Limit; Jacobi's method needs four or five sweeps for a 3 × 3 matrix."""
 NEGLIGIBLE = 1e-17
@@ -209,6 +211,26 @@ def refine(
             compared += 1
             near += distance <= NEAR_M * per_m
     return found, held, near / max(compared, 1), compared
+
+
+@njit(cache=True, nogil=True)
+def in_view(
+    log_odds: NDArray[np.int8], x: float, y: float, yaw_rad: float, per_m: float, points: Floats
+) -> NDArray[np.bool_]:
+    """Which points, in metres, lie just behind free cells, as seen from (x, y)."""
+    height, width = log_odds.shape
+    is_seen = np.zeros(points.shape[0], np.bool_)
+    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+    for k in range(points.shape[0]):
+        out_x = per_m * (cos * points[k, 0] - sin * points[k, 1])
+        out_y = per_m * (sin * points[k, 0] + cos * points[k, 1])
+        length = math.sqrt(out_x * out_x + out_y * out_y)
+        for before in IN_FRONT_CELLS:
+            share = max(length - before, 0.0) / length
+            row, column = math.floor(y + share * out_y), math.floor(x + share * out_x)
+            if 0 <= row < height and 0 <= column < width and log_odds[row, column] < 0:
+                is_seen[k] = True
+    return is_seen
 
 
 @njit(cache=True, nogil=True)

@@ -18,7 +18,7 @@ NS_PER_MS = 1_000_000
 STAMP_MODULUS_MS = 1 << 31
 MAX_CELLS = 1 << 24
 OUTSIDE_MAX = 2_000
-"""Cells by which a patch may lie outside the team's grid, as those of a robot that is not where it believes (chosen)."""
+"""Cells by which a patch may lie outside the team's grid, as those of a robot that is off (chosen)."""
 AHEAD_MAX_MS = 5_000
 """Largest difference between clocks of a team (chosen). A patch from later would override what is seen until then."""
 OCCUPIED_MAX = 4_000

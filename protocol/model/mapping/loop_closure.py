@@ -9,14 +9,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.submap import Submap
 from robrain.protocol.model.mapping.surface_match import match_surface
 from robrain.protocol.model.occupancy_grid import GridGeometry
-from robrain.protocol.model.scan_match import BEAMS_MIN, ScanFit, search_scan
+from robrain.protocol.model.scan_match import BEAMS_MIN, ScanFit, points_in_view, search_scan
 from robrain.protocol.model.scan_relocalisation import agreement
 from robrain.protocol.model.small_linear_algebra import least_solution
 
@@ -26,16 +25,6 @@ COMPARED_MIN = 0.5
 AGREES_MIN = 0.75
 """… and of these, that must be as it says; chosen."""
 DIRECTIONS_MIN = 2
-IN_FRONT_CELLS = (2.0, 3.0)
-"""So far before its end a beam crosses floor that the submap knows, if the submap saw this side of the wall."""
-IN_FRONT_CELLS = (2.0, 3.0)
-"""So far before its end a beam crosses floor that the submap knows, if the submap saw this side of the wall."""
-REACH_M, WIDE_M = 0.2, 0.4
-"""A beam that ends farther from all walls than this may have hit what the submap never saw, and would pull the scan to
-the wrong wall: measured with exact odometry, scans laid with 0.4 m were off by 0.11 m in every tenth case, with 0.2 m
-by 0.03 m. The wide reach is tried as well, in case the belief is that far off."""
-BETTER = 0.05
-"""The answer by the wide reach counts if so many more of the beams agree."""
 SEARCH_M, SEARCH_RAD = 0.2, 0.06
 """A belief that is less sure than this is searched about before it is refined."""
 WITHIN_M, WITHIN_RAD = 2.5, 0.5
@@ -105,7 +94,7 @@ def lay_on(
         if found is None:
             return None
         guess = found
-    points = points[_were_in_view(submap.evidence, *_in_cells(guess, geometry), points)]
+    points = points_in_view(submap.evidence, geometry, guess, points)
     if len(points) < BEAMS_MIN:
         return None
     grid = submap.grid(team)
@@ -125,32 +114,6 @@ def lay_on(
         variance = WALL_SIGMA_M**2 * (1.0 + WALL_BEAMS / direction.information)
         information += np.multiply.outer(row, row) / variance
     return Lying(guess, information)
-
-
-def _in_cells(pose: Pose2D, geometry: GridGeometry) -> tuple[float, float, float, float]:
-    """Column and row in cells, yaw, and cells in a metre."""
-    per_m = 1.0 / geometry.resolution_m
-    return (pose.x_m - geometry.origin_x_m) * per_m, (pose.y_m - geometry.origin_y_m) * per_m, pose.yaw_rad, per_m
-
-
-@njit(cache=True, nogil=True)
-def _were_in_view(
-    evidence: NDArray[np.int8], x: float, y: float, yaw_rad: float, per_m: float, points: Floats
-) -> NDArray[np.bool_]:
-    """Which beams end at what the submap saw from the same side: just before their ends it knows free floor."""
-    height, width = evidence.shape
-    in_view = np.zeros(points.shape[0], np.bool_)
-    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
-    for k in range(points.shape[0]):
-        out_x = per_m * (cos * points[k, 0] - sin * points[k, 1])
-        out_y = per_m * (sin * points[k, 0] + cos * points[k, 1])
-        length = math.hypot(out_x, out_y)
-        for before in IN_FRONT_CELLS:
-            share = max(length - before, 0.0) / length
-            row, column = math.floor(y + share * out_y), math.floor(x + share * out_x)
-            if 0 <= row < height and 0 <= column < width and evidence[row, column] < 0:
-                in_view[k] = True
-    return in_view
 
 
 def moved(guess: Pose2D, fit: ScanFit) -> Pose2D:

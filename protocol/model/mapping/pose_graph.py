@@ -21,10 +21,10 @@ from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
 
 Floats = NDArray[np.float64]
 ITERATIONS_MAX = 10
+DEFINITE = 1e-11
+"""A pivot that is a smaller share of its diagonal element is rounding: the graph does not hold that direction."""
 DONE = 1e-6
 """Metres and radians: smaller steps end the iteration."""
-DETERMINED = 1e-13
-"""Share of its information that a pose keeps, at least, once those before it are eliminated: less is rounding."""
 SCALING = 5.0
 """Φ of dynamic covariance scaling: edges whose squared residual exceeds it lose weight; chosen."""
 
@@ -130,11 +130,11 @@ def _factor(matrix: Floats) -> bool:
     size = matrix.shape[0]
     for i in range(size):
         for j in range(i + 1):
-            rest = matrix[i, j]
+            rest = diagonal = matrix[i, j]
             for k in range(j):
                 rest -= matrix[i, k] * matrix[j, k]
             if i == j:
-                if not rest > DETERMINED * matrix[i, i]:
+                if not rest > DEFINITE * diagonal:
                     return False
                 matrix[i, i] = math.sqrt(rest)
             else:
