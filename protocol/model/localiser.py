@@ -109,6 +109,7 @@ class Localiser:
         self._of_map = NONE
         """Variances of the place in the arena of the walls that hold the robot; none while no walls do."""
         self._matched_way_m = 0.0
+        self._seen_way_m = 0.0
         self._way_m = 0.0
         self._signals = RecentSignals()
         self._since_tried = 0
@@ -185,7 +186,8 @@ class Localiser:
             found = self._search(map.grid.log_odds, map.grid.geometry, guess, points)
             guess = guess if found is None else found
         fit, walls_drift = match_surface(map.grid, guess, points)
-        way_m = min(self._way_m - self._matched_way_m, DOUBT_WAY_M)
+        way_m = min(self._way_m - self._seen_way_m, DOUBT_WAY_M)
+        self._seen_way_m = self._way_m
         doubt_m2, doubt_rad2 = self.spec.doubt_m_per_m**2 * way_m**2, self.spec.doubt_rad_per_m**2 * way_m**2
         self.filter.add((doubt_m2, doubt_m2, doubt_rad2))
         is_new = self._way_m - self._matched_way_m > MATCH_M or self.filter.sigma_m > MATCH_SIGMA_M
@@ -310,7 +312,7 @@ class Localiser:
         self.filter.doubt(self.spec.lost_sigma_m, math.pi / 2)
         self.watch.begin_anew()
         self._signals.forget()
-        self._way_m = self._matched_way_m = 0.0
+        self._way_m = self._matched_way_m = self._seen_way_m = 0.0
         self._since_tried = self._scans_to_find = 0
 
     def _find_by_motes(self) -> None:

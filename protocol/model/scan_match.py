@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model import scan_match_kernels as kernels
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.occupancy_grid import HIT_DEPTH_CELLS, GridGeometry
+from robrain.protocol.model.occupancy_grid import GridGeometry
+from robrain.protocol.model.occupancy_kernels import HIT_DEPTH_CELLS
 
 REACH_M = 0.4
 """A beam that ends farther from all walls than this says nothing to the refinement."""

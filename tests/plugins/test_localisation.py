@@ -221,3 +221,19 @@ def test_walls_hold_a_robot_whose_wheels_are_wrong(stage, room):
         host.close()
     assert errors_m[True] < 0.15
     assert errors_m[True] < 0.5 * errors_m[False]
+
+
+@pytest.mark.parametrize(
+    ("every", "phase"),
+    [(1, 0), (5, 0), (5, 1), (5, 2), (5, 3), (5, 4)],
+)
+def test_scans_are_mapped_also_if_the_wheels_counts_come_a_tick_later(stage, every, phase):
+    """With a scan in every tick, or in every fifth one, before or after localisation's own step."""
+    one = stage()
+    one.host("localisation", "mapper")
+    bus, ticks = one.bus(), iter(range(phase, 1_000_000))
+    standing = dict.fromkeys(WHEELS, 0)
+    for _ in range(250):
+        bus.send(codec("WheelEncoders").pack(0, **standing))  # of the tick before
+        one.run(0.02, lambda: one.scan([2.0] * 90) if next(ticks) % every == 0 else None)
+    assert one.call("mapper", "counters")["scans"] > 20

@@ -8,7 +8,7 @@ from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, LocalPose
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
+from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid, PatchCells
 from robrain.protocol.model.ranges import STAMP_MAX
 from robrain.protocol.wire.map_messages import MapPatch
 from robrain.protocol.wire.map_patch import take_message, to_message
@@ -327,3 +327,17 @@ def test_patches_of_an_absent_robot_are_ignored_until_it_is_there(stage):
         assert np.any(view(host).classes == FREE) == is_taken
         one.wire.token(ROBOT_ALIVE, robot="r2")
         one.run(0.6)
+
+
+def test_what_a_mate_took_for_a_wall_is_floor_again_once_the_robot_sees_through_it(stage):
+    """As where somebody stood for a moment, whom only the mate saw."""
+    one = stage()
+    host = one.host("mapper", "localisation", mapper=GRID)
+    one.wire.token(ROBOT_ALIVE, robot="r2")
+    one.run(2.0, lambda: one.stand_and_scan([2.0] * 360))
+    geometry = view(host).geometry
+    row, column = geometry.cell_of(1.0, 0.0)
+    wall = PatchCells(row, column, np.array([[OCCUPIED]]), 2_000)
+    one.publisher(ROBOT_MAP, robot="r2").put(to_message("r2", geometry, wall))
+    one.run(5.0, lambda: one.stand_and_scan([2.0] * 360))
+    assert class_at(view(host), 1.0, 0.0) == FREE

@@ -357,3 +357,15 @@ def test_a_map_of_others_that_does_not_know_the_place_cannot_tell():
     localiser = located(Pose2D(1.5, 1.5, 0.8))
     assert not localiser.check_start(others.log_odds, GEOMETRY, ROOM.points(Pose2D(1.5, 4.5, 0.0)))
     assert localiser.lost == ""
+
+
+def test_scans_that_show_no_walls_make_a_robot_no_less_sure_the_more_of_them_there_are():
+    sigmas_m = []
+    for steps_a_scan in (1, 50):
+        localiser = located(Pose2D(2.0, 4.0, 0.0), sigma_m=0.02, sigma_rad=0.01)
+        for step in range(100):
+            localiser.move(Twist2D(0.05, 0.0, 0.0))
+            if step % steps_a_scan == 0:
+                localiser.see(np.empty((0, 2)), local_map(OccupancyGrid(GEOMETRY, surfaces=True)))
+        sigmas_m.append(localiser.sigma_m)
+    assert sigmas_m[0] < 1.5 * sigmas_m[1]

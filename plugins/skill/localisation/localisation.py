@@ -5,6 +5,7 @@ What odometry says stays continuous in the frame odom; corrections move that fra
 
 import logging
 import math
+from collections import deque
 
 import msgspec
 import numpy as np
@@ -37,6 +38,8 @@ STILL = Twist2D()
 
 AGREE_PERIOD_S = 1.0
 """A scan is held against the team's map this often."""
+WAITING_MAX = 16
+"""Scans that wait until it is known where the robot was."""
 PAUSE_M, PAUSE_RAD = 0.1, 0.05
 """How far a robot may have been pushed while its localisation paused; chosen."""
 
@@ -120,7 +123,7 @@ class Localisation(Skill):
         board = self.env.board
         self._T_arena_local = IDENTITY if board.local_map is None else board.local_map.T_arena_local
         self._trajectory = 0 if board.local_pose is None else board.local_pose.trajectory
-        self._waiting: LaserScan | None = None
+        self._waiting: deque[LaserScan] = deque(maxlen=WAITING_MAX)
         self._signals = self._matches = 0
         self._last_fit = 0.0
         self._scan_due_ns = 0
@@ -139,8 +142,7 @@ class Localisation(Skill):
         self._follow_map()
         self._move()
         self._hear()
-        if self._waiting is not None:
-            self._see(self._waiting)
+        self._match()
         self._tell()
         self.env.board.pose = self.pose()
         self.env.board.velocity = self._driver.velocity()
@@ -214,17 +216,23 @@ class Localisation(Skill):
         self._T_arena_local = local.T_arena_local
 
     def _see(self, scan: LaserScan) -> None:
-        self._waiting = None
-        if scan.stamp_ns > self._driver.odometry_until_ns():
-            self._waiting = scan  # where the robot was then is not known yet
-            return
+        self._waiting.append(scan)
+        self._match()
+
+    def _match(self) -> None:
+        """Lay the scans for which it is known by now where the robot was."""
+        until_ns = self._driver.odometry_until_ns()
+        while self._waiting and self._waiting[0].stamp_ns <= until_ns:
+            self._take_scan(self._waiting.popleft())
+
+    def _take_scan(self, scan: LaserScan) -> None:
         self._check_start(scan)
         board, now_ns = self.env.board, self.env.clock.now_ns()
         self._until_ns = scan.stamp_ns
         self._follow_map()
         self._move()
         way_m = self._localiser.way_m - self._matched_way_m
-        is_due = now_ns >= self._scan_due_ns or way_m > self.parameters.scan_way_m
+        is_due = bool(self._localiser.lost) or now_ns >= self._scan_due_ns or way_m > self.parameters.scan_way_m
         if board.map is None or not is_due:
             self._tell()
             return

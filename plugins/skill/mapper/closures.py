@@ -10,7 +10,7 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import Variances
 from robrain.protocol.model.mapping.loop_closure import Contradiction, Lying, lay_on
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
-from robrain.protocol.model.mapping.submap_graph import SubmapGraph, symmetric
+from robrain.protocol.model.mapping.submap_graph import SubmapGraph, is_information, symmetric
 from robrain.protocol.wire.map_messages import Closure, Closures, MapPatch
 
 WAY_M = 0.4
@@ -96,9 +96,9 @@ class ClosureDesk:
     def hear(self, message: Closures) -> None:
         """A mate's scans lie on submaps of others, of this robot perhaps."""
         for closure in message.closures:
-            if closure.mate == self._robot:
+            information = symmetric(closure.information)
+            if closure.mate == self._robot and is_information(information):
                 other = message.robot, closure.submap
-                information = symmetric(closure.information)
                 self._graph.close_with_mate(closure.mate_submap, closure.at_mate, other, closure.at, information)
 
     def hear_places(self, patch: MapPatch) -> None:

@@ -20,7 +20,7 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import LocalPose
 from robrain.protocol.model.mapping.mates_in_scan import mate_circles, outside
 from robrain.protocol.model.mapping.submap import IDENTITY
-from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
+from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.model.mapping.submap_graph import GraphSpec, SubmapGraph
 from robrain.protocol.model.occupancy_grid import GridGeometry
 from robrain.protocol.model.scan_match import beam_ends
@@ -110,6 +110,8 @@ class Mapper(Skill):
         self._refused: set[str] = set()
         self._met: set[str] = set()
         """Robots whose liveliness token has been seen."""
+        self._orphans: set[SubmapKey] = set()
+        """Submaps of robots that have gone since."""
         self._began_ns: int | None = None
         self._has_begun_anew = False
         self._waiting: deque[LaserScan] = deque(maxlen=WAITING_MAX)
@@ -229,6 +231,7 @@ class Mapper(Skill):
 
     def _take_own_patch(self) -> None:
         """Draw what the robot has seen, and have it told."""
+        self._own.contradict(self._atlas.grid)
         own = self._own.take_patch()
         if own is None:
             return
@@ -333,6 +336,9 @@ class Mapper(Skill):
         for change in self._presence.changes():
             name = change.names["robot"]
             self._met.add(name)
+            if not change.present:
+                # A process that takes its name begins anew, and knows nothing of these.
+                self._orphans.update(key for key in self._atlas.submaps if key[0] == name)
             if change.present and name != self.env.robot:
                 # Catch up with a robot that was there before; one that has just started has nothing to tell.
                 self.env.wire.ask_into(self._inbox, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=name)
@@ -369,7 +375,8 @@ class Mapper(Skill):
     def _whole(self) -> MapPatch | None:
         """The robot's own submaps, and those of robots that are not there to tell them."""
         robot = self.env.robot
-        keys = [key for key in sorted(self._atlas.submaps) if key[0] == robot or key[0] not in self._met]
+        others = self._met - {robot}
+        keys = [key for key in sorted(self._atlas.submaps) if key[0] not in others or key in self._orphans]
         return whole_map(robot, self._atlas, keys)
 
 

@@ -15,6 +15,7 @@ from robrain.protocol.model.mapping.submap_graph import SubmapGraph
 from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid, PatchCells
 
 Floats = NDArray[np.float64]
+GRID_REACH_M = 20.0
 LEAST = 1e-6
 """Variance of a submap against the one before, at least."""
 TURN_M_PER_RAD = 0.3
@@ -122,6 +123,16 @@ class OwnSubmaps:
             self._way_m += sensor.distance_m(self._last) + TURN_M_PER_RAD * abs(turned_rad)
         self._last = sensor
         self.grid.integrate_scan(sensor, angles_rad, ranges_m, range_max_m, stamp_ms, ignore, drift)
+
+    def contradict(self, team: OccupancyGrid) -> None:
+        """Tell again what the robot sees as floor and the team's map has as a wall, a mate that stood there perhaps.
+
+        Only while the submap lies where it was drawn, or nearly so: the cells would not be the same.
+        """
+        T_arena_local, resolution_m = self.T_arena_local, team.geometry.resolution_m
+        reach_m = max(abs(T_arena_local.x_m), abs(T_arena_local.y_m)) + GRID_REACH_M * abs(T_arena_local.yaw_rad)
+        if reach_m < 0.5 * resolution_m:
+            self.grid.contradict(team.log_odds, self._margin, self._margin)
 
     def take_patch(self) -> OwnPatch | None:
         """What changed of the current submap since the last call."""

@@ -44,6 +44,9 @@ class Edge(NamedTuple):
     may_be_false: bool
     sure: Floats | None = None
     """(3, 3) information that counts for the covariances, if another: errors that edges share do not average out."""
+    gate: Floats | None = None
+    """(3, 3) information of the residual that is to be expected before anything is solved, by which the edge is
+    judged to be true or false; that of the edge if None."""
 
 
 class Solution(NamedTuple):
@@ -82,10 +85,12 @@ def solve(free: list[Pose2D], held: list[Pose2D], edges: list[Edge]) -> Solution
     information = np.array([edge.information for edge in edges], np.float64).reshape(-1, 3, 3)
     counted = [edge.information if edge.sure is None else edge.sure for edge in edges]
     sure = np.array(counted, np.float64).reshape(-1, 3, 3)
+    judged = [edge.information if edge.gate is None else edge.gate for edge in edges]
+    gate = np.array(judged, np.float64).reshape(-1, 3, 3)
     doubtful = np.array([edge.may_be_false for edge in edges], np.bool_)
     covariances = np.zeros((len(free), 3, 3))
     squares = np.zeros(len(edges))
-    is_determined = _solve(nodes, len(free), ends, places, information, sure, doubtful, covariances, squares)
+    is_determined = _solve(nodes, len(free), ends, places, information, sure, gate, doubtful, covariances, squares)
     if not is_determined:
         return None
     poses = [Pose2D(x_m, y_m, wrap_angle_rad(yaw_rad)) for x_m, y_m, yaw_rad in nodes[: len(free)].tolist()]
@@ -166,6 +171,7 @@ def _solve(
     places: Floats,
     information: Floats,
     sure: Floats,
+    gate: Floats,
     doubtful: NDArray[np.bool_],
     covariances: Floats,
     squares: Floats,
@@ -183,14 +189,15 @@ def _solve(
         step[:] = 0.0
         for e in range(ends.shape[0]):
             _residual(nodes, ends[e, 0], ends[e, 1], places[e], residual, jacobian)
-            square = 0.0
+            square = expected = 0.0
             for i in range(3):
                 for j in range(3):
                     square += residual[i] * information[e, i, j] * residual[j]
+                    expected += residual[i] * gate[e, i, j] * residual[j]
             squares[e] = square
             weight = 1.0
-            if doubtful[e] and square > SCALING:
-                weight = (2.0 * SCALING / (SCALING + square)) ** 2
+            if doubtful[e] and expected > SCALING:
+                weight = (2.0 * SCALING / (SCALING + expected)) ** 2
             for side in range(2):
                 for i in range(3):
                     for j in range(3):

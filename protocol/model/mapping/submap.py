@@ -216,7 +216,7 @@ def _take(
             if evidence[row, column] != 0 and stamp_ms < stamps_ms[row // TILE_CELLS, column // TILE_CELLS]:
                 continue
             now = SAYS_OCCUPIED if cells[i, j] > 0 else SAYS_FREE
-            more += (now > 0) - (evidence[row, column] > 0)
+            more += int(now > 0) - int(evidence[row, column] > 0)
             evidence[row, column] = now
     for i in range(cells.shape[0]):
         for j in range(cells.shape[1]):

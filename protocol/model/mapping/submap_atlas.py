@@ -86,6 +86,7 @@ class SubmapAtlas:
         submap = self.submaps.get(key)
         if submap is not None:
             submap.surfaces = surfaces
+            submap.version += 1
 
     def move(self, key: SubmapKey, T_arena_local: Pose2D) -> None:
         """A submap lies here from now on."""

@@ -22,6 +22,10 @@ from robrain.protocol.model.mapping.submap_atlas import SubmapKey
 Floats = NDArray[np.float64]
 
 
+INFORMATION_MAX = 1e9
+"""Of a loop closure: nobody knows a place to 0.03 mm."""
+
+
 class GraphSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How sure things are in the pose graph, and how much of it is kept. All are chosen."""
 
@@ -163,7 +167,7 @@ class SubmapGraph:
     ) -> None:
         """A mate's scan lies on an own submap; `information` is in the axes of `at_own`, which are the own frame's."""
         node = self.own.get(number)
-        if node is None:
+        if node is None or not is_information(information):
             return
         same = [each for each in self._closures if (each.own, each.other) == (number, other)]
         place = node.at(at_own)
@@ -233,7 +237,9 @@ class SubmapGraph:
             return Edge(len(index), link.at_other, own, link.at_own, link.information, link.may_be_false)
         if other[0] == self._robot and other[1] in index:
             at_other = self.own[other[1]].at(link.at_other)
-            return Edge(index[other[1]], at_other, own, link.at_own, link.information, link.may_be_false)
+            node = self.own[other[1]]
+            gate = self._gate(link, np.diag(np.diag(node.covariance)))
+            return Edge(index[other[1]], at_other, own, link.at_own, link.information, link.may_be_false, None, gate)
         if other not in held_at:
             place = place_of(other)
             if place is None:
@@ -244,9 +250,17 @@ class SubmapGraph:
         # all closures with mates together make the robot no surer than one mate is (covariance intersection).
         measured, mates = _inverse(link.information), np.diag(variances_of(other))
         information, sure = _inverse(measured + mates), _inverse(measured + self._with_mates() * mates)
+        gate = self._gate(link, mates)
         if link.axes_of_own:
-            return Edge(own, link.at_own, held_at[other], link.at_other, information, link.may_be_false, sure)
-        return Edge(held_at[other], link.at_other, own, link.at_own, information, link.may_be_false, sure)
+            return Edge(own, link.at_own, held_at[other], link.at_other, information, link.may_be_false, sure, gate)
+        return Edge(held_at[other], link.at_other, own, link.at_own, information, link.may_be_false, sure, gate)
+
+    def _gate(self, link: _Link, other: Floats) -> Floats | None:
+        """Information of the difference that is to be expected: what both submaps may be off counts as well."""
+        if not link.may_be_false:
+            return None
+        own = np.diag(np.diag(self.own[link.own].covariance))
+        return _inverse(_inverse(link.information) + own + other)
 
     def _with_mates(self) -> int:
         return sum(each.other is not None and each.other[0] != self._robot for each in self._closures)
@@ -283,3 +297,15 @@ def symmetric(upper: tuple[float, ...]) -> Floats:
     """A symmetric (3, 3) matrix from its upper triangle, row by row."""
     a, b, c, d, e, f = upper
     return np.array([[a, b, c], [b, d, e], [c, e, f]])
+
+
+def is_information(matrix: Floats) -> bool:
+    """Whether a symmetric (3, 3) matrix can be the inverse of a covariance: no principal minor is negative."""
+    (a, b, c), (_, d, e), (_, _, f) = matrix.tolist()
+    largest = max(a, d, f)
+    if not 0.0 < largest <= INFORMATION_MAX:
+        return False
+    small = 1e-9 * largest
+    minors = a * d - b * b, a * f - c * c, d * f - e * e
+    determinant = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
+    return bool(min(a, d, f) >= 0.0 and min(minors) >= -small * largest and determinant >= -small * largest**2)

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.kernel_array import FLOAT64, kernel_array
-from robrain.protocol.model.occupancy_grid import HIT_DEPTH_CELLS, OccupancyGrid
+from robrain.protocol.model.occupancy_grid import OccupancyGrid
+from robrain.protocol.model.occupancy_kernels import HIT_DEPTH_CELLS
 from robrain.protocol.model.scan_match import DEGENERATE, Direction, ScanFit
 from robrain.protocol.model.scan_match_kernels import eigen
 

@@ -242,7 +242,6 @@ def test_small_moves_are_not_worth_telling():
     )
 
 
-@pytest.mark.xfail(strict=True, reason="information that is none makes the graph unsolvable")
 def test_a_mates_closure_of_negative_information_does_not_keep_the_robot_from_placing_its_submaps():
     graph = walked(*ROW)
     graph.close(12, ROW[2], MATE, Pose2D(9.1, 3.0, 1.0), SURE)
