@@ -42,3 +42,21 @@ def export_recording(
     path = output if output is not None else recording.with_name(f"{recording.stem}_foxglove{recording.suffix}")
     with_visual(recording, path, on_progress)
     return [path]
+
+
+def export_map(
+    recording: Path, output: Path | None, at_s: float | None, on_progress: Callable[[float], None]
+) -> list[Path]:
+    """Write the team's map of a recording as files of ROS's map_server; arguments are those of `write_map`.
+
+    Args:
+        recording: an MCAP file.
+        output: the YAML file; `NAME_map.yaml` beside the recording if None.
+        at_s: seconds since the first message; the end if None.
+        on_progress: told the share that is done, 0 to 1.
+
+    """
+    from robrain.coordinator.recording.map_files import write_map
+
+    path = output if output is not None else recording.with_name(f"{recording.stem}_map.yaml")
+    return write_map(recording, path, at_s, on_progress)

@@ -183,20 +183,37 @@ def report(
 def export(
     recording: RecordingArgument,
     form: Annotated[
-        str, typer.Option("--to", help="csv or parquet (a file for each topic), html (a page that plays it), foxglove.")
-    ] = "csv",
+        str | None,
+        typer.Option(
+            "--to", help="csv (default) or parquet (a file for each topic), html (a page that plays it), foxglove."
+        ),
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="Folder (csv, parquet) or file to write; default is beside it."),
     ] = None,
+    with_map: Annotated[
+        bool, typer.Option("--map", help="Write the team's map instead, as ROS map_server files (.yaml, .pgm).")
+    ] = False,
+    at_s: Annotated[
+        float | None, typer.Option("--at", help="With --map: the map after so many seconds; default is the end.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write a recording for other tools: tables, a page that plays it, or with what Foxglove and its like draw."""
-    from robrain.deploy.exporting import export_recording
+    """Write a recording for other tools: tables, a page that plays it, its map, or what Foxglove and others draw."""
+    from robrain.deploy.errors import UsageError
+    from robrain.deploy.exporting import export_map, export_recording
     from robrain.deploy.recording_display import progress, show_files
 
+    if with_map and form is not None:
+        raise UsageError(f"--to {form}: leave it out with --map")
+    if at_s is not None and not with_map:
+        raise UsageError(f"--at {at_s:g}: only with --map")
     with progress("exporting", quiet=as_json) as show:
-        files = export_recording(recording, form, output, show)
+        if with_map:
+            files = export_map(recording, output, at_s, show)
+        else:
+            files = export_recording(recording, form or "csv", output, show)
     if as_json:
         _print_json({"files": files})
     else:
