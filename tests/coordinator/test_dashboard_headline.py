@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import msgspec
 import pytest
 
 from robrain.coordinator.dashboard.headline import (
@@ -127,7 +128,7 @@ def test_map_counts_as_missing_after_a_while_and_a_patch_that_does_not_fit_for_a
     assert vitals_of(view, MAPLESS_S + 1).map_missing
     tell(view, ROBOT_MAP, patch([[0, 100]]), MAPLESS_S + 1, robot="r1")
     assert not vitals_of(view, MAPLESS_S + 1).map_missing
-    tell(view, ROBOT_MAP, patch([[0] * 99]), 20.0, robot="r1")
+    tell(view, ROBOT_MAP, msgspec.structs.replace(patch([[0]]), width=99), 20.0, robot="r1")
     assert vitals_of(view, 20.0).map_refused
     assert not vitals_of(view, 20.1 + REFUSED_S).map_refused
 

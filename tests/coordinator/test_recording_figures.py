@@ -11,7 +11,8 @@ from robrain.coordinator.recording.figure_style import BAD, FAINT, GOOD, INK, NE
 from robrain.coordinator.recording.figures import energy_figure, explored_figure, task_figure, trajectory_figure
 from robrain.coordinator.recording.run_data import MoteRun, RobotRun, RunData
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
+from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
+from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from tests.coordinator.drawn_runs import (
     NAN,
     anchor,
@@ -103,19 +104,19 @@ def test_a_long_name_is_cut_in_a_figure() -> None:
 # -- trajectories -----------------------------------------------------------------------------------------------
 
 
-def floor(width: int, height: int) -> OccupancyGrid:
+def floor(width: int, height: int) -> SubmapAtlas:
     """Half a metre a cell from (-1, 2); free, with a wall along the lowest row and an unknown column at the right."""
     cells = np.full((height, width), FREE, np.int8)
     cells[0] = OCCUPIED
     cells[:, -1] = UNKNOWN
-    grid = OccupancyGrid(GridGeometry(0.5, -1.0, 2.0, width, height))
-    grid.merge_patch(0, 0, cells, 1)
-    return grid
+    atlas = SubmapAtlas(GridGeometry(0.5, -1.0, 2.0, width, height))
+    atlas.take(("r1", 1), 0, 0, cells, 1)
+    return atlas
 
 
 def mapped(width: int = 9, height: int = 6, **fields: Any) -> RunData:
     run = run_of(**fields)
-    run.map.grid = floor(width, height)
+    run.map.atlas = floor(width, height)
     return run
 
 
@@ -160,7 +161,7 @@ def test_each_robots_last_place_has_a_mark_of_its_own() -> None:
 
 def test_a_map_of_which_nothing_is_known_is_not_drawn() -> None:
     run = run_of(robots=robots_of(robot_of("r1", x_m=[0.0], y_m=[0.0])))
-    run.map.grid = OccupancyGrid(GridGeometry(0.5, 0.0, 0.0, 4, 4))
+    run.map.atlas = SubmapAtlas(GridGeometry(0.5, 0.0, 0.0, 4, 4))
     assert len(axes_of(trajectory_figure(run)).images) == 0
 
 

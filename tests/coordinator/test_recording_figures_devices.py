@@ -20,7 +20,8 @@ from robrain.coordinator.recording.happenings import Happening
 from robrain.coordinator.recording.run_comparison import comparison_figure
 from robrain.coordinator.recording.run_data import MoteRun, RunData
 from robrain.coordinator.recording.run_totals import totals
-from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
+from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
+from robrain.protocol.model.occupancy_grid import GridGeometry
 from tests.coordinator.drawn_runs import (
     NAN,
     anchor,
@@ -296,7 +297,7 @@ def told_run(name: str = "run", **fields: Any) -> RunData:
 
 def test_totals_are_summed_over_what_was_told() -> None:
     run = told_run()
-    run.map.grid = OccupancyGrid(GridGeometry(0.5, 0.0, 0.0, 4, 4))
+    run.map.atlas = SubmapAtlas(GridGeometry(0.5, 0.0, 0.0, 4, 4))
     run.map.grid.known_count = 6
     assert totals(run) == {
         "Duration (s)": 200.0,
@@ -307,6 +308,11 @@ def test_totals_are_summed_over_what_was_told() -> None:
         "Distance (m)": 15.0,
         "Energy (kJ)": 3.0,
         "Collisions": 3,
+        "Map cells off (%)": None,
+        "Walls doubled (m)": None,
+        "Worst position RMSE (m)": None,
+        "Silent divergence (s)": None,
+        "Lidar on the map (%)": None,
         "Tasks done": 2,
         "Tasks failed": 2,
         "Faults": 1,
@@ -318,7 +324,18 @@ def test_totals_are_summed_over_what_was_told() -> None:
 def test_totals_of_which_nothing_tells_are_left_open() -> None:
     told = totals(run_of(robots=robots_of(robot_of("r1", x_m=[0.0]))))
     unknown = {name for name, value in told.items() if value is None}
-    assert unknown == {"Explored (%)", "Known area (m²)", "Distance (m)", "Energy (kJ)", "Collisions"}
+    assert unknown == {
+        "Explored (%)",
+        "Known area (m²)",
+        "Distance (m)",
+        "Energy (kJ)",
+        "Collisions",
+        "Map cells off (%)",
+        "Walls doubled (m)",
+        "Worst position RMSE (m)",
+        "Silent divergence (s)",
+        "Lidar on the map (%)",
+    }
 
 
 def test_runs_are_compared_by_bars_from_zero_a_panel_for_each_total() -> None:

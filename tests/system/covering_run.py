@@ -65,7 +65,7 @@ def found_by_motes() -> list[float]:
 
 
 if __name__ == "__main__":
-    watch(localiser, "match_scan", "find_by_scan", "better_elsewhere")
+    watch(localiser, "match_surface", "find_by_scan", "better_elsewhere")
     watch(scan_relocalisation, "least_solution")
     watch(PoseMixture, "hear", "_weigh")
     watch(PowerLearner, "learn")

@@ -55,6 +55,7 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("report", ["run.mcap"], "report"),
     ("export", ["run.mcap"], "team"),
     ("bench allocation", [], "team"),
+    ("bench mapping", [], "sim"),
     ("bench responses", [], "sim"),
     ("bench agents", [], "sim"),
 ]

@@ -78,8 +78,12 @@ class SubmapAtlas:
         # It is not newer than all that was drawn of this submap here, so what was drawn may not give way to it.
         box_cells = np.s_[moved[0] : moved[2], moved[1] : moved[3]]
         classes = np.sign(self.grid.log_odds[box_cells])
+        version = self.grid.version
         self._redraw(moved)
-        return int(np.count_nonzero(np.sign(self.grid.log_odds[box_cells]) != classes))
+        changed = int(np.count_nonzero(np.sign(self.grid.log_odds[box_cells]) != classes))
+        if not changed:
+            self.grid.version = version
+        return changed
 
     def take_surfaces(self, key: SubmapKey, surfaces: NDArray[np.void]) -> None:
         """A submap is finished: where in their cells its walls are, (n,) of `SURFACE`."""
