@@ -106,7 +106,7 @@ def test_a_closure_with_an_old_submap_of_its_own_is_told_to_nobody() -> None:
 
 
 def test_without_a_submap_that_shows_the_place_there_is_nothing_to_look_at() -> None:
-    assert not Scene().look(TRUE, TRUE)
+    assert Scene().look(TRUE, TRUE) is False
     scene = Scene(MATE)
     assert not scene.look(TRUE, Pose2D(30.0, 30.0, 0.0))
     assert scene.look(TRUE, TRUE), "the place where there was nothing does not count as tried"
@@ -116,7 +116,7 @@ def test_the_robot_moves_on_between_two_closures() -> None:
     scene = Scene(MATE, ("r3", 1), ("r4", 1))
     assert scene.look(TRUE, TRUE)
     near, far = beside(TRUE, WAY_M - 0.01, 0.0), beside(TRUE, WAY_M + 0.01, 0.0)
-    assert not scene.look(near, near)
+    assert scene.look(near, near) is False
     assert scene.desk.closed == 1
     assert scene.look(far, far)
     assert scene.desk.closed == 2
@@ -150,6 +150,8 @@ FAR_X, FAR_Y, TURNED = beside(TRUE, 0.9, 0.0), beside(TRUE, 0.0, -0.7), beside(T
         (FAR_Y, (1e-4, 0.16, 0.0001), NONE),
         (TURNED, (1e-4, 1e-4, 0.04), NONE),
         (FAR_X, (1e-4, 1e-4, 0.0001), (0.16, 0.16, 1e-6)),
+        (FAR_X, (0.05, 1e-4, 0.0001), (0.05, 0.05, 1e-6)),
+        (FAR_Y, (1e-4, 0.03, 0.0001), (0.03, 0.03, 1e-6)),
         (TURNED, (1e-4, 1e-4, 0.0001), (1e-4, 1e-4, 0.04)),
     ],
 )

@@ -100,7 +100,7 @@ def fit_of(grid: OccupancyGrid, sensor: Pose2D, points: Floats) -> tuple[float, 
             continue
         near = [cell for cell in _walls(grid, row, column, 2) if math.dist(at[cell], end) <= FIT_CELLS]
         if near:
-            drifts.append(grid.surface_drift[min(near, key=lambda cell: math.dist(at[cell], end))])  # noqa: B023
+            drifts.append(grid.surface_drift[min(near, key=lambda cell: math.dist(at[cell], end))])
         known += bool(near) or grid.log_odds[row, column] != 0
     m2, rad2 = np.mean(drifts, axis=0).tolist() if drifts else (0.0, 0.0)
     return len(drifts) / max(known, 1), known, m2, rad2
