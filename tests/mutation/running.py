@@ -209,13 +209,15 @@ class MutationRun:
         """Wait until one of the running mutants is done or out of time."""
         while running:
             for pid, one in list(running.items()):
-                ended, _ = os.waitpid(pid, os.WNOHANG)
+                ended, status = os.waitpid(pid, os.WNOHANG)
                 if not ended and time.monotonic() < one.deadline:
                     continue
                 _end_group(pid)
                 if not ended:
                     os.waitpid(pid, 0)
                 said = os.read(one.pipe, 65_536).decode(errors="replace") if ended else "timeout"
+                if os.WIFSIGNALED(status):  # a compiled kernel that writes beyond its arrays
+                    said = "crash"
                 os.close(one.pipe)
                 del running[pid]
                 one.verdict.seconds = time.monotonic() - one.begun

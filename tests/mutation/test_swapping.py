@@ -64,6 +64,21 @@ def test_a_compiled_kernel_makes_the_mistake_too(tmp_path: Path) -> None:
     assert said != str(right)
 
 
+def test_a_child_process_compiles_mutated_kernels_for_itself(tmp_path: Path) -> None:
+    """numba's cache does not tell a kernel from one with another constant."""
+    code = "from robrain.protocol.model import inflation; import numpy as np; {}".format(
+        "print(inflation.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0)[2].tolist())"
+    )
+    path, change = "protocol/model/inflation.py", "width + 1 -> width - 1"
+    right = inflation.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0)[2].tolist()
+    said = _run(
+        path, change, tmp_path, f"print(subprocess.run([sys.executable, '-c', {code!r}], capture_output=True).stdout)"
+    )
+    assert said.startswith("b'[")
+    assert said != f"b'{right}\\n'"
+    assert list(tmp_path.glob("kernels-*")), "it leaves them to nobody else"
+
+
 def test_the_callers_of_a_compiled_kernel_are_known() -> None:
     loaded = LoadedFunctions(ROOT)
     callers = set(loaded.callers_of_kernel(("protocol/model/inflation.py", "_clearance_m")))
