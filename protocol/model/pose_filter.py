@@ -203,15 +203,6 @@ class PoseFilter:
             if lacking > 0:
                 self._covariance[index, index] += lacking
 
-    def at_most(self, variances: tuple[float, float, float]) -> None:
-        """Let x, y (m²) and yaw (rad²) be no less sure than this: what is more counts elsewhere from now on."""
-        size = self._size
-        for index, variance in enumerate(variances):
-            if self._covariance[index, index] > variance:
-                share = math.sqrt(variance / self._covariance[index, index])
-                self._covariance[index, :size] *= share
-                self._covariance[:size, index] *= share
-
     def add(self, variances: tuple[float, float, float]) -> None:
         """Add to the variances of x, y (m²) and yaw (rad²)."""
         for index, variance in enumerate(variances):

@@ -130,11 +130,6 @@ class PoseMixture:
         for part in self._parts:
             part.at_least(variances)
 
-    def at_most(self, variances: tuple[float, float, float]) -> None:
-        """Let x, y (m²) and yaw (rad²) be no less sure than this. It is one filter again."""
-        self._merge_all()
-        self._parts[0].at_most(variances)
-
     def add(self, variances: tuple[float, float, float]) -> None:
         """Add to the variances of x, y (m²) and yaw (rad²)."""
         for part in self._parts:
