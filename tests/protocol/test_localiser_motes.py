@@ -149,18 +149,36 @@ def test_signals_from_before_it_was_lost_do_not_help_to_find_a_robot(monkeypatch
     assert tried == [54]
 
 
-def test_signals_are_seen_from_where_the_corrected_odometry_puts_the_robot():
+def test_signals_are_seen_from_where_the_corrected_odometry_puts_the_robot(monkeypatch):
     """Errors of the odometry that the filter has learned are taken off the way between signals."""
-    robot = Localiser(Pose2D(0.0, 0.0, 0.0), 0.01, 0.005, LocaliserSpec())
-    true_m = 0.0
-    for _ in range(300):  # wheels that are 3 % larger than believed
-        robot.move(Twist2D(0.1, 0.0, 0.0))
-        true_m += 0.103
-        for row, off in (((1.0, 0.0, 0.0), true_m - robot.pose.x_m), ((0.0, 1.0, 0.0), -robot.pose.y_m)):
-            robot.filter.correct(row, off, 0.01**2)
-    scale, curve, _ = robot.filter.biases
+    seen = []
+    monkeypatch.setattr(module, "better_elsewhere", lambda _here, signals, _loss: seen.append(signals) or 0.0)
+    robot = Localiser(Pose2D(0.0, 0.0, 0.0), 0.01, 0.005, LocaliserSpec(watch=DEAF_WATCH))
+    true = Pose2D(0.0, 0.0, 0.0)
+    for _ in range(600):  # way that is 3 % longer than believed, turns that are 2 % larger, and a curve of 0.01 rad/m
+        robot.move(Twist2D(0.1, 0.0, 0.1))
+        true = moved_along(true, Twist2D(0.103, 0.0, 0.1 * 1.02 + 0.1 * 0.01))
+        off = true.x_m - robot.pose.x_m, true.y_m - robot.pose.y_m, true.yaw_rad - robot.pose.yaw_rad
+        for row, axis in (((1.0, 0.0, 0.0), 0), ((0.0, 1.0, 0.0), 1), ((0.0, 0.0, 1.0), 2)):
+            robot.filter.correct(row, math.remainder(off[axis], math.tau) if axis == 2 else off[axis], 0.01**2)
+    scale, curve, turn = robot.filter.biases
     assert scale == pytest.approx(0.03, abs=0.005)
-    assert abs(curve) < 0.005
+    assert curve + turn == pytest.approx(0.03, abs=0.005), "which of the two it is cannot be told on one circle"
+    way_m = robot.way_m
+    ahead, aside, turned = Twist2D(0.4, 0.0, 0.0), Twist2D(0.0, 0.4, 0.0), Twist2D(0.0, 0.0, 0.5)
+    steps = [ahead, aside, turned] * 8
+    for number, step in enumerate(steps):
+        robot.hear(RssiSample(f"m{number % 9}", MOTES[number % 9], -70.0))
+        robot.move(step)
+    robot.hear(RssiSample("m0", MOTES[0], -70.0))
+    turned_rad = 0.5 * (1.0 + turn)
+    assert robot.way_m - way_m == pytest.approx(8 * (0.8 + 0.3 * (turned_rad + 0.4 * curve)), rel=1e-3)
+    (signals,) = seen
+    places = signals.places[-25:] if len(signals.places) > 24 else signals.places
+    gaps_m = np.hypot(*np.diff(places, axis=0).T)
+    assert gaps_m[:2] == pytest.approx(0.4 * (1.0 + scale), rel=1e-5)
+    bearings_rad = np.unwrap(np.arctan2(*np.diff(places, axis=0)[::3].T[::-1]))
+    assert np.diff(bearings_rad) == pytest.approx(turned_rad + 0.4 * curve, abs=1e-4)
 
 
 def test_after_it_was_found_the_watch_begins_anew(monkeypatch):

@@ -59,6 +59,15 @@ def test_in_a_corridor_the_gate_is_that_of_two_directions(off_m, is_believed):
     assert localiser.fits == is_believed
 
 
+@pytest.mark.parametrize(("off_m", "is_believed"), [(0.17, True), (0.2, False)])
+def test_what_walls_may_be_off_by_counts_in_the_gate(off_m, is_believed):
+    """0.03 m of the robot and 0.03 m of the walls, which err together: 0.045 m in all."""
+    localiser = located(beside(TRUE, off_m), sigma_m=0.03, sigma_rad=0.01, wall_sigma_m=0.03)
+    localiser.move(Twist2D(1e-9, 0.0, 0.1))
+    localiser.see(ROOM.points(beside(TRUE, 0.0, 0.0, 0.1)), local_map(ROOM_MAP))
+    assert localiser.fits == is_believed
+
+
 def test_a_turn_that_cannot_be_is_refused_as_well():
     for turn_rad, is_believed in ((0.05, True), (0.09, False)):
         localiser = located(beside(TRUE, 0.0, 0.0, turn_rad), sigma_m=0.06, sigma_rad=0.015)

@@ -5,7 +5,8 @@ import pytest
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.loop_closure import Contradiction, Lying, geometry_of, lay_on, moved
-from robrain.protocol.model.mapping.submap import IDENTITY
+from robrain.protocol.model.mapping.submap import IDENTITY, Submap
+from robrain.protocol.model.occupancy_grid import OCCUPIED, GridGeometry
 from robrain.protocol.model.scan_match import Direction, ScanFit
 from tests.protocol.mapping.lidar_floor import CORRIDOR, CORRIDOR_PLACES, GEOMETRY, ROOM, ROOM_PLACES
 
@@ -91,3 +92,20 @@ def test_a_guess_is_moved_by_what_the_directions_say():
     assert off(moved(Pose2D(1.0, 2.0, 3.13), ScanFit(directions, 1.0, 9)), Pose2D(1.1, 2.0, 3.15)) == pytest.approx(
         (0.0, 0.0, 0.0), abs=1e-9
     )
+
+
+def test_the_frame_of_a_submap_that_begins_anywhere_is_on_the_lattice():
+    submap = Submap()
+    submap.take(40, 70, np.full((3, 5), OCCUPIED, np.int8), 1)
+    team = GridGeometry(0.2, -3.0, 1.0, 120, 80)
+    geometry = geometry_of(submap, team)
+    assert (submap.row, submap.column) == (32, 64)
+    assert (geometry.origin_x_m, geometry.origin_y_m) == pytest.approx((-3.0 + 0.2 * 64, 1.0 + 0.2 * 32))
+    assert geometry.shape == (32, 32)
+
+
+@pytest.mark.parametrize(("count", "is_enough"), [(19, False), (20, True)])
+def test_a_scan_of_twenty_beams_can_be_laid(count, is_enough):
+    submap, points = ROOM.submap(*ROOM_PLACES), ROOM.points(TRUE)
+    few = points[np.linspace(0, len(points) - 1, count).astype(int)]
+    assert (lay_on(submap, GEOMETRY, TRUE, few, *SURE) is not None) == is_enough

@@ -305,3 +305,29 @@ def test_the_grid_of_a_finished_submap_has_its_walls_where_they_are_in_their_cel
     assert grid.surface_hits[row, column] > 0
     assert grid.surface_at[row, column].tolist() == [column + 0.5 + 16 / PARTS, row + 0.5 - 32 / PARTS]
     assert grid.surface_view[row, column].tolist() == pytest.approx([0.0, 1.0], abs=1e-6)
+
+
+def test_a_submap_that_is_finished_has_its_surfaces_and_one_of_which_nothing_is_known_has_none():
+    atlas = SubmapAtlas(GridGeometry(0.1, 0.0, 0.0, 40, 40))
+    surfaces = np.zeros(3, SURFACE)
+    atlas.take_surfaces(("r1", 1), surfaces)
+    assert atlas.submaps == {}
+    atlas.take(("r1", 1), 0, 0, np.full((2, 2), OCCUPIED, np.int8), 5)
+    submap = atlas.submaps["r1", 1]
+    assert submap.surfaces is None
+    version = submap.version
+    atlas.take_surfaces(("r1", 1), surfaces)
+    assert submap.surfaces is surfaces
+    assert submap.version == version + 1
+
+
+def test_patches_that_change_nothing_on_the_map_leave_its_version():
+    atlas = SubmapAtlas(GridGeometry(0.1, 0.0, 0.0, 40, 40))
+    cells = np.full((4, 4), OCCUPIED, np.int8)
+    assert atlas.take(("r1", 1), 8, 8, cells, 5) == 16
+    version = atlas.grid.version
+    assert atlas.take(("r1", 1), 8, 8, cells, 5) == 0
+    assert atlas.take(("r1", 1), 8, 8, cells, 3) == 0
+    assert atlas.grid.version == version
+    assert atlas.take(("r1", 1), 8, 8, np.full((4, 4), FREE, np.int8), 6) == 16
+    assert atlas.grid.version > version

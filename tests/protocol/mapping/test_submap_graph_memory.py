@@ -230,6 +230,38 @@ def test_a_mates_closures_stand_apart_on_the_own_submap_and_are_as_few():
     assert close(4.0, 0.12) == pytest.approx(0.10, abs=0.006), "in place of the oldest"
 
 
+def test_what_a_mate_tells_is_news():
+    graph = walked(ROW[0])
+    graph.close_with_mate(10, ROW[0], MATE, ROW[0], SURE)
+    assert graph.has_news
+    graph.solve(at_home, no_doubt)
+    assert not graph.has_news
+
+
+@pytest.mark.parametrize("close", ["close", "close_with_mate"])
+def test_a_closure_that_cannot_be_true_moves_a_tenth_of_what_it_says_at_most(close):
+    graph = walked(*ROW[:3])
+    getattr(graph, close)(12, ROW[2], MATE, Pose2D(ROW[2].x_m + 3.0, ROW[2].y_m - 2.0, ROW[2].yaw_rad), SURE)
+    graph.solve(at_home, no_doubt)
+    for node, anchor in zip(graph.own.values(), ROW, strict=False):
+        assert off(node.pose, anchor) == pytest.approx((0.0, 0.0, 0.0), abs=0.35)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 10_000))
+def test_a_closure_adds_its_information_to_what_was_known(seed):
+    """Whatever is correlated with what, on either side."""
+    rng = np.random.default_rng(seed)
+    prior, information = (root @ root.T + 0.3 * np.eye(3) for root in rng.normal(size=(2, 3, 3)))
+    mates = rng.uniform(0.1, 1.0, 3)
+    graph = SubmapGraph("r1", GraphSpec())
+    graph.begin(10, IDENTITY, IDENTITY, 0, prior)
+    graph.close(10, IDENTITY, MATE, IDENTITY, information)
+    graph.solve(at_home, lambda _key: tuple(mates.tolist()))
+    told = np.linalg.inv(np.linalg.inv(information) + np.diag(mates))
+    assert graph.own[10].covariance == pytest.approx(np.linalg.inv(np.linalg.inv(prior) + told), rel=1e-4, abs=1e-6)
+
+
 POSITIVE = st.floats(1e-3, 1e3)
 
 
@@ -264,6 +296,9 @@ def test_what_has_a_negative_eigenvalue_is_no_information(seed, scale, negative)
         (symmetric((1.0, 0.0, 1.1, 1.0, 0.0, 1.0)), False),
         (symmetric((1.0, 0.0, 0.0, 1.0, 1.1, 1.0)), False),
         (symmetric((1.0, -0.9, 0.9, 1.0, 0.9, 1.0)), False),  # each pair for itself would do
+        (symmetric((1.0, 0.9, 0.9, 1.0, 0.0, 1.0)), False),
+        (symmetric((1.0, 0.9, 0.0, 1.0, 0.9, 1.0)), False),
+        (symmetric((1.0, 0.0, 0.9, 1.0, 0.9, 1.0)), False),
     ],
 )
 def test_information_is_what_a_covariance_can_be_the_inverse_of(matrix, is_one):
