@@ -132,8 +132,9 @@ def test_a_robot_that_stands_lays_a_scan_on_its_map_once_a_second(stage):
 
 @pytest.mark.parametrize(("scan_way_m", "matches"), [(0.03, 25), (0.1, 9)])
 def test_a_robot_that_drives_lays_a_scan_on_its_map_after_its_way(stage, scan_way_m, matches):
-    one, _, localisation = localised(stage, "mapper", scan_way_m=scan_way_m, scan_period_s=100.0)
+    one, host, localisation = localised(stage, "mapper", scan_way_m=scan_way_m, scan_period_s=100.0)
     standing(one, 0.5)
+    host.board.map_agreement = 0.0
     before = localisation.health().matches
     bus, counts = one.bus(), [0.0, 0.0, 0.0]
     for step in range(100):
@@ -153,6 +154,7 @@ def test_a_robot_that_drives_lays_a_scan_on_its_map_after_its_way(stage, scan_wa
         one.run(0.02)
     assert localisation.health().matches - before == pytest.approx(matches, abs=2)
     assert localisation.pose().x_m == pytest.approx(1.0, abs=0.03)
+    assert 0.0 < host.board.map_agreement < 0.28, "which is told once a second all the same"
 
 
 def test_once_a_second_a_scan_is_held_against_the_teams_map(stage):

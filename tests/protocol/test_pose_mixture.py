@@ -120,3 +120,100 @@ def test_the_two_most_alike_are_the_closest_pair():
     assert (first, second) == (0, 2)
     assert 0 < loss < 0.05
     assert kernels.closest_pair(poses[[0, 0]], covariances[:2], np.full(2, 0.5))[2] == pytest.approx(0.0, abs=1e-9)
+
+
+class SumOfThree:
+    """A Gaussian sum of three parts, by the textbook: each filtered by itself, weighed by its likelihoods."""
+
+    def __init__(self, filter):
+        self.parts = [filter, *filter.split(1.0575, 0.2252)]
+        self.weights = np.array((1.0 - 2 * 0.2252, 0.2252, 0.2252))
+
+    @property
+    def mean(self):
+        return self.weights @ np.array([part.mean for part in self.parts])
+
+    @property
+    def covariance(self):
+        offs = np.array([part.mean for part in self.parts])[:, :3] - self.mean[:3]
+        each = [part.covariance + np.outer(off, off) for part, off in zip(self.parts, offs, strict=True)]
+        return np.einsum("k,kij->ij", self.weights, np.array(each))
+
+    def hear(self, sample, gate, map_variance_m2):
+        heard = [part.hear(sample, gate, map_variance_m2=map_variance_m2) for part in self.parts]
+        offs = np.array([each.innovation_db for each in heard])
+        variances = np.array([each.variance_db2 for each in heard])
+        mean = self.weights @ offs
+        variance = self.weights @ (variances + offs**2) - mean**2
+        self._weigh(np.exp(-0.5 * np.minimum([each.nis for each in heard], gate)) / np.sqrt(variances))
+        return mean**2 / variance, mean, variance, any(each.is_taken for each in heard)
+
+    def correct(self, row, innovation, variance):
+        row, mean = np.array(row), self.mean[:3]
+        nis = innovation**2 / (row @ self.covariance @ row + variance)
+        likelihoods = []
+        for part in self.parts:
+            own = innovation - row @ (part.mean[:3] - mean)
+            expected = row @ part.covariance @ row + variance
+            likelihoods.append(math.exp(-0.5 * own**2 / expected) / math.sqrt(expected))
+            part.correct(tuple(row.tolist()), own, variance)
+        self._weigh(np.array(likelihoods))
+        return nis
+
+    def _weigh(self, likelihoods):
+        self.weights = self.weights * likelihoods / (self.weights @ likelihoods)
+
+
+def assert_as(mixture, expected):
+    assert len(mixture) == 3
+    pose = mixture.pose
+    assert (pose.x_m, pose.y_m, pose.yaw_rad) == pytest.approx(expected.mean[:3], abs=1e-9)
+    assert mixture.biases == pytest.approx(expected.mean[3:], abs=1e-9)
+    assert mixture.covariance == pytest.approx(expected.covariance, abs=1e-9)
+    assert mixture.sigma_m == pytest.approx(math.sqrt(np.linalg.eigvalsh(expected.covariance[:2, :2])[-1]))
+    assert mixture.sigma_rad == pytest.approx(math.sqrt(expected.covariance[2, 2]))
+
+
+def wide():
+    drift = DriftModel(scale=0.3, turn=0.2)
+    filter = PoseFilter(Pose2D(0.0, 0.0, 0.0), 0.3, 0.5, drift, PathLoss(), motes=8)
+    for _ in range(10):
+        filter.move(Twist2D(0.3, 0.05, 0.05))
+    return filter
+
+
+@pytest.mark.parametrize("row", [(1.0, 0.0, 0.0), (0.6, 0.8, 0.0), (0.3, -0.2, 0.5)])
+@pytest.mark.parametrize(("mote", "rssi_dbm", "gate"), [(2, -80.0, 10.83), (1, -70.0, 10.83), (1, -60.0, 1.0)])
+def test_a_mixture_is_a_sum_of_gaussians_weighed_by_what_was_measured(row, mote, rssi_dbm, gate):
+    mixture, expected = PoseMixture(wide()), SumOfThree(wide())
+    told = mixture.hear(heard(mote, rssi_dbm), gate, map_variance_m2=0.5)
+    nis, mean, variance, is_taken = expected.hear(heard(mote, rssi_dbm), gate, 0.5)
+    assert (told.nis, told.innovation_db, told.variance_db2) == pytest.approx((nis, mean, variance))
+    assert told.is_taken == is_taken
+    assert_as(mixture, expected)
+    mixture.move(Twist2D(0.2, 0.1, 0.1))
+    for part in expected.parts:
+        part.move(Twist2D(0.2, 0.1, 0.1))
+    assert_as(mixture, expected)
+    assert mixture.correct(row, 0.1, 0.04) == pytest.approx(expected.correct(row, 0.1, 0.04))
+    assert_as(mixture, expected)
+    mixture.add((0.1, 0.2, 0.01))
+    mixture.at_least((2.0, 0.0, 0.0))
+    for part in expected.parts:
+        part.add((0.1, 0.2, 0.01))
+        part.at_least((2.0, 0.0, 0.0))
+    assert_as(mixture, expected)
+    mixture.shift(Pose2D(1.0, 2.0, 0.3))
+    for part in expected.parts:
+        part.shift(Pose2D(1.0, 2.0, 0.3))
+    assert_as(mixture, expected)
+
+
+def test_parts_that_cannot_be_any_more_are_dropped():
+    mixture = PoseMixture(wide())
+    mixture.hear(heard(2, -80.0))
+    assert len(mixture) == 3
+    sigma_rad = mixture.sigma_rad
+    mixture.correct((0.0, 0.0, 1.0), -1.2, 0.01)
+    assert len(mixture) < 3
+    assert mixture.sigma_rad < 0.5 * sigma_rad
