@@ -1,8 +1,8 @@
 """Applies a mutant to loaded code: replaces the code of functions and recompiles kernels.
 
 A mutated kernel is compiled anew, with all kernels that call it, in 1 to 7 s; the others stay compiled. Interpreted
-(`NUMBA_DISABLE_JIT`) tests of scans and maps would take a hundred times as long. A kernel that writes beyond its arrays
-and crashes counts as killed.
+(`NUMBA_DISABLE_JIT`) tests of scans and maps would take a hundred times as long. It is compiled with a check of bounds:
+beyond an array's end it raises IndexError as Python does, instead of reading what happens to lie there.
 """
 
 import gc
@@ -71,6 +71,7 @@ class LoadedFunctions:
             old = function.__code__
             function.__code__ = code_of(module, mutant.function, old.co_firstlineno)
             for kernel in self._compiled_from(function):
+                kernel.targetoptions["boundscheck"] = True
                 kernel._cache = NullCache()
                 kernel._reset_overloads()
                 # numba's cache tells functions apart by their byte code, without its constants and without what they

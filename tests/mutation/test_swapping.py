@@ -19,7 +19,7 @@ import sys
 from pathlib import Path
 from tests.mutation.mutant import mutants_of
 from tests.mutation.swapping import LoadedFunctions
-from robrain.protocol.model import geometry, inflation, odometry
+from robrain.protocol.model import geometry, inflation, odometry, scan_match_kernels
 import numpy as np, subprocess
 root = Path.cwd()
 path, change = sys.argv[1:3]
@@ -77,6 +77,17 @@ def test_a_child_process_compiles_mutated_kernels_for_itself(tmp_path: Path) -> 
     assert said.startswith("b'[")
     assert said != f"b'{right}\\n'"
     assert list(tmp_path.glob("kernels-*")), "it leaves them to nobody else"
+
+
+def test_a_mutated_kernel_that_leaves_its_arrays_raises(tmp_path: Path) -> None:
+    code = """
+from robrain.protocol.model.scan_match_kernels import eigen
+try:
+    eigen(np.eye(3), np.zeros(3), np.zeros((3, 3)))
+except IndexError:
+    print("out of bounds")
+"""
+    assert _run("protocol/model/scan_match_kernels.py", "eigen::3 -> 4", tmp_path, code) == "out of bounds"
 
 
 def test_the_callers_of_a_compiled_kernel_are_known() -> None:
