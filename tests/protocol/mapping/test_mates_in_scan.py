@@ -138,3 +138,56 @@ def test_beams_that_returned_nothing_are_no_edges_of_a_mate():
         circles = circles_for(circle(6.5, 4.4), seen_m)
         assert len(circles) == 2
         assert circles[1, :2] == pytest.approx((6.5, 4.0), abs=0.08)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_scans_of_hardly_any_beams_show_no_mate(count):
+    circles = mate_circles(np.linspace(0.0, 1.0, count), np.full(count, 1.5), RANGE_M, SENSOR, circle(6.3, 4.5))
+    assert circles == pytest.approx(np.array([(6.3, 4.5, RADIUS_M + MARGIN_M)]))
+
+
+def front(sensor, mate):
+    """Bearings and ranges of a lidar that looks ahead only, over a third of a turn."""
+    ahead = np.abs(ANGLES_RAD) < math.pi / 3
+    return ANGLES_RAD[ahead], HALL.ranges_m(sensor, mate)[ahead]
+
+
+@pytest.mark.parametrize("bearing_rad", [0.0, 0.7, -0.7])
+def test_a_lidar_that_looks_ahead_knows_a_mate_that_it_sees_as_a_whole(bearing_rad):
+    mate = SENSOR.compose(Pose2D(1.2 * math.cos(bearing_rad), 1.2 * math.sin(bearing_rad), 0.0))
+    angles_rad, ranges_m = front(SENSOR, circle(mate.x_m, mate.y_m))
+    circles = mate_circles(angles_rad, ranges_m, RANGE_M, SENSOR, circle(mate.x_m + 0.4, mate.y_m))
+    assert len(circles) == 2
+    assert circles[1] == pytest.approx((mate.x_m, mate.y_m, RADIUS_M + MARGIN_M), abs=0.05)
+
+
+@pytest.mark.parametrize("radius_m", [0.12, 0.2, 0.35])
+@pytest.mark.parametrize("away_m", [0.7, 1.5, 2.3])
+def test_mates_of_any_size_are_known_by_their_shape(radius_m, away_m):
+    mate = SENSOR.compose(Pose2D(away_m + radius_m, 0.1, 0.0))
+    ranges_m = HALL.ranges_m(SENSOR, circle(mate.x_m, mate.y_m, radius_m))
+    found = circles_for(circle(mate.x_m + 0.3, mate.y_m + 0.3, radius_m), ranges_m)
+    assert found[1] == pytest.approx((mate.x_m, mate.y_m, radius_m + MARGIN_M), abs=0.06)
+
+
+def test_each_of_several_mates_has_its_circles():
+    mates = np.array([(6.5, 4.6, 0.2), (3.5, 3.4, 0.2), (5.0, 5.5, 0.3)])
+    ranges_m = HALL.ranges_m(SENSOR, mates)
+    told = mates + np.array((0.3, 0.0, 0.0))
+    found = circles_for(told, ranges_m)
+    assert found[::2] == pytest.approx(told + np.array((0.0, 0.0, MARGIN_M)))
+    assert found[1::2] == pytest.approx(mates + np.array((0.0, 0.0, MARGIN_M)), abs=0.08)
+
+
+@settings(deadline=None)
+@given(st.integers(0, 10_000))
+def test_points_in_circles_of_the_arena_are_left_out_wherever_the_sensor_is(seed):
+    rng = np.random.default_rng(seed)
+    sensor = Pose2D(*rng.uniform(-3.0, 3.0, 3).tolist())
+    points, circles = rng.uniform(-4.0, 4.0, (50, 2)), rng.uniform((-4.0, -4.0, 0.2), (4.0, 4.0, 2.0), (4, 3))
+    kept = []
+    for point in points.tolist():
+        at = sensor.compose(Pose2D(*point, 0.0))
+        if all(math.dist((at.x_m, at.y_m), one[:2]) > one[2] for one in circles.tolist()):
+            kept.append(point)
+    assert outside(points, sensor, circles).tolist() == kept
