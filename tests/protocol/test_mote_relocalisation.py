@@ -121,10 +121,17 @@ def grids(signals, here):
 
 
 @pytest.mark.parametrize(
-    ("off_m", "off_rad", "is_elsewhere"),
-    [(0.0, 0.0, False), (1.0, 0.2, False), (5.0, 0.0, True), (-4.0, 1.0, True), (0.0, 2.0, True)],
+    ("off_m", "off_rad", "is_elsewhere", "spread"),
+    [
+        (0.0, 0.0, False, 1.0),
+        (1.0, 0.2, False, 1.0),
+        (5.0, 0.0, True, 1.0),
+        (-4.0, 1.0, True, 1.0),
+        (0.0, 2.0, True, 1.0),
+        (0.0, 0.0, False, 4.0),
+        (5.0, 0.0, True, 4.0),
+    ],
 )
-@pytest.mark.parametrize("spread", [1.0, 4.0])
 def test_how_much_another_place_is_better_is_a_ratio_of_likelihoods(off_m, off_rad, is_elsewhere, spread):
     motes, way = spread * MOTES, spread * WAY
     true = Pose2D(12.0 * spread, 7.0 * spread, 1.3)
