@@ -71,7 +71,7 @@ def test_whatever_is_scanned_the_grid_is_as_defined(seed, events):
             reference.begin_stretch()
             assert (grid.version > version) == (grid.known_count < known)
         else:
-            others = rng.choice(np.array((-60, 0, 60), np.int8), (14, 30))
+            others = rng.choice(np.array((-60, -1, 0, 1, 60), np.int8), (14, 30))
             row, column = int(rng.integers(-3, 6)), int(rng.integers(-5, 6))
             grid.contradict(others, row, column)
             reference.contradict(others, row, column)
@@ -155,6 +155,21 @@ def test_after_all_is_forgotten_the_grid_is_new():
         grid.integrate_scan(*scan)
         reference.scan(*scan)
         assert_equal(grid, reference)
+
+
+def test_a_change_of_one_cell_is_a_change():
+    grid = OccupancyGrid(GEOMETRY)
+    one_cell = Pose2D(0.0, 2.0, 0.0), np.zeros(1), np.array([0.05]), RANGE_M, 5, NOBODY
+    assert grid.integrate_scan(*one_cell) == 1
+    assert grid.version == 1
+    grid.begin_stretch()
+    grid.begin_stretch()
+    assert (grid.version, grid.known_count) == (2, 0), "one cell is forgotten"
+    grid.integrate_scan(*one_cell)
+    assert grid.erase(0, 0, *GEOMETRY.shape) == 1
+    assert (grid.version, grid.known_count) == (4, 0)
+    grid.count_drawn(1, 1)
+    assert (grid.version, grid.known_count) == (5, 1)
 
 
 def test_cells_that_were_drawn_from_outside_are_counted():

@@ -268,3 +268,8 @@ def test_ends_are_those_of_the_beams_that_returned():
     angles_rad = np.array([0.0, 0.0, 0.0, math.pi / 2, 0.0, 0.0, 0.0, math.pi])
     ends = beam_ends(angles_rad, ranges_m, 3.0)
     assert ends == pytest.approx(np.array([(1.0, 0.0), (0.0, 2.0), (-0.001, 0.0)]), abs=1e-12)
+
+
+def test_a_search_on_a_map_of_another_shape_is_refused():
+    with pytest.raises(ValueError, match="expected a map"):
+        search_scan(ROOM_MAP[1:], GEOMETRY, Pose2D(2.0, 2.0, 0.0), np.ones((30, 2)), within_m=0.1, within_rad=0.1)
