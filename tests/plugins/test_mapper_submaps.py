@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -9,11 +10,12 @@ from robrain.plugins.skill.mapper.mapper import Mapper
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, NONE, LocalMap, LocalPose
 from robrain.protocol.model.mapping.submap import IDENTITY
+from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
 from robrain.protocol.model.ranges import STAMP_MAX
-from robrain.protocol.wire.map_messages import Closure, Closures
-from robrain.protocol.wire.map_patch import pose_message, to_message
-from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CLOSURES, ROBOT_MAP
+from robrain.protocol.wire.map_messages import Closure, Closures, MapPatch
+from robrain.protocol.wire.map_patch import pose_message, take_message, to_message
+from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 GRID = {"resolution_m": 0.1, "origin_x_m": -8.0, "origin_y_m": -8.0, "width_m": 16.0, "height_m": 16.0}
 GEOMETRY = GridGeometry(0.1, -8.0, -8.0, 160, 160)
@@ -248,6 +250,62 @@ def test_closures_of_a_robot_that_is_not_there_are_refused(stage):
     one.publisher(ROBOT_CLOSURES, robot="r3").put(closure(host.board.local_map.number, 0.3))
     scanned(one, 1.0)
     assert host.board.local_map.T_arena_local == IDENTITY
+
+
+def test_what_was_mapped_from_a_false_start_is_withdrawn_and_the_team_is_told(stage):
+    one, host = mapping(stage)
+    patches = one.inbox(ROBOT_MAP)
+    scanned(one, 1.2)
+    wrong = host.board.local_map.number
+    team = SubmapAtlas(view(host).geometry)
+    for received in patches.drain():
+        take_message(team, received.message)
+    assert team.grid.known_count > 1000
+    host.board.false_start = True
+    one.run(0.4, lambda: one.stand_and_scan([0.0] * 4))
+    assert not np.any(view(host).classes == OCCUPIED)
+    for received in patches.drain():
+        take_message(team, received.message)
+    assert ("r1", wrong) not in team.submaps
+    host.board.local_pose = lies_at(Pose2D(1.0, 0.0, 0.0), trajectory=1)
+    scanned(one, 1.2)
+    assert host.board.local_map.number > wrong
+    assert class_at(host, 3.05, 0.0) == OCCUPIED, "from now on it maps again, though the start was false"
+    assert class_at(host, -2.05, 0.0) == UNKNOWN
+
+
+def test_nothing_that_was_not_told_yet_is_told_of_a_withdrawn_submap(stage):
+    one, host = mapping(stage)
+    patches = one.inbox(ROBOT_MAP)
+    scanned(one, 0.3)
+    host.board.false_start = True
+    one.run(1.0, lambda: one.stand_and_scan([0.0] * 4))
+    told = [received.message for received in patches.drain()]
+    assert all(not message.cells or message.submap > 300 for message in told)
+
+
+def test_a_robot_without_submaps_has_nothing_to_withdraw(stage):
+    one, host = mapping(stage)
+    patches = one.inbox(ROBOT_MAP)
+    host.board.local_pose = None
+    host.board.false_start = True
+    scanned(one, 1.2)
+    assert patches.drain() == []
+
+
+def test_the_whole_map_has_the_submaps_of_robots_that_have_gone(stage, room):
+    one = stage(room(), r1=Pose2D(1.0, 1.0, 0.0), r2=Pose2D(3.0, 3.0, 0.0))
+    hosts = [one.host("mapper", "localisation", robot=robot) for robot in ("r1", "r2")]
+    one.run(2.0)
+
+    def told():
+        whole = msgspec.json.decode(one.wire.ask(ROBOT_MAP_WHOLE, robot="r1"), type=MapPatch)
+        return {part.robot for part in whole.parts}
+
+    assert told() == {"r1"}, "r2 can tell its own"
+    one.hosts.remove(hosts[1])
+    hosts[1].close()
+    one.run_until(lambda: told() == {"r1", "r2"}, 30.0)
 
 
 @pytest.mark.parametrize("name", ["resolution_m", "width_m", "height_m", "sigma_max_m"])
