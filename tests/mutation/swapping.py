@@ -65,6 +65,7 @@ class LoadedFunctions:
         """
         real = os.path.realpath(self._root / mutant.path)
         module = compile_mutant(self._root, mutant, real)
+        kernels: list[tuple[str, str]] = []
         for function in self._functions.get((mutant.path, mutant.function), []):
             if "<locals>" in function.__code__.co_qualname:
                 continue
@@ -74,12 +75,11 @@ class LoadedFunctions:
                 kernel.targetoptions["boundscheck"] = True
                 kernel._cache = NullCache()
                 kernel._reset_overloads()
-                # numba's cache tells functions apart by their byte code, without its constants and without what they
-                # call: child processes would load unchanged kernels, or leave mutated ones to everybody.
-                os.environ["NUMBA_CACHE_DIR"] = str(folder / f"kernels-{os.getpid()}")
+                code = kernel.py_func.__code__
+                kernels.append((os.path.realpath(code.co_filename), code.co_qualname))
         load_site().put_in_imports(real, module)
         spec = folder / f"mutant-{os.getpid()}"
-        spec.write_bytes(marshal.dumps((real, module)))
+        spec.write_bytes(marshal.dumps((real, module, kernels)))
         os.environ["ROBRAIN_MUTANT"] = str(spec)
         os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (str(SITE), os.environ.get("PYTHONPATH"))))
 

@@ -57,26 +57,29 @@ def test_a_child_process_makes_the_mistake_too(tmp_path: Path) -> None:
 
 
 def test_a_compiled_kernel_makes_the_mistake_too(tmp_path: Path) -> None:
-    code = "print(inflation.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0)[2].tolist())"
+    code = "print(inflation.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0).tolist())"
     right = inflation.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0)[2].tolist()
     said = _run("protocol/model/inflation.py", "width + 1 -> width - 1", tmp_path, code)
     assert said.startswith("[")
     assert said != str(right)
 
 
-def test_a_child_process_compiles_mutated_kernels_for_itself(tmp_path: Path) -> None:
+def test_a_child_process_compiles_mutated_kernels_for_itself_and_leaves_them_to_nobody(tmp_path: Path) -> None:
     """numba's cache does not tell a kernel from one with another constant."""
     code = "from robrain.protocol.model import inflation; import numpy as np; {}".format(
-        "print(inflation.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0)[2].tolist())"
+        "print(inflation.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0).tolist())"
     )
-    path, change = "protocol/model/inflation.py", "width + 1 -> width - 1"
-    right = inflation.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0)[2].tolist()
-    said = _run(
-        path, change, tmp_path, f"print(subprocess.run([sys.executable, '-c', {code!r}], capture_output=True).stdout)"
-    )
-    assert said.startswith("b'[")
-    assert said != f"b'{right}\\n'"
-    assert list(tmp_path.glob("kernels-*")), "it leaves them to nobody else"
+    right = inflation.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0).tolist()
+    unchanged = [sys.executable, "-c", code]
+    for path, change in (
+        ("protocol/model/inflation.py", "width + 1 -> width - 1"),
+        ("protocol/model/inflation.py", "_clearance_m::1 -> 2"),
+    ):
+        said = _run(path, change, tmp_path, f"print(subprocess.run({unchanged!r}, capture_output=True).stdout)")
+        assert said != f"b'{right}\\n'"
+        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+        after = subprocess.run(unchanged, cwd=ROOT, env=environment, capture_output=True, text=True, check=True)
+        assert after.stdout == f"{right}\n"
 
 
 def test_a_mutated_kernel_that_leaves_its_arrays_raises(tmp_path: Path) -> None:

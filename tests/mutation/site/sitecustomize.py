@@ -24,6 +24,28 @@ def put_in_imports(path: str, code: CodeType) -> None:
     importlib.machinery.SourceFileLoader.get_code = get_mutated  # type: ignore[method-assign]
 
 
+def compile_anew(kernels: set[tuple[str, str]]) -> None:
+    """Neither load from numba's cache nor leave there these kernels: (file, qualified name).
+
+    The cache tells functions apart by their byte code, without its constants and without what they call.
+    """
+    exec_module = importlib.machinery.SourceFileLoader.exec_module
+
+    def is_one(function: Any) -> bool:
+        code = function.__code__
+        return (os.path.realpath(code.co_filename), code.co_qualname) in kernels
+
+    def exec_and_patch(self: importlib.machinery.SourceFileLoader, module: Any) -> None:
+        exec_module(self, module)
+        if module.__name__ != "numba.core.caching":
+            return
+        load, save = module.Cache.load_overload, module.Cache.save_overload
+        module.Cache.load_overload = lambda cache, *how: None if is_one(cache._py_func) else load(cache, *how)
+        module.Cache.save_overload = lambda cache, *how: None if is_one(cache._py_func) else save(cache, *how)
+
+    importlib.machinery.SourceFileLoader.exec_module = exec_and_patch  # type: ignore[method-assign]
+
+
 class Reached:
     """The functions below a folder that ran since `clear`, as (file, qualified name of the outermost function)."""
 
@@ -68,7 +90,10 @@ class Reached:
 def _begin() -> None:
     if "ROBRAIN_MUTANT" in os.environ:
         with open(os.environ["ROBRAIN_MUTANT"], "rb") as mutated:
-            put_in_imports(*marshal.load(mutated))
+            path, code, kernels = marshal.load(mutated)
+        put_in_imports(path, code)
+        if kernels:
+            compile_anew(set(kernels))
     if "ROBRAIN_REACHED" in os.environ:
         root, folder = os.environ["ROBRAIN_REACHED"].split(os.pathsep)
         Reached(root, os.path.join(folder, str(os.getpid()))).start()
