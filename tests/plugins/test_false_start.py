@@ -107,6 +107,7 @@ def test_a_robot_whose_start_is_not_known_is_lost_until_the_walls_on_its_teams_m
     assert "where it starts" in late.board.lost
     one.run(6.0)
     assert late.board.lost == ""
+    assert late.board.local_pose.trajectory == 1, "its map begins where it was found"
     assert late.board.pose.distance_m(one.truth("r2").pose) < 0.15
     assert ghosts(late, plan, body=one.truth("r1").pose) == []
 
