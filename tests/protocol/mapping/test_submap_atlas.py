@@ -331,3 +331,11 @@ def test_patches_that_change_nothing_on_the_map_leave_its_version():
     assert atlas.grid.version == version
     assert atlas.take(("r1", 1), 8, 8, np.full((4, 4), FREE, np.int8), 6) == 16
     assert atlas.grid.version > version
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_of_what_two_robots_saw_at_the_same_time_the_wall_counts(order):
+    atlas = SubmapAtlas(GridGeometry(0.1, 0.0, 0.0, 40, 40))
+    for robot, value in (("r1", FREE), ("r2", OCCUPIED))[::order]:
+        atlas.take((robot, 1), 8, 8, np.full((4, 4), value, np.int8), 5)
+    assert np.all(atlas.grid.classes()[8:12, 8:12] == OCCUPIED)
