@@ -130,6 +130,24 @@ def test_a_submap_begins_with_the_first_scan_and_another_after_five_metres(stage
     assert one.call("mapper", "counters")["submaps"] == 2
 
 
+def test_what_was_seen_last_of_a_submap_is_told_with_it(stage):
+    one, host = mapping(stage)
+    scanned(one, 1.1)
+    for x_m in (5.2, 0.0):  # one scan at either place: with the second the submap ends
+        host.board.local_pose = lies_at(Pose2D(x_m, 0.0, 0.0))
+        scanned(one, 0.02)
+    scanned(one)
+    assert class_at(host, 7.25, 0.0) == OCCUPIED
+
+
+def test_what_the_others_had_mapped_before_is_there_to_check_the_start_for_five_seconds(stage):
+    one, host = mapping(stage)
+    scanned(one, 4.6)
+    assert host.board.map_of_others is not None
+    scanned(one, 1.2)
+    assert host.board.map_of_others is None
+
+
 def test_a_robot_that_was_found_again_begins_its_map_anew(stage):
     one, host = mapping(stage)
     scanned(one)

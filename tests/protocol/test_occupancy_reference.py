@@ -78,6 +78,27 @@ def test_whatever_is_scanned_the_grid_is_as_defined(seed, events):
         assert_equal(grid, reference)
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_what_is_told_again_is_what_was_seen_since_it_was_asked_last(seed):
+    rng = np.random.default_rng(seed)
+    grid, reference = OccupancyGrid(GEOMETRY, surfaces=True), GridReference(GEOMETRY)
+    walls = np.full(GEOMETRY.shape, 60, np.int8)
+    told = 0
+    for scans in (1, 0, 2, 1, 0):
+        for _ in range(scans):
+            scan = drawn_scan(rng, outside=-0.5)
+            grid.integrate_scan(*scan)
+            reference.scan(*scan)
+        grid.take_patch()
+        reference.dirty.clear()
+        grid.contradict(walls, 0, 0)
+        reference.contradict(walls, 0, 0)
+        assert_equal(grid, reference)
+        assert scans or not reference.dirty
+        told += len(reference.dirty)
+    assert told > 0
+
+
 @settings(deadline=None, max_examples=20)
 @given(st.integers(0, 100_000))
 def test_without_surfaces_the_cells_are_the_same(seed):

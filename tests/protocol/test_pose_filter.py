@@ -122,12 +122,12 @@ def test_a_mote_that_always_sounds_weak_does_not_draw_the_robot_away():
 
 @pytest.mark.parametrize(
     ("mote", "square_m2"),
-    [(Point2D(4.0, 5.0), 25.0), (Point2D(-2.0, 1.0), 9.0), (Point2D(1.0, -3.0), 16.0), (Point2D(1.3, 1.4), 1.0)],
+    [(Point2D(4.0, 6.0), 25.0), (Point2D(-2.0, 2.0), 9.0), (Point2D(1.0, -2.0), 16.0), (Point2D(1.3, 2.4), 1.0)],
 )
 def test_the_nearer_a_mote_is_the_more_it_matters_how_unsure_the_map_is(mote, square_m2):
     variances_db2 = []
     for map_variance_m2 in (0.0, 0.04):
-        estimate = PoseFilter(Pose2D(1.0, 1.0, 0.0), 0.1, 0.01, DriftModel(), PathLoss())
+        estimate = PoseFilter(Pose2D(1.0, 2.0, 0.0), 0.1, 0.01, DriftModel(), PathLoss())
         heard = estimate.hear(RssiSample("m1", mote, -70.0), math.inf, map_variance_m2=map_variance_m2)
         variances_db2.append(heard.variance_db2)
     db_per_fold = 10.0 * PathLoss().exponent / math.log(10.0)

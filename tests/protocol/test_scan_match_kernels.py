@@ -273,3 +273,18 @@ def test_ends_are_those_of_the_beams_that_returned():
 def test_a_search_on_a_map_of_another_shape_is_refused():
     with pytest.raises(ValueError, match="expected a map"):
         search_scan(ROOM_MAP[1:], GEOMETRY, Pose2D(2.0, 2.0, 0.0), np.ones((30, 2)), within_m=0.1, within_rad=0.1)
+
+
+def test_where_the_maps_origin_is_makes_no_difference():
+    moved = GridGeometry(0.1, 3.0, -2.0, *GEOMETRY.shape[::-1])
+    true = Pose2D(2.4, 4.7, -2.0)
+    there = Pose2D(true.x_m + 3.0, true.y_m - 2.0, true.yaw_rad)
+    points = ROOM.points(true)
+    assert np.array_equal(
+        points_in_view(ROOM_MAP, moved, there, points), points_in_view(ROOM_MAP, GEOMETRY, true, points)
+    )
+    one, other = match_scan(ROOM_MAP, moved, there, points), match_scan(ROOM_MAP, GEOMETRY, true, points)
+    assert (one.fit, one.beams) == (other.fit, other.beams)
+    for a, b in zip(one.directions, other.directions, strict=True):
+        assert a.row == pytest.approx(b.row, abs=1e-6)
+        assert a.offset_m == pytest.approx(b.offset_m, abs=1e-6)

@@ -72,6 +72,13 @@ def test_too_few_beams_hold_nothing():
     assert match_surface(ROOM_MAP, true, points[::20][:12])[0].directions != []
 
 
+def test_eight_beams_are_enough():
+    true = Pose2D(2.1, 3.0, 0.4)
+    for count in (7, 8):
+        points = ROOM.points(true)[:: len(ROOM.points(true)) // 8][:count]
+        assert match_surface(ROOM_MAP, true, points)[0].beams == (8 if count == 8 else 0)
+
+
 def test_an_empty_map_and_one_out_of_reach_hold_nothing():
     points = ROOM.points(Pose2D(2.1, 3.0, 0.4))
     fit, drift = match_surface(OccupancyGrid(GEOMETRY, surfaces=True), Pose2D(2.1, 3.0, 0.4), points)
