@@ -11,6 +11,7 @@ BENCHES = {
     "responses": "from an event to the wheels: a live team of processes on loopback",
     "agents": "a thousand simulated agents at 10 Hz, and what they cost a coordinator",
     "mapping": "how right maps and positions are: teams explore map files in lockstep",
+    "joining": "robots that do not know where they are: how soon and how rightly they join the team's map",
 }
 """Name, and what it measures."""
 
@@ -116,6 +117,30 @@ def mapping(
     from robrain.deploy.bench_mapping_plan import choose
 
     run_bench(choose(maps, robots, seeds, wheels, jobs, time_limit_s, map_folder), json_file)
+
+
+@bench_app.command(help=BENCHES["joining"])
+def joining(
+    maps: Annotated[
+        str | None, typer.Option(help="Names or paths of maps, or built-in scenarios, with commas; default is all.")
+    ] = None,
+    robots: Annotated[str, typer.Option(help="Numbers of robots: 2,4 or 2-4.")] = "2",
+    seeds: Annotated[str, typer.Option(help="Seeds: 1,2 or 1-8.")] = "1-10",
+    wheels: Annotated[str, typer.Option(help="exact, slipping (1 % off as well), or both.")] = "slipping",
+    kinds: Annotated[str, typer.Option(help="unknown (starts), carried (off), or both.")] = "unknown,carried",
+    jobs: Annotated[int, typer.Option(help="How many runs at a time, each in a process.")] = 1,
+    time_limit_s: Annotated[float, typer.Option(help="Simulated seconds after which a run ends.")] = 180.0,
+    map_folder: Annotated[
+        Path | None, typer.Option(help="Folder of the maps that are not part of the project; default ../shared/maps.")
+    ] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write runs and figures to this file.")] = None,
+) -> None:
+    """Measure how robots that do not know their place join the team's map."""
+    from robrain.deploy.bench_joining import kinds_of, run_bench
+    from robrain.deploy.bench_mapping_plan import choose
+
+    plan = choose(maps, robots, seeds, wheels, jobs, time_limit_s, map_folder)
+    run_bench(plan, kinds_of(kinds), json_file)
 
 
 def _at_least(option: str, value: int, least: int) -> None:

@@ -54,8 +54,8 @@ class MapAt:
             version, packed = self._packed.get(key, (-1, None))
             if packed is None or version != submap.version:
                 packed = submap_message(key, submap, geometry)
-            elif packed.T_arena_local != submap.T_arena_local:
-                packed = msgspec.structs.replace(packed, T_arena_local=submap.T_arena_local)
+            elif (packed.T_arena_local, packed.frame) != (submap.T_arena_local, submap.frame):
+                packed = msgspec.structs.replace(packed, T_arena_local=submap.T_arena_local, frame=submap.frame)
             self._packed[key] = submap.version, packed
             submaps.append(packed)
         self._kept.append(_Kept(place, geometry, submaps))

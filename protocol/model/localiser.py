@@ -16,8 +16,8 @@ from robrain.protocol.model.pose_filter import GATE, DriftModel, PoseFilter
 from robrain.protocol.model.pose_mixture import PoseMixture
 from robrain.protocol.model.recent_signals import RecentSignals
 from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
+from robrain.protocol.model.scan_agreement import COMPARED_MIN, agreement
 from robrain.protocol.model.scan_match import ScanFit, search_scan
-from robrain.protocol.model.scan_relocalisation import COMPARED_MIN, agreement, find_by_scan
 from robrain.protocol.model.small_linear_algebra import covariance_of, inverse_form, times_vector
 
 COMPARE_EVERY = 24
@@ -41,11 +41,12 @@ SCAN_GATES = (10.83, 13.82, 16.27)
 """99.9 % of a chi-square variable, by the number of directions in which walls hold the robot."""
 START_AGREES = 0.6
 """Share of a scan's beams that must be as the team's map says, or the robot is not where it was told; chosen."""
-FIND_SCANS = 8
-"""After so many further scans a lost robot is looked for on the map again."""
 SIGNALS_TO_AGREE = 12
+"""A lost robot that hears motes needs at least this many signals before a place is believed."""
 SIGNALS_NIS_MAX = 2.0
-"""A place on the map is not believed if the last signals of motes are off by more, in units of their variance."""
+"""A place is not believed if the last signals of motes are off by more, in units of their variance."""
+OWN_SIGMA_M, OWN_SIGMA_RAD = 0.02, 0.01
+"""Standard deviations of a robot's pose where it begins a frame of its own."""
 NO_FIT = ScanFit([], 0.0, 0)
 
 
@@ -78,8 +79,10 @@ class LocaliserSpec(msgspec.Struct, frozen=True, kw_only=True):
     search_rad: float = 0.06
     """A place or a yaw less sure than this is looked for before it is refined."""
     search_within_m: float = 2.5
+    maps: bool = True
+    """Whether the robot maps by itself. A lost one that does goes on in a frame of its own."""
     lost_sigma_m: float = 5.0
-    """Added to the place's uncertainty when the estimate has diverged."""
+    """Added to the place's uncertainty when the estimate of a robot that does not map has diverged."""
 
 
 class Localiser:
@@ -100,7 +103,11 @@ class Localiser:
         )
         self.watch = DivergenceWatch(spec.watch, GATE)
         self.lost = ""
-        """Why the estimate is not to be believed; nothing while it is."""
+        """Why the robot does not know where it is in the arena; empty while it does."""
+        self.beginnings = 0
+        """How often the estimate was begun anew, at another place or in another frame."""
+        self.arena_fix: tuple[Pose2D, NDArray[np.float64]] | None = None
+        """T_arena_robot and its covariance, as found from motes while the robot is lost and maps in its own frame."""
         self.fits = True
         """Whether the last scan lay well on the robot's own map."""
         self._map_drift = NO_DRIFT
@@ -113,7 +120,6 @@ class Localiser:
         self._way_m = 0.0
         self._signals = RecentSignals()
         self._since_tried = 0
-        self._scans_to_find = 0
 
     @property
     def pose(self) -> Pose2D:
@@ -173,7 +179,7 @@ class Localiser:
         map: LocalMap,
         T_robot_sensor: Pose2D = Pose2D(0.0, 0.0, 0.0),  # noqa: B008 - immutable, so a shared default is safe
     ) -> ScanFit:
-        """A scan was made, while the robot was not lost.
+        """A scan was made.
 
         `points` (K, 2) are where its beams ended, see `beam_ends`, without those that ended at something that moves.
         `T_robot_sensor` is where the sensor was when it scanned, seen from where the robot is now.
@@ -230,27 +236,12 @@ class Localiser:
         x, y, yaw = map.variances
         self._of_map = x + across_m2 + m2, y + across_m2 + m2, yaw + rad2
 
-    def find(
-        self,
-        points: NDArray[np.float64],
-        log_odds: NDArray[np.int8],
-        geometry: GridGeometry,
-        T_robot_sensor: Pose2D = Pose2D(0.0, 0.0, 0.0),  # noqa: B008 - immutable, so a shared default is safe
-    ) -> None:
-        """Look for a lost robot on the team's map, an `OccupancyGrid`'s. Walls look alike, so motes have to agree.
-
-        Other arguments are those of `see`.
-        """
-        self._scans_to_find -= 1
-        if self._scans_to_find > 0 or (self._signals.has_heard and len(self._signals) < SIGNALS_TO_AGREE):
-            return
-        self._scans_to_find = FIND_SCANS
-        sensor = find_by_scan(log_odds, geometry, points)
-        if sensor is None:
-            return
-        pose = sensor.compose(T_robot_sensor.inverse())
-        if self._signals.nis(pose, self.spec.path_loss) < SIGNALS_NIS_MAX:
-            self._found(pose, np.diag(np.square((0.2, 0.2, 0.1))))
+    def may_be_at(self, pose: Pose2D) -> bool:
+        """Whether the signals of motes, if any are heard, allow the robot to be at a pose of the arena frame."""
+        signals = self._signals
+        if not signals.has_heard:
+            return True
+        return len(signals) >= SIGNALS_TO_AGREE and signals.nis(pose, self.spec.path_loss) < SIGNALS_NIS_MAX
 
     def check_start(
         self,
@@ -301,19 +292,33 @@ class Localiser:
         self._matched_way_m = self._way_m
         return True
 
-    def _let_go_of_map(self) -> None:
-        self.filter.add(self._of_map)
-        self._of_map = NONE
-
     def lose(self, why: str) -> None:
-        """The estimate is not to be believed any more; look for the robot."""
-        self.lost = why
-        self._let_go_of_map()
-        self.filter.doubt(self.spec.lost_sigma_m, math.pi / 2)
-        self.watch.begin_anew()
+        """The estimate is not to be believed any more.
+
+        A robot that maps begins a frame of its own in which it is where it was believed to be.
+        """
+        self._begin_anew(why)
+        if self.spec.maps:
+            sigmas = np.array((OWN_SIGMA_M, OWN_SIGMA_M, OWN_SIGMA_RAD))
+            self.filter.place(self.pose, np.diag(sigmas * sigmas))
+        else:
+            self.filter.add(self._of_map)
+            self.filter.doubt(self.spec.lost_sigma_m, math.pi / 2)
+        self._of_map = NONE
         self._signals.forget()
         self._way_m = self._matched_way_m = self._seen_way_m = 0.0
-        self._since_tried = self._scans_to_find = 0
+        self._since_tried = 0
+
+    def join(self) -> None:
+        """The frame in which the robot goes has been found to be, or has been moved to, the arena frame."""
+        self.lost = ""
+        self.watch.begin_anew()
+
+    def part(self, why: str) -> None:
+        """The frame in which the robot goes is not the arena frame any more; the estimate goes on in it."""
+        self.lost = why
+        self._signals.forget()
+        self._since_tried = 0
 
     def _find_by_motes(self) -> None:
         found = (
@@ -325,7 +330,20 @@ class Localiser:
             return
         pose, covariance = found
         if max(covariance[0, 0], covariance[1, 1]) < FOUND_SIGMA_M**2 and covariance[2, 2] < FOUND_SIGMA_RAD**2:
-            self._found(pose, covariance)
+            self.arena_fix = pose, covariance
+
+    def place(self, pose: Pose2D, covariance: NDArray[np.float64]) -> None:
+        """The robot is here in the arena: m², m·rad, rad²."""
+        self._begin_anew("")
+        self._of_map = NONE
+        self.filter.place(pose, covariance)
+
+    def _begin_anew(self, lost: str) -> None:
+        self.lost = lost
+        self.beginnings += 1
+        self.fits = True
+        self.arena_fix = None
+        self.watch.begin_anew()
 
     def _search(
         self,
@@ -338,13 +356,6 @@ class Localiser:
         within_m = min(3.0 * self.filter.sigma_m, self.spec.search_within_m)
         within_rad = min(3.0 * self.filter.sigma_rad, SEARCH_WITHIN_RAD)
         return search_scan(log_odds, geometry, guess, points, within_m=within_m, within_rad=within_rad)
-
-    def _found(self, pose: Pose2D, covariance: NDArray[np.float64]) -> None:
-        self.lost = ""
-        self.fits = True
-        self._of_map = NONE
-        self.filter.place(pose, covariance)
-        self.watch.begin_anew()
 
 
 def _turned(rows: NDArray[np.float64], yaw_rad: float) -> NDArray[np.float64]:

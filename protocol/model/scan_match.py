@@ -63,6 +63,17 @@ def match_scan(
     `log_odds` (H, W) is an `OccupancyGrid`'s; `guess` is T_arena_sensor; `points` are a scan's, see `beam_ends`. Raises
     ValueError for a map that does not fit its geometry.
     """
+    return match_walls(log_odds, geometry, guess, _in_walls(points, geometry), reach_m)
+
+
+def match_walls(
+    log_odds: NDArray[np.int8],
+    geometry: GridGeometry,
+    guess: Pose2D,
+    walls: NDArray[np.float64],
+    reach_m: float = REACH_M,
+) -> ScanFit:
+    """As `match_scan`, with the middles (K, 2) of a map's occupied cells in place of the ends of beams."""
     _check(log_odds, geometry)
     found, held, fit, beams = kernels.refine(
         log_odds,
@@ -72,7 +83,7 @@ def match_scan(
         guess.x_m,
         guess.y_m,
         guess.yaw_rad,
-        _in_walls(points, geometry),
+        walls,
         reach_m,
         DEGENERATE,
         BEAMS_MIN,

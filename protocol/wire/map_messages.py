@@ -6,6 +6,7 @@ import msgspec
 from msgspec import Meta
 
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.ranges import METRES_MAX, Count, Metres, Name, Quantity
 from robrain.protocol.wire.messages import Message
 
@@ -47,6 +48,8 @@ class MapPatch(Message, frozen=True, kw_only=True):
     """Number of the submap; a later one of the same robot has a greater number."""
     T_arena_local: Pose2D = Pose2D(0.0, 0.0, 0.0)
     """Where the submap's frame lies; the identity while it has not been corrected."""
+    frame: MapFrame = ARENA
+    """The map frame in which it lies there: the arena frame, or one of a robot that does not know its place."""
     variance_m2: Quantity = 0.0
     """Variance of that place in x and in y …"""
     variance_rad2: Quantity = 0.0

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.mapping.submap import IDENTITY, SURFACE, SURFACES_MAX, TILE_CELLS, Submap
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.model.occupancy_grid import GridGeometry, PatchCells
@@ -36,7 +37,12 @@ def map_stamp_ms(stamp_ns: int) -> int:
 
 
 def to_message(
-    robot: str, geometry: GridGeometry, patch: PatchCells, submap: int = 0, T_arena_local: Pose2D = IDENTITY
+    robot: str,
+    geometry: GridGeometry,
+    patch: PatchCells,
+    submap: int = 0,
+    T_arena_local: Pose2D = IDENTITY,
+    frame: MapFrame = ARENA,
 ) -> MapPatch:
     """A patch of a robot's submap as it travels."""
     rows, columns = patch.cells.shape
@@ -55,6 +61,7 @@ def to_message(
         cells=zlib.compress(patch.cells.tobytes(), 1),
         submap=submap,
         T_arena_local=T_arena_local,
+        frame=frame,
     )
 
 
@@ -76,6 +83,7 @@ def pose_message(
     geometry: GridGeometry,
     submap: int,
     T_arena_local: Pose2D,
+    frame: MapFrame = ARENA,
     *,
     withdrawn: bool = False,
     surfaces: NDArray[np.void] | None = None,
@@ -91,6 +99,7 @@ def pose_message(
         height=geometry.height,
         submap=submap,
         T_arena_local=T_arena_local,
+        frame=frame,
         withdrawn=withdrawn,
         surfaces=b"" if surfaces is None else zlib.compress(surfaces.tobytes(), 1),
         variance_m2=float(variances[0]),
@@ -101,7 +110,7 @@ def pose_message(
 def submap_message(key: SubmapKey, submap: Submap, geometry: GridGeometry) -> MapPatch:
     """A whole submap, with the times of its tiles."""
     patch = PatchCells(submap.row, submap.column, submap.classes(), int(submap.stamp_ms.max(initial=0)))
-    message = to_message(key[0], geometry, patch, key[1], submap.T_arena_local)
+    message = to_message(key[0], geometry, patch, key[1], submap.T_arena_local, submap.frame)
     surfaces = b"" if submap.surfaces is None else zlib.compress(submap.surfaces.tobytes(), 1)
     return msgspec.structs.replace(message, tiles_ms=zlib.compress(submap.stamp_ms.tobytes(), 1), surfaces=surfaces)
 
@@ -170,7 +179,7 @@ def _take_one(atlas: SubmapAtlas, patch: MapPatch) -> int:
     if patch.withdrawn:
         atlas.withdraw(key)
         return 0
-    atlas.move(key, patch.T_arena_local)
+    atlas.move(key, patch.T_arena_local, patch.frame)
     changed = _take_cells(atlas, key, patch) if patch.rows or patch.columns or patch.cells else 0
     if patch.surfaces:
         atlas.take_surfaces(key, _surfaces_of(patch))

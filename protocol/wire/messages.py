@@ -13,6 +13,7 @@ from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.ranges import (
     SECONDS_MAX,
     Charge,
@@ -125,6 +126,8 @@ class RobotState(Message, frozen=True, kw_only=True):
     """Plugins that do not run."""
     lost: Text = ""
     """Why the robot has lost its position; empty while it has one."""
+    frame: MapFrame = ARENA
+    """The map frame of `pose`: the arena frame, or one of a robot that does not know its place in the arena."""
     map_agreement: Share | None = None
     """Share of the beams of recent scans that end at walls of the robot's map; None before the first comparison."""
     loaded: Count = 0

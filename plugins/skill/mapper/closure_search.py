@@ -37,7 +37,9 @@ class ClosureSearch:
         best, best_at = None, math.inf
         recent = self._recent()
         for key, submap in self._atlas.submaps.items():
-            if key in recent or submap.surfaces is None or submap.occupied < OCCUPIED_MIN:
+            if key in recent or submap.frame != self._atlas.frame:
+                continue
+            if submap.surfaces is None or submap.occupied < OCCUPIED_MIN:
                 continue
             tried = self._tried.get(key)
             if tried is not None and tried.distance_m(sensor) < TRIED_APART_M:

@@ -9,6 +9,7 @@ from robrain.plugins.skill.mapper.closure_search import ClosureSearch
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import Variances
 from robrain.protocol.model.mapping.loop_closure import Contradiction, Lying, lay_on
+from robrain.protocol.model.mapping.map_frame import MapFrame
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.model.mapping.submap_graph import SubmapGraph, is_information, symmetric
 from robrain.protocol.wire.map_messages import Closure, Closures, MapPatch
@@ -17,6 +18,8 @@ WAY_M = 0.4
 """The robot moves so far from one closure that it looks for to the next."""
 CONTRADICTS = 0.45
 """Share of beams that agree, below which a scan contradicts a submap."""
+CONTRADICTIONS_MIN, SUBMAPS_MIN, ROBOTS_MIN = 6, 3, 2
+"""So many scans in a row must contradict so many submaps of so many robots before the robot's place is wrong."""
 SLACK_ARM_M = 5.0
 """A turn moves walls that are so far away."""
 UNSAID: Variances = (4e-4, 4e-4, 1e-5)
@@ -48,6 +51,20 @@ class ClosureDesk:
         self._variances: dict[SubmapKey, Variances] = {}
         """Of where mates' submaps lie."""
         self._at: Pose2D | None = None
+        self._contradicting: list[SubmapKey] = []
+        """Submaps that contradicted the scans since the last one that lay on a submap."""
+
+    def why_wrong(self) -> str:
+        """Why the robot cannot be where it believes to be; empty while it may be.
+
+        One mate that is wrong contradicts all others, so submaps of two robots have to speak against this one.
+        """
+        submaps = set(self._contradicting)
+        robots = {robot for robot, _ in submaps}
+        if len(self._contradicting) < CONTRADICTIONS_MIN or len(submaps) < SUBMAPS_MIN or len(robots) < ROBOTS_MIN:
+            return ""
+        self._contradicting.clear()
+        return f"{len(submaps)} submaps of {len(robots)} robots contradict what the lidar sees"
 
     def look(
         self, number: int, local: Pose2D, sensor: Pose2D, points: NDArray[np.float64], covariance: tuple[float, ...]
@@ -76,10 +93,12 @@ class ClosureDesk:
         sigma_m = math.sqrt(max(covariance[0] + other[0], covariance[4] + other[1]))
         sigma_rad = math.sqrt(covariance[8] + other[2])
         lying = lay_on(submap, self._atlas.grid.geometry, sensor, points, sigma_m, sigma_rad)
-        if isinstance(lying, Contradiction):
-            self.contradicted += lying.agrees < CONTRADICTS
+        if isinstance(lying, Contradiction) and lying.agrees < CONTRADICTS:
+            self.contradicted += 1
+            self._contradicting.append(key)
         if not isinstance(lying, Lying):
             return True
+        self._contradicting.clear()
         found = self._with_slack(submap.T_arena_local.inverse().compose(sensor), lying.sensor)
         at_own = local.compose(Pose2D(0.0, 0.0, -found.yaw_rad))
         at_other = Pose2D(found.x_m, found.y_m, 0.0)
@@ -124,10 +143,10 @@ class ClosureDesk:
             return x_m2, y_m2, yaw_rad2
         return self._variances.get(key, UNSAID)
 
-    def place_of(self, key: SubmapKey) -> Pose2D | None:
-        """T_arena_local of a submap; None if it is not known."""
+    def place_of(self, key: SubmapKey, frame: MapFrame) -> Pose2D | None:
+        """T_arena_local of a submap in a map frame; None if it does not lie there."""
         submap = self._atlas.submaps.get(key)
-        return None if submap is None else submap.T_arena_local
+        return None if submap is None or submap.frame != frame else submap.T_arena_local
 
     def _with_slack(self, believed: Pose2D, found: Pose2D) -> Pose2D:
         slack_m = self._slack_m

@@ -3,6 +3,7 @@
 import logging
 import math
 from collections import deque
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -12,13 +13,15 @@ from robrain.agent.event import Event
 from robrain.agent.plugin import Skill, external
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.plugins.skill.mapper.closures import ClosureDesk
+from robrain.plugins.skill.mapper.frames import Frames
 from robrain.plugins.skill.mapper.interface import MapperCounters, MapperInterface, MapView
 from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
 from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates.interface import TeammatesInterface
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import LocalPose
-from robrain.protocol.model.mapping.mates_in_scan import mate_circles, outside
+from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
+from robrain.protocol.model.mapping.mates_in_scan import mate_circles, outside, sees_through
 from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.model.mapping.submap_graph import GraphSpec, SubmapGraph
@@ -52,6 +55,8 @@ CLOSURE_PERIOD_S = 1.0
 """A scan is laid on another submap this often."""
 CLOSURES_A_STEP = 256
 SOLVE_PERIOD_S = 2.0
+SEARCH_PERIOD_S = 1.0
+"""A robot that does not know its place looks for its map on the team's this often."""
 WAITING_MAX = 16
 """Scans that wait until it is known where the robot was."""
 NOBODY = np.empty((0, 3))
@@ -105,6 +110,7 @@ class Mapper(Skill):
         self._graph = SubmapGraph(self.env.robot, self.parameters.graph)
         self._own = OwnSubmaps(geometry, self._graph, self.parameters.submap)
         self._desk = ClosureDesk(self.env.robot, self._graph, self._atlas, self.parameters.closure_slack_m)
+        self._frames = Frames(self.env.robot, self._atlas, self._graph, self._own, self._mates_in)
         self._view: MapView | None = None
         self._inbox = Inbox(capacity=4096)
         self._refused: set[str] = set()
@@ -116,7 +122,8 @@ class Mapper(Skill):
         self._has_begun_anew = False
         self._waiting: deque[LaserScan] = deque(maxlen=WAITING_MAX)
         self._untold: list[MapPatch] = []
-        self._closure_due_ns = self._solve_due_ns = 0
+        self._closure_due_ns = self._solve_due_ns = self._search_due_ns = 0
+        self._seen: _Seen | None = None
 
     def activate(self) -> None:
         wire, robot = self.env.wire, self.env.robot
@@ -147,6 +154,7 @@ class Mapper(Skill):
         if not self._is_starting(START_S):
             self._others = self.env.board.map_of_others = None
         self._take_own_patch()
+        self._find_frame()
         self._solve()
         if self._is_starting(TELL_AFTER_S):
             return
@@ -198,7 +206,7 @@ class Mapper(Skill):
     def _take_scan(self, scan: LaserScan, local_pose: LocalPose) -> None:
         if self.env.board.false_start:
             self._begin_anew()
-        self._pause(self._why_not())
+        self._pause(self._why_not(local_pose))
         if self._why_paused:
             self._left_out += 1
             return
@@ -209,6 +217,7 @@ class Mapper(Skill):
         if local_pose.trajectory != self._own.trajectory:
             self._own.begin_trajectory(local_pose.trajectory)
             self._desk.search.forget()
+            self._frames.begin(map_stamp_ms(scan.stamp_ns), local_pose.lost)
         local = local_pose.T_local_odom.compose(self._driver.pose_at(scan.stamp_ns))
         self.env.board.mate_places = told = self._mates()
         sensor = self._own.T_arena_local.compose(local)
@@ -226,8 +235,9 @@ class Mapper(Skill):
             _in_local(circles, self._own.T_arena_local),
             local_pose.drift,
         )
-        self.env.board.local_map = self._own.local_map()
+        self._tell_board()
         self._look_for_closure(scan, local, circles)
+        self._seen = _Seen(scan, local)
 
     def _take_own_patch(self) -> None:
         """Draw what the robot has seen, and have it told."""
@@ -237,10 +247,11 @@ class Mapper(Skill):
             return
         key = (self.env.robot, own.submap)
         if key not in self._atlas.submaps:
-            self._atlas.move(key, self._own.T_arena_local)
+            self._atlas.move(key, self._own.T_arena_local, self._own.frame)
         self._atlas.take(key, own.cells.row, own.cells.column, own.cells.cells, own.cells.stamp_ms)
         geometry = self._atlas.grid.geometry
-        self._untold.append(to_message(self.env.robot, geometry, own.cells, own.submap, self._own.T_arena_local))
+        T_arena_local, frame = self._own.T_arena_local, self._own.frame
+        self._untold.append(to_message(self.env.robot, geometry, own.cells, own.submap, T_arena_local, frame))
 
     def _finish_submap(self) -> None:
         """What is left to tell of the current submap, and where in their cells its walls are."""
@@ -251,7 +262,9 @@ class Mapper(Skill):
         surfaces = self._own.surfaces()
         self._atlas.take_surfaces((self.env.robot, number), surfaces)
         geometry = self._atlas.grid.geometry
-        self._untold.append(pose_message(self.env.robot, geometry, number, self._own.T_arena_local, surfaces=surfaces))
+        T_arena_local, frame = self._own.T_arena_local, self._own.frame
+        message = pose_message(self.env.robot, geometry, number, T_arena_local, frame, surfaces=surfaces)
+        self._untold.append(message)
 
     def _look_for_closure(self, scan: LaserScan, local: Pose2D, circles: NDArray[np.float64]) -> None:
         now_ns, number = self.env.clock.now_ns(), self._own.number
@@ -273,20 +286,56 @@ class Mapper(Skill):
         robot, geometry = self.env.robot, self._atlas.grid.geometry
         told = []
         for number, T_arena_local in moved.items():
-            self._atlas.move((robot, number), T_arena_local)
-            covariance = self._graph.own[number].covariance
-            variances = max(covariance[0, 0], covariance[1, 1]), covariance[2, 2]
-            told.append(pose_message(robot, geometry, number, T_arena_local, variances=variances))
+            node = self._graph.own[number]
+            self._atlas.move((robot, number), T_arena_local, node.frame)
+            variances = max(node.covariance[0, 0], node.covariance[1, 1]), node.covariance[2, 2]
+            told.append(pose_message(robot, geometry, number, T_arena_local, node.frame, variances=variances))
         self._untold.append(joined_message(robot, geometry, told))
         current = self._graph.current
         if current is not None and current.number == self._own.number:
             self._own.T_arena_local = current.T_arena_local
-            self.env.board.local_map = self._own.local_map()
+            self._tell_board()
 
-    def _why_not(self) -> str:
+    def _tell_board(self) -> None:
+        board = self.env.board
+        board.local_map, board.frame = self._own.local_map(), self._own.frame
+
+    def _find_frame(self) -> None:
+        """Look for the team's map frame if the robot is not in it; leave it if the robot lies wrong there."""
+        board, now_ns = self.env.board, self.env.clock.now_ns()
+        if why := self._desk.why_wrong():
+            self._frames.part(why)
+        fix, board.arena_fix = board.arena_fix, None
+        if fix is not None:
+            self._frames.take_fix(fix)
+        is_due = self._frames.frame != ARENA and now_ns >= self._search_due_ns and self._own.number is not None
+        if is_due and self._seen is not None:
+            self._search_due_ns = now_ns + to_ns(SEARCH_PERIOD_S)
+            self._frames.search(self._own.T_arena_local.compose(self._seen.local), self._may_be_at)
+        self._tell_move()
+
+    def _tell_move(self) -> None:
+        """Submaps have changed their frame: tell the team, and localisation."""
+        if not self._frames.told:
+            return
+        self._untold.append(joined_message(self.env.robot, self._atlas.grid.geometry, self._frames.told))
+        self._frames.told.clear()
+        self._tell_board()
+        self.env.board.mate_places = self._mates()
+
+    def _may_be_at(self, frame: MapFrame, pose: Pose2D) -> bool:
+        """Whether motes and the mates of a frame allow the robot to be at a pose of it."""
+        if frame == ARENA and not self.env.board.may_be_at(pose):
+            return False
+        if self._seen is None:
+            return True
+        scan = self._seen.scan
+        return not sees_through(scan.angles_rad, scan.ranges_m, scan.range_max_m, pose, self._mates_in(frame))
+
+    def _why_not(self, local_pose: LocalPose) -> str:
         """Why a scan must not be put into the map now; walls in the wrong place are worse than none."""
         board = self.env.board
-        if board.lost:
+        if board.lost and not local_pose.lost:
             return f"the robot does not know where it is: {board.lost}"
         covariance = board.pose_covariance
         sigma_m = math.sqrt(max(covariance[0], covariance[4])) if covariance else 0.0
@@ -326,11 +375,15 @@ class Mapper(Skill):
         self._why_paused = why
 
     def _mates(self) -> NDArray[np.float64]:
-        """(K, 3) where mates say that they are, and their radii, arena frame."""
-        others = self._teammates.others()
-        if not others:
+        """(K, 3) where mates say that they are, and their radii, in the robot's map frame."""
+        return self._mates_in(self._own.frame)
+
+    def _mates_in(self, frame: MapFrame) -> NDArray[np.float64]:
+        """(K, 3) where mates say that they are in a map frame, and their radii."""
+        mates = self._teammates.in_frame(frame)
+        if not mates:
             return NOBODY
-        return np.array([(mate.pose.x_m, mate.pose.y_m, mate.radius_m) for mate in others])
+        return np.array([(mate.pose.x_m, mate.pose.y_m, mate.radius_m) for mate in mates])
 
     def _hear(self) -> None:
         for change in self._presence.changes():
@@ -360,6 +413,7 @@ class Mapper(Skill):
     def _merge(self, patch: MapPatch) -> None:
         try:
             check_claim(patch, self.env.clock.now_ns())
+            self._frames.follow(patch)
             take_message(self._atlas, patch)
             if self._others is not None:
                 began_ms = map_stamp_ms(self._began_ns or 0)
@@ -371,6 +425,7 @@ class Mapper(Skill):
                 logger.warning("%s: the map of %s cannot be merged: %s", self.env.robot, patch.robot, error)
             return
         self._desk.hear_places(patch)
+        self._tell_move()
 
     def _whole(self) -> MapPatch | None:
         """The robot's own submaps, and those of robots that are not there to tell them."""
@@ -378,6 +433,14 @@ class Mapper(Skill):
         others = self._met - {robot}
         keys = [key for key in sorted(self._atlas.submaps) if key[0] not in others or key in self._orphans]
         return whole_map(robot, self._atlas, keys)
+
+
+class _Seen(NamedTuple):
+    """The last scan that was mapped."""
+
+    scan: LaserScan
+    local: Pose2D
+    """T_local_sensor."""
 
 
 def _was_before(part: MapPatch, began_ms: int) -> bool:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from robrain.protocol.model.elementary_functions import arctan2
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, Drift, LocalMap
+from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.mapping.submap import IDENTITY, PARTS, SURFACE, SURFACES_MAX
 from robrain.protocol.model.mapping.submap_graph import SubmapGraph
 from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid, PatchCells
@@ -51,6 +52,10 @@ class OwnSubmaps:
     def __init__(self, geometry: GridGeometry, graph: SubmapGraph, spec: SubmapSpec) -> None:
         self.graph = graph
         self.trajectory = -1
+        self.frame = ARENA
+        """The map frame in which the submap that is being made lies."""
+        self.why = ""
+        """Why that is not the arena frame."""
         self.T_arena_local = IDENTITY
         """Of the submap that is being made."""
         self._spec = spec
@@ -104,7 +109,7 @@ class OwnSubmaps:
             number = max(number, self._number + 1)
             m2, rad2 = (max(now - then, LEAST) for now, then in zip(drift, self._drift, strict=True))
             covariance = np.diag((m2, m2, rad2))
-        self.graph.begin(number, T_local_robot, self.T_arena_local, self.trajectory, covariance)
+        self.graph.begin(number, T_local_robot, self.T_arena_local, self.trajectory, covariance, self.frame)
         self._number, self._way_m, self._drift = number, 0.0, drift
 
     def integrate(
@@ -176,4 +181,6 @@ class OwnSubmaps:
             self._number,
             self._oldest,
             self.trajectory,
+            self.frame,
+            self.why,
         )

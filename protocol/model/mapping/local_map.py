@@ -2,7 +2,11 @@
 
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.occupancy_grid import OccupancyGrid
 
 Variances = tuple[float, float, float]
@@ -34,7 +38,23 @@ class LocalMap(NamedTuple):
     oldest: int
     """Of the submap that the oldest cells of the grid are of."""
     trajectory: int
-    """Counts how often the robot was lost and found: each time its map begins anew."""
+    """Counts how often the robot's own map was begun anew."""
+    frame: MapFrame = ARENA
+    """The map frame of `T_arena_local`."""
+    why: str = ""
+    """Why that is not the arena frame; empty if it is."""
+
+
+class ArenaFix(NamedTuple):
+    """How a robot's map frame lies in the arena, as found from motes."""
+
+    T_arena_frame: Pose2D
+    at: Pose2D
+    """Where the robot is, in the arena."""
+    covariance: NDArray[np.float64]
+    """(3, 3) of that pose in x, y, yaw: m², m·rad, rad²."""
+    trajectory: int
+    """Of the robot when it was found."""
 
 
 class LocalPose(NamedTuple):
@@ -48,3 +68,5 @@ class LocalPose(NamedTuple):
     """Stamp of the last scan that was laid on the local map, or was left out: scans until then can be mapped."""
     fits: bool
     """Whether the last scan that was laid on the local map lies well there; if not, nothing is to be drawn."""
+    lost: str = ""
+    """Why the robot does not know its place in the arena: a trajectory that begins so has a map frame of its own."""

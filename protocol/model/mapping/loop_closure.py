@@ -15,8 +15,8 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.submap import Submap
 from robrain.protocol.model.mapping.surface_match import match_surface
 from robrain.protocol.model.occupancy_grid import GridGeometry
+from robrain.protocol.model.scan_agreement import agreement
 from robrain.protocol.model.scan_match import BEAMS_MIN, ScanFit, points_in_view, search_scan
-from robrain.protocol.model.scan_relocalisation import agreement
 from robrain.protocol.model.small_linear_algebra import least_solution
 
 Floats = NDArray[np.float64]

@@ -19,6 +19,8 @@ REACH_M = 0.8
 """A mate may be so far from where it says that it is, as this robot sees it; chosen."""
 JUMP_M = 0.25
 """Neighbouring beams whose ranges differ by more do not end at the same thing."""
+THROUGH_M = 0.5
+"""A beam that ends this far behind the middle of a mate's place has gone through it: mates move while they tell."""
 ROUND_M = 0.06
 """So far from a circle of the mate's radius the beams may end."""
 
@@ -67,6 +69,29 @@ def outside(points: NDArray[np.float64], sensor: Pose2D, circles: NDArray[np.flo
         )
     ]
     return kept
+
+
+def sees_through(
+    angles_rad: NDArray[np.float64],
+    ranges_m: NDArray[np.float64],
+    range_max_m: float,
+    sensor: Pose2D,
+    told: NDArray[np.float64],
+) -> bool:
+    """Whether a mate is not where it says that it is: beams go clear through the middle of the place.
+
+    Arguments are those of `mate_circles`. Where walls or others hide the place nothing is said.
+    """
+    for x_m, y_m, radius_m in told.tolist():
+        away_m = math.hypot(x_m - sensor.x_m, y_m - sensor.y_m)
+        if not THROUGH_M + radius_m < away_m < range_max_m - THROUGH_M:
+            continue
+        bearing_rad = math.atan2(y_m - sensor.y_m, x_m - sensor.x_m) - sensor.yaw_rad
+        off_rad = np.abs(np.remainder(angles_rad - bearing_rad + math.pi, math.tau) - math.pi)
+        within = off_rad < 0.5 * radius_m / away_m
+        if within.any() and bool((ranges_m[within] > away_m + THROUGH_M).all()):
+            return True
+    return False
 
 
 @njit(cache=True, nogil=True)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.kernel_array import INT8, INT32, kernel_array
+from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
 
 BLOCK_CELLS = 32
@@ -42,8 +43,10 @@ class Submap:
     `stamp_ms` int32 (h / 8, w / 8) is the latest observation in each tile.
     """
 
-    def __init__(self, T_arena_local: Pose2D = IDENTITY) -> None:
+    def __init__(self, T_arena_local: Pose2D = IDENTITY, frame: MapFrame = ARENA) -> None:
         self.T_arena_local = T_arena_local
+        """Where the submap's frame lies in `frame`."""
+        self.frame = frame
         self.row = self.column = 0
         self.evidence: NDArray[np.int8] = np.zeros((0, 0), np.int8)
         self.stamp_ms: NDArray[np.int32] = np.zeros((0, 0), np.int32)

@@ -12,6 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.mapping.submap import IDENTITY, TILE_CELLS, Submap, moved_box
 from robrain.protocol.model.occupancy_grid import LAST_STAMP_MS, GridGeometry, OccupancyGrid
 
@@ -30,15 +31,17 @@ class SubmapAtlas:
 
     Args:
         geometry: the team's grid. Cells of submaps that come to lie outside it are not drawn.
+        frame: only submaps of this frame are drawn.
 
     """
 
-    def __init__(self, geometry: GridGeometry) -> None:
+    def __init__(self, geometry: GridGeometry, frame: MapFrame = ARENA) -> None:
+        self.frame = frame
         self.grid = OccupancyGrid(geometry)
         """The composition; to be read only."""
         self.submaps: dict[SubmapKey, Submap] = {}
-        self._poses: dict[SubmapKey, Pose2D] = {}
-        """Poses of submaps of which no cell is known yet."""
+        self._poses: dict[SubmapKey, tuple[Pose2D, MapFrame]] = {}
+        """Where submaps lie of which no cell is known yet."""
         self._cells = 0
         self._origin = (geometry.origin_x_m, geometry.origin_y_m)
 
@@ -62,7 +65,7 @@ class SubmapAtlas:
         if self._cells + cells.size > CELLS_MAX:
             raise ValueError(f"expected submaps of at most {CELLS_MAX} cells in all")
         if submap is None:
-            submap = Submap(self._poses.get(key, IDENTITY))
+            submap = Submap(*self._poses.get(key, (IDENTITY, ARENA)))
         before = submap.evidence.size
         latest_ms = submap.latest_ms(row, column, *cells.shape)
         submap.take(row, column, cells, stamp_ms)
@@ -92,19 +95,34 @@ class SubmapAtlas:
             submap.surfaces = surfaces
             submap.version += 1
 
-    def move(self, key: SubmapKey, T_arena_local: Pose2D) -> None:
-        """A submap lies here from now on."""
+    def move(self, key: SubmapKey, T_arena_local: Pose2D, frame: MapFrame = ARENA) -> None:
+        """A submap lies here, in this frame, from now on."""
         submap = self.submaps.get(key)
         if submap is None:
             if len(self._poses) < SUBMAPS_MAX:
-                self._poses[key] = T_arena_local
+                self._poses[key] = T_arena_local, frame
             return
-        if submap.T_arena_local == T_arena_local:
+        if submap.T_arena_local == T_arena_local and submap.frame == frame:
             return
-        before = self._box_of(submap)
-        submap.T_arena_local = T_arena_local
-        self._redraw(before)
+        was_drawn, before = submap.frame == self.frame, self._box_of(submap)
+        submap.T_arena_local, submap.frame = T_arena_local, frame
+        if was_drawn:
+            self._redraw(before)
         self._draw(submap, self._box_of(submap))
+
+    def change_frame(self, frame: MapFrame) -> None:
+        """Draw the submaps of this frame in place of those of another."""
+        if frame != self.frame:
+            self.frame = frame
+            self.grid.forget()
+            self._redraw((0, 0, *self.grid.geometry.shape))
+
+    def composed(self, frame: MapFrame) -> OccupancyGrid:
+        """A new grid of the submaps of any frame."""
+        other = SubmapAtlas(self.grid.geometry, frame)
+        other.submaps = self.submaps
+        other._redraw((0, 0, *self.grid.geometry.shape))
+        return other.grid
 
     def withdraw(self, key: SubmapKey) -> None:
         """A submap is wrong: it is not part of the map any more."""
@@ -133,7 +151,7 @@ class SubmapAtlas:
 
     def _draw(self, submap: Submap, box: Box) -> int:
         """Draw what a submap says of a box of the grid; how many classes changed."""
-        if box[0] >= box[2] or box[1] >= box[3] or submap.is_empty:
+        if box[0] >= box[2] or box[1] >= box[3] or submap.is_empty or submap.frame != self.frame:
             return 0
         grid = self.grid
         changed, discovered = _draw(

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import Variances
+from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.mapping.pose_graph import Edge, solve
 from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.mapping.submap_atlas import SubmapKey
@@ -22,6 +23,10 @@ from robrain.protocol.model.mapping.submap_atlas import SubmapKey
 Floats = NDArray[np.float64]
 
 
+UNKNOWN = np.diag((1e4, 1e4, 10.0))
+"""Covariance of a place of which nothing is known: m², m·rad, rad²."""
+BEGINNING = np.diag((4e-4, 4e-4, 1e-4))
+"""Covariance of a pose that defines a map frame: m², m·rad, rad²."""
 INFORMATION_MAX = 1e9
 """Of a loop closure: nobody knows a place to 0.03 mm."""
 
@@ -49,14 +54,18 @@ class OwnSubmap:
         anchor: T_local_node, the robot's place in the submap's frame when it began.
         T_arena_local: where that frame lies.
         trajectory: submaps of one trajectory were seen without losing the place in between.
+        frame: the map frame of `T_arena_local`.
 
     """
 
-    def __init__(self, number: int, anchor: Pose2D, T_arena_local: Pose2D, trajectory: int) -> None:
+    def __init__(
+        self, number: int, anchor: Pose2D, T_arena_local: Pose2D, trajectory: int, frame: MapFrame = ARENA
+    ) -> None:
         self.number = number
         self.anchor = anchor
         self.T_arena_local = T_arena_local
         self.trajectory = trajectory
+        self.frame = frame
         self.covariance: Floats = np.zeros((3, 3))
 
     @property
@@ -109,7 +118,15 @@ class SubmapGraph:
         """The submap that the robot is making."""
         return next(reversed(self.own.values()), None)
 
-    def begin(self, number: int, anchor: Pose2D, T_arena_local: Pose2D, trajectory: int, covariance: Floats) -> None:
+    def begin(
+        self,
+        number: int,
+        anchor: Pose2D,
+        T_arena_local: Pose2D,
+        trajectory: int,
+        covariance: Floats,
+        frame: MapFrame = ARENA,
+    ) -> None:
         """The robot begins a submap.
 
         Args:
@@ -118,15 +135,15 @@ class SubmapGraph:
             T_arena_local: of that frame.
             trajectory: the first submap of a trajectory does not follow from the one before.
             covariance: (3, 3) of the robot's pose: against where the submap before began, or, for the first of a
-                trajectory, in the arena.
+                trajectory, in its map frame.
+            frame: the map frame of `T_arena_local`.
 
         """
         before = self.current
-        node = OwnSubmap(number, anchor, T_arena_local, trajectory)
+        node = OwnSubmap(number, anchor, T_arena_local, trajectory, frame)
         if before is None or before.trajectory != trajectory:
             node.covariance = covariance
-            at, turned = Pose2D(node.pose.x_m, node.pose.y_m, 0.0), Pose2D(0.0, 0.0, -node.pose.yaw_rad)
-            self._steps[number] = _Link(number, turned, None, at, _inverse(covariance), before is not None)
+            self._steps[number] = self._placed(node, covariance, may_be_false=before is not None)
         else:
             node.covariance = before.covariance + covariance
             # The yaw of the submap before moves this one.
@@ -177,6 +194,57 @@ class SubmapGraph:
         self._closures.append(_Link(number, place, other, at_other, information, True, axes_of_own=True))
         self.has_news = True
 
+    def change_frame(
+        self, before: MapFrame, frame: MapFrame, T_new_old: Pose2D, at: Pose2D, covariance: Floats
+    ) -> None:
+        """A map frame has been found to lie in another one: its submaps are placed in that one from now on.
+
+        Args:
+            before: the frame that is left.
+            frame: the one in which its submaps are placed now.
+            T_new_old: how the old frame lies in the new one.
+            at: where in the new frame that was found: there it is right by …
+            covariance: … (3, 3) m², m·rad, rad², in the axes of the new frame.
+
+        """
+        moved = [node for node in self.own.values() if node.frame == before]
+        nearest = min(moved, key=lambda node: T_new_old.compose(node.pose).distance_m(at), default=None)
+        for node in moved:
+            node.T_arena_local, node.frame = T_new_old.compose(node.T_arena_local), frame
+            away_m2 = 0.5 * float(covariance[2, 2]) * node.pose.distance_m(at) ** 2
+            node.covariance = _turned(node.covariance, T_new_old.yaw_rad) + covariance
+            node.covariance[0, 0] += away_m2
+            node.covariance[1, 1] += away_m2
+            step = self._steps[node.number]
+            if step.other is None:
+                # Where the frame began was known by definition. That is no place in the new frame.
+                self._steps[node.number] = self._placed(node, UNKNOWN)
+        if nearest is not None:
+            self._closures.append(self._placed(nearest, nearest.covariance))
+            self.has_news = True
+
+    def part(self, trajectory: int, frame: MapFrame) -> None:
+        """The submaps of a trajectory may lie wrong in their map frame: they lie in one of their own from now on."""
+        parted = {node.number for node in self.own.values() if node.trajectory == trajectory}
+        if not parted:
+            return
+        first = self.own[min(parted)]
+        for number in parted:
+            self.own[number].frame = frame
+        self._steps[first.number] = self._placed(first, BEGINNING, may_be_false=False)
+        kept = [each for each in self._closures if (each.own in parted) == self._is_of(each.other, parted)]
+        self._closures.clear()
+        self._closures.extend(kept)
+        self.has_news = True
+
+    def _is_of(self, key: SubmapKey | None, numbers: set[int]) -> bool:
+        return key is not None and key[0] == self._robot and key[1] in numbers
+
+    def _placed(self, node: OwnSubmap, covariance: Floats, *, may_be_false: bool = True) -> _Link:
+        """A node lies where it is believed to, give or take this."""
+        at, turned = Pose2D(node.pose.x_m, node.pose.y_m, 0.0), Pose2D(0.0, 0.0, -node.pose.yaw_rad)
+        return _Link(node.number, turned, None, at, _inverse(covariance), may_be_false)
+
     def rests_on(self, robot: str) -> bool:
         """Whether a closure holds own submaps against those of another robot."""
         return any(each.other is not None and each.other[0] == robot for each in self._closures)
@@ -190,12 +258,13 @@ class SubmapGraph:
         self._closures.extend(kept)
 
     def solve(
-        self, place_of: Callable[[SubmapKey], Pose2D | None], variances_of: Callable[[SubmapKey], Variances]
+        self, place_of: Callable[[SubmapKey, MapFrame], Pose2D | None], variances_of: Callable[[SubmapKey], Variances]
     ) -> dict[int, Pose2D]:
         """Place the own submaps anew; T_arena_local of those that move.
 
         Args:
-            place_of: T_arena_local of another robot's submap, or of an own one that cannot be moved; None if not known.
+            place_of: T_arena_local, in a map frame, of another robot's submap or of an own one that cannot be moved;
+                None if it does not lie in that frame.
             variances_of: of that place.
 
         """
@@ -203,7 +272,7 @@ class SubmapGraph:
         numbers = list(self.own)
         index = {number: at for at, number in enumerate(numbers)}
         held: list[Pose2D] = [IDENTITY]
-        held_at: dict[SubmapKey, int] = {}
+        held_at: dict[tuple[SubmapKey, MapFrame], int] = {}
         edges = []
         for link in (*self._steps.values(), *self._closures):
             edge = self._edge(link, index, held, held_at, place_of, variances_of)
@@ -228,23 +297,27 @@ class SubmapGraph:
         link: _Link,
         index: dict[int, int],
         held: list[Pose2D],
-        held_at: dict[SubmapKey, int],
-        place_of: Callable[[SubmapKey], Pose2D | None],
+        held_at: dict[tuple[SubmapKey, MapFrame], int],
+        place_of: Callable[[SubmapKey, MapFrame], Pose2D | None],
         variances_of: Callable[[SubmapKey], Variances],
     ) -> Edge | None:
         own, other = index[link.own], link.other
+        frame = self.own[link.own].frame
         if other is None:
             return Edge(len(index), link.at_other, own, link.at_own, link.information, link.may_be_false)
         if other[0] == self._robot and other[1] in index:
+            if self.own[other[1]].frame != frame:
+                return None
             at_other = self.own[other[1]].at(link.at_other)
             node = self.own[other[1]]
             gate = self._gate(link, np.diag(np.diag(node.covariance)))
             return Edge(index[other[1]], at_other, own, link.at_own, link.information, link.may_be_false, None, gate)
-        if other not in held_at:
-            place = place_of(other)
+        key = other, frame
+        if key not in held_at:
+            place = place_of(other, frame)
             if place is None:
                 return None
-            held_at[other] = len(index) + len(held)
+            held_at[key] = len(index) + len(held)
             held.append(place)
         # A mate's place is measured only once, however many scans lie there, and mates go by this robot in their turn:
         # all closures with mates together make the robot no surer than one mate is (covariance intersection).
@@ -252,8 +325,8 @@ class SubmapGraph:
         information, sure = _inverse(measured + mates), _inverse(measured + self._with_mates() * mates)
         gate = self._gate(link, mates)
         if link.axes_of_own:
-            return Edge(own, link.at_own, held_at[other], link.at_other, information, link.may_be_false, sure, gate)
-        return Edge(held_at[other], link.at_other, own, link.at_own, information, link.may_be_false, sure, gate)
+            return Edge(own, link.at_own, held_at[key], link.at_other, information, link.may_be_false, sure, gate)
+        return Edge(held_at[key], link.at_other, own, link.at_own, information, link.may_be_false, sure, gate)
 
     def _gate(self, link: _Link, other: Floats) -> Floats | None:
         """Information of the difference that is to be expected: what both submaps may be off counts as well."""
@@ -272,6 +345,17 @@ class SubmapGraph:
         kept = [each for each in self._closures if each.own != number]
         self._closures.clear()
         self._closures.extend(kept)
+
+
+def _turned(covariance: Floats, yaw_rad: float) -> Floats:
+    """A (3, 3) covariance of x, y, yaw in axes that are turned by `yaw_rad` against its own."""
+    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+    (xx, xy, xt), (_, yy, yt), (_, _, tt) = covariance.tolist()
+    turned_xx = cos * cos * xx - 2 * cos * sin * xy + sin * sin * yy
+    turned_yy = sin * sin * xx + 2 * cos * sin * xy + cos * cos * yy
+    turned_xy = cos * sin * (xx - yy) + (cos * cos - sin * sin) * xy
+    turned_xt, turned_yt = cos * xt - sin * yt, sin * xt + cos * yt
+    return np.array([[turned_xx, turned_xy, turned_xt], [turned_xy, turned_yy, turned_yt], [turned_xt, turned_yt, tt]])
 
 
 def _inverse(matrix: Floats) -> Floats:

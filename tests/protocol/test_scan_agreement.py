@@ -1,15 +1,12 @@
 import math
 
 import numpy as np
-import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
 from robrain.protocol.model.ray_cast import cast_rays
+from robrain.protocol.model.scan_agreement import agreement
 from robrain.protocol.model.scan_match import beam_ends
-from robrain.protocol.model.scan_relocalisation import agreement, find_by_scan
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 120, 80)
 ANGLES_RAD = np.linspace(-math.pi, math.pi, 180, endpoint=False)
@@ -41,45 +38,6 @@ def mapped(solid):
 
 FLOOR = floor((3, 2, 3.7, 2.6), (5.5, 4.4, 7.4, 5), (9, 0, 9.2, 3.1), (2, 6, 2.3, 8), (6.5, 2.2, 6.9, 3))
 MAP = mapped(FLOOR)
-TWINS = floor((5.9, 0, 6.1, 8))
-TWINS_MAP = mapped(TWINS)
-
-
-@settings(max_examples=30, deadline=None)
-@example(x_m=4.0, y_m=7.25, yaw_rad=1.0)  # was 0.19 m off
-@given(x_m=st.floats(0.7, 11.3), y_m=st.floats(0.7, 7.3), yaw_rad=st.floats(-3.1, 3.1))
-def test_where_it_is_found_it_is(x_m, y_m, yaw_rad):
-    true = Pose2D(x_m, y_m, yaw_rad)
-    if FLOOR[GEOMETRY.cell_of(x_m, y_m)]:
-        return
-    found = find_by_scan(MAP, GEOMETRY, seen(FLOOR, true))
-    if found is not None:  # from some corners a scan shows too little
-        assert found.distance_m(true) < 0.15
-        assert math.remainder(found.yaw_rad - yaw_rad, math.tau) == pytest.approx(0.0, abs=0.05)
-
-
-@pytest.mark.parametrize(
-    ("x_m", "y_m", "yaw_rad"), [(4.5, 3.5, 1.0), (8.0, 6.5, -2.0), (10.5, 1.5, 0.3), (1.3, 1.2, 3.0)]
-)
-def test_a_robot_without_any_idea_is_found_from_one_scan(x_m, y_m, yaw_rad):
-    true = Pose2D(x_m, y_m, yaw_rad)
-    found = find_by_scan(MAP, GEOMETRY, seen(FLOOR, true))
-    assert found is not None
-    assert found.distance_m(true) < 0.15
-
-
-def test_in_one_of_two_equal_rooms_there_is_no_answer():
-    assert find_by_scan(TWINS_MAP, GEOMETRY, seen(TWINS, Pose2D(2.0, 3.0, 0.4))) is None
-
-
-def test_a_scan_of_another_building_is_found_nowhere():
-    elsewhere = floor((2, 2, 2.4, 7), (4, 1, 4.4, 6), (6.3, 2, 6.6, 7))
-    assert find_by_scan(MAP, GEOMETRY, seen(elsewhere, Pose2D(5.2, 3.0, 0.4))) is None
-
-
-def test_on_an_empty_map_or_with_an_empty_scan_there_is_no_answer():
-    assert find_by_scan(np.zeros_like(MAP), GEOMETRY, seen(FLOOR, Pose2D(2.0, 3.0, 0.4))) is None
-    assert find_by_scan(MAP, GEOMETRY, np.empty((0, 2))) is None
 
 
 def test_a_scan_agrees_with_the_map_where_it_was_made_and_not_elsewhere():
