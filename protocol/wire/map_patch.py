@@ -17,6 +17,11 @@ from robrain.protocol.wire.map_messages import MapPatch
 NS_PER_MS = 1_000_000
 STAMP_MODULUS_MS = 1 << 31
 MAX_CELLS = 1 << 24
+"""Cells of a patch."""
+MESSAGE_CELLS_MAX = 1 << 27
+"""Cells of all parts of a message, as many as an atlas holds."""
+TOLD_SHARE = 0.75
+"""Share of an atlas that messages may fill. The rest is kept for the robot's own cells."""
 OUTSIDE_MAX = 2_000
 """Cells by which a patch may lie outside the team's grid, as those of a robot that is off (chosen)."""
 AHEAD_MAX_MS = 5_000
@@ -40,35 +45,22 @@ def to_message(
 ) -> MapPatch:
     """A patch of a robot's submap as it travels."""
     rows, columns = patch.cells.shape
-    return MapPatch(
-        robot=robot,
-        resolution_m=geometry.resolution_m,
-        origin_x_m=geometry.origin_x_m,
-        origin_y_m=geometry.origin_y_m,
-        width=geometry.width,
-        height=geometry.height,
+    return msgspec.structs.replace(
+        _blank(robot, geometry),
         row=patch.row,
         column=patch.column,
         rows=rows,
         columns=columns,
         observed_ms=patch.stamp_ms,
-        cells=zlib.compress(patch.cells.tobytes(), 1),
+        cells=_deflated(patch.cells),
         submap=submap,
         T_arena_local=T_arena_local,
     )
 
 
-def joined_message(robot: str, geometry: GridGeometry, moved: Iterable[MapPatch]) -> MapPatch:
+def joined_message(robot: str, geometry: GridGeometry, parts: Iterable[MapPatch]) -> MapPatch:
     """One message of several patches."""
-    return MapPatch(
-        robot=robot,
-        resolution_m=geometry.resolution_m,
-        origin_x_m=geometry.origin_x_m,
-        origin_y_m=geometry.origin_y_m,
-        width=geometry.width,
-        height=geometry.height,
-        parts=tuple(moved),
-    )
+    return msgspec.structs.replace(_blank(robot, geometry), parts=tuple(parts))
 
 
 def pose_message(
@@ -81,18 +73,13 @@ def pose_message(
     surfaces: NDArray[np.void] | None = None,
     variances: tuple[float, float] = (0.0, 0.0),
 ) -> MapPatch:
-    """Says where a submap lies, or that it is wrong, or that it is finished and where in their cells its walls are."""
-    return MapPatch(
-        robot=robot,
-        resolution_m=geometry.resolution_m,
-        origin_x_m=geometry.origin_x_m,
-        origin_y_m=geometry.origin_y_m,
-        width=geometry.width,
-        height=geometry.height,
+    """A message that moves, withdraws or finishes a submap; `surfaces` are those of a finished one."""
+    return msgspec.structs.replace(
+        _blank(robot, geometry),
         submap=submap,
         T_arena_local=T_arena_local,
         withdrawn=withdrawn,
-        surfaces=b"" if surfaces is None else zlib.compress(surfaces.tobytes(), 1),
+        surfaces=b"" if surfaces is None else _deflated(surfaces),
         variance_m2=float(variances[0]),
         variance_rad2=float(variances[1]),
     )
@@ -102,8 +89,8 @@ def submap_message(key: SubmapKey, submap: Submap, geometry: GridGeometry) -> Ma
     """A whole submap, with the times of its tiles."""
     patch = PatchCells(submap.row, submap.column, submap.classes(), int(submap.stamp_ms.max(initial=0)))
     message = to_message(key[0], geometry, patch, key[1], submap.T_arena_local)
-    surfaces = b"" if submap.surfaces is None else zlib.compress(submap.surfaces.tobytes(), 1)
-    return msgspec.structs.replace(message, tiles_ms=zlib.compress(submap.stamp_ms.tobytes(), 1), surfaces=surfaces)
+    surfaces = b"" if submap.surfaces is None else _deflated(submap.surfaces)
+    return msgspec.structs.replace(message, tiles_ms=_deflated(submap.stamp_ms), surfaces=surfaces)
 
 
 def whole_map(robot: str, atlas: SubmapAtlas, keys: Iterable[SubmapKey]) -> MapPatch | None:
@@ -148,13 +135,16 @@ def take_message(atlas: SubmapAtlas, message: MapPatch) -> int:
         How many cells of the map changed their class, at least.
 
     Raises:
-        ValueError: a patch is for another grid, its cells do not match its size, or too many are occupied. What came
-            before it is taken.
+        ValueError: a patch is for another grid, its cells do not match its size, too many are occupied, or there is no
+            room for it. That patch changes nothing; those before it are taken.
 
     """
     geometry = geometry_of(message)
     if geometry != atlas.grid.geometry:
         raise ValueError(f"{message.robot} maps {geometry}, expected {atlas.grid.geometry}")
+    cells = sum(part.rows * part.columns for part in message.parts)
+    if cells > MESSAGE_CELLS_MAX:
+        raise ValueError(f"{message.robot}: expected at most {MESSAGE_CELLS_MAX} cells in a message, got {cells}")
     changed = _take_one(atlas, message) if message.withdrawn or message.cells or not message.parts else 0
     known = {key for part in message.parts if (key := (part.robot, part.submap)) in atlas.submaps}
     for part in message.parts:
@@ -170,11 +160,32 @@ def _take_one(atlas: SubmapAtlas, patch: MapPatch) -> int:
     if patch.withdrawn:
         atlas.withdraw(key)
         return 0
+    # All is checked before anything is changed.
+    statements = _statements_of(patch, atlas.grid.geometry) if patch.rows or patch.columns or patch.cells else None
+    surfaces = _surfaces_of(patch) if patch.surfaces else None
+    box = None if statements is None else (patch.row, patch.column, statements[0].shape, statements[1])
+    atlas.check(key, box, surfaces, TOLD_SHARE)
     atlas.move(key, patch.T_arena_local)
-    changed = _take_cells(atlas, key, patch) if patch.rows or patch.columns or patch.cells else 0
-    if patch.surfaces:
-        atlas.take_surfaces(key, _surfaces_of(patch))
+    changed = 0 if statements is None else atlas.take(key, patch.row, patch.column, *statements)
+    if surfaces is not None:
+        atlas.take_surfaces(key, surfaces)
     return changed
+
+
+def _blank(robot: str, geometry: GridGeometry) -> MapPatch:
+    """A patch that says nothing yet."""
+    return MapPatch(
+        robot=robot,
+        resolution_m=geometry.resolution_m,
+        origin_x_m=geometry.origin_x_m,
+        origin_y_m=geometry.origin_y_m,
+        width=geometry.width,
+        height=geometry.height,
+    )
+
+
+def _deflated(array: NDArray[Any]) -> bytes:
+    return zlib.compress(array.tobytes(), 1)
 
 
 def _surfaces_of(patch: MapPatch) -> NDArray[np.void]:
@@ -189,8 +200,9 @@ def _surfaces_of(patch: MapPatch) -> NDArray[np.void]:
     return np.frombuffer(data, SURFACE)
 
 
-def _take_cells(atlas: SubmapAtlas, key: SubmapKey, patch: MapPatch) -> int:
-    height, width = atlas.grid.geometry.shape
+def _statements_of(patch: MapPatch, team: GridGeometry) -> tuple[NDArray[np.int8], int | NDArray[np.int32]]:
+    """Cells of a patch, and when they were seen: all of them, or each tile. Raises ValueError."""
+    height, width = team.shape
     if max(-patch.row, patch.row - height, -patch.column, patch.column - width) > OUTSIDE_MAX:
         at = f"row {patch.row}, column {patch.column}"
         raise ValueError(
@@ -198,12 +210,12 @@ def _take_cells(atlas: SubmapAtlas, key: SubmapKey, patch: MapPatch) -> int:
         )
     cells = _cells_of(patch)
     if not patch.tiles_ms:
-        return atlas.take(key, patch.row, patch.column, cells, patch.observed_ms)
+        return cells, patch.observed_ms
     rows, columns = -(-patch.rows // TILE_CELLS), -(-patch.columns // TILE_CELLS)
     stamps_ms = _inflated(patch, patch.tiles_ms, np.dtype(np.int32), rows, columns)
     if stamps_ms.min() < 0 or stamps_ms.max() > patch.observed_ms:
         raise ValueError(f"{patch.robot}: expected times of tiles from 0 to {patch.observed_ms} ms")
-    return atlas.take(key, patch.row, patch.column, cells, stamps_ms)
+    return cells, stamps_ms
 
 
 def _cells_of(message: MapPatch) -> NDArray[np.int8]:

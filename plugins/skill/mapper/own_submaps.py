@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from robrain.protocol.model.elementary_functions import arctan2
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, Drift, LocalMap
-from robrain.protocol.model.mapping.submap import IDENTITY, PARTS, SURFACE, SURFACES_MAX
+from robrain.protocol.model.mapping.submap import IDENTITY, PARTS, SURFACE, SURFACES_MAX, VIEW_PARTS
 from robrain.protocol.model.mapping.submap_graph import SubmapGraph
 from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid, PatchCells
 
@@ -158,7 +158,7 @@ class OwnSubmaps:
             np.clip(np.rint(up * PARTS), -127, 127),
         )
         view_rad = arctan2(*grid.surface_view[rows, columns].T[::-1].astype(np.float64))
-        surfaces["view"] = np.rint(view_rad * (256 / math.tau)).astype(np.int64) % 256
+        surfaces["view"] = np.rint(view_rad * (VIEW_PARTS / math.tau)).astype(np.int64) % VIEW_PARTS
         return surfaces
 
     def local_map(self) -> LocalMap | None:

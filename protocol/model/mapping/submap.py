@@ -31,8 +31,13 @@ SURFACE = np.dtype([("row", "<i4"), ("column", "<i4"), ("right", "i1"), ("up", "
 """Where in a cell a wall is: the cell, on the lattice of the team's grid; the wall's place right of and above its
 middle, in `PARTS` of a cell; the direction of the beams that met it, in 256 parts of a turn from the axis x."""
 PARTS = 64
+VIEW_PARTS = 256
+VIEWS = np.array(
+    [(math.cos(part * (math.tau / VIEW_PARTS)), math.sin(part * (math.tau / VIEW_PARTS))) for part in range(VIEW_PARTS)]
+)
+"""(256, 2) unit vector of each direction `view`, by the C library as all that a digest depends on."""
 SURFACES_MAX = 1 << 16
-"""Of one submap."""
+"""Surfaces of one submap."""
 
 
 class Submap:
@@ -68,17 +73,9 @@ class Submap:
             ValueError: the submap would become larger than `SIDE_MAX_CELLS`, or tiles do not fit.
 
         """
-        height, width = cells.shape
-        if isinstance(stamp_ms, int):
-            stamps_ms = np.full((1, 1), stamp_ms, np.int32)
-        else:
-            if row % TILE_CELLS or column % TILE_CELLS:
-                raise ValueError(f"expected a box that begins where a tile does, got row {row}, column {column}")
-            tiles = -(-height // TILE_CELLS), -(-width // TILE_CELLS)
-            if stamp_ms.shape != tiles:
-                raise ValueError(f"expected times of {tiles} tiles, got {stamp_ms.shape}")
-            stamps_ms = kernel_array(stamp_ms, INT32)
-        self._cover(row, column, height, width)
+        self.growth(row, column, cells.shape, stamp_ms)
+        stamps_ms = kernel_array(np.full((1, 1), stamp_ms) if isinstance(stamp_ms, int) else stamp_ms, INT32)
+        self._cover(row, column, *cells.shape)
         self.occupied += _take(
             self.evidence,
             self.stamp_ms,
@@ -88,6 +85,26 @@ class Submap:
             stamps_ms,
         )
         self.version += 1
+
+    def growth(self, row: int, column: int, shape: tuple[int, ...], stamp_ms: int | NDArray[np.int32]) -> int:
+        """Cells that the submap would need more to take over statements (h, w); arguments and errors as for `take`."""
+        height, width = shape
+        if not isinstance(stamp_ms, int):
+            if row % TILE_CELLS or column % TILE_CELLS:
+                raise ValueError(f"expected a box that begins where a tile does, got row {row}, column {column}")
+            tiles = -(-height // TILE_CELLS), -(-width // TILE_CELLS)
+            if stamp_ms.shape != tiles:
+                raise ValueError(f"expected times of {tiles} tiles, got {stamp_ms.shape}")
+        first_row, first_column, end_row, end_column = self._box_with(row, column, height, width)
+        rows, columns = end_row - first_row, end_column - first_column
+        if max(rows, columns) > SIDE_MAX_CELLS:
+            raise ValueError(f"expected a submap of at most {SIDE_MAX_CELLS} cells a side, got {rows} x {columns}")
+        return rows * columns - self.evidence.size
+
+    @property
+    def size(self) -> int:
+        """Bytes of its cells and surfaces."""
+        return self.evidence.nbytes + (0 if self.surfaces is None else self.surfaces.nbytes)
 
     def latest_ms(self, row: int, column: int, height: int, width: int) -> int:
         """The latest observation in any tile that a box of cells touches; −1 if there was none."""
@@ -128,9 +145,7 @@ class Submap:
             grid.surface_hits[rows, columns] = 8
             grid.surface_at[rows, columns, 0] = columns + 0.5 + surfaces["right"] / PARTS
             grid.surface_at[rows, columns, 1] = rows + 0.5 + surfaces["up"] / PARTS
-            angles_rad = surfaces["view"] * (math.tau / 256)
-            grid.surface_view[rows, columns, 0] = np.cos(angles_rad)
-            grid.surface_view[rows, columns, 1] = np.sin(angles_rad)
+            grid.surface_view[rows, columns] = VIEWS[surfaces["view"]]
         return grid
 
     def box_in_arena(self, resolution_m: float, origin: tuple[float, float]) -> tuple[int, int, int, int]:
@@ -145,19 +160,22 @@ class Submap:
             origin,
         )
 
-    def _cover(self, row: int, column: int, height: int, width: int) -> None:
-        """Let the box hold these cells; it grows by whole blocks."""
+    def _box_with(self, row: int, column: int, height: int, width: int) -> tuple[int, int, int, int]:
+        """The submap's box in whole blocks if it held these cells too: rows and columns, first and past the last."""
         first_row, first_column = _down(row), _down(column)
         end_row, end_column = _up(row + height), _up(column + width)
         if not self.is_empty:
             first_row, first_column = min(first_row, self.row), min(first_column, self.column)
             end_row = max(end_row, self.row + self.evidence.shape[0])
             end_column = max(end_column, self.column + self.evidence.shape[1])
+        return first_row, first_column, end_row, end_column
+
+    def _cover(self, row: int, column: int, height: int, width: int) -> None:
+        """Grow the box to hold these cells."""
+        first_row, first_column, end_row, end_column = self._box_with(row, column, height, width)
         rows, columns = end_row - first_row, end_column - first_column
         if (rows, columns) == self.evidence.shape:
             return
-        if max(rows, columns) > SIDE_MAX_CELLS:
-            raise ValueError(f"expected a submap of at most {SIDE_MAX_CELLS} cells a side, got {rows} x {columns}")
         evidence = np.zeros((rows, columns), np.int8)
         stamp_ms = np.zeros((rows // TILE_CELLS, columns // TILE_CELLS), np.int32)
         if not self.is_empty:

@@ -18,7 +18,7 @@ from robrain.protocol.model.occupancy_grid import LAST_STAMP_MS, GridGeometry, O
 SUBMAPS_MAX = 8192
 """Submaps that an atlas holds; others are refused."""
 CELLS_MAX = 1 << 27
-"""Cells of all submaps of an atlas, a byte each; patches that would need more are refused."""
+"""Bytes of all submaps of an atlas, one for each cell and 11 for each surface; patches that need more are refused."""
 
 SubmapKey = tuple[str, int]
 """Robot and the number of its submap."""
@@ -39,7 +39,8 @@ class SubmapAtlas:
         self.submaps: dict[SubmapKey, Submap] = {}
         self._poses: dict[SubmapKey, Pose2D] = {}
         """Poses of submaps of which no cell is known yet."""
-        self._cells = 0
+        self._size = 0
+        """Bytes of the submaps."""
         self._origin = (geometry.origin_x_m, geometry.origin_y_m)
 
     def take(
@@ -51,22 +52,17 @@ class SubmapAtlas:
             How many classes of the grid changed.
 
         Raises:
-            ValueError: there are too many submaps, or the submap gets too large.
+            ValueError: there are too many submaps, or the submap gets too large; nothing has changed.
 
         """
-        if isinstance(stamp_ms, int) and not 0 <= stamp_ms <= LAST_STAMP_MS:
-            raise ValueError(f"expected 0 <= stamp_ms <= {LAST_STAMP_MS} (24 days of a run's clock), got {stamp_ms}")
+        self.check(key, (row, column, cells.shape, stamp_ms))
         submap = self.submaps.get(key)
-        if submap is None and len(self.submaps) >= SUBMAPS_MAX:
-            raise ValueError(f"expected at most {SUBMAPS_MAX} submaps")
-        if self._cells + cells.size > CELLS_MAX:
-            raise ValueError(f"expected submaps of at most {CELLS_MAX} cells in all")
         if submap is None:
             submap = Submap(self._poses.get(key, IDENTITY))
-        before = submap.evidence.size
+        before = submap.size
         latest_ms = submap.latest_ms(row, column, *cells.shape)
         submap.take(row, column, cells, stamp_ms)
-        self._cells += submap.evidence.size - before
+        self._size += submap.size - before
         self.submaps[key] = submap
         self._poses.pop(key, None)
         # All of the tiles: their time has changed for each cell of them.
@@ -85,19 +81,62 @@ class SubmapAtlas:
             self.grid.version = version
         return changed
 
+    def check(
+        self,
+        key: SubmapKey,
+        box: tuple[int, int, tuple[int, ...], int | NDArray[np.int32]] | None,
+        surfaces: NDArray[np.void] | None = None,
+        share: float = 1.0,
+    ) -> None:
+        """Check that there is room for statements and surfaces of a submap, and that they fit it.
+
+        Args:
+            key: of the submap.
+            box: row, column, shape and stamp of the statements, as for `take`; None if there are none.
+            surfaces: as for `take_surfaces`.
+            share: of the bounds that may be used.
+
+        Raises:
+            ValueError: they do not fit.
+
+        """
+        submap = self.submaps.get(key)
+        more = 0
+        if box is not None:
+            stamp_ms = box[3]
+            if isinstance(stamp_ms, int) and not 0 <= stamp_ms <= LAST_STAMP_MS:
+                within = f"0 <= stamp_ms <= {LAST_STAMP_MS} (24 days of a run's clock)"
+                raise ValueError(f"expected {within}, got {stamp_ms}")
+            if submap is None and len(self.submaps) >= share * SUBMAPS_MAX:
+                raise ValueError(f"expected at most {share * SUBMAPS_MAX:.0f} submaps")
+            more += (submap or Submap()).growth(*box)
+        if surfaces is not None and (submap is not None or box is not None):
+            more += surfaces.nbytes - (0 if submap is None or submap.surfaces is None else submap.surfaces.nbytes)
+        if more > 0 and self._size + more > share * CELLS_MAX:
+            raise ValueError(f"expected submaps of at most {share * CELLS_MAX:.0f} bytes in all")
+
     def take_surfaces(self, key: SubmapKey, surfaces: NDArray[np.void]) -> None:
-        """A submap is finished: where in their cells its walls are, (n,) of `SURFACE`."""
+        """A submap is finished: where in their cells its walls are, (n,) of `SURFACE`.
+
+        Raises ValueError if there is no room for them.
+        """
+        self.check(key, None, surfaces)
         submap = self.submaps.get(key)
         if submap is not None:
+            before = submap.size
             submap.surfaces = surfaces
             submap.version += 1
+            self._size += submap.size - before
 
     def move(self, key: SubmapKey, T_arena_local: Pose2D) -> None:
         """A submap lies here from now on."""
         submap = self.submaps.get(key)
         if submap is None:
-            if len(self._poses) < SUBMAPS_MAX:
-                self._poses[key] = T_arena_local
+            # The latest poses are kept: a robot's own submap gets its first cells just after its pose.
+            self._poses.pop(key, None)
+            if len(self._poses) >= SUBMAPS_MAX:
+                del self._poses[next(iter(self._poses))]
+            self._poses[key] = T_arena_local
             return
         if submap.T_arena_local == T_arena_local:
             return
@@ -111,14 +150,14 @@ class SubmapAtlas:
         self._poses.pop(key, None)
         submap = self.submaps.pop(key, None)
         if submap is not None:
-            self._cells -= submap.evidence.size
+            self._size -= submap.size
             self._redraw(self._box_of(submap))
 
     def forget(self) -> None:
         """Know nothing any more."""
         self.submaps.clear()
         self._poses.clear()
-        self._cells = 0
+        self._size = 0
         self.grid.forget()
 
     def _moved(self, T_arena_local: Pose2D, box: Box) -> Box:

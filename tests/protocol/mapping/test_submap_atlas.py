@@ -185,8 +185,8 @@ def test_no_more_submaps_are_held_than_fit(monkeypatch):
     atlas = SubmapAtlas(GEOMETRY)
     for number in (0, 1):
         atlas.take(("r1", number), number, 0, ONE, 5)
+    for number in (2, 3, 4):
         atlas.move(("r2", number), Pose2D(1.0, 0.0, 0.0))
-    atlas.move(("r2", 2), Pose2D(1.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="at most 2 submaps"):
         atlas.take(("r1", 2), 2, 0, ONE, 5)
     assert atlas.grid.known_count == 2
@@ -194,7 +194,9 @@ def test_no_more_submaps_are_held_than_fit(monkeypatch):
     atlas.withdraw(("r1", 0))
     atlas.withdraw(("r1", 1))
     atlas.take(("r2", 2), 2, 0, ONE, 5)
-    assert atlas.grid.classes()[2, 0] == OCCUPIED, "its place was one too many"
+    assert atlas.grid.classes()[2, 0] == OCCUPIED, "its place was told before those of two others"
+    atlas.take(("r2", 4), 4, 0, ONE, 5)
+    assert atlas.grid.classes()[4, 2] == OCCUPIED, "the latest places are kept"
 
 
 def test_no_more_cells_are_held_than_fit_and_those_of_withdrawn_submaps_are_given_back(monkeypatch):
@@ -203,12 +205,39 @@ def test_no_more_cells_are_held_than_fit_and_those_of_withdrawn_submaps_are_give
     full = np.full((BLOCK_CELLS, BLOCK_CELLS), FREE)
     atlas.take(("r1", 0), 0, 0, full, 5)
     atlas.take(("r1", 1), 0, 0, full, 6)
-    with pytest.raises(ValueError, match=f"at most {2 * BLOCK_CELLS**2} cells"):
+    with pytest.raises(ValueError, match=f"at most {2 * BLOCK_CELLS**2} bytes"):
         atlas.take(("r1", 2), 0, 0, full, 7)
     assert set(atlas.submaps) == {("r1", 0), ("r1", 1)}
     atlas.withdraw(("r1", 0))
     atlas.take(("r1", 2), 0, 0, full, 7)
     assert set(atlas.submaps) == {("r1", 1), ("r1", 2)}
+
+
+def test_surfaces_count_with_the_cells(monkeypatch):
+    surfaces = np.zeros(50, SURFACE)
+    monkeypatch.setattr(submap_atlas, "CELLS_MAX", 2 * BLOCK_CELLS**2 + surfaces.nbytes)
+    atlas = SubmapAtlas(GEOMETRY)
+    for number in (0, 1):
+        atlas.take(("r1", number), 0, 0, ONE, 5)
+    atlas.take_surfaces(("r1", 0), surfaces)
+    atlas.take_surfaces(("r1", 0), surfaces)  # again, in place of the first ones
+    with pytest.raises(ValueError, match="at most 2598 bytes in all"):
+        atlas.take_surfaces(("r1", 1), surfaces[:1])
+    assert atlas.submaps["r1", 1].surfaces is None
+    atlas.withdraw(("r1", 0))
+    atlas.take_surfaces(("r1", 1), surfaces)
+
+
+def test_a_submap_does_not_grow_beyond_the_room_there_is(monkeypatch):
+    """A single cell far away would make its box larger than all that an atlas holds."""
+    monkeypatch.setattr(submap_atlas, "CELLS_MAX", 4 * BLOCK_CELLS**2)
+    atlas = SubmapAtlas(GEOMETRY)
+    atlas.take(("r1", 0), 0, 0, ONE, 5)
+    with pytest.raises(ValueError, match="at most 4096 bytes in all"):
+        atlas.take(("r1", 0), 3000, 3000, ONE, 6)
+    assert atlas.submaps["r1", 0].evidence.size == BLOCK_CELLS**2
+    atlas.take(("r1", 0), BLOCK_CELLS, BLOCK_CELLS, ONE, 6)
+    assert atlas.submaps["r1", 0].evidence.size == 4 * BLOCK_CELLS**2
 
 
 @settings(deadline=None)
