@@ -105,6 +105,12 @@ def geometry_of(message: MapPatch) -> GridGeometry:
     return GridGeometry(message.resolution_m, message.origin_x_m, message.origin_y_m, message.width, message.height)
 
 
+def is_near_grid(geometry: GridGeometry, row: int, column: int) -> bool:
+    """Whether a cell is at most `OUTSIDE_MAX` cells outside the grid."""
+    outside = max(-row, row - geometry.height, -column, column - geometry.width)
+    return outside <= OUTSIDE_MAX
+
+
 def check_claim(message: MapPatch, now_ns: int) -> None:
     """Check that a patch is not from the future.
 
@@ -202,8 +208,7 @@ def _surfaces_of(patch: MapPatch) -> NDArray[np.void]:
 
 def _statements_of(patch: MapPatch, team: GridGeometry) -> tuple[NDArray[np.int8], int | NDArray[np.int32]]:
     """Cells of a patch, and when they were seen: all of them, or each tile. Raises ValueError."""
-    height, width = team.shape
-    if max(-patch.row, patch.row - height, -patch.column, patch.column - width) > OUTSIDE_MAX:
+    if not is_near_grid(team, patch.row, patch.column):
         at = f"row {patch.row}, column {patch.column}"
         raise ValueError(
             f"{patch.robot}: expected a patch at most {OUTSIDE_MAX} cells outside the grid, got one at {at}"

@@ -9,9 +9,11 @@ from robrain.plugins.skill.mapper.closure_search import ClosureSearch
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import Variances
 from robrain.protocol.model.mapping.loop_closure import Contradiction, Lying, lay_on
-from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
-from robrain.protocol.model.mapping.submap_graph import SubmapGraph, is_information, symmetric
+from robrain.protocol.model.mapping.submap_atlas import SUBMAPS_MAX, SubmapAtlas, SubmapKey
+from robrain.protocol.model.mapping.submap_graph import SubmapGraph, is_information
+from robrain.protocol.model.small_linear_algebra import symmetric
 from robrain.protocol.wire.map_messages import Closure, Closures, MapPatch
+from robrain.protocol.wire.map_patch import is_near_grid
 
 WAY_M = 0.4
 """The robot moves so far from one closure that it looks for to the next."""
@@ -21,7 +23,8 @@ SLACK_ARM_M = 5.0
 """A turn moves walls that are so far away."""
 UNSAID: Variances = (4e-4, 4e-4, 1e-5)
 """Of where a mate's submap lies, if the mate does not say."""
-MATE_SUBMAPS_MAX = 8192
+MATE_SUBMAPS_MAX = 2 * SUBMAPS_MAX
+"""Submaps of mates whose variances are kept."""
 
 
 class ClosureDesk:
@@ -93,13 +96,26 @@ class ClosureDesk:
             self.found.append(closure)
         return True
 
-    def hear(self, message: Closures) -> None:
-        """A mate's scans lie on submaps of others, of this robot perhaps."""
+    def hear(self, message: Closures) -> str:
+        """Enter the closures that a mate has found with submaps of this robot.
+
+        Returns:
+            Why some were refused; empty if none was.
+
+        """
+        why = ""
         for closure in message.closures:
+            if closure.mate != self._robot:
+                continue
             information = symmetric(closure.information)
-            if closure.mate == self._robot and is_information(information):
+            if not is_information(information):
+                why = f"{message.robot}: the information of a loop closure is no inverse covariance"
+            elif not (self._is_near(closure.at) and self._is_near(closure.at_mate)):
+                why = f"{message.robot}: a loop closure lies far outside the map"
+            else:
                 other = message.robot, closure.submap
                 self._graph.close_with_mate(closure.mate_submap, closure.at_mate, other, closure.at, information)
+        return why
 
     def hear_places(self, patch: MapPatch) -> None:
         """A mate has told where its submaps lie, and how sure it is of that."""
@@ -108,6 +124,9 @@ class ClosureDesk:
             if part.robot != patch.robot or part.withdrawn:
                 continue
             key = part.robot, part.submap
+            if len(self._variances) >= MATE_SUBMAPS_MAX and key not in self._variances:
+                # Those of submaps without cells go first: a mate may tell of submaps that do not exist.
+                self._variances = {each: told for each, told in self._variances.items() if each in self._atlas.submaps}
             if len(self._variances) < MATE_SUBMAPS_MAX or key in self._variances:
                 floor_m2, _, floor_rad2 = UNSAID
                 variance_m2, variance_rad2 = max(part.variance_m2, floor_m2), max(part.variance_rad2, floor_rad2)
@@ -128,6 +147,11 @@ class ClosureDesk:
         """T_arena_local of a submap; None if it is not known."""
         submap = self._atlas.submaps.get(key)
         return None if submap is None else submap.T_arena_local
+
+    def _is_near(self, place: Pose2D) -> bool:
+        """Whether a place in the frame of a submap is in or near the team's grid, where submaps have their cells."""
+        geometry = self._atlas.grid.geometry
+        return is_near_grid(geometry, *geometry.cell_of(place.x_m, place.y_m))
 
     def _with_slack(self, believed: Pose2D, found: Pose2D) -> Pose2D:
         slack_m = self._slack_m

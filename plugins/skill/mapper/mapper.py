@@ -352,12 +352,13 @@ class Mapper(Skill):
             # nothing is lost: the mapper asks for its whole map when its token appears
             why = f"{message.robot} is not there"
             self.env.wire.refusals.note(received.topic.name, received.key, RefusalCode.UNKNOWN_SENDER, why)
-        elif isinstance(message, Closures):
-            self._desk.hear(message)
-        else:
-            self._merge(message)
+            return
+        why = self._desk.hear(message) if isinstance(message, Closures) else self._merge(message)
+        if why:
+            self.env.wire.refusals.note(received.topic.name, received.key, RefusalCode.NOT_PLAUSIBLE, why)
 
-    def _merge(self, patch: MapPatch) -> None:
+    def _merge(self, patch: MapPatch) -> str:
+        """Take a patch into the map; returns why it was refused, empty if it was not."""
         try:
             check_claim(patch, self.env.clock.now_ns())
             take_message(self._atlas, patch)
@@ -369,8 +370,9 @@ class Mapper(Skill):
             if patch.robot not in self._refused:
                 self._refused.add(patch.robot)
                 logger.warning("%s: the map of %s cannot be merged: %s", self.env.robot, patch.robot, error)
-            return
+            return str(error)
         self._desk.hear_places(patch)
+        return ""
 
     def _whole(self) -> MapPatch | None:
         """The robot's own submaps, and those of robots that are not there to tell them."""

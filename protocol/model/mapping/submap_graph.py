@@ -6,7 +6,7 @@ with privacy and communication constraints*, IJRR 2017). Nobody has to solve for
 """
 
 import math
-from collections import deque
+from collections import Counter
 from collections.abc import Callable
 
 import msgspec
@@ -18,12 +18,11 @@ from robrain.protocol.model.mapping.local_map import Variances
 from robrain.protocol.model.mapping.pose_graph import Edge, solve
 from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.mapping.submap_atlas import SubmapKey
+from robrain.protocol.model.small_linear_algebra import inverse, is_semidefinite
 
 Floats = NDArray[np.float64]
-
-
 INFORMATION_MAX = 1e9
-"""Of a loop closure: nobody knows a place to 0.03 mm."""
+"""Largest information of a loop closure, 1/m² and 1/rad²: a standard deviation of 0.03 mm."""
 
 
 class GraphSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -69,7 +68,7 @@ class OwnSubmap:
         return self.anchor.inverse().compose(place)
 
 
-class _Link(msgspec.Struct):
+class _Link(msgspec.Struct, eq=False):
     """What is known between one own submap and another submap, or the arena if `other` is None."""
 
     own: int
@@ -80,8 +79,8 @@ class _Link(msgspec.Struct):
     information: Floats
     """(3, 3), in the axes of `at_other`."""
     may_be_false: bool
-    axes_of_own: bool = False
-    """Whether the information is in the axes of `at_own` instead."""
+    told: bool = False
+    """Whether the other robot found it; then the information is in the axes of `at_own`."""
 
 
 class SubmapGraph:
@@ -100,7 +99,8 @@ class SubmapGraph:
         self._robot = robot
         self._steps: dict[int, _Link] = {}
         """By own submap: how it follows the one before, or where it is known to be."""
-        self._closures: deque[_Link] = deque(maxlen=spec.closures_max)
+        self._closures: list[_Link] = []
+        """Oldest first."""
         self.has_news = False
         """Whether something became known since the last `solve`."""
 
@@ -126,7 +126,7 @@ class SubmapGraph:
         if before is None or before.trajectory != trajectory:
             node.covariance = covariance
             at, turned = Pose2D(node.pose.x_m, node.pose.y_m, 0.0), Pose2D(0.0, 0.0, -node.pose.yaw_rad)
-            self._steps[number] = _Link(number, turned, None, at, _inverse(covariance), before is not None)
+            self._steps[number] = _Link(number, turned, None, at, inverse(covariance), before is not None)
         else:
             node.covariance = before.covariance + covariance
             # The yaw of the submap before moves this one.
@@ -139,7 +139,7 @@ class SubmapGraph:
                 Pose2D(0.0, 0.0, -anchor.yaw_rad),
                 (self._robot, before.number),
                 place,
-                _inverse(covariance),
+                inverse(covariance),
                 may_be_false=False,
             )
         self.own[number] = node
@@ -154,13 +154,7 @@ class SubmapGraph:
         if number not in self.own:
             return
         link = _Link(number, self.own[number].at(at_own), other, at_other, information, may_be_false=True)
-        same = [each for each in self._closures if (each.own, each.other) == (number, other)]
-        near = [each for each in same if each.at_other.distance_m(at_other) < self.spec.apart_m]
-        worse = near or same[: max(0, len(same) + 1 - self.spec.closures_per_pair)]
-        for each in worse:
-            self._closures.remove(each)
-        self._closures.append(link)
-        self.has_news = True
+        self._keep(link, lambda each: each.at_other.distance_m(at_other))
 
     def close_with_mate(
         self, number: int, at_own: Pose2D, other: SubmapKey, at_other: Pose2D, information: Floats
@@ -169,13 +163,9 @@ class SubmapGraph:
         node = self.own.get(number)
         if node is None or not is_information(information):
             return
-        same = [each for each in self._closures if (each.own, each.other) == (number, other)]
         place = node.at(at_own)
-        near = [each for each in same if each.at_own.distance_m(place) < self.spec.apart_m]
-        for each in near or same[: max(0, len(same) + 1 - self.spec.closures_per_pair)]:
-            self._closures.remove(each)
-        self._closures.append(_Link(number, place, other, at_other, information, True, axes_of_own=True))
-        self.has_news = True
+        link = _Link(number, place, other, at_other, information, may_be_false=True, told=True)
+        self._keep(link, lambda each: each.at_own.distance_m(place))
 
     def rests_on(self, robot: str) -> bool:
         """Whether a closure holds own submaps against those of another robot."""
@@ -185,9 +175,8 @@ class SubmapGraph:
         """An own submap is wrong: nothing rests on it any more."""
         self.own.pop(number, None)
         self._steps.pop(number, None)
-        kept = [each for each in self._closures if each.own != number and each.other != (self._robot, number)]
-        self._closures.clear()
-        self._closures.extend(kept)
+        own = self._robot, number
+        self._closures = [each for each in self._closures if each.own != number and each.other != own]
 
     def solve(
         self, place_of: Callable[[SubmapKey], Pose2D | None], variances_of: Callable[[SubmapKey], Variances]
@@ -248,10 +237,10 @@ class SubmapGraph:
             held.append(place)
         # A mate's place is measured only once, however many scans lie there, and mates go by this robot in their turn:
         # all closures with mates together make the robot no surer than one mate is (covariance intersection).
-        measured, mates = _inverse(link.information), np.diag(variances_of(other))
-        information, sure = _inverse(measured + mates), _inverse(measured + self._with_mates() * mates)
+        measured, mates = inverse(link.information), np.diag(variances_of(other))
+        information, sure = inverse(measured + mates), inverse(measured + self._with_mates() * mates)
         gate = self._gate(link, mates)
-        if link.axes_of_own:
+        if link.told:
             return Edge(own, link.at_own, held_at[other], link.at_other, information, link.may_be_false, sure, gate)
         return Edge(held_at[other], link.at_other, own, link.at_own, information, link.may_be_false, sure, gate)
 
@@ -260,7 +249,20 @@ class SubmapGraph:
         if not link.may_be_false:
             return None
         own = np.diag(np.diag(self.own[link.own].covariance))
-        return _inverse(_inverse(link.information) + own + other)
+        return inverse(inverse(link.information) + own + other)
+
+    def _keep(self, link: _Link, away_m: Callable[[_Link], float]) -> None:
+        """Keep a closure in place of those of the same pair that are near it or, if none is, of the oldest."""
+        same = [each for each in self._closures if (each.own, each.other) == (link.own, link.other)]
+        near = [each for each in same if away_m(each) < self.spec.apart_m]
+        for each in near or same[: max(0, len(same) + 1 - self.spec.closures_per_pair)]:
+            self._closures.remove(each)
+        if self._closures and len(self._closures) >= self.spec.closures_max:
+            # Of the robot that has told most, so that no mate can displace the closures of all others.
+            tellers = [_teller(each) for each in self._closures]
+            del self._closures[tellers.index(Counter(tellers).most_common(1)[0][0])]
+        self._closures.append(link)
+        self.has_news = True
 
     def _with_mates(self) -> int:
         return sum(each.other is not None and each.other[0] != self._robot for each in self._closures)
@@ -269,43 +271,14 @@ class SubmapGraph:
         """Let an own submap stay where it is; what follows from it follows from there."""
         del self.own[number]
         del self._steps[number]
-        kept = [each for each in self._closures if each.own != number]
-        self._closures.clear()
-        self._closures.extend(kept)
+        self._closures = [each for each in self._closures if each.own != number]
 
 
-def _inverse(matrix: Floats) -> Floats:
-    """Inverse of a symmetric, positive semi-definite (3, 3) matrix, by its adjugate, made definite by a small share."""
-    (a, b, c), (_, d, e), (_, _, f) = matrix.tolist()
-    lift = 1e-9 * (a + d + f) + 1e-12
-    a, d, f = a + lift, d + lift, f + lift
-    determinant = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
-    inverse: Floats = (
-        np.array(
-            [
-                [d * f - e * e, c * e - b * f, b * e - c * d],
-                [c * e - b * f, a * f - c * c, b * c - a * e],
-                [b * e - c * d, b * c - a * e, a * d - b * b],
-            ]
-        )
-        / determinant
-    )
-    return inverse
-
-
-def symmetric(upper: tuple[float, ...]) -> Floats:
-    """A symmetric (3, 3) matrix from its upper triangle, row by row."""
-    a, b, c, d, e, f = upper
-    return np.array([[a, b, c], [b, d, e], [c, e, f]])
+def _teller(link: _Link) -> str | None:
+    """The robot that told of a closure; None for one that this robot found itself."""
+    return link.other[0] if link.told and link.other is not None else None
 
 
 def is_information(matrix: Floats) -> bool:
-    """Whether a symmetric (3, 3) matrix can be the inverse of a covariance: no principal minor is negative."""
-    (a, b, c), (_, d, e), (_, _, f) = matrix.tolist()
-    largest = max(a, d, f)
-    if not 0.0 < largest <= INFORMATION_MAX:
-        return False
-    small = 1e-9 * largest
-    minors = a * d - b * b, a * f - c * c, d * f - e * e
-    determinant = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
-    return bool(min(a, d, f) >= 0.0 and min(minors) >= -small * largest and determinant >= -small * largest**2)
+    """Whether a symmetric (3, 3) matrix can be the inverse covariance of a loop closure."""
+    return 0.0 < max(matrix.diagonal().tolist()) <= INFORMATION_MAX and is_semidefinite(matrix)
