@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.occupancy_grid import GridGeometry
-from robrain.sim.maps.floor_plan import FloorPlan
-from robrain.sim.surface_rays import (
+from robrain.protocol.model.ray_cast import (
     GLASS_X,
     GLASS_Y,
     MIRROR_EAST,
@@ -22,6 +21,7 @@ from robrain.sim.surface_rays import (
     SOLID,
     cast_rays_on_surfaces,
 )
+from robrain.sim.maps.floor_plan import FloorPlan
 
 PANE_M = 0.45
 """Thicker walls are never glass."""
@@ -85,7 +85,7 @@ class Surfaces:
     """What each cell of a floor is to a lidar.
 
     Args:
-        cells: (H, W), as `robrain.sim.surface_rays` has it.
+        cells: (H, W), as `robrain.protocol.model.ray_cast` has it.
         geometry: where they lie in the arena frame.
         echo_rad: at most so far from its normal a pane returns a beam.
 

@@ -1,4 +1,7 @@
-"""The arithmetic of scan matching on an occupancy grid. Places are in cells of the grid unless said otherwise."""
+"""The arithmetic of scan matching on an occupancy grid. Places are in cells of the grid unless said otherwise.
+
+`mapping/surface_match.py` calls kernels of this file. numba's cache does not notice an edit here: change that file too.
+"""
 
 import math
 
@@ -97,6 +100,69 @@ def eigen(matrix: Floats, values: Floats, vectors: Floats) -> None:
 
 
 @njit(cache=True, nogil=True)
+def lever_of(points: Floats, per_m: float) -> float:
+    """Cells by which a turn of one radian moves the points, as a root mean square."""
+    square = 0.0
+    for k in range(points.shape[0]):
+        square += points[k, 0] ** 2 + points[k, 1] ** 2
+    return per_m * math.sqrt(square / points.shape[0])
+
+
+@njit(cache=True, nogil=True)
+def add_residual(
+    information: Floats, pull: Floats, by_x: float, by_y: float, by_turn: float, residual: float, weight: float
+) -> None:
+    """Add a residual with these derivatives to the normal equations: upper triangle (3, 3) and right side (3,)."""
+    information[0, 0] += weight * by_x * by_x
+    information[0, 1] += weight * by_x * by_y
+    information[0, 2] += weight * by_x * by_turn
+    information[1, 1] += weight * by_y * by_y
+    information[1, 2] += weight * by_y * by_turn
+    information[2, 2] += weight * by_turn * by_turn
+    pull[0] -= weight * residual * by_x
+    pull[1] -= weight * residual * by_y
+    pull[2] -= weight * residual * by_turn
+
+
+@njit(cache=True, nogil=True)
+def solve_step(
+    information: Floats, pull: Floats, least: float, values: Floats, vectors: Floats, step: Floats
+) -> tuple[int, float]:
+    """Solve the normal equations for `step` (3,): how many directions are held, and the step's length.
+
+    A direction is held if its information is at least `least`. A direction with less information here may have enough
+    at the right place, so the step follows it too, but slowly. Writes eigenvalues and eigenvectors as `eigen` does;
+    overwrites `information`.
+    """
+    information[1, 0], information[2, 0], information[2, 1] = information[0, 1], information[0, 2], information[1, 2]
+    eigen(information, values, vectors)
+    held = 0
+    step[:] = 0.0
+    for k in range(3):
+        held += values[k] >= least
+        along = 0.0
+        for i in range(3):
+            along += vectors[i, k] * pull[i]
+        for i in range(3):
+            step[i] += vectors[i, k] * along / max(values[k], least)
+    return held, math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
+
+
+@njit(cache=True, nogil=True)
+def held_directions(
+    held: int, values: Floats, vectors: Floats, moved: tuple[float, float, float], lever: float, per_m: float
+) -> Floats:
+    """Held directions (3, 5) as row in m and rad, offset in m, information; `moved` is the way that the scan went."""
+    found = np.zeros((3, 5))
+    for at in range(held):
+        k = 3 - held + at  # eigenvalues ascend
+        found[at, 0], found[at, 1], found[at, 2] = vectors[0, k], vectors[1, k], vectors[2, k] * lever / per_m
+        offset = vectors[0, k] * moved[0] + vectors[1, k] * moved[1] + vectors[2, k] * moved[2]
+        found[at, 3], found[at, 4] = offset / per_m, values[k]
+    return found
+
+
+@njit(cache=True, nogil=True)
 def refine(
     log_odds: NDArray[np.int8],
     per_m: float,
@@ -110,27 +176,23 @@ def refine(
     degenerate: float,
     beams_min: int,
 ) -> tuple[Floats, int, float, int]:
-    """Held directions (3, 5) as row in m and rad, offset in m, information; how many; the fit; beams compared."""
-    found = np.zeros((3, 5))
+    """Held directions as `held_directions` has them; how many; the fit; beams compared."""
     height, width = log_odds.shape
     start_x, start_y = (x_m - origin_x_m) * per_m, (y_m - origin_y_m) * per_m
     if points.shape[0] < beams_min:
-        return found, 0, 0.0, 0
+        return np.zeros((3, 5)), 0, 0.0, 0
     reach = math.ceil(reach_m * per_m)
     first_row, first_column, rows, columns = _window(points, per_m, start_x, start_y, 2 * reach + 2)
     field = distance_window(log_odds, first_row, first_column, rows, columns, reach)
-    lever = 0.0
-    for k in range(points.shape[0]):
-        lever += points[k, 0] ** 2 + points[k, 1] ** 2
-    lever = per_m * math.sqrt(lever / points.shape[0])  # a turn of one radian moves the points by so much
-
+    lever = lever_of(points, per_m)
     x, y, yaw = start_x, start_y, yaw_rad
     held = 0
     vectors = np.zeros((3, 3))
     values = np.zeros(3)
+    information, pull, step = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
     for _iteration in range(ITERATIONS):
-        information = np.zeros((3, 3))
-        pull = np.zeros(3)
+        information[:] = 0.0
+        pull[:] = 0.0
         used = 0
         cos, sin = math.cos(yaw), math.sin(yaw)
         for k in range(points.shape[0]):
@@ -154,36 +216,11 @@ def refine(
             by_turn = (slope_y * out_x - slope_x * out_y) / lever
             weight = 1.0 if distance < 1.0 else 1.0 / distance  # Huber: what is far off may be something else
             used += 1
-            information[0, 0] += weight * slope_x * slope_x
-            information[0, 1] += weight * slope_x * slope_y
-            information[0, 2] += weight * slope_x * by_turn
-            information[1, 1] += weight * slope_y * slope_y
-            information[1, 2] += weight * slope_y * by_turn
-            information[2, 2] += weight * by_turn * by_turn
-            pull[0] -= weight * distance * slope_x
-            pull[1] -= weight * distance * slope_y
-            pull[2] -= weight * distance * by_turn
+            add_residual(information, pull, slope_x, slope_y, by_turn, distance, weight)
         if used < beams_min:
             held = 0
             break
-        information[1, 0], information[2, 0], information[2, 1] = (
-            information[0, 1],
-            information[0, 2],
-            information[1, 2],
-        )
-        eigen(information, values, vectors)
-        held = 0
-        step = np.zeros(3)
-        for k in range(3):
-            # A direction that says little *here* may say enough at the right place, so it is followed, but slowly; what
-            # counts is what it says where the scan comes to lie.
-            held += values[k] >= degenerate * used
-            along = 0.0
-            for i in range(3):
-                along += vectors[i, k] * pull[i]
-            for i in range(3):
-                step[i] += vectors[i, k] * along / max(values[k], degenerate * used)
-        size = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
+        held, size = solve_step(information, pull, degenerate * used, values, vectors, step)
         if size > 1.0:
             step /= size
         x += step[0]
@@ -192,13 +229,8 @@ def refine(
         if size < DONE_CELLS:
             break
 
-    moved = np.array([x - start_x, y - start_y, (yaw - yaw_rad) * lever])
-    for at in range(held):
-        k = 3 - held + at  # eigenvalues ascend
-        found[at, 0], found[at, 1], found[at, 2] = vectors[0, k], vectors[1, k], vectors[2, k] * lever / per_m
-        offset = vectors[0, k] * moved[0] + vectors[1, k] * moved[1] + vectors[2, k] * moved[2]
-        found[at, 3], found[at, 4] = offset / per_m, values[k]
-
+    moved = x - start_x, y - start_y, (yaw - yaw_rad) * lever
+    found = held_directions(held, values, vectors, moved, lever, per_m)
     compared, near = 0, 0
     cos, sin = math.cos(yaw), math.sin(yaw)
     for k in range(points.shape[0]):

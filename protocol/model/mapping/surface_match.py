@@ -18,7 +18,7 @@ from robrain.protocol.model.kernel_array import FLOAT64, kernel_array
 from robrain.protocol.model.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.occupancy_kernels import HIT_DEPTH_CELLS
 from robrain.protocol.model.scan_match import DEGENERATE, Direction, ScanFit
-from robrain.protocol.model.scan_match_kernels import eigen
+from robrain.protocol.model.scan_match_kernels import add_residual, held_directions, lever_of, solve_step
 
 Floats = NDArray[np.float64]
 ITERATIONS = 15
@@ -163,16 +163,12 @@ def _match(
     points: Floats,
 ) -> tuple[Floats, int, float, int, float, float]:
     """As `scan_match_kernels.refine` answers, and the mean drift of the walls."""
-    found = np.zeros((3, 5))
     count = points.shape[0]
     if count < USED_MIN:
-        return found, 0, 0.0, 0, 0.0, 0.0
+        return np.zeros((3, 5)), 0, 0.0, 0, 0.0, 0.0
     height, width = log_odds.shape
     start_x, start_y = (x_m - origin_x_m) * per_m, (y_m - origin_y_m) * per_m
-    lever = 0.0
-    for k in range(count):
-        lever += points[k, 0] ** 2 + points[k, 1] ** 2
-    lever = per_m * math.sqrt(lever / count)
+    lever = lever_of(points, per_m)
     x, y, yaw = start_x, start_y, yaw_rad
     held = 0
     vectors, values = np.zeros((3, 3)), np.zeros(3)
@@ -214,34 +210,12 @@ def _match(
             by_turn = (line[3] * out_x - line[2] * out_y) / lever
             weight = 1.0 if abs(off) < HUBER_CELLS else HUBER_CELLS / abs(off)
             used += 1
-            information[0, 0] += weight * line[2] * line[2]
-            information[0, 1] += weight * line[2] * line[3]
-            information[0, 2] += weight * line[2] * by_turn
-            information[1, 1] += weight * line[3] * line[3]
-            information[1, 2] += weight * line[3] * by_turn
-            information[2, 2] += weight * by_turn * by_turn
-            pull[0] -= weight * off * line[2]
-            pull[1] -= weight * off * line[3]
-            pull[2] -= weight * off * by_turn
+            add_residual(information, pull, line[2], line[3], by_turn, off, weight)
         if used < USED_MIN:
             held = 0
             break
-        information[1, 0], information[2, 0], information[2, 1] = (
-            information[0, 1],
-            information[0, 2],
-            information[1, 2],
-        )
-        eigen(information, values, vectors)
-        held = 0
-        step[:] = 0.0
-        for k in range(3):
-            held += values[k] >= max(DEGENERATE * used, INFORMATION_MIN)
-            along = 0.0
-            for i in range(3):
-                along += vectors[i, k] * pull[i]
-            for i in range(3):
-                step[i] += vectors[i, k] * along / max(values[k], DEGENERATE * used, INFORMATION_MIN)
-        size = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
+        least = max(DEGENERATE * used, INFORMATION_MIN)
+        held, size = solve_step(information, pull, least, values, vectors, step)
         if size > 2.0:
             step *= 2.0 / size
         x += step[0]
@@ -250,13 +224,8 @@ def _match(
         if size < DONE_CELLS:
             break
 
-    moved_x, moved_y, moved_turn = x - start_x, y - start_y, (yaw - yaw_rad) * lever
-    for at in range(held):
-        k = 3 - held + at  # eigenvalues ascend
-        found[at, 0], found[at, 1], found[at, 2] = vectors[0, k], vectors[1, k], vectors[2, k] * lever / per_m
-        offset = vectors[0, k] * moved_x + vectors[1, k] * moved_y + vectors[2, k] * moved_turn
-        found[at, 3], found[at, 4] = offset / per_m, values[k]
-
+    moved = x - start_x, y - start_y, (yaw - yaw_rad) * lever
+    found = held_directions(held, values, vectors, moved, lever, per_m)
     compared, near = 0, 0
     drift_m2 = drift_rad2 = 0.0
     cos, sin = math.cos(yaw), math.sin(yaw)
