@@ -153,11 +153,21 @@ def take_message(atlas: SubmapAtlas, message: MapPatch) -> int:
         raise ValueError(f"{message.robot}: expected at most {MESSAGE_CELLS_MAX} cells in a message, got {cells}")
     changed = _take_one(atlas, message) if message.withdrawn or message.cells or not message.parts else 0
     known = {key for part in message.parts if (key := (part.robot, part.submap)) in atlas.submaps}
-    for part in message.parts:
-        if part.parts:
-            raise ValueError(f"{message.robot}: a part of its patch has parts")
-        if part.robot == message.robot or (part.robot, part.submap) not in known:
-            changed += _take_one(atlas, part)
+    moves: dict[SubmapKey, Pose2D] = {}
+    try:
+        for part in message.parts:
+            key = part.robot, part.submap
+            if part.parts:
+                raise ValueError(f"{message.robot}: a part of its patch has parts")
+            if part.robot != message.robot and key in known:
+                continue
+            if part.withdrawn or part.surfaces or part.rows or part.columns or part.cells:
+                moves.pop(key, None)
+                changed += _take_one(atlas, part)
+            else:
+                moves[key] = part.T_arena_local
+    finally:
+        atlas.move_all(moves)
     return changed
 
 

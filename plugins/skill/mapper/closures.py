@@ -143,11 +143,6 @@ class ClosureDesk:
             return x_m2, y_m2, yaw_rad2
         return self._variances.get(key, UNSAID)
 
-    def place_of(self, key: SubmapKey) -> Pose2D | None:
-        """T_arena_local of a submap; None if it is not known."""
-        submap = self._atlas.submaps.get(key)
-        return None if submap is None else submap.T_arena_local
-
     def _is_near(self, place: Pose2D) -> bool:
         """Whether a place in the frame of a submap is in or near the team's grid, where submaps have their cells."""
         geometry = self._atlas.grid.geometry

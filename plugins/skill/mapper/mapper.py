@@ -267,13 +267,13 @@ class Mapper(Skill):
         if not self._graph.has_news or now_ns < self._solve_due_ns:
             return
         self._solve_due_ns = now_ns + to_ns(SOLVE_PERIOD_S)
-        moved = self._graph.solve(self._desk.place_of, self._desk.variances_of)
+        moved = self._graph.solve(self._atlas.place_of, self._desk.variances_of)
         if not moved:
             return
         robot, geometry = self.env.robot, self._atlas.grid.geometry
         told = []
+        self._atlas.move_all({(robot, number): place for number, place in moved.items()})
         for number, T_arena_local in moved.items():
-            self._atlas.move((robot, number), T_arena_local)
             covariance = self._graph.own[number].covariance
             variances = max(covariance[0, 0], covariance[1, 1]), covariance[2, 2]
             told.append(pose_message(robot, geometry, number, T_arena_local, variances=variances))

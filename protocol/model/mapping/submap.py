@@ -153,12 +153,12 @@ class Submap:
 
         `origin` is the lattice's, in metres; the box may leave the team's grid.
         """
-        return moved_box(
-            self.T_arena_local,
-            (self.row, self.column, self.row + self.evidence.shape[0], self.column + self.evidence.shape[1]),
-            resolution_m,
-            origin,
-        )
+        return moved_box(self.T_arena_local, self.box, resolution_m, origin)
+
+    @property
+    def box(self) -> tuple[int, int, int, int]:
+        """Rows and columns of its cells on the lattice of the frame `local`: first and past the last."""
+        return self.row, self.column, self.row + self.evidence.shape[0], self.column + self.evidence.shape[1]
 
     def _box_with(self, row: int, column: int, height: int, width: int) -> tuple[int, int, int, int]:
         """The submap's box in whole blocks if it held these cells too: rows and columns, first and past the last."""

@@ -123,6 +123,22 @@ def test_a_submap_that_is_moved_there_and_back_leaves_the_map_as_it_was(history,
         assert np.array_equal(atlas.grid.classes(), before)
 
 
+@settings(deadline=None, max_examples=60)
+@given(histories(), st.dictionaries(st.tuples(st.sampled_from(ROBOTS), st.integers(0, 2)), PLACE, max_size=6))
+def test_submaps_that_are_moved_together_lie_as_if_moved_one_by_one(history, places):
+    order = [robot for robot in ROBOTS for _ in history[robot]]
+    together, singly = told(history, order), told(history, order)
+    together.move_all(places)
+    for key, place in places.items():
+        singly.move(key, place)
+    assert np.array_equal(together.grid.classes(), singly.grid.classes())
+    assert np.array_equal(together.grid.stamp_ms, singly.grid.stamp_ms)
+    assert together.grid.known_count == singly.grid.known_count
+    assert {key: submap.T_arena_local for key, submap in together.submaps.items()} == {
+        key: submap.T_arena_local for key, submap in singly.submaps.items()
+    }
+
+
 @settings(deadline=None, max_examples=40)
 @given(histories())
 def test_a_map_without_a_submap_is_the_map_of_the_others(history):
