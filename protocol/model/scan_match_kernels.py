@@ -14,7 +14,7 @@ ITERATIONS = 12
 DONE_CELLS = 0.002
 NEAR_M = 0.2
 IN_FRONT_CELLS = (2.0, 3.0)
-"""So far before its end a beam crosses floor that the map knows, if the map saw this side of the wall."""
+"""Distances before a beam's end, cells, at which the map has free floor if it saw the same side of the wall."""
 SWEEPS = 12
 """Limit; Jacobi's method needs four or five sweeps for a 3 × 3 matrix."""
 NEGLIGIBLE = 1e-17

@@ -35,7 +35,7 @@ NEAR_CELLS = 2.0
 BODY_M = 0.5
 """Nearer than this the map may show the robot itself, as the others saw it."""
 NEAR_M = 0.2
-"""Reach of the last refinement: walls that the map does not have would pull the scan to others."""
+"""Reach of the last refinement, metres: a longer one would pull beams at unmapped walls to other walls."""
 SHORT_M = 0.3
 """A beam may end this far behind a wall of the map before it has gone through it."""
 

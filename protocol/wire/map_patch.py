@@ -17,13 +17,13 @@ from robrain.protocol.wire.map_messages import MapPatch
 NS_PER_MS = 1_000_000
 STAMP_MODULUS_MS = 1 << 31
 MAX_CELLS = 1 << 24
-"""Cells of a patch."""
+"""Limit for the cells of a patch."""
 MESSAGE_CELLS_MAX = 1 << 27
-"""Cells of all parts of a message, as many as an atlas holds."""
+"""Limit for the cells of all parts of a message: as many as an atlas holds."""
 TOLD_SHARE = 0.75
-"""Share of an atlas that messages may fill. The rest is kept for the robot's own cells."""
+"""Share of an atlas that messages may fill; the rest is reserved for the robot's own cells."""
 OUTSIDE_MAX = 2_000
-"""Cells by which a patch may lie outside the team's grid, as those of a robot that is off (chosen)."""
+"""Largest distance of a patch from the team's grid, in cells: 100 m at 0.05 m, more than any pose is wrong."""
 AHEAD_MAX_MS = 5_000
 """Largest difference between clocks of a team (chosen). A patch from later would override what is seen until then."""
 OCCUPIED_MAX = 4_000
@@ -73,7 +73,7 @@ def pose_message(
     surfaces: NDArray[np.void] | None = None,
     variances: tuple[float, float] = (0.0, 0.0),
 ) -> MapPatch:
-    """A message that moves, withdraws or finishes a submap; `surfaces` are those of a finished one."""
+    """A message that moves, withdraws or finishes a submap; `surfaces` are those of a finished submap."""
     return msgspec.structs.replace(
         _blank(robot, geometry),
         submap=submap,
@@ -86,7 +86,7 @@ def pose_message(
 
 
 def submap_message(key: SubmapKey, submap: Submap, geometry: GridGeometry) -> MapPatch:
-    """A whole submap, with the times of its tiles."""
+    """A message with a whole submap and the times of its tiles."""
     patch = PatchCells(submap.row, submap.column, submap.classes(), int(submap.stamp_ms.max(initial=0)))
     message = to_message(key[0], geometry, patch, key[1], submap.T_arena_local)
     surfaces = b"" if submap.surfaces is None else _deflated(submap.surfaces)
@@ -94,7 +94,7 @@ def submap_message(key: SubmapKey, submap: Submap, geometry: GridGeometry) -> Ma
 
 
 def whole_map(robot: str, atlas: SubmapAtlas, keys: Iterable[SubmapKey]) -> MapPatch | None:
-    """Some submaps of an atlas in one message; None if there are none."""
+    """One message with these submaps of an atlas; None if there are none."""
     geometry = atlas.grid.geometry
     parts = [submap_message(key, atlas.submaps[key], geometry) for key in keys]
     return joined_message(robot, geometry, parts) if parts else None
@@ -133,16 +133,16 @@ def check_claim(message: MapPatch, now_ns: int) -> None:
 
 
 def take_message(atlas: SubmapAtlas, message: MapPatch) -> int:
-    """Take a patch, and its parts, into an atlas of the same geometry.
+    """Merge a patch and its parts into an atlas of the same geometry.
 
-    Parts about other robots' submaps are hearsay: they are taken where the atlas knows nothing of those submaps.
+    Parts of other robots' submaps are merged only if the atlas did not know these submaps before.
 
     Returns:
-        How many cells of the map changed their class, at least.
+        Least number of cells of the map that changed their class.
 
     Raises:
         ValueError: a patch is for another grid, its cells do not match its size, too many are occupied, or there is no
-            room for it. That patch changes nothing; those before it are taken.
+            room for it. That patch changes nothing; parts before it have been merged.
 
     """
     geometry = geometry_of(message)
@@ -176,7 +176,7 @@ def _take_one(atlas: SubmapAtlas, patch: MapPatch) -> int:
     if patch.withdrawn:
         atlas.withdraw(key)
         return 0
-    # All is checked before anything is changed.
+    # A refused patch must change nothing, so all checks come first.
     statements = _statements_of(patch, atlas.grid.geometry) if patch.rows or patch.columns or patch.cells else None
     surfaces = _surfaces_of(patch) if patch.surfaces else None
     box = None if statements is None else (patch.row, patch.column, statements[0].shape, statements[1])
@@ -189,7 +189,7 @@ def _take_one(atlas: SubmapAtlas, patch: MapPatch) -> int:
 
 
 def _blank(robot: str, geometry: GridGeometry) -> MapPatch:
-    """A patch that says nothing yet."""
+    """A patch without cells or pose."""
     return MapPatch(
         robot=robot,
         resolution_m=geometry.resolution_m,
@@ -205,7 +205,7 @@ def _deflated(array: NDArray[Any]) -> bytes:
 
 
 def _surfaces_of(patch: MapPatch) -> NDArray[np.void]:
-    """The walls' places of a finished submap. Raises ValueError."""
+    """Surfaces of a finished submap. Raises ValueError."""
     inflater = zlib.decompressobj()
     try:
         data = inflater.decompress(patch.surfaces, SURFACES_MAX * SURFACE.itemsize + 1)
@@ -217,7 +217,7 @@ def _surfaces_of(patch: MapPatch) -> NDArray[np.void]:
 
 
 def _statements_of(patch: MapPatch, team: GridGeometry) -> tuple[NDArray[np.int8], int | NDArray[np.int32]]:
-    """Cells of a patch, and when they were seen: all of them, or each tile. Raises ValueError."""
+    """Cells of a patch and their time of observation: one, or one for each tile. Raises ValueError."""
     if not is_near_grid(team, patch.row, patch.column):
         at = f"row {patch.row}, column {patch.column}"
         raise ValueError(

@@ -1,4 +1,4 @@
-"""The figure of how right positions and map were."""
+"""The figure of the accuracy of positions and map."""
 
 from array import array
 from collections.abc import Iterator

@@ -43,17 +43,19 @@ from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CLOSURES, ROBOT_MAP,
 logger = logging.getLogger(__name__)
 
 START_S = 5.0
-"""What the others send in this time after the start may still show that the robot is not where it was told it is."""
+"""Seconds after the start in which maps of other robots may show that the start pose is wrong."""
 WHOLE_MS = 400
-"""So long after the start the others' answers with their whole maps may be made; less than `TELL_AFTER_S`."""
+"""Milliseconds after the start within which other robots answer with their whole maps; less than `TELL_AFTER_S`."""
 TELL_AFTER_S = 0.5
-"""Until then nobody is told of what was mapped; chosen."""
+"""Seconds after the start before the first patch is sent, so that a wrong start pose can be found first."""
 CLOSURE_PERIOD_S = 1.0
-"""A scan is laid on another submap this often."""
+"""Seconds between two attempts to find a loop closure."""
 CLOSURES_A_STEP = 256
+"""Largest number of closures in a message."""
 SOLVE_PERIOD_S = 2.0
+"""Seconds between two solutions of the pose graph."""
 WAITING_MAX = 16
-"""Scans that wait until it is known where the robot was."""
+"""Number of scans that wait for the odometry and the match of their time."""
 NOBODY = np.empty((0, 3))
 
 
@@ -69,7 +71,7 @@ class Mapper(Skill):
         width_m: float = 40.0
         height_m: float = 40.0
         sigma_max_m: float = 2.0
-        """Scans are left out while the robot's place is less sure than this; chosen."""
+        """Standard deviation of the position, metres, above which scans are not mapped."""
 
         def __post_init__(self) -> None:
             for name in ("resolution_m", "width_m", "height_m", "sigma_max_m"):
@@ -79,7 +81,7 @@ class Mapper(Skill):
         submap: SubmapSpec = SubmapSpec()
         graph: GraphSpec = GraphSpec()
         closure_slack_m: float = 0.0
-        """Loop closures that are off by less are taken for none: half a cell for a base whose odometry is exact."""
+        """Metres: smaller offsets of loop closures count as zero. Half a cell suits a base with exact odometry."""
 
         def geometry(self) -> GridGeometry:
             """The grid that covers this area."""
@@ -188,7 +190,7 @@ class Mapper(Skill):
         self._integrate()
 
     def _integrate(self) -> None:
-        """Take in the scans for which it is known by now where the robot was."""
+        """Map the waiting scans whose pose is known by now."""
         until_ns = self._driver.odometry_until_ns()
         while self._waiting and (local_pose := self.env.board.local_pose) is not None:
             if self._waiting[0].stamp_ns > min(until_ns, local_pose.until_ns):
@@ -230,7 +232,7 @@ class Mapper(Skill):
         self._look_for_closure(scan, local, circles)
 
     def _take_own_patch(self) -> None:
-        """Draw what the robot has seen, and have it told."""
+        """Draw what the robot has seen, and queue the patch."""
         self._own.contradict(self._atlas.grid)
         own = self._own.take_patch()
         if own is None:
@@ -243,7 +245,7 @@ class Mapper(Skill):
         self._untold.append(to_message(self.env.robot, geometry, own.cells, own.submap, self._own.T_arena_local))
 
     def _finish_submap(self) -> None:
-        """What is left to tell of the current submap, and where in their cells its walls are."""
+        """Queue the last patch of the current submap, and its surfaces."""
         self._take_own_patch()
         number = self._own.number
         if number is None:
@@ -300,14 +302,14 @@ class Mapper(Skill):
         return self.env.clock.now_ns() - (self._began_ns or 0) < to_ns(for_s)
 
     def _begin_anew(self) -> None:
-        """Throw away what was mapped from where the robot never was."""
+        """Withdraw what was mapped from a wrong start pose."""
         if self._has_begun_anew:
             return
         self._has_begun_anew = True
         self._withdraw(list(self._graph.own))
 
     def _withdraw(self, numbers: list[int]) -> None:
-        """Own submaps are wrong: leave them out of the map, and tell so."""
+        """Remove own submaps that are wrong, and queue the message about it."""
         robot, geometry = self.env.robot, self._atlas.grid.geometry
         told = []
         for number in numbers:
@@ -326,7 +328,7 @@ class Mapper(Skill):
         self._why_paused = why
 
     def _mates(self) -> NDArray[np.float64]:
-        """(K, 3) where mates say that they are, and their radii, arena frame."""
+        """(K, 3) published places of mates and their radii, metres, arena frame."""
         others = self._teammates.others()
         if not others:
             return NOBODY
@@ -337,7 +339,7 @@ class Mapper(Skill):
             name = change.names["robot"]
             self._met.add(name)
             if not change.present:
-                # A process that takes its name begins anew, and knows nothing of these.
+                # If the robot restarts, it does not know these submaps, so this robot keeps telling them.
                 self._orphans.update(key for key in self._atlas.submaps if key[0] == name)
             if change.present and name != self.env.robot:
                 # Catch up with a robot that was there before; one that has just started has nothing to tell.
@@ -375,7 +377,7 @@ class Mapper(Skill):
         return ""
 
     def _whole(self) -> MapPatch | None:
-        """The robot's own submaps, and those of robots that are not there to tell them."""
+        """The robot's own submaps, and those of robots that are absent or were restarted."""
         robot = self.env.robot
         others = self._met - {robot}
         keys = [key for key in sorted(self._atlas.submaps) if key[0] not in others or key in self._orphans]
@@ -383,7 +385,7 @@ class Mapper(Skill):
 
 
 def _was_before(part: MapPatch, began_ms: int) -> bool:
-    """Whether a submap was begun before then, and tells what was seen until about then."""
+    """Whether a submap was begun before this time, and its cells were seen at most `WHOLE_MS` after it."""
     return part.submap < began_ms and part.observed_ms <= began_ms + WHOLE_MS
 
 

@@ -1,8 +1,8 @@
-"""The team's map as a composition of submaps that may be moved, or withdrawn, after they were seen.
+"""The team's map, composed of submaps that can be moved or withdrawn later.
 
-Where submaps overlap, the cell that was seen last counts, and at equal times occupied does: the rule of
-`OccupancyGrid.merge_patch`. While no submap has been moved the composition is the same as merging all patches into one
-grid. A submap that is moved is erased where it was and drawn where it is, by the nearest of its cells.
+Where submaps overlap, the cell observed last wins; at equal times an occupied cell wins: the rule of
+`OccupancyGrid.merge_patch`. While no submap has been moved, the composition equals all patches merged into one grid. A
+submap that moves is erased at its old pose and drawn at the new one, by nearest-neighbour lookup.
 """
 
 import math
@@ -16,29 +16,30 @@ from robrain.protocol.model.mapping.submap import IDENTITY, TILE_CELLS, Submap, 
 from robrain.protocol.model.occupancy_grid import LAST_STAMP_MS, GridGeometry, OccupancyGrid
 
 SUBMAPS_MAX = 8192
-"""Submaps that an atlas holds; others are refused."""
+"""Largest number of submaps of an atlas; further ones are refused."""
 CELLS_MAX = 1 << 27
-"""Bytes of all submaps of an atlas, one for each cell and 11 for each surface; patches that need more are refused."""
+"""Limit for the bytes of all submaps: one for each cell, 11 for each surface. What needs more is refused."""
 
 SubmapKey = tuple[str, int]
-"""Robot and the number of its submap."""
+"""Name of a robot and number of its submap."""
 Box = tuple[int, int, int, int]
+"""First row, first column, past-the-end row, past-the-end column."""
 
 
 class SubmapAtlas:
-    """Submaps of a team, composed to one grid.
+    """Submaps of a team, composed into one grid.
 
     Args:
-        geometry: the team's grid. Cells of submaps that come to lie outside it are not drawn.
+        geometry: the team's grid. Cells outside it are kept, but not drawn.
 
     """
 
     def __init__(self, geometry: GridGeometry) -> None:
         self.grid = OccupancyGrid(geometry)
-        """The composition; to be read only."""
+        """The composed map; read-only."""
         self.submaps: dict[SubmapKey, Submap] = {}
         self._poses: dict[SubmapKey, Pose2D] = {}
-        """Poses of submaps of which no cell is known yet."""
+        """Poses of submaps without cells so far."""
         self._size = 0
         """Bytes of the submaps."""
         self._origin = (geometry.origin_x_m, geometry.origin_y_m)
@@ -46,13 +47,13 @@ class SubmapAtlas:
     def take(
         self, key: SubmapKey, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int | NDArray[np.int32]
     ) -> int:
-        """Take over statements of a robot about a box of its submap, see `Submap.take`.
+        """Merge cells into a box of a submap, see `Submap.take`.
 
         Returns:
             How many classes of the grid changed.
 
         Raises:
-            ValueError: there are too many submaps, or the submap gets too large; nothing has changed.
+            ValueError: there would be too many submaps, or too large ones; nothing has changed.
 
         """
         self.check(key, (row, column, cells.shape, stamp_ms))
@@ -65,13 +66,13 @@ class SubmapAtlas:
         self._size += submap.size - before
         self.submaps[key] = submap
         self._poses.pop(key, None)
-        # All of the tiles: their time has changed for each cell of them.
+        # Whole tiles: the time has changed for each of their cells.
         height, width = cells.shape
         box = _down(row), _down(column), -_down(-row - height), -_down(-column - width)
         moved = self._moved(submap.T_arena_local, box)
         if latest_ms < 0 or (isinstance(stamp_ms, int) and stamp_ms > latest_ms):
             return self._draw(submap, moved)
-        # It is not newer than all that was drawn of this submap here, so what was drawn may not give way to it.
+        # It is not newer than all cells of this submap here, so drawing it on top may be wrong.
         box_cells = np.s_[moved[0] : moved[2], moved[1] : moved[3]]
         classes = np.sign(self.grid.log_odds[box_cells])
         version = self.grid.version
@@ -88,16 +89,16 @@ class SubmapAtlas:
         surfaces: NDArray[np.void] | None = None,
         share: float = 1.0,
     ) -> None:
-        """Check that there is room for statements and surfaces of a submap, and that they fit it.
+        """Check that cells and surfaces fit their submap, and that there is room for them.
 
         Args:
-            key: of the submap.
-            box: row, column, shape and stamp of the statements, as for `take`; None if there are none.
-            surfaces: as for `take_surfaces`.
-            share: of the bounds that may be used.
+            key: the submap.
+            box: row, column, shape and stamp of the cells, as for `take`; None for no cells.
+            surfaces: as for `take_surfaces`; None for none.
+            share: share of the limits that may be used, 0 to 1.
 
         Raises:
-            ValueError: they do not fit.
+            ValueError: they do not fit, or there is no room.
 
         """
         submap = self.submaps.get(key)
@@ -116,10 +117,7 @@ class SubmapAtlas:
             raise ValueError(f"expected submaps of at most {share * CELLS_MAX:.0f} bytes in all")
 
     def take_surfaces(self, key: SubmapKey, surfaces: NDArray[np.void]) -> None:
-        """A submap is finished: where in their cells its walls are, (n,) of `SURFACE`.
-
-        Raises ValueError if there is no room for them.
-        """
+        """Set the surfaces (n,) of `SURFACE` of a finished submap. Raises ValueError if there is no room for them."""
         self.check(key, None, surfaces)
         submap = self.submaps.get(key)
         if submap is not None:
@@ -129,7 +127,7 @@ class SubmapAtlas:
             self._size += submap.size - before
 
     def move(self, key: SubmapKey, T_arena_local: Pose2D) -> None:
-        """A submap lies here from now on."""
+        """Set the pose of a submap."""
         submap = self.submaps.get(key)
         if submap is None:
             # The latest poses are kept: a robot's own submap gets its first cells just after its pose.
@@ -146,7 +144,7 @@ class SubmapAtlas:
         self._draw(submap, self._box_of(submap))
 
     def move_all(self, places: dict[SubmapKey, Pose2D]) -> None:
-        """Move several submaps. The map is composed only once if that is less work than once for each of them."""
+        """Set the poses of several submaps; draws them together if that is less work than one by one."""
         moved = [key for key, place in places.items() if key in self.submaps and place != self.place_of(key)]
         boxes = [self._box_of(self.submaps[key]) for key in moved]
         boxes += [self._moved(places[key], self.submaps[key].box) for key in moved]
@@ -165,7 +163,7 @@ class SubmapAtlas:
         return None if submap is None else submap.T_arena_local
 
     def withdraw(self, key: SubmapKey) -> None:
-        """A submap is wrong: it is not part of the map any more."""
+        """Remove a submap that is wrong."""
         self._poses.pop(key, None)
         submap = self.submaps.pop(key, None)
         if submap is not None:
@@ -173,7 +171,7 @@ class SubmapAtlas:
             self._redraw(self._box_of(submap))
 
     def forget(self) -> None:
-        """Know nothing any more."""
+        """Remove all submaps."""
         self.submaps.clear()
         self._poses.clear()
         self._size = 0
@@ -190,7 +188,7 @@ class SubmapAtlas:
         return max(box[0], 0), max(box[1], 0), min(box[2], height), min(box[3], width)
 
     def _draw(self, submap: Submap, box: Box) -> int:
-        """Draw what a submap says of a box of the grid; how many classes changed."""
+        """Draw a submap's cells within a box of the grid; returns how many classes changed."""
         if box[0] >= box[2] or box[1] >= box[3] or submap.is_empty:
             return 0
         grid = self.grid
@@ -201,7 +199,7 @@ class SubmapAtlas:
         return changed
 
     def _redraw(self, box: Box) -> None:
-        """Compose a box of the grid anew, from all submaps."""
+        """Erase a box of the grid and draw all submaps there."""
         if box[0] >= box[2] or box[1] >= box[3]:
             return
         self.grid.erase(*box)
@@ -212,11 +210,11 @@ class SubmapAtlas:
             self._draw(submap, both)
 
     def _lookup(self, submap: Submap) -> tuple[float, float, float, float]:
-        """(cos, sin, row, column): a cell (i, j) of the grid is the submap's at (row + cos·i − sin·j, column + …)."""
+        """(cos, sin, row, column): cell (i, j) is the submap's (row + cos·i + sin·j, column − sin·i + cos·j)."""
         geometry = self.grid.geometry
         T_local_arena = submap.T_arena_local.inverse()
         cos, sin = math.cos(T_local_arena.yaw_rad), math.sin(T_local_arena.yaw_rad)
-        # The middle of cell (0, 0) of the grid, in cells of the lattice of the submap.
+        # Centre of the grid's cell (0, 0), in cells of the frame `local`.
         x_m = geometry.origin_x_m + 0.5 * geometry.resolution_m
         y_m = geometry.origin_y_m + 0.5 * geometry.resolution_m
         at_x = (T_local_arena.x_m + cos * x_m - sin * y_m - geometry.origin_x_m) / geometry.resolution_m
@@ -249,7 +247,7 @@ def _draw(
     tile_stamps_ms: NDArray[np.int32],
     lookup: tuple[float, float, float, float],
 ) -> tuple[int, int]:
-    """Changed classes and newly known cells."""
+    """Numbers of changed classes and of newly known cells."""
     cos, sin, first_row, first_column = lookup
     height, width = evidence.shape
     changed, discovered = 0, 0

@@ -1,8 +1,8 @@
-"""One robot's submaps in the pose graph: what it knows of where each lies, and the loop closures between them.
+"""One robot's part of the team's pose graph: the poses of its own submaps, and the loop closures that concern them.
 
-Each robot places its own submaps; those of others it takes to be where the others say. As every robot does so in turn,
-the team's poses converge to those of the whole graph (distributed Gauss–Seidel: Choudhary et al., *Distributed mapping
-with privacy and communication constraints*, IJRR 2017). Nobody has to solve for all, and nobody has to be there.
+Each robot solves for its own submaps only and takes the poses that other robots publish for theirs. As all robots do so
+in turn, the poses converge to the solution of the whole graph (distributed Gauss–Seidel: Choudhary et al., *Distributed
+mapping with privacy and communication constraints*, IJRR 2017). No robot solves the whole graph, and any may be absent.
 """
 
 import math
@@ -26,18 +26,20 @@ INFORMATION_MAX = 1e9
 
 
 class GraphSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How sure things are in the pose graph, and how much of it is kept. All are chosen."""
+    """Limits of the pose graph. They bound the time of a solution and the number of messages; none is critical."""
 
     submaps_max: int = 96
-    """Own submaps that can still be moved; older ones stay where they are."""
+    """Number of own submaps that can still be moved; older ones stay where they are."""
     closures_per_pair: int = 2
+    """Number of loop closures kept for each pair of submaps."""
     apart_m: float = 1.0
-    """Two closures of a pair of submaps are at least so far apart."""
+    """Least distance, metres, between two loop closures of the same pair."""
     closures_max: int = 512
+    """Number of loop closures kept in all."""
     moved_m: float = 0.01
-    """A submap is moved where it would move by more than this …"""
+    """A submap is moved if its correction exceeds this distance, metres …"""
     moved_rad: float = 0.002
-    """… or turn by more than this."""
+    """… or this angle, radians."""
 
 
 class OwnSubmap:
@@ -45,9 +47,9 @@ class OwnSubmap:
 
     Args:
         number: of the submap.
-        anchor: T_local_node, the robot's place in the submap's frame when it began.
-        T_arena_local: where that frame lies.
-        trajectory: submaps of one trajectory were seen without losing the place in between.
+        anchor: T_local_node, pose of the robot in the frame `local` when the submap began.
+        T_arena_local: pose of that frame.
+        trajectory: number that changes when the robot is lost and found again.
 
     """
 
@@ -64,60 +66,60 @@ class OwnSubmap:
         return self.T_arena_local.compose(self.anchor)
 
     def at(self, place: Pose2D) -> Pose2D:
-        """A place of the submap's frame, seen from the node."""
+        """A pose in the frame `local`, relative to the node."""
         return self.anchor.inverse().compose(place)
 
 
 class _Link(msgspec.Struct, eq=False):
-    """What is known between one own submap and another submap, or the arena if `other` is None."""
+    """A measured relative pose of an own submap and another submap, or the arena if `other` is None."""
 
     own: int
     at_own: Pose2D
     other: SubmapKey | None
     at_other: Pose2D
-    """In the other's frame `local`, or in the arena."""
+    """Pose in the other submap's frame `local`, or in the arena."""
     information: Floats
     """(3, 3), in the axes of `at_other`."""
     may_be_false: bool
     told: bool = False
-    """Whether the other robot found it; then the information is in the axes of `at_own`."""
+    """Whether the other robot found and told it; then the information is in the axes of `at_own`."""
 
 
 class SubmapGraph:
     """The pose graph of one robot.
 
     Args:
-        robot: whose submaps are placed.
-        spec: how sure things are.
+        robot: name of this robot.
+        spec: limits.
 
     """
 
     def __init__(self, robot: str, spec: GraphSpec) -> None:
         self.spec = spec
         self.own: dict[int, OwnSubmap] = {}
-        """Own submaps that can be moved, in the order in which they were begun."""
+        """Own submaps that can be moved, oldest first."""
         self._robot = robot
         self._steps: dict[int, _Link] = {}
-        """By own submap: how it follows the one before, or where it is known to be."""
+        """For each own submap its pose relative to the one before, or in the arena."""
         self._closures: list[_Link] = []
         """Oldest first."""
         self.has_news = False
-        """Whether something became known since the last `solve`."""
+        """Whether anything has changed since the last `solve`."""
 
     @property
     def current(self) -> OwnSubmap | None:
-        """The submap that the robot is making."""
+        """The submap that scans are added to; None if there is none."""
         return next(reversed(self.own.values()), None)
 
     def begin(self, number: int, anchor: Pose2D, T_arena_local: Pose2D, trajectory: int, covariance: Floats) -> None:
-        """The robot begins a submap.
+        """Add the next own submap.
 
         Args:
             number: greater than those before.
-            anchor: the robot's place in the frame `local`.
-            T_arena_local: of that frame.
-            trajectory: the first submap of a trajectory does not follow from the one before.
-            covariance: (3, 3) of the robot's pose: against where the submap before began, or, for the first of a
+            anchor: pose of the robot in the frame `local`.
+            T_arena_local: pose of that frame.
+            trajectory: between trajectories there is no measured relative pose.
+            covariance: (3, 3) of the robot's pose relative to the beginning of the submap before or, for the first of a
                 trajectory, in the arena.
 
         """
@@ -129,7 +131,7 @@ class SubmapGraph:
             self._steps[number] = _Link(number, turned, None, at, inverse(covariance), before is not None)
         else:
             node.covariance = before.covariance + covariance
-            # The yaw of the submap before moves this one.
+            # An error in the yaw of the submap before moves this one.
             across_m2 = 0.5 * before.covariance[2, 2] * before.anchor.distance_m(anchor) ** 2
             node.covariance[0, 0] += across_m2
             node.covariance[1, 1] += across_m2
@@ -147,9 +149,9 @@ class SubmapGraph:
             self._freeze(next(iter(self.own)))
 
     def close(self, number: int, at_own: Pose2D, other: SubmapKey, at_other: Pose2D, information: Floats) -> None:
-        """A place in the frame of an own submap is a place in the frame of another submap: a loop closure.
+        """Add a loop closure: a pose in the frame of an own submap equals a pose in the frame of another submap.
 
-        `information` (3, 3) is that of the difference, in the axes of `at_other`.
+        `information` (3, 3) is the inverse covariance of their difference, in the axes of `at_other`.
         """
         if number not in self.own:
             return
@@ -159,7 +161,10 @@ class SubmapGraph:
     def close_with_mate(
         self, number: int, at_own: Pose2D, other: SubmapKey, at_other: Pose2D, information: Floats
     ) -> None:
-        """A mate's scan lies on an own submap; `information` is in the axes of `at_own`, which are the own frame's."""
+        """Add a loop closure that a mate found by matching its scan to an own submap.
+
+        `information` (3, 3) is in the axes of `at_own`, which are those of the own submap's frame.
+        """
         node = self.own.get(number)
         if node is None or not is_information(information):
             return
@@ -168,11 +173,11 @@ class SubmapGraph:
         self._keep(link, lambda each: each.at_own.distance_m(place))
 
     def rests_on(self, robot: str) -> bool:
-        """Whether a closure holds own submaps against those of another robot."""
+        """Whether there is a loop closure with a submap of this robot."""
         return any(each.other is not None and each.other[0] == robot for each in self._closures)
 
     def withdraw(self, number: int) -> None:
-        """An own submap is wrong: nothing rests on it any more."""
+        """Remove an own submap that is wrong, with its loop closures."""
         self.own.pop(number, None)
         self._steps.pop(number, None)
         own = self._robot, number
@@ -181,11 +186,12 @@ class SubmapGraph:
     def solve(
         self, place_of: Callable[[SubmapKey], Pose2D | None], variances_of: Callable[[SubmapKey], Variances]
     ) -> dict[int, Pose2D]:
-        """Place the own submaps anew; T_arena_local of those that move.
+        """Solve for the poses of the own submaps; returns the new T_arena_local of those that move.
 
         Args:
-            place_of: T_arena_local of another robot's submap, or of an own one that cannot be moved; None if not known.
-            variances_of: of that place.
+            place_of: returns T_arena_local of another robot's submap, or of an own one that cannot be moved; None if it
+                is unknown.
+            variances_of: returns the variances of that pose.
 
         """
         self.has_news = False
@@ -235,8 +241,9 @@ class SubmapGraph:
                 return None
             held_at[other] = len(index) + len(held)
             held.append(place)
-        # A mate's place is measured only once, however many scans lie there, and mates go by this robot in their turn:
-        # all closures with mates together make the robot no surer than one mate is (covariance intersection).
+        # However many scans match a mate's submaps, these have the same error, and the mates use this robot's poses in
+        # turn. So all closures with mates together give no smaller variance than that of one mate, as in covariance
+        # intersection.
         measured, mates = inverse(link.information), np.diag(variances_of(other))
         information, sure = inverse(measured + mates), inverse(measured + self._with_mates() * mates)
         gate = self._gate(link, mates)
@@ -245,20 +252,20 @@ class SubmapGraph:
         return Edge(held_at[other], link.at_other, own, link.at_own, information, link.may_be_false, sure, gate)
 
     def _gate(self, link: _Link, other: Floats) -> Floats | None:
-        """Information of the difference that is to be expected: what both submaps may be off counts as well."""
+        """Information of the expected residual, in which the variances of both submaps count as well."""
         if not link.may_be_false:
             return None
         own = np.diag(np.diag(self.own[link.own].covariance))
         return inverse(inverse(link.information) + own + other)
 
     def _keep(self, link: _Link, away_m: Callable[[_Link], float]) -> None:
-        """Keep a closure in place of those of the same pair that are near it or, if none is, of the oldest."""
+        """Add a closure. It replaces those of the same pair that are near it or, if there is none, the oldest ones."""
         same = [each for each in self._closures if (each.own, each.other) == (link.own, link.other)]
         near = [each for each in same if away_m(each) < self.spec.apart_m]
         for each in near or same[: max(0, len(same) + 1 - self.spec.closures_per_pair)]:
             self._closures.remove(each)
         if self._closures and len(self._closures) >= self.spec.closures_max:
-            # Of the robot that has told most, so that no mate can displace the closures of all others.
+            # Drop one of the robot that has told most, so that no mate can displace the closures of all others.
             tellers = [_teller(each) for each in self._closures]
             del self._closures[tellers.index(Counter(tellers).most_common(1)[0][0])]
         self._closures.append(link)
@@ -268,14 +275,14 @@ class SubmapGraph:
         return sum(each.other is not None and each.other[0] != self._robot for each in self._closures)
 
     def _freeze(self, number: int) -> None:
-        """Let an own submap stay where it is; what follows from it follows from there."""
+        """Fix an own submap at its current pose."""
         del self.own[number]
         del self._steps[number]
         self._closures = [each for each in self._closures if each.own != number]
 
 
 def _teller(link: _Link) -> str | None:
-    """The robot that told of a closure; None for one that this robot found itself."""
+    """Robot that told of a closure; None if this robot found it."""
     return link.other[0] if link.told and link.other is not None else None
 
 

@@ -1,10 +1,10 @@
-"""Where a scan lies on the robot's own recent map, to a fraction of a cell.
+"""Match a scan against a grid with surfaces, to a fraction of a cell.
 
-Each occupied cell of an `OccupancyGrid` with surfaces keeps the mean place of the beams that ended in it. A beam's end
-is laid on the line through the means about it (point-to-line ICP: Censi, *An ICP variant using a point-to-line metric*,
-ICRA 2008; on a grid of means as in the normal distributions transform of Biber and Straßer, IROS 2003). Matching
-against the cells themselves says where a wall lies to a third of a cell at best, always with the same error from one
-spot. A thin wall seen from its other side is another wall.
+Each occupied cell of an `OccupancyGrid` with surfaces keeps the mean of the beam ends in it. The match minimises the
+distance of each beam end from the line through the means near it (point-to-line ICP: Censi, *An ICP variant using a
+point-to-line metric*, ICRA 2008; on a grid of means as in the normal distributions transform of Biber and Straßer, IROS
+2003). A match against the cells themselves is right to a third of a cell at best, and from one spot its error is always
+the same. The two sides of a thin wall are two surfaces.
 """
 
 import math
@@ -23,35 +23,38 @@ from robrain.protocol.model.scan_match_kernels import add_residual, held_directi
 Floats = NDArray[np.float64]
 ITERATIONS = 15
 WIDE_CELLS, NEAR_CELLS = 3.0, 1.5
-"""A beam counts if a wall is so near: in the first steps, and in the later ones."""
+"""Largest distance, cells, between a beam's end and its surface: in the first `WIDE_STEPS` steps, and later."""
 WIDE_STEPS = 4
 DONE_CELLS = 0.001
+"""The iteration ends after a step shorter than this, cells."""
 HUBER_CELLS = 0.3
+"""Beams that end farther from their line weigh less (Huber's loss), cells."""
 USED_MIN = 8
-"""Beams that must end near a wall."""
+"""Least number of beams that end near a surface."""
 INFORMATION_MIN = 1.5
-"""A direction that is held by fewer beams, each weighed by how squarely it meets its wall, is not believed."""
+"""Least information of a direction, in beams that meet their wall at right angles; less does not determine it."""
 SPREAD_MAX = 4
+"""Largest distance, cells, of the means that are joined to a line."""
 LINE_MIN = 3
-"""Means that make a line."""
+"""Least number of means that make a line."""
 OPPOSITE = -0.8
-"""Cosine between beams that may have met the same side of a wall."""
+"""Beams with a smaller cosine between their directions met opposite sides of a wall."""
 ROUGH = 0.15
-"""Ratio of the variances across and along, above which means are no line."""
+"""Largest ratio of the variance of means across their line to that along it."""
 FIT_CELLS = 2.0
-"""A beam agrees if it ends so near a wall."""
+"""Largest distance, cells, between a surface and the end of a beam that agrees with the map."""
 
 
 def match_surface(grid: OccupancyGrid, guess: Pose2D, points: Floats) -> tuple[ScanFit, tuple[float, float]]:
     """Refine a guess that is wrong by less than 0.3 m and 0.15 rad.
 
     Args:
-        grid: with surfaces.
+        grid: a grid with surfaces.
         guess: T_grid_sensor.
-        points: (K, 2) the beams' ends in the sensor's frame, metres.
+        points: (K, 2) ends of the beams in the sensor's frame, metres.
 
     Returns:
-        The fit, and the mean of `surface_drift` of the walls on which the beams lie: m², rad².
+        The fit, and the mean `surface_drift` of the surfaces that the beams were matched to: m², rad².
 
     """
     geometry = grid.geometry
@@ -89,7 +92,7 @@ def _line(
     reach: float,
     line: Floats,
 ) -> bool:
-    """Write a point (2,) and the normal (2,) of the wall nearest to (x, y), in cells; False if none is in reach."""
+    """Write point and unit normal of the surface nearest to (x, y) into `line` (4,), cells; False if there is none."""
     height, width = log_odds.shape
     best = reach * reach
     best_row = -1
@@ -101,7 +104,7 @@ def _line(
             square = (surface_at[i, j, 0] - x) ** 2 + (surface_at[i, j, 1] - y) ** 2
             if square >= best:
                 continue
-            # The other side of a thin wall is another wall.
+            # The other side of a thin wall is another surface.
             if surface_view[i, j, 0] * beam_x + surface_view[i, j, 1] * beam_y > OPPOSITE:
                 best, best_row, best_column = square, i, j
     if best_row < 0:
@@ -111,7 +114,7 @@ def _line(
     weight, mean_x, mean_y = 0.0, 0.0, 0.0
     xx, xy, yy = 0.0, 0.0, 0.0
     count = 0
-    # Far from the sensor neighbouring beams end some cells apart.
+    # Far from the sensor the ends of neighbouring beams are several cells apart.
     for spread in range(1, SPREAD_MAX + 1):
         weight = mean_x = mean_y = xx = xy = yy = 0.0
         count = 0
@@ -162,7 +165,7 @@ def _match(
     yaw_rad: float,
     points: Floats,
 ) -> tuple[Floats, int, float, int, float, float]:
-    """As `scan_match_kernels.refine` answers, and the mean drift of the walls."""
+    """Results as of `scan_match_kernels.refine`, and the mean drift of the surfaces."""
     count = points.shape[0]
     if count < USED_MIN:
         return np.zeros((3, 5)), 0, 0.0, 0, 0.0, 0.0
