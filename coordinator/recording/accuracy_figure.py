@@ -62,7 +62,7 @@ def _draw_errors(axes: Axes, run: RunData, robots: list[RobotRun]) -> None:
 def _draw_agreement(axes: Axes, run: RunData, robots: list[RobotRun]) -> None:
     axes.set_title("Lidar on the map")
     if not any(np.isfinite(robot.agreement).any() for robot in robots):
-        nothing(axes, "no robot told how its lidar agrees with the map")
+        nothing(axes, "no robot reported how its scans agree with the map")
         return
     unit_s = time_axis(axes, run.duration_s)
     for index, robot in enumerate(robots):

@@ -31,7 +31,7 @@ class _Kept(NamedTuple):
 
 
 class MapAt:
-    """Tells the composed map at any place of a recording.
+    """Returns the composed map at any place of a recording.
 
     Args:
         patches: reads patches.

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.model.scan_match_kernels import eigen
+from robrain.protocol.model.gauss_newton_kernels import eigen
 from robrain.protocol.model.small_linear_algebra import (
     covariance_of,
     dot,
