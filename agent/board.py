@@ -47,13 +47,13 @@ class Board:
         self.may_be_at: Callable[[Pose2D], bool] = lambda _pose: True
         """Whether motes' signals allow the robot to be at a pose of the arena frame; localisation writes it."""
         self.map: OccupancyGrid | None = None
-        """The team's map as this robot knows it, to be read only; mapper writes it."""
+        """The team's map as this robot knows it, read-only; mapper writes it."""
         self.local_map: LocalMap | None = None
-        """The robot's own recent surroundings, by which it is localised; mapper writes it."""
+        """The robot's own recent map, against which scans are matched; mapper writes it."""
         self.local_pose: LocalPose | None = None
-        """The odometry's frame in the frame of that map; localisation writes it."""
+        """Pose of the odometry frame in the frame of that map; localisation writes it."""
         self.mate_places: NDArray[np.float64] = np.empty((0, 3))
-        """(K, 3) where other robots say that they are: x, y, radius in metres, arena frame; mapper writes it."""
+        """(K, 3) published places and radii of other robots: x, y, radius in metres, arena frame; mapper writes it."""
         self.map_of_others: OccupancyGrid | None = None
         """What the others had mapped when this robot came, for some seconds after it; mapper writes it."""
         self.false_start = False

@@ -10,8 +10,8 @@ BENCHES = {
     "allocation": "who does what: gaps to exact optima, times of first plans, public routing instances",
     "responses": "from an event to the wheels: a live team of processes on loopback",
     "agents": "a thousand simulated agents at 10 Hz, and what they cost a coordinator",
-    "mapping": "how right maps and positions are: teams explore map files in lockstep",
-    "joining": "robots that do not know where they are: how soon and how rightly they join the team's map",
+    "mapping": "accuracy of maps and positions: teams explore map files in lockstep",
+    "joining": "robots that do not know where they are: time and errors of their joining the team's map",
 }
 """Name, and what it measures."""
 
@@ -104,15 +104,15 @@ def mapping(
     ] = None,
     robots: Annotated[str, typer.Option(help="Numbers of robots: 1,4 or 1-4.")] = "1,2,4,8,16",
     seeds: Annotated[str, typer.Option(help="Seeds: 1,2 or 1-8.")] = "1-3",
-    wheels: Annotated[str, typer.Option(help="exact, slipping (1 % off as well), or both.")] = "exact,slipping",
-    jobs: Annotated[int, typer.Option(help="How many runs at a time, each in a process.")] = 1,
+    wheels: Annotated[str, typer.Option(help="exact, slipping (also 1 % off), or both.")] = "exact,slipping",
+    jobs: Annotated[int, typer.Option(help="Number of runs at a time, each in a process of its own.")] = 1,
     time_limit_s: Annotated[float, typer.Option(help="Simulated seconds after which a run ends.")] = 240.0,
     map_folder: Annotated[
         Path | None, typer.Option(help="Folder of the maps that are not part of the project; default ../shared/maps.")
     ] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write runs and figures to this file.")] = None,
 ) -> None:
-    """Measure how right maps and positions are."""
+    """Measure the accuracy of maps and positions."""
     from robrain.deploy.bench_mapping import run_bench
     from robrain.deploy.bench_mapping_plan import choose
 

@@ -63,7 +63,7 @@ class Arena:
         chargers: docks on the floor.
         faults: what breaks, and when.
         surfaces: glass and mirrors among the walls; None if there are none.
-        disturbance: which frames and scans are late on their way; none if None.
+        disturbance: delays of frames and scans; None for no delays.
 
     Raises:
         ValueError: a name is there twice, or a robot's start is taken.

@@ -72,9 +72,9 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     faults: tuple[FaultSpec, ...] = ()
     """What breaks, and when."""
     surfaces: SurfaceSpec = SurfaceSpec()
-    """Which walls are glass or mirrors."""
+    """Glass and mirrors among the walls."""
     disturbance: DisturbanceSpec = DisturbanceSpec()
-    """Which frames, scans and agents are late."""
+    """Late frames and scans, paused agents."""
     seed: int = 1
     until_explored: float = 0.98
     time_limit_s: float = 900.0

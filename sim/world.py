@@ -42,9 +42,9 @@ class World:
     chargers: tuple[ChargerSpec, ...] = ()
     faults: tuple[FaultSpec, ...] = ()
     surfaces: SurfaceSpec = SurfaceSpec()  # noqa: RUF009 - immutable, so a shared default is safe
-    """Which walls are glass or mirrors."""
+    """Glass and mirrors among the walls."""
     disturbance: DisturbanceSpec = DisturbanceSpec()  # noqa: RUF009 - immutable, so a shared default is safe
-    """What is late."""
+    """Late frames and scans, paused agents."""
     starts_known: bool = True
     """Whether robots are told where they start; if not, only the first robot is."""
 
@@ -166,7 +166,7 @@ def _check_charger(charger: ChargerSpec, plan: FloorPlan, radius_m: float) -> No
 
 
 def _stamped_at(disturbance: DisturbanceSpec) -> dict[str, object]:
-    """What the agent has to know of the stamps of late frames; nothing if there are none."""
+    """Parameter of `mocdevice` about the stamps of late frames; none if no frames are late."""
     return {"stamped_at": disturbance.can.stamped_at.value} if disturbance.can.is_on else {}
 
 

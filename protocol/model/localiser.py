@@ -68,13 +68,13 @@ class LocaliserSpec(msgspec.Struct, frozen=True, kw_only=True):
     floor_rad: float = 0.005
     """… nor the yaw."""
     doubt_m_per_m: float = 0.05
-    """Error of the odometry between two matches that the filter's states do not follow, for each metre …"""
+    """Error of the odometry between two matches beyond the filter's states: metres per metre …"""
     doubt_rad_per_m: float = 0.1
-    """… and in yaw: each wheel has its own, which shows another curve in each direction of travel."""
+    """… and radians per metre. Each wheel has its own error, so the curve differs by direction of travel."""
     step_m: float = 0.01
-    """With every 2 m of floor that is new the robot's own map goes wrong by so much more …"""
+    """Standard deviation, metres, of the error that matching leaves when new walls are mapped …"""
     step_rad: float = 0.002
-    """… and turns."""
+    """… and that of its yaw, radians."""
     search_m: float = 0.2
     search_rad: float = 0.06
     """A place or a yaw less sure than this is looked for before it is refined."""
@@ -109,9 +109,9 @@ class Localiser:
         self.arena_fix: tuple[Pose2D, NDArray[np.float64]] | None = None
         """T_arena_robot and its covariance, as found from motes while the robot is lost and maps in its own frame."""
         self.fits = True
-        """Whether the last scan lay well on the robot's own map."""
+        """Whether the last scan matched the robot's own map."""
         self._map_drift = NO_DRIFT
-        """Of the walls by which the robot goes."""
+        """Variances of the pose from which the walls that scans are matched to were first seen."""
         self._trajectory = 0
         self._of_map = NONE
         """Variances of the place in the arena of the walls that hold the robot; none while no walls do."""
@@ -133,7 +133,7 @@ class Localiser:
 
     @property
     def way_m(self) -> float:
-        """Driven since the estimate began, or began anew; turns count `TURN_M_PER_RAD`."""
+        """Metres driven since the estimate began or the robot was lost; turns count `TURN_M_PER_RAD`."""
         return self._way_m
 
     @property
@@ -170,7 +170,7 @@ class Localiser:
             self.lose(why)
 
     def shift(self, T_new_old: Pose2D) -> None:
-        """Loop closures have moved the walls that the robot goes by: its pose is `T_new_old` · pose now."""
+        """Move the estimate with the map, which loop closures have moved: the pose becomes `T_new_old` · pose."""
         self.filter.shift(T_new_old)
 
     def see(
@@ -179,10 +179,10 @@ class Localiser:
         map: LocalMap,
         T_robot_sensor: Pose2D = Pose2D(0.0, 0.0, 0.0),  # noqa: B008 - immutable, so a shared default is safe
     ) -> ScanFit:
-        """A scan was made.
+        """Match a scan to the robot's own map and correct the estimate.
 
-        `points` (K, 2) are where its beams ended, see `beam_ends`, without those that ended at something that moves.
-        `T_robot_sensor` is where the sensor was when it scanned, seen from where the robot is now.
+        `points` (K, 2) are the ends of its beams, see `beam_ends`, without those at other robots. `T_robot_sensor` is
+        the pose of the sensor at the time of the scan, relative to the robot's current pose.
         """
         if map.trajectory != self._trajectory:
             self._trajectory = map.trajectory
@@ -209,7 +209,7 @@ class Localiser:
 
     @property
     def drift(self) -> Drift:
-        """Variances of the robot's pose against where its own map began, less what a match leaves: m², rad²."""
+        """Variances of the robot's pose relative to where its own map began: position (m² per axis) and yaw (rad²)."""
         covariance, spec = self.filter.covariance, self.spec
         beyond_m2 = max(0.5 * float(covariance[0, 0] + covariance[1, 1]) - spec.floor_m**2, 0.0)
         beyond_rad2 = max(float(covariance[2, 2]) - spec.floor_rad**2, 0.0)
@@ -217,20 +217,20 @@ class Localiser:
         return m2 + beyond_m2 + spec.step_m**2, rad2 + beyond_rad2 + spec.step_rad**2
 
     def _go_by(self, walls: Drift) -> None:
-        """The scan lies on walls that were drawn when the robot's pose was this unsure.
+        """Note that the scan was matched to walls that were mapped when the robot's pose had these variances.
 
-        A scan that lies well on the map makes the robot sure of its place *on the map*. Where the map was drawn by a
-        robot that was not sure of its place, it is wrong by as much, and no scan can tell. The exact way is to keep the
-        poses that the map was made from as states, as SLAM does; the pose graph does so for whole submaps.
+        A match tells the robot's pose relative to the walls. If the pose was uncertain when they were mapped, the walls
+        have the same error, and no match can reveal it. The exact solution keeps the poses from which the map was made
+        as states, as SLAM does; the pose graph does so for whole submaps.
         """
         m2, rad2 = (max(now - then, 0.0) for now, then in zip(self._map_drift, walls, strict=True))
         self.filter.add((m2, m2, rad2))
         self._map_drift = walls
 
     def _reckon_map(self, map: LocalMap) -> None:
-        """Reckon how unsure the place of the walls is, by which the robot goes."""
+        """Compute the variances of the matched walls' position in the arena."""
         local = map.T_arena_local.inverse().compose(self.pose)
-        # The yaw at the anchor moves the robot, which is some metres on.
+        # An error of yaw at the anchor moves the robot, which is some metres away from it.
         across_m2 = 0.5 * map.variances[2] * map.anchor.distance_m(local) ** 2
         m2, rad2 = (max(now - then, 0.0) for now, then in zip(self._map_drift, map.drift, strict=True))
         x, y, yaw = map.variances
@@ -359,7 +359,7 @@ class Localiser:
 
 
 def _turned(rows: NDArray[np.float64], yaw_rad: float) -> NDArray[np.float64]:
-    """Directions of (x, y, yaw) in a frame turned by `yaw_rad`, in the frame that it is turned against."""
+    """Directions (n, 3) of x, y, yaw, rotated by `yaw_rad`."""
     cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
     turned = rows.copy()
     turned[:, 0] = cos * rows[:, 0] - sin * rows[:, 1]

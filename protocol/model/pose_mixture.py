@@ -131,7 +131,7 @@ class PoseMixture:
             part.at_least(variances)
 
     def at_most(self, variances: tuple[float, float, float]) -> None:
-        """Let x, y (m²) and yaw (rad²) be no less sure than this. It is one filter again."""
+        """Reduce the variances of x, y (m²) and yaw (rad²) to at most these; merges all filters into one."""
         self._merge_all()
         self._parts[0].at_most(variances)
 
@@ -146,7 +146,7 @@ class PoseMixture:
         self._parts[0].doubt(sigma_m, sigma_rad)
 
     def shift(self, T_new_old: Pose2D) -> None:
-        """The arena frame's walls have moved, and the robot with them: its pose is `T_new_old` · pose now."""
+        """Move the estimate: the pose becomes `T_new_old` · pose."""
         for part in self._parts:
             part.shift(T_new_old)
 

@@ -440,7 +440,7 @@ class ArenaClock(Message, frozen=True, kw_only=True):
 
 
 class RobotTruth(msgspec.Struct, frozen=True, kw_only=True):
-    """True pose of a simulated robot, and how right its own poses have been so far (`accuracy`)."""
+    """True pose of a simulated robot, and the accuracy of its own poses so far."""
 
     robot: Name
     pose: Pose2D
@@ -458,7 +458,7 @@ class MoteTruth(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ArenaTruth(Message, frozen=True, kw_only=True):
-    """The true state of the simulated world, and how right the team's map is, for referees and viewers only."""
+    """The true state of the simulated world and the accuracy of the team's map, for referees and viewers only."""
 
     sim_time_s: Seconds
     robots: list[RobotTruth]

@@ -123,7 +123,7 @@ def test_a_robot_whose_start_is_not_known_is_lost_until_the_walls_on_its_teams_m
     one = stage(plan, r1=START, r2=Pose2D(6.8, 4.2, -1.0))
     first = one.host("mapper", "localisation")
     drive(one, first, (4.6, 1.0), (4.6, 3.9), (4.6, 1.0))
-    late = one.host("mapper", "localisation", robot="r2", localisation={"start_known": False, "x_m": 0.0, "y_m": 0.0})
+    late = one.host("mapper", "localisation", robot="r2", localisation={"start_known": False, "x_m": 5.0, "y_m": 2.5})
     assert "where it starts" in late.board.lost
     one.run(1.0)
     assert ghosts(first, plan, body=one.truth("r2").pose) == []

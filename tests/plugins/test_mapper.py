@@ -228,6 +228,10 @@ def test_a_map_on_another_grid_is_refused_with_one_word_in_the_log(stage, caplog
     refused = [record.getMessage() for record in caplog.records if "cannot be merged" in record.getMessage()]
     assert len(refused) == 1
     assert "r2 maps" in refused[0]
+    mapper = host.manager.get("mapper").plugin
+    assert [(each.topic, each.code, each.count) for each in mapper.env.wire.refusals.counts()] == [
+        ("robot_map", "not_plausible", 3)
+    ]
     assert one.infos()["mapper"].state == "active"
 
 

@@ -38,9 +38,9 @@ logger = logging.getLogger(__name__)
 STILL = Twist2D()
 
 AGREE_PERIOD_S = 1.0
-"""A scan is held against the team's map this often."""
+"""Seconds between two comparisons of a scan with the team's map."""
 WAITING_MAX = 16
-"""Scans that wait until it is known where the robot was."""
+"""Number of scans that wait for the odometry of their time."""
 PAUSE_M, PAUSE_RAD = 0.1, 0.05
 """How far a robot may have been pushed while its localisation paused; chosen."""
 
@@ -71,9 +71,9 @@ class Localisation(Skill):
         scan_matching: bool = True
         """Whether to lay scans on the map; needs the plugin mapper."""
         scan_period_s: float = 1.0
-        """A robot that stands is matched this often; one that moves, with each scan after `scan_way_m`."""
+        """Seconds between two matches of a robot that stands."""
         scan_way_m: float = 0.03
-        """Way after which a scan is matched, turns counted in as in `protocol/model/localiser.py`."""
+        """Metres of path between two matches of a robot that moves; turns count as in `protocol/model/localiser.py`."""
         wall_slack_cells: float = 0.0
         """Offsets of a scan below this many cells of the map are taken for none: more for a base whose odometry is
         better than the map's cells, as an exact one is."""
@@ -218,7 +218,7 @@ class Localisation(Skill):
                 self._signals += 1
 
     def _follow_map(self) -> None:
-        """Loop closures may have moved the frame of the map that the robot goes by: the robot moves with it."""
+        """Move the estimate with the robot's own map, which loop closures may have moved."""
         local = self.env.board.local_map
         if local is None or local.trajectory != self._trajectory:
             return
@@ -236,7 +236,7 @@ class Localisation(Skill):
         self._match()
 
     def _match(self) -> None:
-        """Lay the scans for which it is known by now where the robot was."""
+        """Match the waiting scans whose time the odometry covers."""
         until_ns = self._driver.odometry_until_ns()
         while self._waiting and self._waiting[0].stamp_ns <= until_ns:
             self._take_scan(self._waiting.popleft())
@@ -265,7 +265,7 @@ class Localisation(Skill):
         self._tell()
 
     def _agree(self, points: NDArray[np.float64], team: OccupancyGrid, T_robot_sensor: Pose2D) -> None:
-        """Now and then, hold the scan against the team's map, which others and older submaps are part of."""
+        """Compare the scan with the team's map once every `AGREE_PERIOD_S`."""
         now_ns = self.env.clock.now_ns()
         if now_ns < self._agree_due_ns:
             return
@@ -276,14 +276,14 @@ class Localisation(Skill):
             self.env.board.map_agreement = recent_agreement(self.env.board.map_agreement, share)
 
     def _wall_points(self, scan: LaserScan, T_robot_sensor: Pose2D) -> NDArray[np.float64]:
-        """(K, 2) where beams ended, in the sensor's frame, without those that ended at a mate."""
+        """(K, 2) ends of the beams, sensor's frame, without those that ended at a mate."""
         sensor = self._localiser.pose.compose(T_robot_sensor)
         mates = self.env.board.mate_places
         circles = mate_circles(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, mates)
         return outside(beam_ends(scan.angles_rad, scan.ranges_m, scan.range_max_m), sensor, circles)
 
     def _T_robot_sensor(self, scan: LaserScan) -> Pose2D:
-        """Where the robot was when it scanned, seen from where it is."""
+        """Pose of the sensor at the time of the scan, relative to the robot's current pose."""
         return self._odometry.inverse().compose(self._driver.pose_at(scan.stamp_ns))
 
     def _check_start(self, scan: LaserScan) -> None:

@@ -32,8 +32,6 @@ ANSWERS_MAX = 12
 """… of the last ones in a frame …"""
 BODY_M = 0.4
 """Radius of what others may have drawn of this robot."""
-EARLIER_TURNS = 3
-"""Every so many searches are made from an earlier place."""
 APART_M = 1.0
 """… and two of the places searched from must be so far from each other …"""
 PLAIN_MIN = 150
@@ -102,8 +100,7 @@ class Frames:
         frame = MapFrame(min(numbers), self._robot)
         self._graph.part(self._own.trajectory, frame)
         self._enter(frame, why)
-        for number in numbers:
-            self._place((self._robot, number), self._graph.own[number].T_arena_local)
+        self._place({(self._robot, number): self._graph.own[number].T_arena_local for number in numbers})
 
     def take_fix(self, fix: ArenaFix) -> None:
         """Motes have told where the robot is in the arena."""
@@ -134,18 +131,26 @@ class Frames:
         if not better:
             return
         self._turn += 1
-        frame = better[self._turn % len(better)]
-        place = self._place_of_turn(self._turn // len(better), here)
-        bodies = np.concatenate((self._own_bodies(here), self._mates_in(self.frame)))
-        matcher = MapMatcher(self._atlas.grid, self._atlas.composed(frame), bodies, self._mates_in(frame))
-        found = matcher.find(place)
-        if found is None or not may_be_at(frame, found.T_other_own.compose(here)):
+        frame, turn = better[self._turn % len(better)], self._turn // len(better)
+        own, other = self._atlas.grid, self._atlas.composed(frame)
+        bodies, mates = np.concatenate((self._own_bodies(here), self._mates_in(self.frame))), self._mates_in(frame)
+        if turn % 2 or not len(mates):
+            place = here
+            found = MapMatcher(own, other, bodies, mates).find(here)
+            T_new_old = None if found is None else found.T_other_own
+        else:  # a mate may have come to where this robot has been
+            x_m, y_m, _ = mates[turn // 2 % len(mates)].tolist()
+            at_mate = Pose2D(x_m, y_m, 0.0)
+            found = MapMatcher(other, own, mates, bodies).find(at_mate)
+            T_new_old = None if found is None else found.T_other_own.inverse()
+            place = here if found is None else found.T_other_own.compose(at_mate)
+        if found is None or T_new_old is None or not may_be_at(frame, T_new_old.compose(here)):
             return
-        self._answers.append((frame, _Answer(found.T_other_own, place)))
+        self._answers.append((frame, _Answer(T_new_old, place)))
         is_plain = found.overlap.agreeing >= PLAIN_MIN and not found.overlap.contradicting
-        if self._is_sure(frame, found.T_other_own, here, 0.0 if is_plain else APART_M):
-            at = found.T_other_own.compose(place)
-            self._join(frame, found.T_other_own, at, _covariance(JOIN_SIGMA_M, JOIN_SIGMA_RAD))
+        if self._is_sure(frame, T_new_old, here, 0.0 if is_plain else APART_M):
+            covariance = _covariance(JOIN_SIGMA_M, JOIN_SIGMA_RAD)
+            self._join(frame, T_new_old, T_new_old.compose(place), covariance)
 
     def _is_sure(self, frame: MapFrame, T_new_old: Pose2D, here: Pose2D, least_apart_m: float) -> bool:
         """Whether enough answers, from places so far apart, agree with this one."""
@@ -164,11 +169,6 @@ class Frames:
         stood = [here, *(node.pose for node in self._graph.own.values() if node.frame == self.frame)]
         return np.array([(at.x_m, at.y_m, BODY_M) for at in stood])
 
-    def _place_of_turn(self, turn: int, here: Pose2D) -> Pose2D:
-        """Where the robot is, and every third turn where an earlier submap began: mates may have come there since."""
-        begun = [node.pose for node in self._graph.own.values() if node.frame == self.frame]
-        return begun[turn // EARLIER_TURNS % len(begun)] if begun and turn % EARLIER_TURNS == 0 else here
-
     def _here(self) -> Pose2D:
         current = self._graph.current
         return Pose2D(0.0, 0.0, 0.0) if current is None else current.pose
@@ -179,8 +179,7 @@ class Frames:
         moved = [key for key, each in self._atlas.submaps.items() if key[0] == self._robot and each.frame == before]
         self._own.T_arena_local = T_new_old.compose(self._own.T_arena_local)
         self._enter(frame, "" if frame == ARENA else why)
-        for key in moved:
-            self._place(key, T_new_old.compose(self._atlas.submaps[key].T_arena_local))
+        self._place({key: T_new_old.compose(self._atlas.submaps[key].T_arena_local) for key in moved})
 
     def _enter(self, frame: MapFrame, why: str) -> None:
         if frame != self.frame:
@@ -189,10 +188,11 @@ class Frames:
         self._atlas.change_frame(frame)
         self._answers.clear()
 
-    def _place(self, key: SubmapKey, T_arena_local: Pose2D) -> None:
-        self._atlas.move(key, T_arena_local, self.frame)
+    def _place(self, places: dict[SubmapKey, Pose2D]) -> None:
+        self._atlas.move_all(places, self.frame)
         geometry = self._atlas.grid.geometry
-        self.told.append(pose_message(self._robot, geometry, key[1], T_arena_local, self.frame))
+        for key, place in places.items():
+            self.told.append(pose_message(self._robot, geometry, key[1], place, self.frame))
 
 
 def _covariance(sigma_m: float, sigma_rad: float) -> NDArray[np.float64]:

@@ -46,19 +46,21 @@ from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CLOSURES, ROBOT_MAP,
 logger = logging.getLogger(__name__)
 
 START_S = 5.0
-"""What the others send in this time after the start may still show that the robot is not where it was told it is."""
+"""Seconds after the start in which maps of other robots may show that the start pose is wrong."""
 WHOLE_MS = 400
-"""So long after the start the others' answers with their whole maps may be made; less than `TELL_AFTER_S`."""
+"""Milliseconds after the start within which other robots answer with their whole maps; less than `TELL_AFTER_S`."""
 TELL_AFTER_S = 0.5
-"""Until then nobody is told of what was mapped; chosen."""
+"""Seconds after the start before the first patch is sent, so that a wrong start pose can be found first."""
 CLOSURE_PERIOD_S = 1.0
-"""A scan is laid on another submap this often."""
+"""Seconds between two attempts to find a loop closure."""
 CLOSURES_A_STEP = 256
+"""Largest number of closures in a message."""
 SOLVE_PERIOD_S = 2.0
-SEARCH_PERIOD_S = 1.0
-"""A robot that does not know its place looks for its map on the team's this often."""
+"""Seconds between two solutions of the pose graph."""
+SEARCH_PERIOD_S = 0.5
+"""Seconds between two searches of a robot that does not know its place on the map of the team."""
 WAITING_MAX = 16
-"""Scans that wait until it is known where the robot was."""
+"""Number of scans that wait for the odometry and the match of their time."""
 NOBODY = np.empty((0, 3))
 
 
@@ -74,7 +76,7 @@ class Mapper(Skill):
         width_m: float = 40.0
         height_m: float = 40.0
         sigma_max_m: float = 2.0
-        """Scans are left out while the robot's place is less sure than this; chosen."""
+        """Standard deviation of the position, metres, above which scans are not mapped."""
 
         def __post_init__(self) -> None:
             for name in ("resolution_m", "width_m", "height_m", "sigma_max_m"):
@@ -84,7 +86,7 @@ class Mapper(Skill):
         submap: SubmapSpec = SubmapSpec()
         graph: GraphSpec = GraphSpec()
         closure_slack_m: float = 0.0
-        """Loop closures that are off by less are taken for none: half a cell for a base whose odometry is exact."""
+        """Metres: smaller offsets of loop closures count as zero. Half a cell suits a base with exact odometry."""
 
         def geometry(self) -> GridGeometry:
             """The grid that covers this area."""
@@ -196,7 +198,7 @@ class Mapper(Skill):
         self._integrate()
 
     def _integrate(self) -> None:
-        """Take in the scans for which it is known by now where the robot was."""
+        """Map the waiting scans whose pose is known by now."""
         until_ns = self._driver.odometry_until_ns()
         while self._waiting and (local_pose := self.env.board.local_pose) is not None:
             if self._waiting[0].stamp_ns > min(until_ns, local_pose.until_ns):
@@ -240,7 +242,7 @@ class Mapper(Skill):
         self._seen = _Seen(scan, local)
 
     def _take_own_patch(self) -> None:
-        """Draw what the robot has seen, and have it told."""
+        """Draw what the robot has seen, and queue the patch."""
         self._own.contradict(self._atlas.grid)
         own = self._own.take_patch()
         if own is None:
@@ -254,7 +256,7 @@ class Mapper(Skill):
         self._untold.append(to_message(self.env.robot, geometry, own.cells, own.submap, T_arena_local, frame))
 
     def _finish_submap(self) -> None:
-        """What is left to tell of the current submap, and where in their cells its walls are."""
+        """Queue the last patch of the current submap, and its surfaces."""
         self._take_own_patch()
         number = self._own.number
         if number is None:
@@ -280,14 +282,18 @@ class Mapper(Skill):
         if not self._graph.has_news or now_ns < self._solve_due_ns:
             return
         self._solve_due_ns = now_ns + to_ns(SOLVE_PERIOD_S)
-        moved = self._graph.solve(self._desk.place_of, self._desk.variances_of)
+        moved = self._graph.solve(self._atlas.place_of, self._desk.variances_of)
         if not moved:
             return
         robot, geometry = self.env.robot, self._atlas.grid.geometry
         told = []
+        for frame in sorted({self._graph.own[number].frame for number in moved}):
+            placed = {
+                (robot, number): place for number, place in moved.items() if self._graph.own[number].frame == frame
+            }
+            self._atlas.move_all(placed, frame)
         for number, T_arena_local in moved.items():
             node = self._graph.own[number]
-            self._atlas.move((robot, number), T_arena_local, node.frame)
             variances = max(node.covariance[0, 0], node.covariance[1, 1]), node.covariance[2, 2]
             told.append(pose_message(robot, geometry, number, T_arena_local, node.frame, variances=variances))
         self._untold.append(joined_message(robot, geometry, told))
@@ -349,14 +355,14 @@ class Mapper(Skill):
         return self.env.clock.now_ns() - (self._began_ns or 0) < to_ns(for_s)
 
     def _begin_anew(self) -> None:
-        """Throw away what was mapped from where the robot never was."""
+        """Withdraw what was mapped from a wrong start pose."""
         if self._has_begun_anew:
             return
         self._has_begun_anew = True
         self._withdraw(list(self._graph.own))
 
     def _withdraw(self, numbers: list[int]) -> None:
-        """Own submaps are wrong: leave them out of the map, and tell so."""
+        """Remove own submaps that are wrong, and queue the message about it."""
         robot, geometry = self.env.robot, self._atlas.grid.geometry
         told = []
         for number in numbers:
@@ -375,11 +381,11 @@ class Mapper(Skill):
         self._why_paused = why
 
     def _mates(self) -> NDArray[np.float64]:
-        """(K, 3) where mates say that they are, and their radii, in the robot's map frame."""
+        """(K, 3) published places of mates and their radii, metres, in the robot's map frame."""
         return self._mates_in(self._own.frame)
 
     def _mates_in(self, frame: MapFrame) -> NDArray[np.float64]:
-        """(K, 3) where mates say that they are in a map frame, and their radii."""
+        """(K, 3) published places of mates in a map frame and their radii, metres."""
         mates = self._teammates.in_frame(frame)
         if not mates:
             return NOBODY
@@ -390,7 +396,7 @@ class Mapper(Skill):
             name = change.names["robot"]
             self._met.add(name)
             if not change.present:
-                # A process that takes its name begins anew, and knows nothing of these.
+                # If the robot restarts, it does not know these submaps, so this robot keeps telling them.
                 self._orphans.update(key for key in self._atlas.submaps if key[0] == name)
             if change.present and name != self.env.robot:
                 # Catch up with a robot that was there before; one that has just started has nothing to tell.
@@ -405,12 +411,13 @@ class Mapper(Skill):
             # nothing is lost: the mapper asks for its whole map when its token appears
             why = f"{message.robot} is not there"
             self.env.wire.refusals.note(received.topic.name, received.key, RefusalCode.UNKNOWN_SENDER, why)
-        elif isinstance(message, Closures):
-            self._desk.hear(message)
-        else:
-            self._merge(message)
+            return
+        why = self._desk.hear(message) if isinstance(message, Closures) else self._merge(message)
+        if why:
+            self.env.wire.refusals.note(received.topic.name, received.key, RefusalCode.NOT_PLAUSIBLE, why)
 
-    def _merge(self, patch: MapPatch) -> None:
+    def _merge(self, patch: MapPatch) -> str:
+        """Take a patch into the map; returns why it was refused, empty if it was not."""
         try:
             check_claim(patch, self.env.clock.now_ns())
             self._frames.follow(patch)
@@ -423,12 +430,13 @@ class Mapper(Skill):
             if patch.robot not in self._refused:
                 self._refused.add(patch.robot)
                 logger.warning("%s: the map of %s cannot be merged: %s", self.env.robot, patch.robot, error)
-            return
+            return str(error)
         self._desk.hear_places(patch)
         self._tell_move()
+        return ""
 
     def _whole(self) -> MapPatch | None:
-        """The robot's own submaps, and those of robots that are not there to tell them."""
+        """The robot's own submaps, and those of robots that are absent or were restarted."""
         robot = self.env.robot
         others = self._met - {robot}
         keys = [key for key in sorted(self._atlas.submaps) if key[0] not in others or key in self._orphans]
@@ -444,7 +452,7 @@ class _Seen(NamedTuple):
 
 
 def _was_before(part: MapPatch, began_ms: int) -> bool:
-    """Whether a submap was begun before then, and tells what was seen until about then."""
+    """Whether a submap was begun before this time, and its cells were seen at most `WHOLE_MS` after it."""
     return part.submap < began_ms and part.observed_ms <= began_ms + WHOLE_MS
 
 

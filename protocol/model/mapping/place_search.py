@@ -99,7 +99,8 @@ def _score(
             total += float(levels[level, row, column])
         if total + BEST * (count - 1 - n) < needed:
             return 0.0
-    return total / count
+    mean: float = total / count
+    return mean
 
 
 @njit(cache=True, nogil=True)

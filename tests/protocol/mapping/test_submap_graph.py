@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import NONE
 from robrain.protocol.model.mapping.submap import IDENTITY
-from robrain.protocol.model.mapping.submap_graph import GraphSpec, SubmapGraph, symmetric
+from robrain.protocol.model.mapping.submap_graph import GraphSpec, SubmapGraph
+from robrain.protocol.model.small_linear_algebra import symmetric
 
 MATE = ("r2", 7)
 PRIOR = np.diag((0.01, 0.01, 0.0004))
@@ -179,6 +180,17 @@ def test_memory_for_closures_is_bounded(close):
     assert asked == [("r2", number) for number in range(15, 20)]
 
 
+def test_a_mate_that_tells_of_many_closures_displaces_its_own_ones_only():
+    graph = walked(*(Pose2D(float(n), 0.0, 0.0) for n in range(20)), spec=GraphSpec(closures_max=5))
+    graph.close(10, IDENTITY, MATE, IDENTITY, SURE)
+    graph.close_with_mate(11, IDENTITY, ("r3", 1), IDENTITY, SURE)
+    for number in range(20):
+        graph.close_with_mate(10 + number, IDENTITY, ("r4", number), IDENTITY, SURE)
+    asked = []
+    graph.solve(lambda key, _frame: asked.append(key) or IDENTITY, no_doubt)
+    assert asked == [MATE, ("r3", 1), ("r4", 17), ("r4", 18), ("r4", 19)]
+
+
 def test_closures_of_submaps_that_are_not_its_own_any_more_are_left_out():
     graph = walked(*ROW)
     graph.close(99, IDENTITY, MATE, IDENTITY, SURE)
@@ -248,7 +260,3 @@ def test_a_mates_closure_of_negative_information_does_not_keep_the_robot_from_pl
     hostile = symmetric((-1e12, 0.0, 0.0, -1e12, 0.0, -1e12))
     graph.close_with_mate(11, ROW[1], ("r3", 1), ROW[1], hostile)
     assert 12 in graph.solve(lambda _key, _frame: IDENTITY, no_doubt)
-
-
-def test_a_matrix_is_told_by_its_upper_triangle():
-    assert symmetric((1.0, 2.0, 3.0, 4.0, 5.0, 6.0)).tolist() == [[1.0, 2.0, 3.0], [2.0, 4.0, 5.0], [3.0, 5.0, 6.0]]
