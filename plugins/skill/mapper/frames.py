@@ -47,6 +47,13 @@ FOLLOW_SIGMA_M, FOLLOW_SIGMA_RAD = 0.05, 0.01
 MayBeAt = Callable[[MapFrame, Pose2D], bool]
 
 
+class Move(NamedTuple):
+    """From one map frame into another."""
+
+    frame: MapFrame
+    T_new_old: Pose2D
+
+
 class _Answer(NamedTuple):
     T_new_old: Pose2D
     place: Pose2D
@@ -107,17 +114,25 @@ class Frames:
         if self.frame != ARENA and fix.trajectory == self._own.trajectory:
             self._join(ARENA, fix.T_arena_frame, fix.at, fix.covariance)
 
-    def follow(self, patch: MapPatch) -> None:
-        """A mate that mapped in the robot's frame has moved into a better one: so does this robot."""
+    def move_of(self, patch: MapPatch) -> Move | None:
+        """How a mate that mapped in the robot's frame moves into a better one with this patch; None if it does not.
+
+        To be asked before the patch is taken into the atlas.
+        """
         for part in (patch, *patch.parts):
             known = self._atlas.submaps.get((part.robot, part.submap))
             if part.robot != patch.robot or part.withdrawn or known is None:
                 continue
             if known.frame == self.frame and part.frame < self.frame:
-                T_new_old = part.T_arena_local.compose(known.T_arena_local.inverse())
-                at = T_new_old.compose(self._here())
-                self._join(part.frame, T_new_old, at, _covariance(FOLLOW_SIGMA_M, FOLLOW_SIGMA_RAD))
-                return
+                return Move(part.frame, part.T_arena_local.compose(known.T_arena_local.inverse()))
+        return None
+
+    def follow(self, move: Move) -> None:
+        """Move as a mate has."""
+        current = self._graph.current
+        here = Pose2D(0.0, 0.0, 0.0) if current is None else current.pose
+        covariance = _covariance(FOLLOW_SIGMA_M, FOLLOW_SIGMA_RAD)
+        self._join(move.frame, move.T_new_old, move.T_new_old.compose(here), covariance)
 
     def search(self, here: Pose2D, may_be_at: MayBeAt) -> None:
         """Look for the robot's map on that of a better frame, and move there if it is surely found.
@@ -168,10 +183,6 @@ class Frames:
         """Where others may have seen this robot while they did not know what it was."""
         stood = [here, *(node.pose for node in self._graph.own.values() if node.frame == self.frame)]
         return np.array([(at.x_m, at.y_m, BODY_M) for at in stood])
-
-    def _here(self) -> Pose2D:
-        current = self._graph.current
-        return Pose2D(0.0, 0.0, 0.0) if current is None else current.pose
 
     def _join(self, frame: MapFrame, T_new_old: Pose2D, at: Pose2D, covariance: NDArray[np.float64]) -> None:
         before, why = self.frame, self._own.why

@@ -15,6 +15,8 @@ from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.plugins.skill.mapper.closures import ClosureDesk
 from robrain.plugins.skill.mapper.frames import Frames
 from robrain.plugins.skill.mapper.interface import MapperCounters, MapperInterface, MapView
+from robrain.plugins.skill.mapper.map_hearing import MapHearing
+from robrain.plugins.skill.mapper.map_telling import MapTelling
 from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
 from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates.interface import TeammatesInterface
@@ -23,32 +25,21 @@ from robrain.protocol.model.mapping.local_map import LocalPose
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.mapping.mates_in_scan import mate_circles, outside, sees_through
 from robrain.protocol.model.mapping.submap import IDENTITY
-from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
+from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
 from robrain.protocol.model.mapping.submap_graph import GraphSpec, SubmapGraph
 from robrain.protocol.model.occupancy_grid import GridGeometry
 from robrain.protocol.model.scan_match import beam_ends
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.inbox import Inbox, Received
-from robrain.protocol.wire.map_messages import Closures, MapPatch
+from robrain.protocol.wire.map_messages import Closures
 from robrain.protocol.wire.map_patch import (
-    check_claim,
-    joined_message,
     map_stamp_ms,
-    pose_message,
-    take_message,
-    to_message,
-    whole_map,
 )
-from robrain.protocol.wire.record_guard import RecordGuard
-from robrain.protocol.wire.refusals import RefusalCode
-from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE
+from robrain.protocol.wire.topics import ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 logger = logging.getLogger(__name__)
 
 START_S = 5.0
 """Seconds after the start in which maps of other robots may show that the start pose is wrong."""
-WHOLE_MS = 400
-"""Milliseconds after the start within which other robots answer with their whole maps; less than `TELL_AFTER_S`."""
 TELL_AFTER_S = 0.5
 """Seconds after the start before the first patch is sent, so that a wrong start pose can be found first."""
 CLOSURE_PERIOD_S = 1.0
@@ -114,16 +105,11 @@ class Mapper(Skill):
         self._desk = ClosureDesk(self.env.robot, self._graph, self._atlas, self.parameters.closure_slack_m)
         self._frames = Frames(self.env.robot, self._atlas, self._graph, self._own, self._mates_in)
         self._view: MapView | None = None
-        self._inbox = Inbox(capacity=4096)
-        self._refused: set[str] = set()
-        self._met: set[str] = set()
-        """Robots whose liveliness token has been seen."""
-        self._orphans: set[SubmapKey] = set()
-        """Submaps of robots that have gone since."""
+        self._telling = MapTelling(self.env.robot, geometry)
+        self._hearing = MapHearing(self.env.robot, self._atlas, self._desk, self._frames)
         self._began_ns: int | None = None
         self._has_begun_anew = False
         self._waiting: deque[LaserScan] = deque(maxlen=WAITING_MAX)
-        self._untold: list[MapPatch] = []
         self._closure_due_ns = self._solve_due_ns = self._search_due_ns = 0
         self._seen: _Seen | None = None
 
@@ -134,35 +120,33 @@ class Mapper(Skill):
             self._own.T_arena_local = self.env.board.local_map.T_arena_local
         if self._began_ns is None:
             self._began_ns = self.env.clock.now_ns()
-            self._others: SubmapAtlas | None = SubmapAtlas(self._atlas.grid.geometry)
-            self.env.board.map_of_others = self._others.grid
+            self._hearing.begin(self._began_ns)
         self._driver = self.env.use("driver", DriverInterface)
         self._teammates = self.env.use("teammates", TeammatesInterface)
         self.env.observe(self.env.use("scan", ScanInterface).scanned, self._see)
-        self._guard = RecordGuard(wire.refusals)
         self._patches = wire.publisher(ROBOT_MAP, robot=robot)
         self._closures = wire.publisher(ROBOT_CLOSURES, robot=robot)
-        self._presence = wire.watch(ROBOT_ALIVE)
-        wire.subscribe(self._inbox, ROBOT_MAP)
-        wire.subscribe(self._inbox, ROBOT_CLOSURES)
-        self.env.answer(ROBOT_MAP_WHOLE, lambda _request: self._whole(), robot=robot)
+        self._hearing.connect(wire)
+        self.env.answer(ROBOT_MAP_WHOLE, lambda _request: self._hearing.whole(), robot=robot)
+        self._tell_others()
 
     def step(self) -> None:
-        self._hear()
+        self._hearing.step()
+        self._tell_move()
         self.env.board.mate_places = self._mates()
         self._integrate()
         if self.env.board.false_start:
             self._begin_anew()
         if not self._is_starting(START_S):
-            self._others = self.env.board.map_of_others = None
+            self._hearing.others = None
+        self._tell_others()
         self._take_own_patch()
         self._find_frame()
         self._solve()
         if self._is_starting(TELL_AFTER_S):
             return
-        for patch in self._untold:
+        for patch in self._telling.take():
             self._patches.put(patch)
-        self._untold.clear()
         if self._desk.found:
             self._closures.put(Closures(robot=self.env.robot, closures=self._desk.found[:CLOSURES_A_STEP]))
             self._desk.found.clear()
@@ -187,7 +171,7 @@ class Mapper(Skill):
             scans=self._taken,
             scans_left_out=self._left_out,
             why_left_out=self._why_paused,
-            patches_dropped=self._inbox.dropped,
+            patches_dropped=self._hearing.dropped,
             submaps=len(self._atlas.submaps),
             closures=self._desk.closed,
             contradictions=self._desk.contradicted,
@@ -251,9 +235,7 @@ class Mapper(Skill):
         if key not in self._atlas.submaps:
             self._atlas.move(key, self._own.T_arena_local, self._own.frame)
         self._atlas.take(key, own.cells.row, own.cells.column, own.cells.cells, own.cells.stamp_ms)
-        geometry = self._atlas.grid.geometry
-        T_arena_local, frame = self._own.T_arena_local, self._own.frame
-        self._untold.append(to_message(self.env.robot, geometry, own.cells, own.submap, T_arena_local, frame))
+        self._telling.patch(own, self._own)
 
     def _finish_submap(self) -> None:
         """Queue the last patch of the current submap, and its surfaces."""
@@ -263,10 +245,7 @@ class Mapper(Skill):
             return
         surfaces = self._own.surfaces()
         self._atlas.take_surfaces((self.env.robot, number), surfaces)
-        geometry = self._atlas.grid.geometry
-        T_arena_local, frame = self._own.T_arena_local, self._own.frame
-        message = pose_message(self.env.robot, geometry, number, T_arena_local, frame, surfaces=surfaces)
-        self._untold.append(message)
+        self._telling.finished(number, self._own, surfaces)
 
     def _look_for_closure(self, scan: LaserScan, local: Pose2D, circles: NDArray[np.float64]) -> None:
         now_ns, number = self.env.clock.now_ns(), self._own.number
@@ -285,18 +264,11 @@ class Mapper(Skill):
         moved = self._graph.solve(self._atlas.place_of, self._desk.variances_of)
         if not moved:
             return
-        robot, geometry = self.env.robot, self._atlas.grid.geometry
-        told = []
-        for frame in sorted({self._graph.own[number].frame for number in moved}):
-            placed = {
-                (robot, number): place for number, place in moved.items() if self._graph.own[number].frame == frame
-            }
+        nodes = [self._graph.own[number] for number in moved]
+        for frame in sorted({node.frame for node in nodes}):
+            placed = {(self.env.robot, node.number): node.T_arena_local for node in nodes if node.frame == frame}
             self._atlas.move_all(placed, frame)
-        for number, T_arena_local in moved.items():
-            node = self._graph.own[number]
-            variances = max(node.covariance[0, 0], node.covariance[1, 1]), node.covariance[2, 2]
-            told.append(pose_message(robot, geometry, number, T_arena_local, node.frame, variances=variances))
-        self._untold.append(joined_message(robot, geometry, told))
+        self._telling.placed(nodes)
         current = self._graph.current
         if current is not None and current.number == self._own.number:
             self._own.T_arena_local = current.T_arena_local
@@ -324,8 +296,8 @@ class Mapper(Skill):
         """Submaps have changed their frame: tell the team, and localisation."""
         if not self._frames.told:
             return
-        self._untold.append(joined_message(self.env.robot, self._atlas.grid.geometry, self._frames.told))
-        self._frames.told.clear()
+        self._telling.moved(self._frames.told)
+        self._frames.told = []
         self._tell_board()
         self.env.board.mate_places = self._mates()
 
@@ -351,6 +323,11 @@ class Mapper(Skill):
             return f"the robot's place is not sure enough, above {limit_m:g} m"
         return ""
 
+    def _tell_others(self) -> None:
+        """What the others had mapped before is the measure of where the robot starts."""
+        others = self._hearing.others
+        self.env.board.map_of_others = None if others is None else others.grid
+
     def _is_starting(self, for_s: float) -> bool:
         return self.env.clock.now_ns() - (self._began_ns or 0) < to_ns(for_s)
 
@@ -363,15 +340,10 @@ class Mapper(Skill):
 
     def _withdraw(self, numbers: list[int]) -> None:
         """Remove own submaps that are wrong, and queue the message about it."""
-        robot, geometry = self.env.robot, self._atlas.grid.geometry
-        told = []
         for number in numbers:
             self._graph.withdraw(number)
-            self._atlas.withdraw((robot, number))
-            told.append(pose_message(robot, geometry, number, IDENTITY, withdrawn=True))
-        self._untold = [each for each in self._untold if each.submap not in numbers or each.parts]
-        if told:
-            self._untold.append(joined_message(robot, geometry, told))
+            self._atlas.withdraw((self.env.robot, number))
+        self._telling.withdrawn(numbers)
         self._own.begin_trajectory(self._own.trajectory)
 
     def _pause(self, why: str) -> None:
@@ -391,57 +363,6 @@ class Mapper(Skill):
             return NOBODY
         return np.array([(mate.pose.x_m, mate.pose.y_m, mate.radius_m) for mate in mates])
 
-    def _hear(self) -> None:
-        for change in self._presence.changes():
-            name = change.names["robot"]
-            self._met.add(name)
-            if not change.present:
-                # If the robot restarts, it does not know these submaps, so this robot keeps telling them.
-                self._orphans.update(key for key in self._atlas.submaps if key[0] == name)
-            if change.present and name != self.env.robot:
-                # Catch up with a robot that was there before; one that has just started has nothing to tell.
-                self.env.wire.ask_into(self._inbox, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=name)
-        self._guard.messages(self._inbox.drain(), self._take)
-
-    def _take(self, received: Received) -> None:
-        message: MapPatch | Closures = received.message
-        if message.robot == self.env.robot:
-            return
-        if message.robot not in self._met:
-            # nothing is lost: the mapper asks for its whole map when its token appears
-            why = f"{message.robot} is not there"
-            self.env.wire.refusals.note(received.topic.name, received.key, RefusalCode.UNKNOWN_SENDER, why)
-            return
-        why = self._desk.hear(message) if isinstance(message, Closures) else self._merge(message)
-        if why:
-            self.env.wire.refusals.note(received.topic.name, received.key, RefusalCode.NOT_PLAUSIBLE, why)
-
-    def _merge(self, patch: MapPatch) -> str:
-        """Take a patch into the map; returns why it was refused, empty if it was not."""
-        try:
-            check_claim(patch, self.env.clock.now_ns())
-            self._frames.follow(patch)
-            take_message(self._atlas, patch)
-            if self._others is not None:
-                began_ms = map_stamp_ms(self._began_ns or 0)
-                before = tuple(part for part in patch.parts if _was_before(part, began_ms))
-                take_message(self._others, msgspec.structs.replace(patch, parts=before, rows=0, columns=0, cells=b""))
-        except ValueError as error:
-            if patch.robot not in self._refused:
-                self._refused.add(patch.robot)
-                logger.warning("%s: the map of %s cannot be merged: %s", self.env.robot, patch.robot, error)
-            return str(error)
-        self._desk.hear_places(patch)
-        self._tell_move()
-        return ""
-
-    def _whole(self) -> MapPatch | None:
-        """The robot's own submaps, and those of robots that are absent or were restarted."""
-        robot = self.env.robot
-        others = self._met - {robot}
-        keys = [key for key in sorted(self._atlas.submaps) if key[0] not in others or key in self._orphans]
-        return whole_map(robot, self._atlas, keys)
-
 
 class _Seen(NamedTuple):
     """The last scan that was mapped."""
@@ -449,11 +370,6 @@ class _Seen(NamedTuple):
     scan: LaserScan
     local: Pose2D
     """T_local_sensor."""
-
-
-def _was_before(part: MapPatch, began_ms: int) -> bool:
-    """Whether a submap was begun before this time, and its cells were seen at most `WHOLE_MS` after it."""
-    return part.submap < began_ms and part.observed_ms <= began_ms + WHOLE_MS
 
 
 def _in_local(circles: NDArray[np.float64], T_arena_local: Pose2D) -> NDArray[np.float64]:
