@@ -135,6 +135,11 @@ class Localiser:
         """Standard deviation of the place in the arena frame, no less than along the worst direction."""
         return math.sqrt(self.filter.sigma_m**2 + max(self._of_map[:2]))
 
+    @property
+    def local_sigma_m(self) -> float:
+        """Standard deviation of the place on the robot's own map; in the arena while no walls hold it."""
+        return self.filter.sigma_m
+
     def move(self, displacement: Twist2D) -> None:
         """The odometry measured this displacement since the last call, as `odometry.chord` gives it."""
         self.filter.move(displacement)

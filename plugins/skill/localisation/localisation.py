@@ -297,7 +297,9 @@ class Localisation(Skill):
         T_local_odom = self._T_arena_odom
         if self._T_arena_local != IDENTITY:
             T_local_odom = self._T_arena_local.inverse().compose(T_local_odom)
-        board.local_pose = LocalPose(T_local_odom, self._trajectory, localiser.drift, self._until_ns, localiser.fits)
+        board.local_pose = LocalPose(
+            T_local_odom, self._trajectory, localiser.drift, self._until_ns, localiser.fits, localiser.local_sigma_m
+        )
         board.pose_covariance = tuple(localiser.covariance.ravel().tolist())
         board.lost = localiser.lost
         if localiser.lost != self._lost:

@@ -69,7 +69,7 @@ class Mapper(Skill):
         width_m: float = 40.0
         height_m: float = 40.0
         sigma_max_m: float = 2.0
-        """Scans are left out while the robot's place is less sure than this; chosen."""
+        """Scans are left out while the robot's place on its own map is less sure than this; chosen."""
 
         def __post_init__(self) -> None:
             for name in ("resolution_m", "width_m", "height_m", "sigma_max_m"):
@@ -198,7 +198,7 @@ class Mapper(Skill):
     def _take_scan(self, scan: LaserScan, local_pose: LocalPose) -> None:
         if self.env.board.false_start:
             self._begin_anew()
-        self._pause(self._why_not())
+        self._pause(self._why_not(local_pose))
         if self._why_paused:
             self._left_out += 1
             return
@@ -283,16 +283,18 @@ class Mapper(Skill):
             self._own.T_arena_local = current.T_arena_local
             self.env.board.local_map = self._own.local_map()
 
-    def _why_not(self) -> str:
-        """Why a scan must not be put into the map now; walls in the wrong place are worse than none."""
+    def _why_not(self, local_pose: LocalPose) -> str:
+        """Why a scan must not be put into the map now; walls in the wrong place are worse than none.
+
+        How unsure it is where the robot's own map lies does not count: loop closures move submaps as a whole, and only
+        a robot that maps finds any.
+        """
         board = self.env.board
         if board.lost:
             return f"the robot does not know where it is: {board.lost}"
-        covariance = board.pose_covariance
-        sigma_m = math.sqrt(max(covariance[0], covariance[4])) if covariance else 0.0
         # With some slack, so that it does not go on and off.
         limit_m = self.parameters.sigma_max_m * (0.8 if self._why_paused else 1.0)
-        if sigma_m > limit_m:
+        if local_pose.sigma_m > limit_m:
             return f"the robot's place is not sure enough, above {limit_m:g} m"
         return ""
 

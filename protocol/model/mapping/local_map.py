@@ -48,3 +48,5 @@ class LocalPose(NamedTuple):
     """Stamp of the last scan that was laid on the local map, or was left out: scans until then can be mapped."""
     fits: bool
     """Whether the last scan that was laid on the local map lies well there; if not, nothing is to be drawn."""
+    sigma_m: float
+    """Standard deviation of the robot's place on its own map; where that map lies in the arena may be less sure."""
