@@ -126,7 +126,11 @@ class Localiser:
     @property
     def covariance(self) -> NDArray[np.float64]:
         """(3, 3) of x, y, yaw in the arena frame: m², m·rad, rad². Errors of the map that the robot goes by count."""
-        return self.filter.covariance + np.diag(self._of_map)
+        covariance = self.filter.covariance + 0.0
+        covariance[0, 0] += self._of_map[0]
+        covariance[1, 1] += self._of_map[1]
+        covariance[2, 2] += self._of_map[2]
+        return covariance
 
     @property
     def way_m(self) -> float:

@@ -144,7 +144,7 @@ class Localisation(Skill):
         self._hear()
         self._match()
         self._tell()
-        self.env.board.pose = self.pose()
+        self.env.board.pose = self._T_arena_odom.compose(self._odometry)
         self.env.board.velocity = self._driver.velocity()
 
     @external
@@ -221,6 +221,8 @@ class Localisation(Skill):
 
     def _match(self) -> None:
         """Lay the scans for which it is known by now where the robot was."""
+        if not self._waiting:
+            return
         until_ns = self._driver.odometry_until_ns()
         while self._waiting and self._waiting[0].stamp_ns <= until_ns:
             self._take_scan(self._waiting.popleft())

@@ -189,6 +189,8 @@ class Mapper(Skill):
 
     def _integrate(self) -> None:
         """Take in the scans for which it is known by now where the robot was."""
+        if not self._waiting:
+            return
         until_ns = self._driver.odometry_until_ns()
         while self._waiting and (local_pose := self.env.board.local_pose) is not None:
             if self._waiting[0].stamp_ns > min(until_ns, local_pose.until_ns):
