@@ -91,8 +91,6 @@ class Submap:
 
     def latest_ms(self, row: int, column: int, height: int, width: int) -> int:
         """The latest observation in any tile that a box of cells touches; −1 if there was none."""
-        if self.is_empty:
-            return -1
         latest_ms: int = _latest(self.stamp_ms, row - self.row, column - self.column, height, width)
         return latest_ms
 
