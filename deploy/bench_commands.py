@@ -12,6 +12,7 @@ BENCHES = {
     "agents": "a thousand simulated agents at 10 Hz, and what they cost a coordinator",
     "mapping": "accuracy of maps and positions: teams explore map files in lockstep",
     "joining": "robots that do not know where they are: time and errors of their joining the team's map",
+    "log": "accuracy of a trajectory: a public lidar log through localisation and mapper",
 }
 """Name, and what it measures."""
 
@@ -141,6 +142,27 @@ def joining(
 
     plan = choose(maps, robots, seeds, wheels, jobs, time_limit_s, map_folder)
     run_bench(plan, kinds_of(kinds), json_file)
+
+
+@bench_app.command(help=f"{BENCHES['log']}; logs in the format of CARMEN (FLASER, ROBOTLASER1, ODOM).")
+def log(
+    log_file: Annotated[Path, typer.Argument(metavar="LOG", help="The log; it is not part of robrain.")],
+    relations: Annotated[
+        Path | None, typer.Option(help="File of lines t1 t2 x y z roll pitch yaw, known of pairs of the log's poses.")
+    ] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
+    map_file: Annotated[
+        Path | None, typer.Option("--map", help="Write the map as files of ROS's map_server, OUT.yaml and OUT.pgm.")
+    ] = None,
+    robot_file: Annotated[
+        Path | None,
+        typer.Option("--robot", help="ROBOT.toml with parameters of driver (odometry), localisation and mapper."),
+    ] = None,
+) -> None:
+    """Measure a trajectory on a public log."""
+    from robrain.deploy.log_bench.bench import run_bench
+
+    run_bench(log_file, relations, json_file, map_file, robot_file)
 
 
 def _at_least(option: str, value: int, least: int) -> None:

@@ -39,6 +39,9 @@ WALL_BEAMS = 20.0
 """So many beams on one wall err together: it is one wall, drawn in one row of cells; chosen."""
 SCAN_GATES = (10.83, 13.82, 16.27)
 """99.9 % of a chi-square variable, by the number of directions in which walls hold the robot."""
+REFUSED_SIGMA_M, REFUSED_SIGMA_RAD = 0.1, 0.05
+"""Doubt that a scan adds which lies where the robot cannot be: wheels may be worse than was told, or have slipped, and
+of the next scan that says the same it is believed; chosen."""
 START_AGREES = 0.6
 """Share of a scan's beams that must be as the team's map says, or the robot is not where it was told; chosen."""
 SIGNALS_TO_AGREE = 12
@@ -129,7 +132,11 @@ class Localiser:
     @property
     def covariance(self) -> NDArray[np.float64]:
         """(3, 3) of x, y, yaw in the arena frame: m², m·rad, rad². Errors of the map that the robot goes by count."""
-        return self.filter.covariance + np.diag(self._of_map)
+        covariance = self.filter.covariance + 0.0
+        covariance[0, 0] += self._of_map[0]
+        covariance[1, 1] += self._of_map[1]
+        covariance[2, 2] += self._of_map[2]
+        return covariance
 
     @property
     def way_m(self) -> float:
@@ -140,6 +147,11 @@ class Localiser:
     def sigma_m(self) -> float:
         """Standard deviation of the place in the arena frame, no less than along the worst direction."""
         return math.sqrt(self.filter.sigma_m**2 + max(self._of_map[:2]))
+
+    @property
+    def local_sigma_m(self) -> float:
+        """Standard deviation of the place on the robot's own map; in the arena while no walls hold it."""
+        return self.filter.sigma_m
 
     def move(self, displacement: Twist2D) -> None:
         """The odometry measured this displacement since the last call, as `odometry.chord` gives it."""
@@ -200,6 +212,8 @@ class Localiser:
         if fit.directions and is_new:
             self._go_by(walls_drift)
         is_believed = not is_new or self._correct(fit, believed, guess, map)
+        if not is_believed:
+            self.filter.add((REFUSED_SIGMA_M**2, REFUSED_SIGMA_M**2, REFUSED_SIGMA_RAD**2))
         self._reckon_map(map)
         self.fits = is_believed and (not fit.beams or fit.fit >= self.spec.watch.fit_min)
         why = self.watch.saw(fit.fit if is_believed else 0.0) if fit.beams else ""

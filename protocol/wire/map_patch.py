@@ -248,8 +248,8 @@ def _cells_of(message: MapPatch) -> NDArray[np.int8]:
     if not 0 < size <= MAX_CELLS:
         raise ValueError(f"{message.robot}: expected 1 to {MAX_CELLS} cells in a patch, got {size}")
     box = _inflated(message, message.cells, np.dtype(np.int8), message.rows, message.columns)
-    occupied, free = int(np.count_nonzero(box > 0)), int(np.count_nonzero(box == 0))
-    if occupied > OCCUPIED_MAX + free:
+    occupied = int(np.count_nonzero(box > 0))
+    if occupied > OCCUPIED_MAX and occupied > OCCUPIED_MAX + (free := int(np.count_nonzero(box == 0))):
         raise ValueError(
             f"{message.robot}: expected at most {OCCUPIED_MAX} occupied cells in its patch beyond the free ones "
             f"that they were seen through, got {occupied} and {free} free ones"
@@ -267,4 +267,5 @@ def _inflated(message: MapPatch, packed: bytes, dtype: "np.dtype[Any]", rows: in
         raise ValueError(f"{message.robot}: the cells of its patch do not inflate: {error}") from error
     if len(data) != size:
         raise ValueError(f"{message.robot}: expected {size} bytes of cells in its patch, got {len(data)}")
-    return np.frombuffer(data, dtype).reshape(rows, columns)
+    # Of a writable buffer, which kernels take as it is.
+    return np.frombuffer(bytearray(data), dtype).reshape(rows, columns)

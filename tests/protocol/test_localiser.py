@@ -226,6 +226,22 @@ def test_a_scan_that_lies_elsewhere_does_not_fit_and_eight_of_them_mean_that_the
     assert "do not fit the map" in localiser.lost
 
 
+def test_a_robot_whose_wheels_have_slipped_more_than_was_told_is_back_within_a_few_scans():
+    """What the first scans say cannot be; but they go on saying so."""
+    true = Pose2D(2.3, 4.1, 0.8)
+    localiser = located(true, sigma_m=0.02, sigma_rad=0.01)
+    map = room_map()
+    localiser.move(Twist2D(0.05, 0.0, 0.0))
+    true = moved_along(true, Twist2D(0.13, -0.1, 0.12))
+    localiser.see(ROOM.points(true), map)
+    assert not localiser.fits
+    for _ in range(3):
+        localiser.see(ROOM.points(true), map)
+    assert localiser.fits
+    assert localiser.lost == ""
+    assert at(localiser, true) == pytest.approx((0.0, 0.0, 0.0), abs=0.02)
+
+
 def test_how_unsure_the_place_of_the_map_is_counts_in_the_covariance_but_not_in_what_scans_correct():
     true = Pose2D(5.0, 1.0, 0.0)
     anchor, variances = Pose2D(1.0, 1.0, 0.0), (0.04, 0.09, 0.01)

@@ -152,7 +152,7 @@ class Localisation(Skill):
         self._hear()
         self._match()
         self._tell()
-        self.env.board.pose = self.pose()
+        self.env.board.pose = self._T_arena_odom.compose(self._odometry)
         self.env.board.velocity = self._driver.velocity()
 
     @external
@@ -237,6 +237,8 @@ class Localisation(Skill):
 
     def _match(self) -> None:
         """Match the waiting scans whose time the odometry covers."""
+        if not self._waiting:
+            return
         until_ns = self._driver.odometry_until_ns()
         while self._waiting and self._waiting[0].stamp_ns <= until_ns:
             self._take_scan(self._waiting.popleft())
@@ -330,6 +332,7 @@ class Localisation(Skill):
             localiser.drift,
             self._until_ns,
             localiser.fits,
+            localiser.local_sigma_m,
             localiser.lost if self.parameters.scan_matching else "",
         )
         board.pose_covariance = tuple(localiser.covariance.ravel().tolist())

@@ -67,7 +67,7 @@ class Mapper(Skill):
         width_m: float = 40.0
         height_m: float = 40.0
         sigma_max_m: float = 2.0
-        """Standard deviation of the position, metres, above which scans are not mapped."""
+        """Standard deviation of the place on the robot's own map, metres, above which scans are not mapped."""
 
         def __post_init__(self) -> None:
             for name in ("resolution_m", "width_m", "height_m", "sigma_max_m"):
@@ -183,6 +183,8 @@ class Mapper(Skill):
 
     def _integrate(self) -> None:
         """Map the waiting scans whose pose is known by now."""
+        if not self._waiting:
+            return
         until_ns = self._driver.odometry_until_ns()
         while self._waiting and (local_pose := self.env.board.local_pose) is not None:
             if self._waiting[0].stamp_ns > min(until_ns, local_pose.until_ns):
@@ -311,15 +313,17 @@ class Mapper(Skill):
         return not sees_through(scan.angles_rad, scan.ranges_m, scan.range_max_m, pose, self._mates_in(frame))
 
     def _why_not(self, local_pose: LocalPose) -> str:
-        """Why a scan must not be put into the map now; walls in the wrong place are worse than none."""
+        """Why a scan must not be put into the map now; walls in the wrong place are worse than none.
+
+        How unsure it is where the robot's own map lies does not count: loop closures move submaps as a whole, and only
+        a robot that maps finds any.
+        """
         board = self.env.board
         if board.lost and not local_pose.lost:
             return f"the robot does not know where it is: {board.lost}"
-        covariance = board.pose_covariance
-        sigma_m = math.sqrt(max(covariance[0], covariance[4])) if covariance else 0.0
         # With some slack, so that it does not go on and off.
         limit_m = self.parameters.sigma_max_m * (0.8 if self._why_paused else 1.0)
-        if sigma_m > limit_m:
+        if local_pose.sigma_m > limit_m:
             return f"the robot's place is not sure enough, above {limit_m:g} m"
         return ""
 

@@ -68,5 +68,7 @@ class LocalPose(NamedTuple):
     """Stamp of the last scan that was matched or skipped; scans up to it can be mapped."""
     fits: bool
     """Whether the last scan matched the local map; if not, scans must not be mapped."""
+    sigma_m: float
+    """Standard deviation of the robot's place on its own map; where that map lies in the arena may be less sure."""
     lost: str = ""
     """Why the robot does not know its place in the arena: a trajectory that begins so has a map frame of its own."""

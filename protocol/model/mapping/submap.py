@@ -111,13 +111,8 @@ class Submap:
 
     def latest_ms(self, row: int, column: int, height: int, width: int) -> int:
         """Latest observation in the tiles that a box of cells touches; −1 if there is none."""
-        first_row, first_column = max((row - self.row) // TILE_CELLS, 0), max((column - self.column) // TILE_CELLS, 0)
-        end_row, end_column = (
-            -((self.row - row - height) // TILE_CELLS),
-            -((self.column - column - width) // TILE_CELLS),
-        )
-        tiles = self.stamp_ms[first_row : max(end_row, 0), first_column : max(end_column, 0)]
-        return int(tiles.max(initial=-1)) if not self.is_empty else -1
+        latest_ms: int = _latest(self.stamp_ms, row - self.row, column - self.column, height, width)
+        return latest_ms
 
     def classes(self) -> NDArray[np.int8]:
         """The cells as classes of an `OccupancyGrid`, int8 (h, w), a new array."""
@@ -213,6 +208,18 @@ def _down(cell: int) -> int:
 
 def _up(cell: int) -> int:
     return -(-cell // BLOCK_CELLS) * BLOCK_CELLS
+
+
+@njit(cache=True, nogil=True)
+def _latest(stamps_ms: NDArray[np.int32], row: int, column: int, height: int, width: int) -> int:
+    """The latest of the tiles that a box of cells touches; −1 if there is none."""
+    latest_ms = -1
+    end_row = min(-(-(row + height) // TILE_CELLS), stamps_ms.shape[0])
+    end_column = min(-(-(column + width) // TILE_CELLS), stamps_ms.shape[1])
+    for i in range(max(row // TILE_CELLS, 0), end_row):
+        for j in range(max(column // TILE_CELLS, 0), end_column):
+            latest_ms = max(latest_ms, stamps_ms[i, j])
+    return latest_ms
 
 
 @njit(cache=True, nogil=True)

@@ -77,7 +77,7 @@ def match_surface(grid: OccupancyGrid, guess: Pose2D, points: Floats) -> tuple[S
 
 
 @njit(cache=True, nogil=True)
-def _line(
+def _nearest(
     log_odds: NDArray[np.int8],
     surface_at: NDArray[np.float32],
     surface_hits: NDArray[np.uint8],
@@ -90,13 +90,11 @@ def _line(
     column: int,
     around: int,
     reach: float,
-    line: Floats,
-) -> bool:
-    """Write point and unit normal of the surface nearest to (x, y) into `line` (4,), cells; False if there is none."""
+) -> int:
+    """Cell, counted by rows, of the surface nearest to (x, y), cells; −1 if none is in reach."""
     height, width = log_odds.shape
     best = reach * reach
-    best_row = -1
-    best_column = -1
+    found = -1
     for i in range(max(row - around, 0), min(row + around + 1, height)):
         for j in range(max(column - around, 0), min(column + around + 1, width)):
             if log_odds[i, j] <= 0 or surface_hits[i, j] == 0:
@@ -106,9 +104,22 @@ def _line(
                 continue
             # The other side of a thin wall is another surface.
             if surface_view[i, j, 0] * beam_x + surface_view[i, j, 1] * beam_y > OPPOSITE:
-                best, best_row, best_column = square, i, j
-    if best_row < 0:
-        return False
+                best, found = square, i * width + j
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _line(
+    log_odds: NDArray[np.int8],
+    surface_at: NDArray[np.float32],
+    surface_hits: NDArray[np.uint8],
+    surface_view: NDArray[np.float32],
+    best_row: int,
+    best_column: int,
+    line: Floats,
+) -> bool:
+    """Write a point (2,) and the normal (2,) of the wall in a cell, in cells; False if it is no line."""
+    height, width = log_odds.shape
     base_x, base_y = float(surface_at[best_row, best_column, 0]), float(surface_at[best_row, best_column, 1])
     view_x, view_y = surface_view[best_row, best_column, 0], surface_view[best_row, best_column, 1]
     weight, mean_x, mean_y = 0.0, 0.0, 0.0
@@ -146,8 +157,7 @@ def _line(
     angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
     line[0], line[1] = base_x + mean_x, base_y + mean_y
     line[2], line[3] = -math.sin(angle), math.cos(angle)
-    same_side = (line[2] * view_x + line[3] * view_y) * (line[2] * beam_x + line[3] * beam_y) > 0.0
-    return bool(same_side)
+    return True
 
 
 @njit(cache=True, nogil=True)
@@ -175,7 +185,8 @@ def _match(
     x, y, yaw = start_x, start_y, yaw_rad
     held = 0
     vectors, values = np.zeros((3, 3)), np.zeros(3)
-    information, pull, step, line = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros(4)
+    information, pull, step = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
+    lines, is_line, cells = np.zeros((count, 4)), np.zeros(count, np.bool_), np.full(count, -1)
     size = 0.0
     for iteration in range(ITERATIONS):
         is_wide = iteration < WIDE_STEPS and (iteration == 0 or size > 0.3)
@@ -193,7 +204,7 @@ def _match(
             row, column = math.floor(at_y + HIT_DEPTH_CELLS * beam_y), math.floor(at_x + HIT_DEPTH_CELLS * beam_x)
             if row < 0 or column < 0 or row >= height or column >= width:
                 continue
-            if not _line(
+            cell = _nearest(
                 log_odds,
                 surface_at,
                 surface_hits,
@@ -206,8 +217,19 @@ def _match(
                 column,
                 around,
                 reach,
-                line,
-            ):
+            )
+            if cell < 0:
+                continue
+            if cell != cells[k]:  # in most steps a beam ends at the wall at which it ended before
+                cells[k] = cell
+                is_line[k] = _line(
+                    log_odds, surface_at, surface_hits, surface_view, cell // width, cell % width, lines[k]
+                )
+            if not is_line[k]:
+                continue
+            line = lines[k]
+            view_x, view_y = surface_view[cell // width, cell % width, 0], surface_view[cell // width, cell % width, 1]
+            if not (line[2] * view_x + line[3] * view_y) * (line[2] * beam_x + line[3] * beam_y) > 0.0:
                 continue
             off = line[2] * (at_x - line[0]) + line[3] * (at_y - line[1])
             by_turn = (line[3] * out_x - line[2] * out_y) / lever
