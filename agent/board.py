@@ -1,13 +1,15 @@
 """The board: what a robot's plugins know of the robot, and the host tells the team."""
 
 from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.model.mapping.local_map import LocalMap, LocalPose
+from robrain.protocol.model.mapping.local_map import ArenaFix, LocalMap, LocalPose
+from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.rssi_ranging import RssiSample
 from robrain.protocol.wire.messages import BatteryState
@@ -38,14 +40,20 @@ class Board:
         """Share of the beams of recent scans that end at walls of the map, 0 to 1; localisation writes it."""
         self.mote_ranges: deque[RssiSample] = deque(maxlen=256)
         """Signals of motes of known place; mote_ranges leaves them here for localisation."""
+        self.frame = ARENA
+        """The map frame of the pose and of the map: the arena frame, or the robot's own; mapper writes it."""
+        self.arena_fix: ArenaFix | None = None
+        """How that frame lies in the arena, as motes have it; localisation writes it, mapper takes it away."""
+        self.may_be_at: Callable[[Pose2D], bool] = lambda _pose: True
+        """Whether motes' signals allow the robot to be at a pose of the arena frame; localisation writes it."""
         self.map: OccupancyGrid | None = None
-        """The team's map as this robot knows it, to be read only; mapper writes it."""
+        """The team's map as this robot knows it, read-only; mapper writes it."""
         self.local_map: LocalMap | None = None
-        """The robot's own recent surroundings, by which it is localised; mapper writes it."""
+        """The robot's own recent map, against which scans are matched; mapper writes it."""
         self.local_pose: LocalPose | None = None
-        """The odometry's frame in the frame of that map; localisation writes it."""
+        """Pose of the odometry frame in the frame of that map; localisation writes it."""
         self.mate_places: NDArray[np.float64] = np.empty((0, 3))
-        """(K, 3) where other robots say that they are: x, y, radius in metres, arena frame; mapper writes it."""
+        """(K, 3) published places and radii of other robots: x, y, radius in metres, arena frame; mapper writes it."""
         self.map_of_others: OccupancyGrid | None = None
         """What the others had mapped when this robot came, for some seconds after it; mapper writes it."""
         self.false_start = False

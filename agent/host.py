@@ -235,6 +235,7 @@ class AgentHost:
                 next_task=standing.next_task,
                 task_before=standing.before,
                 lost=cut(board.lost),
+                frame=board.frame,
                 map_agreement=board.map_agreement,
                 loaded=self._loaded(),
                 faulted=[PluginFault(plugin=name, why=cut(why)) for name, why in self._faulted.items()],

@@ -21,7 +21,7 @@ class MapView:
 
     @property
     def grid(self) -> OccupancyGrid | None:
-        """The composed map; None before the first patch. To be read only."""
+        """The composed map; None before the first patch. Read-only."""
         return None if self.atlas is None else self.atlas.grid
 
     @property

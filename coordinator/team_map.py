@@ -27,7 +27,7 @@ class TeamMap:
 
     @property
     def grid(self) -> "OccupancyGrid | None":
-        """The robots' submaps, composed; None before the first patch. To be read only."""
+        """The robots' submaps, composed; None before the first patch. Read-only."""
         return None if self._atlas is None else self._atlas.grid
 
     @property

@@ -10,7 +10,9 @@ BENCHES = {
     "allocation": "who does what: gaps to exact optima, times of first plans, public routing instances",
     "responses": "from an event to the wheels: a live team of processes on loopback",
     "agents": "a thousand simulated agents at 10 Hz, and what they cost a coordinator",
-    "mapping": "how right maps and positions are: teams explore map files in lockstep",
+    "mapping": "accuracy of maps and positions: teams explore map files in lockstep",
+    "joining": "robots that do not know where they are: time and errors of their joining the team's map",
+    "log": "accuracy of a trajectory: a public lidar log through localisation and mapper",
 }
 """Name, and what it measures."""
 
@@ -103,19 +105,64 @@ def mapping(
     ] = None,
     robots: Annotated[str, typer.Option(help="Numbers of robots: 1,4 or 1-4.")] = "1,2,4,8,16",
     seeds: Annotated[str, typer.Option(help="Seeds: 1,2 or 1-8.")] = "1-3",
-    wheels: Annotated[str, typer.Option(help="exact, slipping (1 % off as well), or both.")] = "exact,slipping",
-    jobs: Annotated[int, typer.Option(help="How many runs at a time, each in a process.")] = 1,
+    wheels: Annotated[str, typer.Option(help="exact, slipping (also 1 % off), or both.")] = "exact,slipping",
+    jobs: Annotated[int, typer.Option(help="Number of runs at a time, each in a process of its own.")] = 1,
     time_limit_s: Annotated[float, typer.Option(help="Simulated seconds after which a run ends.")] = 240.0,
     map_folder: Annotated[
         Path | None, typer.Option(help="Folder of the maps that are not part of the project; default ../shared/maps.")
     ] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write runs and figures to this file.")] = None,
 ) -> None:
-    """Measure how right maps and positions are."""
+    """Measure the accuracy of maps and positions."""
     from robrain.deploy.bench_mapping import run_bench
     from robrain.deploy.bench_mapping_plan import choose
 
     run_bench(choose(maps, robots, seeds, wheels, jobs, time_limit_s, map_folder), json_file)
+
+
+@bench_app.command(help=BENCHES["joining"])
+def joining(
+    maps: Annotated[
+        str | None, typer.Option(help="Names or paths of maps, or built-in scenarios, with commas; default is all.")
+    ] = None,
+    robots: Annotated[str, typer.Option(help="Numbers of robots: 2,4 or 2-4.")] = "2",
+    seeds: Annotated[str, typer.Option(help="Seeds: 1,2 or 1-8.")] = "1-10",
+    wheels: Annotated[str, typer.Option(help="exact, slipping (1 % off as well), or both.")] = "slipping",
+    kinds: Annotated[str, typer.Option(help="unknown (starts), carried (off), or both.")] = "unknown,carried",
+    jobs: Annotated[int, typer.Option(help="How many runs at a time, each in a process.")] = 1,
+    time_limit_s: Annotated[float, typer.Option(help="Simulated seconds after which a run ends.")] = 180.0,
+    map_folder: Annotated[
+        Path | None, typer.Option(help="Folder of the maps that are not part of the project; default ../shared/maps.")
+    ] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write runs and figures to this file.")] = None,
+) -> None:
+    """Measure how robots that do not know their place join the team's map."""
+    from robrain.deploy.bench_joining import kinds_of, run_bench
+    from robrain.deploy.bench_mapping_plan import choose
+
+    plan = choose(maps, robots, seeds, wheels, jobs, time_limit_s, map_folder)
+    run_bench(plan, kinds_of(kinds), json_file)
+
+
+@bench_app.command(help=f"{BENCHES['log']}; logs in the format of CARMEN (FLASER, ROBOTLASER1, ODOM).")
+def log(
+    log_file: Annotated[Path, typer.Argument(metavar="LOG", help="The log; it is not part of robrain.")],
+    relations: Annotated[
+        Path | None, typer.Option(help="File of lines t1 t2 x y z roll pitch yaw, known of pairs of the log's poses.")
+    ] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
+    map_file: Annotated[
+        Path | None, typer.Option("--map", help="Write the map as files of ROS's map_server, OUT.yaml and OUT.pgm.")
+    ] = None,
+    robot_file: Annotated[
+        Path | None,
+        typer.Option("--robot", help="ROBOT.toml with parameters of driver (odometry), localisation and mapper."),
+    ] = None,
+) -> None:
+    """Measure a trajectory on a public log."""
+    from robrain.deploy.log_bench.bench import run_bench
+
+    run_bench(log_file, relations, json_file, map_file, robot_file)
 
 
 def _at_least(option: str, value: int, least: int) -> None:

@@ -1,8 +1,7 @@
-"""How right maps and positions are: teams of several sizes explore floors in lockstep, with exact and with bad wheels.
+"""Accuracy of maps and positions: teams of several sizes explore floors in lockstep, with exact and slipping wheels.
 
-Every run says at its end how many of its map's occupied cells have no wall near them, how far the robots' positions
-were off, and whether a robot was far off without saying so (`sim/accuracy_watch.py`). All but the wall time depends on
-the code alone.
+Each run measures the occupied cells off the walls, the position errors and silent divergence (`sim/accuracy_watch.py`).
+All figures but the wall time depend on the code alone.
 """
 
 import logging
@@ -34,11 +33,11 @@ HEADINGS = (
 
 
 class MappedRun(msgspec.Struct, frozen=True, kw_only=True):
-    """What became of it; errors and shares are the worst of all robots unless said otherwise."""
+    """Result of one run; errors and shares are those of the worst robot unless stated otherwise."""
 
     case: Case
     why_not: str = ""
-    """Why it could not be run; the rest is empty then."""
+    """Why it could not be run; then the other fields are empty."""
     sim_time_s: float = 0.0
     ended: str = ""
     explored_fraction: float = 0.0
@@ -48,18 +47,18 @@ class MappedRun(msgspec.Struct, frozen=True, kw_only=True):
     max_error_m: float = 0.0
     longest_silent_divergence_s: float = 0.0
     nees_in_band: float | None = None
-    """Share of all robots' samples."""
+    """Share over the samples of all robots."""
     nees: float | None = None
     """Mean over all robots' samples, 2 dimensions."""
     lost: int = 0
-    """Robots that say at the end that they are lost."""
+    """Number of robots that are lost at the end."""
     lost_s: float = 0.0
     """Sum over the robots."""
     collisions: int = 0
     wall_time_s: float = 0.0
 
     def line(self) -> str:
-        """The run as a line below `HEADINGS`."""
+        """A line for the table below `HEADINGS`."""
         case = self.case
         begin = f"{case.map:<24}{case.robots:>3}{case.seed:>6}  {case.wheels:<9}"
         if self.why_not:
@@ -73,7 +72,7 @@ class MappedRun(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class MappingReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What `--json` writes."""
+    """Contents of the file of `--json`."""
 
     bench: str
     runs: list[MappedRun]
@@ -82,7 +81,7 @@ class MappingReport(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def run_bench(plan: Plan, json_file: Path | None = None) -> None:
-    """Make all runs; print a line for each, and the figures at the end.
+    """Make all runs; prints a line for each, and the figures at the end.
 
     Args:
         plan: the runs.
@@ -109,7 +108,7 @@ def run_bench(plan: Plan, json_file: Path | None = None) -> None:
 
 
 def run_case(case: Case) -> MappedRun:
-    """Make one run; what cannot be run is told in `why_not`."""
+    """Make one run; if it cannot be made, `why_not` gives the reason."""
     log = logging.getLogger("robrain")
     level = log.level
     log.setLevel(logging.ERROR)  # robots that get lost are counted, a line for each would hide the others
@@ -122,7 +121,7 @@ def run_case(case: Case) -> MappedRun:
 
 
 def mapped(case: Case, result: RunResult) -> MappedRun:
-    """The figures of a run that was made."""
+    """Result of a run that was made."""
     told = [robot.pose_accuracy for robot in result.per_robot if robot.pose_accuracy is not None]
     compared = [each for each in told if each.nees_in_band is not None and each.nees is not None]
     samples = sum(each.samples for each in compared)
@@ -147,7 +146,7 @@ def mapped(case: Case, result: RunResult) -> MappedRun:
 
 
 def figures(runs: Iterable[MappedRun]) -> Iterator[Figure]:
-    """Worst and median of each kind of wheels, beside their bounds."""
+    """Worst run and median for each kind of wheels, with their bounds."""
     made = [run for run in runs if not run.why_not]
     for kind in WHEELS:
         own = [run for run in made if run.case.wheels == kind]

@@ -1,4 +1,4 @@
-"""Which runs the mapping benchmark makes: maps, numbers of robots, seeds and wheels, as its options ask for them."""
+"""The runs of the mapping benchmark: maps, numbers of robots, seeds and wheels, from its options."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,16 +19,16 @@ WHEELS = {
     "exact": None,
     "slipping": WheelSpec(radius_sigma=0.01, base_sigma=0.01, slip=0.01, slip_sigma_m_per_sqrt_m=0.01),
 }
-"""Wheels by name; None leaves the scenario's as they are."""
+"""Wheels by name; None keeps those of the scenario."""
 NUMBERS_MAX = 1000
 
 
 class Case(msgspec.Struct, frozen=True, kw_only=True):
-    """One run that is to be made."""
+    """One run of the benchmark."""
 
     map: str
     path: str
-    """Of the map's YAML file; empty for a built-in scenario."""
+    """Path of the map's YAML file; empty for a built-in scenario."""
     robots: int
     seed: int
     wheels: str
@@ -44,12 +44,12 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Plan(msgspec.Struct, frozen=True, kw_only=True):
-    """The whole benchmark as it was asked for."""
+    """All runs of the benchmark."""
 
     cases: list[Case]
     jobs: int
     absent: list[str]
-    """Maps of the default choice that are not on this computer."""
+    """Default maps that are not on this computer."""
 
 
 def choose(
@@ -61,7 +61,7 @@ def choose(
     time_limit_s: float,
     map_folder: Path | None = None,
 ) -> Plan:
-    """What the options ask for: each map with each number of robots, seed and kind of wheels.
+    """Make a plan from the options: each map with each number of robots, seed and kind of wheels.
 
     Raises:
         UsageError: an option is wrong; the text names it and what was expected.
@@ -93,7 +93,7 @@ def choose(
 
 
 def _known_maps(shared: Path) -> tuple[dict[str, str], list[str]]:
-    """Path of each map by name, empty for built-in scenarios; and the names of those that are not there."""
+    """Path of each map by name, empty for built-in scenarios; and the names of maps that are missing."""
     there = {name: shared / f"{name}.yaml" for name in SHARED_NAMES}
     known = {name: str(path) for name, path in there.items() if path.is_file()}
     absent = [name for name in there if name not in known]
@@ -118,7 +118,7 @@ def _words(option: str, text: str) -> list[str]:
 
 
 def _numbers(option: str, text: str, least: int, most: int) -> list[int]:
-    """`1,2,4-6` as numbers."""
+    """The numbers of a text such as `1,2,4-6`."""
     numbers: list[int] = []
     for word in _words(option, text):
         first, _, last = word.partition("-") if not word.startswith("-") else (word, "", "")

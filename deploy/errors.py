@@ -3,6 +3,7 @@
 RobrainError
 ├── UsageError                the command line is wrong
 ├── ChildFailed               a process of the team did not start; carries what it said
+├── LogError                  a lidar log, or a file of relations, cannot be read, or is none
 └── InstanceError             a public routing instance cannot be read, or is none that the allocators' model holds
 """
 
@@ -19,3 +20,7 @@ class ChildFailed(RobrainError):
 
 class InstanceError(RobrainError):
     """A public routing instance cannot be read or solved; the text names the file and what was expected."""
+
+
+class LogError(RobrainError):
+    """A lidar log, or a file of relations, cannot be read or played; the text names file and line."""

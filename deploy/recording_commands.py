@@ -196,7 +196,7 @@ def export(
         bool, typer.Option("--map", help="Write the team's map instead, as ROS map_server files (.yaml, .pgm).")
     ] = False,
     at_s: Annotated[
-        float | None, typer.Option("--at", help="With --map: the map after so many seconds; default is the end.")
+        float | None, typer.Option("--at", help="With --map: seconds since the start; default is the end.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:

@@ -101,7 +101,7 @@ def show_result(result: RunResult) -> None:
 
 
 def accuracy_lines(of_map: MapAccuracy | None, positions: Mapping[str, PoseAccuracy | None]) -> list[str]:
-    """How right the map and the robots' positions were, in a line each; nothing of what was not measured."""
+    """Accuracy of the map and of the positions, a line each; what was not measured is left out."""
     lines = []
     if of_map is not None:
         lines.append(
@@ -123,7 +123,7 @@ def accuracy_lines(of_map: MapAccuracy | None, positions: Mapping[str, PoseAccur
                 f"RMSE at most {rmse_m[worst]:.3f} m ({worst})",
                 f"largest error {error_m[farthest]:.3f} m ({farthest})",
             ]
-        parts += [f"silent divergence: {', '.join(silent) or 'none'}", f"lost: {', '.join(lost) or 'nobody'}"]
+        parts += [f"silent divergence: {', '.join(silent) or 'none'}", f"lost: {', '.join(lost) or 'none'}"]
         lines.append(f"positions: {', '.join(parts)}")
     return lines
 

@@ -59,9 +59,9 @@ class UpResult(msgspec.Struct, frozen=True, kw_only=True, tag_field="event", tag
     recording: str | None
     messages: int
     map_accuracy: MapAccuracy | None = None
-    """How right the team's map is at the end, as the arena tells."""
+    """Accuracy of the team's map at the end."""
     pose_accuracy: dict[str, PoseAccuracy] = {}
-    """How right each robot's positions were."""
+    """Accuracy of each robot's positions over the run."""
     serial_forwarders: dict[str, str] = {}
     """`host:port` at which each robot's base station could be reached."""
 

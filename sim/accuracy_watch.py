@@ -1,6 +1,6 @@
-"""The accuracy watch: holds what robots believe of their place, and the team's map, against the truth.
+"""Compares the robots' pose estimates and the team's map with the ground truth.
 
-It hears what the robots say on the wire and knows the bodies; no robot hears of it.
+It subscribes to the robots' states and knows the simulated bodies. It sends nothing to the robots.
 """
 
 from collections import deque
@@ -23,27 +23,27 @@ from robrain.sim.referee import Referee
 from robrain.sim.robot_body import RobotBody
 
 TRUE_POSE_PERIOD_S = 0.1
-"""True poses are kept so often; between two of them they are interpolated."""
+"""Seconds between two stored true poses; between them, poses are interpolated."""
 KEPT_TRUE_POSES = 30
-"""Three seconds: a state that took longer to arrive is not compared."""
+"""Number of true poses kept, three seconds: a state that arrives later is not compared."""
 STATES = 1024
-"""So many states of robots that are not the arena's may wait besides those that are."""
+"""Room in the inbox for states of robots that are not the arena's."""
 MAP_PERIOD_STEPS = 5
-"""The map is measured in one of so many calls of `step`."""
+"""Calls of `step` from one measurement of the map to the next."""
 
 
 class AccuracyWatch:
-    """Measures how right the team is.
+    """Measures the accuracy of the team's poses and map.
 
-    Call `keep()` every `TRUE_POSE_PERIOD_S`, and `step()` whenever poses are to be compared: five times a second.
+    Call `keep()` every `TRUE_POSE_PERIOD_S`, and `step()` five times a second.
 
     Args:
         robots: names, in the order of `bodies`.
-        bodies: where the robots truly are.
-        referee: has the map that the robots' patches make.
+        bodies: the simulated bodies, with the true poses.
+        referee: keeps the team's map.
         walls: bool (H, W), the true walls.
-        geometry: where those lie, arena frame.
-        endpoint: where the robots' states are heard; its clock is the one that stamps them.
+        geometry: grid of the walls, arena frame.
+        endpoint: receives the robots' states; its clock must be that of their stamps.
 
     """
 
@@ -72,20 +72,20 @@ class AccuracyWatch:
 
     @property
     def map_accuracy(self) -> MapAccuracy | None:
-        """That of the team's map, as of the last measurement; None before the first."""
+        """Accuracy of the team's map at the last measurement; None before the first."""
         return self._map_accuracy
 
     def pose_accuracy(self, robot: str) -> PoseAccuracy:
-        """That of a robot, as of the last `step()` (KeyError: no such robot)."""
+        """Accuracy of a robot's poses at the last `step()` (KeyError: no such robot)."""
         return self._meters[robot].accuracy
 
     def keep(self) -> None:
-        """Keep the true poses of now."""
+        """Store the current true poses."""
         poses = [(body.x_m, body.y_m, body.yaw_rad) for body in self._bodies]
         self._true.append((self._clock.now_ns(), poses))
 
     def step(self) -> None:
-        """Compare what the robots have last said; measure the map if it is time to."""
+        """Compare the states received since the last call; measure the map if it is due."""
         for received in self._inbox.drain():
             self._compare(received.message)
         if self._steps % MAP_PERIOD_STEPS == 0:
@@ -93,7 +93,7 @@ class AccuracyWatch:
         self._steps += 1
 
     def measure_map(self) -> None:
-        """Hold the map against the true walls, if it has changed since the last time."""
+        """Compare the map with the true walls, if it has changed."""
         grid = self._referee.grid
         if grid.version != self._map_version:
             self._map_version = grid.version
@@ -109,7 +109,7 @@ class AccuracyWatch:
             self._meters[state.robot].note(time_s, state.pose, state.pose_covariance, state.lost, true)
 
     def _true_pose(self, index: int, stamp_ns: int) -> Pose2D | None:
-        """T_arena_robot at a time; None for a time from before what is kept, or more than a period after it."""
+        """T_arena_robot at a time; None before the first pose kept, or more than a period after the last."""
         later_ns, later = 0, None
         for kept_ns, poses in reversed(self._true):
             if kept_ns <= stamp_ns:

@@ -63,7 +63,7 @@ class Arena:
         chargers: docks on the floor.
         faults: what breaks, and when.
         surfaces: glass and mirrors among the walls; None if there are none.
-        disturbance: which frames and scans are late on their way; none if None.
+        disturbance: delays of frames and scans; None for no delays.
 
     Raises:
         ValueError: a name is there twice, or a robot's start is taken.
@@ -231,6 +231,10 @@ class Arena:
         """Have a robot's power stage fail, or take the cause away (KeyError: no such robot)."""
         self._named(robot).controller.has_failed = failed
 
+    def carry_off(self, robot: str, pose: Pose2D) -> None:
+        """Pick a robot up and put it down elsewhere, arena frame (KeyError: no such robot)."""
+        self._named(robot).body.carry_to(pose)
+
     def lie_about_battery(self, robot: str, lie: Callable[[Reading], Reading] | None) -> None:
         """Have a robot's battery gauge tell something else than it reads (KeyError: no such robot)."""
         self._named(robot).manager.lie = lie
@@ -271,11 +275,11 @@ def _check_names(names: Sequence[str], what: str) -> None:
 def _check_starts(plan: FloorPlan, robots: Sequence[ArenaRobot]) -> None:
     for index, robot in enumerate(robots):
         start = robot.start
-        clearance_m = _clearance_m(plan, start)
-        if clearance_m < robot.radius_m:
+        room_m = clearance_m(plan, start)
+        if room_m < robot.radius_m:
             raise ValueError(
                 f"expected {robot.name} to start at least its radius of {robot.radius_m:g} m from the walls of "
-                f"{plan.name}, got {clearance_m:.3f} m at x {start.x_m:g}, y {start.y_m:g}"
+                f"{plan.name}, got {room_m:.3f} m at x {start.x_m:g}, y {start.y_m:g}"
             )
         for other in robots[:index]:
             if start.distance_m(other.start) < robot.radius_m + other.radius_m:
@@ -285,7 +289,7 @@ def _check_starts(plan: FloorPlan, robots: Sequence[ArenaRobot]) -> None:
                 )
 
 
-def _clearance_m(plan: FloorPlan, pose: Pose2D) -> float:
+def clearance_m(plan: FloorPlan, pose: Pose2D | Point2D) -> float:
     """Distance from a place to the nearest wall or edge of the plan; 0 inside one and beyond the other."""
     width_m, height_m = plan.size_m
     x_m, y_m = pose.x_m - plan.origin_x_m, pose.y_m - plan.origin_y_m

@@ -1,6 +1,6 @@
-"""Disturbances drawn from the seed: frames, scans and whole agents that are late. `[disturbance]` of a scenario.
+"""Late frames, late scans and paused agents, drawn from the seed: `[disturbance]` of a scenario.
 
-Moments are a Poisson process, durations are drawn evenly. Each robot has its own; all go by the run's clock.
+Pauses begin by a Poisson process; their durations are uniform. Each robot has its own; times are by the run's clock.
 """
 
 from collections import deque
@@ -15,7 +15,9 @@ from robrain.protocol.wire.clock import Clock, to_ns
 from robrain.protocol.wire.messages import Scan
 
 MOST_PER_MINUTE = 600.0
+"""Limit of the pauses that begin in a minute."""
 LONGEST_S = 60.0
+"""Limit of a pause and of a delay."""
 _RNG_OF_DISTURBANCE = 3
 _CAN, _SCAN, _AGENT = range(3)
 
@@ -29,12 +31,12 @@ def _check_span(name: str, span_s: tuple[float, float]) -> None:
 
 
 class PauseSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Pauses at random moments; the default is none. Raises ValueError where it is built with impossible ones."""
+    """Pauses at random times; the default is none. Raises ValueError for impossible values."""
 
     per_minute: float = 0.0
-    """How many begin in a minute without pauses, on average."""
+    """Mean number of pauses that begin in a minute outside pauses."""
     duration_s: tuple[float, float] = (0.2, 1.0)
-    """Shortest and longest."""
+    """Shortest and longest duration."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.per_minute <= MOST_PER_MINUTE:
@@ -48,10 +50,10 @@ class PauseSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 class DelaySpec(PauseSpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What is late on its way, always in order; what waits during a pause arrives together after it."""
+    """Delays of messages, which stay in order; those that wait during a pause arrive together after it."""
 
     late_s: tuple[float, float] = (0.0, 0.0)
-    """Least and greatest delay of each, outside pauses."""
+    """Least and greatest delay of a message outside pauses."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -64,20 +66,20 @@ class DelaySpec(PauseSpec, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 class FrameDelaySpec(DelaySpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[disturbance.can]`: the frames of a robot's nodes; its computer's own are never late."""
+    """`[disturbance.can]`: delays of frames from a robot's nodes; frames from its computer are never late."""
 
     stamped_at: StampedAt = StampedAt.ARRIVAL
-    """What the stamps of the frames tell then, and the robot is told of it; `arrival` is what most adapters do."""
+    """Meaning of the frames' stamps, also in the robot's parameters; most adapters stamp on arrival."""
 
 
 class DisturbanceSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[disturbance]`: what is late, for each robot."""
+    """`[disturbance]` of each robot."""
 
     can: FrameDelaySpec = FrameDelaySpec()
     scan: DelaySpec = DelaySpec()
-    """Scans keep the time at which they were measured as their stamp."""
+    """Delays of scans; their stamps are the times of measurement."""
     agent: PauseSpec = PauseSpec()
-    """Pauses in which an agent takes no step; in lockstep."""
+    """Pauses in which an agent takes no step; lockstep only."""
 
     @property
     def is_on(self) -> bool:
@@ -86,7 +88,7 @@ class DisturbanceSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
 
 
 class Pauses:
-    """Pauses at random moments, asked for in order of time.
+    """Pauses at random times.
 
     Args:
         spec: how often and how long.
@@ -100,7 +102,7 @@ class Pauses:
         self._begins_ns = self._ends_ns = -1
 
     def covers(self, now_ns: int) -> bool:
-        """Whether there is a pause at this time, which is not before the one asked for last."""
+        """Whether there is a pause at this time; times must not decrease from call to call."""
         if self._spec.per_minute <= 0:
             return False
         if self._ends_ns < 0:
@@ -115,12 +117,12 @@ class Pauses:
 
 
 class DelayLine(Generic[T]):
-    """Things on their way, first in, first out.
+    """A queue of things that arrive late, in order.
 
     Args:
-        spec: how late they are.
-        rng: draws it.
-        clock: the run's.
+        spec: delays.
+        rng: draws the delays.
+        clock: the run's clock.
 
     """
 
@@ -133,14 +135,14 @@ class DelayLine(Generic[T]):
         self._last_due_ns = 0
 
     def put(self, thing: T) -> None:
-        """Send a thing off now."""
+        """Send a thing now."""
         now_ns = self._clock.now_ns()
         late_s = float(self._rng.uniform(*self._late_s)) if self._late_s[1] > 0 else 0.0
         self._last_due_ns = max(self._last_due_ns, now_ns + to_ns(late_s))
         self._waiting.append((self._last_due_ns, now_ns, thing))
 
     def arrivals(self) -> list[tuple[int, T]]:
-        """What has arrived by now, each with the time at which it was sent off."""
+        """Remove and return the things that have arrived, each with the time at which it was sent."""
         now_ns = self._clock.now_ns()
         arrived = []
         if not self._pauses.covers(now_ns):
@@ -154,8 +156,8 @@ class Disturbance:
     """The disturbances of one run.
 
     Args:
-        spec: what there is.
-        seed: of the run.
+        spec: parameters.
+        seed: the run's seed.
 
     """
 
@@ -164,17 +166,17 @@ class Disturbance:
         self._seed = seed
 
     def frames(self, robot: int, clock: Clock) -> DelayLine[can.Message] | None:
-        """Frames of the nodes of a robot, by its place in the team; None if they are never late."""
+        """Delays of the frames from a robot's nodes, by the robot's index; None if they are never late."""
         spec = self.spec.can
         return DelayLine(spec, self._rng(_CAN, robot), clock) if spec.is_on else None
 
     def scans(self, robot: int, clock: Clock) -> DelayLine[Scan] | None:
-        """Turns of its lidar."""
+        """Delays of its scans; None if they are never late."""
         spec = self.spec.scan
         return DelayLine(spec, self._rng(_SCAN, robot), clock) if spec.is_on else None
 
     def steps(self, robot: int) -> Pauses | None:
-        """Pauses of its agent."""
+        """Pauses of its agent; None if there are none."""
         spec = self.spec.agent
         return Pauses(spec, self._rng(_AGENT, robot)) if spec.is_on else None
 

@@ -3,12 +3,14 @@
 What breaks is the simulated hardware. The robot's plugins must find out for themselves.
 """
 
+import math
 from collections.abc import Sequence
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import msgspec
 
+from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.topics import ARENA_RADIO_RX
@@ -39,6 +41,8 @@ class FaultKind(StrEnum):
     """The battery manager says that the battery is full and at rest."""
     MOTE_BASE_FLOODS = "mote_base_floods"
     """The base station of the mote network hands in thousands of packets a second."""
+    CARRIED_OFF = "carried_off"
+    """Somebody picks the robot up and puts it down at `place_m`, without a turn of its wheels."""
 
 
 class FaultSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -49,8 +53,19 @@ class FaultSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     at_s: float
     until_s: float | None = None
     """When it is whole again; never if absent."""
+    place_m: tuple[float, float] | None = None
+    """Where a robot that is carried off is put down: x and y, arena frame."""
+    yaw_rad: float = 0.0
+    """Its yaw there."""
 
     def __post_init__(self) -> None:
+        is_carried = self.kind is FaultKind.CARRIED_OFF
+        if is_carried != (self.place_m is not None):
+            raise ValueError(f"expected place_m for {FaultKind.CARRIED_OFF}, and for nothing else")
+        if is_carried and self.until_s is not None:
+            raise ValueError(f"expected no until_s for {FaultKind.CARRIED_OFF}: nobody carries the robot back")
+        if self.place_m is not None and not all(map(math.isfinite, (*self.place_m, self.yaw_rad))):
+            raise ValueError(f"expected finite place_m and yaw_rad, got {self.place_m} and {self.yaw_rad}")
         if not self.at_s >= 0:
             raise ValueError(f"expected at_s >= 0, got {self.at_s}")
         if self.until_s is not None and not self.until_s > self.at_s:
@@ -108,6 +123,9 @@ class FaultSchedule:
                 arena.freeze_lidar(robot, frozen=breaks)
             case FaultKind.BATTERY_LIES:
                 arena.lie_about_battery(robot, (lambda _: (LIE_V, LIE_A, LIE_C)) if breaks else None)
+            case FaultKind.CARRIED_OFF:
+                assert fault.place_m is not None  # FaultSpec has checked it
+                arena.carry_off(robot, Pose2D(*fault.place_m, fault.yaw_rad))
             case FaultKind.MOTE_BASE_FLOODS if breaks:
                 self._flooding.append(robot)
             case FaultKind.MOTE_BASE_FLOODS:

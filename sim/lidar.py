@@ -13,6 +13,7 @@ from robrain.protocol.wire.messages import Scan
 from robrain.sim.surfaces import Surfaces
 
 NEAREST_OUTLIER_M = 0.05
+"""Least range of an outlier."""
 
 
 class LidarSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -25,9 +26,9 @@ class LidarSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     noise_m: float = 0.01
     """Standard deviation of a range."""
     dropout: float = 0.0
-    """Share of the beams that return nothing, at random: black, wet or very slanting surfaces."""
+    """Share of the beams, drawn at random, that return nothing: black or wet surfaces, or flat angles."""
     outlier: float = 0.0
-    """Share of the beams whose range is anything up to the maximum, at random: mixed pixels, stray reflections."""
+    """Share of the beams, drawn at random, with a random range: mixed pixels, stray reflections."""
 
     def __post_init__(self) -> None:
         for name in ("rays", "rate_hz", "range_max_m"):
@@ -48,7 +49,7 @@ class Lidar:
         robot: whose it is.
         walls: (H, W) what is solid.
         geometry: where `walls` lies in the arena frame.
-        rng: draws the noise, `rays` values a scan, and as many again for each imperfection there is.
+        rng: draws the noise, outliers and dropouts.
         surfaces: glass and mirrors among the walls; None if there are none.
 
     """
@@ -104,7 +105,7 @@ class Lidar:
         return self._last
 
     def _spoil(self, ranges_m: NDArray[np.float64]) -> None:
-        """Put in outliers, then leave out the beams that drop out, in place; 0 is no return."""
+        """Apply outliers, then dropouts, in place; a range of 0 means no return."""
         spec = self.spec
         if spec.outlier:
             is_outlier = self._rng.random(spec.rays) < spec.outlier

@@ -57,7 +57,7 @@ class Referee:
     ) -> None:
         self._atlas = SubmapAtlas(geometry)
         self.grid = self._atlas.grid
-        """What the team knows together."""
+        """The team's map."""
         self._misfits = 0
         self._inbox = Inbox(PATCHES_A_STEP)
         self._weights = _cells_per_team_cell(plan, plan.reachable(list(starts), clearance_m), geometry)

@@ -17,7 +17,7 @@ class RobotResult(msgspec.Struct, frozen=True, kw_only=True):
     collisions: int
     pose: Pose2D
     pose_accuracy: PoseAccuracy | None = None
-    """How right its own poses were, over the run."""
+    """Accuracy of its poses over the run."""
     idle: IdleReason | None = None
     """Why it was idle when the run ended, according to the coordinator; None if it was not."""
 
@@ -41,7 +41,7 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     floor_left: list[FloorLeft] = []
     """Regions of floor that were not seen or cannot be reached, and why."""
     map_accuracy: MapAccuracy | None = None
-    """How right the team's map is at the end; None if nothing was mapped."""
+    """Accuracy of the team's map at the end; None if nothing was mapped."""
     explored_curve: list[tuple[float, float]]
     """Pairs of sim_time_s and explored fraction."""
     distance_m: float

@@ -97,6 +97,14 @@ class RobotBody:
         body.velocity = x_m_s + share * change_x_m_s, y_m_s + share * change_y_m_s
         body.angular_velocity = yaw_rate_rad_s
 
+    def carry_to(self, pose: Pose2D) -> None:
+        """Somebody picks the robot up and puts it down here, at rest: its wheels do not turn."""
+        self.x_m, self.y_m, self.yaw_rad = pose.x_m, pose.y_m, pose.yaw_rad
+        self._body.position = pose.x_m, pose.y_m
+        self._body.angle = pose.yaw_rad
+        self._body.velocity = 0.0, 0.0
+        self._body.angular_velocity = 0.0
+
     def roll(self) -> None:
         """Follow the body after the step of the space: pose, way and wheels."""
         x_m, y_m = self._body.position

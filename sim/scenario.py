@@ -17,7 +17,7 @@ import msgspec
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.warm_up import warm_up
-from robrain.sim.arena import RobotHardware
+from robrain.sim.arena import RobotHardware, clearance_m
 from robrain.sim.chargers import ChargerSpec
 from robrain.sim.disturbance import DisturbanceSpec
 from robrain.sim.errors import ScenarioError
@@ -27,6 +27,7 @@ from robrain.sim.maps.drawing import FloorDrawing, rasterise
 from robrain.sim.maps.errors import MapError
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.map_server import load_map
+from robrain.sim.maps.placement import Starts
 from robrain.sim.motes import SensorNetwork
 from robrain.sim.pacing import Pacer, StopOnInterrupt
 from robrain.sim.result import RobotResult, RunResult
@@ -57,6 +58,10 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     motes: int = 0
     near: Point2D | None = None
     """The robots start about here; where there is most room if None."""
+    starts: Starts = Starts.TOGETHER
+    """Together or scattered over the floor."""
+    starts_known: bool = True
+    """Whether robots are told where they start. If not, only the first robot is: its start defines the arena frame."""
     hardware: RobotHardware = RobotHardware()
     """What each robot is built of."""
     network: SensorNetwork = SensorNetwork()
@@ -67,9 +72,9 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     faults: tuple[FaultSpec, ...] = ()
     """What breaks, and when."""
     surfaces: SurfaceSpec = SurfaceSpec()
-    """Which walls are glass or mirrors."""
+    """Glass and mirrors among the walls."""
     disturbance: DisturbanceSpec = DisturbanceSpec()
-    """Which frames, scans and agents are late."""
+    """Late frames and scans, paused agents."""
     seed: int = 1
     until_explored: float = 0.98
     time_limit_s: float = 900.0
@@ -88,6 +93,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             )
         if not self.time_limit_s > 0:
             raise ScenarioError(f"{self.name}: expected time_limit_s > 0, got {self.time_limit_s}")
+        if self.near is not None and self.starts is Starts.SCATTERED:
+            raise ScenarioError(f"{self.name}: expected either near or scattered starts, got both")
         if self.near is not None and not (math.isfinite(self.near.x_m) and math.isfinite(self.near.y_m)):
             raise ScenarioError(f"{self.name}: expected finite coordinates for near, got {self.near}")
 
@@ -118,6 +125,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             robots=tables.team.robots,
             motes=tables.motes.count,
             near=Point2D(*tables.team.near_m) if tables.team.near_m is not None else None,
+            starts=tables.team.starts,
+            starts_known=tables.team.starts_known,
             hardware=tables.robot,
             network=tables.network,
             chargers=tables.chargers,
@@ -151,7 +160,15 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         try:
             plan, chargers = self.plan(), self.chargers
             world = build_world(
-                plan, self.robots, self.motes, self.near, self.seed, self.hardware, self.network, chargers
+                plan,
+                self.robots,
+                self.motes,
+                self.near,
+                self.seed,
+                self.hardware,
+                self.network,
+                chargers,
+                self.starts,
             )
         except MapError as error:
             raise ScenarioError(str(error)) from error
@@ -159,7 +176,18 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             if fault.robot not in (robot.name for robot in world.robots):
                 names = f"r1 to r{self.robots}"
                 raise ScenarioError(f"{self.name}: faults: no robot {fault.robot!r}; there are {names}")
-        return replace(world, faults=self.faults, surfaces=self.surfaces, disturbance=self.disturbance)
+            if fault.place_m is not None and clearance_m(plan, Point2D(*fault.place_m)) < self.hardware.radius_m:
+                raise ScenarioError(
+                    f"{self.name}: faults: expected room for a robot of radius {self.hardware.radius_m:g} m at place_m "
+                    f"{fault.place_m[0]:g}, {fault.place_m[1]:g}"
+                )
+        return replace(
+            world,
+            faults=self.faults,
+            surfaces=self.surfaces,
+            disturbance=self.disturbance,
+            starts_known=self.starts_known,
+        )
 
     def run(
         self,

@@ -15,6 +15,7 @@ from robrain.sim.errors import ScenarioError
 from robrain.sim.fault_injection import FaultSpec
 from robrain.sim.field import FieldSpec
 from robrain.sim.maps.drawing import FloorDrawing
+from robrain.sim.maps.placement import Starts
 from robrain.sim.mote import MoteSpec
 from robrain.sim.motes import SensorNetwork
 from robrain.sim.radio import RadioModel
@@ -54,8 +55,13 @@ class TeamTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     robots: int = 4
     near_m: tuple[float, float] | None = None
     """The robots start about here; where there is most room if absent."""
+    starts: Starts = Starts.TOGETHER
+    starts_known: bool = True
+    """Whether robots are told where they start. If not, only the first robot is: its start defines the arena frame."""
 
     def __post_init__(self) -> None:
+        if self.starts is Starts.SCATTERED and self.near_m is not None:
+            raise ValueError("expected either near_m or scattered starts, got both")
         if not 1 <= self.robots <= MAX_ROBOTS:
             raise ValueError(f"expected robots from 1 to {MAX_ROBOTS}, got {self.robots}")
 

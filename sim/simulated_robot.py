@@ -41,7 +41,7 @@ class SimulatedRobot:
         tick_s: how long a tick is.
         rng: the source of all its randomness.
         surfaces: glass and mirrors among the walls; None if there are none.
-        disturbance: what is late on its way; nothing if None.
+        disturbance: delays of frames and scans; None for no delays.
 
     """
 
@@ -67,7 +67,7 @@ class SimulatedRobot:
             stamps = FrameStamps(endpoint.clock, tells_sending=tells_sending)
         self._late_scans = disturbance.scans(index, endpoint.clock)
         self.is_late = late_frames is not None or self._late_scans is not None
-        """Whether `deliver` has anything to do."""
+        """Whether frames or scans can be late, so that `deliver` must be called."""
         self.bus = BusLine(
             ZenohBus(
                 f"{spec.name}/{CAN_CHANNEL}",
@@ -127,7 +127,7 @@ class SimulatedRobot:
             self._late_scans.put(turn)
 
     def deliver(self) -> None:
-        """Let frames and scans arrive that are late; scans keep the time at which they were measured."""
+        """Pass on late frames and scans that have arrived; scans keep their time of measurement."""
         self.bus.deliver()
         for measured_ns, turn in self._late_scans.arrivals() if self._late_scans is not None else ():
             self._scans.put(turn, measured_ns)

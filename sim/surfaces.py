@@ -1,6 +1,6 @@
 """Walls of glass and mirrors, drawn from the seed: `[surfaces]` of a scenario.
 
-Bodies and range sensors meet them as any wall; lidars see through glass, and in mirrors what is in front of them.
+For bodies, range sensors and cameras they are ordinary walls. Lidars see through glass, and reflections in mirrors.
 """
 
 from typing import NamedTuple, Self
@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.occupancy_grid import GridGeometry
-from robrain.sim.maps.floor_plan import FloorPlan
-from robrain.sim.surface_rays import (
+from robrain.protocol.model.ray_cast import (
     GLASS_X,
     GLASS_Y,
     MIRROR_EAST,
@@ -22,18 +21,19 @@ from robrain.sim.surface_rays import (
     SOLID,
     cast_rays_on_surfaces,
 )
+from robrain.sim.maps.floor_plan import FloorPlan
 
 PANE_M = 0.45
-"""Thicker walls are never glass."""
+"""Largest thickness of glass, metres."""
 STRAIGHT_M = 0.5
-"""Shorter straight pieces of wall are neither glass nor mirrors."""
+"""Least length of a straight wall that may be glass or a mirror, metres."""
 _RNG_OF_SURFACES = 2
 
 
 class SurfaceSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[surfaces]`: how much of the walls is glass or mirrors; the default is none.
+    """`[surfaces]`: shares of the walls that are glass or mirrors; the default is none.
 
-    Straight walls along the axes count, by their length. Raises ValueError where it is built with values that are none.
+    Shares are by length, of straight walls along the axes. Raises ValueError for impossible values.
     """
 
     glass_share: float = 0.0
@@ -41,9 +41,9 @@ class SurfaceSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     mirror_share: float = 0.0
     """Share of the sides of walls that is a mirror."""
     stretch_m: float = 3.0
-    """Length of a stretch of either."""
+    """Length of a stretch of glass or mirror, metres."""
     echo_rad: float = 0.2
-    """At most so far from its normal a pane returns a beam."""
+    """Largest angle between a beam and a pane's normal at which the pane returns the beam."""
 
     def __post_init__(self) -> None:
         for name in ("glass_share", "mirror_share"):
@@ -56,12 +56,12 @@ class SurfaceSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
     @property
     def is_plain(self) -> bool:
-        """Whether all walls are ordinary ones."""
+        """Whether there is neither glass nor a mirror."""
         return self.glass_share == 0 and self.mirror_share == 0
 
 
 class _Stretch(NamedTuple):
-    """Cells of a piece of wall, the last ones exclusive, and what they become."""
+    """A box of wall cells, last row and column exclusive, and the surface that they get."""
 
     row: int
     column: int
@@ -71,7 +71,7 @@ class _Stretch(NamedTuple):
 
     @property
     def cells(self) -> int:
-        """Its length."""
+        """Its length in cells."""
         if self.surface in _ALONG_X:
             return self.last_column - self.column
         return self.last_row - self.row
@@ -82,12 +82,12 @@ _ALONG_X = (GLASS_Y, MIRROR_SOUTH, MIRROR_NORTH)
 
 
 class Surfaces:
-    """What each cell of a floor is to a lidar.
+    """Surfaces of a floor, as lidars see them.
 
     Args:
-        cells: (H, W), as `robrain.sim.surface_rays` has it.
-        geometry: where they lie in the arena frame.
-        echo_rad: at most so far from its normal a pane returns a beam.
+        cells: (H, W), surfaces as in `robrain.protocol.model.ray_cast`.
+        geometry: grid of the cells, arena frame.
+        echo_rad: largest angle between a beam and a pane's normal at which the pane returns the beam.
 
     """
 
@@ -98,7 +98,7 @@ class Surfaces:
 
     @classmethod
     def draw(cls, spec: SurfaceSpec, plan: FloorPlan, seed: int) -> Self:
-        """The walls of a floor; the same seed gives the same ones."""
+        """Draw the surfaces of a floor; the same seed gives the same ones."""
         rng = np.random.default_rng([seed, _RNG_OF_SURFACES])
         rows, columns = plan.occupied.shape
         geometry = GridGeometry(plan.resolution_m, plan.origin_x_m, plan.origin_y_m, columns, rows)
@@ -119,14 +119,14 @@ class Surfaces:
     def cast(
         self, sensor: Pose2D, angles_rad: NDArray[np.float64], range_max_m: float, circles: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """The ranges (N,) of a lidar's beams in metres; see `cast_rays_on_surfaces`."""
+        """Ranges (N,) of a lidar's beams in metres; see `cast_rays_on_surfaces`."""
         return cast_rays_on_surfaces(
             self.cells, self._geometry, sensor, angles_rad, range_max_m, circles, self._echo_rad
         )
 
 
 def _panes(occupied: NDArray[np.bool_], thickest: int, shortest: int, length: int) -> list[_Stretch]:
-    """Stretches of straight walls of at most so many cells, between free floor and free floor or the grid's edge."""
+    """Stretches of walls at most `thickest` cells thick that have free floor or the grid's edge on both sides."""
     found = []
     for low, high, first, last in _thin_runs(occupied, thickest, shortest, length):
         found.append(_Stretch(low, first, high, last, GLASS_Y))
@@ -138,13 +138,13 @@ def _panes(occupied: NDArray[np.bool_], thickest: int, shortest: int, length: in
 def _thin_runs(
     occupied: NDArray[np.bool_], thickest: int, shortest: int, length: int
 ) -> list[tuple[int, int, int, int]]:
-    """Walls along the columns: first and last row, first and last column, the last ones exclusive."""
+    """Stretches of thin walls along x: first row, past-the-end row, first column, past-the-end column."""
     rows = occupied.shape[0]
     framed = np.zeros((rows + 2, occupied.shape[1]), dtype=np.int8)
     framed[1:-1] = occupied
     change = np.diff(framed, axis=0).T
     start_columns, starts = np.nonzero(change == 1)
-    _, ends = np.nonzero(change == -1)  # in the same order: each run of a column has one of either
+    _, ends = np.nonzero(change == -1)  # in the same order: each run of a column has one start and one end
     is_thin = (ends - starts <= thickest) & ~((starts == 0) & (ends == rows))
     columns, starts, ends = start_columns[is_thin], starts[is_thin], ends[is_thin]
     order = np.lexsort((columns, ends, starts))
@@ -160,7 +160,7 @@ def _thin_runs(
 
 
 def _sides(occupied: NDArray[np.bool_], shortest: int, length: int) -> list[_Stretch]:
-    """Stretches of the straight sides of walls that face free floor."""
+    """Stretches of straight sides of walls that face free floor."""
     found = []
     framed = np.pad(occupied, 1, constant_values=True)
     south, north = framed[:-2, 1:-1], framed[2:, 1:-1]
@@ -175,7 +175,7 @@ def _sides(occupied: NDArray[np.bool_], shortest: int, length: int) -> list[_Str
 
 
 def _runs(marked: NDArray[np.bool_], shortest: int, length: int) -> list[tuple[int, int, int]]:
-    """Runs of marked cells within rows: row, first and last column, the last exclusive."""
+    """Pieces of runs of marked cells within rows: row, first column, past-the-end column."""
     framed = np.zeros((marked.shape[0], marked.shape[1] + 2), dtype=np.int8)
     framed[:, 1:-1] = marked
     change = np.diff(framed, axis=1)
@@ -189,13 +189,13 @@ def _runs(marked: NDArray[np.bool_], shortest: int, length: int) -> list[tuple[i
 
 
 def _pieces(cells: int, length: int) -> list[tuple[int, int]]:
-    """First and last cell, the last exclusive, of a run's pieces; the last piece is at most half as long again."""
+    """First and past-the-end cell of each piece of a run; the last piece is up to half as long again as the others."""
     count = max(1, (cells + length // 2) // length)
     return [(piece * length, (piece + 1) * length if piece + 1 < count else cells) for piece in range(count)]
 
 
 def _chosen(stretches: list[_Stretch], share: float, rng: np.random.Generator) -> list[_Stretch]:
-    """Stretches drawn at random that make up about this share of the length of all."""
+    """Randomly drawn stretches whose total length is about this share of the length of all."""
     wanted = share * sum(stretch.cells for stretch in stretches)
     chosen, taken = [], 0.0
     for index in rng.permutation(len(stretches)).tolist() if share > 0 else ():

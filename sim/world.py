@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image
 
 from robrain.agent.robot_file import RobotFile, RobotTable, ZenohTable
-from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.sim.arena import Arena, ArenaRobot, RobotHardware
@@ -19,7 +19,7 @@ from robrain.sim.disturbance import Disturbance, DisturbanceSpec
 from robrain.sim.fault_injection import FaultSpec
 from robrain.sim.maps.errors import PlacementError
 from robrain.sim.maps.floor_plan import FloorPlan
-from robrain.sim.maps.placement import scatter_points, spawn_poses
+from robrain.sim.maps.placement import Starts, scatter_points, scatter_poses, spawn_poses
 from robrain.sim.mote import ArenaMote
 from robrain.sim.motes import SensorNetwork
 from robrain.sim.referee import team_geometry
@@ -42,9 +42,11 @@ class World:
     chargers: tuple[ChargerSpec, ...] = ()
     faults: tuple[FaultSpec, ...] = ()
     surfaces: SurfaceSpec = SurfaceSpec()  # noqa: RUF009 - immutable, so a shared default is safe
-    """Which walls are glass or mirrors."""
+    """Glass and mirrors among the walls."""
     disturbance: DisturbanceSpec = DisturbanceSpec()  # noqa: RUF009 - immutable, so a shared default is safe
-    """What is late."""
+    """Late frames and scans, paused agents."""
+    starts_known: bool = True
+    """Whether robots are told where they start; if not, only the first robot is."""
 
     def arena(self, endpoint: Endpoint) -> Arena:
         """An arena with all of it, that speaks by this endpoint."""
@@ -68,14 +70,19 @@ class World:
     def robot_file(self, robot: ArenaRobot, *, team: str = DEFAULT_TEAM, connect: tuple[str, ...] = ()) -> RobotFile:
         """What a robot's agent has to know of this world: where it starts, and the grid to map on."""
         geometry = team_geometry(self.plan)
+        start, is_known = robot.start, self.starts_known or robot is self.robots[0]
+        if not is_known:
+            width_m, height_m = self.plan.size_m
+            start = Pose2D(self.plan.origin_x_m + 0.5 * width_m, self.plan.origin_y_m + 0.5 * height_m, 0.0)
         return RobotFile(
             robot=RobotTable(robot.name, team),
             zenoh=ZenohTable(connect=list(connect)),
             parameters={
                 "localisation": {
-                    "x_m": robot.start.x_m,
-                    "y_m": robot.start.y_m,
-                    "yaw_rad": robot.start.yaw_rad,
+                    "x_m": start.x_m,
+                    "y_m": start.y_m,
+                    "yaw_rad": start.yaw_rad,
+                    **({} if is_known else {"start_known": False}),
                     # An exact odometry is better than cells of 0.1 m can tell.
                     "wall_slack_cells": 0.5 if robot.wheels.is_exact else 0.0,
                 },
@@ -116,15 +123,19 @@ def build_world(
     hardware: RobotHardware = RobotHardware(),  # noqa: B008 - immutable, so a shared default is safe
     network: SensorNetwork = SensorNetwork(),  # noqa: B008 - immutable, so a shared default is safe
     chargers: Sequence[ChargerSpec] = (),
+    starts: Starts = Starts.TOGETHER,
 ) -> World:
-    """Put robots and motes on a floor.
+    """Put robots and motes on a floor; `near` counts for robots that start together.
 
     Raises:
         PlacementError: they do not fit.
 
     """
     rng = np.random.default_rng([seed, 0])
-    poses = spawn_poses(plan, robots, hardware.radius_m, near=near, rng=rng, spacing_m=ROBOT_SPACING_M)
+    if starts is Starts.SCATTERED:
+        poses = scatter_poses(plan, robots, hardware.radius_m, rng=rng, spacing_m=ROBOT_SPACING_M)
+    else:
+        poses = spawn_poses(plan, robots, hardware.radius_m, near=near, rng=rng, spacing_m=ROBOT_SPACING_M)
     arena_robots = [
         ArenaRobot(name=f"r{number}", start=pose, **msgspec.structs.asdict(hardware))
         for number, pose in enumerate(poses, 1)
@@ -155,7 +166,7 @@ def _check_charger(charger: ChargerSpec, plan: FloorPlan, radius_m: float) -> No
 
 
 def _stamped_at(disturbance: DisturbanceSpec) -> dict[str, object]:
-    """What the agent has to know of the stamps of late frames; nothing if there are none."""
+    """Parameter of `mocdevice` about the stamps of late frames; none if no frames are late."""
     return {"stamped_at": disturbance.can.stamped_at.value} if disturbance.can.is_on else {}
 
 

@@ -1,7 +1,7 @@
 """The headline's dot: the worst of robots, coordinator, localisation, map and lateness.
 
-The map and the positions are judged by the truth where an arena tells it, else by what the robots say of their own
-scans: a map that is wrong throughout agrees with the scans that it was made of, so that is the weaker of the two.
+Map and positions are compared with the ground truth if an arena publishes it. Otherwise they are judged by the robots'
+`map_agreement`, which is weaker: a map that is wrong everywhere agrees with the scans that it was made from.
 """
 
 import math
@@ -23,12 +23,12 @@ SUMMARY_S = 0.5
 MAPLESS_S = 10.0
 """Robots that have been up for this long should have sent map patches."""
 MAP_OFF, MAP_FAR_OFF = 0.02, 0.05
-"""Share of occupied cells off the true walls above which a map is not right, and above which it is of no use."""
+"""Share of occupied cells off the true walls above which the map is amber, and red."""
 MAP_CELLS_MIN = 100
-"""A map with fewer occupied cells is not judged: the share of so few says nothing."""
+"""Least number of occupied cells of a map that is judged: a share of fewer cells is mostly chance."""
 AGREES, HARDLY_AGREES = 0.7, 0.5
-"""Share of a robot's beams that agree with its map below which something is not right, or wrong. Chosen: with a right
-map it is 95 % in the median, and 73 % at the least, in the first seconds."""
+"""Share of a robot's beams that agree with its map below which the robot is amber, and red. With a right map the median
+is 95 %, and the least value 73 %, in the first seconds."""
 REFUSED_S = 10.0
 """How long a rejected map patch stays in the headline."""
 
@@ -74,15 +74,15 @@ class Vitals:
     map_refused: bool = False
     """A map patch was rejected within the last `REFUSED_S`."""
     share_off: float = math.nan
-    """Share of the map's occupied cells that are off the true walls; NaN if no arena tells it."""
+    """Share of the map's occupied cells that are off the true walls; NaN without ground truth."""
     doubled_walls_m: float = 0.0
     """Length of walls that are on the map twice."""
     silent_robot: str = ""
-    """The robot that is farthest off without saying so; empty if there is none."""
+    """Robot with the largest error that it does not report; empty if there is none."""
     silent_error_m: float = 0.0
-    """How far off it is."""
+    """Position error of that robot."""
     least_agreement: float = math.nan
-    """Least share of a robot's beams that agree with its map; NaN if an arena tells the truth, or nobody says it."""
+    """Least share of a robot's beams that agree with its map; NaN with ground truth, and if no robot reports it."""
     least_agreement_robot: str = ""
     late_s: float = 0.0
     """Age of the oldest latest state or summary from a component in contact."""
@@ -150,13 +150,13 @@ def vitals_of(view: TeamView, now_s: float) -> Vitals:
 
 
 def judged_map(view: TeamView) -> MapAccuracy | None:
-    """How right the map is by an arena's truth; None without one, and for a map with too few cells."""
+    """Accuracy of the map by the ground truth; None without one, and for a map with too few cells."""
     told = view.truth.map_accuracy if view.truth is not None else None
     return told if told is not None and told.occupied_cells >= MAP_CELLS_MIN else None
 
 
 def least_agreement(view: TeamView, now_s: float) -> tuple[float, str]:
-    """Least share of a robot's beams that agree with its map, and whose; NaN if no robot in contact says it."""
+    """Least share of a robot's beams that agree with its map, and the robot; NaN if no robot in contact reports it."""
     told = [
         (robot.state.map_agreement, robot.name)
         for robot in view.robots.values()
@@ -171,7 +171,7 @@ def map_grade(share_off: float) -> Grade:
 
 
 def agreement_grade(agreement: float) -> Grade:
-    """Grade of a robot with this share of its beams as on its map."""
+    """Grade of a robot with this share of beams that agree with its map."""
     return Grade.BAD if agreement < HARDLY_AGREES else Grade.WARN if agreement < AGREES else Grade.GOOD
 
 

@@ -98,7 +98,7 @@ def summary_html(view: TeamView, now_s: float) -> str:
 
 
 def _accuracy_tiles(view: TeamView, now_s: float) -> list[str]:
-    """How right map and positions are: by the truth where an arena tells it, else by what the robots say."""
+    """Accuracy of map and positions: by the ground truth if there is one, else by the robots' reports."""
     if view.truth is None:
         vitals = vitals_of(view, now_s)
         agrees = position = NONE

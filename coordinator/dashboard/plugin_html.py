@@ -66,7 +66,7 @@ def robot_card_html(view: TeamView, robot: RobotView, now_s: float) -> str:
 
 
 def _accuracy_tiles(robot: RobotView) -> list[str]:
-    """How right its position is: by the truth where an arena tells it, and by its own scans."""
+    """Accuracy of its position: by the ground truth if there is one, and by its own scans."""
     agrees = robot.state.map_agreement if robot.state is not None else None
     told = robot.truth.accuracy if robot.truth is not None else None
     tiles = [tile("Lidar on map", "card-agreement", NONE if agrees is None else f"{100 * agrees:.0f} %")]

@@ -1,4 +1,4 @@
-"""The figure of how right positions and map were in a run."""
+"""The figure of the accuracy of positions and map over a run."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,7 +21,7 @@ SILENT_WIDTH = 4.0
 
 
 def accuracy_figure(run: RunData) -> Figure:
-    """Errors of the positions and share of the map that is wrong, over time; agreement with the map without a truth."""
+    """Position errors and share of wrong map cells over time; without ground truth, the agreement with the map."""
     figure = new_figure(9.0, 4.2)
     robots = [run.robots[name] for name in sorted(run.robots, key=natural_key)]
     if not any(robot.error_m for robot in robots):
@@ -62,7 +62,7 @@ def _draw_errors(axes: Axes, run: RunData, robots: list[RobotRun]) -> None:
 def _draw_agreement(axes: Axes, run: RunData, robots: list[RobotRun]) -> None:
     axes.set_title("Lidar on the map")
     if not any(np.isfinite(robot.agreement).any() for robot in robots):
-        nothing(axes, "no robot told how its lidar agrees with the map")
+        nothing(axes, "no robot reported how its scans agree with the map")
         return
     unit_s = time_axis(axes, run.duration_s)
     for index, robot in enumerate(robots):

@@ -1,7 +1,7 @@
-"""The map as it was at any time of a recording: submaps composed, with a copy kept every so often.
+"""The map at any time of a recording, composed of submaps, with copies kept at intervals.
 
-Patches say what changed, so the map at a time is made of all before it. They are composed as the team composes them, so
-what is told here is what a listener of the run knew.
+Patches contain only changes, so the map at a time needs all patches before it. They are composed as in a run, so the
+result is the map that a component of that run had.
 """
 
 from collections.abc import Callable, Iterator
@@ -31,7 +31,7 @@ class _Kept(NamedTuple):
 
 
 class MapAt:
-    """Tells the composed map at any place of a recording.
+    """Returns the composed map at any place of a recording.
 
     Args:
         patches: reads patches.
@@ -54,8 +54,8 @@ class MapAt:
             version, packed = self._packed.get(key, (-1, None))
             if packed is None or version != submap.version:
                 packed = submap_message(key, submap, geometry)
-            elif packed.T_arena_local != submap.T_arena_local:
-                packed = msgspec.structs.replace(packed, T_arena_local=submap.T_arena_local)
+            elif (packed.T_arena_local, packed.frame) != (submap.T_arena_local, submap.frame):
+                packed = msgspec.structs.replace(packed, T_arena_local=submap.T_arena_local, frame=submap.frame)
             self._packed[key] = submap.version, packed
             submaps.append(packed)
         self._kept.append(_Kept(place, geometry, submaps))
@@ -111,7 +111,7 @@ def merged(atlas: SubmapAtlas | None, payload: bytes, decoder: "msgspec.json.Dec
 
 
 def patches_of(robot: str, atlas: SubmapAtlas, now_ns: int) -> list[MapPatch]:
-    """Messages that tell a map to somebody who knows nothing of it, so that what comes later is drawn rightly."""
+    """Messages with the whole map, for a receiver that starts here and is sent only later patches."""
     whole = whole_map(robot, atlas, sorted(atlas.submaps))
     return [] if whole is None else [msgspec.structs.replace(whole, stamp_ns=now_ns)]
 

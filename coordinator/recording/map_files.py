@@ -1,19 +1,11 @@
-"""The team's map of a recording as files of ROS's map_server: a picture and a YAML file beside it.
-
-Cells are a byte each, as `map_saver` writes them: 254 free, 0 occupied, 205 unknown; the first row is the highest y.
-"""
+"""The team's map of a recording as files of ROS's map_server."""
 
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-
 from robrain.coordinator.recording.errors import RecordingError
+from robrain.coordinator.recording.map_server_files import write_grid
 from robrain.coordinator.recording.player import Player
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
-
-FREE_BYTE, OCCUPIED_BYTE, UNKNOWN_BYTE = 254, 0, 205
-OCCUPIED_THRESH, FREE_THRESH = 0.65, 0.196
 
 
 def write_map(
@@ -46,32 +38,9 @@ def write_map(
     show(0.5)
     if grid is None or not grid.known_count:
         raise RecordingError(recording, f"{recording} has no map at that time")
-    written: list[Path] = []
     try:
-        for each, data in ((picture, _pgm(grid)), (path, _yaml(grid, picture.name).encode())):
-            with each.open("xb") as file:
-                written.append(each)
-                file.write(data)
+        written = write_grid(grid, path)
     except OSError as error:
-        for each in written:
-            each.unlink(missing_ok=True)
         raise RecordingError(path, f"cannot write {path}: {error.strerror or error}") from error
     show(1.0)
-    return [path, picture]
-
-
-def _pgm(grid: OccupancyGrid) -> bytes:
-    classes = grid.classes()[::-1]
-    cells = np.full(classes.shape, UNKNOWN_BYTE, np.uint8)
-    cells[classes == FREE] = FREE_BYTE
-    cells[classes == OCCUPIED] = OCCUPIED_BYTE
-    return f"P5\n{grid.geometry.width} {grid.geometry.height}\n255\n".encode() + cells.tobytes()
-
-
-def _yaml(grid: OccupancyGrid, picture: str) -> str:
-    geometry = grid.geometry
-    return (
-        f"image: {picture}\nmode: trinary\nresolution: {geometry.resolution_m!r}\n"
-        f"origin: [{geometry.origin_x_m!r}, {geometry.origin_y_m!r}, 0.0]\n"
-        f"negate: 0\noccupied_thresh: {OCCUPIED_THRESH}\nfree_thresh: {FREE_THRESH}\n"
-    )
+    return written

@@ -38,9 +38,9 @@ FIGURES: dict[str, Callable[[RunData], Figure]] = {
 CAPTIONS = {
     "explored": "What the team has seen of the floor that can be reached.",
     "trajectories": "Where each robot believed to be, on the map as it was at the end.",
-    "accuracy": "How far each robot was from where it believed to be, thick where it was more than 0.5 m off and did "
-    "not say so; and the share of the map's occupied cells that have no true wall within 0.25 m. Where no arena tells "
-    "the truth: the share of each robot's beams that agreed with its map.",
+    "accuracy": "Position error of each robot, thick where it exceeded 0.5 m and the robot did not report it; and the "
+    "share of the map's occupied cells with no true wall within 0.25 m. Without ground truth: the share of each "
+    "robot's beams that agreed with its map.",
     "tasks": "Who was at which task, and how the task ended.",
     "energy": "What the batteries gave, what the robots' own models say that their motion takes, and for tasks what "
     "the plan had predicted.",

@@ -44,14 +44,14 @@ class RobotRun:
     predicted_j: "array[float]" = field(default_factory=lambda: array("d"))
     """The same by the robot's own model of what its motion takes."""
     agreement: "array[float]" = field(default_factory=lambda: array("d"))
-    """Share of its beams that agree with its map, 0 to 1; nan where it does not say."""
+    """Share of its beams that agree with its map, 0 to 1; nan where not reported."""
     accuracy: PoseAccuracy | None = None
-    """How right its poses were, as the arena tells at the end; None without one."""
+    """Accuracy of its poses at the end; None without ground truth."""
     error_t_s: "array[float]" = field(default_factory=lambda: array("d"))
     error_m: "array[float]" = field(default_factory=lambda: array("d"))
-    """How far off it was at these times, as the arena tells; nan while it said that it was lost."""
+    """Position error at these times by the ground truth; nan while the robot reported that it was lost."""
     is_silently_off: "array[int]" = field(default_factory=lambda: array("b"))
-    """Whether it was far off then and did not say so."""
+    """Whether it diverged silently at these times, 0 or 1."""
     distance_m: float | None = None
     """As the arena tells, the next two as well; None without one."""
     energy_j: float | None = None
@@ -102,7 +102,7 @@ class RunData:
     known_m2: list[tuple[float, float]] = field(default_factory=list)
     """Time and known area, as the coordinator tells."""
     map_accuracy: list[tuple[float, MapAccuracy]] = field(default_factory=list)
-    """Time, and how right the team's map was, as the arena tells; one for each change."""
+    """Time and accuracy of the team's map by the ground truth; one entry for each change."""
     robots: dict[str, RobotRun] = field(default_factory=dict)
     motes: dict[str, MoteRun] = field(default_factory=dict)
     tasks: dict[str, TaskRun] = field(default_factory=dict)

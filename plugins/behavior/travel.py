@@ -116,6 +116,8 @@ class Travel:
         self._version = -1
         """Of the map on which the way was last found safe."""
         self._search: Search | None = None
+        self.roams = False
+        """Whether the goals lie in the robot's own map frame, so that it may drive there while it is lost."""
         self.gap_m: float | None = None
         """Width of the gap that last stopped the robot; None if something else did."""
 
@@ -143,7 +145,7 @@ class Travel:
 
     @property
     def lost(self) -> str:
-        """Why the robot must not drive to any place now: it does not know where it is. Empty if it does."""
+        """Why the robot must not drive to places of the arena: it does not know where it is. Empty if it does."""
         why = self._env.board.lost
         return f"{self._env.robot} does not know where it is: {why}" if why else ""
 
@@ -205,7 +207,7 @@ class Travel:
             is_narrow: whether the first place is in a narrow place.
 
         """
-        if self.lost:
+        if self.lost and not self.roams:
             return False
         pose = self.pose()
         encounter = self._meet(pose)
@@ -226,7 +228,7 @@ class Travel:
         """Advance by one step, with a new path for the driver if one is due. Without a goal the travel has arrived."""
         if self._goal is None:
             return Progress.ARRIVED
-        if self.lost:
+        if self.lost and not self.roams:
             return Progress.WAITING if self.find_itself() else Progress.LOST
         self._search = None
         pose, now_ns = self.pose(), self._env.clock.now_ns()

@@ -16,8 +16,8 @@ from robrain.protocol.model.pose_filter import GATE, DriftModel, PoseFilter
 from robrain.protocol.model.pose_mixture import PoseMixture
 from robrain.protocol.model.recent_signals import RecentSignals
 from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
+from robrain.protocol.model.scan_agreement import COMPARED_MIN, agreement
 from robrain.protocol.model.scan_match import ScanFit, search_scan
-from robrain.protocol.model.scan_relocalisation import COMPARED_MIN, agreement, find_by_scan
 from robrain.protocol.model.small_linear_algebra import covariance_of, inverse_form, times_vector
 
 COMPARE_EVERY = 24
@@ -39,13 +39,17 @@ WALL_BEAMS = 20.0
 """So many beams on one wall err together: it is one wall, drawn in one row of cells; chosen."""
 SCAN_GATES = (10.83, 13.82, 16.27)
 """99.9 % of a chi-square variable, by the number of directions in which walls hold the robot."""
+REFUSED_SIGMA_M, REFUSED_SIGMA_RAD = 0.1, 0.05
+"""Doubt that a scan adds which lies where the robot cannot be: wheels may be worse than was told, or have slipped, and
+of the next scan that says the same it is believed; chosen."""
 START_AGREES = 0.6
 """Share of a scan's beams that must be as the team's map says, or the robot is not where it was told; chosen."""
-FIND_SCANS = 8
-"""After so many further scans a lost robot is looked for on the map again."""
 SIGNALS_TO_AGREE = 12
+"""A lost robot that hears motes needs at least this many signals before a place is believed."""
 SIGNALS_NIS_MAX = 2.0
-"""A place on the map is not believed if the last signals of motes are off by more, in units of their variance."""
+"""A place is not believed if the last signals of motes are off by more, in units of their variance."""
+OWN_SIGMA_M, OWN_SIGMA_RAD = 0.02, 0.01
+"""Standard deviations of a robot's pose where it begins a frame of its own."""
 NO_FIT = ScanFit([], 0.0, 0)
 
 
@@ -67,19 +71,21 @@ class LocaliserSpec(msgspec.Struct, frozen=True, kw_only=True):
     floor_rad: float = 0.005
     """… nor the yaw."""
     doubt_m_per_m: float = 0.05
-    """Error of the odometry between two matches that the filter's states do not follow, for each metre …"""
+    """Error of the odometry between two matches beyond the filter's states: metres per metre …"""
     doubt_rad_per_m: float = 0.1
-    """… and in yaw: each wheel has its own, which shows another curve in each direction of travel."""
+    """… and radians per metre. Each wheel has its own error, so the curve differs by direction of travel."""
     step_m: float = 0.01
-    """With every 2 m of floor that is new the robot's own map goes wrong by so much more …"""
+    """Standard deviation, metres, of the error that matching leaves when new walls are mapped …"""
     step_rad: float = 0.002
-    """… and turns."""
+    """… and that of its yaw, radians."""
     search_m: float = 0.2
     search_rad: float = 0.06
     """A place or a yaw less sure than this is looked for before it is refined."""
     search_within_m: float = 2.5
+    maps: bool = True
+    """Whether the robot maps by itself. A lost one that does goes on in a frame of its own."""
     lost_sigma_m: float = 5.0
-    """Added to the place's uncertainty when the estimate has diverged."""
+    """Added to the place's uncertainty when the estimate of a robot that does not map has diverged."""
 
 
 class Localiser:
@@ -100,11 +106,15 @@ class Localiser:
         )
         self.watch = DivergenceWatch(spec.watch, GATE)
         self.lost = ""
-        """Why the estimate is not to be believed; nothing while it is."""
+        """Why the robot does not know where it is in the arena; empty while it does."""
+        self.beginnings = 0
+        """How often the estimate was begun anew, at another place or in another frame."""
+        self.arena_fix: tuple[Pose2D, NDArray[np.float64]] | None = None
+        """T_arena_robot and its covariance, as found from motes while the robot is lost and maps in its own frame."""
         self.fits = True
-        """Whether the last scan lay well on the robot's own map."""
+        """Whether the last scan matched the robot's own map."""
         self._map_drift = NO_DRIFT
-        """Of the walls by which the robot goes."""
+        """Variances of the pose from which the walls that scans are matched to were first seen."""
         self._trajectory = 0
         self._of_map = NONE
         """Variances of the place in the arena of the walls that hold the robot; none while no walls do."""
@@ -113,7 +123,6 @@ class Localiser:
         self._way_m = 0.0
         self._signals = RecentSignals()
         self._since_tried = 0
-        self._scans_to_find = 0
 
     @property
     def pose(self) -> Pose2D:
@@ -123,17 +132,26 @@ class Localiser:
     @property
     def covariance(self) -> NDArray[np.float64]:
         """(3, 3) of x, y, yaw in the arena frame: m², m·rad, rad². Errors of the map that the robot goes by count."""
-        return self.filter.covariance + np.diag(self._of_map)
+        covariance = self.filter.covariance + 0.0
+        covariance[0, 0] += self._of_map[0]
+        covariance[1, 1] += self._of_map[1]
+        covariance[2, 2] += self._of_map[2]
+        return covariance
 
     @property
     def way_m(self) -> float:
-        """Driven since the estimate began, or began anew; turns count `TURN_M_PER_RAD`."""
+        """Metres driven since the estimate began or the robot was lost; turns count `TURN_M_PER_RAD`."""
         return self._way_m
 
     @property
     def sigma_m(self) -> float:
         """Standard deviation of the place in the arena frame, no less than along the worst direction."""
         return math.sqrt(self.filter.sigma_m**2 + max(self._of_map[:2]))
+
+    @property
+    def local_sigma_m(self) -> float:
+        """Standard deviation of the place on the robot's own map; in the arena while no walls hold it."""
+        return self.filter.sigma_m
 
     def move(self, displacement: Twist2D) -> None:
         """The odometry measured this displacement since the last call, as `odometry.chord` gives it."""
@@ -164,7 +182,7 @@ class Localiser:
             self.lose(why)
 
     def shift(self, T_new_old: Pose2D) -> None:
-        """Loop closures have moved the walls that the robot goes by: its pose is `T_new_old` · pose now."""
+        """Move the estimate with the map, which loop closures have moved: the pose becomes `T_new_old` · pose."""
         self.filter.shift(T_new_old)
 
     def see(
@@ -173,10 +191,10 @@ class Localiser:
         map: LocalMap,
         T_robot_sensor: Pose2D = Pose2D(0.0, 0.0, 0.0),  # noqa: B008 - immutable, so a shared default is safe
     ) -> ScanFit:
-        """A scan was made, while the robot was not lost.
+        """Match a scan to the robot's own map and correct the estimate.
 
-        `points` (K, 2) are where its beams ended, see `beam_ends`, without those that ended at something that moves.
-        `T_robot_sensor` is where the sensor was when it scanned, seen from where the robot is now.
+        `points` (K, 2) are the ends of its beams, see `beam_ends`, without those at other robots. `T_robot_sensor` is
+        the pose of the sensor at the time of the scan, relative to the robot's current pose.
         """
         if map.trajectory != self._trajectory:
             self._trajectory = map.trajectory
@@ -194,6 +212,8 @@ class Localiser:
         if fit.directions and is_new:
             self._go_by(walls_drift)
         is_believed = not is_new or self._correct(fit, believed, guess, map)
+        if not is_believed:
+            self.filter.add((REFUSED_SIGMA_M**2, REFUSED_SIGMA_M**2, REFUSED_SIGMA_RAD**2))
         self._reckon_map(map)
         self.fits = is_believed and (not fit.beams or fit.fit >= self.spec.watch.fit_min)
         why = self.watch.saw(fit.fit if is_believed else 0.0) if fit.beams else ""
@@ -203,7 +223,7 @@ class Localiser:
 
     @property
     def drift(self) -> Drift:
-        """Variances of the robot's pose against where its own map began, less what a match leaves: m², rad²."""
+        """Variances of the robot's pose relative to where its own map began: position (m² per axis) and yaw (rad²)."""
         covariance, spec = self.filter.covariance, self.spec
         beyond_m2 = max(0.5 * float(covariance[0, 0] + covariance[1, 1]) - spec.floor_m**2, 0.0)
         beyond_rad2 = max(float(covariance[2, 2]) - spec.floor_rad**2, 0.0)
@@ -211,46 +231,31 @@ class Localiser:
         return m2 + beyond_m2 + spec.step_m**2, rad2 + beyond_rad2 + spec.step_rad**2
 
     def _go_by(self, walls: Drift) -> None:
-        """The scan lies on walls that were drawn when the robot's pose was this unsure.
+        """Note that the scan was matched to walls that were mapped when the robot's pose had these variances.
 
-        A scan that lies well on the map makes the robot sure of its place *on the map*. Where the map was drawn by a
-        robot that was not sure of its place, it is wrong by as much, and no scan can tell. The exact way is to keep the
-        poses that the map was made from as states, as SLAM does; the pose graph does so for whole submaps.
+        A match tells the robot's pose relative to the walls. If the pose was uncertain when they were mapped, the walls
+        have the same error, and no match can reveal it. The exact solution keeps the poses from which the map was made
+        as states, as SLAM does; the pose graph does so for whole submaps.
         """
         m2, rad2 = (max(now - then, 0.0) for now, then in zip(self._map_drift, walls, strict=True))
         self.filter.add((m2, m2, rad2))
         self._map_drift = walls
 
     def _reckon_map(self, map: LocalMap) -> None:
-        """Reckon how unsure the place of the walls is, by which the robot goes."""
+        """Compute the variances of the matched walls' position in the arena."""
         local = map.T_arena_local.inverse().compose(self.pose)
-        # The yaw at the anchor moves the robot, which is some metres on.
+        # An error of yaw at the anchor moves the robot, which is some metres away from it.
         across_m2 = 0.5 * map.variances[2] * map.anchor.distance_m(local) ** 2
         m2, rad2 = (max(now - then, 0.0) for now, then in zip(self._map_drift, map.drift, strict=True))
         x, y, yaw = map.variances
         self._of_map = x + across_m2 + m2, y + across_m2 + m2, yaw + rad2
 
-    def find(
-        self,
-        points: NDArray[np.float64],
-        log_odds: NDArray[np.int8],
-        geometry: GridGeometry,
-        T_robot_sensor: Pose2D = Pose2D(0.0, 0.0, 0.0),  # noqa: B008 - immutable, so a shared default is safe
-    ) -> None:
-        """Look for a lost robot on the team's map, an `OccupancyGrid`'s. Walls look alike, so motes have to agree.
-
-        Other arguments are those of `see`.
-        """
-        self._scans_to_find -= 1
-        if self._scans_to_find > 0 or (self._signals.has_heard and len(self._signals) < SIGNALS_TO_AGREE):
-            return
-        self._scans_to_find = FIND_SCANS
-        sensor = find_by_scan(log_odds, geometry, points)
-        if sensor is None:
-            return
-        pose = sensor.compose(T_robot_sensor.inverse())
-        if self._signals.nis(pose, self.spec.path_loss) < SIGNALS_NIS_MAX:
-            self._found(pose, np.diag(np.square((0.2, 0.2, 0.1))))
+    def may_be_at(self, pose: Pose2D) -> bool:
+        """Whether the signals of motes, if any are heard, allow the robot to be at a pose of the arena frame."""
+        signals = self._signals
+        if not signals.has_heard:
+            return True
+        return len(signals) >= SIGNALS_TO_AGREE and signals.nis(pose, self.spec.path_loss) < SIGNALS_NIS_MAX
 
     def check_start(
         self,
@@ -301,19 +306,33 @@ class Localiser:
         self._matched_way_m = self._way_m
         return True
 
-    def _let_go_of_map(self) -> None:
-        self.filter.add(self._of_map)
-        self._of_map = NONE
-
     def lose(self, why: str) -> None:
-        """The estimate is not to be believed any more; look for the robot."""
-        self.lost = why
-        self._let_go_of_map()
-        self.filter.doubt(self.spec.lost_sigma_m, math.pi / 2)
-        self.watch.begin_anew()
+        """The estimate is not to be believed any more.
+
+        A robot that maps begins a frame of its own in which it is where it was believed to be.
+        """
+        self._begin_anew(why)
+        if self.spec.maps:
+            sigmas = np.array((OWN_SIGMA_M, OWN_SIGMA_M, OWN_SIGMA_RAD))
+            self.filter.place(self.pose, np.diag(sigmas * sigmas))
+        else:
+            self.filter.add(self._of_map)
+            self.filter.doubt(self.spec.lost_sigma_m, math.pi / 2)
+        self._of_map = NONE
         self._signals.forget()
         self._way_m = self._matched_way_m = self._seen_way_m = 0.0
-        self._since_tried = self._scans_to_find = 0
+        self._since_tried = 0
+
+    def join(self) -> None:
+        """The frame in which the robot goes has been found to be, or has been moved to, the arena frame."""
+        self.lost = ""
+        self.watch.begin_anew()
+
+    def part(self, why: str) -> None:
+        """The frame in which the robot goes is not the arena frame any more; the estimate goes on in it."""
+        self.lost = why
+        self._signals.forget()
+        self._since_tried = 0
 
     def _find_by_motes(self) -> None:
         found = (
@@ -325,7 +344,20 @@ class Localiser:
             return
         pose, covariance = found
         if max(covariance[0, 0], covariance[1, 1]) < FOUND_SIGMA_M**2 and covariance[2, 2] < FOUND_SIGMA_RAD**2:
-            self._found(pose, covariance)
+            self.arena_fix = pose, covariance
+
+    def place(self, pose: Pose2D, covariance: NDArray[np.float64]) -> None:
+        """The robot is here in the arena: m², m·rad, rad²."""
+        self._begin_anew("")
+        self._of_map = NONE
+        self.filter.place(pose, covariance)
+
+    def _begin_anew(self, lost: str) -> None:
+        self.lost = lost
+        self.beginnings += 1
+        self.fits = True
+        self.arena_fix = None
+        self.watch.begin_anew()
 
     def _search(
         self,
@@ -339,16 +371,9 @@ class Localiser:
         within_rad = min(3.0 * self.filter.sigma_rad, SEARCH_WITHIN_RAD)
         return search_scan(log_odds, geometry, guess, points, within_m=within_m, within_rad=within_rad)
 
-    def _found(self, pose: Pose2D, covariance: NDArray[np.float64]) -> None:
-        self.lost = ""
-        self.fits = True
-        self._of_map = NONE
-        self.filter.place(pose, covariance)
-        self.watch.begin_anew()
-
 
 def _turned(rows: NDArray[np.float64], yaw_rad: float) -> NDArray[np.float64]:
-    """Directions of (x, y, yaw) in a frame turned by `yaw_rad`, in the frame that it is turned against."""
+    """Directions (n, 3) of x, y, yaw, rotated by `yaw_rad`."""
     cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
     turned = rows.copy()
     turned[:, 0] = cos * rows[:, 0] - sin * rows[:, 1]

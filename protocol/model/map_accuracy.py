@@ -1,8 +1,8 @@
-"""How right a map is: its occupied cells against the true walls.
+"""Accuracy of a map: its occupied cells compared with the true walls.
 
-A cell is off if its centre lies more than `OFF_M` from the nearest point of any true wall cell; all that is beyond the
+A cell is off if its centre is more than `OFF_M` from the nearest point of any true wall cell. Everything beyond the
 edge of the true plan counts as wall, as a simulated lidar sees it. A wall is doubled where cells are off within
-`DOUBLED_WITHIN_M` of a true wall that the map also has where it is.
+`DOUBLED_WITHIN_M` of a true wall that the map also has at the right place.
 """
 
 import math
@@ -16,24 +16,24 @@ from robrain.protocol.model.kernel_array import BOOL, INT8, kernel_array
 from robrain.protocol.model.occupancy_grid import GridGeometry
 
 OFF_M = 0.25
-"""From a true wall to the centre of a cell; chosen: two and a half cells of 0.1 m."""
+"""Largest distance of a right cell's centre from a true wall, metres: two and a half cells of 0.1 m."""
 DOUBLED_WITHIN_M = 1.0
-"""Chosen: what lies farther from a wall is not taken for a second picture of it."""
+"""Largest distance, metres, between a wall and its double: cells farther off are another error."""
 SLACK_CELLS = 1e-6
-"""Distances are multiples of the resolution: one of exactly the bound must not depend on rounding."""
+"""Added to bounds, in cells: distances are multiples of the resolution, and equality must not depend on rounding."""
 ELSEWHERE, RIGHT, ON_WALL, OFF = 0, 1, 2, 3
 
 
 def measure_map_accuracy(
     classes: NDArray[np.int8], geometry: GridGeometry, walls: NDArray[np.bool_], walls_geometry: GridGeometry
 ) -> MapAccuracy:
-    """Hold a map against the true walls.
+    """Compare a map with the true walls.
 
     Args:
         classes: int8 (H, W), the classes of the map's cells as in `OccupancyGrid.classes()`.
-        geometry: where these cells lie, arena frame.
+        geometry: grid of these cells, arena frame.
         walls: bool (H', W'), which cells are truly wall.
-        walls_geometry: where those lie, arena frame; of any other resolution.
+        walls_geometry: grid of the walls, arena frame; its resolution may differ.
 
     Raises:
         ValueError: an array does not have its geometry's shape.
@@ -50,7 +50,7 @@ def measure_map_accuracy(
         (geometry.origin_y_m - walls_geometry.origin_y_m) / wall_cell_m,
         geometry.resolution_m / wall_cell_m,
         OFF_M / wall_cell_m + SLACK_CELLS,
-        # A wall is on the map where it is if the cell that it lies in, or the one beside that, is occupied.
+        # A wall is mapped at the right place if its cell or one beside it is occupied.
         geometry.resolution_m / wall_cell_m + SLACK_CELLS,
         DOUBLED_WITHIN_M / geometry.resolution_m + SLACK_CELLS,
     )

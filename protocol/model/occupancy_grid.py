@@ -86,10 +86,10 @@ class PatchCells(msgspec.Struct, frozen=True, eq=False):
 class OccupancyGrid:
     """The belief of one robot (or of the coordinator) about every cell of a grid.
 
-    With `surfaces` it also keeps where in its cell a wall is: `surface_at` float32 (H, W, 2), the mean place of the
-    beams' ends, column and row in cells from the origin, `surface_view` float32 (H, W, 2), the mean direction of those
-    beams, and `surface_drift` float32 (H, W, 2), how unsure the sensor's pose was when it saw the wall first (m²,
-    rad²). They hold where `log_odds` > 0 and `surface_hits` > 0.
+    With `surfaces` it also keeps the places of walls within their cells: `surface_at` float32 (H, W, 2), mean x and y
+    of the beams' ends in cells from the origin; `surface_view` float32 (H, W, 2), mean direction of these beams as a
+    vector; `surface_drift` float32 (H, W, 2), variances of the sensor's pose when it saw the wall first (m², rad²).
+    They are valid where `log_odds` > 0 and `surface_hits` > 0, which counts the beams up to `SURFACE_HITS_MAX`.
 
     `log_odds` int8 (H, W): evidence, 0 where nothing was ever seen. `stamp_ms` int32 (H, W): when the cell was last
     observed, in milliseconds of the run's clock, 0 before. `dirty` bool (H, W): own sensing changed the class
@@ -104,7 +104,6 @@ class OccupancyGrid:
         self.dirty: NDArray[np.bool_] = np.zeros(geometry.shape, np.bool_)
         self.version = 0
         self.known_count = 0
-        # Where in their cells beams ended: mean column and row in cells from the origin, and of how many.
         shape = geometry.shape if surfaces else (1, 1)
         self.surface_at: NDArray[np.float32] = np.zeros((*shape, 2), np.float32)
         self.surface_hits: NDArray[np.uint8] = np.zeros(shape, np.uint8)
@@ -114,7 +113,7 @@ class OccupancyGrid:
         self._seen_by: NDArray[np.int32] = np.zeros(geometry.shape, np.int32)
         self._scans = 0
         self._first_scan = self._told_scan = 0
-        """The first scan since `begin_stretch`."""
+        """Numbers of the first scan since `begin_stretch` and since `contradict`."""
 
     def classes(self) -> NDArray[np.int8]:
         """A new array of UNKNOWN, FREE and OCCUPIED, int8 (H, W)."""
@@ -142,7 +141,7 @@ class OccupancyGrid:
         and ranges that are not positive say nothing. `ignore` (K, 3) holds circles x, y, radius in metres of the
         arena frame: a beam that ends in one (a team mate) frees its way there but marks no obstacle.
 
-        `drift` are variances (m², rad²) of the sensor's pose, which new surfaces keep.
+        `drift` are the variances of the sensor's pose (m², rad²), stored with new surfaces.
 
         Every cell takes at most one update a scan, and none is freed that a beam of the same scan ended in
         (Hornung et al., *OctoMap*, Autonomous Robots 2013). Nor does a beam free the unbroken run of occupied cells
@@ -234,10 +233,11 @@ class OccupancyGrid:
         return changed
 
     def begin_stretch(self) -> None:
-        """Keep only what was seen since the last call; from here on the first sight of a cell counts as a change of it.
+        """Begin a new stretch of the path: forget all cells that were not seen since the last call.
 
-        So the patches from one call to the next tell all that was seen in between, and the grid always holds what was
-        seen since the last call but one: a map for a submap, and the recent surroundings of the robot.
+        From here on the first observation of a cell counts as a change, even if its class stays. So the patches between
+        two calls contain all that was seen between them (a submap), and the grid holds what was seen since the last
+        call but one (the robot's recent surroundings).
         """
         old = self.known() & (self._seen_by < 2 * self._first_scan)
         self.log_odds[old] = 0
@@ -249,10 +249,10 @@ class OccupancyGrid:
         self._first_scan = self._scans + 1
 
     def contradict(self, others: NDArray[np.int8], first_row: int, first_column: int) -> None:
-        """What was seen since the last call is to be told again where others take floor for a wall.
+        """Mark floor seen since the last call as changed where others have a wall, so that it is told again.
 
-        `others` int8 (h, w) are their log odds; its first cell is this grid's (`first_row`, `first_column`). Only floor
-        without any wall about it counts: of a wall two may differ by a cell.
+        `others` int8 (h, w) are the log odds of their map; its first cell is this grid's (`first_row`, `first_column`).
+        Only floor with no wall in the neighbouring cells counts, because two maps of a wall may differ by a cell.
         """
         kernels.contradict(
             self.log_odds, self.dirty, self._seen_by, 2 * self._told_scan, others, first_row, first_column
@@ -260,12 +260,12 @@ class OccupancyGrid:
         self._told_scan = self._scans + 1
 
     def recent_surfaces(self) -> NDArray[np.int64]:
-        """Rows and columns (n, 2) of the walls that were seen since `begin_stretch`; only with surfaces."""
+        """Rows and columns (n, 2) of the walls seen since `begin_stretch`; needs `surfaces`."""
         walls = (self.log_odds > 0) & (self.surface_hits > 0) & (self._seen_by >= 2 * self._first_scan)
         return np.argwhere(walls)
 
     def erase(self, first_row: int, first_column: int, end_row: int, end_column: int) -> int:
-        """Know nothing any more of a box of cells; how many were known."""
+        """Make a box of cells unknown; returns how many were known."""
         box = np.s_[first_row:end_row, first_column:end_column]
         forgotten = int(np.count_nonzero(self.log_odds[box]))
         for array in (self.log_odds, self.stamp_ms, self.dirty, self._seen_by):
@@ -275,7 +275,7 @@ class OccupancyGrid:
         return forgotten
 
     def count_drawn(self, changed: int, discovered: int) -> None:
-        """`changed` cells were given another class from outside, of which `discovered` were not known before."""
+        """Count cells whose class was changed in the arrays directly; `discovered` of them were unknown before."""
         self._count(changed, discovered)
 
     def forget(self) -> None:

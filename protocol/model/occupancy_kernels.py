@@ -1,4 +1,4 @@
-"""The arithmetic of occupancy grids: evidence of scans, merging of statements."""
+"""The arithmetic of occupancy grids: evidence of scans, merging of patches."""
 
 import math
 
@@ -20,7 +20,7 @@ FLIPPED_LOG_ODDS = 10
 MERGED_LOG_ODDS = 60
 """Certainty given to what a team mate said."""
 SURFACE_HITS_MAX = 30
-"""Of so many beams that ended in a cell the mean place is kept; then older ones fade."""
+"""Number of beams in the mean place of a cell; with more beams, older ones lose weight exponentially."""
 HIT_DEPTH_CELLS = 0.2
 """How far behind the measured end a beam's obstacle is taken to be, so that a surface on the border of two cells
 (where a wall of a map lies, and where range noise would fall on either side) marks the cell behind the border."""
@@ -47,7 +47,7 @@ def contradict(
     first_row: int,
     first_column: int,
 ) -> None:
-    """Mark floor that was seen since then and that `others` take for a wall."""
+    """Mark floor that was seen by scan `since` or a later one and that is a wall in `others`."""
     height, width = log_odds.shape
     for i in range(others.shape[0]):
         for j in range(others.shape[1]):

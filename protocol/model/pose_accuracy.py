@@ -1,4 +1,4 @@
-"""How right a robot's believed poses are, and whether it says so when they are not."""
+"""Accuracy of a robot's pose estimates, and whether it reports when they are wrong."""
 
 import math
 from collections.abc import Sequence
@@ -7,19 +7,19 @@ from robrain.protocol.model.accuracy import PoseAccuracy
 from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
 
 FAR_OFF_M = 0.5
-"""A robot farther than this from where it believes to be is far off."""
+"""Position error, metres, above which a robot that does not report it diverges silently."""
 SIGMAS = 3.0
-"""A robot says so by a standard deviation of at least this part of the error."""
+"""A robot reports an error if this multiple of its standard deviation reaches the error."""
 NEES_BOUND = 5.991
-"""95 % of a chi-square variable of two degrees of freedom."""
+"""95 % quantile of the chi-square distribution with two degrees of freedom."""
 NEES_MAX = 1e6
-"""A sample counts for no more, so that a covariance that is almost singular leaves the sums finite."""
+"""Limit of one sample's NEES, so that an almost singular covariance leaves the sums finite."""
 GAP_MAX_S = 3.0
-"""A robot that tells nothing for longer has no pose: the time between counts for nothing, and ends a stretch."""
+"""Longest time between two samples, seconds, that counts; a longer gap ends a silent divergence."""
 
 
 class PoseAccuracyMeter:
-    """Accumulates the errors of one robot's poses; feed it samples in the order of time."""
+    """Accumulates the errors of one robot's poses; takes samples in order of time."""
 
     def __init__(self) -> None:
         self._last_s: float | None = None
@@ -33,14 +33,14 @@ class PoseAccuracyMeter:
         self._is_lost = False
 
     def note(self, time_s: float, believed: Pose2D, covariance: Sequence[float], lost: str, true: Pose2D) -> None:
-        """Take a sample; the time since the one before counts as this one was.
+        """Add a sample; it counts for the time since the sample before.
 
         Args:
-            time_s: when both poses were so; samples that are not later than the one before are left out.
-            believed: T_arena_robot as the robot tells it.
-            covariance: row-major 3 × 3 of x, y, yaw as the robot tells it: m², m·rad, rad²; empty if it tells none.
-            lost: why the robot does not believe the pose itself; empty if it does.
-            true: T_arena_robot.
+            time_s: time of both poses; a sample that is not later than the one before is ignored.
+            believed: T_arena_robot estimated by the robot.
+            covariance: its 3 × 3 covariance of x, y, yaw, row-major: m², m·rad, rad²; empty if there is none.
+            lost: why the robot reports that it is lost; empty if it does not.
+            true: true T_arena_robot.
 
         """
         last_s, self._last_s = self._last_s, time_s
@@ -64,7 +64,7 @@ class PoseAccuracyMeter:
             self._yaw_squares_rad2 += yaw_error_rad * yaw_error_rad
             self._max_error_m = max(self._max_error_m, error_m)
             self._note_nees(covariance, dx_m, dy_m, yaw_error_rad)
-        says_so = bool(lost) or SIGMAS * position_sigma_m(covariance) >= error_m  # False if it tells no covariance
+        says_so = bool(lost) or SIGMAS * position_sigma_m(covariance) >= error_m  # False without a covariance
         if error_m > FAR_OFF_M and not says_so:
             self._silent_s += passed_s
             self._silent_for_s += passed_s
@@ -74,7 +74,7 @@ class PoseAccuracyMeter:
 
     @property
     def accuracy(self) -> PoseAccuracy:
-        """The figures so far."""
+        """Figures over all samples so far."""
         count, compared = self._samples, self._with_covariance
         return PoseAccuracy(
             samples=count,
@@ -130,7 +130,7 @@ def nees(covariance: Sequence[float], dx_m: float, dy_m: float, yaw_error_rad: f
     if not (xx > 0 and determinant > 0):
         return None
     of_place = (yy * dx_m * dx_m - 2.0 * xy * dx_m * dy_m + xx * dy_m * dy_m) / determinant
-    # What x and y tell of the yaw's error, and the variance that is left when they are known.
+    # Expected yaw error given x and y, and the remaining variance.
     along_x, along_y = (yy * xt - xy * yt) / determinant, (xx * yt - xy * xt) / determinant
     left = tt - (along_x * xt + along_y * yt)
     if not left > 0:

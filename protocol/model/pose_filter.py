@@ -222,7 +222,7 @@ class PoseFilter:
         self._forget_motes()
 
     def shift(self, T_new_old: Pose2D) -> None:
-        """The arena frame's walls have moved, and the robot with them: its pose is `T_new_old` · pose now."""
+        """Move the estimate: the pose becomes `T_new_old` · pose."""
         cos, sin = math.cos(T_new_old.yaw_rad), math.sin(T_new_old.yaw_rad)
         x_m, y_m = self._mean[0], self._mean[1]
         self._mean[0] = T_new_old.x_m + cos * x_m - sin * y_m

@@ -141,7 +141,7 @@ class PoseMixture:
         self._parts[0].doubt(sigma_m, sigma_rad)
 
     def shift(self, T_new_old: Pose2D) -> None:
-        """The arena frame's walls have moved, and the robot with them: its pose is `T_new_old` · pose now."""
+        """Move the estimate: the pose becomes `T_new_old` · pose."""
         for part in self._parts:
             part.shift(T_new_old)
 

@@ -1,4 +1,7 @@
-"""What a range sensor would measure in a known world: exact rays through a grid and past circles."""
+"""What a range sensor would measure in a known world: exact rays through a grid and past circles.
+
+Lidars see through glass, and in mirrors what is in front of them: `cast_rays_on_surfaces`.
+"""
 
 import math
 
@@ -9,6 +12,13 @@ from numpy.typing import NDArray
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.kernel_array import FLOAT64, kernel_array
 from robrain.protocol.model.occupancy_grid import GridGeometry
+
+SOLID = 1
+"""An ordinary wall; 0 is free floor."""
+GLASS_X, GLASS_Y = 2, 4
+"""A pane whose normal lies along x, along y."""
+MIRROR_WEST, MIRROR_EAST, MIRROR_SOUTH, MIRROR_NORTH = 8, 16, 32, 64
+"""Side of the cell that is a mirror: lower x, higher x, lower y, higher y."""
 
 
 def cast_rays(
@@ -51,12 +61,53 @@ def cast_rays(
         kernel_array(angles_rad, FLOAT64),
         float(range_max_m),
         kernel_array(circles, FLOAT64),
+        None,
+    )
+
+
+def cast_rays_on_surfaces(
+    surfaces: NDArray[np.uint8],
+    geometry: GridGeometry,
+    sensor: Pose2D,
+    angles_rad: NDArray[np.float64],
+    range_max_m: float,
+    circles: NDArray[np.float64],
+    echo_rad: float,
+) -> NDArray[np.float64]:
+    """Distances (N,) in metres as `cast_rays` gives them, on a floor with glass and mirrors.
+
+    A pane returns the beams that meet it within `echo_rad` of its normal. Other beams pass it straight on; behind a
+    pane at the grid's edge they meet nothing. A mirror reflects a beam once: its range is the length of the whole path,
+    and it may end at the body that the sensor sits in. A second mirror on the path is a wall.
+
+    Args:
+        surfaces: (H, W), the sum of the constants above for each cell.
+        geometry: where `surfaces` lies in the arena frame; beyond it all is solid.
+        sensor: in the arena frame.
+        angles_rad: (N,), in the sensor's frame.
+        range_max_m: the range of a beam that meets nothing nearer.
+        circles: (K, 3) further obstacles x, y, radius in metres, arena frame.
+        echo_rad: largest angle between a beam and a pane's normal at which the pane returns the beam.
+
+    """
+    return _cast_rays(
+        kernel_array(surfaces, surfaces.dtype).view(np.uint8),
+        float(geometry.resolution_m),
+        float(geometry.origin_x_m),
+        float(geometry.origin_y_m),
+        float(sensor.x_m),
+        float(sensor.y_m),
+        float(sensor.yaw_rad),
+        kernel_array(angles_rad, FLOAT64),
+        float(range_max_m),
+        kernel_array(circles, FLOAT64),
+        math.cos(echo_rad),
     )
 
 
 @njit(cache=True, nogil=True)
 def _cast_rays(
-    occupied: NDArray[np.uint8],
+    surfaces: NDArray[np.uint8],
     resolution_m: float,
     origin_x_m: float,
     origin_y_m: float,
@@ -66,14 +117,16 @@ def _cast_rays(
     angles_rad: NDArray[np.float64],
     range_max_m: float,
     circles: NDArray[np.float64],
+    echo_cosine: float | None,
 ) -> NDArray[np.float64]:
-    height, width = occupied.shape
+    """Ranges of beams; without `echo_cosine` all surfaces are solid, and numba leaves out what is for others."""
+    height, width = surfaces.shape
     start_x = (sensor_x_m - origin_x_m) / resolution_m
     start_y = (sensor_y_m - origin_y_m) / resolution_m
     start_row, start_column = math.floor(start_y), math.floor(start_x)
     ranges_m = np.empty(angles_rad.shape[0])
     within = 0 <= start_row < height and 0 <= start_column < width
-    if not within or occupied[start_row, start_column] != 0:
+    if not within or surfaces[start_row, start_column] != 0:
         ranges_m[:] = 0.0
         return ranges_m
     range_max = range_max_m / resolution_m
@@ -90,8 +143,12 @@ def _cast_rays(
         next_y = gap_y * delta_y if direction_y != 0 else np.inf
         row, column = start_row, start_column
         distance = range_max
+        turn = -1.0
+        back_x, back_y = direction_x, direction_y
+        is_in_glass = False
         while True:
-            if next_x < next_y:
+            crosses_column = next_x < next_y
+            if crosses_column:
                 entry = next_x
                 next_x += delta_x
                 column += step_column
@@ -101,17 +158,62 @@ def _cast_rays(
                 row += step_row
             if entry >= range_max:
                 break
-            if not (0 <= row < height and 0 <= column < width) or occupied[row, column] != 0:
-                distance = entry
-                break
-        ranges_m[ray] = range_max_m if distance == range_max else distance * resolution_m
-        for k in range(circles.shape[0]):
-            # |sensor + t·direction − center| = radius: t² − 2·along·t + excess = 0, the nearer root.
-            center_x, center_y = circles[k, 0] - sensor_x_m, circles[k, 1] - sensor_y_m
-            excess = center_x * center_x + center_y * center_y - circles[k, 2] * circles[k, 2]
-            along = center_x * direction_x + center_y * direction_y
-            if excess < 0 or along <= 0 or along * along < excess:
+            if echo_cosine is None:
+                if not (0 <= row < height and 0 <= column < width) or surfaces[row, column] != 0:
+                    distance = entry
+                    break
                 continue
-            range_m = along - math.sqrt(along * along - excess)
-            ranges_m[ray] = min(ranges_m[ray], range_m)
+            if not (0 <= row < height and 0 <= column < width):
+                if not is_in_glass:
+                    distance = entry
+                break
+            surface = surfaces[row, column]
+            if surface == 0:
+                is_in_glass = False
+                continue
+            if surface & (GLASS_X | GLASS_Y):
+                along_normal = abs(direction_x) if surface & GLASS_X else 0.0
+                if surface & GLASS_Y:
+                    along_normal = max(along_normal, abs(direction_y))
+                if along_normal < echo_cosine:
+                    is_in_glass = True
+                    continue
+            elif turn < 0:
+                side = MIRROR_SOUTH if step_row > 0 else MIRROR_NORTH
+                if crosses_column:
+                    side = MIRROR_WEST if step_column > 0 else MIRROR_EAST
+                if surface & side:
+                    # The next line in the direction it came from is a whole cell away, as in the one it went.
+                    turn = entry
+                    if crosses_column:
+                        column -= step_column
+                        step_column = -step_column
+                        back_x = -direction_x
+                    else:
+                        row -= step_row
+                        step_row = -step_row
+                        back_y = -direction_y
+                    continue
+            distance = entry
+            break
+        range_m = range_max_m if distance == range_max else distance * resolution_m
+        for k in range(circles.shape[0]):
+            # |origin + t·direction − center| = radius: t² − 2·along·t + excess = 0, the nearer root.
+            center_x, center_y = circles[k, 0] - sensor_x_m, circles[k, 1] - sensor_y_m
+            radius_2 = circles[k, 2] * circles[k, 2]
+            excess = center_x * center_x + center_y * center_y - radius_2
+            along = center_x * direction_x + center_y * direction_y
+            if excess >= 0 and along > 0 and along * along >= excess:
+                hit_m = along - math.sqrt(along * along - excess)
+                if turn < 0 or hit_m < turn * resolution_m:
+                    range_m = min(range_m, hit_m)
+            if turn >= 0:
+                turn_m = turn * resolution_m
+                center_x -= turn_m * direction_x
+                center_y -= turn_m * direction_y
+                excess = center_x * center_x + center_y * center_y - radius_2
+                along = center_x * back_x + center_y * back_y
+                if excess >= 0 and along > 0 and along * along >= excess:
+                    range_m = min(range_m, turn_m + along - math.sqrt(along * along - excess))
+        ranges_m[ray] = range_m
     return ranges_m

@@ -58,11 +58,22 @@ def match_scan(
     points: NDArray[np.float64],
     reach_m: float = REACH_M,
 ) -> ScanFit:
-    """Refine a guess that is wrong by less than `reach_m`; beams that end farther from all walls say nothing.
+    """Refine a guess that is wrong by less than `reach_m`; beams that end farther from all walls are ignored.
 
     `log_odds` (H, W) is an `OccupancyGrid`'s; `guess` is T_arena_sensor; `points` are a scan's, see `beam_ends`. Raises
     ValueError for a map that does not fit its geometry.
     """
+    return match_walls(log_odds, geometry, guess, _in_walls(points, geometry), reach_m)
+
+
+def match_walls(
+    log_odds: NDArray[np.int8],
+    geometry: GridGeometry,
+    guess: Pose2D,
+    walls: NDArray[np.float64],
+    reach_m: float = REACH_M,
+) -> ScanFit:
+    """As `match_scan`, with the middles (K, 2) of a map's occupied cells in place of the ends of beams."""
     _check(log_odds, geometry)
     found, held, fit, beams = kernels.refine(
         log_odds,
@@ -72,7 +83,7 @@ def match_scan(
         guess.x_m,
         guess.y_m,
         guess.yaw_rad,
-        _in_walls(points, geometry),
+        walls,
         reach_m,
         DEGENERATE,
         BEAMS_MIN,
@@ -126,9 +137,10 @@ def search_scan(
 def points_in_view(
     log_odds: NDArray[np.int8], geometry: GridGeometry, sensor: Pose2D, points: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Those of the points that the map saw from the same side: just before them it knows free floor.
+    """The points just behind free floor of the map: those at walls that the map shows from the same side.
 
-    The others ended at what the map never saw, or at the far side of a wall. Arguments are as for `match_scan`.
+    Other beams ended at something that the map does not have, or at the far side of a wall. Arguments are as for
+    `match_scan`.
     """
     per_m = 1.0 / geometry.resolution_m
     x, y = (sensor.x_m - geometry.origin_x_m) * per_m, (sensor.y_m - geometry.origin_y_m) * per_m

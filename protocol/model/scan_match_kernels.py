@@ -6,15 +6,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from robrain.protocol.model.gauss_newton_kernels import add_residual, held_directions, lever_of, solve_step
+
 Floats = NDArray[np.float64]
 ITERATIONS = 12
 DONE_CELLS = 0.002
 NEAR_M = 0.2
 IN_FRONT_CELLS = (2.0, 3.0)
-"""So far before its end a beam crosses floor that the map knows, if the map saw this side of the wall."""
-SWEEPS = 12
-"""Limit; Jacobi's method needs four or five sweeps for a 3 × 3 matrix."""
-NEGLIGIBLE = 1e-17
+"""Distances before a beam's end, cells, at which the map has free floor if it saw the same side of the wall."""
 
 
 @njit(cache=True, nogil=True)
@@ -51,52 +50,6 @@ def _window(points: Floats, per_m: float, x: float, y: float, margin: int) -> tu
 
 
 @njit(cache=True, nogil=True)
-def eigen(matrix: Floats, values: Floats, vectors: Floats) -> None:
-    """Write a symmetric matrix's eigenvalues (3,), ascending, and eigenvectors (3, 3), as columns; overwrites `matrix`.
-
-    Jacobi's method, cyclic by rows (Golub and Van Loan, *Matrix Computations*, section 8.5), because LAPACK's results
-    differ by processor; see `small_linear_algebra`. The sign of an eigenvector is arbitrary.
-    """
-    for i in range(3):
-        for j in range(3):
-            vectors[i, j] = 1.0 if i == j else 0.0
-    for _sweep in range(SWEEPS):
-        if matrix[0, 1] == 0.0 and matrix[0, 2] == 0.0 and matrix[1, 2] == 0.0:
-            break
-        for p in range(2):
-            for q in range(p + 1, 3):
-                aside = matrix[p, q]
-                if abs(aside) <= NEGLIGIBLE * min(abs(matrix[p, p]), abs(matrix[q, q])):
-                    matrix[p, q] = matrix[q, p] = 0.0
-                    continue
-                half = (matrix[q, q] - matrix[p, p]) / (2.0 * aside)
-                tan = 1.0 / (abs(half) + math.sqrt(half * half + 1.0))
-                if half < 0.0:
-                    tan = -tan
-                cos = 1.0 / math.sqrt(tan * tan + 1.0)
-                sin = tan * cos
-                matrix[p, p] -= tan * aside
-                matrix[q, q] += tan * aside
-                matrix[p, q] = matrix[q, p] = 0.0
-                k = 3 - p - q
-                by_p, by_q = matrix[k, p], matrix[k, q]
-                matrix[k, p] = matrix[p, k] = cos * by_p - sin * by_q
-                matrix[k, q] = matrix[q, k] = sin * by_p + cos * by_q
-                for i in range(3):
-                    by_p, by_q = vectors[i, p], vectors[i, q]
-                    vectors[i, p] = cos * by_p - sin * by_q
-                    vectors[i, q] = sin * by_p + cos * by_q
-    for i in range(3):
-        values[i] = matrix[i, i]
-    for last in range(2, 0, -1):
-        for k in range(last):
-            if values[k] > values[k + 1]:
-                values[k], values[k + 1] = values[k + 1], values[k]
-                for i in range(3):
-                    vectors[i, k], vectors[i, k + 1] = vectors[i, k + 1], vectors[i, k]
-
-
-@njit(cache=True, nogil=True)
 def refine(
     log_odds: NDArray[np.int8],
     per_m: float,
@@ -110,27 +63,23 @@ def refine(
     degenerate: float,
     beams_min: int,
 ) -> tuple[Floats, int, float, int]:
-    """Held directions (3, 5) as row in m and rad, offset in m, information; how many; the fit; beams compared."""
-    found = np.zeros((3, 5))
+    """Held directions as `held_directions` has them; how many; the fit; beams compared."""
     height, width = log_odds.shape
     start_x, start_y = (x_m - origin_x_m) * per_m, (y_m - origin_y_m) * per_m
     if points.shape[0] < beams_min:
-        return found, 0, 0.0, 0
+        return np.zeros((3, 5)), 0, 0.0, 0
     reach = math.ceil(reach_m * per_m)
     first_row, first_column, rows, columns = _window(points, per_m, start_x, start_y, 2 * reach + 2)
     field = distance_window(log_odds, first_row, first_column, rows, columns, reach)
-    lever = 0.0
-    for k in range(points.shape[0]):
-        lever += points[k, 0] ** 2 + points[k, 1] ** 2
-    lever = per_m * math.sqrt(lever / points.shape[0])  # a turn of one radian moves the points by so much
-
+    lever = lever_of(points, per_m)
     x, y, yaw = start_x, start_y, yaw_rad
     held = 0
     vectors = np.zeros((3, 3))
     values = np.zeros(3)
+    information, pull, step = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
     for _iteration in range(ITERATIONS):
-        information = np.zeros((3, 3))
-        pull = np.zeros(3)
+        information[:] = 0.0
+        pull[:] = 0.0
         used = 0
         cos, sin = math.cos(yaw), math.sin(yaw)
         for k in range(points.shape[0]):
@@ -154,36 +103,11 @@ def refine(
             by_turn = (slope_y * out_x - slope_x * out_y) / lever
             weight = 1.0 if distance < 1.0 else 1.0 / distance  # Huber: what is far off may be something else
             used += 1
-            information[0, 0] += weight * slope_x * slope_x
-            information[0, 1] += weight * slope_x * slope_y
-            information[0, 2] += weight * slope_x * by_turn
-            information[1, 1] += weight * slope_y * slope_y
-            information[1, 2] += weight * slope_y * by_turn
-            information[2, 2] += weight * by_turn * by_turn
-            pull[0] -= weight * distance * slope_x
-            pull[1] -= weight * distance * slope_y
-            pull[2] -= weight * distance * by_turn
+            add_residual(information, pull, slope_x, slope_y, by_turn, distance, weight)
         if used < beams_min:
             held = 0
             break
-        information[1, 0], information[2, 0], information[2, 1] = (
-            information[0, 1],
-            information[0, 2],
-            information[1, 2],
-        )
-        eigen(information, values, vectors)
-        held = 0
-        step = np.zeros(3)
-        for k in range(3):
-            # A direction that says little *here* may say enough at the right place, so it is followed, but slowly; what
-            # counts is what it says where the scan comes to lie.
-            held += values[k] >= degenerate * used
-            along = 0.0
-            for i in range(3):
-                along += vectors[i, k] * pull[i]
-            for i in range(3):
-                step[i] += vectors[i, k] * along / max(values[k], degenerate * used)
-        size = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
+        held, size = solve_step(information, pull, degenerate * used, values, vectors, step)
         if size > 1.0:
             step /= size
         x += step[0]
@@ -192,13 +116,8 @@ def refine(
         if size < DONE_CELLS:
             break
 
-    moved = np.array([x - start_x, y - start_y, (yaw - yaw_rad) * lever])
-    for at in range(held):
-        k = 3 - held + at  # eigenvalues ascend
-        found[at, 0], found[at, 1], found[at, 2] = vectors[0, k], vectors[1, k], vectors[2, k] * lever / per_m
-        offset = vectors[0, k] * moved[0] + vectors[1, k] * moved[1] + vectors[2, k] * moved[2]
-        found[at, 3], found[at, 4] = offset / per_m, values[k]
-
+    moved = x - start_x, y - start_y, (yaw - yaw_rad) * lever
+    found = held_directions(held, values, vectors, moved, lever, per_m)
     compared, near = 0, 0
     cos, sin = math.cos(yaw), math.sin(yaw)
     for k in range(points.shape[0]):

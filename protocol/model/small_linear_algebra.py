@@ -128,3 +128,41 @@ def least_solution(rows: Floats, values: Floats) -> Floats:
             for k in range(size):
                 basis[j, k] -= share * basis[i, k]
     return solution
+
+
+def inverse(matrix: Floats) -> Floats:
+    """Inverse of a symmetric, positive semi-definite (3, 3) matrix, by its adjugate.
+
+    A small share of the trace is added to the diagonal, so that a singular matrix has an inverse too.
+    """
+    (a, b, c), (_, d, e), (_, _, f) = matrix.tolist()
+    lift = 1e-9 * (a + d + f) + 1e-12
+    a, d, f = a + lift, d + lift, f + lift
+    determinant = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
+    inverse: Floats = (
+        np.array(
+            [
+                [d * f - e * e, c * e - b * f, b * e - c * d],
+                [c * e - b * f, a * f - c * c, b * c - a * e],
+                [b * e - c * d, b * c - a * e, a * d - b * b],
+            ]
+        )
+        / determinant
+    )
+    return inverse
+
+
+def symmetric(upper: tuple[float, ...]) -> Floats:
+    """Symmetric (3, 3) matrix with this upper triangle (6,), row by row."""
+    a, b, c, d, e, f = upper
+    return np.array([[a, b, c], [b, d, e], [c, e, f]])
+
+
+def is_semidefinite(matrix: Floats) -> bool:
+    """Whether no principal minor of a symmetric (3, 3) matrix is negative, but for rounding."""
+    (a, b, c), (_, d, e), (_, _, f) = matrix.tolist()
+    largest = max(a, d, f)
+    small = 1e-9 * largest
+    minors = a * d - b * b, a * f - c * c, d * f - e * e
+    determinant = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
+    return bool(min(a, d, f) >= 0.0 and min(minors) >= -small * largest and determinant >= -small * largest**2)

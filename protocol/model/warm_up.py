@@ -10,7 +10,9 @@ from robrain.protocol.model.inflation import clearance_m
 from robrain.protocol.model.line_of_sight import standpoint
 from robrain.protocol.model.localiser import Localiser, LocaliserSpec
 from robrain.protocol.model.map_accuracy import measure_map_accuracy
+from robrain.protocol.model.mapping.map_overlap import MapMatcher
 from robrain.protocol.model.mapping.mates_in_scan import mate_circles, outside
+from robrain.protocol.model.mapping.place_search import search_places
 from robrain.protocol.model.mapping.pose_graph import Edge, solve
 from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
@@ -31,8 +33,8 @@ from robrain.protocol.model.power_learner import PowerLearner, PowerPrior
 from robrain.protocol.model.ray_cast import cast_rays
 from robrain.protocol.model.right_of_way import Margins, Track, meet, release, sample_way
 from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
+from robrain.protocol.model.scan_agreement import agreement
 from robrain.protocol.model.scan_match import beam_ends, match_scan, search_scan
-from robrain.protocol.model.scan_relocalisation import agreement, find_by_scan
 from robrain.protocol.model.small_linear_algebra import covariance_of, least_solution, quadratic_form
 from robrain.protocol.model.soc_filter import PackModel, SocFilter
 
@@ -106,7 +108,8 @@ def _warm_up_localisation(grid: OccupancyGrid) -> None:
     match_scan(grid.log_odds, grid.geometry, localiser.pose, ends)
     search_scan(grid.log_odds, grid.geometry, localiser.pose, ends, within_m=0.1, within_rad=0.05)
     agreement(grid.log_odds, grid.geometry, localiser.pose, ends)
-    find_by_scan(grid.log_odds, grid.geometry, ends)
+    search_places(grid.log_odds, grid.geometry, ends, 4)
+    MapMatcher(grid, grid).overlap(IDENTITY)
     _warm_up_finding_by_motes()
 
 

@@ -1,4 +1,4 @@
-"""Messages of the team's map: cells of submaps, where submaps lie, and loop closures between robots."""
+"""Messages of the team's map: cells and poses of submaps, and loop closures between robots."""
 
 from typing import Annotated
 
@@ -6,6 +6,7 @@ import msgspec
 from msgspec import Meta
 
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.ranges import METRES_MAX, Count, Metres, Name, Quantity
 from robrain.protocol.wire.messages import Message
 
@@ -16,13 +17,13 @@ Milliseconds = Annotated[int, Meta(ge=0, lt=1 << 31)]
 
 
 class MapPatch(Message, frozen=True, kw_only=True):
-    """Cells of a submap whose class changed by this robot's own sensing since its last patch; or where a submap lies.
+    """Cells of a submap whose class this robot's sensing has changed since its last patch, or the pose of a submap.
 
-    The geometry of the team's grid comes with each patch; `row`, `column`, `rows`, `columns` say which box the cells
-    fill, in the frame `local` of the submap: the lattice of the team's grid, moved by `T_arena_local`. The box may
-    leave the grid. Cells are int8, row-major, row 0 at the lowest y: 0 free, 100 occupied, −1 no statement; deflated
-    (zlib), base64 in JSON. A patch without cells moves or withdraws a submap. `robrain.protocol.wire.map_patch` makes
-    and takes them.
+    Each patch carries the geometry of the team's grid. The cells fill the box given by `row`, `column`, `rows` and
+    `columns`, in the frame `local` of the submap: the cells of the team's grid, moved by `T_arena_local`. The box may
+    extend beyond the grid. Cells are int8, row-major, row 0 at the lowest y: 0 free, 100 occupied, −1 no statement;
+    deflated (zlib), base64 in JSON. A patch without cells moves, finishes or withdraws a submap.
+    `robrain.protocol.wire.map_patch` makes and merges patches.
     """
 
     robot: Name
@@ -36,45 +37,47 @@ class MapPatch(Message, frozen=True, kw_only=True):
     rows: Cells = 0
     columns: Cells = 0
     observed_ms: Milliseconds = 0
-    """When the cells were seen, by `map_stamp_ms`; of two values for a cell the later one counts."""
+    """Time of observation of the cells, by `map_stamp_ms`; of two values for a cell the later one wins."""
     cells: bytes = b""
     tiles_ms: bytes = b""
-    """In a patch that tells a whole submap: when each tile of 8 × 8 cells was seen, int32, row-major, deflated."""
+    """Time of observation of each tile of 8 × 8 cells in a patch of a whole submap: int32, row-major, deflated."""
     surfaces: bytes = b""
-    """When the submap is finished: where in their cells its walls are, `SURFACE` of `protocol/model/mapping/submap.py`,
-    deflated."""
+    """Places of the walls within their cells, sent when a submap is finished: `SURFACE` of
+    `protocol/model/mapping/submap.py`, deflated."""
     submap: Count = 0
-    """Number of the submap; a later one of the same robot has a greater number."""
+    """Number of the submap; numbers of one robot increase."""
     T_arena_local: Pose2D = Pose2D(0.0, 0.0, 0.0)
-    """Where the submap's frame lies; the identity while it has not been corrected."""
+    """Pose of the submap's frame; the identity until it is corrected."""
+    frame: MapFrame = ARENA
+    """The map frame of that pose: the arena frame, or one of a robot that does not know its place."""
     variance_m2: Quantity = 0.0
-    """Variance of that place in x and in y …"""
+    """Variance of that pose in x and in y, m²; 0 if not told."""
     variance_rad2: Quantity = 0.0
-    """… and of its yaw."""
+    """Variance of that pose in yaw, rad²; 0 if not told."""
     withdrawn: bool = False
-    """The submap is wrong: leave it out of the map."""
+    """Whether the submap is wrong and must be removed from the map."""
     parts: Annotated[tuple["MapPatch", ...], Meta(max_length=8192)] = ()
-    """Further patches, also of other robots' submaps, which count where nothing else is known of these."""
+    """Further patches. Those of other robots' submaps are used only if the receiver does not know these submaps."""
 
 
 class Closure(msgspec.Struct, frozen=True, kw_only=True):
-    """A scan of one submap that lies on a submap of another robot: a loop closure between robots."""
+    """A loop closure between robots: a scan of one robot that matches a submap of another."""
 
     submap: Count
-    """Of the robot that scanned."""
+    """Number of the submap of the robot that scanned."""
     at: Pose2D
-    """T_local_sensor in the frame of that submap."""
+    """Pose of the sensor in the frame of that submap."""
     mate: Name
     mate_submap: Count
     at_mate: Pose2D
-    """T_local_sensor in the frame of the mate's submap."""
+    """Pose of the sensor in the frame of the mate's submap."""
     information: Annotated[tuple[Quantity, ...], Meta(min_length=6, max_length=6)]
-    """Inverse covariance of the difference in x, y, yaw, in the axes of the mate's frame: xx, xy, xyaw, yy, yyaw,
-    yawyaw."""
+    """Inverse covariance of the match in x, y and yaw, in the axes of the mate's submap: the upper triangle xx, xy,
+    xyaw, yy, yyaw, yawyaw, in 1/m², 1/(m·rad) and 1/rad²."""
 
 
 class Closures(Message, frozen=True, kw_only=True):
-    """Loop closures that a robot has found between its submaps and those of others."""
+    """Loop closures that a robot has found between its own submaps and those of others."""
 
     robot: Name
     closures: Annotated[list[Closure], Meta(max_length=256)]

@@ -13,6 +13,7 @@ from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.ranges import (
     SECONDS_MAX,
     Charge,
@@ -125,6 +126,8 @@ class RobotState(Message, frozen=True, kw_only=True):
     """Plugins that do not run."""
     lost: Text = ""
     """Why the robot has lost its position; empty while it has one."""
+    frame: MapFrame = ARENA
+    """The map frame of `pose`: the arena frame, or one of a robot that does not know its place in the arena."""
     map_agreement: Share | None = None
     """Share of the beams of recent scans that end at walls of the robot's map; None before the first comparison."""
     loaded: Count = 0
@@ -437,7 +440,7 @@ class ArenaClock(Message, frozen=True, kw_only=True):
 
 
 class RobotTruth(msgspec.Struct, frozen=True, kw_only=True):
-    """True pose of a simulated robot, and how right its own poses have been so far (`accuracy`)."""
+    """True pose of a simulated robot, and the accuracy of its own poses so far."""
 
     robot: Name
     pose: Pose2D
@@ -455,7 +458,7 @@ class MoteTruth(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ArenaTruth(Message, frozen=True, kw_only=True):
-    """The true state of the simulated world, and how right the team's map is, for referees and viewers only."""
+    """The true state of the simulated world and the accuracy of the team's map, for referees and viewers only."""
 
     sim_time_s: Seconds
     robots: list[RobotTruth]

@@ -31,7 +31,7 @@ class Publisher:
         self._encoder = msgspec.json.Encoder()
 
     def put(self, message: Message, stamp_ns: int | None = None) -> None:
-        """Send a message, with the next sequence number and the time that it is of as its stamp: now if None.
+        """Send a message with the next sequence number and a stamp; None stamps it with the current time.
 
         Raises:
             ValueError: the message is larger than its topic allows.

@@ -28,11 +28,11 @@ class LineFault(StrEnum):
 
 
 class FrameStamps:
-    """The clock that stamps the frames of a line: the run's, or the time at which a frame that is late was sent.
+    """Clock for the stamps of a line's frames: the current time or, for a late frame, the time at which it was sent.
 
     Args:
         clock: the run's.
-        tells_sending: whether late frames are stamped with the time at which they were sent.
+        tells_sending: whether late frames are stamped with their time of sending.
 
     """
 
@@ -42,11 +42,11 @@ class FrameStamps:
         self._sent_ns: int | None = None
 
     def now_ns(self) -> int:
-        """What the next frame is stamped with."""
+        """Stamp of the next frame."""
         return self._clock.now_ns() if self._sent_ns is None else self._sent_ns
 
     def note_sent(self, sent_ns: int | None) -> None:
-        """Say when the frames that follow were sent; None for now."""
+        """Set the time of sending of the next frames; None for the current time."""
         self._sent_ns = sent_ns if self._tells_sending else None
 
 
@@ -55,8 +55,8 @@ class BusLine(can.BusABC):
 
     Args:
         bus: what carries the frames; shut down with the line.
-        late: keeps the nodes' frames until they arrive; None if they always do at once.
-        stamps: told when frames that arrive were sent.
+        late: delays the nodes' frames; None for no delay.
+        stamps: gets the time of sending of late frames.
 
     """
 
@@ -99,7 +99,7 @@ class BusLine(can.BusABC):
             self.transmit_errors = PASSIVE_ERRORS if self.fault is LineFault.CUT else BUS_OFF_ERRORS
 
     def deliver(self) -> None:
-        """Have the computer get what has arrived by now of the frames that are late; a broken line swallows it."""
+        """Pass on the late frames that have arrived by now; a broken line loses them."""
         for sent_ns, frame in self._late.arrivals() if self._late is not None else ():
             if self.fault is not LineFault.NONE:
                 continue

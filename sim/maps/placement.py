@@ -2,6 +2,7 @@
 
 import heapq
 import math
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,14 @@ _STEPS = (
     (-1, 0, 1.0), (0, -1, 1.0), (0, 1, 1.0), (1, 0, 1.0),
     (-1, -1, _SQRT2), (-1, 1, _SQRT2), (1, -1, _SQRT2), (1, 1, _SQRT2),
 )  # fmt: skip
+
+
+class Starts(StrEnum):
+    """How a team's robots are placed to each other when a run begins."""
+
+    TOGETHER = "together"
+    SCATTERED = "scattered"
+    """Far from each other, all over the floor that the robots can reach."""
 
 
 def spawn_poses(
@@ -63,6 +72,30 @@ def spawn_poses(
             found=len(cells),
         )
     points = [plan.centre_of(*cell) for cell in cells]
+    return [Pose2D(point.x_m, point.y_m, wrap_angle_rad(float(rng.uniform(-math.pi, math.pi)))) for point in points]
+
+
+def scatter_poses(
+    plan: FloorPlan, count: int, radius_m: float, *, rng: np.random.Generator, spacing_m: float
+) -> list[Pose2D]:
+    """`count` poses far from each other for round robots of radius_m: arena frame, yaw drawn at random.
+
+    All lie in the largest region that such a robot can roam. Raises PlacementError if they do not fit there.
+    """
+    _check_not_negative(count=count, radius_m=radius_m, spacing_m=spacing_m)
+    clearance_m = radius_m + SPAWN_MARGIN_M
+    fitting = ~plan.occupied & (plan.clearance_m >= clearance_m)
+    region = _roomiest_region(fitting) if fitting.any() else fitting
+    apart_m = max(spacing_m, 0.7 * math.sqrt(float(region.sum()) * plan.resolution_m**2 / max(count, 1)))
+    points = scatter_points(plan, count, region, rng=rng, min_clearance_m=clearance_m, spacing_m=apart_m)
+    nearest_m = min((a.distance_m(b) for i, a in enumerate(points) for b in points[:i]), default=math.inf)
+    if nearest_m < spacing_m:
+        raise PlacementError(
+            f"{plan.name}: {count} scattered robots of radius {radius_m:g} m asked for at {spacing_m:g} m spacing, "
+            f"two would be {nearest_m:.2f} m apart",
+            asked=count,
+            found=0,
+        )
     return [Pose2D(point.x_m, point.y_m, wrap_angle_rad(float(rng.uniform(-math.pi, math.pi)))) for point in points]
 
 

@@ -20,6 +20,7 @@ from robrain.deploy.bench_figure import Figure, at_most, deterministic
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.model.localiser import Localiser, LocaliserSpec
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, NONE, LocalMap
+from robrain.protocol.model.mapping.map_overlap import MapMatcher
 from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
 from robrain.protocol.model.pose_filter import DriftModel, PoseFilter
@@ -55,6 +56,8 @@ SILENT_S = 10.0
 KIDNAPPED_S, KIDNAPPED_M = 150.0, 6.0
 FOUND_M = 1.5
 RAYS, RANGE_M, RANGE_NOISE_M, SCAN_STEPS = 180, 6.0, 0.01, 5
+SEARCH_STEPS = 2 * SCAN_STEPS
+"""A lost robot looks for itself once a second."""
 
 
 class Track(NamedTuple):
@@ -143,6 +146,8 @@ def follow(world: Drive, *, motes: bool = True, scans: bool = False, spec: Local
         if motes:
             for mote, rssi_dbm in world.heard[step]:
                 localiser.hear(RssiSample(f"m{mote}", world.motes[mote], rssi_dbm))
+            if localiser.arena_fix is not None:
+                localiser.place(*localiser.arena_fix)
         if eyes is not None and step % SCAN_STEPS == 0:
             eyes.look(localiser, Pose2D(*world.true[step + 1].tolist()), step)
         watched.note(step, world.true[step + 1], localiser)
@@ -205,7 +210,6 @@ class _Eyes:
         """All that was ever seen: where a lost robot is looked for."""
         self._own = OccupancyGrid(self._geometry, surfaces=True)
         self._trajectory = 0
-        self._was_lost = False
         self._angles_rad = np.linspace(-math.pi, math.pi, RAYS, endpoint=False)
         self._rng = np.random.default_rng(5)
         self._nobody = np.empty((0, 3))
@@ -214,20 +218,32 @@ class _Eyes:
         ranges_m = cast_rays(self._walls, self._geometry, true, self._angles_rad, RANGE_M, self._nobody)
         ranges_m[ranges_m < RANGE_M] += RANGE_NOISE_M * self._rng.standard_normal(int((ranges_m < RANGE_M).sum()))
         points = beam_ends(self._angles_rad, ranges_m, RANGE_M)
-        if localiser.lost:
-            localiser.find(points, self._team.log_odds, self._geometry)
-        else:
-            localiser.see(points, LocalMap(self._own, IDENTITY, IDENTITY, NONE, NO_DRIFT, 1, 1, self._trajectory))
-        if self._was_lost and not localiser.lost:
-            self._trajectory += 1  # as the mapper, which begins its own map anew
-            self._own.forget()
-        self._was_lost = bool(localiser.lost)
-        if localiser.lost or not localiser.fits:
+        self._begin_anew(localiser)
+        localiser.see(points, LocalMap(self._own, IDENTITY, IDENTITY, NONE, NO_DRIFT, 1, 1, self._trajectory))
+        if localiser.lost and step % SEARCH_STEPS == 0:
+            self._find(localiser)
+        self._begin_anew(localiser)
+        if not localiser.fits:
             return
-        for grid in (self._team, self._own):
+        for grid in (self._own,) if localiser.lost else (self._team, self._own):
             grid.integrate_scan(
                 localiser.pose, self._angles_rad, ranges_m, RANGE_M, step, self._nobody, localiser.drift
             )
+
+    def _begin_anew(self, localiser: Localiser) -> None:
+        """As the mapper: a robot that was lost or found begins its own map anew."""
+        if localiser.beginnings != self._trajectory:
+            self._trajectory = localiser.beginnings
+            self._own.forget()
+
+    def _find(self, localiser: Localiser) -> None:
+        """As the mapper, but with one answer: what the robot has seen since it was lost is laid on the team's map."""
+        found = MapMatcher(self._own, self._team).find(localiser.pose)
+        if found is None:
+            return
+        pose = found.T_other_own.compose(localiser.pose)
+        if localiser.may_be_at(pose):
+            localiser.place(pose, np.diag((0.01, 0.01, 0.0004)))
 
 
 def _linearisations(worlds: list[Drive]) -> list[Figure]:

@@ -1,4 +1,4 @@
-"""The figure of how right positions and map were."""
+"""The figure of the accuracy of positions and map."""
 
 from array import array
 from collections.abc import Iterator
@@ -77,5 +77,5 @@ def test_without_a_truth_the_agreement_with_the_map_is_drawn() -> None:
 def test_run_in_which_nobody_told_anything_says_so() -> None:
     for robots in ({}, robots_of(robot_of("r1", agreement=[NAN, NAN]))):
         assert texts(axes_of(accuracy_figure(run_of(robots=robots)))) == [
-            "no robot told how its lidar agrees with the map"
+            "no robot reported how its scans agree with the map"
         ]

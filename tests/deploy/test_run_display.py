@@ -26,4 +26,4 @@ def test_worst_robots_are_named_and_who_was_lost_or_silently_off() -> None:
         "positions: RMSE at most 0.300 m (r2), largest error 0.900 m (r1), silent divergence: r2 1.5 s, lost: r1 2.0 s"
     )
     [line] = accuracy_lines(None, {"r1": PoseAccuracy(rmse_m=0.1, max_error_m=0.2)})
-    assert line.endswith("silent divergence: none, lost: nobody")
+    assert line.endswith("silent divergence: none, lost: none")

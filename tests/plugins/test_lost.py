@@ -3,11 +3,14 @@
 import math
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 
 from robrain.plugins.behavior.search import PATIENCE_S, SPEED_M_S
+from robrain.plugins.skill.mapper.frames import Frames
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.localiser import NO_FIT
+from robrain.protocol.model.mapping.map_frame import ARENA
+from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.task import Explore, Recharge, TaskState, Visit
 from robrain.protocol.wire.topics import ROBOT_PATH
 from tests.plugins.errands import CHARGER, Build, Errands, open_errands
@@ -23,18 +26,19 @@ def errands() -> Iterator[Build]:
 
 
 def lose(run: Errands) -> None:
-    """Have localisation say that it is lost, and see nothing that it knows, until `find`."""
-    localiser = run.hosts["r1"].manager.get("localisation").live_plugin()._localiser
-    localiser.lost = WHY
-    localiser.see = lambda *_, **__: NO_FIT
-    localiser.find = lambda *_, **__: None
+    """Have localisation say that it is lost, and not find itself on the map of the team, until `find`."""
+    run.hosts["r1"].manager.get("localisation").live_plugin()._localiser.lose(WHY)
+    frames(run).search = lambda *_: None
 
 
 def find(run: Errands) -> None:
     """Have it know again."""
-    localiser = run.hosts["r1"].manager.get("localisation").live_plugin()._localiser
-    del localiser.see, localiser.find
-    localiser.lost = ""
+    here = run.hosts["r1"].board.pose
+    frames(run)._join(ARENA, IDENTITY, here, np.diag((1e-4, 1e-4, 1e-4)))
+
+
+def frames(run: Errands) -> Frames:
+    return run.hosts["r1"].manager.get("mapper").live_plugin()._frames
 
 
 def speed_m_s(run: Errands) -> float:
@@ -97,7 +101,7 @@ def test_a_task_whose_robot_does_not_find_itself_fails_with_why_and_the_robot_st
 def test_one_with_nothing_to_do_looks_for_itself_once_and_stands_when_it_is_found(errands):
     run = errands("idle")
     lose(run)
-    run.run(3.0)
+    run.run(5.0)
     assert run.hosts["r1"].board.behavior == "find itself"
     assert run.offer(Visit(id="v", place=FAR)).why == SAYS
     run.run(10.0)

@@ -1,4 +1,4 @@
-"""How right a map is: cells off the true walls, and walls that are on the map twice."""
+"""Accuracy of a map: cells off the true walls, and walls that are on the map twice."""
 
 import math
 

@@ -8,11 +8,13 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping import submap_atlas
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, PatchCells
 from robrain.protocol.wire.map_messages import MapPatch
 from robrain.protocol.wire.map_patch import (
     MAX_CELLS,
+    MESSAGE_CELLS_MAX,
     OCCUPIED_MAX,
     check_claim,
     geometry_of,
@@ -233,6 +235,43 @@ def test_a_patch_that_is_nearly_all_wall_is_refused():
     expected = f"at most {OCCUPIED_MAX} occupied cells .* got 7100 and 2900 free ones"
     with pytest.raises(ValueError, match=expected):
         take_message(SubmapAtlas(geometry), to_message("r1", geometry, PatchCells(0, 0, cells, 5)))
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"cells": b"garbage"},
+        {"column": 2000, "rows": 1, "columns": 6000, "cells": zlib.compress(bytes(6000))},  # too wide
+        {"tiles_ms": zlib.compress(bytes(4))},  # tiles that do not fit
+        {"surfaces": b"garbage"},
+        {"rows": 0, "columns": 0, "cells": b"", "surfaces": b"garbage"},
+    ],
+    ids=["cells", "size", "tiles", "surfaces", "surfaces alone"],
+)
+def test_a_refused_patch_does_not_move_its_submap(fields):
+    atlas = atlas_of(PATCH)
+    before, version = atlas.grid.classes(), atlas.grid.version
+    with pytest.raises(ValueError, match=r"r1|begins where a tile does|cells a side"):
+        take_message(atlas, changed(T_arena_local=ASIDE, **fields))
+    assert atlas.submaps["r1", 0].T_arena_local == Pose2D(0.0, 0.0, 0.0)
+    assert (atlas.grid.version, atlas.grid.classes().tolist()) == (version, before.tolist())
+
+
+def test_what_others_tell_leaves_room_for_the_robots_own_cells(monkeypatch):
+    monkeypatch.setattr(submap_atlas, "SUBMAPS_MAX", 4)
+    atlas = SubmapAtlas(GEOMETRY)
+    with pytest.raises(ValueError, match="at most 3 submaps"):
+        take_message(atlas, joined_message("r1", GEOMETRY, [changed(submap=number) for number in range(4)]))
+    assert len(atlas.submaps) == 3
+    assert atlas.take(("r0", 0), 2, 3, CELLS, 1000) == 0
+    assert len(atlas.submaps) == 4
+
+
+def test_a_message_of_more_cells_than_an_atlas_holds_is_refused_unread():
+    part = changed(rows=4096, columns=4096, cells=b"garbage")
+    message = joined_message("r1", GEOMETRY, [part] * (MESSAGE_CELLS_MAX // 4096**2 + 1))
+    with pytest.raises(ValueError, match=f"at most {MESSAGE_CELLS_MAX} cells in a message"):
+        take_message(SubmapAtlas(GEOMETRY), message)
 
 
 def test_what_comes_before_a_bad_part_is_taken():

@@ -8,6 +8,7 @@ from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.mapping.map_frame import MapFrame
 from robrain.protocol.model.task import Explore, TaskState
 from robrain.protocol.wire import errors, map_messages, messages, replay_messages
 from robrain.protocol.wire.idle_reasons import NoWay
@@ -72,6 +73,7 @@ EXAMPLES = [
         not_halted=["arm"],
         faulted=FAULTED,
         lost="no wall where the map has one",
+        frame=MapFrame(1300, "r1"),
         map_agreement=0.875,
         loaded=3735928559,
     ),
@@ -93,6 +95,7 @@ EXAMPLES = [
         surfaces=b"\x03\xfd",
         submap=1300,
         T_arena_local=Pose2D(0.25, -0.125, 0.0625),
+        frame=MapFrame(1200, "r3"),
         variance_m2=0.03125,
         variance_rad2=0.0078125,
         withdrawn=True,

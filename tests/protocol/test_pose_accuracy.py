@@ -1,4 +1,4 @@
-"""How right a robot's poses are, and whether it says so when they are not."""
+"""Accuracy of a robot's poses, and whether it reports when they are wrong."""
 
 import math
 

@@ -1,62 +1,60 @@
-"""How much of a scan is as the map says, beam by beam, against the definition."""
-
 import math
 
 import numpy as np
-import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.occupancy_grid import GridGeometry
-from robrain.protocol.model.scan_relocalisation import agreement
+from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
+from robrain.protocol.model.ray_cast import cast_rays
+from robrain.protocol.model.scan_agreement import agreement
+from robrain.protocol.model.scan_match import beam_ends
 
-GEOMETRY = GridGeometry(0.1, -0.7, 0.4, 40, 30)
-
-
-def classes_at(log_odds, x_m, y_m):
-    row, column = GEOMETRY.cell_of(x_m, y_m)
-    return int(log_odds[row, column]) if GEOMETRY.contains(row, column) else 0
-
-
-def beam_agrees(log_odds, sensor, point):
-    """Whether a beam agrees; None if it is not compared."""
-    range_m = math.hypot(*point)
-    bearing_rad = sensor.yaw_rad + math.atan2(point[1], point[0])
-    direction = math.cos(bearing_rad), math.sin(bearing_rad)
-    is_blocked = False
-    for at_m in np.arange(0.5, range_m - 0.3, 0.1).tolist():
-        at = sensor.x_m + at_m * direction[0], sensor.y_m + at_m * direction[1]
-        is_blocked = is_blocked or classes_at(log_odds, *at) > 0
-    end = sensor.x_m + range_m * direction[0], sensor.y_m + range_m * direction[1]
-    walls = np.argwhere(log_odds > 0) - np.array(GEOMETRY.cell_of(*end))
-    is_near = bool((np.hypot(*walls.T) <= 2.0).any())
-    if not (is_near or is_blocked or classes_at(log_odds, *end) != 0):
-        return None
-    return is_near and not is_blocked
+GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 120, 80)
+ANGLES_RAD = np.linspace(-math.pi, math.pi, 180, endpoint=False)
+RANGE_M = 6.0
+NOBODY = np.empty((0, 3))
 
 
-@settings(deadline=None, max_examples=60)
-@given(st.integers(0, 100_000), st.sampled_from([0.005, 0.03]))
-def test_a_beam_agrees_that_ends_at_a_wall_and_goes_through_none(seed, walls):
-    rng = np.random.default_rng(seed)
-    log_odds = rng.choice(np.array((50, -50, 0), np.int8), GEOMETRY.shape, p=(walls, 0.5, 0.5 - walls))
-    sensor = Pose2D(*rng.uniform((-1.2, 0.0), (3.8, 3.8)).tolist(), float(rng.uniform(-3.1, 3.1)))
-    bearings_rad, ranges_m = rng.uniform(-math.pi, math.pi, 30), rng.uniform(0.1, 3.0, 30)
-    points = np.column_stack((ranges_m * np.cos(bearings_rad), ranges_m * np.sin(bearings_rad)))
-    told = [beam_agrees(log_odds, sensor, point) for point in points.tolist()]
-    compared = [each for each in told if each is not None]
-    share, count = agreement(log_odds, GEOMETRY, sensor, points)
-    assert count == len(compared)
-    assert share == pytest.approx(sum(compared) / max(len(compared), 1))
+def floor(*boxes):
+    solid = np.ones(GEOMETRY.shape, np.bool_)
+    solid[2:-2, 2:-2] = False
+    for x0, y0, x1, y1 in boxes:
+        solid[round(y0 * 10) : round(y1 * 10), round(x0 * 10) : round(x1 * 10)] = True
+    return solid
 
 
-def test_what_the_map_shows_within_the_robots_own_body_blocks_nothing():
-    log_odds = np.zeros(GEOMETRY.shape, np.int8)
-    log_odds[10, 30] = 50
-    sensor, points = Pose2D(0.35, 1.45, 0.0), np.array([(2.0, 0.0)])
-    assert agreement(log_odds, GEOMETRY, sensor, points) == (1.0, 1)
-    for column, is_blocked in ((14, False), (16, True), (26, True), (28, False)):
-        shown = log_odds.copy()
-        shown[10, column] = 50
-        assert agreement(shown, GEOMETRY, sensor, points) == (0.0 if is_blocked else 1.0, 1)
+def seen(solid, pose):
+    return beam_ends(ANGLES_RAD, cast_rays(solid, GEOMETRY, pose, ANGLES_RAD, RANGE_M, NOBODY), RANGE_M)
+
+
+def mapped(solid):
+    grid = OccupancyGrid(GEOMETRY)
+    for stamp, (x, y) in enumerate((x, y) for x in range(1, 12) for y in range(1, 8)):
+        if not solid[10 * y, 10 * x]:
+            at = Pose2D(x + 0.05, y + 0.05, 0.0)
+            ranges_m = cast_rays(solid, GEOMETRY, at, ANGLES_RAD, RANGE_M, NOBODY)
+            grid.integrate_scan(at, ANGLES_RAD, ranges_m, RANGE_M, stamp, NOBODY)
+    return grid.log_odds
+
+
+FLOOR = floor((3, 2, 3.7, 2.6), (5.5, 4.4, 7.4, 5), (9, 0, 9.2, 3.1), (2, 6, 2.3, 8), (6.5, 2.2, 6.9, 3))
+MAP = mapped(FLOOR)
+
+
+def test_a_scan_agrees_with_the_map_where_it_was_made_and_not_elsewhere():
+    points = seen(FLOOR, Pose2D(4.5, 3.5, 1.0))
+    share, compared = agreement(MAP, GEOMETRY, Pose2D(4.5, 3.5, 1.0), points)
+    assert share > 0.95
+    assert compared > 150
+    assert agreement(MAP, GEOMETRY, Pose2D(8.0, 6.0, 1.0), points)[0] < 0.5
+
+
+def test_beams_that_go_through_a_wall_do_not_agree():
+    points = np.array([[6.0 - 0.05, 0.0]] * 10)  # from 2 m in front of one wall to another, 4 m behind it
+    solid = floor((4.0, 0, 4.2, 8), (8.0, 0, 8.2, 8))
+    log_odds = np.where(solid, 60, -60).astype(np.int8)
+    assert agreement(log_odds, GEOMETRY, Pose2D(2.05, 4.0, 0.0), points) == (0.0, 10)
+
+
+def test_where_nothing_is_known_nothing_is_compared():
+    assert agreement(np.zeros_like(MAP), GEOMETRY, Pose2D(2.0, 2.0, 0.0), seen(FLOOR, Pose2D(2.0, 2.0, 0.0))) == (0, 0)
+    assert agreement(MAP, GEOMETRY, Pose2D(-70.0, 2.0, 0.0), np.ones((40, 2))) == (0, 0)

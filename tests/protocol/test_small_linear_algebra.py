@@ -7,13 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.model.scan_match_kernels import eigen
+from robrain.protocol.model.gauss_newton_kernels import eigen
 from robrain.protocol.model.small_linear_algebra import (
     covariance_of,
     dot,
+    inverse,
     inverse_form,
+    is_semidefinite,
     least_solution,
     quadratic_form,
+    symmetric,
     times_vector,
 )
 
@@ -83,3 +86,29 @@ def test_eigenvectors_make_the_matrix_again_and_values_are_those_of_numpy(seed: 
     np.testing.assert_allclose((vectors * values) @ vectors.T, matrix, atol=1e-14 * size)
     np.testing.assert_allclose(vectors.T @ vectors, np.eye(3), atol=1e-14)
     assert values.tolist() == sorted(values.tolist())
+
+
+@given(seeds)
+def test_the_inverse_by_the_adjugate_is_that_of_numpy(seed: int) -> None:
+    matrix = positive_definite(seed, 3)
+    lifted = matrix + np.eye(3) * (1e-9 * np.trace(matrix) + 1e-12)
+    found, wanted = inverse(matrix), np.linalg.inv(lifted)
+    np.testing.assert_array_less(np.abs(found - wanted), 1e-12 * np.linalg.cond(lifted) ** 2 * np.abs(wanted).max())
+    np.testing.assert_array_equal(found, found.T)
+
+
+def test_a_singular_matrix_has_a_large_inverse() -> None:
+    assert inverse(np.diag((4.0, 0.0, 1.0)))[1, 1] > 1e8
+
+
+def test_a_symmetric_matrix_is_given_by_its_upper_triangle() -> None:
+    assert symmetric((1.0, 2.0, 3.0, 4.0, 5.0, 6.0)).tolist() == [[1.0, 2.0, 3.0], [2.0, 4.0, 5.0], [3.0, 5.0, 6.0]]
+
+
+@given(seeds, st.integers(1, 3), st.floats(-3, 3))
+def test_a_matrix_is_semidefinite_if_no_eigenvalue_is_negative(seed: int, rank: int, least: float) -> None:
+    rng = np.random.default_rng(seed)
+    axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    values = np.array((5.0, 5.0 * (rank > 1), 5.0 * (rank > 2)))
+    assert is_semidefinite((axes * values) @ axes.T)
+    assert is_semidefinite((axes * (5.0, 4.0, least)) @ axes.T) == (least >= 0) or abs(least) < 1e-6

@@ -7,10 +7,18 @@ import pytest
 
 from robrain import Scenario
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.ray_cast import (
+    GLASS_X,
+    GLASS_Y,
+    MIRROR_EAST,
+    MIRROR_NORTH,
+    MIRROR_SOUTH,
+    MIRROR_WEST,
+    SOLID,
+)
 from robrain.sim.errors import ScenarioError
 from robrain.sim.maps.drawing import Block, FloorDrawing, Wall, rasterise
 from robrain.sim.scenario_file import parse_scenario
-from robrain.sim.surface_rays import GLASS_X, GLASS_Y, MIRROR_EAST, MIRROR_NORTH, MIRROR_SOUTH, MIRROR_WEST, SOLID
 from robrain.sim.surfaces import Surfaces, SurfaceSpec
 
 GLASS = GLASS_X | GLASS_Y

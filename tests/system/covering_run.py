@@ -15,8 +15,9 @@ import numpy as np
 
 from robrain import Inspect, LockstepTeam, Point2D, Scenario, Visit
 from robrain.coordinator.allocation.optimal import OptimalAllocator
-from robrain.protocol.model import localiser, scan_relocalisation
+from robrain.protocol.model import localiser
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping import map_overlap
 from robrain.protocol.model.mote_relocalisation import Signals, find_robot
 from robrain.protocol.model.pose_mixture import PoseMixture
 from robrain.protocol.model.power_learner import PowerLearner
@@ -65,8 +66,8 @@ def found_by_motes() -> list[float]:
 
 
 if __name__ == "__main__":
-    watch(localiser, "match_surface", "find_by_scan", "better_elsewhere")
-    watch(scan_relocalisation, "least_solution")
+    watch(localiser, "match_surface", "better_elsewhere")
+    watch(map_overlap, "search_places", "match_walls", "least_solution")
     watch(PoseMixture, "hear", "_weigh")
     watch(PowerLearner, "learn")
     watch(Camera, "picture")

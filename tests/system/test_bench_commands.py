@@ -12,7 +12,8 @@ pytestmark = pytest.mark.system
 def test_the_benchmarks_that_there_are_are_listed(commands) -> None:
     done = commands.run("bench", "--list")
     assert done.returncode == 0, done.stderr
-    assert [line.split()[0] for line in done.stdout.splitlines()] == ["allocation", "responses", "agents", "mapping"]
+    names = ["allocation", "responses", "agents", "mapping", "log"]
+    assert [line.split()[0] for line in done.stdout.splitlines()] == names
 
 
 def test_public_instance_is_solved_and_its_gap_told(commands) -> None:
@@ -44,6 +45,7 @@ def test_value_of_a_public_instance_is_told_in_words_too(commands) -> None:
         (["agents", "--minutes", "0"], ["--minutes 0", "above 0"]),
         (["mapping", "--maps", "moon"], ["--maps moon", "clinic"]),
         (["mapping", "--maps", "clinic", "--jobs", "0"], ["--jobs 0", "at least 1"]),
+        (["log", "gone.clf"], ["gone.clf", "No such file"]),
     ],
 )
 def test_bad_words_are_told_in_one_sentence(commands, words: list[str], named: list[str]) -> None:

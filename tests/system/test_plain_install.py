@@ -55,6 +55,7 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("report", ["run.mcap"], "report"),
     ("export", ["run.mcap"], "team"),
     ("bench allocation", [], "team"),
+    ("bench log", ["room.clf"], WORKS),
     ("bench mapping", [], "sim"),
     ("bench responses", [], "sim"),
     ("bench agents", [], "sim"),
@@ -95,6 +96,8 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plain]:
     found = Plain(commands, plain_python_path(tmp_path_factory.mktemp("path")))
     (commands.folder / "r1.toml").write_text('[robot]\nname = "r1"\n')
     (commands.folder / "run.mcap").write_bytes(b"\x89MCAP0\r\n")
+    beams = " ".join(["FLASER 181", *["2.0"] * 181, "0 0 0 0 0 0"])
+    (commands.folder / "room.clf").write_text(f"{beams} 1.0 host 1.0\n{beams} 1.2 host 1.2\n")
     hub = open_session(mode="router", listen=[commands.hub.endpoint])
     try:
         agent, coordinator = found.start("agent", "r1.toml"), found.start("coordinator")

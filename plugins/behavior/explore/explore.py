@@ -1,6 +1,7 @@
 """Explore: goes to the frontier that the coordinator hands out, until there is nothing unknown left around it.
 
-Without a coordinator the robot chooses the nearest frontier for itself (Yamauchi 1997).
+Without a coordinator the robot chooses the nearest frontier for itself (Yamauchi 1997). So does one that does not know
+where it is and maps in a frame of its own.
 """
 
 from collections import deque
@@ -13,6 +14,7 @@ from robrain.plugins.behavior.travel import PRIORITY_MAX, Progress, Travel, Trav
 from robrain.plugins.skill.mapper.interface import MapView
 from robrain.protocol.model.frontier import MIN_CELLS, find_frontiers, frontier_mask
 from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.task import Explore, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages import TaskAnswer
@@ -54,6 +56,8 @@ class ExploreBehavior(Behavior):
         self._own_choices = 0
         self._is_hidden = False
         """No place from which the robot could see its frontier is known."""
+        self._frame = ARENA
+        """The map frame of the robot's own choice."""
         self._spent: deque[Point2D] = deque(maxlen=SPENT_MAX)
         """Frontiers of its own choice that stayed although it had been there."""
 
@@ -84,13 +88,12 @@ class ExploreBehavior(Behavior):
         if self._is_own and not tasks.occupies(own):  # a task has come, or another behavior: the wheels are its own
             self._task, self._is_own = None, False
             self._travel.forget()
-        if (
-            self._task is None
-            and self._is_alone()
-            and not self._travel.lost
-            and self.env.board.behavior == IDLE
-            and tasks.occupy(own)
-        ):
+        if self._is_own and self._frame != self.env.board.frame:  # what it chose is a place of another frame
+            self._finish(TaskState.FAILED, "the robot maps in another frame now")
+            self._spent.clear()
+        may_choose = self._may_roam() if self._travel.lost else self._is_alone()
+        if self._task is None and may_choose and self.env.board.behavior == IDLE and tasks.occupy(own):
+            self._travel.roams, self._frame = bool(self._travel.lost), self.env.board.frame
             self._choose(self._travel.view(), self._travel.pose())
         if self._task is not None:
             self._pursue(self._task)
@@ -100,7 +103,7 @@ class ExploreBehavior(Behavior):
             self._travel.forget()  # another behavior drives
 
     def _pursue(self, task: Explore) -> None:
-        if not self._travel.lost and self._is_seen(self._travel.view(), task.goal):
+        if (self._travel.roams or not self._travel.lost) and self._is_seen(self._travel.view(), task.goal):
             self._finish(TaskState.DONE, "nothing unknown is left there")
             return
         if self._is_hidden:
@@ -148,6 +151,11 @@ class ExploreBehavior(Behavior):
         since_ns = self.env.clock.now_ns() - (self._started_ns if heard_ns is None else heard_ns)
         return since_ns > to_ns(self.parameters.alone_s)
 
+    def _may_roam(self) -> bool:
+        """Whether the robot, which is lost, maps in a frame of its own: the more it sees, the sooner it is found."""
+        battery = self.env.board.battery
+        return self.env.board.frame != ARENA and not (battery is not None and battery.charging)
+
     def _choose(self, view: MapView, pose: Pose2D) -> None:
         frontiers = [view.geometry.center_of(found.row, found.column) for found in find_frontiers(view.classes)]
         frontiers.sort(key=pose.distance_m)
@@ -163,6 +171,7 @@ class ExploreBehavior(Behavior):
     def _accept(self, task: Explore) -> TaskAnswer:
         if self._travel.lost:
             return TaskAnswer(accepted=False, why=self._travel.lost)
+        self._travel.roams = False
         if not self._aim(task.goal, round(min(task.priority, PRIORITY_MAX))):
             return TaskAnswer(accepted=False, why="no way there")
         self._task, self._is_own = task, False

@@ -13,6 +13,8 @@ from robrain.protocol.wire.errors import CallError, ErrorCode
 
 NEAR_M = 0.5
 """So near to its place a robot stays where it is."""
+SEARCH_AFTER_S = 3.0
+"""Another behavior may have a better way to find the robot: it has this long to begin."""
 RETRY_S = 30.0
 """After a way home that ended before it, the next try comes this much later."""
 
@@ -43,6 +45,8 @@ class IdleBehavior(Behavior):
         self._is_going = False
         self._is_searching = self._has_searched = False
         self._since_ns: int | None = None
+        self._lost_ns: int | None = None
+        """Since when the robot has been lost with nothing to do."""
 
     def activate(self) -> None:
         self._travel.connect()
@@ -72,6 +76,7 @@ class IdleBehavior(Behavior):
             self._find_itself()
         if self._travel.lost:
             return
+        self._lost_ns = None
         if self._is_going:
             self._go()
             return
@@ -100,7 +105,14 @@ class IdleBehavior(Behavior):
             tasks.vacate(own)
         elif not self._is_searching and not (is_found or is_charging or self._has_searched):
             has_nothing_to_do = self._is_going or board.behavior in ("idle", "")
-            if has_nothing_to_do and tasks.occupy(own, firm=self._travel.lost):
+            now_ns = self.env.clock.now_ns()
+            if not has_nothing_to_do or self._lost_ns is None:
+                self._lost_ns = now_ns
+            if (
+                has_nothing_to_do
+                and now_ns - self._lost_ns >= to_ns(SEARCH_AFTER_S)
+                and tasks.occupy(own, firm=self._travel.lost)
+            ):
                 self._is_going, self._is_searching = False, True
                 board.behavior = "find itself"
                 self._travel.find_itself()

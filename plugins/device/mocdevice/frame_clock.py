@@ -1,10 +1,10 @@
-"""When encoder frames were measured: by their stamps, or by their counter where stamps tell only when they arrived.
+"""Time of measurement of encoder frames: from their stamps, or from their counter if stamps are those of arrival.
 
-The controller sends a frame every 20 ms and counts them. Frames that were held up on the way, by an adapter or a busy
-computer, arrive late and in bursts; stamps of their arrival would say that all the motion happened at once. The
-counter gives each frame's time on the controller's own clock. The offset between that clock and the robot's is the
-least that has been observed lately: delays only ever add to it (Moon, Skelly, Towsley: Estimation and removal of clock
-skew from network delay measurements, 1999, without the skew, which two short windows in turn make unnecessary).
+The controller sends a frame every 20 ms and counts them. Frames delayed by an adapter or a busy computer arrive in
+bursts; by stamps of arrival all the motion would happen at once. The counter gives the time of each frame on the
+controller's clock. The offset from that clock to the robot's is the minimum of the offsets observed recently, because
+delays only increase it (Moon, Skelly, Towsley: Estimation and removal of clock skew from network delay measurements,
+1999; the skew is neglected, because windows are short).
 """
 
 from enum import StrEnum
@@ -13,36 +13,37 @@ from robrain.protocol.can.sequence import LONGEST_GAP, MODULUS
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 
 FRAME_PERIOD_NS = to_ns(0.02)
+"""Period at which the controller sends frames."""
 OTHER_CLOCK_NS = NS_PER_S
-"""A first stamp that is farther from now than this is of another clock."""
+"""A first stamp that differs more from the robot's time is by another clock."""
 WINDOW_FRAMES = 256
-"""The least offset is that of the current window of so many frames and the one before: 5 to 10 s."""
+"""Frames of a window. The minimum offset is that of the current window and the one before it: 5 to 10 s."""
 ANEW_NS = to_ns(128 * 0.02)
-"""After a frame that is so much later than its counter says, nobody knows how often the counter has turned over."""
+"""Delay after which the clock starts again, because the 8-bit counter may have wrapped: half its range."""
 
 
 class StampedAt(StrEnum):
-    """What the time stamps of an interface's frames stand for."""
+    """Meaning of the time stamps of an interface's frames."""
 
     SENDING = "sending"
-    """The sender's time, by the robot's clock: however late a frame is, it tells when it was measured."""
+    """Time at which the controller sent the frame, by the robot's clock."""
     ARRIVAL = "arrival"
-    """The time at which the robot's computer got the frame."""
+    """Time at which the robot's computer received the frame."""
 
 
 class FrameClock:
-    """Keeps the frames of one controller on one axis of time, *frame time*, and relates that to the robot's clock.
+    """Gives each frame of one controller its *frame time*: the robot's time less an offset.
 
-    Frame time is the robot's time less an offset, which changes when a frame shows that others were later than assumed.
+    The offset changes when a frame arrives with less delay than all recent ones.
 
     Args:
-        stamped_at: what stamps stand for.
+        stamped_at: meaning of the stamps.
 
     """
 
     def __init__(self, stamped_at: StampedAt) -> None:
         self.offset_ns = 0
-        """The robot's time less frame time, as far as is known now."""
+        """Current estimate of the robot's time less frame time."""
         self._counts = stamped_at is StampedAt.ARRIVAL
         self._knows_stamps = False
         self._counter: int | None = None
@@ -51,15 +52,15 @@ class FrameClock:
         self._least_ns = self._least_before_ns = 0
 
     def note(self, counter: int, stamp_ns: int, now_ns: int) -> int:
-        """Take the next frame; when it was measured, in frame time.
+        """Take the next frame; returns its time of measurement in frame time.
 
         Args:
             counter: the frame's 8-bit counter.
-            stamp_ns: the stamp that the interface gave it.
-            now_ns: the robot's time at which it is read.
+            stamp_ns: its stamp by the interface.
+            now_ns: the robot's time now.
 
         """
-        # A stamp that follows one of the robot's clock may be as old as it likes: the frame was late.
+        # A stamp after one by the robot's clock is by that clock too, however old it is: the frame was late.
         if not (self._knows_stamps and self._stamp_ns <= stamp_ns <= now_ns):
             self._knows_stamps = abs(now_ns - stamp_ns) <= OTHER_CLOCK_NS
             stamp_ns = stamp_ns if self._knows_stamps else now_ns
@@ -79,7 +80,7 @@ class FrameClock:
         return frame_ns
 
     def start_anew(self) -> None:
-        """Take the next frame's stamp for the time it was measured: the controller has started anew."""
+        """Use the next frame's stamp as its time of measurement: the controller has restarted."""
         self._counter = None
 
     def _observe(self, offset_ns: int) -> None:

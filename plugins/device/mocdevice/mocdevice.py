@@ -35,7 +35,7 @@ MOTOR_ERROR = 3
 ACKNOWLEDGE_NS = to_ns(0.1)
 """A status that left the controller before it heard an acknowledgement is not held against it."""
 STAMPS_SENDING = "zenoh"
-"""The interface whose frames carry the sender's stamps."""
+"""Name of the interface whose frames carry stamps of the sender."""
 ECHOES = 64
 """Own frames that are remembered: some interfaces give them back."""
 
@@ -62,7 +62,7 @@ class MocDevice(Device):
         silent_s: float = 0.4
         """Without an encoder frame for so long, the bus counts as cut; they come every 20 ms."""
         stamped_at: StampedAt | None = None
-        """What the interface's time stamps stand for; None means `sending` for `zenoh`, `arrival` for all others."""
+        """Meaning of the interface's time stamps; None is `sending` for `zenoh` and `arrival` for all others."""
 
         def __post_init__(self) -> None:
             for name in ("radius_m", "silent_s"):
@@ -155,7 +155,7 @@ class MocDevice(Device):
         return self._odometry.pose_at(stamp_ns - self._frame_clock.offset_ns)
 
     def odometry_until_ns(self) -> int:
-        """When the newest wheel counts were measured; 0 before the first."""
+        """Time of measurement of the newest wheel counts; 0 before the first."""
         until_ns = self._odometry.until_ns
         return until_ns + self._frame_clock.offset_ns if until_ns is not None else 0
 

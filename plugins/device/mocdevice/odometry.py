@@ -11,7 +11,7 @@ ENCODER_MODULUS = 1 << 16
 HALF_TURN = ENCODER_MODULUS // 2
 ENCODER_PERIOD_S = 0.02
 HISTORY_FRAMES = 256
-"""Five seconds: scans and frames may wait while the computer is busy."""
+"""Number of frames kept, five seconds: scans and frames may wait while the computer is busy."""
 JUMP_SLACK = 2.0
 """Wheels that seem to have turned this many times as far as they can have not: the counter has."""
 
@@ -45,14 +45,14 @@ class WheelOdometry:
 
     @property
     def until_ns(self) -> int | None:
-        """When the last counts were measured; None before the first."""
+        """Time of measurement of the last counts; None before the first."""
         return self._history[-1][0] if self._history else None
 
     def take(self, ticks: Ticks, stamp_ns: int, missing: int) -> bool:
-        """The counts of one frame, before which so many are missing; False if they have jumped.
+        """Take the counts of one frame; returns False if they have jumped.
 
-        `stamp_ns` is when they were measured. Earlier ones that claim to be no older, as by a clock that was set back,
-        are forgotten.
+        `stamp_ns` is the time of measurement, `missing` the number of frames lost before this one. Earlier frames with
+        a later stamp, as after a clock was set back, are forgotten.
         """
         before, self.ticks = self.ticks, ticks
         since_ns, self._stamp_ns = self._stamp_ns, stamp_ns
@@ -79,7 +79,7 @@ class WheelOdometry:
     def pose_at(self, stamp_ns: int) -> Pose2D:
         """T_odom_robot at a time within the last five seconds, between the frames before and after it.
 
-        Before the first frame that is kept it is that frame's pose, after `until_ns` the last one.
+        Before the first frame kept it is that frame's pose, after `until_ns` that of the last one.
         """
         history = self._history
         if not history or stamp_ns >= history[-1][0]:

@@ -20,7 +20,8 @@ from robrain.protocol.model.accuracy import recent_agreement
 from robrain.protocol.model.divergence_watch import WatchSpec
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.localiser import Localiser, LocaliserSpec
-from robrain.protocol.model.mapping.local_map import LocalPose
+from robrain.protocol.model.mapping.local_map import ArenaFix, LocalPose
+from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.mapping.mates_in_scan import mate_circles, outside
 from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.occupancy_grid import OccupancyGrid
@@ -28,8 +29,8 @@ from robrain.protocol.model.odometry import chord
 from robrain.protocol.model.pose_filter import DriftModel
 from robrain.protocol.model.ranges import STAMP_MAX
 from robrain.protocol.model.rssi_ranging import PathLoss
+from robrain.protocol.model.scan_agreement import COMPARED_MIN, agreement
 from robrain.protocol.model.scan_match import beam_ends
-from robrain.protocol.model.scan_relocalisation import COMPARED_MIN, agreement
 from robrain.protocol.wire.clock import to_ns
 
 logger = logging.getLogger(__name__)
@@ -37,9 +38,9 @@ logger = logging.getLogger(__name__)
 STILL = Twist2D()
 
 AGREE_PERIOD_S = 1.0
-"""A scan is held against the team's map this often."""
+"""Seconds between two comparisons of a scan with the team's map."""
 WAITING_MAX = 16
-"""Scans that wait until it is known where the robot was."""
+"""Number of scans that wait for the odometry of their time."""
 PAUSE_M, PAUSE_RAD = 0.1, 0.05
 """How far a robot may have been pushed while its localisation paused; chosen."""
 
@@ -70,9 +71,9 @@ class Localisation(Skill):
         scan_matching: bool = True
         """Whether to lay scans on the map; needs the plugin mapper."""
         scan_period_s: float = 1.0
-        """A robot that stands is matched this often; one that moves, with each scan after `scan_way_m`."""
+        """Seconds between two matches of a robot that stands."""
         scan_way_m: float = 0.03
-        """Way after which a scan is matched, turns counted in as in `protocol/model/localiser.py`."""
+        """Metres of path between two matches of a robot that moves; turns count as in `protocol/model/localiser.py`."""
         wall_slack_cells: float = 0.0
         """Offsets of a scan below this many cells of the map are taken for none: more for a base whose odometry is
         better than the map's cells, as an exact one is."""
@@ -98,7 +99,11 @@ class Localisation(Skill):
                 turn=self.errors.turn,
             )
             return LocaliserSpec(
-                drift=drift, path_loss=self.path_loss, watch=self.watch, slack_cells=self.wall_slack_cells
+                drift=drift,
+                path_loss=self.path_loss,
+                watch=self.watch,
+                slack_cells=self.wall_slack_cells,
+                maps=self.scan_matching,
             )
 
     interface = LocalisationInterface
@@ -117,12 +122,15 @@ class Localisation(Skill):
             sigma_rad,
             start.spec(self._driver.odometry_noise()),
         )
-        if not start.start_known and self.env.board.T_arena_odom is None:
-            self._localiser.lose("nobody has said where it starts")
-        self._lost = ""
         board = self.env.board
+        if board.frame != ARENA:
+            self._localiser.part(board.lost)
+        elif not start.start_known and board.T_arena_odom is None:
+            self._localiser.lose("nobody has said where it starts")
+        board.may_be_at = self._localiser.may_be_at
+        self._lost = board.lost
         self._T_arena_local = IDENTITY if board.local_map is None else board.local_map.T_arena_local
-        self._trajectory = 0 if board.local_pose is None else board.local_pose.trajectory
+        self._trajectories_before = 0 if board.local_pose is None else board.local_pose.trajectory
         self._waiting: deque[LaserScan] = deque(maxlen=WAITING_MAX)
         self._signals = self._matches = 0
         self._last_fit = 0.0
@@ -144,13 +152,17 @@ class Localisation(Skill):
         self._hear()
         self._match()
         self._tell()
-        self.env.board.pose = self.pose()
+        self.env.board.pose = self._T_arena_odom.compose(self._odometry)
         self.env.board.velocity = self._driver.velocity()
 
     @external
     def pose(self) -> Pose2D:
         """T_arena_robot now."""
         return self._T_arena_odom.compose(self._driver.pose())
+
+    @property
+    def _trajectory(self) -> int:
+        return self._trajectories_before + self._localiser.beginnings
 
     def to_odom(self, points: list[Point2D]) -> list[Point2D]:
         """Points of the arena frame in the frame odom."""
@@ -206,21 +218,27 @@ class Localisation(Skill):
                 self._signals += 1
 
     def _follow_map(self) -> None:
-        """Loop closures may have moved the frame of the map that the robot goes by: the robot moves with it."""
+        """Move the estimate with the robot's own map, which loop closures may have moved."""
         local = self.env.board.local_map
-        if local is None or local.trajectory != self._trajectory or local.T_arena_local == self._T_arena_local:
+        if local is None or local.trajectory != self._trajectory:
             return
-        if not self._localiser.lost:
+        if local.T_arena_local != self._T_arena_local:
             self._localiser.shift(local.T_arena_local.compose(self._T_arena_local.inverse()))
             self._is_corrected = True
-        self._T_arena_local = local.T_arena_local
+            self._T_arena_local = local.T_arena_local
+        if local.frame == ARENA and self._localiser.lost:
+            self._localiser.join()
+        elif local.frame != ARENA and not self._localiser.lost:
+            self._localiser.part(local.why)
 
     def _see(self, scan: LaserScan) -> None:
         self._waiting.append(scan)
         self._match()
 
     def _match(self) -> None:
-        """Lay the scans for which it is known by now where the robot was."""
+        """Match the waiting scans whose time the odometry covers."""
+        if not self._waiting:
+            return
         until_ns = self._driver.odometry_until_ns()
         while self._waiting and self._waiting[0].stamp_ns <= until_ns:
             self._take_scan(self._waiting.popleft())
@@ -232,7 +250,7 @@ class Localisation(Skill):
         self._follow_map()
         self._move()
         way_m = self._localiser.way_m - self._matched_way_m
-        is_due = bool(self._localiser.lost) or now_ns >= self._scan_due_ns or way_m > self.parameters.scan_way_m
+        is_due = now_ns >= self._scan_due_ns or way_m > self.parameters.scan_way_m
         if board.map is None or not is_due:
             self._tell()
             return
@@ -240,9 +258,7 @@ class Localisation(Skill):
         self._matched_way_m = self._localiser.way_m
         T_robot_sensor = self._T_robot_sensor(scan)
         points = self._wall_points(scan, T_robot_sensor)
-        if self._localiser.lost:
-            self._localiser.find(points, board.map.log_odds, board.map.geometry, T_robot_sensor)
-        elif board.local_map is not None and board.local_map.trajectory == self._trajectory:
+        if board.local_map is not None and board.local_map.trajectory == self._trajectory:
             fit = self._localiser.see(points, board.local_map, T_robot_sensor)
             if fit.directions:
                 self._matches += 1
@@ -251,7 +267,7 @@ class Localisation(Skill):
         self._tell()
 
     def _agree(self, points: NDArray[np.float64], team: OccupancyGrid, T_robot_sensor: Pose2D) -> None:
-        """Now and then, hold the scan against the team's map, which others and older submaps are part of."""
+        """Compare the scan with the team's map once every `AGREE_PERIOD_S`."""
         now_ns = self.env.clock.now_ns()
         if now_ns < self._agree_due_ns:
             return
@@ -262,14 +278,14 @@ class Localisation(Skill):
             self.env.board.map_agreement = recent_agreement(self.env.board.map_agreement, share)
 
     def _wall_points(self, scan: LaserScan, T_robot_sensor: Pose2D) -> NDArray[np.float64]:
-        """(K, 2) where beams ended, in the sensor's frame, without those that ended at a mate."""
+        """(K, 2) ends of the beams, sensor's frame, without those that ended at a mate."""
         sensor = self._localiser.pose.compose(T_robot_sensor)
         mates = self.env.board.mate_places
         circles = mate_circles(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, mates)
         return outside(beam_ends(scan.angles_rad, scan.ranges_m, scan.range_max_m), sensor, circles)
 
     def _T_robot_sensor(self, scan: LaserScan) -> Pose2D:
-        """Where the robot was when it scanned, seen from where it is."""
+        """Pose of the sensor at the time of the scan, relative to the robot's current pose."""
         return self._odometry.inverse().compose(self._driver.pose_at(scan.stamp_ns))
 
     def _check_start(self, scan: LaserScan) -> None:
@@ -287,9 +303,22 @@ class Localisation(Skill):
             self._has_been_lost = self.env.board.false_start = True
             self._tell()
 
-    def _tell(self) -> None:
+    def _take_fix(self) -> None:
+        """Motes have found where the robot is in the arena: the frame in which it maps is placed by that."""
         localiser, board = self._localiser, self.env.board
-        self._trajectory += bool(self._lost) and not localiser.lost
+        fix, localiser.arena_fix = localiser.arena_fix, None
+        if fix is None:
+            return
+        pose, covariance = fix
+        if board.local_map is None or board.local_map.trajectory != self._trajectory:
+            localiser.place(pose, covariance)
+        else:
+            T_arena_frame = pose.compose(localiser.pose.inverse())
+            board.arena_fix = ArenaFix(T_arena_frame, pose, covariance, self._trajectory)
+
+    def _tell(self) -> None:
+        self._take_fix()
+        localiser, board = self._localiser, self.env.board
         # Until something has corrected it, the frame stays what it was, to the last bit.
         if self._signals or self._matches or self._has_been_lost or self._is_corrected:
             self._T_arena_odom = localiser.pose.compose(self._odometry.inverse())
@@ -297,7 +326,15 @@ class Localisation(Skill):
         T_local_odom = self._T_arena_odom
         if self._T_arena_local != IDENTITY:
             T_local_odom = self._T_arena_local.inverse().compose(T_local_odom)
-        board.local_pose = LocalPose(T_local_odom, self._trajectory, localiser.drift, self._until_ns, localiser.fits)
+        board.local_pose = LocalPose(
+            T_local_odom,
+            self._trajectory,
+            localiser.drift,
+            self._until_ns,
+            localiser.fits,
+            localiser.local_sigma_m,
+            localiser.lost if self.parameters.scan_matching else "",
+        )
         board.pose_covariance = tuple(localiser.covariance.ravel().tolist())
         board.lost = localiser.lost
         if localiser.lost != self._lost:

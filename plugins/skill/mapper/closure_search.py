@@ -1,4 +1,4 @@
-"""Which submap a scan is laid on next, in search of a loop closure."""
+"""Choose the submap that a scan is matched against next, to find a loop closure."""
 
 import math
 
@@ -7,21 +7,22 @@ from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.model.mapping.submap_graph import SubmapGraph
 
 OCCUPIED_MIN = 60
-"""A submap with fewer occupied cells holds no scan."""
+"""Least number of occupied cells of a submap: fewer do not determine a pose."""
 TRIED_APART_M = 0.7
-"""A submap is not tried again before the robot has moved so far."""
+"""Metres that the robot moves before the same submap is tried again."""
 TRIED_MAX = 4096
+"""Number of submaps whose last attempt is remembered."""
 INSIDE_M = 1.5
-"""The sensor is to be so far inside a submap's box."""
+"""Least distance of the sensor from the edge of a submap's box, metres."""
 
 
 class ClosureSearch:
-    """Chooses submaps that should show the place where the robot is, one after the other.
+    """Chooses submaps that cover the robot's place, one after the other.
 
     Args:
-        robot: whose scans are laid.
-        graph: the robot's own part of the pose graph.
-        atlas: all submaps that the robot knows.
+        robot: name of this robot.
+        graph: its part of the pose graph.
+        atlas: all submaps that it knows.
 
     """
 
@@ -30,14 +31,16 @@ class ClosureSearch:
         self._graph = graph
         self._atlas = atlas
         self._tried: dict[SubmapKey, Pose2D] = {}
-        """Where the robot was when a submap was tried last."""
+        """Pose of the sensor when a submap was tried last, arena frame."""
 
     def candidate(self, sensor: Pose2D) -> SubmapKey | None:
-        """The submap to try next from here (arena frame); None if there is none."""
+        """The submap to try next from this pose of the sensor, arena frame; None if there is none."""
         best, best_at = None, math.inf
         recent = self._recent()
         for key, submap in self._atlas.submaps.items():
-            if key in recent or submap.surfaces is None or submap.occupied < OCCUPIED_MIN:
+            if key in recent or submap.frame != self._atlas.frame:
+                continue
+            if submap.surfaces is None or submap.occupied < OCCUPIED_MIN:
                 continue
             tried = self._tried.get(key)
             if tried is not None and tried.distance_m(sensor) < TRIED_APART_M:
@@ -45,7 +48,7 @@ class ClosureSearch:
             place = submap.T_arena_local.inverse().compose(sensor)
             if not self._is_inside(key, place):
                 continue
-            # Those never tried first; of others, the one tried farthest away.
+            # Submaps that were never tried come first, then the one that was tried farthest from here.
             at = -math.inf if tried is None else -tried.distance_m(sensor)
             if at < best_at or best is None:
                 best, best_at = key, at
@@ -56,11 +59,11 @@ class ClosureSearch:
         return best
 
     def forget(self) -> None:
-        """The robot may be anywhere now."""
+        """Forget all attempts, because the robot may be anywhere now."""
         self._tried.clear()
 
     def _recent(self) -> set[SubmapKey]:
-        """The submap that is being made and the one before: the robot goes by them already."""
+        """The current submap and the one before: localisation matches scans against them already."""
         return {(self._robot, number) for number in list(self._graph.own)[-2:]}
 
     def _is_inside(self, key: SubmapKey, place: Pose2D) -> bool:

@@ -1,4 +1,4 @@
-"""Loop closures of one robot: its scans laid on other submaps, and mates' scans on its own."""
+"""Loop closures of one robot: its scans matched against other submaps, and mates' scans against its own."""
 
 import math
 
@@ -9,60 +9,81 @@ from robrain.plugins.skill.mapper.closure_search import ClosureSearch
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import Variances
 from robrain.protocol.model.mapping.loop_closure import Contradiction, Lying, lay_on
-from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
-from robrain.protocol.model.mapping.submap_graph import SubmapGraph, is_information, symmetric
+from robrain.protocol.model.mapping.submap_atlas import SUBMAPS_MAX, SubmapAtlas, SubmapKey
+from robrain.protocol.model.mapping.submap_graph import SubmapGraph, is_information
+from robrain.protocol.model.small_linear_algebra import symmetric
 from robrain.protocol.wire.map_messages import Closure, Closures, MapPatch
+from robrain.protocol.wire.map_patch import is_near_grid
 
 WAY_M = 0.4
-"""The robot moves so far from one closure that it looks for to the next."""
+"""Metres that the robot moves between two attempts."""
 CONTRADICTS = 0.45
-"""Share of beams that agree, below which a scan contradicts a submap."""
+"""Share of agreeing beams below which a scan contradicts a submap."""
+CONTRADICTIONS_MIN, SUBMAPS_MIN, ROBOTS_MIN = 6, 3, 2
+"""Number of scans in a row, of submaps and of robots that must contradict before the robot's place counts as wrong."""
 SLACK_ARM_M = 5.0
-"""A turn moves walls that are so far away."""
+"""Distance of the walls, metres, that turns the slack in position into one in yaw."""
 UNSAID: Variances = (4e-4, 4e-4, 1e-5)
-"""Of where a mate's submap lies, if the mate does not say."""
-MATE_SUBMAPS_MAX = 8192
+"""Least variances of the pose of a mate's submap, and those of one whose mate has told none."""
+MATE_SUBMAPS_MAX = 2 * SUBMAPS_MAX
+"""Number of mates' submaps whose variances are kept."""
 
 
 class ClosureDesk:
-    """Finds loop closures and enters them into the robot's part of the pose graph.
+    """Finds loop closures and adds them to the robot's part of the pose graph.
 
     Args:
-        robot: whose scans are laid.
-        graph: the robot's own part of the pose graph.
-        atlas: all submaps that the robot knows.
-        slack_m: closures that are off by less are taken for none.
+        robot: name of this robot.
+        graph: its part of the pose graph.
+        atlas: all submaps that it knows.
+        slack_m: offsets up to this distance count as zero.
 
     """
 
     def __init__(self, robot: str, graph: SubmapGraph, atlas: SubmapAtlas, slack_m: float) -> None:
         self.search = ClosureSearch(robot, graph, atlas)
-        self.closed = self.contradicted = 0
-        """Scans that lay on another submap, and that lay nowhere on one that knows the place."""
+        self.closed = 0
+        """Number of scans that matched another submap."""
+        self.contradicted = 0
+        """Number of scans that contradicted a submap that covers the place."""
         self.found: list[Closure] = []
-        """Closures with mates' submaps that were not told yet."""
+        """Closures with mates' submaps that are still to be published."""
         self._robot = robot
         self._graph = graph
         self._atlas = atlas
         self._slack_m = slack_m
         self._variances: dict[SubmapKey, Variances] = {}
-        """Of where mates' submaps lie."""
+        """Variances of the poses of mates' submaps."""
         self._at: Pose2D | None = None
+        self._contradicting: list[SubmapKey] = []
+        """Submaps that contradicted the scans since the last one that lay on a submap."""
+
+    def why_wrong(self) -> str:
+        """Why the robot cannot be where it believes to be; empty while it may be.
+
+        One mate that is wrong contradicts all others, so submaps of two robots have to speak against this one.
+        """
+        submaps = set(self._contradicting)
+        robots = {robot for robot, _ in submaps}
+        if len(self._contradicting) < CONTRADICTIONS_MIN or len(submaps) < SUBMAPS_MIN or len(robots) < ROBOTS_MIN:
+            return ""
+        self._contradicting.clear()
+        return f"{len(submaps)} submaps of {len(robots)} robots contradict what the lidar sees"
 
     def look(
         self, number: int, local: Pose2D, sensor: Pose2D, points: NDArray[np.float64], covariance: tuple[float, ...]
     ) -> bool:
-        """Lay a scan on a submap that should show the place, of another robot or an old one of this one.
+        """Match a scan against a submap that covers the place: one of another robot, or an old one of this robot.
 
         Args:
-            number: of the submap that the robot is making.
+            number: number of the current submap.
             local: T_local_sensor.
-            sensor: T_arena_sensor as it is believed.
-            points: (K, 2) where the beams ended at walls, in the sensor's frame.
-            covariance: row-major (3, 3) of the robot's pose, arena frame.
+            sensor: estimated T_arena_sensor.
+            points: (K, 2) ends of the beams at walls, metres, sensor's frame.
+            covariance: (3, 3) of the robot's pose, row-major, arena frame.
 
         Returns:
-            Whether there was a submap to lay it on.
+            Whether there was a submap to match it against.
 
         """
         if self._at is not None and self._at.distance_m(sensor) < WAY_M:
@@ -76,10 +97,12 @@ class ClosureDesk:
         sigma_m = math.sqrt(max(covariance[0] + other[0], covariance[4] + other[1]))
         sigma_rad = math.sqrt(covariance[8] + other[2])
         lying = lay_on(submap, self._atlas.grid.geometry, sensor, points, sigma_m, sigma_rad)
-        if isinstance(lying, Contradiction):
-            self.contradicted += lying.agrees < CONTRADICTS
+        if isinstance(lying, Contradiction) and lying.agrees < CONTRADICTS:
+            self.contradicted += 1
+            self._contradicting.append(key)
         if not isinstance(lying, Lying):
             return True
+        self._contradicting.clear()
         found = self._with_slack(submap.T_arena_local.inverse().compose(sensor), lying.sensor)
         at_own = local.compose(Pose2D(0.0, 0.0, -found.yaw_rad))
         at_other = Pose2D(found.x_m, found.y_m, 0.0)
@@ -93,21 +116,37 @@ class ClosureDesk:
             self.found.append(closure)
         return True
 
-    def hear(self, message: Closures) -> None:
-        """A mate's scans lie on submaps of others, of this robot perhaps."""
+    def hear(self, message: Closures) -> str:
+        """Add the closures that a mate has found with submaps of this robot.
+
+        Returns:
+            Why some were refused; empty if none was.
+
+        """
+        why = ""
         for closure in message.closures:
+            if closure.mate != self._robot:
+                continue
             information = symmetric(closure.information)
-            if closure.mate == self._robot and is_information(information):
+            if not is_information(information):
+                why = f"{message.robot}: the information of a loop closure is no inverse covariance"
+            elif not (self._is_near(closure.at) and self._is_near(closure.at_mate)):
+                why = f"{message.robot}: a loop closure lies far outside the map"
+            else:
                 other = message.robot, closure.submap
                 self._graph.close_with_mate(closure.mate_submap, closure.at_mate, other, closure.at, information)
+        return why
 
     def hear_places(self, patch: MapPatch) -> None:
-        """A mate has told where its submaps lie, and how sure it is of that."""
+        """Note the poses of a mate's submaps and their variances."""
         moved = False
         for part in patch.parts or (patch,):
             if part.robot != patch.robot or part.withdrawn:
                 continue
             key = part.robot, part.submap
+            if len(self._variances) >= MATE_SUBMAPS_MAX and key not in self._variances:
+                # A mate may tell of submaps that do not exist: drop the variances of submaps without cells.
+                self._variances = {each: told for each, told in self._variances.items() if each in self._atlas.submaps}
             if len(self._variances) < MATE_SUBMAPS_MAX or key in self._variances:
                 floor_m2, _, floor_rad2 = UNSAID
                 variance_m2, variance_rad2 = max(part.variance_m2, floor_m2), max(part.variance_rad2, floor_rad2)
@@ -117,17 +156,17 @@ class ClosureDesk:
             self._graph.has_news = True
 
     def variances_of(self, key: SubmapKey) -> Variances:
-        """How unsure it is where a submap lies."""
+        """Variances of the pose of a submap."""
         own = self._graph.own.get(key[1]) if key[0] == self._robot else None
         if own is not None:
             x_m2, y_m2, yaw_rad2 = np.diag(own.covariance).tolist()
             return x_m2, y_m2, yaw_rad2
         return self._variances.get(key, UNSAID)
 
-    def place_of(self, key: SubmapKey) -> Pose2D | None:
-        """T_arena_local of a submap; None if it is not known."""
-        submap = self._atlas.submaps.get(key)
-        return None if submap is None else submap.T_arena_local
+    def _is_near(self, place: Pose2D) -> bool:
+        """Whether a pose in a submap's frame is in or near the team's grid, as the cells of submaps are."""
+        geometry = self._atlas.grid.geometry
+        return is_near_grid(geometry, *geometry.cell_of(place.x_m, place.y_m))
 
     def _with_slack(self, believed: Pose2D, found: Pose2D) -> Pose2D:
         slack_m = self._slack_m

@@ -29,11 +29,11 @@ class MapperCounters(msgspec.Struct, frozen=True, kw_only=True):
     patches_dropped: int
     """Patches of others that came faster than they could be merged."""
     submaps: int
-    """Of which the map is composed."""
+    """Number of submaps of the map."""
     closures: int
-    """Scans that lay on a submap of another robot, or on an old one of this robot."""
+    """Number of scans that matched a submap of another robot, or an old one of this robot: loop closures."""
     contradictions: int
-    """Scans that lay nowhere on a submap that knows the place."""
+    """Number of scans that contradicted a submap that covers the place."""
 
 
 class MapperInterface(Protocol):

@@ -3,6 +3,7 @@
 import logging
 import math
 from collections import deque
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -12,48 +13,45 @@ from robrain.agent.event import Event
 from robrain.agent.plugin import Skill, external
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.plugins.skill.mapper.closures import ClosureDesk
+from robrain.plugins.skill.mapper.frames import Frames
 from robrain.plugins.skill.mapper.interface import MapperCounters, MapperInterface, MapView
+from robrain.plugins.skill.mapper.map_hearing import MapHearing
+from robrain.plugins.skill.mapper.map_telling import MapTelling
 from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
 from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates.interface import TeammatesInterface
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import LocalPose
-from robrain.protocol.model.mapping.mates_in_scan import mate_circles, outside
+from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
+from robrain.protocol.model.mapping.mates_in_scan import mate_circles, outside, sees_through
 from robrain.protocol.model.mapping.submap import IDENTITY
-from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
+from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
 from robrain.protocol.model.mapping.submap_graph import GraphSpec, SubmapGraph
 from robrain.protocol.model.occupancy_grid import GridGeometry
 from robrain.protocol.model.scan_match import beam_ends
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.inbox import Inbox, Received
-from robrain.protocol.wire.map_messages import Closures, MapPatch
+from robrain.protocol.wire.map_messages import Closures
 from robrain.protocol.wire.map_patch import (
-    check_claim,
-    joined_message,
     map_stamp_ms,
-    pose_message,
-    take_message,
-    to_message,
-    whole_map,
 )
-from robrain.protocol.wire.record_guard import RecordGuard
-from robrain.protocol.wire.refusals import RefusalCode
-from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE
+from robrain.protocol.wire.topics import ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 logger = logging.getLogger(__name__)
 
 START_S = 5.0
-"""What the others send in this time after the start may still show that the robot is not where it was told it is."""
-WHOLE_MS = 400
-"""So long after the start the others' answers with their whole maps may be made; less than `TELL_AFTER_S`."""
+"""Seconds after the start in which maps of other robots may show that the start pose is wrong."""
 TELL_AFTER_S = 0.5
-"""Until then nobody is told of what was mapped; chosen."""
+"""Seconds after the start before the first patch is sent, so that a wrong start pose can be found first."""
 CLOSURE_PERIOD_S = 1.0
-"""A scan is laid on another submap this often."""
+"""Seconds between two attempts to find a loop closure."""
 CLOSURES_A_STEP = 256
+"""Largest number of closures in a message."""
 SOLVE_PERIOD_S = 2.0
+"""Seconds between two solutions of the pose graph."""
+SEARCH_PERIOD_S = 0.5
+"""Seconds between two searches of a robot that does not know its place on the map of the team."""
 WAITING_MAX = 16
-"""Scans that wait until it is known where the robot was."""
+"""Number of scans that wait for the odometry and the match of their time."""
 NOBODY = np.empty((0, 3))
 
 
@@ -69,7 +67,7 @@ class Mapper(Skill):
         width_m: float = 40.0
         height_m: float = 40.0
         sigma_max_m: float = 2.0
-        """Scans are left out while the robot's place is less sure than this; chosen."""
+        """Standard deviation of the place on the robot's own map, metres, above which scans are not mapped."""
 
         def __post_init__(self) -> None:
             for name in ("resolution_m", "width_m", "height_m", "sigma_max_m"):
@@ -79,7 +77,7 @@ class Mapper(Skill):
         submap: SubmapSpec = SubmapSpec()
         graph: GraphSpec = GraphSpec()
         closure_slack_m: float = 0.0
-        """Loop closures that are off by less are taken for none: half a cell for a base whose odometry is exact."""
+        """Metres: smaller offsets of loop closures count as zero. Half a cell suits a base with exact odometry."""
 
         def geometry(self) -> GridGeometry:
             """The grid that covers this area."""
@@ -105,18 +103,15 @@ class Mapper(Skill):
         self._graph = SubmapGraph(self.env.robot, self.parameters.graph)
         self._own = OwnSubmaps(geometry, self._graph, self.parameters.submap)
         self._desk = ClosureDesk(self.env.robot, self._graph, self._atlas, self.parameters.closure_slack_m)
+        self._frames = Frames(self.env.robot, self._atlas, self._graph, self._own, self._mates_in)
         self._view: MapView | None = None
-        self._inbox = Inbox(capacity=4096)
-        self._refused: set[str] = set()
-        self._met: set[str] = set()
-        """Robots whose liveliness token has been seen."""
-        self._orphans: set[SubmapKey] = set()
-        """Submaps of robots that have gone since."""
+        self._telling = MapTelling(self.env.robot, geometry)
+        self._hearing = MapHearing(self.env.robot, self._atlas, self._desk, self._frames)
         self._began_ns: int | None = None
         self._has_begun_anew = False
         self._waiting: deque[LaserScan] = deque(maxlen=WAITING_MAX)
-        self._untold: list[MapPatch] = []
-        self._closure_due_ns = self._solve_due_ns = 0
+        self._closure_due_ns = self._solve_due_ns = self._search_due_ns = 0
+        self._seen: _Seen | None = None
 
     def activate(self) -> None:
         wire, robot = self.env.wire, self.env.robot
@@ -125,34 +120,33 @@ class Mapper(Skill):
             self._own.T_arena_local = self.env.board.local_map.T_arena_local
         if self._began_ns is None:
             self._began_ns = self.env.clock.now_ns()
-            self._others: SubmapAtlas | None = SubmapAtlas(self._atlas.grid.geometry)
-            self.env.board.map_of_others = self._others.grid
+            self._hearing.begin(self._began_ns)
         self._driver = self.env.use("driver", DriverInterface)
         self._teammates = self.env.use("teammates", TeammatesInterface)
         self.env.observe(self.env.use("scan", ScanInterface).scanned, self._see)
-        self._guard = RecordGuard(wire.refusals)
         self._patches = wire.publisher(ROBOT_MAP, robot=robot)
         self._closures = wire.publisher(ROBOT_CLOSURES, robot=robot)
-        self._presence = wire.watch(ROBOT_ALIVE)
-        wire.subscribe(self._inbox, ROBOT_MAP)
-        wire.subscribe(self._inbox, ROBOT_CLOSURES)
-        self.env.answer(ROBOT_MAP_WHOLE, lambda _request: self._whole(), robot=robot)
+        self._hearing.connect(wire)
+        self.env.answer(ROBOT_MAP_WHOLE, lambda _request: self._hearing.whole(), robot=robot)
+        self._tell_others()
 
     def step(self) -> None:
-        self._hear()
+        self._hearing.step()
+        self._tell_move()
         self.env.board.mate_places = self._mates()
         self._integrate()
         if self.env.board.false_start:
             self._begin_anew()
         if not self._is_starting(START_S):
-            self._others = self.env.board.map_of_others = None
+            self._hearing.others = None
+        self._tell_others()
         self._take_own_patch()
+        self._find_frame()
         self._solve()
         if self._is_starting(TELL_AFTER_S):
             return
-        for patch in self._untold:
+        for patch in self._telling.take():
             self._patches.put(patch)
-        self._untold.clear()
         if self._desk.found:
             self._closures.put(Closures(robot=self.env.robot, closures=self._desk.found[:CLOSURES_A_STEP]))
             self._desk.found.clear()
@@ -177,7 +171,7 @@ class Mapper(Skill):
             scans=self._taken,
             scans_left_out=self._left_out,
             why_left_out=self._why_paused,
-            patches_dropped=self._inbox.dropped,
+            patches_dropped=self._hearing.dropped,
             submaps=len(self._atlas.submaps),
             closures=self._desk.closed,
             contradictions=self._desk.contradicted,
@@ -188,7 +182,9 @@ class Mapper(Skill):
         self._integrate()
 
     def _integrate(self) -> None:
-        """Take in the scans for which it is known by now where the robot was."""
+        """Map the waiting scans whose pose is known by now."""
+        if not self._waiting:
+            return
         until_ns = self._driver.odometry_until_ns()
         while self._waiting and (local_pose := self.env.board.local_pose) is not None:
             if self._waiting[0].stamp_ns > min(until_ns, local_pose.until_ns):
@@ -198,7 +194,7 @@ class Mapper(Skill):
     def _take_scan(self, scan: LaserScan, local_pose: LocalPose) -> None:
         if self.env.board.false_start:
             self._begin_anew()
-        self._pause(self._why_not())
+        self._pause(self._why_not(local_pose))
         if self._why_paused:
             self._left_out += 1
             return
@@ -209,6 +205,7 @@ class Mapper(Skill):
         if local_pose.trajectory != self._own.trajectory:
             self._own.begin_trajectory(local_pose.trajectory)
             self._desk.search.forget()
+            self._frames.begin(map_stamp_ms(scan.stamp_ns), local_pose.lost)
         local = local_pose.T_local_odom.compose(self._driver.pose_at(scan.stamp_ns))
         self.env.board.mate_places = told = self._mates()
         sensor = self._own.T_arena_local.compose(local)
@@ -226,32 +223,31 @@ class Mapper(Skill):
             _in_local(circles, self._own.T_arena_local),
             local_pose.drift,
         )
-        self.env.board.local_map = self._own.local_map()
+        self._tell_board()
         self._look_for_closure(scan, local, circles)
+        self._seen = _Seen(scan, local)
 
     def _take_own_patch(self) -> None:
-        """Draw what the robot has seen, and have it told."""
+        """Draw what the robot has seen, and queue the patch."""
         self._own.contradict(self._atlas.grid)
         own = self._own.take_patch()
         if own is None:
             return
         key = (self.env.robot, own.submap)
         if key not in self._atlas.submaps:
-            self._atlas.move(key, self._own.T_arena_local)
+            self._atlas.move(key, self._own.T_arena_local, self._own.frame)
         self._atlas.take(key, own.cells.row, own.cells.column, own.cells.cells, own.cells.stamp_ms)
-        geometry = self._atlas.grid.geometry
-        self._untold.append(to_message(self.env.robot, geometry, own.cells, own.submap, self._own.T_arena_local))
+        self._telling.patch(own, self._own)
 
     def _finish_submap(self) -> None:
-        """What is left to tell of the current submap, and where in their cells its walls are."""
+        """Queue the last patch of the current submap, and its surfaces."""
         self._take_own_patch()
         number = self._own.number
         if number is None:
             return
         surfaces = self._own.surfaces()
         self._atlas.take_surfaces((self.env.robot, number), surfaces)
-        geometry = self._atlas.grid.geometry
-        self._untold.append(pose_message(self.env.robot, geometry, number, self._own.T_arena_local, surfaces=surfaces))
+        self._telling.finished(number, self._own, surfaces)
 
     def _look_for_closure(self, scan: LaserScan, local: Pose2D, circles: NDArray[np.float64]) -> None:
         now_ns, number = self.env.clock.now_ns(), self._own.number
@@ -267,56 +263,91 @@ class Mapper(Skill):
         if not self._graph.has_news or now_ns < self._solve_due_ns:
             return
         self._solve_due_ns = now_ns + to_ns(SOLVE_PERIOD_S)
-        moved = self._graph.solve(self._desk.place_of, self._desk.variances_of)
+        moved = self._graph.solve(self._atlas.place_of, self._desk.variances_of)
         if not moved:
             return
-        robot, geometry = self.env.robot, self._atlas.grid.geometry
-        told = []
-        for number, T_arena_local in moved.items():
-            self._atlas.move((robot, number), T_arena_local)
-            covariance = self._graph.own[number].covariance
-            variances = max(covariance[0, 0], covariance[1, 1]), covariance[2, 2]
-            told.append(pose_message(robot, geometry, number, T_arena_local, variances=variances))
-        self._untold.append(joined_message(robot, geometry, told))
+        nodes = [self._graph.own[number] for number in moved]
+        for frame in sorted({node.frame for node in nodes}):
+            placed = {(self.env.robot, node.number): node.T_arena_local for node in nodes if node.frame == frame}
+            self._atlas.move_all(placed, frame)
+        self._telling.placed(nodes)
         current = self._graph.current
         if current is not None and current.number == self._own.number:
             self._own.T_arena_local = current.T_arena_local
-            self.env.board.local_map = self._own.local_map()
+            self._tell_board()
 
-    def _why_not(self) -> str:
-        """Why a scan must not be put into the map now; walls in the wrong place are worse than none."""
+    def _tell_board(self) -> None:
         board = self.env.board
-        if board.lost:
+        board.local_map, board.frame = self._own.local_map(), self._own.frame
+
+    def _find_frame(self) -> None:
+        """Look for the team's map frame if the robot is not in it; leave it if the robot lies wrong there."""
+        board, now_ns = self.env.board, self.env.clock.now_ns()
+        if why := self._desk.why_wrong():
+            self._frames.part(why)
+        fix, board.arena_fix = board.arena_fix, None
+        if fix is not None:
+            self._frames.take_fix(fix)
+        is_due = self._frames.frame != ARENA and now_ns >= self._search_due_ns and self._own.number is not None
+        if is_due and self._seen is not None:
+            self._search_due_ns = now_ns + to_ns(SEARCH_PERIOD_S)
+            self._frames.search(self._own.T_arena_local.compose(self._seen.local), self._may_be_at)
+        self._tell_move()
+
+    def _tell_move(self) -> None:
+        """Submaps have changed their frame: tell the team, and localisation."""
+        if not self._frames.told:
+            return
+        self._telling.moved(self._frames.told)
+        self._frames.told = []
+        self._tell_board()
+        self.env.board.mate_places = self._mates()
+
+    def _may_be_at(self, frame: MapFrame, pose: Pose2D) -> bool:
+        """Whether motes and the mates of a frame allow the robot to be at a pose of it."""
+        if frame == ARENA and not self.env.board.may_be_at(pose):
+            return False
+        if self._seen is None:
+            return True
+        scan = self._seen.scan
+        return not sees_through(scan.angles_rad, scan.ranges_m, scan.range_max_m, pose, self._mates_in(frame))
+
+    def _why_not(self, local_pose: LocalPose) -> str:
+        """Why a scan must not be put into the map now; walls in the wrong place are worse than none.
+
+        How unsure it is where the robot's own map lies does not count: loop closures move submaps as a whole, and only
+        a robot that maps finds any.
+        """
+        board = self.env.board
+        if board.lost and not local_pose.lost:
             return f"the robot does not know where it is: {board.lost}"
-        covariance = board.pose_covariance
-        sigma_m = math.sqrt(max(covariance[0], covariance[4])) if covariance else 0.0
         # With some slack, so that it does not go on and off.
         limit_m = self.parameters.sigma_max_m * (0.8 if self._why_paused else 1.0)
-        if sigma_m > limit_m:
+        if local_pose.sigma_m > limit_m:
             return f"the robot's place is not sure enough, above {limit_m:g} m"
         return ""
+
+    def _tell_others(self) -> None:
+        """What the others had mapped before is the measure of where the robot starts."""
+        others = self._hearing.others
+        self.env.board.map_of_others = None if others is None else others.grid
 
     def _is_starting(self, for_s: float) -> bool:
         return self.env.clock.now_ns() - (self._began_ns or 0) < to_ns(for_s)
 
     def _begin_anew(self) -> None:
-        """Throw away what was mapped from where the robot never was."""
+        """Withdraw what was mapped from a wrong start pose."""
         if self._has_begun_anew:
             return
         self._has_begun_anew = True
         self._withdraw(list(self._graph.own))
 
     def _withdraw(self, numbers: list[int]) -> None:
-        """Own submaps are wrong: leave them out of the map, and tell so."""
-        robot, geometry = self.env.robot, self._atlas.grid.geometry
-        told = []
+        """Remove own submaps that are wrong, and queue the message about it."""
         for number in numbers:
             self._graph.withdraw(number)
-            self._atlas.withdraw((robot, number))
-            told.append(pose_message(robot, geometry, number, IDENTITY, withdrawn=True))
-        self._untold = [each for each in self._untold if each.submap not in numbers or each.parts]
-        if told:
-            self._untold.append(joined_message(robot, geometry, told))
+            self._atlas.withdraw((self.env.robot, number))
+        self._telling.withdrawn(numbers)
         self._own.begin_trajectory(self._own.trajectory)
 
     def _pause(self, why: str) -> None:
@@ -326,63 +357,23 @@ class Mapper(Skill):
         self._why_paused = why
 
     def _mates(self) -> NDArray[np.float64]:
-        """(K, 3) where mates say that they are, and their radii, arena frame."""
-        others = self._teammates.others()
-        if not others:
+        """(K, 3) published places of mates and their radii, metres, in the robot's map frame."""
+        return self._mates_in(self._own.frame)
+
+    def _mates_in(self, frame: MapFrame) -> NDArray[np.float64]:
+        """(K, 3) published places of mates in a map frame and their radii, metres."""
+        mates = self._teammates.in_frame(frame)
+        if not mates:
             return NOBODY
-        return np.array([(mate.pose.x_m, mate.pose.y_m, mate.radius_m) for mate in others])
-
-    def _hear(self) -> None:
-        for change in self._presence.changes():
-            name = change.names["robot"]
-            self._met.add(name)
-            if not change.present:
-                # A process that takes its name begins anew, and knows nothing of these.
-                self._orphans.update(key for key in self._atlas.submaps if key[0] == name)
-            if change.present and name != self.env.robot:
-                # Catch up with a robot that was there before; one that has just started has nothing to tell.
-                self.env.wire.ask_into(self._inbox, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=name)
-        self._guard.messages(self._inbox.drain(), self._take)
-
-    def _take(self, received: Received) -> None:
-        message: MapPatch | Closures = received.message
-        if message.robot == self.env.robot:
-            return
-        if message.robot not in self._met:
-            # nothing is lost: the mapper asks for its whole map when its token appears
-            why = f"{message.robot} is not there"
-            self.env.wire.refusals.note(received.topic.name, received.key, RefusalCode.UNKNOWN_SENDER, why)
-        elif isinstance(message, Closures):
-            self._desk.hear(message)
-        else:
-            self._merge(message)
-
-    def _merge(self, patch: MapPatch) -> None:
-        try:
-            check_claim(patch, self.env.clock.now_ns())
-            take_message(self._atlas, patch)
-            if self._others is not None:
-                began_ms = map_stamp_ms(self._began_ns or 0)
-                before = tuple(part for part in patch.parts if _was_before(part, began_ms))
-                take_message(self._others, msgspec.structs.replace(patch, parts=before, rows=0, columns=0, cells=b""))
-        except ValueError as error:
-            if patch.robot not in self._refused:
-                self._refused.add(patch.robot)
-                logger.warning("%s: the map of %s cannot be merged: %s", self.env.robot, patch.robot, error)
-            return
-        self._desk.hear_places(patch)
-
-    def _whole(self) -> MapPatch | None:
-        """The robot's own submaps, and those of robots that are not there to tell them."""
-        robot = self.env.robot
-        others = self._met - {robot}
-        keys = [key for key in sorted(self._atlas.submaps) if key[0] not in others or key in self._orphans]
-        return whole_map(robot, self._atlas, keys)
+        return np.array([(mate.pose.x_m, mate.pose.y_m, mate.radius_m) for mate in mates])
 
 
-def _was_before(part: MapPatch, began_ms: int) -> bool:
-    """Whether a submap was begun before then, and tells what was seen until about then."""
-    return part.submap < began_ms and part.observed_ms <= began_ms + WHOLE_MS
+class _Seen(NamedTuple):
+    """The last scan that was mapped."""
+
+    scan: LaserScan
+    local: Pose2D
+    """T_local_sensor."""
 
 
 def _in_local(circles: NDArray[np.float64], T_arena_local: Pose2D) -> NDArray[np.float64]:

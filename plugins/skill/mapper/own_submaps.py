@@ -1,4 +1,4 @@
-"""The robot's own map: its recent surroundings, cut into submaps as it goes, and where those lie."""
+"""The robot's own map: its recent surroundings, divided into submaps."""
 
 import math
 from typing import NamedTuple
@@ -10,49 +10,55 @@ from numpy.typing import NDArray
 from robrain.protocol.model.elementary_functions import arctan2
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, Drift, LocalMap
-from robrain.protocol.model.mapping.submap import IDENTITY, PARTS, SURFACE, SURFACES_MAX
+from robrain.protocol.model.mapping.map_frame import ARENA
+from robrain.protocol.model.mapping.submap import IDENTITY, PARTS, SURFACE, SURFACES_MAX, VIEW_PARTS
 from robrain.protocol.model.mapping.submap_graph import SubmapGraph
 from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid, PatchCells
 
 Floats = NDArray[np.float64]
 GRID_REACH_M = 20.0
+"""Distance from the frame's origin, metres, at which its yaw must not shift cells."""
 LEAST = 1e-6
-"""Variance of a submap against the one before, at least."""
+"""Least variance (m², rad²) of a submap's pose relative to the one before."""
 TURN_M_PER_RAD = 0.3
-"""A turn shows as much of new as this way."""
+"""Metres of path that a turn by one radian counts as: it shows new surroundings too."""
 
 
 class SubmapSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """When a submap ends; chosen."""
+    """When a submap ends, and how far the robot's own map extends."""
 
     way_m: float = 5.0
-    """After this way of the robot, turns counted in."""
+    """Length of the path on which one submap is made, metres; turns count too. Drift on it is less than a cell."""
     margin_m: float = 3.0
-    """The robot's own map reaches so far beyond the team's grid: until it is corrected it may be shifted."""
+    """Metres by which the robot's own map extends beyond the team's grid, because it may be shifted."""
 
 
 class OwnPatch(NamedTuple):
-    """What changed of one own submap; row and column on the lattice of the team's grid."""
+    """Changes of one own submap; row and column are counted from the origin of the team's grid."""
 
     submap: int
     cells: PatchCells
 
 
 class OwnSubmaps:
-    """Maps what the robot itself sees, in the frame `local`.
+    """Maps what this robot sees, in the frame `local`.
 
     Args:
         geometry: the team's grid.
-        graph: where the submaps lie.
-        spec: when a submap ends.
+        graph: the robot's part of the pose graph.
+        spec: parameters.
 
     """
 
     def __init__(self, geometry: GridGeometry, graph: SubmapGraph, spec: SubmapSpec) -> None:
         self.graph = graph
         self.trajectory = -1
+        self.frame = ARENA
+        """The map frame in which the submap that is being made lies."""
+        self.why = ""
+        """Why that is not the arena frame."""
         self.T_arena_local = IDENTITY
-        """Of the submap that is being made."""
+        """Pose of the current submap's frame."""
         self._spec = spec
         margin = math.ceil(spec.margin_m / geometry.resolution_m)
         self._margin = margin
@@ -74,28 +80,28 @@ class OwnSubmaps:
 
     @property
     def number(self) -> int | None:
-        """Of the submap that is being made; None before the first scan."""
+        """Number of the current submap; None before the first scan."""
         return self._number
 
     def begin_trajectory(self, trajectory: int) -> None:
-        """The robot was lost, and may be anywhere now: what it saw before is no map to go by."""
+        """Clear the map: the robot was lost and may be anywhere now."""
         self.trajectory = trajectory
         self.grid.forget()
         self.grid.begin_stretch()
         self._number, self._last, self._way_m = None, None, 0.0
 
     def is_over(self) -> bool:
-        """Whether the submap is large enough: tell what is left of it, and begin another."""
+        """Whether the current submap is complete, or there is none, so that the next must begin."""
         return self._number is None or self._way_m >= self._spec.way_m
 
     def begin_submap(self, number: int, T_local_robot: Pose2D, drift: Drift, covariance: Floats) -> None:
-        """Begin a submap here.
+        """Begin the next submap.
 
         Args:
             number: greater than those before.
-            T_local_robot: where the robot is on its map.
+            T_local_robot: pose of the robot on its own map.
             drift: `LocalPose.drift`.
-            covariance: (3, 3) of the robot's pose in the arena, for the first submap of a trajectory.
+            covariance: (3, 3) of the robot's pose in the arena; used for the first submap of a trajectory.
 
         """
         self._oldest = number if self._number is None else self._number
@@ -104,7 +110,7 @@ class OwnSubmaps:
             number = max(number, self._number + 1)
             m2, rad2 = (max(now - then, LEAST) for now, then in zip(drift, self._drift, strict=True))
             covariance = np.diag((m2, m2, rad2))
-        self.graph.begin(number, T_local_robot, self.T_arena_local, self.trajectory, covariance)
+        self.graph.begin(number, T_local_robot, self.T_arena_local, self.trajectory, covariance, self.frame)
         self._number, self._way_m, self._drift = number, 0.0, drift
 
     def integrate(
@@ -117,7 +123,7 @@ class OwnSubmaps:
         ignore: Floats,
         drift: Drift,
     ) -> None:
-        """Take in a scan; arguments are those of `OccupancyGrid.integrate_scan`, in the frame `local`."""
+        """Map a scan; arguments are those of `OccupancyGrid.integrate_scan`, in the frame `local`."""
         if self._last is not None:
             turned_rad = math.remainder(sensor.yaw_rad - self._last.yaw_rad, math.tau)
             self._way_m += sensor.distance_m(self._last) + TURN_M_PER_RAD * abs(turned_rad)
@@ -125,9 +131,9 @@ class OwnSubmaps:
         self.grid.integrate_scan(sensor, angles_rad, ranges_m, range_max_m, stamp_ms, ignore, drift)
 
     def contradict(self, team: OccupancyGrid) -> None:
-        """Tell again what the robot sees as floor and the team's map has as a wall, a mate that stood there perhaps.
+        """Mark floor that the team's map shows as a wall, such as a mate that stood there, to be told again.
 
-        Only while the submap lies where it was drawn, or nearly so: the cells would not be the same.
+        Does nothing while the submap is shifted by half a cell or more, because cells would not correspond.
         """
         T_arena_local, resolution_m = self.T_arena_local, team.geometry.resolution_m
         reach_m = max(abs(T_arena_local.x_m), abs(T_arena_local.y_m)) + GRID_REACH_M * abs(T_arena_local.yaw_rad)
@@ -135,7 +141,7 @@ class OwnSubmaps:
             self.grid.contradict(team.log_odds, self._margin, self._margin)
 
     def take_patch(self) -> OwnPatch | None:
-        """What changed of the current submap since the last call."""
+        """Changes of the current submap since the last call; None if there are none."""
         if self._number is None:
             return None
         patch = self.grid.take_patch()
@@ -146,7 +152,7 @@ class OwnSubmaps:
         )
 
     def surfaces(self) -> NDArray[np.void]:
-        """Where in their cells the walls of the current submap are, (n,) of `SURFACE`."""
+        """Surfaces (n,) of `SURFACE` of the current submap: the walls' places within their cells."""
         grid = self.grid
         rows, columns = grid.recent_surfaces()[:SURFACES_MAX].T
         surfaces = np.zeros(len(rows), SURFACE)
@@ -158,11 +164,11 @@ class OwnSubmaps:
             np.clip(np.rint(up * PARTS), -127, 127),
         )
         view_rad = arctan2(*grid.surface_view[rows, columns].T[::-1].astype(np.float64))
-        surfaces["view"] = np.rint(view_rad * (256 / math.tau)).astype(np.int64) % 256
+        surfaces["view"] = np.rint(view_rad * (VIEW_PARTS / math.tau)).astype(np.int64) % VIEW_PARTS
         return surfaces
 
     def local_map(self) -> LocalMap | None:
-        """What localisation goes by; None before the first scan."""
+        """The map for localisation; None before the first scan."""
         current = self.graph.current
         if current is None or self._number is None:
             return None
@@ -176,4 +182,6 @@ class OwnSubmaps:
             self._number,
             self._oldest,
             self.trajectory,
+            self.frame,
+            self.why,
         )

@@ -249,7 +249,7 @@ class Driver(Unit):
         return self._moc.pose_at(stamp_ns)
 
     def odometry_until_ns(self) -> int:
-        """When the newest wheel counts were measured; 0 before the first."""
+        """Time of measurement of the newest wheel counts; 0 before the first."""
         return self._moc.odometry_until_ns()
 
     @external

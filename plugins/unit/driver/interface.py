@@ -101,9 +101,9 @@ class DriverInterface(Protocol):
         ...
 
     def odometry_until_ns(self) -> int:
-        """When the newest wheel counts were measured, stamp of the robot's clock; 0 before the first.
+        """Time of measurement of the newest wheel counts, robot's clock; 0 before the first.
 
-        What was measured later is not covered by the odometry yet: `pose_at` would place it too far back.
+        For a later time `pose_at` returns the pose at this one.
         """
         ...
 

@@ -8,11 +8,12 @@ import msgspec
 
 from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.mapping.map_frame import MapFrame
 from robrain.protocol.model.right_of_way import Track
 
 
 class Teammate(msgspec.Struct, frozen=True):
-    """Another robot, arena frame."""
+    """Another robot, in the map frame of the one that asks."""
 
     name: str
     pose: Pose2D
@@ -54,10 +55,14 @@ class Mate(msgspec.Struct, frozen=True, eq=False):
 
 
 class TeammatesInterface(Protocol):
-    """The other robots."""
+    """The other robots. Those whose poses are told in another map frame than this robot's are nowhere to it."""
 
     def others(self) -> list[Teammate]:
-        """Those heard within the last two seconds, by name."""
+        """Those heard within the last two seconds, by name, in the robot's map frame."""
+        ...
+
+    def in_frame(self, frame: MapFrame) -> list[Teammate]:
+        """Those heard within the last two seconds that tell their poses in a map frame, by name."""
         ...
 
     def mates(self, place: Point2D, within_m: float) -> list[Mate]:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from robrain.plugins.unit.teammates.interface import Doing, Mate, Teammate
 from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.right_of_way import MATE_AHEAD_M, STEP_M, Track, Way
 from robrain.protocol.wire.messages import PlannedPath, RobotState
 
@@ -41,6 +42,8 @@ class KnownMate:
         """When anything was."""
         self.teammate: Teammate | None = None
         """None before it has told where it is."""
+        self.frame = ARENA
+        """The map frame in which it tells that."""
         self._stalled_ns = stalled_ns
         self._default_speed_m_s = speed_m_s
         self._moved_ns = 0
@@ -63,6 +66,7 @@ class KnownMate:
             return
         self.heard_ns = now_ns
         self.teammate = Teammate(self.name, pose, state.velocity, state.radius_m)
+        self.frame = state.frame
         self._is_halted, self._is_lost = state.halted, bool(state.lost)
         self._behavior = state.behavior
         energy = state.energy

@@ -6,6 +6,7 @@ from robrain.agent.plugin import Unit, external
 from robrain.plugins.unit.teammates.interface import Mate, Teammate, TeammatesInterface
 from robrain.plugins.unit.teammates.known_mate import KnownMate, is_near
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.mapping.map_frame import MapFrame
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox, Received
 from robrain.protocol.wire.record_guard import RecordGuard
@@ -57,18 +58,23 @@ class Teammates(Unit):
 
     @external
     def others(self) -> list[Teammate]:
-        """Those heard within the last two seconds, by name."""
+        """Those heard within the last two seconds, by name, in the robot's map frame."""
+        return self.in_frame(self.env.board.frame)
+
+    def in_frame(self, frame: MapFrame) -> list[Teammate]:
+        """Those heard within the last two seconds that tell their poses in a map frame, by name."""
         now_ns = self._hear()
         return [
             known.teammate
             for known in self._known.values()
-            if known.teammate is not None and now_ns - known.heard_ns <= self._fresh_ns
+            if known.teammate is not None and known.frame == frame and now_ns - known.heard_ns <= self._fresh_ns
         ]
 
     def mates(self, place: Point2D, within_m: float) -> list[Mate]:
         """Those that are, or are bound, within a distance of a place, by name; also those that have fallen silent."""
         now_ns = self._hear()
-        mates = [known.mate(now_ns, self._fresh_ns) for known in self._known.values()]
+        frame = self.env.board.frame
+        mates = [known.mate(now_ns, self._fresh_ns) for known in self._known.values() if known.frame == frame]
         return [mate for mate in mates if mate is not None and is_near(mate, place, within_m)]
 
     def _hear(self) -> int:

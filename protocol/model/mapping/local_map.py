@@ -1,50 +1,74 @@
-"""What a robot's localisation goes by: the robot's own recent surroundings, and where their frame lies in the arena."""
+"""The map that localisation matches scans against: the robot's recent surroundings, and the pose of their frame."""
 
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.occupancy_grid import OccupancyGrid
 
 Variances = tuple[float, float, float]
-"""Of x, y (m²) and yaw (rad²)."""
+"""Variances of x, y (m²) and yaw (rad²)."""
 NONE: Variances = (0.0, 0.0, 0.0)
 Drift = tuple[float, float]
-"""Variances of place (m², for either axis) and yaw (rad²) of a robot's own map against where it began."""
+"""Variances of position (m² per axis) and yaw (rad²) of the robot's own map, relative to its first pose."""
 NO_DRIFT: Drift = (0.0, 0.0)
 
 
 class LocalMap(NamedTuple):
-    """The robot's own recent map, without what others told.
+    """The robot's own recent map, without the maps of other robots.
 
-    In the frame `local` the robot's estimate is continuous: it follows odometry and the recent walls. Loop closures
-    correct where that frame lies in the arena.
+    In the frame `local` the pose estimate is continuous: it follows odometry and the recent walls. Loop closures change
+    only `T_arena_local`, the pose of this frame in the arena.
     """
 
     grid: OccupancyGrid
-    """With surfaces, in the frame `local`; to be read only."""
+    """The map in the frame `local`, with surfaces; read-only."""
     T_arena_local: Pose2D
     anchor: Pose2D
-    """The robot's place in the frame `local` when the current submap began."""
+    """Pose of the robot in the frame `local` when the current submap began."""
     variances: Variances
-    """How unsure `T_arena_local` is at the anchor."""
+    """Variances of `T_arena_local` at the anchor."""
     drift: Drift
     """`LocalPose.drift` when the current submap began."""
     number: int
-    """Of the current submap."""
+    """Number of the current submap."""
     oldest: int
-    """Of the submap that the oldest cells of the grid are of."""
+    """Number of the submap to which the oldest cells of the grid belong."""
     trajectory: int
-    """Counts how often the robot was lost and found: each time its map begins anew."""
+    """Number of times that the robot's own map was begun anew."""
+    frame: MapFrame = ARENA
+    """The map frame of `T_arena_local`."""
+    why: str = ""
+    """Why that is not the arena frame; empty if it is."""
+
+
+class ArenaFix(NamedTuple):
+    """How a robot's map frame lies in the arena, as found from motes."""
+
+    T_arena_frame: Pose2D
+    at: Pose2D
+    """Pose of the robot in the arena."""
+    covariance: NDArray[np.float64]
+    """(3, 3) of that pose in x, y, yaw: m², m·rad, rad²."""
+    trajectory: int
+    """Of the robot when it was found."""
 
 
 class LocalPose(NamedTuple):
-    """Where the robot's odometry frame lies in the frame `local`."""
+    """Pose of the odometry frame in the frame `local`."""
 
     T_local_odom: Pose2D
     trajectory: int
     drift: Drift
-    """How unsure the robot's pose is against where its own map began: walls that it sees first now keep this."""
+    """Variances of the robot's pose relative to where its own map began; stored with walls that it now sees first."""
     until_ns: int
-    """Stamp of the last scan that was laid on the local map, or was left out: scans until then can be mapped."""
+    """Stamp of the last scan that was matched or skipped; scans up to it can be mapped."""
     fits: bool
-    """Whether the last scan that was laid on the local map lies well there; if not, nothing is to be drawn."""
+    """Whether the last scan matched the local map; if not, scans must not be mapped."""
+    sigma_m: float
+    """Standard deviation of the robot's place on its own map; where that map lies in the arena may be less sure."""
+    lost: str = ""
+    """Why the robot does not know its place in the arena: a trajectory that begins so has a map frame of its own."""

@@ -1,8 +1,8 @@
-"""Where a scan lies on a submap: the search for loop closures.
+"""Match a scan against a submap to find a loop closure.
 
-A scan is laid on another submap where the robot believes to be (Olson, *Real-time correlative scan matching*, ICRA
-2009, where the belief is unsure; then Gauss–Newton). It counts only if the submap knows the place, most beams are as
-the submap says, and no other place does as well.
+The match starts from the pose estimate. If the estimate is uncertain, a correlative search comes first (Olson,
+*Real-time correlative scan matching*, ICRA 2009), then Gauss–Newton. The match is accepted only if enough beams end in
+known cells of the submap, most of these agree with the submap, and the search found no second pose of similar score.
 """
 
 import math
@@ -15,44 +15,45 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.submap import Submap
 from robrain.protocol.model.mapping.surface_match import match_surface
 from robrain.protocol.model.occupancy_grid import GridGeometry
+from robrain.protocol.model.scan_agreement import agreement
 from robrain.protocol.model.scan_match import BEAMS_MIN, ScanFit, points_in_view, search_scan
-from robrain.protocol.model.scan_relocalisation import agreement
 from robrain.protocol.model.small_linear_algebra import least_solution
 
 Floats = NDArray[np.float64]
 COMPARED_MIN = 0.5
-"""Share of the beams that must end where the submap knows something …"""
+"""Least share of the beams that end in known cells of the submap."""
 AGREES_MIN = 0.75
-"""… and of these, that must be as it says; chosen."""
+"""Least share of the compared beams that agree with the submap; leaves room for things that moved."""
 DIRECTIONS_MIN = 2
+"""Least number of directions of (x, y, yaw) that the walls determine."""
 SEARCH_M, SEARCH_RAD = 0.2, 0.06
-"""A belief that is less sure than this is searched about before it is refined."""
+"""Standard deviations, metres and radians, above which a search precedes the refinement."""
 WITHIN_M, WITHIN_RAD = 2.5, 0.5
-"""The search goes no farther."""
+"""Largest offset from the estimate that is searched, metres and radians."""
 WALL_SIGMA_M = 0.02
-"""Standard deviation of where a scan lies: walls are drawn in cells."""
+"""Standard deviation of a match along one direction, metres."""
 WALL_BEAMS = 20.0
-"""So many beams on one wall err together; chosen."""
+"""Number of beams on one wall whose errors are taken to be equal, so that they count as one."""
 
 
 class Lying(NamedTuple):
-    """A scan lies on a submap."""
+    """A scan matches a submap."""
 
     sensor: Pose2D
     """T_local_sensor in the submap's frame."""
     information: Floats
-    """(3, 3) of that pose in x, y, yaw, in the axes of the submap's frame; 0 in directions that walls do not hold."""
+    """(3, 3) inverse covariance of x, y, yaw in the submap's frame; 0 in directions that walls do not determine."""
 
 
 class Contradiction(NamedTuple):
-    """The submap knows the place, but the scan does not lie there."""
+    """The submap covers the place, but the scan does not match it."""
 
     agrees: float
-    """Share of the beams that are as the submap says."""
+    """Share of the beams that agree with the submap."""
 
 
 def geometry_of(submap: Submap, team: GridGeometry) -> GridGeometry:
-    """Where the submap's cells lie in its own frame, on the lattice of the team's grid."""
+    """Grid of the submap's cells in the submap's own frame, aligned with the cells of the team's grid."""
     height, width = submap.evidence.shape
     return GridGeometry(
         team.resolution_m,
@@ -66,18 +67,18 @@ def geometry_of(submap: Submap, team: GridGeometry) -> GridGeometry:
 def lay_on(
     submap: Submap, team: GridGeometry, sensor: Pose2D, points: Floats, sigma_m: float, sigma_rad: float
 ) -> Lying | Contradiction | None:
-    """Lay a scan on a submap.
+    """Match a scan against a submap.
 
     Args:
-        submap: another than the one that the robot is making.
+        submap: any but the current one.
         team: the team's grid.
-        sensor: where the sensor is believed to be, arena frame.
-        points: (K, 2) the beams' ends in the sensor's frame.
-        sigma_m: standard deviation of that place against the submap.
-        sigma_rad: of that yaw.
+        sensor: estimated pose of the sensor, arena frame.
+        points: (K, 2) ends of the beams in the sensor's frame, metres.
+        sigma_m: standard deviation of the estimated position relative to the submap.
+        sigma_rad: standard deviation of the estimated yaw.
 
     Returns:
-        None if the submap does not know enough of the place to tell.
+        None if the submap covers too little of the place to decide.
 
     """
     geometry = geometry_of(submap, team)
@@ -117,7 +118,7 @@ def lay_on(
 
 
 def moved(guess: Pose2D, fit: ScanFit) -> Pose2D:
-    """The guess, moved to where a scan fits."""
+    """The guess, corrected by the offsets of a fit."""
     rows = np.array([each.row for each in fit.directions])
     offsets_m = np.array([each.offset_m for each in fit.directions])
     x_m, y_m, yaw_rad = least_solution(rows, offsets_m).tolist()

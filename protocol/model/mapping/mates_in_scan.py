@@ -1,7 +1,7 @@
-"""Which beams of a scan ended at a robot, so that nobody is matched against, or drawn as, a wall.
+"""Find the beams of a scan that ended at another robot, so that robots are neither matched nor mapped as walls.
 
-A mate says where it is, but either robot may be wrong about its own place. A round thing of the mate's size that stands
-alone near the place told is taken to be the mate.
+Each mate publishes its pose, but either robot's pose may be wrong. So a free-standing round object of the mate's size
+near the published place is taken for the mate as well.
 """
 
 import math
@@ -14,13 +14,15 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.kernel_array import FLOAT64, kernel_array
 
 MARGIN_M = 0.15
-"""A return this close to a mate's hull is the mate."""
+"""Metres from a mate's hull within which a beam's end counts as the mate."""
 REACH_M = 0.8
-"""A mate may be so far from where it says that it is, as this robot sees it; chosen."""
+"""Largest distance, metres, between a mate's published place and where this robot sees it. Both poses may be wrong."""
 JUMP_M = 0.25
-"""Neighbouring beams whose ranges differ by more do not end at the same thing."""
+"""Difference between the ranges of neighbouring beams, metres, above which they end at different objects."""
+THROUGH_M = 0.5
+"""Distance behind the middle of a mate's place at which a beam has gone through it; mates move while they tell."""
 ROUND_M = 0.06
-"""So far from a circle of the mate's radius the beams may end."""
+"""Largest distance, metres, of the beams' ends from a circle of the mate's radius."""
 
 
 def mate_circles(
@@ -30,14 +32,14 @@ def mate_circles(
     sensor: Pose2D,
     told: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Circles (2 K, 3) x, y, radius in metres, arena frame, in which no beam's end is a wall.
+    """Circles (at most 2 K, 3) x, y, radius in metres, arena frame; a beam that ends in one did not end at a wall.
 
     Args:
         angles_rad: (N,) directions of the beams in the sensor's frame, in order.
-        ranges_m: (N,) what they measured.
-        range_max_m: ranges of so much are no return.
+        ranges_m: (N,) their ranges.
+        range_max_m: a range that is not less means that nothing was hit.
         sensor: the sensor's pose, arena frame.
-        told: (K, 3) where the mates say that they are, and their radii, arena frame.
+        told: (K, 3) published places of the mates and their radii, metres, arena frame.
 
     """
     if not len(told):
@@ -54,7 +56,7 @@ def mate_circles(
 
 
 def outside(points: NDArray[np.float64], sensor: Pose2D, circles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Those of the points (N, 2) in the sensor's frame that lie in none of the circles (K, 3) of the arena frame."""
+    """The points (N, 2), sensor's frame, that lie in none of the circles (K, 3), arena frame."""
     if not len(circles) or not len(points):
         return points
     kept: NDArray[np.float64] = points[
@@ -67,6 +69,29 @@ def outside(points: NDArray[np.float64], sensor: Pose2D, circles: NDArray[np.flo
         )
     ]
     return kept
+
+
+def sees_through(
+    angles_rad: NDArray[np.float64],
+    ranges_m: NDArray[np.float64],
+    range_max_m: float,
+    sensor: Pose2D,
+    told: NDArray[np.float64],
+) -> bool:
+    """Whether a mate is not where it says that it is: beams go clear through the middle of the place.
+
+    Arguments are those of `mate_circles`. Where walls or others hide the place nothing is said.
+    """
+    for x_m, y_m, radius_m in told.tolist():
+        away_m = math.hypot(x_m - sensor.x_m, y_m - sensor.y_m)
+        if not THROUGH_M + radius_m < away_m < range_max_m - THROUGH_M:
+            continue
+        bearing_rad = math.atan2(y_m - sensor.y_m, x_m - sensor.x_m) - sensor.yaw_rad
+        off_rad = np.abs(np.remainder(angles_rad - bearing_rad + math.pi, math.tau) - math.pi)
+        within = off_rad < 0.5 * radius_m / away_m
+        if within.any() and bool((ranges_m[within] > away_m + THROUGH_M).all()):
+            return True
+    return False
 
 
 @njit(cache=True, nogil=True)
@@ -106,7 +131,7 @@ def _mate_circles(
             continue
         circles[count, 0], circles[count, 1], circles[count, 2] = told[k, 0], told[k, 1], radius_m + MARGIN_M
         count += 1
-        # The thing nearest to the place told that stands alone, is as wide as the mate, and round.
+        # Of the free-standing round objects as wide as the mate, the one nearest to the published place.
         nearest_m = REACH_M
         found_x = found_y = 0.0
         first = 0
@@ -114,7 +139,7 @@ def _mate_circles(
             if not 0.0 < ranges_m[first] < range_max_m or abs(ranges_m[first] - ranges_m[first - 1]) <= JUMP_M:
                 first += 1
                 continue
-            # The last beam and the first are neighbours if the scan goes all around.
+            # In a scan of a full circle the last beam and the first are neighbours.
             last, end = first, first + beams - 1 if is_round_trip else beams - 1
             while last < end and abs(ranges_m[(last + 1) % beams] - ranges_m[last % beams]) <= JUMP_M:
                 last += 1

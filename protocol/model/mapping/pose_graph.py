@@ -1,13 +1,13 @@
-"""A pose graph of submaps: where each of them lies in the arena, from what is known of pairs of them.
+"""A pose graph of submaps: their poses in the arena, from measured relative poses of pairs of them.
 
 Graph SLAM as in Grisetti et al., *A tutorial on graph-based SLAM*, IEEE Intelligent Transportation Systems Magazine
 2(4), 2010: Gauss–Newton on the residuals of the edges. Edges that may be false are weighed by dynamic covariance
 scaling (Agarwal et al., *Robust map optimization using dynamic covariance scaling*, ICRA 2013), which is the closed
 form of the switchable constraints of Sünderhauf and Protzel (IROS 2012).
 
-Nodes are poses T_arena_node. An edge says that a place fixed to one node and a place fixed to another are the same
-pose in the arena. A node may be held where it is: the arena itself, or a submap of another robot, which that robot
-places. The arithmetic is compiled without BLAS, so that results are equal on every processor.
+Nodes are poses T_arena_node. An edge says that a pose fixed to one node and a pose fixed to another node are the same
+pose in the arena. A node may be held fixed: the arena itself, or a submap of another robot, which only its owner moves.
+The arithmetic is compiled without BLAS, so that results are equal on every processor.
 """
 
 import math
@@ -22,15 +22,15 @@ from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
 Floats = NDArray[np.float64]
 ITERATIONS_MAX = 10
 DONE = 1e-6
-"""Metres and radians: smaller steps end the iteration."""
+"""The iteration ends after a step with no component larger than this, metres or radians."""
 DETERMINED = 1e-13
-"""Share of its information that a pose keeps, at least, once those before it are eliminated: less is rounding."""
+"""Least ratio of a pivot of Cholesky's method to the diagonal element: a smaller pivot is rounding error."""
 SCALING = 5.0
-"""Φ of dynamic covariance scaling: edges whose squared residual exceeds it lose weight; chosen."""
+"""Φ of dynamic covariance scaling: edges with a larger squared residual lose weight. True edges have about 3."""
 
 
 class Edge(NamedTuple):
-    """A place of node `one` and a place of node `other` are the same pose.
+    """A pose relative to node `one` and a pose relative to node `other` are the same pose in the arena.
 
     `information` (3, 3) is the inverse covariance of the difference other − one in x, y (m) and yaw (rad), in the axes
     of `at_one`.
@@ -43,33 +43,33 @@ class Edge(NamedTuple):
     information: Floats
     may_be_false: bool
     sure: Floats | None = None
-    """(3, 3) information that counts for the covariances, if another: errors that edges share do not average out."""
+    """(3, 3) information for the covariances; `information` if None. Errors that edges share do not average out."""
     gate: Floats | None = None
-    """(3, 3) information of the residual that is to be expected before anything is solved, by which the edge is
-    judged to be true or false; that of the edge if None."""
+    """(3, 3) information of the residual that is expected before the graph is solved; `information` if None. Dynamic
+    covariance scaling uses it to judge whether the edge is false."""
 
 
 class Solution(NamedTuple):
-    """What a pose graph was solved to."""
+    """Solution of a pose graph."""
 
     poses: list[Pose2D]
-    """T_arena_node of the free nodes."""
+    """T_arena_node of each free node."""
     covariances: Floats
-    """(n, 3, 3): marginal covariance of each free node: m², m·rad, rad², arena frame, about the node."""
+    """(n, 3, 3) marginal covariance of x, y, yaw of each free node, m², m·rad and rad², arena frame."""
     squared_residuals: list[float]
-    """Of each edge, weighed by its information; about 3 for an edge that is true."""
+    """Squared Mahalanobis norm of each edge's residual; about 3 for a true edge."""
 
 
 def solve(free: list[Pose2D], held: list[Pose2D], edges: list[Edge]) -> Solution | None:
     """The most likely poses of the free nodes.
 
     Args:
-        free: T_arena_node of the free nodes, to begin with; nodes 0 to n − 1.
-        held: T_arena_node of the nodes that are held; the numbers after those.
-        edges: what is known of pairs of nodes.
+        free: initial T_arena_node of the free nodes, which are nodes 0 to n − 1.
+        held: T_arena_node of the nodes that are held fixed, which are nodes n and on.
+        edges: measured relative poses of pairs of nodes.
 
     Returns:
-        None if the edges do not determine the free nodes.
+        None if the edges do not determine all free nodes.
 
     """
     nodes = np.array([(pose.x_m, pose.y_m, pose.yaw_rad) for pose in (*free, *held)], np.float64)
@@ -99,7 +99,7 @@ def solve(free: list[Pose2D], held: list[Pose2D], edges: list[Edge]) -> Solution
 
 @njit(cache=True, nogil=True)
 def _residual(nodes: Floats, one: int, other: int, place: Floats, residual: Floats, jacobian: Floats) -> None:
-    """Residual (3,) of an edge, and its derivatives (2, 3, 3) by the pose of either node."""
+    """Write the residual (3,) of an edge, and its derivatives (2, 3, 3) with respect to the poses of both nodes."""
     cos_one, sin_one = math.cos(nodes[one, 2]), math.sin(nodes[one, 2])
     cos_other, sin_other = math.cos(nodes[other, 2]), math.sin(nodes[other, 2])
     arm_one_x = cos_one * place[0] - sin_one * place[1]
@@ -114,7 +114,7 @@ def _residual(nodes: Floats, one: int, other: int, place: Floats, residual: Floa
     residual[1] = -sin * dx + cos * dy
     turn = nodes[other, 2] + place[5] - axis
     residual[2] = turn - 2.0 * math.pi * math.floor((turn + math.pi) / (2.0 * math.pi))
-    # By x and y of either node; by its yaw the place moves at right angles to its arm.
+    # When a node turns, the place moves at right angles to its arm.
     jacobian[0, 0, 0], jacobian[0, 0, 1] = -cos, -sin
     jacobian[0, 1, 0], jacobian[0, 1, 1] = sin, -cos
     jacobian[0, 0, 2] = residual[1] - (cos * -arm_one_y + sin * arm_one_x)

@@ -1,9 +1,9 @@
-"""A submap: what one robot saw of the floor in one stretch of its way, as a grid that can be moved as a whole.
+"""A submap: the part of the floor that one robot saw on a few metres of its path, as a grid that can be moved.
 
 Submaps are those of Cartographer (Hess et al., *Real-time loop closure in 2D LIDAR SLAM*, ICRA 2016): within one, the
-robot's drift is negligible; what is corrected later is where the submap lies. The cells lie on the lattice of the
-team's grid, in the frame `local` of the robot that saw them. `T_arena_local` says where that is in the arena: the
-identity while nothing has been corrected, so that cells need not be resampled.
+robot's drift is negligible; only the pose of the submap is corrected later. The cells are aligned with the team's grid,
+in the frame `local` of the robot that saw them. `T_arena_local` is the pose of that frame in the arena. It is the
+identity until it is corrected, and cells need not be resampled.
 """
 
 import math
@@ -14,71 +14,71 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.kernel_array import INT8, INT32, kernel_array
+from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
 
 BLOCK_CELLS = 32
-"""A submap's box grows in steps of so many cells."""
+"""Step, in cells, by which a submap's box grows."""
 TILE_CELLS = 8
-"""Times of observation are kept for tiles of so many cells a side."""
+"""Side of a tile, in cells; each tile keeps one time of observation."""
 SIDE_MAX_CELLS = 4096
-"""Larger than any submap that a robot makes in one stretch of its way."""
+"""Largest side of a submap, in cells: more than a lidar sees on the path of one submap."""
 IDENTITY = Pose2D(0.0, 0.0, 0.0)
 SAYS_FREE, SAYS_OCCUPIED = np.int8(-60), np.int8(60)
-"""Evidence of a submap's cell, as in `OccupancyGrid.log_odds`; 0 is no statement."""
-
+"""Evidence of a free and an occupied cell, as in `OccupancyGrid.log_odds`; 0 means unknown."""
 
 SURFACE = np.dtype([("row", "<i4"), ("column", "<i4"), ("right", "i1"), ("up", "i1"), ("view", "u1")])
-"""Where in a cell a wall is: the cell, on the lattice of the team's grid; the wall's place right of and above its
-middle, in `PARTS` of a cell; the direction of the beams that met it, in 256 parts of a turn from the axis x."""
+"""Place of a wall within a cell: row and column of the cell; the wall's offset from the cell's centre in x and y, in
+cells divided by `PARTS`; mean direction of the beams that ended there, in `VIEW_PARTS` of a turn from the x axis."""
 PARTS = 64
+VIEW_PARTS = 256
+VIEWS = np.array(
+    [(math.cos(part * (math.tau / VIEW_PARTS)), math.sin(part * (math.tau / VIEW_PARTS))) for part in range(VIEW_PARTS)]
+)
+"""(256, 2) unit vector of each direction `view`. Computed by the C library, because digests depend on it."""
 SURFACES_MAX = 1 << 16
-"""Of one submap."""
+"""Surfaces of one submap."""
 
 
 class Submap:
-    """Cells that one robot saw in one stretch of its way.
+    """Cells that one robot saw on a few metres of its path.
 
-    `evidence` int8 (h, w) holds `SAYS_FREE`, `SAYS_OCCUPIED` or 0; its first cell is (`row`, `column`) of the lattice.
-    `stamp_ms` int32 (h / 8, w / 8) is the latest observation in each tile.
+    `evidence` int8 (h, w) holds `SAYS_FREE`, `SAYS_OCCUPIED` or 0; (`row`, `column`) of its first cell are counted
+    from the origin of the team's grid. `stamp_ms` int32 (h / 8, w / 8) is the latest observation in each tile.
     """
 
-    def __init__(self, T_arena_local: Pose2D = IDENTITY) -> None:
+    def __init__(self, T_arena_local: Pose2D = IDENTITY, frame: MapFrame = ARENA) -> None:
         self.T_arena_local = T_arena_local
+        """Where the submap's frame lies in `frame`."""
+        self.frame = frame
         self.row = self.column = 0
         self.evidence: NDArray[np.int8] = np.zeros((0, 0), np.int8)
         self.stamp_ms: NDArray[np.int32] = np.zeros((0, 0), np.int32)
         self.surfaces: NDArray[np.void] | None = None
         """(n,) of `SURFACE`; None until the submap is finished."""
         self.version = 0
-        """Grows with every patch."""
+        """Increases with every patch and when the submap is finished."""
         self.occupied = 0
-        """Occupied cells."""
+        """Number of occupied cells."""
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing was seen yet."""
+        """Whether it has no cells yet."""
         return self.evidence.size == 0
 
     def take(self, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int | NDArray[np.int32]) -> None:
-        """Take over statements int8 (h, w), classes of an `OccupancyGrid`, about the box at (row, column).
+        """Merge cells int8 (h, w), classes of an `OccupancyGrid`, into the box at (row, column).
 
-        `stamp_ms` is when they were made; or, for a box that begins where a tile does, when for each tile of it.
+        `stamp_ms` is the time of observation: one for all cells, or one for each tile of a box that begins at a tile's
+        first cell.
 
         Raises:
-            ValueError: the submap would become larger than `SIDE_MAX_CELLS`, or tiles do not fit.
+            ValueError: the submap would become larger than `SIDE_MAX_CELLS`, or the tiles do not match the box.
 
         """
-        height, width = cells.shape
-        if isinstance(stamp_ms, int):
-            stamps_ms = np.full((1, 1), stamp_ms, np.int32)
-        else:
-            if row % TILE_CELLS or column % TILE_CELLS:
-                raise ValueError(f"expected a box that begins where a tile does, got row {row}, column {column}")
-            tiles = -(-height // TILE_CELLS), -(-width // TILE_CELLS)
-            if stamp_ms.shape != tiles:
-                raise ValueError(f"expected times of {tiles} tiles, got {stamp_ms.shape}")
-            stamps_ms = kernel_array(stamp_ms, INT32)
-        self._cover(row, column, height, width)
+        self.growth(row, column, cells.shape, stamp_ms)
+        stamps_ms = kernel_array(np.full((1, 1), stamp_ms) if isinstance(stamp_ms, int) else stamp_ms, INT32)
+        self._cover(row, column, *cells.shape)
         self.occupied += _take(
             self.evidence,
             self.stamp_ms,
@@ -89,25 +89,40 @@ class Submap:
         )
         self.version += 1
 
+    def growth(self, row: int, column: int, shape: tuple[int, ...], stamp_ms: int | NDArray[np.int32]) -> int:
+        """Number of cells by which `take` would enlarge the submap; arguments and errors are those of `take`."""
+        height, width = shape
+        if not isinstance(stamp_ms, int):
+            if row % TILE_CELLS or column % TILE_CELLS:
+                raise ValueError(f"expected a box that begins where a tile does, got row {row}, column {column}")
+            tiles = -(-height // TILE_CELLS), -(-width // TILE_CELLS)
+            if stamp_ms.shape != tiles:
+                raise ValueError(f"expected times of {tiles} tiles, got {stamp_ms.shape}")
+        first_row, first_column, end_row, end_column = self._box_with(row, column, height, width)
+        rows, columns = end_row - first_row, end_column - first_column
+        if max(rows, columns) > SIDE_MAX_CELLS:
+            raise ValueError(f"expected a submap of at most {SIDE_MAX_CELLS} cells a side, got {rows} x {columns}")
+        return rows * columns - self.evidence.size
+
+    @property
+    def size(self) -> int:
+        """Bytes of the cells and surfaces."""
+        return self.evidence.nbytes + (0 if self.surfaces is None else self.surfaces.nbytes)
+
     def latest_ms(self, row: int, column: int, height: int, width: int) -> int:
-        """The latest observation in any tile that a box of cells touches; −1 if there was none."""
-        first_row, first_column = max((row - self.row) // TILE_CELLS, 0), max((column - self.column) // TILE_CELLS, 0)
-        end_row, end_column = (
-            -((self.row - row - height) // TILE_CELLS),
-            -((self.column - column - width) // TILE_CELLS),
-        )
-        tiles = self.stamp_ms[first_row : max(end_row, 0), first_column : max(end_column, 0)]
-        return int(tiles.max(initial=-1)) if not self.is_empty else -1
+        """Latest observation in the tiles that a box of cells touches; −1 if there is none."""
+        latest_ms: int = _latest(self.stamp_ms, row - self.row, column - self.column, height, width)
+        return latest_ms
 
     def classes(self) -> NDArray[np.int8]:
-        """The statements as classes of an `OccupancyGrid`, int8 (h, w), a new array."""
+        """The cells as classes of an `OccupancyGrid`, int8 (h, w), a new array."""
         classes = np.full(self.evidence.shape, UNKNOWN)
         classes[self.evidence < 0] = FREE
         classes[self.evidence > 0] = OCCUPIED
         return classes
 
     def grid(self, team: GridGeometry) -> OccupancyGrid:
-        """A new grid with the submap's cells and surfaces, in the submap's own frame; `team` is the team's."""
+        """A new grid with the submap's cells and surfaces, in the submap's own frame; `team` is the team's grid."""
         height, width = self.evidence.shape
         resolution_m = team.resolution_m
         grid = OccupancyGrid(
@@ -128,36 +143,37 @@ class Submap:
             grid.surface_hits[rows, columns] = 8
             grid.surface_at[rows, columns, 0] = columns + 0.5 + surfaces["right"] / PARTS
             grid.surface_at[rows, columns, 1] = rows + 0.5 + surfaces["up"] / PARTS
-            angles_rad = surfaces["view"] * (math.tau / 256)
-            grid.surface_view[rows, columns, 0] = np.cos(angles_rad)
-            grid.surface_view[rows, columns, 1] = np.sin(angles_rad)
+            grid.surface_view[rows, columns] = VIEWS[surfaces["view"]]
         return grid
 
     def box_in_arena(self, resolution_m: float, origin: tuple[float, float]) -> tuple[int, int, int, int]:
-        """Rows and columns (first, past the last) of the arena's lattice that the submap may cover, where it lies now.
+        """Box of the team's grid that the submap may cover at its current pose: first and past-the-end row and column.
 
-        `origin` is the lattice's, in metres; the box may leave the team's grid.
+        `origin` is that of the team's grid, metres, arena frame; the box may extend beyond the grid.
         """
-        return moved_box(
-            self.T_arena_local,
-            (self.row, self.column, self.row + self.evidence.shape[0], self.column + self.evidence.shape[1]),
-            resolution_m,
-            origin,
-        )
+        return moved_box(self.T_arena_local, self.box, resolution_m, origin)
 
-    def _cover(self, row: int, column: int, height: int, width: int) -> None:
-        """Let the box hold these cells; it grows by whole blocks."""
+    @property
+    def box(self) -> tuple[int, int, int, int]:
+        """First row, first column, past-the-end row and past-the-end column of the cells, in the frame `local`."""
+        return self.row, self.column, self.row + self.evidence.shape[0], self.column + self.evidence.shape[1]
+
+    def _box_with(self, row: int, column: int, height: int, width: int) -> tuple[int, int, int, int]:
+        """The submap's box, in whole blocks, enlarged by these cells."""
         first_row, first_column = _down(row), _down(column)
         end_row, end_column = _up(row + height), _up(column + width)
         if not self.is_empty:
             first_row, first_column = min(first_row, self.row), min(first_column, self.column)
             end_row = max(end_row, self.row + self.evidence.shape[0])
             end_column = max(end_column, self.column + self.evidence.shape[1])
+        return first_row, first_column, end_row, end_column
+
+    def _cover(self, row: int, column: int, height: int, width: int) -> None:
+        """Enlarge the box to contain these cells."""
+        first_row, first_column, end_row, end_column = self._box_with(row, column, height, width)
         rows, columns = end_row - first_row, end_column - first_column
         if (rows, columns) == self.evidence.shape:
             return
-        if max(rows, columns) > SIDE_MAX_CELLS:
-            raise ValueError(f"expected a submap of at most {SIDE_MAX_CELLS} cells a side, got {rows} x {columns}")
         evidence = np.zeros((rows, columns), np.int8)
         stamp_ms = np.zeros((rows // TILE_CELLS, columns // TILE_CELLS), np.int32)
         if not self.is_empty:
@@ -173,7 +189,7 @@ class Submap:
 def moved_box(
     T_arena_local: Pose2D, box: tuple[int, int, int, int], resolution_m: float, origin: tuple[float, float]
 ) -> tuple[int, int, int, int]:
-    """The box of the arena's lattice that holds a box of a moved lattice: rows and columns, first and past the last."""
+    """Box of cells in the arena that contains a box of cells of the frame `local`; boxes are as in `Submap.box`."""
     if T_arena_local == IDENTITY:
         return box
     cos, sin = math.cos(T_arena_local.yaw_rad), math.sin(T_arena_local.yaw_rad)
@@ -195,6 +211,18 @@ def _up(cell: int) -> int:
 
 
 @njit(cache=True, nogil=True)
+def _latest(stamps_ms: NDArray[np.int32], row: int, column: int, height: int, width: int) -> int:
+    """The latest of the tiles that a box of cells touches; −1 if there is none."""
+    latest_ms = -1
+    end_row = min(-(-(row + height) // TILE_CELLS), stamps_ms.shape[0])
+    end_column = min(-(-(column + width) // TILE_CELLS), stamps_ms.shape[1])
+    for i in range(max(row // TILE_CELLS, 0), end_row):
+        for j in range(max(column // TILE_CELLS, 0), end_column):
+            latest_ms = max(latest_ms, stamps_ms[i, j])
+    return latest_ms
+
+
+@njit(cache=True, nogil=True)
 def _take(
     evidence: NDArray[np.int8],
     stamps_ms: NDArray[np.int32],
@@ -203,10 +231,10 @@ def _take(
     cells: NDArray[np.int8],
     said_ms: NDArray[np.int32],
 ) -> int:
-    """By how much the number of occupied cells has grown; `said_ms` (1, 1) is of all cells, else (h / 8, w / 8)."""
+    """Increase in the number of occupied cells; `said_ms` is (1, 1) for all cells, or (h / 8, w / 8) for tiles."""
     more = 0
     is_one = said_ms.shape[0] == 1 and said_ms.shape[1] == 1
-    # What comes late fills gaps and undoes nothing; a tile's time is that before this patch until all of it is in.
+    # A late patch fills only unknown cells. The tiles' times change after all cells have been compared with them.
     for i in range(cells.shape[0]):
         for j in range(cells.shape[1]):
             if cells[i, j] < 0:

@@ -1,8 +1,8 @@
-"""The team's map as a composition of submaps that may be moved, or withdrawn, after they were seen.
+"""The team's map, composed of submaps that can be moved or withdrawn later.
 
-Where submaps overlap, the cell that was seen last counts, and at equal times occupied does: the rule of
-`OccupancyGrid.merge_patch`. While no submap has been moved the composition is the same as merging all patches into one
-grid. A submap that is moved is erased where it was and drawn where it is, by the nearest of its cells.
+Where submaps overlap, the cell observed last wins; at equal times an occupied cell wins: the rule of
+`OccupancyGrid.merge_patch`. While no submap has been moved, the composition equals all patches merged into one grid. A
+submap that moves is erased at its old pose and drawn at the new one, by nearest-neighbour lookup.
 """
 
 import math
@@ -12,70 +12,70 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.mapping.submap import IDENTITY, TILE_CELLS, Submap, moved_box
 from robrain.protocol.model.occupancy_grid import LAST_STAMP_MS, GridGeometry, OccupancyGrid
 
 SUBMAPS_MAX = 8192
-"""Submaps that an atlas holds; others are refused."""
+"""Largest number of submaps of an atlas; further ones are refused."""
 CELLS_MAX = 1 << 27
-"""Cells of all submaps of an atlas, a byte each; patches that would need more are refused."""
+"""Limit for the bytes of all submaps: one for each cell, 11 for each surface. What needs more is refused."""
 
 SubmapKey = tuple[str, int]
-"""Robot and the number of its submap."""
+"""Name of a robot and number of its submap."""
 Box = tuple[int, int, int, int]
+"""First row, first column, past-the-end row, past-the-end column."""
 
 
 class SubmapAtlas:
-    """Submaps of a team, composed to one grid.
+    """Submaps of a team, composed into one grid.
 
     Args:
-        geometry: the team's grid. Cells of submaps that come to lie outside it are not drawn.
+        geometry: the team's grid. Cells outside it are kept, but not drawn.
+        frame: only submaps of this frame are drawn.
 
     """
 
-    def __init__(self, geometry: GridGeometry) -> None:
+    def __init__(self, geometry: GridGeometry, frame: MapFrame = ARENA) -> None:
+        self.frame = frame
         self.grid = OccupancyGrid(geometry)
-        """The composition; to be read only."""
+        """The composed map; read-only."""
         self.submaps: dict[SubmapKey, Submap] = {}
-        self._poses: dict[SubmapKey, Pose2D] = {}
-        """Poses of submaps of which no cell is known yet."""
-        self._cells = 0
+        self._poses: dict[SubmapKey, tuple[Pose2D, MapFrame]] = {}
+        """Poses of submaps without cells so far, and their frames."""
+        self._size = 0
+        """Bytes of the submaps."""
         self._origin = (geometry.origin_x_m, geometry.origin_y_m)
 
     def take(
         self, key: SubmapKey, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int | NDArray[np.int32]
     ) -> int:
-        """Take over statements of a robot about a box of its submap, see `Submap.take`.
+        """Merge cells into a box of a submap, see `Submap.take`.
 
         Returns:
             How many classes of the grid changed.
 
         Raises:
-            ValueError: there are too many submaps, or the submap gets too large.
+            ValueError: there would be too many submaps, or too large ones; nothing has changed.
 
         """
-        if isinstance(stamp_ms, int) and not 0 <= stamp_ms <= LAST_STAMP_MS:
-            raise ValueError(f"expected 0 <= stamp_ms <= {LAST_STAMP_MS} (24 days of a run's clock), got {stamp_ms}")
+        self.check(key, (row, column, cells.shape, stamp_ms))
         submap = self.submaps.get(key)
-        if submap is None and len(self.submaps) >= SUBMAPS_MAX:
-            raise ValueError(f"expected at most {SUBMAPS_MAX} submaps")
-        if self._cells + cells.size > CELLS_MAX:
-            raise ValueError(f"expected submaps of at most {CELLS_MAX} cells in all")
         if submap is None:
-            submap = Submap(self._poses.get(key, IDENTITY))
-        before = submap.evidence.size
+            submap = Submap(*self._poses.get(key, (IDENTITY, ARENA)))
+        before = submap.size
         latest_ms = submap.latest_ms(row, column, *cells.shape)
         submap.take(row, column, cells, stamp_ms)
-        self._cells += submap.evidence.size - before
+        self._size += submap.size - before
         self.submaps[key] = submap
         self._poses.pop(key, None)
-        # All of the tiles: their time has changed for each cell of them.
+        # Whole tiles: the time has changed for each of their cells.
         height, width = cells.shape
         box = _down(row), _down(column), -_down(-row - height), -_down(-column - width)
         moved = self._moved(submap.T_arena_local, box)
         if latest_ms < 0 or (isinstance(stamp_ms, int) and stamp_ms > latest_ms):
             return self._draw(submap, moved)
-        # It is not newer than all that was drawn of this submap here, so what was drawn may not give way to it.
+        # It is not newer than all cells of this submap here, so drawing it on top may be wrong.
         box_cells = np.s_[moved[0] : moved[2], moved[1] : moved[3]]
         classes = np.sign(self.grid.log_odds[box_cells])
         version = self.grid.version
@@ -85,40 +85,114 @@ class SubmapAtlas:
             self.grid.version = version
         return changed
 
+    def check(
+        self,
+        key: SubmapKey,
+        box: tuple[int, int, tuple[int, ...], int | NDArray[np.int32]] | None,
+        surfaces: NDArray[np.void] | None = None,
+        share: float = 1.0,
+    ) -> None:
+        """Check that cells and surfaces fit their submap, and that there is room for them.
+
+        Args:
+            key: the submap.
+            box: row, column, shape and stamp of the cells, as for `take`; None for no cells.
+            surfaces: as for `take_surfaces`; None for none.
+            share: share of the limits that may be used, 0 to 1.
+
+        Raises:
+            ValueError: they do not fit, or there is no room.
+
+        """
+        submap = self.submaps.get(key)
+        more = 0
+        if box is not None:
+            stamp_ms = box[3]
+            if isinstance(stamp_ms, int) and not 0 <= stamp_ms <= LAST_STAMP_MS:
+                within = f"0 <= stamp_ms <= {LAST_STAMP_MS} (24 days of a run's clock)"
+                raise ValueError(f"expected {within}, got {stamp_ms}")
+            if submap is None and len(self.submaps) >= share * SUBMAPS_MAX:
+                raise ValueError(f"expected at most {share * SUBMAPS_MAX:.0f} submaps")
+            more += (submap or Submap()).growth(*box)
+        if surfaces is not None and (submap is not None or box is not None):
+            more += surfaces.nbytes - (0 if submap is None or submap.surfaces is None else submap.surfaces.nbytes)
+        if more > 0 and self._size + more > share * CELLS_MAX:
+            raise ValueError(f"expected submaps of at most {share * CELLS_MAX:.0f} bytes in all")
+
     def take_surfaces(self, key: SubmapKey, surfaces: NDArray[np.void]) -> None:
-        """A submap is finished: where in their cells its walls are, (n,) of `SURFACE`."""
+        """Set the surfaces (n,) of `SURFACE` of a finished submap. Raises ValueError if there is no room for them."""
+        self.check(key, None, surfaces)
         submap = self.submaps.get(key)
         if submap is not None:
+            before = submap.size
             submap.surfaces = surfaces
             submap.version += 1
+            self._size += submap.size - before
 
-    def move(self, key: SubmapKey, T_arena_local: Pose2D) -> None:
-        """A submap lies here from now on."""
+    def move(self, key: SubmapKey, T_arena_local: Pose2D, frame: MapFrame = ARENA) -> None:
+        """Set the pose of a submap and the map frame of that pose."""
         submap = self.submaps.get(key)
         if submap is None:
-            if len(self._poses) < SUBMAPS_MAX:
-                self._poses[key] = T_arena_local
+            # The latest poses are kept: a robot's own submap gets its first cells just after its pose.
+            self._poses.pop(key, None)
+            if len(self._poses) >= SUBMAPS_MAX:
+                del self._poses[next(iter(self._poses))]
+            self._poses[key] = T_arena_local, frame
             return
-        if submap.T_arena_local == T_arena_local:
+        if submap.T_arena_local == T_arena_local and submap.frame == frame:
             return
-        before = self._box_of(submap)
-        submap.T_arena_local = T_arena_local
-        self._redraw(before)
+        was_drawn, before = submap.frame == self.frame, self._box_of(submap)
+        submap.T_arena_local, submap.frame = T_arena_local, frame
+        if was_drawn:
+            self._redraw(before)
         self._draw(submap, self._box_of(submap))
 
+    def move_all(self, places: dict[SubmapKey, Pose2D], frame: MapFrame = ARENA) -> None:
+        """Set the poses of several submaps; draws them together if that is less work than one by one."""
+        moved = [key for key, place in places.items() if key in self.submaps and place != self.place_of(key, frame)]
+        boxes = [self._box_of(self.submaps[key]) for key in moved]
+        boxes += [self._moved(places[key], self.submaps[key].box) for key in moved]
+        boxes = [box for box in boxes if _cells_of(box)]
+        around = _box_around(boxes)
+        if len(moved) > 1 and _cells_of(around) < sum(_cells_of(box) for box in boxes):
+            for key in moved:
+                self.submaps[key].T_arena_local, self.submaps[key].frame = places[key], frame
+            self._redraw(around)
+        for key, place in places.items():
+            self.move(key, place, frame)
+
+    def place_of(self, key: SubmapKey, frame: MapFrame = ARENA) -> Pose2D | None:
+        """T_arena_local of a submap in a map frame; None if it does not lie there."""
+        submap = self.submaps.get(key)
+        return None if submap is None or submap.frame != frame else submap.T_arena_local
+
+    def change_frame(self, frame: MapFrame) -> None:
+        """Draw the submaps of this frame in place of those of another."""
+        if frame != self.frame:
+            self.frame = frame
+            self.grid.forget()
+            self._redraw((0, 0, *self.grid.geometry.shape))
+
+    def composed(self, frame: MapFrame) -> OccupancyGrid:
+        """A new grid of the submaps of any frame."""
+        other = SubmapAtlas(self.grid.geometry, frame)
+        other.submaps = self.submaps
+        other._redraw((0, 0, *self.grid.geometry.shape))
+        return other.grid
+
     def withdraw(self, key: SubmapKey) -> None:
-        """A submap is wrong: it is not part of the map any more."""
+        """Remove a submap that is wrong."""
         self._poses.pop(key, None)
         submap = self.submaps.pop(key, None)
         if submap is not None:
-            self._cells -= submap.evidence.size
+            self._size -= submap.size
             self._redraw(self._box_of(submap))
 
     def forget(self) -> None:
-        """Know nothing any more."""
+        """Remove all submaps."""
         self.submaps.clear()
         self._poses.clear()
-        self._cells = 0
+        self._size = 0
         self.grid.forget()
 
     def _moved(self, T_arena_local: Pose2D, box: Box) -> Box:
@@ -132,8 +206,8 @@ class SubmapAtlas:
         return max(box[0], 0), max(box[1], 0), min(box[2], height), min(box[3], width)
 
     def _draw(self, submap: Submap, box: Box) -> int:
-        """Draw what a submap says of a box of the grid; how many classes changed."""
-        if box[0] >= box[2] or box[1] >= box[3] or submap.is_empty:
+        """Draw a submap's cells within a box of the grid; returns how many classes changed."""
+        if box[0] >= box[2] or box[1] >= box[3] or submap.is_empty or submap.frame != self.frame:
             return 0
         grid = self.grid
         changed, discovered = _draw(
@@ -143,7 +217,7 @@ class SubmapAtlas:
         return changed
 
     def _redraw(self, box: Box) -> None:
-        """Compose a box of the grid anew, from all submaps."""
+        """Erase a box of the grid and draw all submaps there."""
         if box[0] >= box[2] or box[1] >= box[3]:
             return
         self.grid.erase(*box)
@@ -154,11 +228,11 @@ class SubmapAtlas:
             self._draw(submap, both)
 
     def _lookup(self, submap: Submap) -> tuple[float, float, float, float]:
-        """(cos, sin, row, column): a cell (i, j) of the grid is the submap's at (row + cos·i − sin·j, column + …)."""
+        """(cos, sin, row, column): cell (i, j) is the submap's (row + cos·i + sin·j, column − sin·i + cos·j)."""
         geometry = self.grid.geometry
         T_local_arena = submap.T_arena_local.inverse()
         cos, sin = math.cos(T_local_arena.yaw_rad), math.sin(T_local_arena.yaw_rad)
-        # The middle of cell (0, 0) of the grid, in cells of the lattice of the submap.
+        # Centre of the grid's cell (0, 0), in cells of the frame `local`.
         x_m = geometry.origin_x_m + 0.5 * geometry.resolution_m
         y_m = geometry.origin_y_m + 0.5 * geometry.resolution_m
         at_x = (T_local_arena.x_m + cos * x_m - sin * y_m - geometry.origin_x_m) / geometry.resolution_m
@@ -170,6 +244,18 @@ def _down(cell: int) -> int:
     return cell // TILE_CELLS * TILE_CELLS
 
 
+def _cells_of(box: Box) -> int:
+    return max(box[2] - box[0], 0) * max(box[3] - box[1], 0)
+
+
+def _box_around(boxes: list[Box]) -> Box:
+    """The smallest box that holds all of these; an empty one for none."""
+    if not boxes:
+        return 0, 0, 0, 0
+    first_rows, first_columns, end_rows, end_columns = zip(*boxes, strict=True)
+    return min(first_rows), min(first_columns), max(end_rows), max(end_columns)
+
+
 @njit(cache=True, nogil=True)
 def _draw(
     log_odds: NDArray[np.int8],
@@ -179,7 +265,7 @@ def _draw(
     tile_stamps_ms: NDArray[np.int32],
     lookup: tuple[float, float, float, float],
 ) -> tuple[int, int]:
-    """Changed classes and newly known cells."""
+    """Numbers of changed classes and of newly known cells."""
     cos, sin, first_row, first_column = lookup
     height, width = evidence.shape
     changed, discovered = 0, 0

@@ -1,10 +1,10 @@
-"""Where a scan lies on the robot's own recent map, to a fraction of a cell.
+"""Match a scan against a grid with surfaces, to a fraction of a cell.
 
-Each occupied cell of an `OccupancyGrid` with surfaces keeps the mean place of the beams that ended in it. A beam's end
-is laid on the line through the means about it (point-to-line ICP: Censi, *An ICP variant using a point-to-line metric*,
-ICRA 2008; on a grid of means as in the normal distributions transform of Biber and Straßer, IROS 2003). Matching
-against the cells themselves says where a wall lies to a third of a cell at best, always with the same error from one
-spot. A thin wall seen from its other side is another wall.
+Each occupied cell of an `OccupancyGrid` with surfaces keeps the mean of the beam ends in it. The match minimises the
+distance of each beam end from the line through the means near it (point-to-line ICP: Censi, *An ICP variant using a
+point-to-line metric*, ICRA 2008; on a grid of means as in the normal distributions transform of Biber and Straßer, IROS
+2003). A match against the cells themselves is right to a third of a cell at best, and from one spot its error is always
+the same. The two sides of a thin wall are two surfaces.
 """
 
 import math
@@ -13,45 +13,48 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from robrain.protocol.model.gauss_newton_kernels import add_residual, held_directions, lever_of, solve_step
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.kernel_array import FLOAT64, kernel_array
 from robrain.protocol.model.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.occupancy_kernels import HIT_DEPTH_CELLS
 from robrain.protocol.model.scan_match import DEGENERATE, Direction, ScanFit
-from robrain.protocol.model.scan_match_kernels import eigen
 
 Floats = NDArray[np.float64]
 ITERATIONS = 15
 WIDE_CELLS, NEAR_CELLS = 3.0, 1.5
-"""A beam counts if a wall is so near: in the first steps, and in the later ones."""
+"""Largest distance, cells, between a beam's end and its surface: in the first `WIDE_STEPS` steps, and later."""
 WIDE_STEPS = 4
 DONE_CELLS = 0.001
+"""The iteration ends after a step shorter than this, cells."""
 HUBER_CELLS = 0.3
+"""Beams that end farther from their line weigh less (Huber's loss), cells."""
 USED_MIN = 8
-"""Beams that must end near a wall."""
+"""Least number of beams that end near a surface."""
 INFORMATION_MIN = 1.5
-"""A direction that is held by fewer beams, each weighed by how squarely it meets its wall, is not believed."""
+"""Least information of a direction, in beams that meet their wall at right angles; less does not determine it."""
 SPREAD_MAX = 4
+"""Largest distance, cells, of the means that are joined to a line."""
 LINE_MIN = 3
-"""Means that make a line."""
+"""Least number of means that make a line."""
 OPPOSITE = -0.8
-"""Cosine between beams that may have met the same side of a wall."""
+"""Beams with a smaller cosine between their directions met opposite sides of a wall."""
 ROUGH = 0.15
-"""Ratio of the variances across and along, above which means are no line."""
+"""Largest ratio of the variance of means across their line to that along it."""
 FIT_CELLS = 2.0
-"""A beam agrees if it ends so near a wall."""
+"""Largest distance, cells, between a surface and the end of a beam that agrees with the map."""
 
 
 def match_surface(grid: OccupancyGrid, guess: Pose2D, points: Floats) -> tuple[ScanFit, tuple[float, float]]:
     """Refine a guess that is wrong by less than 0.3 m and 0.15 rad.
 
     Args:
-        grid: with surfaces.
+        grid: a grid with surfaces.
         guess: T_grid_sensor.
-        points: (K, 2) the beams' ends in the sensor's frame, metres.
+        points: (K, 2) ends of the beams in the sensor's frame, metres.
 
     Returns:
-        The fit, and the mean of `surface_drift` of the walls on which the beams lie: m², rad².
+        The fit, and the mean `surface_drift` of the surfaces that the beams were matched to: m², rad².
 
     """
     geometry = grid.geometry
@@ -74,7 +77,7 @@ def match_surface(grid: OccupancyGrid, guess: Pose2D, points: Floats) -> tuple[S
 
 
 @njit(cache=True, nogil=True)
-def _line(
+def _nearest(
     log_odds: NDArray[np.int8],
     surface_at: NDArray[np.float32],
     surface_hits: NDArray[np.uint8],
@@ -87,13 +90,11 @@ def _line(
     column: int,
     around: int,
     reach: float,
-    line: Floats,
-) -> bool:
-    """Write a point (2,) and the normal (2,) of the wall nearest to (x, y), in cells; False if none is in reach."""
+) -> int:
+    """Cell, counted by rows, of the surface nearest to (x, y), cells; −1 if none is in reach."""
     height, width = log_odds.shape
     best = reach * reach
-    best_row = -1
-    best_column = -1
+    found = -1
     for i in range(max(row - around, 0), min(row + around + 1, height)):
         for j in range(max(column - around, 0), min(column + around + 1, width)):
             if log_odds[i, j] <= 0 or surface_hits[i, j] == 0:
@@ -101,17 +102,30 @@ def _line(
             square = (surface_at[i, j, 0] - x) ** 2 + (surface_at[i, j, 1] - y) ** 2
             if square >= best:
                 continue
-            # The other side of a thin wall is another wall.
+            # The other side of a thin wall is another surface.
             if surface_view[i, j, 0] * beam_x + surface_view[i, j, 1] * beam_y > OPPOSITE:
-                best, best_row, best_column = square, i, j
-    if best_row < 0:
-        return False
+                best, found = square, i * width + j
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _line(
+    log_odds: NDArray[np.int8],
+    surface_at: NDArray[np.float32],
+    surface_hits: NDArray[np.uint8],
+    surface_view: NDArray[np.float32],
+    best_row: int,
+    best_column: int,
+    line: Floats,
+) -> bool:
+    """Write a point (2,) and the normal (2,) of the wall in a cell, in cells; False if it is no line."""
+    height, width = log_odds.shape
     base_x, base_y = float(surface_at[best_row, best_column, 0]), float(surface_at[best_row, best_column, 1])
     view_x, view_y = surface_view[best_row, best_column, 0], surface_view[best_row, best_column, 1]
     weight, mean_x, mean_y = 0.0, 0.0, 0.0
     xx, xy, yy = 0.0, 0.0, 0.0
     count = 0
-    # Far from the sensor neighbouring beams end some cells apart.
+    # Far from the sensor the ends of neighbouring beams are several cells apart.
     for spread in range(1, SPREAD_MAX + 1):
         weight = mean_x = mean_y = xx = xy = yy = 0.0
         count = 0
@@ -143,8 +157,7 @@ def _line(
     angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
     line[0], line[1] = base_x + mean_x, base_y + mean_y
     line[2], line[3] = -math.sin(angle), math.cos(angle)
-    same_side = (line[2] * view_x + line[3] * view_y) * (line[2] * beam_x + line[3] * beam_y) > 0.0
-    return bool(same_side)
+    return True
 
 
 @njit(cache=True, nogil=True)
@@ -162,21 +175,18 @@ def _match(
     yaw_rad: float,
     points: Floats,
 ) -> tuple[Floats, int, float, int, float, float]:
-    """As `scan_match_kernels.refine` answers, and the mean drift of the walls."""
-    found = np.zeros((3, 5))
+    """Results as of `scan_match_kernels.refine`, and the mean drift of the surfaces."""
     count = points.shape[0]
     if count < USED_MIN:
-        return found, 0, 0.0, 0, 0.0, 0.0
+        return np.zeros((3, 5)), 0, 0.0, 0, 0.0, 0.0
     height, width = log_odds.shape
     start_x, start_y = (x_m - origin_x_m) * per_m, (y_m - origin_y_m) * per_m
-    lever = 0.0
-    for k in range(count):
-        lever += points[k, 0] ** 2 + points[k, 1] ** 2
-    lever = per_m * math.sqrt(lever / count)
+    lever = lever_of(points, per_m)
     x, y, yaw = start_x, start_y, yaw_rad
     held = 0
     vectors, values = np.zeros((3, 3)), np.zeros(3)
-    information, pull, step, line = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros(4)
+    information, pull, step = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
+    lines, is_line, cells = np.zeros((count, 4)), np.zeros(count, np.bool_), np.full(count, -1)
     size = 0.0
     for iteration in range(ITERATIONS):
         is_wide = iteration < WIDE_STEPS and (iteration == 0 or size > 0.3)
@@ -194,7 +204,7 @@ def _match(
             row, column = math.floor(at_y + HIT_DEPTH_CELLS * beam_y), math.floor(at_x + HIT_DEPTH_CELLS * beam_x)
             if row < 0 or column < 0 or row >= height or column >= width:
                 continue
-            if not _line(
+            cell = _nearest(
                 log_odds,
                 surface_at,
                 surface_hits,
@@ -207,41 +217,30 @@ def _match(
                 column,
                 around,
                 reach,
-                line,
-            ):
+            )
+            if cell < 0:
+                continue
+            if cell != cells[k]:  # in most steps a beam ends at the wall at which it ended before
+                cells[k] = cell
+                is_line[k] = _line(
+                    log_odds, surface_at, surface_hits, surface_view, cell // width, cell % width, lines[k]
+                )
+            if not is_line[k]:
+                continue
+            line = lines[k]
+            view_x, view_y = surface_view[cell // width, cell % width, 0], surface_view[cell // width, cell % width, 1]
+            if not (line[2] * view_x + line[3] * view_y) * (line[2] * beam_x + line[3] * beam_y) > 0.0:
                 continue
             off = line[2] * (at_x - line[0]) + line[3] * (at_y - line[1])
             by_turn = (line[3] * out_x - line[2] * out_y) / lever
             weight = 1.0 if abs(off) < HUBER_CELLS else HUBER_CELLS / abs(off)
             used += 1
-            information[0, 0] += weight * line[2] * line[2]
-            information[0, 1] += weight * line[2] * line[3]
-            information[0, 2] += weight * line[2] * by_turn
-            information[1, 1] += weight * line[3] * line[3]
-            information[1, 2] += weight * line[3] * by_turn
-            information[2, 2] += weight * by_turn * by_turn
-            pull[0] -= weight * off * line[2]
-            pull[1] -= weight * off * line[3]
-            pull[2] -= weight * off * by_turn
+            add_residual(information, pull, line[2], line[3], by_turn, off, weight)
         if used < USED_MIN:
             held = 0
             break
-        information[1, 0], information[2, 0], information[2, 1] = (
-            information[0, 1],
-            information[0, 2],
-            information[1, 2],
-        )
-        eigen(information, values, vectors)
-        held = 0
-        step[:] = 0.0
-        for k in range(3):
-            held += values[k] >= max(DEGENERATE * used, INFORMATION_MIN)
-            along = 0.0
-            for i in range(3):
-                along += vectors[i, k] * pull[i]
-            for i in range(3):
-                step[i] += vectors[i, k] * along / max(values[k], DEGENERATE * used, INFORMATION_MIN)
-        size = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
+        least = max(DEGENERATE * used, INFORMATION_MIN)
+        held, size = solve_step(information, pull, least, values, vectors, step)
         if size > 2.0:
             step *= 2.0 / size
         x += step[0]
@@ -250,13 +249,8 @@ def _match(
         if size < DONE_CELLS:
             break
 
-    moved_x, moved_y, moved_turn = x - start_x, y - start_y, (yaw - yaw_rad) * lever
-    for at in range(held):
-        k = 3 - held + at  # eigenvalues ascend
-        found[at, 0], found[at, 1], found[at, 2] = vectors[0, k], vectors[1, k], vectors[2, k] * lever / per_m
-        offset = vectors[0, k] * moved_x + vectors[1, k] * moved_y + vectors[2, k] * moved_turn
-        found[at, 3], found[at, 4] = offset / per_m, values[k]
-
+    moved = x - start_x, y - start_y, (yaw - yaw_rad) * lever
+    found = held_directions(held, values, vectors, moved, lever, per_m)
     compared, near = 0, 0
     drift_m2 = drift_rad2 = 0.0
     cos, sin = math.cos(yaw), math.sin(yaw)

@@ -123,6 +123,22 @@ def test_a_submap_that_is_moved_there_and_back_leaves_the_map_as_it_was(history,
         assert np.array_equal(atlas.grid.classes(), before)
 
 
+@settings(deadline=None, max_examples=60)
+@given(histories(), st.dictionaries(st.tuples(st.sampled_from(ROBOTS), st.integers(0, 2)), PLACE, max_size=6))
+def test_submaps_that_are_moved_together_lie_as_if_moved_one_by_one(history, places):
+    order = [robot for robot in ROBOTS for _ in history[robot]]
+    together, singly = told(history, order), told(history, order)
+    together.move_all(places)
+    for key, place in places.items():
+        singly.move(key, place)
+    assert np.array_equal(together.grid.classes(), singly.grid.classes())
+    assert np.array_equal(together.grid.stamp_ms, singly.grid.stamp_ms)
+    assert together.grid.known_count == singly.grid.known_count
+    assert {key: submap.T_arena_local for key, submap in together.submaps.items()} == {
+        key: submap.T_arena_local for key, submap in singly.submaps.items()
+    }
+
+
 @settings(deadline=None, max_examples=40)
 @given(histories())
 def test_a_map_without_a_submap_is_the_map_of_the_others(history):
@@ -185,8 +201,8 @@ def test_no_more_submaps_are_held_than_fit(monkeypatch):
     atlas = SubmapAtlas(GEOMETRY)
     for number in (0, 1):
         atlas.take(("r1", number), number, 0, ONE, 5)
+    for number in (2, 3, 4):
         atlas.move(("r2", number), Pose2D(1.0, 0.0, 0.0))
-    atlas.move(("r2", 2), Pose2D(1.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="at most 2 submaps"):
         atlas.take(("r1", 2), 2, 0, ONE, 5)
     assert atlas.grid.known_count == 2
@@ -194,7 +210,9 @@ def test_no_more_submaps_are_held_than_fit(monkeypatch):
     atlas.withdraw(("r1", 0))
     atlas.withdraw(("r1", 1))
     atlas.take(("r2", 2), 2, 0, ONE, 5)
-    assert atlas.grid.classes()[2, 0] == OCCUPIED, "its place was one too many"
+    assert atlas.grid.classes()[2, 0] == OCCUPIED, "its place was told before those of two others"
+    atlas.take(("r2", 4), 4, 0, ONE, 5)
+    assert atlas.grid.classes()[4, 2] == OCCUPIED, "the latest places are kept"
 
 
 def test_no_more_cells_are_held_than_fit_and_those_of_withdrawn_submaps_are_given_back(monkeypatch):
@@ -203,12 +221,39 @@ def test_no_more_cells_are_held_than_fit_and_those_of_withdrawn_submaps_are_give
     full = np.full((BLOCK_CELLS, BLOCK_CELLS), FREE)
     atlas.take(("r1", 0), 0, 0, full, 5)
     atlas.take(("r1", 1), 0, 0, full, 6)
-    with pytest.raises(ValueError, match=f"at most {2 * BLOCK_CELLS**2} cells"):
+    with pytest.raises(ValueError, match=f"at most {2 * BLOCK_CELLS**2} bytes"):
         atlas.take(("r1", 2), 0, 0, full, 7)
     assert set(atlas.submaps) == {("r1", 0), ("r1", 1)}
     atlas.withdraw(("r1", 0))
     atlas.take(("r1", 2), 0, 0, full, 7)
     assert set(atlas.submaps) == {("r1", 1), ("r1", 2)}
+
+
+def test_surfaces_count_with_the_cells(monkeypatch):
+    surfaces = np.zeros(50, SURFACE)
+    monkeypatch.setattr(submap_atlas, "CELLS_MAX", 2 * BLOCK_CELLS**2 + surfaces.nbytes)
+    atlas = SubmapAtlas(GEOMETRY)
+    for number in (0, 1):
+        atlas.take(("r1", number), 0, 0, ONE, 5)
+    atlas.take_surfaces(("r1", 0), surfaces)
+    atlas.take_surfaces(("r1", 0), surfaces)  # again, in place of the first ones
+    with pytest.raises(ValueError, match="at most 2598 bytes in all"):
+        atlas.take_surfaces(("r1", 1), surfaces[:1])
+    assert atlas.submaps["r1", 1].surfaces is None
+    atlas.withdraw(("r1", 0))
+    atlas.take_surfaces(("r1", 1), surfaces)
+
+
+def test_a_submap_does_not_grow_beyond_the_room_there_is(monkeypatch):
+    """A single cell far away would make its box larger than all that an atlas holds."""
+    monkeypatch.setattr(submap_atlas, "CELLS_MAX", 4 * BLOCK_CELLS**2)
+    atlas = SubmapAtlas(GEOMETRY)
+    atlas.take(("r1", 0), 0, 0, ONE, 5)
+    with pytest.raises(ValueError, match="at most 4096 bytes in all"):
+        atlas.take(("r1", 0), 3000, 3000, ONE, 6)
+    assert atlas.submaps["r1", 0].evidence.size == BLOCK_CELLS**2
+    atlas.take(("r1", 0), BLOCK_CELLS, BLOCK_CELLS, ONE, 6)
+    assert atlas.submaps["r1", 0].evidence.size == 4 * BLOCK_CELLS**2
 
 
 @settings(deadline=None)

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.occupancy_grid import GridGeometry
-from robrain.protocol.model.ray_cast import cast_rays
-from robrain.sim.surface_rays import (
+from robrain.protocol.model.ray_cast import (
     GLASS_X,
     GLASS_Y,
     MIRROR_EAST,
@@ -18,6 +17,7 @@ from robrain.sim.surface_rays import (
     MIRROR_SOUTH,
     MIRROR_WEST,
     SOLID,
+    cast_rays,
     cast_rays_on_surfaces,
 )
 

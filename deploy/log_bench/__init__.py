@@ -1,0 +1,1 @@
+"""`robrain bench log`: a public lidar log through localisation and mapper."""

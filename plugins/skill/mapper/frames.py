@@ -1,0 +1,214 @@
+"""In which map frame a robot maps, and how it gets into the team's.
+
+A robot that does not know its place maps in a frame of its own. It looks for its map on the maps of better frames, and
+moves all its submaps when several searches, from places apart, have found the same answer (pairwise consistency:
+Mangelson et al., *Pairwise consistent measurement set maximization*, ICRA 2018). Mates that mapped in the frame that is
+left follow by themselves.
+"""
+
+import logging
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.local_map import ArenaFix
+from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
+from robrain.protocol.model.mapping.map_overlap import MapMatcher
+from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
+from robrain.protocol.model.mapping.submap_graph import SubmapGraph
+from robrain.protocol.wire.map_messages import MapPatch
+from robrain.protocol.wire.map_patch import pose_message
+
+logger = logging.getLogger(__name__)
+
+ANSWERS_MIN = 3
+"""So many answers must agree …"""
+ANSWERS_MAX = 12
+"""… of the last ones in a frame …"""
+BODY_M = 0.4
+"""Radius of what others may have drawn of this robot."""
+APART_M = 1.0
+"""… and two of the places searched from must be so far from each other …"""
+PLAIN_MIN = 150
+"""… unless so many wall cells agree and none contradicts: a robot that stands is found only so."""
+AGREE_M, AGREE_RAD = 0.3, 0.05
+"""Answers that put the robot within this distance and turn agree."""
+JOIN_SIGMA_M, JOIN_SIGMA_RAD = 0.1, 0.02
+"""Standard deviations of such an answer."""
+FOLLOW_SIGMA_M, FOLLOW_SIGMA_RAD = 0.05, 0.01
+"""Standard deviations of a mate's movement as its followers take it over."""
+
+
+MayBeAt = Callable[[MapFrame, Pose2D], bool]
+
+
+class Move(NamedTuple):
+    """From one map frame into another."""
+
+    frame: MapFrame
+    T_new_old: Pose2D
+
+
+class _Answer(NamedTuple):
+    T_new_old: Pose2D
+    place: Pose2D
+    """Searched from here, in the old frame."""
+
+
+class Frames:
+    """Keeps the map frame of one robot.
+
+    Args:
+        robot: whose frame it is.
+        atlas: all submaps that the robot knows.
+        graph: the robot's own part of the pose graph.
+        own: the submap that it is making.
+        mates_in: (K, 3) x, y, radius in metres of the mates that tell their places in a map frame.
+
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        atlas: SubmapAtlas,
+        graph: SubmapGraph,
+        own: OwnSubmaps,
+        mates_in: Callable[[MapFrame], NDArray[np.float64]],
+    ) -> None:
+        self.told: list[MapPatch] = []
+        """Where own submaps lie now, to be told."""
+        self._robot = robot
+        self._atlas = atlas
+        self._graph = graph
+        self._own = own
+        self._mates_in = mates_in
+        self._answers: deque[tuple[MapFrame, _Answer]] = deque(maxlen=ANSWERS_MAX)
+        self._turn = 0
+
+    @property
+    def frame(self) -> MapFrame:
+        """In which the robot maps now."""
+        return self._own.frame
+
+    def begin(self, number: int, why: str) -> None:
+        """A trajectory begins with this submap: in a frame of its own if there is a reason why the place is unknown."""
+        self._enter(MapFrame(number, self._robot) if why else ARENA, why)
+
+    def part(self, why: str) -> None:
+        """The submaps of this trajectory may lie wrong: take them out of the team's map, into a frame of their own."""
+        numbers = [node.number for node in self._graph.own.values() if node.trajectory == self._own.trajectory]
+        if not numbers:
+            return
+        frame = MapFrame(min(numbers), self._robot)
+        self._graph.part(self._own.trajectory, frame)
+        self._enter(frame, why)
+        self._place({(self._robot, number): self._graph.own[number].T_arena_local for number in numbers})
+
+    def take_fix(self, fix: ArenaFix) -> None:
+        """Motes have told where the robot is in the arena."""
+        if self.frame != ARENA and fix.trajectory == self._own.trajectory:
+            self._join(ARENA, fix.T_arena_frame, fix.at, fix.covariance)
+
+    def move_of(self, patch: MapPatch) -> Move | None:
+        """How a mate that mapped in the robot's frame moves into a better one with this patch; None if it does not.
+
+        To be asked before the patch is taken into the atlas.
+        """
+        for part in (patch, *patch.parts):
+            known = self._atlas.submaps.get((part.robot, part.submap))
+            if part.robot != patch.robot or part.withdrawn or known is None:
+                continue
+            if known.frame == self.frame and part.frame < self.frame:
+                return Move(part.frame, part.T_arena_local.compose(known.T_arena_local.inverse()))
+        return None
+
+    def follow(self, move: Move) -> None:
+        """Move as a mate has."""
+        current = self._graph.current
+        here = Pose2D(0.0, 0.0, 0.0) if current is None else current.pose
+        covariance = _covariance(FOLLOW_SIGMA_M, FOLLOW_SIGMA_RAD)
+        self._join(move.frame, move.T_new_old, move.T_new_old.compose(here), covariance)
+
+    def search(self, here: Pose2D, may_be_at: MayBeAt) -> None:
+        """Look for the robot's map on that of a better frame, and move there if it is surely found.
+
+        Args:
+            here: where the robot is in its frame.
+            may_be_at: whether other sensors allow the robot to be at a pose of a frame.
+
+        """
+        better = sorted({each.frame for each in self._atlas.submaps.values() if each.frame < self.frame})
+        if not better:
+            return
+        self._turn += 1
+        frame, turn = better[self._turn % len(better)], self._turn // len(better)
+        own, other = self._atlas.grid, self._atlas.composed(frame)
+        bodies, mates = np.concatenate((self._own_bodies(here), self._mates_in(self.frame))), self._mates_in(frame)
+        if turn % 2 or not len(mates):
+            place = here
+            found = MapMatcher(own, other, bodies, mates).find(here)
+            T_new_old = None if found is None else found.T_other_own
+        else:  # a mate may have come to where this robot has been
+            x_m, y_m, _ = mates[turn // 2 % len(mates)].tolist()
+            at_mate = Pose2D(x_m, y_m, 0.0)
+            found = MapMatcher(other, own, mates, bodies).find(at_mate)
+            T_new_old = None if found is None else found.T_other_own.inverse()
+            place = here if found is None else found.T_other_own.compose(at_mate)
+        if found is None or T_new_old is None or not may_be_at(frame, T_new_old.compose(here)):
+            return
+        self._answers.append((frame, _Answer(T_new_old, place)))
+        is_plain = found.overlap.agreeing >= PLAIN_MIN and not found.overlap.contradicting
+        if self._is_sure(frame, T_new_old, here, 0.0 if is_plain else APART_M):
+            covariance = _covariance(JOIN_SIGMA_M, JOIN_SIGMA_RAD)
+            self._join(frame, T_new_old, T_new_old.compose(place), covariance)
+
+    def _is_sure(self, frame: MapFrame, T_new_old: Pose2D, here: Pose2D, least_apart_m: float) -> bool:
+        """Whether enough answers, from places so far apart, agree with this one."""
+        at = T_new_old.compose(here)
+        agreeing = []
+        for of_frame, answer in self._answers:
+            other = answer.T_new_old.compose(here)
+            turned_rad = abs(at.inverse().compose(other).yaw_rad)
+            if of_frame == frame and other.distance_m(at) < AGREE_M and turned_rad < AGREE_RAD:
+                agreeing.append(answer.place)
+        apart_m = max((one.distance_m(other) for one in agreeing for other in agreeing), default=0.0)
+        return len(agreeing) >= ANSWERS_MIN and apart_m >= least_apart_m
+
+    def _own_bodies(self, here: Pose2D) -> NDArray[np.float64]:
+        """Where others may have seen this robot while they did not know what it was."""
+        stood = [here, *(node.pose for node in self._graph.own.values() if node.frame == self.frame)]
+        return np.array([(at.x_m, at.y_m, BODY_M) for at in stood])
+
+    def _join(self, frame: MapFrame, T_new_old: Pose2D, at: Pose2D, covariance: NDArray[np.float64]) -> None:
+        before, why = self.frame, self._own.why
+        self._graph.change_frame(before, frame, T_new_old, at, covariance)
+        moved = [key for key, each in self._atlas.submaps.items() if key[0] == self._robot and each.frame == before]
+        self._own.T_arena_local = T_new_old.compose(self._own.T_arena_local)
+        self._enter(frame, "" if frame == ARENA else why)
+        self._place({key: T_new_old.compose(self._atlas.submaps[key].T_arena_local) for key in moved})
+
+    def _enter(self, frame: MapFrame, why: str) -> None:
+        if frame != self.frame:
+            logger.warning("%s: maps in %s", self._robot, _name(frame))
+        self._own.frame, self._own.why = frame, why
+        self._atlas.change_frame(frame)
+        self._answers.clear()
+
+    def _place(self, places: dict[SubmapKey, Pose2D]) -> None:
+        self._atlas.move_all(places, self.frame)
+        geometry = self._atlas.grid.geometry
+        for key, place in places.items():
+            self.told.append(pose_message(self._robot, geometry, key[1], place, self.frame))
+
+
+def _covariance(sigma_m: float, sigma_rad: float) -> NDArray[np.float64]:
+    return np.diag((sigma_m**2, sigma_m**2, sigma_rad**2))
+
+
+def _name(frame: MapFrame) -> str:
+    return "the arena frame" if frame == ARENA else f"a frame of {frame.robot}, begun with submap {frame.since}"

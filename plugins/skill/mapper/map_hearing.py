@@ -1,0 +1,129 @@
+"""What the mapper hears of other robots: their submaps, and their loop closures."""
+
+import logging
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from robrain.plugins.skill.mapper.closures import ClosureDesk
+from robrain.plugins.skill.mapper.frames import Frames
+from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
+from robrain.protocol.wire.inbox import Inbox, Received
+from robrain.protocol.wire.map_messages import Closures, MapPatch
+from robrain.protocol.wire.map_patch import check_claim, map_stamp_ms, take_message, whole_map
+from robrain.protocol.wire.record_guard import RecordGuard
+from robrain.protocol.wire.refusals import RefusalCode
+from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE
+
+if TYPE_CHECKING:
+    from robrain.protocol.wire.endpoint import Endpoint
+
+logger = logging.getLogger(__name__)
+
+WHOLE_MS = 400
+"""Milliseconds after the start within which the whole maps of the others may have been seen; below `TELL_AFTER_S`."""
+INBOX_MAX = 4096
+"""Messages that wait; the oldest are dropped and counted."""
+
+
+class MapHearing:
+    """Takes in the maps and closures of the other robots.
+
+    Args:
+        robot: that listens.
+        atlas: takes the submaps.
+        desk: takes the closures.
+        frames: follows mates into better frames.
+
+    """
+
+    def __init__(self, robot: str, atlas: SubmapAtlas, desk: ClosureDesk, frames: Frames) -> None:
+        self.others: SubmapAtlas | None = None
+        """Submaps that the others had before this robot started; only while its start is checked."""
+        self._robot = robot
+        self._atlas = atlas
+        self._desk = desk
+        self._frames = frames
+        self._inbox = Inbox(capacity=INBOX_MAX)
+        self._refused: set[str] = set()
+        self._met: set[str] = set()
+        """Robots whose liveliness token has been seen."""
+        self._orphans: set[SubmapKey] = set()
+        """Submaps of robots that have gone since."""
+        self._began_ms = 0
+
+    @property
+    def dropped(self) -> int:
+        """Messages that came faster than they were taken in."""
+        return self._inbox.dropped
+
+    def begin(self, began_ns: int) -> None:
+        """The robot starts, at this time of its clock."""
+        self._began_ms = map_stamp_ms(began_ns)
+        self.others = SubmapAtlas(self._atlas.grid.geometry)
+
+    def connect(self, wire: "Endpoint") -> None:
+        """Listen from now on."""
+        self._wire = wire
+        self._guard = RecordGuard(wire.refusals)
+        self._presence = wire.watch(ROBOT_ALIVE)
+        wire.subscribe(self._inbox, ROBOT_MAP)
+        wire.subscribe(self._inbox, ROBOT_CLOSURES)
+
+    def step(self) -> None:
+        """Take in what has come."""
+        for change in self._presence.changes():
+            name = change.names["robot"]
+            self._met.add(name)
+            if not change.present:
+                # If the robot restarts, it does not know these submaps, so this robot keeps telling them.
+                self._orphans.update(key for key in self._atlas.submaps if key[0] == name)
+            if change.present and name != self._robot:
+                # Catch up with a robot that was there before; one that has just started has nothing to tell.
+                self._wire.ask_into(self._inbox, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=name)
+        self._guard.messages(self._inbox.drain(), self._take)
+
+    def whole(self) -> MapPatch | None:
+        """The robot's own submaps, and those of robots that are absent or were restarted."""
+        others = self._met - {self._robot}
+        keys = [key for key in sorted(self._atlas.submaps) if key[0] not in others or key in self._orphans]
+        return whole_map(self._robot, self._atlas, keys)
+
+    def _take(self, received: Received) -> None:
+        message: MapPatch | Closures = received.message
+        if message.robot == self._robot:
+            return
+        refusals = self._wire.refusals
+        if message.robot not in self._met:
+            # nothing is lost: the mapper asks for its whole map when its token appears
+            why = f"{message.robot} is not there"
+            refusals.note(received.topic.name, received.key, RefusalCode.UNKNOWN_SENDER, why)
+            return
+        why = self._desk.hear(message) if isinstance(message, Closures) else self._merge(message)
+        if why:
+            refusals.note(received.topic.name, received.key, RefusalCode.NOT_PLAUSIBLE, why)
+
+    def _merge(self, patch: MapPatch) -> str:
+        """Take a patch into the map; returns why it was refused, empty if it was not."""
+        try:
+            check_claim(patch, self._wire.clock.now_ns())
+            if any(part.robot == self._robot and part.submap >= self._began_ms for part in patch.parts):
+                raise ValueError(f"{patch.robot} tells a submap of {self._robot} that {self._robot} has not made")
+            move = self._frames.move_of(patch)
+            take_message(self._atlas, patch)
+            if self.others is not None:
+                before = tuple(part for part in patch.parts if self._was_before(part))
+                take_message(self.others, msgspec.structs.replace(patch, parts=before, rows=0, columns=0, cells=b""))
+        except ValueError as error:
+            if patch.robot not in self._refused:
+                self._refused.add(patch.robot)
+                logger.warning("%s: the map of %s cannot be merged: %s", self._robot, patch.robot, error)
+            return str(error)
+        self._desk.hear_places(patch)
+        if move is not None:
+            self._frames.follow(move)
+        return ""
+
+    def _was_before(self, part: MapPatch) -> bool:
+        """Whether a submap was begun before this robot started, and its cells were seen at most `WHOLE_MS` after it."""
+        return part.submap < self._began_ms and part.observed_ms <= self._began_ms + WHOLE_MS

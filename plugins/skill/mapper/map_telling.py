@@ -1,0 +1,62 @@
+"""What the mapper tells the team of its own submaps: cells, surfaces, where they lie, and which are withdrawn."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robrain.plugins.skill.mapper.own_submaps import OwnPatch, OwnSubmaps
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.submap import IDENTITY
+from robrain.protocol.model.mapping.submap_graph import OwnSubmap
+from robrain.protocol.model.occupancy_grid import GridGeometry
+from robrain.protocol.wire.map_messages import MapPatch
+from robrain.protocol.wire.map_patch import joined_message, pose_message, to_message
+
+
+class MapTelling:
+    """Collects messages about one robot's submaps until they are sent.
+
+    Args:
+        robot: whose submaps they are.
+        geometry: the team's grid.
+
+    """
+
+    def __init__(self, robot: str, geometry: GridGeometry) -> None:
+        self._robot = robot
+        self._geometry = geometry
+        self._untold: list[MapPatch] = []
+
+    def patch(self, patch: OwnPatch, own: OwnSubmaps) -> None:
+        """Cells of the submap that is being made have changed."""
+        place, frame = own.T_arena_local, own.frame
+        self._untold.append(to_message(self._robot, self._geometry, patch.cells, patch.submap, place, frame))
+
+    def finished(self, number: int, own: OwnSubmaps, surfaces: NDArray[np.void]) -> None:
+        """A submap is finished."""
+        place, frame = own.T_arena_local, own.frame
+        self._untold.append(pose_message(self._robot, self._geometry, number, place, frame, surfaces=surfaces))
+
+    def placed(self, nodes: list[OwnSubmap]) -> None:
+        """Submaps of the pose graph have moved."""
+        told = []
+        for node in nodes:
+            variances = max(node.covariance[0, 0], node.covariance[1, 1]), node.covariance[2, 2]
+            place, frame = node.T_arena_local, node.frame
+            told.append(pose_message(self._robot, self._geometry, node.number, place, frame, variances=variances))
+        self.moved(told)
+
+    def moved(self, messages: list[MapPatch]) -> None:
+        """Submaps have moved, as these messages say."""
+        if messages:
+            self._untold.append(joined_message(self._robot, self._geometry, messages))
+
+    def withdrawn(self, numbers: list[int]) -> None:
+        """Submaps are wrong. What was not sent of them is not sent any more."""
+        self._untold = [each for each in self._untold if each.submap not in numbers or each.parts]
+        nowhere: Pose2D = IDENTITY
+        self.moved([pose_message(self._robot, self._geometry, each, nowhere, withdrawn=True) for each in numbers])
+
+    def take(self) -> list[MapPatch]:
+        """What is to be sent, in order; it is not told again."""
+        untold, self._untold = self._untold, []
+        return untold
