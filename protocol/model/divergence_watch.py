@@ -19,7 +19,7 @@ class WatchSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """Share of the window that the gate may refuse."""
     misfits_max: int = 8
     """So many scans in a row may lie badly on the map."""
-    fit_min: float = 0.4
+    fit_min: float = 0.65
     """Share of a scan's beams that have to end at the map's walls."""
 
     def __post_init__(self) -> None:

@@ -57,6 +57,7 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("bench allocation", [], "team"),
     ("bench log", ["room.clf"], WORKS),
     ("bench mapping", [], "sim"),
+    ("bench joining", [], "sim"),
     ("bench responses", [], "sim"),
     ("bench agents", [], "sim"),
 ]

@@ -70,7 +70,7 @@ class Localisation(Skill):
         """Whether to use the signals of motes that know their place; needs the plugin mote_ranges."""
         scan_matching: bool = True
         """Whether to lay scans on the map; needs the plugin mapper."""
-        scan_period_s: float = 1.0
+        scan_period_s: float = 0.2
         """Seconds between two matches of a robot that stands."""
         scan_way_m: float = 0.03
         """Metres of path between two matches of a robot that moves; turns count as in `protocol/model/localiser.py`."""
@@ -132,6 +132,8 @@ class Localisation(Skill):
         self._T_arena_local = IDENTITY if board.local_map is None else board.local_map.T_arena_local
         self._trajectories_before = 0 if board.local_pose is None else board.local_pose.trajectory
         self._waiting: deque[LaserScan] = deque(maxlen=WAITING_MAX)
+        self._checked: deque[int] = deque(maxlen=WAITING_MAX)
+        """Stamps of the last scans that were matched."""
         self._signals = self._matches = 0
         self._last_fit = 0.0
         self._scan_due_ns = 0
@@ -254,6 +256,7 @@ class Localisation(Skill):
         if board.map is None or not is_due:
             self._tell()
             return
+        self._checked.append(scan.stamp_ns)
         self._scan_due_ns = now_ns + to_ns(self.parameters.scan_period_s)
         self._matched_way_m = self._localiser.way_m
         T_robot_sensor = self._T_robot_sensor(scan)
@@ -334,6 +337,7 @@ class Localisation(Skill):
             localiser.fits,
             localiser.local_sigma_m,
             localiser.lost if self.parameters.scan_matching else "",
+            tuple(self._checked) if self.parameters.scan_matching else None,
         )
         board.pose_covariance = tuple(localiser.covariance.ravel().tolist())
         board.lost = localiser.lost

@@ -189,7 +189,10 @@ class Mapper(Skill):
         while self._waiting and (local_pose := self.env.board.local_pose) is not None:
             if self._waiting[0].stamp_ns > min(until_ns, local_pose.until_ns):
                 return
-            self._take_scan(self._waiting.popleft(), local_pose)
+            scan = self._waiting.popleft()
+            # An unmatched scan could be of another place, to which somebody has carried the robot.
+            if local_pose.checked is None or scan.stamp_ns in local_pose.checked:
+                self._take_scan(scan, local_pose)
 
     def _take_scan(self, scan: LaserScan, local_pose: LocalPose) -> None:
         if self.env.board.false_start:

@@ -72,3 +72,5 @@ class LocalPose(NamedTuple):
     """Standard deviation of the robot's place on its own map; where that map lies in the arena may be less sure."""
     lost: str = ""
     """Why the robot does not know its place in the arena: a trajectory that begins so has a map frame of its own."""
+    checked: tuple[int, ...] | None = None
+    """Stamps of the last scans that were matched; only these may be mapped. None if none has to be matched."""
