@@ -266,8 +266,8 @@ class Localiser:
     ) -> bool:
         """Hold a scan against a map that others made, as to whether the robot is where it was told that it starts.
 
-        If the map knows the place and the scan contradicts it, the robot is lost. Arguments are those of `find`; False
-        if the map does not know enough of the place to tell.
+        If the map knows the place and the scan contradicts it, the robot is lost. `points` and `T_robot_sensor` are
+        those of `see`; False if the map does not know enough of the place to tell.
         """
         if self.lost or not len(points):
             return True

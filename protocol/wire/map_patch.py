@@ -162,7 +162,7 @@ def take_message(atlas: SubmapAtlas, message: MapPatch) -> int:
         raise ValueError(f"{message.robot}: expected at most {MESSAGE_CELLS_MAX} cells in a message, got {cells}")
     changed = _take_one(atlas, message) if message.withdrawn or message.cells or not message.parts else 0
     known = {key for part in message.parts if (key := (part.robot, part.submap)) in atlas.submaps}
-    moves: dict[SubmapKey, Pose2D] = {}
+    moves: dict[SubmapKey, tuple[Pose2D, MapFrame]] = {}
     try:
         for part in message.parts:
             key = part.robot, part.submap
@@ -174,9 +174,10 @@ def take_message(atlas: SubmapAtlas, message: MapPatch) -> int:
                 moves.pop(key, None)
                 changed += _take_one(atlas, part)
             else:
-                moves[key] = part.T_arena_local
+                moves[key] = part.T_arena_local, part.frame
     finally:
-        atlas.move_all(moves)
+        for frame in sorted({frame for _, frame in moves.values()}):
+            atlas.move_all({key: place for key, (place, its) in moves.items() if its == frame}, frame)
     return changed
 
 

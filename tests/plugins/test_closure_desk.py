@@ -9,7 +9,8 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import NONE
 from robrain.protocol.model.mapping.submap import IDENTITY, Submap
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
-from robrain.protocol.model.mapping.submap_graph import GraphSpec, SubmapGraph, is_information, symmetric
+from robrain.protocol.model.mapping.submap_graph import GraphSpec, SubmapGraph, is_information
+from robrain.protocol.model.small_linear_algebra import symmetric
 from robrain.protocol.wire.map_messages import Closure, Closures, MapPatch
 from robrain.protocol.wire.map_patch import joined_message, pose_message
 from tests.protocol.mapping.lidar_floor import GEOMETRY, ROOM, ROOM_PLACES
@@ -52,7 +53,7 @@ class Scene:
 
     def solved(self) -> Pose2D:
         """T_arena_local of the robot's submap, once the graph is solved."""
-        self.graph.solve(self.desk.place_of, self.desk.variances_of)
+        self.graph.solve(self.atlas.place_of, self.desk.variances_of)
         return self.graph.own[3].T_arena_local
 
 
@@ -91,7 +92,7 @@ def test_a_mate_that_is_told_a_closure_moves_its_submap_by_it() -> None:
     atlas.submaps["r1", 3] = Submap(IDENTITY)
     desk = ClosureDesk("r2", mate, atlas, 0.0)
     desk.hear(Closures(robot="r1", closures=finder.desk.found))
-    moved = mate.solve(desk.place_of, desk.variances_of)[7]
+    moved = mate.solve(atlas.place_of, desk.variances_of)[7]
     assert off(moved.compose(TRUE), beside(TRUE, 0.06, 0.05, 0.02)) == pytest.approx((0.0, 0.0, 0.0), abs=0.015)
 
 
@@ -261,12 +262,20 @@ def test_what_a_mate_says_of_others_submaps_and_of_withdrawn_ones_is_left_out() 
 
 def test_memory_for_mates_submaps_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(closures, "MATE_SUBMAPS_MAX", 2)
-    desk = Scene().desk
+    desk = Scene(("r2", 1), ("r2", 2)).desk
     for number in (1, 2, 3):
         desk.hear_places(told(number))
     assert [desk.variances_of(("r2", number)) == UNSAID for number in (1, 2, 3)] == [False, False, True]
     desk.hear_places(told(2, variances=(0.09, 0.02)))
     assert desk.variances_of(("r2", 2)) == (0.09, 0.09, 0.02)
+
+
+def test_submaps_that_do_not_exist_do_not_take_the_memory_of_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(closures, "MATE_SUBMAPS_MAX", 3)
+    desk = Scene(("r2", 4)).desk
+    for number in (4, 1, 2, 3):
+        desk.hear_places(told(number))
+    assert [desk.variances_of(("r2", number)) == UNSAID for number in (4, 1, 2, 3)] == [False, True, True, False]
 
 
 @pytest.mark.parametrize(
@@ -304,9 +313,3 @@ def test_where_own_submaps_lie_is_as_sure_as_the_graph_says() -> None:
     assert scene.desk.variances_of(("r1", 1)) == UNSAID, "one that cannot be moved any more"
     scene.desk.hear_places(told(3))
     assert scene.desk.variances_of(("r2", 3)) == (0.04, 0.04, 0.01)
-
-
-def test_the_place_of_a_submap_is_that_on_the_map() -> None:
-    scene = Scene(MATE, T_arena_local=Pose2D(1.0, 2.0, 0.5))
-    assert scene.desk.place_of(MATE) == Pose2D(1.0, 2.0, 0.5)
-    assert scene.desk.place_of(("r2", 8)) is None

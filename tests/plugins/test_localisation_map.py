@@ -9,6 +9,7 @@ from robrain.plugins.skill.localisation.localisation import PAUSE_M, PAUSE_RAD, 
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, NONE, LocalMap
+from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
 from robrain.protocol.model.omni_drive import OmniBase
@@ -20,8 +21,12 @@ STANDING = {f"wheel_{wheel}_ticks": 0 for wheel in (1, 2, 3)}
 BASE = OmniBase()
 
 
-def in_frame(T_arena_local, trajectory=0):
-    return LocalMap(OccupancyGrid(GEOMETRY, surfaces=True), T_arena_local, IDENTITY, NONE, NO_DRIFT, 1, 1, trajectory)
+OWN = MapFrame(20, "r1")
+
+
+def in_frame(T_arena_local, trajectory=0, frame=ARENA, why=""):
+    grid = OccupancyGrid(GEOMETRY, surfaces=True)
+    return LocalMap(grid, T_arena_local, IDENTITY, NONE, NO_DRIFT, 1, 1, trajectory, frame, why)
 
 
 def standing(one, seconds):
@@ -111,14 +116,37 @@ def test_the_map_of_another_trajectory_moves_nobody(stage):
     assert localisation.pose() == Pose2D(2.0, 0.0, 0.0)
 
 
-def test_a_lost_robot_is_not_moved_by_its_map(stage):
+def test_a_lost_robot_is_not_moved_by_the_map_from_before_it_was_lost(stage):
     one, host, localisation = localised(stage, start_known=False, x_m=2.0)
     host.board.local_map = in_frame(MOVED)
     one.run(0.2)
+    assert localisation.pose() == host.board.local_pose.T_local_odom == Pose2D(2.0, 0.0, 0.0)
+    assert host.board.lost
+
+
+def test_a_lost_robot_moves_with_the_map_in_its_own_frame_and_is_found_when_that_lies_in_the_arena(stage):
+    one, host, localisation = localised(stage, start_known=False, x_m=2.0)
+    lost = host.board.lost
+    host.board.local_map = in_frame(MOVED, trajectory=1, frame=OWN, why=lost)
+    one.run(0.2)
+    moved = MOVED.compose(Pose2D(2.0, 0.0, 0.0))
+    assert off(localisation.pose(), moved) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    assert host.board.lost == host.board.local_pose.lost == lost
+    host.board.local_map = in_frame(IDENTITY, trajectory=1)
+    one.run(0.2)
+    assert localisation.pose().x_m == pytest.approx(2.0)
+    assert host.board.lost == host.board.local_pose.lost == ""
+    assert host.board.local_pose.trajectory == 1, "its map goes on"
+
+
+def test_a_robot_whose_map_leaves_the_arena_frame_is_lost_for_the_same_reason_and_stays_where_it_is(stage):
+    one, host, localisation = localised(stage, x_m=2.0)
+    host.board.local_map = in_frame(IDENTITY, frame=OWN, why="mates contradict it")
+    one.run(0.2)
+    assert host.board.lost == "mates contradict it"
     assert localisation.pose() == Pose2D(2.0, 0.0, 0.0)
-    assert off(host.board.local_pose.T_local_odom, MOVED.inverse().compose(Pose2D(2.0, 0.0, 0.0))) == pytest.approx(
-        (0.0, 0.0, 0.0), abs=1e-9
-    )
+    assert host.board.local_pose.trajectory == 0
+    assert localisation.health().sigma_m < 0.1
 
 
 def test_a_robot_that_stands_lays_a_scan_on_its_map_once_a_second(stage):

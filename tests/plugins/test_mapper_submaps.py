@@ -65,7 +65,7 @@ def test_a_mapper_that_has_paused_goes_on_only_when_the_place_is_clearly_surer(s
 
 def test_while_it_is_paused_the_reason_says_how_sure_the_place_has_to_be(stage):
     one, host = mapping(stage)
-    host.board.pose_covariance = covariance(3.0)
+    host.board.local_pose = lies_at(sigma_m=3.0)
     scanned(one, 0.02)
     assert "above 2 m" in one.call("mapper", "counters")["why_left_out"]
     scanned(one, 0.02)
@@ -73,6 +73,14 @@ def test_while_it_is_paused_the_reason_says_how_sure_the_place_has_to_be(stage):
     host.board.lost = "it was carried"
     scanned(one, 0.02)
     assert one.call("mapper", "counters")["why_left_out"].endswith("it was carried")
+
+
+def test_how_unsure_it_is_where_its_map_lies_in_the_arena_is_no_reason_to_pause(stage):
+    one, host = mapping(stage)
+    host.board.pose_covariance = covariance(3.0, 3.0)
+    scanned(one, 0.1)
+    assert one.call("mapper", "counters")["why_left_out"] == ""
+    assert one.call("mapper", "counters")["scans"] > 0
 
 
 def test_a_scan_that_does_not_lie_on_the_robots_own_map_is_not_drawn(stage):

@@ -87,10 +87,15 @@ def test_innovations_that_are_too_large_say_so_at_once():
 def test_a_lost_robot_is_found_by_motes_as_soon_as_they_are_enough():
     robot = Listener(Pose2D(4.0, 12.0, 0.0), HERE)
     robot.localiser.lose("it was carried")
-    while robot.localiser.lost:
+    while robot.localiser.arena_fix is None:
         robot.step()
         assert robot.heard < 90
     assert robot.heard % 8 == 0
+    assert robot.localiser.lost == "it was carried"
+    robot.localiser.place(*robot.localiser.arena_fix)
+    assert robot.localiser.lost == ""
+    assert robot.localiser.arena_fix is None
+    assert robot.localiser.beginnings == 2
     assert robot.localiser.fits
     off = np.array(
         (
@@ -119,12 +124,27 @@ def test_an_answer_that_is_not_sure_is_none(monkeypatch, variances, is_found):
     robot = Listener(HERE, HERE)
     robot.localiser.lose("it was carried")
     for _ in range(24):
-        assert robot.localiser.lost
+        assert robot.localiser.arena_fix is None
         robot.step()
-    assert (robot.localiser.lost == "") == is_found
+    assert (robot.localiser.arena_fix is not None) == is_found
+    assert robot.localiser.lost
     if is_found:
+        robot.localiser.place(*robot.localiser.arena_fix)
         assert robot.localiser.pose == FOUND
         assert np.diag(robot.localiser.covariance) == pytest.approx(variances)
+
+
+@pytest.mark.parametrize("maps", [True, False])
+def test_a_robot_that_maps_is_where_it_was_until_its_frame_is_placed(monkeypatch, maps):
+    monkeypatch.setattr(module, "find_robot", lambda *_: (FOUND, np.diag((0.1, 0.1, 0.01))))
+    robot = Listener(HERE, HERE, maps=maps)
+    robot.localiser.lose("it was carried")
+    for _ in range(24):
+        robot.step()
+    assert robot.localiser.pose.distance_m(robot.true) < 0.3
+    assert robot.localiser.arena_fix is not None
+    robot.localiser.lose("it was carried once more")
+    assert robot.localiser.arena_fix is None, "that was of another frame"
 
 
 def test_a_lost_robot_is_looked_for_after_every_eighth_signal(monkeypatch):
@@ -186,8 +206,9 @@ def test_after_it_was_found_the_watch_begins_anew(monkeypatch):
     robot = Listener(Pose2D(17.0, 12.0, 0.0), HERE, watch=WatchSpec(window=4))
     while not robot.localiser.lost:
         robot.step()
-    while robot.localiser.lost:
+    while robot.localiser.arena_fix is None:
         robot.step()
+    robot.localiser.place(*robot.localiser.arena_fix)
     assert robot.localiser.watch.mean_nis == 0.0
     for _ in range(20):
         robot.step()

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robrain.protocol.model.divergence_watch import WatchSpec
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.model.localiser import Localiser, LocaliserSpec
+from robrain.protocol.model.localiser import REFUSED_SIGMA_M, Localiser, LocaliserSpec
 from robrain.protocol.model.mapping.local_map import NO_DRIFT
 from robrain.protocol.model.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.rssi_ranging import RssiSample
@@ -48,7 +49,7 @@ def test_a_scan_that_lies_farther_off_than_one_in_a_thousand_is_refused(bearing_
         assert off(localiser, TRUE) == pytest.approx((0.0, 0.0, 0.0), abs=0.02)
     else:
         assert off(localiser, believed) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
-        assert localiser.filter.sigma_m == pytest.approx(0.06)
+        assert localiser.filter.sigma_m == pytest.approx(math.hypot(0.06, REFUSED_SIGMA_M)), "but the robot doubts"
 
 
 @pytest.mark.parametrize(("off_m", "is_believed"), [(0.213, True), (0.24, False)])
@@ -75,15 +76,22 @@ def test_a_turn_that_cannot_be_is_refused_as_well():
         assert localiser.fits == is_believed
 
 
-def test_scans_that_are_refused_make_a_robot_lost_as_those_that_do_not_fit_do():
-    localiser = located(beside(TRUE, 0.2), sigma_m=0.03, sigma_rad=0.01)
-    for count in range(8):
-        assert localiser.lost == "", f"scan {count}"
-        localiser.move(Twist2D(0.03, 0.0, 0.0))
-        localiser.move(Twist2D(-0.03, 0.0, 0.0))
-        localiser.see(ROOM.points(TRUE), local_map(ROOM_MAP))
-        assert not localiser.fits
-    assert "do not fit the map" in localiser.lost
+@pytest.mark.parametrize("misfits_max", [1, 2])
+def test_a_scan_that_is_refused_counts_as_one_that_does_not_fit(misfits_max):
+    localiser = located(beside(TRUE, 0.2), sigma_m=0.03, sigma_rad=0.01, watch=WatchSpec(misfits_max=misfits_max))
+    localiser.move(Twist2D(0.03, 0.0, 0.0))
+    localiser.move(Twist2D(-0.03, 0.0, 0.0))
+    fit = localiser.see(ROOM.points(TRUE), local_map(ROOM_MAP))
+    assert fit.fit > 0.9, "it would fit elsewhere"
+    assert bool(localiser.lost) == (misfits_max == 1)
+    localiser.see(ROOM.points(TRUE), local_map(ROOM_MAP))
+    assert bool(localiser.lost) == (misfits_max == 1), "the next one is believed"
+
+
+def test_a_scan_that_is_believed_leaves_no_doubt():
+    localiser = located(beside(TRUE, 0.03), sigma_m=0.06, sigma_rad=0.01)
+    localiser.see(ROOM.points(TRUE), local_map(ROOM_MAP))
+    assert localiser.filter.sigma_m < 0.06
 
 
 def test_after_a_match_nobody_is_surer_than_the_floor():
@@ -256,14 +264,18 @@ def test_a_robot_whose_map_is_unsure_listens_to_motes_less():
     assert shifts_m[1] < 0.8 * shifts_m[0]
 
 
-def test_a_robot_that_is_lost_does_not_go_by_its_map_any_more():
-    localiser = located(sigma_m=0.03, sigma_rad=0.01)
+@pytest.mark.parametrize("maps", [True, False])
+def test_a_robot_that_is_lost_does_not_go_by_its_map_any_more(maps):
+    localiser = located(sigma_m=0.03, sigma_rad=0.01, maps=maps)
     localiser.move(FORWARD)
     localiser.see(ROOM.points(localiser.pose), local_map(ROOM_MAP, variances=(0.04, 0.09, 0.01)))
     before = localiser.covariance
     localiser.lose("it was carried")
     assert localiser.lost == "it was carried"
-    assert np.diag(localiser.covariance - before) == pytest.approx((25.0, 25.0, (math.pi / 2) ** 2))
+    if maps:
+        assert localiser.covariance == pytest.approx(np.diag((0.02**2, 0.02**2, 0.01**2))), "in its own frame"
+    else:
+        assert np.diag(localiser.covariance - before) == pytest.approx((25.0, 25.0, (math.pi / 2) ** 2))
     assert np.array_equal(localiser.covariance, localiser.filter.covariance)
     assert localiser.way_m == 0.0
 

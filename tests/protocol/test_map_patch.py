@@ -9,6 +9,7 @@ from hypothesis.extra.numpy import arrays
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping import submap_atlas
+from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, PatchCells
 from robrain.protocol.wire.map_messages import MapPatch
@@ -110,6 +111,41 @@ def test_several_patches_travel_in_one_message():
     expected.move(("r1", 0), ASIDE)
     assert np.array_equal(atlas.grid.classes(), expected.grid.classes())
     assert not np.array_equal(atlas.grid.classes(), atlas_of(PATCH, second).grid.classes())
+
+
+OWN, OTHER = MapFrame(5, "r1"), MapFrame(7, "r2")
+
+
+def told_in(frame, number=0, place=ASIDE):
+    return to_message("r1", GEOMETRY, PatchCells(2, 3, CELLS, 1000), number, place, frame)
+
+
+def test_a_patch_says_in_which_map_frame_its_submap_lies():
+    atlas = atlas_of(over_the_wire(told_in(OWN)))
+    assert atlas.place_of(("r1", 0), OWN) == ASIDE
+    assert atlas.place_of(("r1", 0)) is None
+    assert atlas.grid.known_count == 0
+    assert np.array_equal(atlas.composed(OWN).classes(), classes_with(3, 5, CELLS))
+
+
+def test_submaps_that_are_moved_together_stay_in_the_map_frame_that_each_is_told_in():
+    atlas = atlas_of(*[told_in(OWN, number, Pose2D(0.0, 0.0, 0.0)) for number in (0, 1, 2)])
+    frames = (OWN, ARENA, OTHER)
+    parts = [pose_message("r1", GEOMETRY, number, ASIDE, frame) for number, frame in enumerate(frames)]
+    take_message(atlas, over_the_wire(joined_message("r1", GEOMETRY, parts)))
+    for number, frame in enumerate(frames):
+        assert atlas.place_of(("r1", number), frame) == ASIDE
+    assert np.array_equal(atlas.grid.classes(), classes_with(3, 5, CELLS)), "the one in the arena frame"
+
+
+def test_a_whole_map_says_in_which_map_frames_its_submaps_lie():
+    atlas = atlas_of(told_in(OWN, 0), told_in(OTHER, 1), told_in(ARENA, 2))
+    elsewhere = atlas_of(over_the_wire(whole_map("r1", atlas, sorted(atlas.submaps))))
+    assert {key: each.frame for key, each in elsewhere.submaps.items()} == {
+        ("r1", 0): OWN,
+        ("r1", 1): OTHER,
+        ("r1", 2): ARENA,
+    }
 
 
 def test_a_whole_map_says_all_that_is_known_and_when_each_tile_was_seen():

@@ -1,4 +1,4 @@
-"""The arithmetic of scan matching against plain definitions: all distances, LAPACK's eigenvalues, derivatives."""
+"""The arithmetic of scan matching against plain definitions: all distances, and derivatives."""
 
 import math
 
@@ -57,36 +57,6 @@ def test_the_distance_is_that_to_the_nearest_wall(seed, first_row, first_column,
     log_odds = walls_of(seed, 0.02)
     found = kernels.distance_window(log_odds, first_row, first_column, rows, columns, reach)
     assert found == pytest.approx(distances(log_odds, first_row, first_column, rows, columns, reach), abs=1e-5)
-
-
-@settings(deadline=None, max_examples=80)
-@given(st.integers(0, 100_000), st.sampled_from([1.0, 1e-6, 1e6]), st.integers(1, 3))
-def test_eigenvalues_ascend_and_their_vectors_make_the_matrix(seed, scale, rank):
-    root = np.random.default_rng(seed).normal(0.0, 1.0, (3, rank)) * (1.0, 0.1, 30.0)[:rank]
-    matrix = scale * root @ root.T
-    values, vectors = np.zeros(3), np.zeros((3, 3))
-    kernels.eigen(matrix.copy(), values, vectors)
-    assert values == pytest.approx(np.linalg.eigvalsh(matrix), abs=1e-12 * np.abs(matrix).max())
-    assert vectors @ vectors.T == pytest.approx(np.eye(3), abs=1e-12)
-    assert vectors @ np.diag(values) @ vectors.T == pytest.approx(matrix, abs=1e-12 * np.abs(matrix).max())
-
-
-@pytest.mark.parametrize(
-    "matrix",
-    [
-        np.zeros((3, 3)),
-        np.diag((3.0, 1.0, 2.0)),
-        np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]),
-        np.array([[2.0, 0.0, 1.0], [0.0, 5.0, 0.0], [1.0, 0.0, 2.0]]),
-        np.array([[2.0, 0.0, 0.0], [0.0, 1.0, -1.0], [0.0, -1.0, 4.0]]),
-    ],
-)
-def test_matrices_with_zeros_are_decomposed_too(matrix):
-    values, vectors = np.ones(3), np.ones((3, 3))
-    kernels.eigen(matrix.copy(), values, vectors)
-    assert values == pytest.approx(np.linalg.eigvalsh(matrix), abs=1e-12)
-    assert vectors @ np.diag(values) @ vectors.T == pytest.approx(matrix, abs=1e-12)
-    assert vectors.T @ vectors == pytest.approx(np.eye(3), abs=1e-12)
 
 
 def ends_of(sensor, points):

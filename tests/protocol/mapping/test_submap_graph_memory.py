@@ -20,7 +20,7 @@ SURE = np.diag((1e4, 1e4, 1e6))
 ROW = [Pose2D(0.0, 0.0, 0.0), Pose2D(4.0, 0.0, 0.5), Pose2D(8.0, 1.0, -0.4), Pose2D(12.0, 0.0, 0.0)]
 
 
-def nowhere(_key):
+def nowhere(_key, _frame):
     return None
 
 
@@ -49,7 +49,7 @@ def asked_of(graph):
     """The submaps of which the graph has closures, each as often as it is asked for."""
     asked = []
 
-    def place_of(key):
+    def place_of(key, _frame):
         asked.append(key)
         return IDENTITY
 
