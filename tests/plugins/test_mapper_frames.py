@@ -317,6 +317,7 @@ def test_a_mate_that_mapped_in_the_robots_frame_says_how_that_lies_in_a_better_o
 def test_what_says_nothing_of_a_better_frame_is_no_move(patch: MapPatch) -> None:
     scene = lost(mates=OWN)
     scene.mates_map(MATES, number=9)
+    scene.mates_map(OWN, number=0)  # the number in a message that has parts only
     assert scene.frames.move_of(patch) is None
 
 
