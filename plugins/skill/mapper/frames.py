@@ -119,7 +119,7 @@ class Frames:
 
         To be asked before the patch is taken into the atlas.
         """
-        for part in (patch, *patch.parts):
+        for part in patch.parts or (patch,):
             known = self._atlas.submaps.get((part.robot, part.submap))
             if part.robot != patch.robot or part.withdrawn or known is None:
                 continue

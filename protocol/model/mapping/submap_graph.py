@@ -217,6 +217,9 @@ class SubmapGraph:
                 # Where the frame began was known by definition. That is no place in the new frame.
                 self._steps[node.number] = self._placed(node, UNKNOWN)
         if nearest is not None:
+            # Places that were found in the old frame before are none in the new one; the covariance includes them.
+            numbers = {node.number for node in moved}
+            self._closures = [each for each in self._closures if each.other is not None or each.own not in numbers]
             self._closures.append(self._placed(nearest, nearest.covariance))
             self.has_news = True
 

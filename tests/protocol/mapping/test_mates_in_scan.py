@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.mates_in_scan import MARGIN_M, REACH_M, mate_circles, outside
+from robrain.protocol.model.mapping.mates_in_scan import MARGIN_M, REACH_M, mate_circles, outside, sees_through
 from robrain.protocol.model.scan_match import beam_ends
 from tests.protocol.mapping.lidar_floor import ANGLES_RAD, NOBODY, RANGE_M, LidarFloor
 
@@ -191,3 +191,66 @@ def test_points_in_circles_of_the_arena_are_left_out_wherever_the_sensor_is(seed
         if all(math.dist((at.x_m, at.y_m), one[:2]) > one[2] for one in circles.tolist()):
             kept.append(point)
     assert outside(points, sensor, circles).tolist() == kept
+
+
+def goes_through(told, ranges_m, sensor=SENSOR):
+    return sees_through(ANGLES_RAD, ranges_m, RANGE_M, sensor, told)
+
+
+@settings(deadline=None, max_examples=60)
+@given(bearing_rad=st.floats(-math.pi, math.pi), away_m=st.floats(0.8, 2.4), yaw_rad=st.floats(-math.pi, math.pi))
+def test_a_place_that_beams_go_through_is_that_of_no_mate(bearing_rad, away_m, yaw_rad):
+    sensor = Pose2D(SENSOR.x_m, SENSOR.y_m, yaw_rad)
+    x_m, y_m = sensor.x_m + away_m * math.cos(bearing_rad), sensor.y_m + away_m * math.sin(bearing_rad)
+    assert goes_through(circle(x_m, y_m), HALL.ranges_m(sensor), sensor)
+    assert not goes_through(circle(x_m, y_m), HALL.ranges_m(sensor, circle(x_m, y_m)), sensor)
+
+
+@settings(deadline=None, max_examples=40)
+@given(bearing_rad=st.floats(-math.pi, math.pi), off_m=st.floats(0.0, 0.45), off_rad=st.floats(-math.pi, math.pi))
+def test_a_mate_that_has_moved_a_little_since_it_told_is_where_it_says(bearing_rad, off_m, off_rad):
+    told = circle(SENSOR.x_m + 2.0 * math.cos(bearing_rad), SENSOR.y_m + 2.0 * math.sin(bearing_rad))
+    (x_m, y_m, _) = told[0]
+    along_m = off_m * math.cos(off_rad)
+    stands = circle(x_m + along_m * math.cos(bearing_rad), y_m + along_m * math.sin(bearing_rad))
+    assert not goes_through(told, HALL.ranges_m(SENSOR, stands))
+
+
+def test_what_is_hidden_is_not_seen_through():
+    told = circle(5.0, 6.0)
+    assert goes_through(told, HALL.ranges_m(SENSOR))
+    assert not goes_through(told, HALL.ranges_m(SENSOR, circle(5.0, 5.0, 0.4))), "another robot stands before it"
+    assert not goes_through(circle(5.0, 7.6), HALL.ranges_m(SENSOR)), "a wall is just behind it"
+    assert not goes_through(circle(5.0, 9.0), HALL.ranges_m(SENSOR)), "it is behind a wall"
+
+
+@pytest.mark.parametrize(
+    ("away_m", "is_seen"),
+    [(0.5, False), (0.69, False), (0.71, True), (3.0, True), (5.4, True), (5.6, False), (7.0, False)],
+)
+def test_places_that_are_too_near_or_beyond_the_lidars_range_say_nothing(away_m, is_seen):
+    nothing = LidarFloor()
+    assert goes_through(circle(SENSOR.x_m + away_m, SENSOR.y_m), nothing.ranges_m(SENSOR)) == is_seen
+
+
+def test_one_mate_of_several_that_is_not_there_is_enough():
+    there, gone = circle(5.0, 2.0), circle(5.0, 6.0)
+    ranges_m = HALL.ranges_m(SENSOR, there)
+    for told in (np.vstack((there, gone)), np.vstack((gone, there))):
+        assert goes_through(told, ranges_m)
+    assert not goes_through(there, ranges_m)
+    assert not goes_through(NOBODY, ranges_m)
+
+
+def test_half_of_the_beams_in_the_middle_have_to_go_through():
+    """A mate that is hit on one side of its middle is there."""
+    ranges_m = HALL.ranges_m(SENSOR)
+    told = circle(SENSOR.x_m + 2.0, SENSOR.y_m)
+    bearings_rad = np.abs(np.remainder(ANGLES_RAD + SENSOR.yaw_rad + math.pi, math.tau) - math.pi)
+    for beam in np.flatnonzero(bearings_rad < 0.5 * RADIUS_M / 2.0):
+        hit = ranges_m.copy()
+        hit[beam] = 1.9
+        assert not goes_through(told, hit)
+    hit = ranges_m.copy()
+    hit[bearings_rad > 0.5 * RADIUS_M / 2.0] = 1.9
+    assert goes_through(told, hit)
