@@ -1,9 +1,9 @@
 """Robots that do not know where they are: how soon they join the team's map, and whether they ever join it wrongly.
 
 Two kinds of runs, in lockstep. *Unknown starts*: robots are scattered over a floor, and only the first is told where.
-The time counts from when 15 m of the same walls are on both maps, by the truth, to when the robot maps in the team's
-frame. *Carried off*: when a team has explored for a while, a robot is put down elsewhere on known floor. The time
-counts from then until it knows its place again.
+The time counts from when both maps show 15 m of the same walls and 20 m² of the same floor, by the truth, to when the
+robot maps in the team's frame. *Carried off*: when a team has explored for a while, a robot is put down elsewhere on
+known floor. The time counts from then until it knows its place again.
 """
 
 import logging
@@ -37,7 +37,9 @@ JOINED_BOUND_PERCENT = 95.0
 RIGHT_M = 1.0
 """A robot that is farther off has joined in a wrong place; errors of the team's own map are smaller than that."""
 OVERLAP_CELLS = 150
-"""Maps overlap once so many wall cells of 0.1 m are the same on both."""
+"""Maps overlap once so many wall cells of 0.1 m are the same on both …"""
+OVERLAP_FLOOR_CELLS = 2000
+"""… and so many cells are floor on both."""
 LOOK_S = 0.5
 SETTLED_S = 30.0
 """So long after the last robot has joined the run goes on: a false join may show only then."""
@@ -261,7 +263,8 @@ class _Watch:
         if own is None or team is None or pose is None or name in self.joined_s:
             return
         true = next(robot.pose for robot in self.run.truth.robots if robot.robot == name)
-        if MapMatcher(own, team).overlap(true.compose(pose.inverse())).agreeing >= OVERLAP_CELLS:
+        overlap = MapMatcher(own, team).overlap(true.compose(pose.inverse()))
+        if overlap.agreeing >= OVERLAP_CELLS and overlap.floor >= OVERLAP_FLOOR_CELLS:
             self.overlap_s[name] = self.run.sim_time_s
 
     def joining(self, case: Case, kind: str, name: str) -> Joining:

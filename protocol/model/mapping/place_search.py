@@ -25,6 +25,8 @@ LEVELS = 3
 """The coarsest resolution has cells of 2³ of the map's."""
 BEST = 255.0
 """Nearness of a point that lies on a wall."""
+UNKNOWN = 90.0
+"""Nearness of a point that lies where nothing is known: maps may overlap in part only."""
 SCORE_MIN = 0.5
 """Mean nearness, as a share of `BEST`, below which a place is none."""
 NEARLY = 0.8
@@ -69,6 +71,10 @@ def _pyramid(log_odds: NDArray[np.int8], margin: int) -> NDArray[np.uint8]:
     for i in range(height):
         for j in range(width):
             levels[0, i, j] = np.uint8(BEST * (1.0 - field[i, j] / REACH_CELLS))
+            row, column = i - margin, j - margin
+            is_inside = 0 <= row < log_odds.shape[0] and 0 <= column < log_odds.shape[1]
+            if not is_inside or log_odds[row, column] == 0:
+                levels[0, i, j] = max(levels[0, i, j], np.uint8(UNKNOWN))
     for level in range(1, LEVELS + 1):
         half = 1 << (level - 1)
         for i in range(height):
@@ -95,8 +101,8 @@ def _score(
     needed = least * count
     for n in range(count):
         row, column = i + offsets[n, 0] + margin, j + offsets[n, 1] + margin
-        if 0 <= row < height and 0 <= column < width:
-            total += float(levels[level, row, column])
+        inside = 0 <= row < height and 0 <= column < width
+        total += float(levels[level, row, column]) if inside else UNKNOWN
         if total + BEST * (count - 1 - n) < needed:
             return 0.0
     mean: float = total / count

@@ -138,16 +138,16 @@ CLUSTERS = [
 @pytest.mark.parametrize(("walls", "contradicting"), CLUSTERS)
 def test_walls_that_are_floor_on_the_other_map_contradict_it_where_they_are_connected(walls, contradicting):
     clear, walled = grid_of(floor_with()), grid_of(floor_with(*walls))
-    assert MapMatcher(walled, clear).overlap(IDENTITY) == Overlap(SIDE, contradicting)
-    assert MapMatcher(clear, walled).overlap(IDENTITY) == Overlap(SIDE, contradicting), "whichever map has them"
+    assert MapMatcher(walled, clear).overlap(IDENTITY)[:2] == (SIDE, contradicting)
+    assert MapMatcher(clear, walled).overlap(IDENTITY)[:2] == (SIDE, contradicting), "whichever map has them"
 
 
 def test_what_either_map_does_not_know_says_nothing():
     walled = grid_of(floor_with(*LINE))
     nothing = grid_of(np.full((SIDE, SIDE), UNKNOWN))
-    assert MapMatcher(walled, nothing).overlap(IDENTITY) == Overlap(0, 0)
-    assert MapMatcher(nothing, walled).overlap(IDENTITY) == Overlap(0, 0)
-    assert MapMatcher(walled, walled).overlap(Pose2D(50.0, 0.0, 0.0)) == Overlap(0, 0)
+    assert MapMatcher(walled, nothing).overlap(IDENTITY)[:2] == (0, 0)
+    assert MapMatcher(nothing, walled).overlap(IDENTITY)[:2] == (0, 0)
+    assert MapMatcher(walled, walled).overlap(Pose2D(50.0, 0.0, 0.0)) == Overlap(0, 0, 0)
 
 
 @pytest.mark.parametrize(("cells", "agrees"), [(1, True), (2, True), (3, False)])
@@ -170,7 +170,7 @@ def test_maps_are_compared_as_they_lie_to_each_other(place):
             there = place.compose(Pose2D(middle.x_m, middle.y_m, 0.0))
             classes[wide.cell_of(there.x_m, there.y_m)] = own.classes()[row, column]
     matcher = MapMatcher(own, grid_of(classes, wide))
-    assert matcher.overlap(place) == Overlap(SIDE + 4, 0)
+    assert matcher.overlap(place)[:2] == (SIDE + 4, 0)
     assert matcher.overlap(Pose2D(place.x_m + 1.0, place.y_m + 1.0, place.yaw_rad)).contradicting > 0
 
 
@@ -219,20 +219,25 @@ def test_a_crate_that_has_come_since_contradicts_the_map_unless_a_robot_stood_th
     [
         (COMMON_MIN, 0, True),
         (COMMON_MIN - 1, 0, False),
-        (98, 2, True),
-        (97, 2, False),
-        (490, 10, True),
-        (489, 11, False),
+        (398, 2, True),
+        (397, 2, False),
+        (995, 5, True),
+        (994, 5, False),
         (0, 0, False),
     ],
 )
 def test_maps_show_the_same_place_if_enough_walls_agree_and_next_to_none_contradicts(agreeing, contradicting, is_match):
-    overlap = Overlap(agreeing, contradicting)
+    overlap = Overlap(agreeing, contradicting, 500)
     assert overlap.is_match == is_match
     assert overlap.share == pytest.approx(agreeing / max(agreeing + contradicting, 1))
     assert overlap.weight == max(agreeing - 3 * contradicting, 0)
 
 
 def test_of_two_answers_the_one_that_is_contradicted_weighs_nothing():
-    assert Overlap(30, 11).weight == 0.0
-    assert Overlap(30, 9).weight == 3.0
+    assert Overlap(30, 11, 0).weight == 0.0
+    assert Overlap(30, 9, 0).weight == 3.0
+
+
+def test_a_wall_that_is_known_from_either_side_alone_is_no_overlap():
+    assert Overlap(200, 0, 500).is_match
+    assert not Overlap(200, 0, 499).is_match

@@ -16,6 +16,7 @@ from robrain.protocol.model.mapping.place_search import (
     NEARLY,
     REACH_CELLS,
     SCORE_MIN,
+    UNKNOWN,
     YAWS,
     search_places,
 )
@@ -133,6 +134,9 @@ def all_scores(log_odds, points):
     free[MARGIN:-MARGIN, MARGIN:-MARGIN] = log_odds <= 0
     away = distance_transform_edt(free) if not free.all() else np.full(free.shape, math.inf)
     nearness = np.floor(BEST * (1.0 - np.minimum(away, REACH_CELLS).astype(np.float32) / REACH_CELLS))
+    known = np.zeros(free.shape, np.bool_)
+    known[MARGIN:-MARGIN, MARGIN:-MARGIN] = log_odds != 0
+    nearness = np.where(known, nearness, np.maximum(nearness, UNKNOWN))
     floor = np.argwhere(log_odds < 0)
     scores = np.full((YAWS, height, width), -1.0)
     for k in range(YAWS):
