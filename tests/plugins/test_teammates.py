@@ -6,6 +6,7 @@ from robrain.plugins.unit.teammates import teammates
 from robrain.plugins.unit.teammates.interface import Doing
 from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.wire.messages import PlannedPath, RobotState
 from robrain.protocol.wire.topics import ROBOT_PATH, ROBOT_STATE
 
@@ -195,3 +196,59 @@ def test_robots_beyond_the_most_are_not_followed_and_those_known_still_are(stage
     one.say_state("r4", Pose2D(7.0, 0.0, 0.0))
     one.run(0.3)
     assert [mate["pose"]["x_m"] for mate in one.call("teammates", "others")] == [POSE.x_m, 7.0]
+
+
+OWN = MapFrame(20, "r1")
+
+
+def say_state_in(one, name, frame, pose=POSE):
+    state = RobotState(robot=name, pose=pose, radius_m=0.2, frame=frame)
+    one.publisher(ROBOT_STATE, robot=name).put(state)
+
+
+def test_mates_are_known_in_the_map_frame_in_which_they_tell_their_poses(stage):
+    one = stage()
+    host = one.host("teammates")
+    known = host.manager.get("teammates").plugin
+    say_state_in(one, "r2", ARENA)
+    say_state_in(one, "r3", OWN, Pose2D(3.0, 2.0, 0.0))
+    one.run(0.3)
+    assert names(one) == ["r2"]
+    assert [mate.name for mate in known.in_frame(OWN)] == ["r3"]
+    assert [mate.name for mate in known.in_frame(ARENA)] == ["r2"]
+    assert known.in_frame(MapFrame(7, "r9")) == []
+    host.board.frame = OWN
+    assert names(one) == ["r3"]
+
+
+def test_nobody_in_another_map_frame_is_in_the_way(stage):
+    one = stage()
+    host = one.host("teammates")
+    say_state_in(one, "r2", ARENA)
+    say_state_in(one, "r3", OWN)
+    assert [mate.name for mate in mates(host)] == ["r2"]
+    host.board.frame = OWN
+    assert [mate.name for mate in mates(host)] == ["r3"]
+
+
+def test_a_mate_that_changes_its_frame_is_known_in_the_new_one(stage):
+    one = stage()
+    known = one.host("teammates").manager.get("teammates").plugin
+    say_state_in(one, "r2", OWN)
+    one.run(0.3)
+    say_state_in(one, "r2", ARENA, Pose2D(5.0, 5.0, 0.0))
+    one.run(0.3)
+    assert known.in_frame(OWN) == []
+    (mate,) = known.in_frame(ARENA)
+    assert mate.pose == Pose2D(5.0, 5.0, 0.0)
+
+
+def test_a_mate_in_any_frame_is_forgotten_when_it_is_silent(stage):
+    one = stage()
+    known = one.host("teammates").manager.get("teammates").plugin
+    one.run(0.02)
+    say_state_in(one, "r2", OWN)
+    one.run(1.5)
+    assert len(known.in_frame(OWN)) == 1
+    one.run(1.0)
+    assert known.in_frame(OWN) == []
