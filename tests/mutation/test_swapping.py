@@ -84,13 +84,13 @@ def test_a_child_process_compiles_mutated_kernels_for_itself_and_leaves_them_to_
 
 def test_a_mutated_kernel_that_leaves_its_arrays_raises(tmp_path: Path) -> None:
     code = """
-from robrain.protocol.model.scan_match_kernels import eigen
+from robrain.protocol.model.gauss_newton_kernels import eigen
 try:
     eigen(np.eye(3), np.zeros(3), np.zeros((3, 3)))
 except IndexError:
     print("out of bounds")
 """
-    assert _run("protocol/model/scan_match_kernels.py", "eigen::3 -> 4", tmp_path, code) == "out of bounds"
+    assert _run("protocol/model/gauss_newton_kernels.py", "eigen::3 -> 4", tmp_path, code) == "out of bounds"
 
 
 def test_the_callers_of_a_compiled_kernel_are_known() -> None:

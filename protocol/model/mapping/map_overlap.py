@@ -50,11 +50,11 @@ AGREES_MIN = 0.995
 answers have no cluster of contradicting cells; at wrong places of floors that repeat themselves 1.4 to 16 % do."""
 COMMON_MIN = 80
 """Wall cells that must be the same: 8 m of wall at 0.1 m."""
-CONTRADICTION = 3.0
+CONTRADICTION = 2.0
 """A wall cell that contradicts counts as so many that agree."""
 FLOOR_MIN = 500
 """Cells that must be floor on both: 5 m² at 0.1 m. A wall alone may be known from either side."""
-SECOND_MAX = 0.75
+SECOND_MAX = 0.6
 """The second best answer may have at most this share of the best one's weight."""
 
 

@@ -230,12 +230,12 @@ def test_maps_show_the_same_place_if_enough_walls_agree_and_next_to_none_contrad
     overlap = Overlap(agreeing, contradicting, 500)
     assert overlap.is_match == is_match
     assert overlap.share == pytest.approx(agreeing / max(agreeing + contradicting, 1))
-    assert overlap.weight == max(agreeing - 3 * contradicting, 0)
+    assert overlap.weight == max(agreeing - 2 * contradicting, 0)
 
 
 def test_of_two_answers_the_one_that_is_contradicted_weighs_nothing():
-    assert Overlap(30, 11, 0).weight == 0.0
-    assert Overlap(30, 9, 0).weight == 3.0
+    assert Overlap(30, 15, 0).weight == 0.0
+    assert Overlap(30, 9, 0).weight == 12.0
 
 
 def test_a_wall_that_is_known_from_either_side_alone_is_no_overlap():
