@@ -169,7 +169,7 @@ def test_a_robot_that_is_carried_off_is_elsewhere_at_once_and_its_wheels_have_no
 
 @pytest.mark.parametrize("place_m", [(-50.0, 0.0), (0.0, 0.0)])
 def test_a_robot_is_put_down_only_where_there_is_room_for_it(place_m):
-    with pytest.raises(ScenarioError, match="depot: faults: expected room for a robot of radius 0.2 m at place_m"):
+    with pytest.raises(ScenarioError, match=r"depot: faults: expected room for a robot of radius 0\.2 m"):
         DEPOT.replace(faults=(carried_off(place_m),)).world()
 
 

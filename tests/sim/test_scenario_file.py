@@ -10,6 +10,14 @@ from robrain.sim.scenario_file import builtin_names, parse_scenario, read_builti
 FLOOR = "[floor]\nsize_m = [4.0, 3.0]\n"
 GOOD = f'[scenario]\nname = "s"\n{FLOOR}'
 
+PLACE = "place_m = [1.0, 1.0]"
+
+
+def fault(kind: str, *more: str) -> str:
+    """A scenario with one fault, of robot r1 after a second."""
+    return "\n".join((f'{GOOD}[[faults]]\nrobot = "r1"\nkind = "{kind}"\nat_s = 1.0', *more)) + "\n"
+
+
 # What is wrong, the text, the key that must be named, what was expected.
 WRONG = {
     "no TOML": ("[scenario\n", "", "is not TOML"),
@@ -33,13 +41,13 @@ WRONG = {
     "no number to explore": (GOOD.replace("[floor]", "until_explored = nan\n[floor]"), "scenario", "above 0"),
     "no time": (GOOD.replace("[floor]", "time_limit_s = 0\n[floor]"), "scenario", "expected time_limit_s > 0, got 0"),
     "starts of a kind that there is not": (GOOD + '[team]\nstarts = "apart"\n', "team.starts", "'apart'"),
-    "starts that are near and scattered": (GOOD + '[team]\nstarts = "scattered"\nnear_m = [1.0, 1.0]\n', "team", "got both"),
+    "starts near and scattered": (f'{GOOD}[team]\nstarts = "scattered"\nnear_m = [1, 1]\n', "team", "got both"),
     "starts known to some": (GOOD + '[team]\nstarts_known = "some"\n', "team.starts_known", "Expected `bool`"),
-    "carried to nowhere": (GOOD + '[[faults]]\nrobot = "r1"\nkind = "carried_off"\nat_s = 1.0\n', "faults[0]", "expected place_m for carried_off"),
-    "a place for a bus": (GOOD + '[[faults]]\nrobot = "r1"\nkind = "can_cut"\nat_s = 1.0\nplace_m = [1.0, 1.0]\n', "faults[0]", "for nothing else"),
-    "carried back": (GOOD + '[[faults]]\nrobot = "r1"\nkind = "carried_off"\nat_s = 1.0\nplace_m = [1.0, 1.0]\nuntil_s = 2.0\n', "faults[0]", "expected no until_s"),
-    "carried to no place": (GOOD + '[[faults]]\nrobot = "r1"\nkind = "carried_off"\nat_s = 1.0\nplace_m = [1.0, inf]\n', "faults[0]", "expected finite place_m"),
-    "a fault that there is not": (GOOD + '[[faults]]\nrobot = "r1"\nkind = "stolen"\nat_s = 1.0\n', "faults[0].kind", "'stolen'"),
+    "carried to nowhere": (fault("carried_off"), "faults[0]", "expected place_m for carried_off"),
+    "a place for a bus": (fault("can_cut", PLACE), "faults[0]", "for nothing else"),
+    "carried back": (fault("carried_off", PLACE, "until_s = 2.0"), "faults[0]", "expected no until_s"),
+    "carried to no place": (fault("carried_off", "place_m = [1.0, inf]"), "faults[0]", "expected finite place_m"),
+    "a fault that there is not": (fault("stolen"), "faults[0].kind", "'stolen'"),
     "a floor without size": (GOOD.replace("4.0", "0.0"), "floor", "size_m"),
 }  # fmt: skip
 
