@@ -2,8 +2,10 @@
 
 import math
 
+import msgspec
 import pytest
 
+from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE
@@ -134,6 +136,41 @@ def test_a_fault_of_a_robot_that_there_is_not_is_refused():
     fault = FaultSpec(robot="r9", kind=FaultKind.CAN_CUT, at_s=1.0)
     with pytest.raises(ScenarioError, match="depot: faults: no robot 'r9'; there are r1 to r2"):
         Scenario.builtin("depot").replace(robots=2, faults=(fault,)).world()
+
+
+DEPOT = Scenario.builtin("depot").replace(robots=2, motes=0, seed=4)
+
+
+def carried_off(place_m):
+    return FaultSpec(robot="r1", kind=FaultKind.CARRIED_OFF, at_s=1.0, place_m=place_m, yaw_rad=2.0)
+
+
+def test_a_robot_that_is_carried_off_is_elsewhere_at_once_and_its_wheels_have_not_turned():
+    start = DEPOT.world().robots[1].start
+    place = Pose2D(start.x_m, start.y_m, 2.0)  # where r2 starts is room for a robot; r2 itself drives away
+    fault = msgspec.structs.replace(carried_off((place.x_m, place.y_m)), at_s=8.0)
+    run = LockstepRun(DEPOT.replace(faults=(fault,)).world())
+    try:
+        while run.sim_time_s < 8.0 - 0.03:
+            run.tick()
+        before = next(truth for truth in run.truth.robots if truth.robot == "r1")
+        believed = run.hosts[0].manager.get("localisation").plugin.pose()
+        for _ in range(3):
+            run.tick()
+        after = next(truth for truth in run.truth.robots if truth.robot == "r1")
+        assert before.pose.distance_m(place) > 0.5
+        assert after.pose.distance_m(place) < 0.1
+        assert abs(math.remainder(after.pose.yaw_rad - place.yaw_rad, math.tau)) < 0.1
+        assert after.distance_m - before.distance_m < 0.1
+        assert run.hosts[0].manager.get("localisation").plugin.pose().distance_m(believed) < 0.2
+    finally:
+        run.close()
+
+
+@pytest.mark.parametrize("place_m", [(-50.0, 0.0), (0.0, 0.0)])
+def test_a_robot_is_put_down_only_where_there_is_room_for_it(place_m):
+    with pytest.raises(ScenarioError, match=r"depot: faults: expected room for a robot of radius 0\.2 m"):
+        DEPOT.replace(faults=(carried_off(place_m),)).world()
 
 
 @pytest.mark.parametrize(("at_s", "until_s"), [(-1.0, None), (2.0, 2.0), (math.nan, None)])

@@ -11,7 +11,7 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.sim.maps.errors import PlacementError
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.map_server import load_map
-from robrain.sim.maps.placement import scatter_points, spawn_poses
+from robrain.sim.maps.placement import scatter_points, scatter_poses, spawn_poses
 from tests.real_maps import REAL_MAPS, needs_real_maps
 
 
@@ -172,6 +172,47 @@ def test_every_cell_can_be_taken_and_not_one_more() -> None:
 def test_mask_of_another_shape_is_refused() -> None:
     with pytest.raises(ValueError, match="region_mask of shape"):
         scatter_points(_two_rooms(), 1, np.ones((3, 3), dtype=bool), rng=_rng(), min_clearance_m=0, spacing_m=1.0)
+
+
+def test_a_scattered_team_starts_far_from_each_other_in_the_largest_region() -> None:
+    for seed in range(8):
+        poses = scatter_poses(_two_rooms(), 6, 0.2, rng=_rng(seed), spacing_m=0.5)
+        _check_group(_two_rooms(), poses, 0.2, 0.5)
+        assert all(pose.x_m > 3.1 for pose in poses)
+        assert min(one.distance_m(other) for one, other in itertools.combinations(poses, 2)) > 0.8
+        together = spawn_poses(_two_rooms(), 6, 0.2, near=None, rng=_rng(seed), spacing_m=0.5)
+        widest = [max(a.distance_m(b) for a, b in itertools.combinations(each, 2)) for each in (poses, together)]
+        assert widest[0] > 1.5 * widest[1]
+
+
+def test_a_scattered_team_is_the_same_for_the_same_seed_and_faces_anywhere() -> None:
+    def poses(seed: int) -> list[Pose2D]:
+        return scatter_poses(_two_rooms(), 6, 0.2, rng=_rng(seed), spacing_m=0.5)
+
+    assert poses(3) == poses(3)
+    assert poses(3) != poses(4)
+    assert len({pose.yaw_rad for pose in poses(3)}) == 6
+
+
+def test_a_scattered_team_of_one_or_none_has_room_anywhere() -> None:
+    assert scatter_poses(_two_rooms(), 0, 0.2, rng=_rng(), spacing_m=0.5) == []
+    assert len(scatter_poses(_two_rooms(), 1, 0.2, rng=_rng(), spacing_m=0.5)) == 1
+
+
+@pytest.mark.parametrize(("count", "radius_m"), [(100, 0.2), (2, 3.0), (10_000, 0.2)])
+def test_scattered_robots_that_do_not_fit_are_told(count: int, radius_m: float) -> None:
+    with pytest.raises(PlacementError, match=f"{count} ") as caught:
+        scatter_poses(_two_rooms(), count, radius_m, rng=_rng(), spacing_m=1.0)
+    assert caught.value.asked == count
+
+
+@pytest.mark.parametrize("wrong", [{"count": -1}, {"radius_m": -0.1}, {"spacing_m": -1.0}])
+def test_negative_numbers_of_a_scattered_team_are_refused(wrong: dict[str, float]) -> None:
+    numbers = {"count": 2, "radius_m": 0.2, "spacing_m": 0.5} | wrong
+    with pytest.raises(ValueError, match=f"{next(iter(wrong))} >= 0"):
+        scatter_poses(
+            _two_rooms(), int(numbers["count"]), numbers["radius_m"], rng=_rng(), spacing_m=numbers["spacing_m"]
+        )
 
 
 @needs_real_maps

@@ -3,10 +3,20 @@ from pathlib import Path
 import pytest
 
 from robrain.sim.errors import ScenarioError
+from robrain.sim.fault_injection import FaultKind
+from robrain.sim.maps.placement import Starts
 from robrain.sim.scenario_file import builtin_names, parse_scenario, read_builtin, read_scenario_file
 
 FLOOR = "[floor]\nsize_m = [4.0, 3.0]\n"
 GOOD = f'[scenario]\nname = "s"\n{FLOOR}'
+
+PLACE = "place_m = [1.0, 1.0]"
+
+
+def fault(kind: str, *more: str) -> str:
+    """A scenario with one fault, of robot r1 after a second."""
+    return "\n".join((f'{GOOD}[[faults]]\nrobot = "r1"\nkind = "{kind}"\nat_s = 1.0', *more)) + "\n"
+
 
 # What is wrong, the text, the key that must be named, what was expected.
 WRONG = {
@@ -30,6 +40,14 @@ WRONG = {
     "more than all": (GOOD.replace("[floor]", "until_explored = 1.01\n[floor]"), "scenario", "above 0 and at most 1"),
     "no number to explore": (GOOD.replace("[floor]", "until_explored = nan\n[floor]"), "scenario", "above 0"),
     "no time": (GOOD.replace("[floor]", "time_limit_s = 0\n[floor]"), "scenario", "expected time_limit_s > 0, got 0"),
+    "starts of a kind that there is not": (GOOD + '[team]\nstarts = "apart"\n', "team.starts", "'apart'"),
+    "starts near and scattered": (f'{GOOD}[team]\nstarts = "scattered"\nnear_m = [1, 1]\n', "team", "got both"),
+    "starts known to some": (GOOD + '[team]\nstarts_known = "some"\n', "team.starts_known", "Expected `bool`"),
+    "carried to nowhere": (fault("carried_off"), "faults[0]", "expected place_m for carried_off"),
+    "a place for a bus": (fault("can_cut", PLACE), "faults[0]", "for nothing else"),
+    "carried back": (fault("carried_off", PLACE, "until_s = 2.0"), "faults[0]", "expected no until_s"),
+    "carried to no place": (fault("carried_off", "place_m = [1.0, inf]"), "faults[0]", "expected finite place_m"),
+    "a fault that there is not": (fault("stolen"), "faults[0].kind", "'stolen'"),
     "a floor without size": (GOOD.replace("4.0", "0.0"), "floor", "size_m"),
 }  # fmt: skip
 
@@ -64,6 +82,16 @@ def test_what_is_left_out_has_its_default():
     assert (tables.scenario.seed, tables.team.robots, tables.motes.count) == (1, 4, 0)
     assert (tables.scenario.until_explored, tables.scenario.time_limit_s) == (0.98, 900.0)
     assert tables.team.near_m is None
+
+
+def test_starts_and_a_robot_that_is_carried_off_are_read():
+    faults = '[[faults]]\nrobot = "r1"\nkind = "carried_off"\nat_s = 3\nplace_m = [1.0, 2.0]\nyaw_rad = 0.5\n'
+    tables = parse_scenario(GOOD + '[team]\nstarts = "scattered"\nstarts_known = false\n' + faults, "s.toml")
+    assert (tables.team.starts, tables.team.starts_known) == (Starts.SCATTERED, False)
+    (fault,) = tables.faults
+    assert (fault.kind, fault.at_s, fault.place_m, fault.yaw_rad) == (FaultKind.CARRIED_OFF, 3.0, (1.0, 2.0), 0.5)
+    tables = parse_scenario(GOOD, "s.toml")
+    assert (tables.team.starts, tables.team.starts_known) == (Starts.TOGETHER, True)
 
 
 def test_the_text_comes_with_the_tables(tmp_path: Path):

@@ -1,5 +1,6 @@
 import io
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.sim.arena import RobotHardware
 from robrain.sim.maps.errors import PlacementError
 from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.maps.placement import Starts
 from robrain.sim.referee import team_geometry
 from robrain.sim.world import ROBOT_SPACING_M, build_world
 
@@ -75,6 +77,29 @@ def test_a_robots_file_says_where_it_starts_and_which_grid_the_team_maps_on():
         assert round(grid["width_m"] / grid["resolution_m"]) == expected.width
         assert round(grid["height_m"] / grid["resolution_m"]) == expected.height
         assert robot_file.parameters["battery"]["capacity_wh"] == robot.battery.capacity_wh
+
+
+def test_of_a_team_that_is_not_told_its_starts_the_first_robot_is_and_the_others_begin_in_the_middle():
+    world = replace(build_world(plan(), 3, 0, None, 1, starts=Starts.SCATTERED), starts_known=False)
+    first, *others = (
+        world.robot_file(robot, team="red", connect=()).parameters["localisation"] for robot in world.robots
+    )
+    assert (first["x_m"], first["y_m"]) == (world.robots[0].start.x_m, world.robots[0].start.y_m)
+    assert "start_known" not in first
+    width_m, height_m = world.plan.size_m
+    for other in others:
+        assert other["start_known"] is False
+        middle = (world.plan.origin_x_m + width_m / 2, world.plan.origin_y_m + height_m / 2, 0.0)
+        assert (other["x_m"], other["y_m"], other["yaw_rad"]) == pytest.approx(middle)
+
+
+def test_a_scattered_team_starts_farther_apart():
+    together, scattered = (build_world(plan(), 3, 0, None, 1, starts=starts) for starts in Starts)
+    nearest_m = [
+        min(a.start.distance_m(b.start) for a, b in itertools.combinations(world.robots, 2))
+        for world in (together, scattered)
+    ]
+    assert nearest_m[1] > nearest_m[0]
 
 
 def test_the_picture_of_the_floor_has_north_up_and_walls_black():

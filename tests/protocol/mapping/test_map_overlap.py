@@ -88,6 +88,20 @@ def test_where_the_other_map_has_two_equal_rooms_there_is_no_answer():
     assert MapMatcher(TEAM, twins).find(FEW[1]) is not None
 
 
+def test_of_two_answers_the_one_that_agrees_with_the_whole_map_counts_though_the_other_has_more_of_the_walls():
+    """One room has a crate that should not be there; of the other, a part of a wall is not known yet."""
+    room = TEAM.classes()[115:185, 115:205]
+    crated, partial = room.copy(), room.copy()
+    crated[51:59, 21:29] = OCCUPIED
+    partial[:35, 79:] = UNKNOWN
+    twins = OccupancyGrid(WIDE)
+    twins.merge_patch(115, 115, crated, 10)
+    twins.merge_patch(35, 115, partial, 10)
+    found = MapMatcher(TEAM, twins).find(FEW[1])
+    assert found is not None
+    assert off(found.T_other_own, Pose2D(0.0, -8.0, 0.0)) == pytest.approx((0.0, 0.0, 0.0), abs=0.06)
+
+
 @pytest.mark.parametrize(("count", "is_searched"), [(59, False), (60, True)])
 def test_a_place_with_few_walls_about_it_is_not_looked_for(monkeypatch, count, is_searched):
     searched = []
@@ -172,6 +186,18 @@ def test_maps_are_compared_as_they_lie_to_each_other(place):
     matcher = MapMatcher(own, grid_of(classes, wide))
     assert matcher.overlap(place)[:2] == (SIDE + 4, 0)
     assert matcher.overlap(Pose2D(place.x_m + 1.0, place.y_m + 1.0, place.yaw_rad)).contradicting > 0
+
+
+@pytest.mark.parametrize(("width", "height"), [(60, 25), (25, 60)])
+def test_maps_that_are_higher_than_wide_or_wider_than_high_are_compared_to_their_edges(width, height):
+    geometry = GridGeometry(0.1, -2.0, 1.0, width, height)
+    classes = np.full((height, width), FREE)
+    classes[[0, -1]] = classes[:, [0, -1]] = OCCUPIED
+    framed = grid_of(classes, geometry)
+    around = 2 * (width + height) - 4
+    assert MapMatcher(framed, framed).overlap(IDENTITY) == Overlap(around, 0)
+    own = grid_of(np.full((80, 80), FREE), GridGeometry(0.1, -2.0, 1.0, 80, 80))
+    assert MapMatcher(own, framed).overlap(IDENTITY) == Overlap(0, around)
 
 
 BODY_AT = SMALL.center_of(20, 11)
