@@ -88,7 +88,7 @@ def test_where_the_other_map_has_two_equal_rooms_there_is_no_answer():
     assert MapMatcher(TEAM, twins).find(FEW[1]) is not None
 
 
-def test_of_two_answers_the_one_that_agrees_with_the_whole_map_counts_though_the_other_has_more_of_the_walls():
+def test_of_two_rooms_that_are_equal_but_for_a_crate_neither_is_an_answer():
     """One room has a crate that should not be there; of the other, a part of a wall is not known yet."""
     room = TEAM.classes()[115:185, 115:205]
     crated, partial = room.copy(), room.copy()
@@ -97,9 +97,7 @@ def test_of_two_answers_the_one_that_agrees_with_the_whole_map_counts_though_the
     twins = OccupancyGrid(WIDE)
     twins.merge_patch(115, 115, crated, 10)
     twins.merge_patch(35, 115, partial, 10)
-    found = MapMatcher(TEAM, twins).find(FEW[1])
-    assert found is not None
-    assert off(found.T_other_own, Pose2D(0.0, -8.0, 0.0)) == pytest.approx((0.0, 0.0, 0.0), abs=0.06)
+    assert MapMatcher(TEAM, twins).find(FEW[1]) is None
 
 
 @pytest.mark.parametrize(("count", "is_searched"), [(59, False), (60, True)])
@@ -195,9 +193,9 @@ def test_maps_that_are_higher_than_wide_or_wider_than_high_are_compared_to_their
     classes[[0, -1]] = classes[:, [0, -1]] = OCCUPIED
     framed = grid_of(classes, geometry)
     around = 2 * (width + height) - 4
-    assert MapMatcher(framed, framed).overlap(IDENTITY) == Overlap(around, 0)
+    assert MapMatcher(framed, framed).overlap(IDENTITY)[:2] == (around, 0)
     own = grid_of(np.full((80, 80), FREE), GridGeometry(0.1, -2.0, 1.0, 80, 80))
-    assert MapMatcher(own, framed).overlap(IDENTITY) == Overlap(0, around)
+    assert MapMatcher(own, framed).overlap(IDENTITY)[:2] == (0, around)
 
 
 BODY_AT = SMALL.center_of(20, 11)
