@@ -37,9 +37,9 @@ JOINED_BOUND_PERCENT = 95.0
 RIGHT_M = 1.0
 """A robot that is farther off has joined in a wrong place; errors of the team's own map are smaller than that."""
 OVERLAP_CELLS = 150
-"""Maps overlap once so many wall cells of 0.1 m are the same on both …"""
+"""Common wall cells of 0.1 m above which two maps count as overlapping, if both also share floor:"""
 OVERLAP_FLOOR_CELLS = 2000
-"""… and so many cells are floor on both."""
+"""Common floor cells needed for that."""
 LOOK_S = 0.5
 SETTLED_S = 30.0
 """So long after the last robot has joined the run goes on: a false join may show only then."""

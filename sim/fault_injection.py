@@ -63,7 +63,7 @@ class FaultSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         if is_carried != (self.place_m is not None):
             raise ValueError(f"expected place_m for {FaultKind.CARRIED_OFF}, and for nothing else")
         if is_carried and self.until_s is not None:
-            raise ValueError(f"expected no until_s for {FaultKind.CARRIED_OFF}: nobody carries the robot back")
+            raise ValueError(f"expected no until_s for {FaultKind.CARRIED_OFF}: the robot stays where it is put down")
         if self.place_m is not None and not all(map(math.isfinite, (*self.place_m, self.yaw_rad))):
             raise ValueError(f"expected finite place_m and yaw_rad, got {self.place_m} and {self.yaw_rad}")
         if not self.at_s >= 0:

@@ -182,7 +182,7 @@ def _host(parameters: Parameters) -> Iterator[tuple[AgentHost, VirtualClock, End
 
 
 def _submaps(wire: Endpoint) -> dict[int, Pose2D]:
-    """`T_arena_local` of the robot's submaps, as it tells them to whoever joins."""
+    """`T_arena_local` of the robot's submaps, from its answer to `robot/R/map/whole`."""
     whole = msgspec.json.decode(wire.ask(ROBOT_MAP_WHOLE, robot=ROBOT), type=MapPatch)
     return {part.submap: part.T_arena_local for part in whole.parts if part.robot == ROBOT}
 

@@ -108,7 +108,7 @@ class Localiser:
         self.lost = ""
         """Why the robot does not know where it is in the arena; empty while it does."""
         self.beginnings = 0
-        """How often the estimate was begun anew, at another place or in another frame."""
+        """Number of times that the estimate was reset, to another place or to another frame."""
         self.arena_fix: tuple[Pose2D, NDArray[np.float64]] | None = None
         """T_arena_robot and its covariance, as found from motes while the robot is lost and maps in its own frame."""
         self.fits = True

@@ -1,6 +1,6 @@
 """Applies a mutant to loaded code: replaces the code of functions and recompiles kernels.
 
-A mutated kernel is compiled anew, with all kernels that call it, in 1 to 7 s; the others stay compiled. Interpreted
+A mutated kernel is recompiled, with all kernels that call it, in 1 to 7 s; the others stay compiled. Interpreted
 (`NUMBA_DISABLE_JIT`) tests of scans and maps would take a hundred times as long. It is compiled with a check of bounds:
 beyond an array's end it raises IndexError as Python does, instead of reading what happens to lie there.
 """

@@ -27,15 +27,15 @@ from robrain.protocol.wire.map_patch import pose_message
 logger = logging.getLogger(__name__)
 
 ANSWERS_MIN = 3
-"""So many answers must agree …"""
+"""Least number of agreeing answers before the robot joins a frame."""
 ANSWERS_MAX = 12
-"""… of the last ones in a frame …"""
+"""Number of latest answers that are kept."""
 BODY_M = 0.4
 """Radius of what others may have drawn of this robot."""
 APART_M = 1.0
-"""… and two of the places searched from must be so far from each other …"""
+"""Least distance, metres, between two of the places from which agreeing answers were found."""
 PLAIN_MIN = 150
-"""… unless so many wall cells agree and none contradicts: a robot that stands is found only so."""
+"""Agreeing wall cells above which that distance is not needed if none contradicts: a robot may stand still."""
 AGREE_M, AGREE_RAD = 0.3, 0.05
 """Answers that put the robot within this distance and turn agree."""
 JOIN_SIGMA_M, JOIN_SIGMA_RAD = 0.1, 0.02

@@ -71,7 +71,7 @@ class MapHearing:
         wire.subscribe(self._inbox, ROBOT_CLOSURES)
 
     def step(self) -> None:
-        """Take in what has come."""
+        """Take the received messages into the map."""
         for change in self._presence.changes():
             name = change.names["robot"]
             self._met.add(name)

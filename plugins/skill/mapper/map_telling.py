@@ -57,6 +57,6 @@ class MapTelling:
         self.moved([pose_message(self._robot, self._geometry, each, nowhere, withdrawn=True) for each in numbers])
 
     def take(self) -> list[MapPatch]:
-        """What is to be sent, in order; it is not told again."""
+        """Return the queued messages in order, and empty the queue."""
         untold, self._untold = self._untold, []
         return untold

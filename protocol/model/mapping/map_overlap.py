@@ -25,14 +25,14 @@ ABOUT_M = 8.0
 WALLS_MIN = 60
 """With fewer wall cells there a place is not looked for."""
 SEARCH_WALLS = 120
-"""The search takes so many of them …"""
+"""Number of these wall cells that the search uses."""
 REFINE_WALLS = 600
-"""… and the refinement so many."""
+"""Number of these wall cells that the refinement uses."""
 PLACES = 512
 TRIED, TRY_WALLS = 100, 200
-"""So many of the places found are tried with so many walls …"""
+"""Number of places that are tried, and of wall cells used for each."""
 REFINED = 8
-"""… and the best of them are refined."""
+"""Number of the best places tried that are refined."""
 REACHES_M = (0.4, 0.4, 0.2)
 WHOLE_WALLS = 1500
 WHOLE_REACH_M = 0.4
@@ -41,7 +41,7 @@ APART_M, APART_RAD = 0.5, 0.2
 NEAR_CELLS = 2.3
 """Walls of both maps that are this near to each other are the same wall."""
 CLUSTER_MIN = 4
-"""Contradicting cells count where so many are connected: single cells are noise of the lidar."""
+"""Least number of connected cells for a contradiction: single cells are noise of the lidar."""
 BODY_MARGIN_M = 0.3
 """Cells within this distance of a robot's hull may show the robot."""
 NOBODY = np.empty((0, 3))
@@ -51,7 +51,7 @@ answers have no cluster of contradicting cells; at wrong places of floors that r
 COMMON_MIN = 80
 """Wall cells that must be the same: 8 m of wall at 0.1 m."""
 CONTRADICTION = 2.0
-"""A wall cell that contradicts counts as so many that agree."""
+"""Number of agreeing wall cells that one contradicting wall cell outweighs."""
 FLOOR_MIN = 500
 """Cells that must be floor on both: 5 m² at 0.1 m. A wall alone may be known from either side."""
 SECOND_MAX = 0.6

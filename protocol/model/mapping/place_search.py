@@ -45,7 +45,7 @@ def search_places(
         log_odds: int8 (H, W), an `OccupancyGrid`'s.
         geometry: of that grid.
         points: (K, 2) places of walls, metres, in the frame that is looked for.
-        places_max: at most so many poses are returned. They may be close to each other.
+        places_max: largest number of poses returned. They may be close to each other.
 
     """
     rows, columns = np.flatnonzero((log_odds != 0).any(axis=1)), np.flatnonzero((log_odds != 0).any(axis=0))
