@@ -12,6 +12,7 @@ BENCHES = {
     "agents": "a thousand simulated agents at 10 Hz, and what they cost a coordinator",
     "mapping": "accuracy of maps and positions: teams explore map files in lockstep",
     "joining": "robots that do not know where they are: time and errors of their joining the team's map",
+    "live": "accuracy of the map of a live team whose agents are stopped at random times",
     "log": "accuracy of a trajectory: a public lidar log through localisation and mapper",
 }
 """Name, and what it measures."""
@@ -106,6 +107,9 @@ def mapping(
     robots: Annotated[str, typer.Option(help="Numbers of robots: 1,4 or 1-4.")] = "1,2,4,8,16",
     seeds: Annotated[str, typer.Option(help="Seeds: 1,2 or 1-8.")] = "1-3",
     wheels: Annotated[str, typer.Option(help="exact, slipping (also 1 % off), or both.")] = "exact,slipping",
+    conditions: Annotated[
+        str, typer.Option(help="usual, glass (and mirrors), late (messages, agents that pause), or several.")
+    ] = "usual",
     jobs: Annotated[int, typer.Option(help="Number of runs at a time, each in a process of its own.")] = 1,
     time_limit_s: Annotated[float, typer.Option(help="Simulated seconds after which a run ends.")] = 240.0,
     map_folder: Annotated[
@@ -117,7 +121,7 @@ def mapping(
     from robrain.deploy.bench_mapping import run_bench
     from robrain.deploy.bench_mapping_plan import choose
 
-    run_bench(choose(maps, robots, seeds, wheels, jobs, time_limit_s, map_folder), json_file)
+    run_bench(choose(maps, robots, seeds, wheels, jobs, time_limit_s, map_folder, conditions), json_file)
 
 
 @bench_app.command(help=BENCHES["joining"])
@@ -142,6 +146,31 @@ def joining(
 
     plan = choose(maps, robots, seeds, wheels, jobs, time_limit_s, map_folder)
     run_bench(plan, kinds_of(kinds), json_file)
+
+
+@bench_app.command(help=BENCHES["live"])
+def live(
+    map_name: Annotated[
+        str, typer.Option("--map", help="Path of a map.yaml, or a built-in scenario.")
+    ] = "examples/maps/clinic.yaml",
+    robots: Annotated[int, typer.Option(help="Number of robots.")] = 4,
+    seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 1,
+    minutes: Annotated[float, typer.Option(help="Duration of each of the two runs.")] = 15.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Measure what stopped agents do to the map."""
+    from robrain.deploy.bench_figure import report
+    from robrain.deploy.bench_live_mapping import measure
+    from robrain.deploy.errors import UsageError
+    from robrain.sim.scenario import Scenario
+
+    if not 0 < minutes < float("inf"):
+        raise UsageError(f"--minutes {minutes:g}: expected a number above 0")
+    is_map = map_name.endswith(".yaml")
+    scenario = Scenario.from_map(map_name) if is_map else Scenario.builtin(map_name)
+    options = ["--robots", str(robots), "--seed", str(seed)]
+    argument = ["--map", map_name, *options] if is_map else [map_name, *options]
+    report("live", measure(scenario.replace(robots=robots, seed=seed), argument, minutes), as_json=as_json)
 
 
 @bench_app.command(help=f"{BENCHES['log']}; logs in the format of CARMEN (FLASER, ROBOTLASER1, ODOM).")

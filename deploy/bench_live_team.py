@@ -2,7 +2,7 @@
 
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -51,14 +51,31 @@ def live_room() -> Iterator[LiveTeam]:
         ChildFailed: a process did not start.
 
     """
+    with tempfile.TemporaryDirectory(prefix="robrain-bench-") as name:
+        scenario = Path(name) / "bench_room.toml"
+        scenario.write_text(ROOM, encoding="utf-8")
+        with live_team(Scenario.from_file(scenario), [str(scenario)]) as team:
+            yield team
+
+
+@contextmanager
+def live_team(scenario: Scenario, scenario_argument: Sequence[str]) -> Iterator[LiveTeam]:
+    """A scenario's team, with arena and coordinator, for as long as the block lasts.
+
+    Args:
+        scenario: whose robots they are.
+        scenario_argument: the arguments of `robrain arena` that name the same scenario.
+
+    Raises:
+        ChildFailed: a process did not start.
+
+    """
     with tempfile.TemporaryDirectory(prefix="robrain-bench-") as name, open_hub() as hub, Children() as children:
         folder, endpoint = Path(name), listening_at(hub)[0]
-        scenario = folder / "bench_room.toml"
-        scenario.write_text(ROOM, encoding="utf-8")
-        robot_files = write_robot_files(Scenario.from_file(scenario).world(), folder, team=TEAM, connect=endpoint)
+        robot_files = write_robot_files(scenario.world(), folder, team=TEAM, connect=endpoint)
         common = ["--connect", endpoint, "--team", TEAM]
         started = {
-            "arena": children.start("arena", ["arena", str(scenario), *common]),
+            "arena": children.start("arena", ["arena", *scenario_argument, *common]),
             "coordinator": children.start(
                 "coordinator", ["coordinator", "--journal", str(folder / "bench.journal"), *common]
             ),

@@ -1,5 +1,7 @@
 """Accuracy of maps and positions: teams of several sizes explore floors in lockstep, with exact and slipping wheels.
 
+The same runs can be made with glass and mirrors, and with late messages; these are compared with the runs without.
+
 Each run measures the occupied cells off the walls, the position errors and silent divergence (`sim/accuracy_watch.py`).
 All figures but the wall time depend on the code alone.
 """
@@ -15,7 +17,7 @@ import msgspec
 from rich.console import Console
 
 from robrain.deploy.bench_figure import WIDTH, Bound, Figure, at_least, at_most, below, deterministic, show_figures
-from robrain.deploy.bench_mapping_plan import SHARED_MAPS, WHEELS, Case, Plan
+from robrain.deploy.bench_mapping_plan import CONDITIONS, SHARED_MAPS, USUAL, WHEELS, Case, Plan
 from robrain.deploy.errors import UsageError
 from robrain.deploy.kernels import prepare_kernels
 from robrain.deploy.terminal import print_line, say
@@ -26,8 +28,10 @@ OFF_BOUND_PERCENT = {"exact": 2.0, "slipping": 3.0}
 RMSE_BOUND_M = 0.15
 SILENT_BOUND_S = 5.0
 IN_BAND_BOUND_PERCENT = 95.0
+WORSE_BOUND_POINTS = 2.0
+"""By so much more cells may be off than in the same run under the usual conditions."""
 HEADINGS = (
-    f"{'map':<24}{'N':>3}{'seed':>6}  {'wheels':<9}{'sim s':>7}  {'ended':<13}{'explored':>8}{'off %':>8}"
+    f"{'map':<24}{'N':>3}{'seed':>6}  {'wheels':<9}{'under':<6}{'sim s':>7}  {'ended':<13}{'explored':>8}{'off %':>8}"
     f"{'doubled m':>11}{'RMSE m':>8}{'max m':>8}{'silent s':>9}{'NEES in %':>10}{'lost':>5}{'wall s':>8}"
 )
 
@@ -60,7 +64,7 @@ class MappedRun(msgspec.Struct, frozen=True, kw_only=True):
     def line(self) -> str:
         """A line for the table below `HEADINGS`."""
         case = self.case
-        begin = f"{case.map:<24}{case.robots:>3}{case.seed:>6}  {case.wheels:<9}"
+        begin = f"{case.map:<24}{case.robots:>3}{case.seed:>6}  {case.wheels:<9}{case.conditions:<6}"
         if self.why_not:
             return f"{begin}  not run: {self.why_not}"
         in_band = "–" if self.nees_in_band is None else f"{100 * self.nees_in_band:.1f}"
@@ -146,33 +150,56 @@ def mapped(case: Case, result: RunResult) -> MappedRun:
 
 
 def figures(runs: Iterable[MappedRun]) -> Iterator[Figure]:
-    """Worst run and median for each kind of wheels, with their bounds."""
+    """Worst run and median for each kind of wheels and conditions, with their bounds."""
     made = [run for run in runs if not run.why_not]
     for kind in WHEELS:
-        own = [run for run in made if run.case.wheels == kind]
-        if not own:
-            continue
-        off_bound, what = at_most(OFF_BOUND_PERCENT[kind]), f"{kind} wheels"
-        off = {_name(run): 100 * run.share_off for run in own}
-        yield _worst(f"{what}: occupied cells off, worst run", off, "%", off_bound)
-        beside = f"{len(own)} runs"
-        yield deterministic(
-            f"{what}: occupied cells off, median", statistics.median(off.values()), "%", off_bound, beside
-        )
-        yield _worst(f"{what}: doubled walls, worst run", {_name(run): run.doubled_walls_m for run in own}, "m")
-        rmse_m = {_name(run): run.rmse_m for run in own}
-        yield _worst(f"{what}: position RMSE, worst robot", rmse_m, "m", at_most(RMSE_BOUND_M))
-        median_m = statistics.median(rmse_m.values())
-        yield deterministic(f"{what}: position RMSE, worst robot, median run", median_m, "m", at_most(RMSE_BOUND_M))
-        yield _worst(f"{what}: position error, largest", {_name(run): run.max_error_m for run in own}, "m")
-        silent_s = {_name(run): run.longest_silent_divergence_s for run in own}
-        yield _worst(f"{what}: silent divergence, longest", silent_s, "s", below(SILENT_BOUND_S))
-        in_band = {_name(run): -100 * run.nees_in_band for run in own if run.nees_in_band is not None}
-        if in_band:
-            worst = max(in_band, key=in_band.__getitem__)
-            least = f"{what}: NEES within its 95 % bound, worst run"
-            yield deterministic(least, -in_band[worst], "%", at_least(IN_BAND_BOUND_PERCENT), worst)
-        yield _worst(f"{what}: robots lost at the end", {_name(run): float(run.lost) for run in own}, "")
+        usual = [run for run in made if run.case.wheels == kind and run.case.conditions == USUAL]
+        for conditions in CONDITIONS:
+            own = [run for run in made if run.case.wheels == kind and run.case.conditions == conditions]
+            what = f"{kind} wheels" if conditions == USUAL else f"{kind} wheels, {conditions}"
+            if own:
+                yield from _figures_of(what, OFF_BOUND_PERCENT[kind], own)
+                yield from _compared(what, own, usual)
+
+
+def _figures_of(what: str, off_bound_percent: float, runs: list[MappedRun]) -> Iterator[Figure]:
+    off_bound = at_most(off_bound_percent)
+    off = {_name(run): 100 * run.share_off for run in runs}
+    yield _worst(f"{what}: occupied cells off, worst run", off, "%", off_bound)
+    beside = f"{len(runs)} runs"
+    yield deterministic(f"{what}: occupied cells off, median", statistics.median(off.values()), "%", off_bound, beside)
+    kept = 100.0 * sum(each <= off_bound_percent for each in off.values()) / len(runs)
+    yield deterministic(f"{what}: runs with at most {off_bound_percent:g} % of the cells off", kept, "%", None, beside)
+    yield _worst(f"{what}: doubled walls, worst run", {_name(run): run.doubled_walls_m for run in runs}, "m")
+    rmse_m = {_name(run): run.rmse_m for run in runs}
+    yield _worst(f"{what}: position RMSE, worst robot", rmse_m, "m", at_most(RMSE_BOUND_M))
+    median_m = statistics.median(rmse_m.values())
+    yield deterministic(f"{what}: position RMSE, worst robot, median run", median_m, "m", at_most(RMSE_BOUND_M))
+    yield _worst(f"{what}: position error, largest", {_name(run): run.max_error_m for run in runs}, "m")
+    silent_s = {_name(run): run.longest_silent_divergence_s for run in runs}
+    yield _worst(f"{what}: silent divergence, longest", silent_s, "s", below(SILENT_BOUND_S))
+    in_band = {_name(run): -100 * run.nees_in_band for run in runs if run.nees_in_band is not None}
+    if in_band:
+        worst = max(in_band, key=in_band.__getitem__)
+        least = f"{what}: NEES within its 95 % bound, worst run"
+        yield deterministic(least, -in_band[worst], "%", at_least(IN_BAND_BOUND_PERCENT), worst)
+    yield _worst(f"{what}: robots lost at the end", {_name(run): float(run.lost) for run in runs}, "")
+
+
+def _compared(what: str, runs: list[MappedRun], usual: list[MappedRun]) -> Iterator[Figure]:
+    """How much worse the maps are than those of the same runs under the usual conditions."""
+    before = {_name(run): run.share_off for run in usual}
+    worse = {
+        _name(run): 100 * (run.share_off - before[_name(run)])
+        for run in runs
+        if run.case.conditions != USUAL and _name(run) in before
+    }
+    if worse:
+        bound = at_most(WORSE_BOUND_POINTS)
+        yield _worst(f"{what}: occupied cells off, more than usual, worst run", worse, "points", bound)
+        beside = f"{len(worse)} runs"
+        median = statistics.median(worse.values())
+        yield deterministic(f"{what}: occupied cells off, more than usual, median", median, "points", bound, beside)
 
 
 def _worst(name: str, values: dict[str, float], unit: str, bound: Bound | None = None) -> Figure:

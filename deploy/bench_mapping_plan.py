@@ -1,13 +1,15 @@
-"""The runs of the mapping benchmark: maps, numbers of robots, seeds and wheels, from its options."""
+"""The runs of the mapping benchmark: maps, numbers of robots, seeds, wheels and conditions, from its options."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import msgspec
 
 from robrain.deploy.errors import UsageError
+from robrain.sim.disturbance import DelaySpec, DisturbanceSpec, FrameDelaySpec, PauseSpec
 from robrain.sim.scenario import MAX_SEED, Scenario
 from robrain.sim.scenario_file import MAX_ROBOTS, builtin_names
+from robrain.sim.surfaces import SurfaceSpec
 from robrain.sim.wheels import WheelSpec
 
 PROJECT = Path(__file__).resolve().parents[1]
@@ -20,6 +22,20 @@ WHEELS = {
     "slipping": WheelSpec(radius_sigma=0.01, base_sigma=0.01, slip=0.01, slip_sigma_m_per_sqrt_m=0.01),
 }
 """Wheels by name; None keeps those of the scenario."""
+USUAL, GLASS, LATE = "usual", "glass", "late"
+CONDITIONS = (USUAL, GLASS, LATE)
+"""All have noise and dropouts of the lidar.
+
+Glass: stretches of glass and mirrors among the walls. Late: frames and scans are late and come in bursts, agents pause.
+"""
+DROPOUT = 0.01
+"""Share of the lidar's beams."""
+GLASS_WALLS = SurfaceSpec(glass_share=0.1, mirror_share=0.02)
+LATE_MESSAGES = DisturbanceSpec(
+    can=FrameDelaySpec(per_minute=6.0, duration_s=(0.1, 0.35), late_s=(0.0, 0.01)),
+    scan=DelaySpec(per_minute=6.0, duration_s=(0.2, 1.0), late_s=(0.0, 0.3)),
+    agent=PauseSpec(per_minute=6.0, duration_s=(0.2, 1.5)),
+)
 NUMBERS_MAX = 1000
 
 
@@ -33,14 +49,21 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
     seed: int
     wheels: str
     time_limit_s: float
+    conditions: str = USUAL
+    """Of `CONDITIONS`."""
 
     def scenario(self) -> Scenario:
         """The scenario of the run (ScenarioError if the map cannot be read)."""
         found = Scenario.from_map(self.path) if self.path else Scenario.builtin(self.map)
-        spec = WHEELS[self.wheels]
-        if spec is not None:
-            found = found.replace(hardware=msgspec.structs.replace(found.hardware, wheels=spec))
-        return found.replace(robots=self.robots, seed=self.seed)
+        hardware = found.hardware
+        lidar = msgspec.structs.replace(hardware.lidar, dropout=DROPOUT)
+        wheels = WHEELS[self.wheels]
+        hardware = msgspec.structs.replace(hardware, lidar=lidar, wheels=hardware.wheels if wheels is None else wheels)
+        if self.conditions == GLASS:
+            found = found.replace(surfaces=GLASS_WALLS)
+        elif self.conditions == LATE:
+            found = found.replace(disturbance=LATE_MESSAGES)
+        return found.replace(robots=self.robots, seed=self.seed, hardware=hardware)
 
 
 class Plan(msgspec.Struct, frozen=True, kw_only=True):
@@ -60,8 +83,9 @@ def choose(
     jobs: int,
     time_limit_s: float,
     map_folder: Path | None = None,
+    conditions: str = USUAL,
 ) -> Plan:
-    """Make a plan from the options: each map with each number of robots, seed and kind of wheels.
+    """Make a plan from the options: each map with each number of robots, seed, kind of wheels and conditions.
 
     Raises:
         UsageError: an option is wrong; the text names it and what was expected.
@@ -72,10 +96,8 @@ def choose(
     known, absent = _known_maps(map_folder or SHARED_MAPS)
     names = list(known) if maps is None else _words("--maps", maps)
     chosen = {name: path for word in names for name, path in [_map_of(word, known, absent)]}
-    kinds = _words("--wheels", wheels)
-    for kind in kinds:
-        if kind not in WHEELS:
-            raise UsageError(f"--wheels {kind}: expected {' or '.join(WHEELS)}")
+    kinds = _of_these("--wheels", wheels, WHEELS)
+    under = _of_these("--conditions", conditions, CONDITIONS)
     counts = _numbers("--robots", robots, 1, MAX_ROBOTS)
     drawn = _numbers("--seeds", seeds, 0, MAX_SEED)
     if jobs < 1:
@@ -83,11 +105,12 @@ def choose(
     if not 0 < time_limit_s < float("inf"):
         raise UsageError(f"--time-limit-s {time_limit_s:g}: expected a number above 0")
     cases = [
-        Case(map=name, path=path, robots=count, seed=seed, wheels=kind, time_limit_s=time_limit_s)
+        Case(map=name, path=path, robots=count, seed=seed, wheels=kind, time_limit_s=time_limit_s, conditions=one)
         for name, path in chosen.items()
         for count in counts
         for kind in kinds
         for seed in drawn
+        for one in under
     ]
     return Plan(cases=cases, jobs=jobs, absent=absent if maps is None else [])
 
@@ -114,6 +137,14 @@ def _words(option: str, text: str) -> list[str]:
     words = list(dict.fromkeys(word.strip() for word in text.split(",") if word.strip()))
     if not words:
         raise UsageError(f"{option} {text!r}: expected names with commas between them")
+    return words
+
+
+def _of_these(option: str, text: str, those: Collection[str]) -> list[str]:
+    words = _words(option, text)
+    for word in words:
+        if word not in those:
+            raise UsageError(f"{option} {word}: expected {' or '.join(those)}")
     return words
 
 

@@ -65,6 +65,7 @@ def test_map_may_be_given_by_its_path(tmp_path: Path) -> None:
         ({"seeds": "0-1000000000000"}, "--seeds 0-1000000000000: expected at most 1000 numbers"),
         ({"seeds": ""}, "--seeds '': expected"),
         ({"wheels": "round"}, "--wheels round: expected exact or slipping"),
+        ({"conditions": "usual,fog"}, "--conditions fog: expected usual or glass or late"),
         ({"jobs": 0}, "--jobs 0: expected at least 1"),
         ({"time_limit_s": 0.0}, "--time-limit-s 0: expected a number above 0"),
         ({"time_limit_s": float("nan")}, "--time-limit-s nan: expected a number above 0"),
@@ -88,7 +89,33 @@ def test_slipping_wheels_are_those_of_the_page_on_localisation_and_exact_ones_ar
     assert (wheels.radius_sigma, wheels.base_sigma, wheels.slip, wheels.slip_sigma_m_per_sqrt_m) == (0.01,) * 4
     world = slipping.world()
     assert world.robot_file(world.robots[0]).parameters["localisation"]["wall_slack_cells"] == 0.0
-    assert SMALL.scenario() == Scenario.builtin("arena_small").replace(robots=1, seed=3)
+    exact = Scenario.builtin("arena_small").hardware.wheels
+    assert SMALL.scenario().hardware.wheels == exact
+
+
+def test_conditions_are_those_of_the_page_on_imperfections() -> None:
+    plan = chosen(maps="arena_small", conditions="usual,glass,late")
+    usual, glass, late = (case.scenario() for case in plan.cases)
+    assert {made.hardware.lidar.dropout for made in (usual, glass, late)} == {0.01}
+    assert (usual.surfaces.glass_share, usual.disturbance.is_on) == (0.0, False)
+    assert (glass.surfaces.glass_share, glass.disturbance.is_on) == (0.1, False)
+    assert (late.surfaces.glass_share, late.disturbance.is_on) == (0.0, True)
+
+
+def test_late_runs_are_compared_with_the_same_runs_in_time() -> None:
+    late = msgspec.structs.replace(run_of(seed=1, share_off=0.05).case, conditions="late")
+    other = msgspec.structs.replace(late, seed=9)  # never made in time: nothing to compare with
+    runs = [
+        run_of(seed=1, share_off=0.01),
+        MappedRun(case=late, ended="explored", share_off=0.05),
+        MappedRun(case=other, ended="explored", share_off=0.09),
+    ]
+    found = {figure.name: figure for figure in figures(runs)}
+    worse = found["exact wheels, late: occupied cells off, more than usual, worst run"]
+    assert worse.value == pytest.approx(4.0)
+    assert (worse.kept, worse.beside) == (False, "arena_small, 1 robots, seed 1")
+    assert found["exact wheels, late: occupied cells off, worst run"].value == pytest.approx(9.0)
+    assert found["exact wheels: occupied cells off, worst run"].value == pytest.approx(1.0)
 
 
 def test_run_tells_the_worst_robot_and_all_robots_samples() -> None:

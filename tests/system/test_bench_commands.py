@@ -12,7 +12,7 @@ pytestmark = pytest.mark.system
 def test_the_benchmarks_that_there_are_are_listed(commands) -> None:
     done = commands.run("bench", "--list")
     assert done.returncode == 0, done.stderr
-    names = ["allocation", "responses", "agents", "mapping", "joining", "log"]
+    names = ["allocation", "responses", "agents", "mapping", "joining", "live", "log"]
     assert [line.split()[0] for line in done.stdout.splitlines()] == names
 
 
@@ -45,6 +45,10 @@ def test_value_of_a_public_instance_is_told_in_words_too(commands) -> None:
         (["agents", "--minutes", "0"], ["--minutes 0", "above 0"]),
         (["mapping", "--maps", "moon"], ["--maps moon", "clinic"]),
         (["mapping", "--maps", "clinic", "--jobs", "0"], ["--jobs 0", "at least 1"]),
+        (["mapping", "--maps", "clinic", "--conditions", "fog"], ["--conditions fog", "usual or glass or late"]),
+        (["live", "--minutes", "0"], ["--minutes 0", "above 0"]),
+        (["live", "--map", "gone.yaml"], ["gone.yaml", "there is none"]),
+        (["live", "--map", "depot", "--robots", "0"], ["robots from 1"]),
         (["log", "gone.clf"], ["gone.clf", "No such file"]),
     ],
 )
@@ -74,3 +78,15 @@ def test_agents_on_the_wire_are_counted_by_a_real_coordinator(commands) -> None:
     assert age["bound"] == {"at_most": 200.0}
     assert unseen["value"] >= 0
     assert memory["unit"] == "MB"
+
+
+def test_stopped_agents_of_a_live_team_are_compared_with_an_undisturbed_team(commands) -> None:
+    done = commands.run(
+        "bench", "live", "--map", "arena_small", "--robots", "2", "--minutes", "0.3", "--json", timeout_s=240.0
+    )
+    assert done.returncode == 0, done.stderr
+    found = {figure["name"]: figure for figure in json.loads(done.stdout)["figures"]}
+    assert found["agents stopped: explored at the end"]["value"] > 10
+    worse = found["cells off at the end, agents stopped less undisturbed"]
+    assert worse["bound"] == {"at_most": 2.0}
+    assert int(worse["beside"].split()[0]) > 0  # stops
