@@ -34,7 +34,7 @@ BODY_M = 0.4
 """Radius of what others may have drawn of this robot."""
 APART_M = 1.0
 """Least distance, metres, between two of the places from which agreeing answers were found."""
-PLAIN_MIN = 150
+PLAIN_MIN = 250
 """Agreeing wall cells above which that distance is not needed if none contradicts: a robot may stand still."""
 AGREE_M, AGREE_RAD = 0.3, 0.05
 """Answers that put the robot within this distance and turn agree."""

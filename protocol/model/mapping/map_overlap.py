@@ -15,10 +15,15 @@ from numpy.typing import NDArray
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.kernel_array import INT8, kernel_array
 from robrain.protocol.model.mapping.place_search import search_places
+from robrain.protocol.model.mapping.wall_points import (
+    NEAR_CELLS,
+    distances_to_walls,
+    is_same_place,
+    matched_place,
+    some_points,
+    wall_points,
+)
 from robrain.protocol.model.occupancy_grid import OccupancyGrid
-from robrain.protocol.model.scan_match import match_walls
-from robrain.protocol.model.scan_match_kernels import distance_window
-from robrain.protocol.model.small_linear_algebra import least_solution
 
 ABOUT_M = 8.0
 """Walls within this distance of a place are looked for."""
@@ -36,26 +41,31 @@ REFINED = 8
 REACHES_M = (0.4, 0.4, 0.2)
 WHOLE_WALLS = 1500
 WHOLE_REACH_M = 0.4
-APART_M, APART_RAD = 0.5, 0.2
-"""Answers that differ by less are one."""
-NEAR_CELLS = 2.3
-"""Walls of both maps that are this near to each other are the same wall."""
 CLUSTER_MIN = 4
 """Least number of connected cells for a contradiction: single cells are noise of the lidar."""
 BODY_MARGIN_M = 0.3
 """Cells within this distance of a robot's hull may show the robot."""
 NOBODY = np.empty((0, 3))
-AGREES_MIN = 0.995
+AGREES_MIN = 0.99
 """Share of the compared wall cells that must agree. Measured on six floors: where maps truly overlap, 155 of 169
 answers have no cluster of contradicting cells; at wrong places of floors that repeat themselves 1.4 to 16 % do."""
-COMMON_MIN = 80
-"""Wall cells that must be the same: 8 m of wall at 0.1 m."""
+COMMON_MIN = 200
+"""Wall cells that must be the same: 20 m of wall at 0.1 m."""
 CONTRADICTION = 2.0
 """Number of agreeing wall cells that one contradicting wall cell outweighs."""
-FLOOR_MIN = 500
-"""Cells that must be floor on both: 5 m² at 0.1 m. A wall alone may be known from either side."""
+FLOOR_MIN = 2500
+"""Cells that must be floor on both: 25 m² at 0.1 m, so that one of many equal rooms is not enough."""
 SECOND_MAX = 0.6
 """The second best answer may have at most this share of the best one's weight."""
+REPEATED_MIN = 0.6
+"""Share of the common wall cells that, uncontradicted in a second place of either map, make them no evidence.
+
+Where offices are equal, maps of two of them lie on each other without any contradiction.
+"""
+REPEATED_NEARLY = 0.7
+"""Share of the first place's score that such a second place has."""
+UNMARKED, CONTRADICTS, COMMON = 0, 1, 2
+"""Marks of cells that two maps know."""
 
 
 class Overlap(NamedTuple):
@@ -114,9 +124,9 @@ class MapMatcher:
         self._other = other
         self._own_bodies = own_bodies
         self._other_bodies = other_bodies
-        self._walls = _walls_of(own)
-        self._own_distance = _distances(own)
-        self._other_distance = _distances(other)
+        self._walls = wall_points(own)
+        self._own_distance = distances_to_walls(own)
+        self._other_distance = distances_to_walls(other)
 
     def find(self, at: Pose2D) -> Found | None:
         """T_other_own, found from the walls about a place of the own map; None if it is nowhere, or ambiguous."""
@@ -126,20 +136,20 @@ class MapMatcher:
             return None
         other = self._other
         T_own_place = Pose2D(at.x_m, at.y_m, 0.0)
-        places = search_places(other.log_odds, other.geometry, _some(about, SEARCH_WALLS), PLACES)
+        places = search_places(other.log_odds, other.geometry, some_points(about, SEARCH_WALLS), PLACES)
         seen: list[Pose2D] = []
         for _, guess in places:
-            if len(seen) < TRIED and not any(_is_same(guess, each) for each in seen):
+            if len(seen) < TRIED and not any(is_same_place(guess, each) for each in seen):
                 seen.append(guess)
-        some = _some(about, TRY_WALLS)
-        tried = [self._laid(self._refined(guess, some, REACHES_M[:1]), T_own_place) for guess in seen]
+        some = some_points(about, TRY_WALLS)
+        tried = [self._laid(matched_place(self._other, guess, some, REACHES_M[:1]), T_own_place) for guess in seen]
         tried.sort(key=lambda each: each.overlap.contradicting - each.overlap.agreeing)
         found: list[Found] = []
         for each in tried[:REFINED]:
-            walls = _some(about, REFINE_WALLS)
-            better = self._laid(self._refined(each.T_other_own.compose(T_own_place), walls, REACHES_M), T_own_place)
+            guess, walls = each.T_other_own.compose(T_own_place), some_points(about, REFINE_WALLS)
+            better = self._laid(matched_place(self._other, guess, walls, REACHES_M), T_own_place)
             place = better.T_other_own.compose(T_own_place)
-            if not any(_is_same(place, other.T_other_own.compose(T_own_place)) for other in found):
+            if not any(is_same_place(place, other.T_other_own.compose(T_own_place)) for other in found):
                 found.append(better)
         found.sort(key=lambda each: -each.overlap.weight)
         if not found:
@@ -149,20 +159,56 @@ class MapMatcher:
             return None
         if len(found) > 1:
             second = self._settled(found[1], T_own_place)
-            is_other = not _is_same(second.T_other_own.compose(T_own_place), best.T_other_own.compose(T_own_place))
+            is_other = not is_same_place(second.T_other_own.compose(T_own_place), best.T_other_own.compose(T_own_place))
             if is_other and second.overlap.weight > SECOND_MAX * best.overlap.weight:
                 return None
-        return best
+        return None if self._is_repeated(best, at) else best
 
     def overlap(self, T_other_own: Pose2D) -> Overlap:
         """What the maps say of each other if they lie so."""
+        return self._compared(T_other_own)[0]
+
+    def fits_elsewhere(self, at: Pose2D, T_other_own: Pose2D) -> bool:
+        """Whether the walls of the own map are there a second time on the other map.
+
+        Args:
+            at: free place of the own map.
+            T_other_own: how the maps are known to lie to each other.
+
+        """
+        T_own_place = Pose2D(at.x_m, at.y_m, 0.0)
+        home, walls = T_other_own.compose(T_own_place), self._walls - (at.x_m, at.y_m)
+        other, some = self._other, some_points(self._walls, SEARCH_WALLS) - (at.x_m, at.y_m)
+        places = [home]
+        for _, guess in search_places(other.log_odds, other.geometry, some, PLACES, REPEATED_NEARLY):
+            if len(places) <= TRIED and not any(is_same_place(guess, each) for each in places):
+                places.append(guess)
+        for guess in places[1:]:
+            place = matched_place(other, guess, some_points(walls, TRY_WALLS), REACHES_M)
+            overlap = self._laid(place, T_own_place).overlap
+            is_repeated = overlap.agreeing >= REPEATED_MIN * len(walls) and overlap.share >= AGREES_MIN
+            if is_repeated and not is_same_place(place, home):
+                return True
+        return False
+
+    def _is_repeated(self, found: Found, at: Pose2D) -> bool:
+        """Whether what agrees is there a second time, on either map: then it is no evidence."""
+        _, marks = self._compared(found.T_other_own)
+        common = OccupancyGrid(self._own.geometry)
+        common.log_odds[:] = np.where(marks == COMMON, self._own.log_odds, 0)
+        return MapMatcher(common, self._own).fits_elsewhere(at, Pose2D(0.0, 0.0, 0.0)) or MapMatcher(
+            common, self._other
+        ).fits_elsewhere(at, found.T_other_own)
+
+    def _compared(self, T_other_own: Pose2D) -> tuple[Overlap, NDArray[np.uint8]]:
+        """What the maps say of each other if they lie so, and which cells of the own map are common."""
         own, other = self._own.geometry, self._other.geometry
         # The middle of the own map's cell (0, 0), in cells of the other map.
         x_m, y_m = own.origin_x_m + 0.5 * own.resolution_m, own.origin_y_m + 0.5 * own.resolution_m
         cos, sin = math.cos(T_other_own.yaw_rad), math.sin(T_other_own.yaw_rad)
         first_x = (T_other_own.x_m + cos * x_m - sin * y_m - other.origin_x_m) / other.resolution_m
         first_y = (T_other_own.y_m + sin * x_m + cos * y_m - other.origin_y_m) / other.resolution_m
-        contradicts = np.zeros(own.shape, np.uint8)
+        marks = np.zeros(own.shape, np.uint8)
         agreeing, floor = _compare(
             kernel_array(self._own.log_odds, INT8),
             self._own_distance,
@@ -170,13 +216,13 @@ class MapMatcher:
             self._other_distance,
             (cos, sin, first_x, first_y),
             NEAR_CELLS,
-            contradicts,
+            marks,
         )
-        self._leave_out_bodies(contradicts, T_other_own)
-        return Overlap(agreeing, _in_clusters(contradicts), floor)
+        self._leave_out_bodies(marks, T_other_own)
+        return Overlap(agreeing, _in_clusters(marks), floor), marks
 
-    def _leave_out_bodies(self, contradicts: NDArray[np.uint8], T_other_own: Pose2D) -> None:
-        rows, columns = np.nonzero(contradicts)
+    def _leave_out_bodies(self, marks: NDArray[np.uint8], T_other_own: Pose2D) -> None:
+        rows, columns = np.nonzero(marks == CONTRADICTS)
         geometry = self._own.geometry
         x_m = geometry.origin_x_m + (columns + 0.5) * geometry.resolution_m
         y_m = geometry.origin_y_m + (rows + 0.5) * geometry.resolution_m
@@ -185,7 +231,7 @@ class MapMatcher:
         bodies = [*self._own_bodies.tolist(), *((at.x_m, at.y_m, radius_m) for at, radius_m in others)]
         for body_x_m, body_y_m, radius_m in bodies:
             is_body = (x_m - body_x_m) ** 2 + (y_m - body_y_m) ** 2 < (radius_m + BODY_MARGIN_M) ** 2
-            contradicts[rows[is_body], columns[is_body]] = 0
+            marks[rows[is_body], columns[is_body]] = UNMARKED
 
     def _laid(self, place: Pose2D, T_own_place: Pose2D) -> Found:
         T_other_own = place.compose(T_own_place.inverse())
@@ -193,45 +239,13 @@ class MapMatcher:
 
     def _settled(self, found: Found, T_own_place: Pose2D) -> Found:
         """Refined by all walls of the own map, if that is better."""
-        walls = _some(self._walls, WHOLE_WALLS) - (T_own_place.x_m, T_own_place.y_m)
-        place = self._refined(found.T_other_own.compose(T_own_place), walls, (WHOLE_REACH_M, WHOLE_REACH_M))
+        walls = some_points(self._walls, WHOLE_WALLS) - (T_own_place.x_m, T_own_place.y_m)
+        place = matched_place(
+            self._other, found.T_other_own.compose(T_own_place), walls, (WHOLE_REACH_M, WHOLE_REACH_M)
+        )
         T_other_own = place.compose(T_own_place.inverse())
         overlap = self.overlap(T_other_own)
         return Found(T_other_own, overlap) if overlap.weight > found.overlap.weight else found
-
-    def _refined(self, guess: Pose2D, walls: NDArray[np.float64], reaches_m: tuple[float, ...]) -> Pose2D:
-        for reach_m in reaches_m:
-            held = match_walls(self._other.log_odds, self._other.geometry, guess, walls, reach_m).directions
-            if not held:
-                return guess
-            rows, offsets_m = np.array([each.row for each in held]), np.array([each.offset_m for each in held])
-            x_m, y_m, yaw_rad = least_solution(rows, offsets_m).tolist()
-            guess = Pose2D(guess.x_m + x_m, guess.y_m + y_m, math.remainder(guess.yaw_rad + yaw_rad, math.tau))
-        return guess
-
-
-def _walls_of(grid: OccupancyGrid) -> NDArray[np.float64]:
-    """(K, 2) the middles of the occupied cells, metres."""
-    geometry = grid.geometry
-    rows, columns = np.nonzero(grid.log_odds > 0)
-    walls = np.empty((len(rows), 2))
-    walls[:, 0] = geometry.origin_x_m + (columns + 0.5) * geometry.resolution_m
-    walls[:, 1] = geometry.origin_y_m + (rows + 0.5) * geometry.resolution_m
-    return walls
-
-
-def _distances(grid: OccupancyGrid) -> NDArray[np.float32]:
-    return distance_window(grid.log_odds, 0, 0, *grid.geometry.shape, math.ceil(NEAR_CELLS) + 1)
-
-
-def _some(points: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """At most `count` of the points, spread over all of them."""
-    return points[np.linspace(0, len(points) - 1, min(count, len(points))).astype(np.int64)]
-
-
-def _is_same(one: Pose2D, other: Pose2D) -> bool:
-    turn_rad = math.remainder(one.yaw_rad - other.yaw_rad, math.tau)
-    return one.distance_m(other) < APART_M and abs(turn_rad) < APART_RAD
 
 
 @njit(cache=True, nogil=True)
@@ -242,11 +256,11 @@ def _compare(
     other_distance: NDArray[np.float32],
     placed: tuple[float, float, float, float],
     near: float,
-    contradicts: NDArray[np.uint8],
+    marks: NDArray[np.uint8],
 ) -> tuple[int, int]:
     """Wall cells of `own` that agree, and cells that are floor on both maps.
 
-    Marks in `contradicts` where one map has a wall and the other has floor.
+    Marks each cell of `own` that is known on both maps: what one has as a wall and the other as floor contradicts.
     """
     cos, sin, first_x, first_y = placed
     agreeing, floor = 0, 0
@@ -261,26 +275,28 @@ def _compare(
             if own[i, j] > 0:
                 if other_distance[row, column] <= near:
                     agreeing += 1
+                    marks[i, j] = COMMON
                 elif other[row, column] < 0:
-                    contradicts[i, j] = 1
+                    marks[i, j] = CONTRADICTS
             elif other[row, column] < 0:
                 floor += 1
+                marks[i, j] = COMMON
             elif own_distance[i, j] > near:
-                contradicts[i, j] = 1
+                marks[i, j] = CONTRADICTS
     return agreeing, floor
 
 
 @njit(cache=True, nogil=True)
 def _in_clusters(marked: NDArray[np.uint8]) -> int:
-    """Marked cells that are connected with at least `CLUSTER_MIN` − 1 others, of the eight around each; unmarks all."""
+    """Contradicting cells connected with at least `CLUSTER_MIN` − 1 others, of the eight around each; unmarks them."""
     height, width = marked.shape
-    stack = np.empty((marked.size, 2), np.int32) if marked.any() else np.empty((0, 2), np.int32)
+    stack = np.empty((np.sum(marked == CONTRADICTS), 2), np.int32)
     total = 0
     for i in range(height):
         for j in range(width):
-            if not marked[i, j]:
+            if marked[i, j] != CONTRADICTS:
                 continue
-            marked[i, j] = 0
+            marked[i, j] = UNMARKED
             stack[0, 0], stack[0, 1] = i, j
             waiting, cells = 1, 0
             while waiting:
@@ -289,8 +305,8 @@ def _in_clusters(marked: NDArray[np.uint8]) -> int:
                 cells += 1
                 for up in range(max(row - 1, 0), min(row + 2, height)):
                     for right in range(max(column - 1, 0), min(column + 2, width)):
-                        if marked[up, right]:
-                            marked[up, right] = 0
+                        if marked[up, right] == CONTRADICTS:
+                            marked[up, right] = UNMARKED
                             stack[waiting, 0], stack[waiting, 1] = up, right
                             waiting += 1
             if cells >= CLUSTER_MIN:

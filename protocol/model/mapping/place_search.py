@@ -30,14 +30,18 @@ UNKNOWN = 90.0
 SCORE_MIN = 0.5
 """Mean nearness, as a share of `BEST`, below which a place is none."""
 NEARLY = 0.8
-"""Places whose score is at least this share of the best one's are told."""
+"""Default share of the best score that a place needs."""
 NODES_MAX = 4096
 STRIDE = 61
 """Prime, so that it visits each point once unless their number is a multiple of it."""
 
 
 def search_places(
-    log_odds: NDArray[np.int8], geometry: GridGeometry, points: NDArray[np.float64], places_max: int
+    log_odds: NDArray[np.int8],
+    geometry: GridGeometry,
+    points: NDArray[np.float64],
+    places_max: int,
+    nearly: float = NEARLY,
 ) -> list[tuple[float, Pose2D]]:
     """Poses on the floor of a map at which `points` lie on its walls, best first, with their scores (0 to 1).
 
@@ -46,6 +50,7 @@ def search_places(
         geometry: of that grid.
         points: (K, 2) places of walls, metres, in the frame that is looked for.
         places_max: largest number of poses returned. They may be close to each other.
+        nearly: places whose score is at least this share of the best one's are returned.
 
     """
     rows, columns = np.flatnonzero((log_odds != 0).any(axis=1)), np.flatnonzero((log_odds != 0).any(axis=0))
@@ -53,7 +58,7 @@ def search_places(
         return []
     row, column = int(rows[0]), int(columns[0])
     box = kernel_array(log_odds[row : int(rows[-1]) + 1, column : int(columns[-1]) + 1], INT8)
-    nodes = _search(box, kernel_array(points / geometry.resolution_m, FLOAT64))
+    nodes = _search(box, kernel_array(points / geometry.resolution_m, FLOAT64), nearly)
     best_first = sorted(nodes.tolist(), key=lambda node: (-node[0], node[1:]))[:places_max]
     found = []
     for score, i, j, k in best_first:
@@ -161,7 +166,7 @@ def _turned(points: NDArray[np.float64], k: int, offsets: NDArray[np.int32]) -> 
 
 
 @njit(cache=True, nogil=True)
-def _search(log_odds: NDArray[np.int8], points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _search(log_odds: NDArray[np.int8], points: NDArray[np.float64], nearly: float) -> NDArray[np.float64]:
     """(n, 4) score, row, column, yaw index: the best place of each coarse cell and yaw that does nearly as well."""
     height, width = log_odds.shape
     margin = (1 << LEVELS) + REACH_CELLS  # a bound may count cells before the map's first that are near a wall
@@ -183,7 +188,7 @@ def _search(log_odds: NDArray[np.int8], points: NDArray[np.float64]) -> NDArray[
     size = 0
     best = 0.0
     for node in order:
-        least = max(SCORE_MIN * BEST, NEARLY * best)
+        least = max(SCORE_MIN * BEST, nearly * best)
         if bounds[node] < least or size == NODES_MAX:
             break
         k, i, j = node // (up * right), node // right % up, node % right

@@ -243,15 +243,15 @@ def test_a_crate_that_has_come_since_contradicts_the_map_unless_a_robot_stood_th
     [
         (COMMON_MIN, 0, True),
         (COMMON_MIN - 1, 0, False),
-        (398, 2, True),
-        (397, 2, False),
-        (995, 5, True),
-        (994, 5, False),
+        (396, 4, True),
+        (395, 4, False),
+        (990, 10, True),
+        (989, 10, False),
         (0, 0, False),
     ],
 )
 def test_maps_show_the_same_place_if_enough_walls_agree_and_next_to_none_contradicts(agreeing, contradicting, is_match):
-    overlap = Overlap(agreeing, contradicting, 500)
+    overlap = Overlap(agreeing, contradicting, 2500)
     assert overlap.is_match == is_match
     assert overlap.share == pytest.approx(agreeing / max(agreeing + contradicting, 1))
     assert overlap.weight == max(agreeing - 2 * contradicting, 0)
@@ -263,5 +263,5 @@ def test_of_two_answers_the_one_that_is_contradicted_weighs_nothing():
 
 
 def test_a_wall_that_is_known_from_either_side_alone_is_no_overlap():
-    assert Overlap(200, 0, 500).is_match
-    assert not Overlap(200, 0, 499).is_match
+    assert Overlap(200, 0, 2500).is_match
+    assert not Overlap(200, 0, 2499).is_match
