@@ -24,6 +24,18 @@ bench_app = typer.Typer(
 )
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
+MapsOption = Annotated[
+    str | None, typer.Option(help="Names or paths of maps, or built-in scenarios, with commas; default is all.")
+]
+RobotsOption = Annotated[str, typer.Option(help="Numbers of robots: 1,4 or 1-4.")]
+SeedsOption = Annotated[str, typer.Option(help="Seeds: 1,2 or 1-8.")]
+WheelsOption = Annotated[str, typer.Option(help="exact, slipping (also 1 % off), or both.")]
+JobsOption = Annotated[int, typer.Option(help="Number of runs at a time, each in a process of its own.")]
+TimeLimitOption = Annotated[float, typer.Option(help="Simulated seconds after which a run ends.")]
+MapFolderOption = Annotated[
+    Path | None, typer.Option(help="Folder of the maps that are not part of the project; default ../shared/maps.")
+]
+JsonFileOption = Annotated[Path | None, typer.Option("--json", help="Write runs and figures to this file.")]
 SecondsOption = Annotated[float, typer.Option(help="With --instance: seconds of a core to think.")]
 
 
@@ -101,21 +113,17 @@ def agents(
 
 @bench_app.command(help=BENCHES["mapping"])
 def mapping(
-    maps: Annotated[
-        str | None, typer.Option(help="Names or paths of maps, or built-in scenarios, with commas; default is all.")
-    ] = None,
-    robots: Annotated[str, typer.Option(help="Numbers of robots: 1,4 or 1-4.")] = "1,2,4,8,16",
-    seeds: Annotated[str, typer.Option(help="Seeds: 1,2 or 1-8.")] = "1-3",
-    wheels: Annotated[str, typer.Option(help="exact, slipping (also 1 % off), or both.")] = "exact,slipping",
+    maps: MapsOption = None,
+    robots: RobotsOption = "1,2,4,8,16",
+    seeds: SeedsOption = "1-3",
+    wheels: WheelsOption = "exact,slipping",
     conditions: Annotated[
         str, typer.Option(help="usual, glass (and mirrors), late (messages, agents that pause), or several.")
     ] = "usual",
-    jobs: Annotated[int, typer.Option(help="Number of runs at a time, each in a process of its own.")] = 1,
-    time_limit_s: Annotated[float, typer.Option(help="Simulated seconds after which a run ends.")] = 240.0,
-    map_folder: Annotated[
-        Path | None, typer.Option(help="Folder of the maps that are not part of the project; default ../shared/maps.")
-    ] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write runs and figures to this file.")] = None,
+    jobs: JobsOption = 1,
+    time_limit_s: TimeLimitOption = 240.0,
+    map_folder: MapFolderOption = None,
+    json_file: JsonFileOption = None,
 ) -> None:
     """Measure the accuracy of maps and positions."""
     from robrain.deploy.bench_mapping import run_bench
@@ -126,19 +134,15 @@ def mapping(
 
 @bench_app.command(help=BENCHES["joining"])
 def joining(
-    maps: Annotated[
-        str | None, typer.Option(help="Names or paths of maps, or built-in scenarios, with commas; default is all.")
-    ] = None,
-    robots: Annotated[str, typer.Option(help="Numbers of robots: 2,4 or 2-4.")] = "2",
-    seeds: Annotated[str, typer.Option(help="Seeds: 1,2 or 1-8.")] = "1-10",
-    wheels: Annotated[str, typer.Option(help="exact, slipping (1 % off as well), or both.")] = "slipping",
+    maps: MapsOption = None,
+    robots: RobotsOption = "2",
+    seeds: SeedsOption = "1-10",
+    wheels: WheelsOption = "slipping",
     kinds: Annotated[str, typer.Option(help="unknown (starts), carried (off), or both.")] = "unknown,carried",
-    jobs: Annotated[int, typer.Option(help="How many runs at a time, each in a process.")] = 1,
-    time_limit_s: Annotated[float, typer.Option(help="Simulated seconds after which a run ends.")] = 180.0,
-    map_folder: Annotated[
-        Path | None, typer.Option(help="Folder of the maps that are not part of the project; default ../shared/maps.")
-    ] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write runs and figures to this file.")] = None,
+    jobs: JobsOption = 1,
+    time_limit_s: TimeLimitOption = 180.0,
+    map_folder: MapFolderOption = None,
+    json_file: JsonFileOption = None,
 ) -> None:
     """Measure how robots that do not know their place join the team's map."""
     from robrain.deploy.bench_joining import kinds_of, run_bench
