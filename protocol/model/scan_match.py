@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model import scan_match_kernels as kernels
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.kernel_array import FLOAT64, kernel_array
 from robrain.protocol.model.occupancy_grid import GridGeometry
 from robrain.protocol.model.occupancy_kernels import HIT_DEPTH_CELLS
 
@@ -23,6 +24,8 @@ REACH_M = 0.4
 DEGENERATE = 0.08
 """A direction with less than this share of the information that each beam could give is not believed; chosen."""
 BEAMS_MIN = 20
+MISSES_MIN = 4
+"""So many neighbouring beams without a return mean that the way is free."""
 SEARCH_STEP_RAD = 0.035
 AMBIGUOUS = 0.75
 """A second place that fits this well, compared with the best, makes a search's answer worthless."""
@@ -163,6 +166,16 @@ def beam_ends(
     np.multiply(reached_m, np.cos(directions_rad), out=points[:, 0])
     np.multiply(reached_m, np.sin(directions_rad), out=points[:, 1])
     return points
+
+
+def without_dropouts(ranges_m: NDArray[np.float64], range_max_m: float) -> NDArray[np.float64]:
+    """The ranges (N,) of a scan; where fewer than `MISSES_MIN` neighbouring beams have no return, they are NaN.
+
+    Black or wet surfaces return single beams or none at random: that is no sign that the way is free. Where it is, many
+    neighbouring beams have no return. The first and the last beam count as neighbours.
+    """
+    heard_m: NDArray[np.float64] = kernels.without_dropouts(kernel_array(ranges_m, FLOAT64), range_max_m, MISSES_MIN)
+    return heard_m
 
 
 def _in_walls(points: NDArray[np.float64], geometry: GridGeometry) -> NDArray[np.float64]:

@@ -196,3 +196,26 @@ def search(
                 if abs(turn - best_turn) > apart_turns or abs(i - best_row) > apart or abs(j - best_column) > apart:
                     second = max(second, scores[turn, i, j])
     return best_turn - turns, best_column - steps, best_row - steps, float(best), float(second)
+
+
+@njit(cache=True, nogil=True)
+def without_dropouts(ranges_m: NDArray[np.float64], range_max_m: float, misses_min: int) -> NDArray[np.float64]:
+    """A copy with NaN for runs, around the whole scan, of fewer than `misses_min` ranges at the maximum."""
+    count = ranges_m.shape[0]
+    heard_m = ranges_m.copy()
+    first = 0  # a beam with a return: runs are counted from there
+    while first < count and not ranges_m[first] < range_max_m:
+        first += 1
+    if first == count:
+        return heard_m
+    run = 0
+    for n in range(1, count + 1):
+        beam = (first + n) % count
+        if not ranges_m[beam] < range_max_m:
+            run += 1
+            continue
+        if run < misses_min:
+            for back in range(1, run + 1):
+                heard_m[(beam - back) % count] = np.nan
+        run = 0
+    return heard_m

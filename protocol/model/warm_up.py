@@ -34,7 +34,7 @@ from robrain.protocol.model.ray_cast import cast_rays
 from robrain.protocol.model.right_of_way import Margins, Track, meet, release, sample_way
 from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
 from robrain.protocol.model.scan_agreement import agreement
-from robrain.protocol.model.scan_match import beam_ends, match_scan, search_scan
+from robrain.protocol.model.scan_match import beam_ends, match_scan, search_scan, without_dropouts
 from robrain.protocol.model.small_linear_algebra import covariance_of, least_solution, quadratic_form
 from robrain.protocol.model.soc_filter import PackModel, SocFilter
 
@@ -119,7 +119,7 @@ def _warm_up_mapping(geometry: GridGeometry) -> None:
     circles = mate_circles(angles_rad, ranges_m, 1.0, sensor, np.array([[0.6, 0.6, 0.05]]))
     ends = outside(beam_ends(angles_rad, ranges_m, 1.0), sensor, circles)
     own = OccupancyGrid(geometry, surfaces=True)
-    own.integrate_scan(sensor, angles_rad, ranges_m, 1.0, 0, circles)
+    own.integrate_scan(sensor, angles_rad, without_dropouts(ranges_m, 1.0), 1.0, 0, circles)
     match_surface(own, sensor, ends)
     patch = own.take_patch()
     if patch is not None:

@@ -14,6 +14,7 @@ from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.mapping.submap import IDENTITY, PARTS, SURFACE, SURFACES_MAX, VIEW_PARTS
 from robrain.protocol.model.mapping.submap_graph import SubmapGraph
 from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid, PatchCells
+from robrain.protocol.model.scan_match import without_dropouts
 
 Floats = NDArray[np.float64]
 GRID_REACH_M = 20.0
@@ -123,12 +124,16 @@ class OwnSubmaps:
         ignore: Floats,
         drift: Drift,
     ) -> None:
-        """Map a scan; arguments are those of `OccupancyGrid.integrate_scan`, in the frame `local`."""
+        """Map a scan; arguments are those of `OccupancyGrid.integrate_scan`, in the frame `local`.
+
+        Single beams without a return free nothing.
+        """
         if self._last is not None:
             turned_rad = math.remainder(sensor.yaw_rad - self._last.yaw_rad, math.tau)
             self._way_m += sensor.distance_m(self._last) + TURN_M_PER_RAD * abs(turned_rad)
         self._last = sensor
-        self.grid.integrate_scan(sensor, angles_rad, ranges_m, range_max_m, stamp_ms, ignore, drift)
+        heard_m = without_dropouts(ranges_m, range_max_m)
+        self.grid.integrate_scan(sensor, angles_rad, heard_m, range_max_m, stamp_ms, ignore, drift)
 
     def contradict(self, team: OccupancyGrid) -> None:
         """Mark floor that the team's map shows as a wall, such as a mate that stood there, to be told again.
