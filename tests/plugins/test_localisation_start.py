@@ -1,4 +1,4 @@
-"""What the others had mapped before a robot came tells it whether it is where it was told, and later how well it fits."""
+"""What the others had mapped before a robot came tells it whether it is where it was told; later, how well it fits."""
 
 import math
 
