@@ -48,9 +48,9 @@ CELLS, SURFACES = mates_room()
 class Scene:
     """A robot r1 that stands where it is put, and mates that have each mapped the room."""
 
-    def __init__(self, stage, *mates):
+    def __init__(self, stage, *mates, **mapper):
         self.one = stage()
-        self.host = self.one.host("mapper", mapper=GRID)
+        self.host = self.one.host("mapper", mapper=GRID | mapper)
         self.host.board.pose_covariance = tuple(np.diag((0.01, 0.01, 0.001)).ravel().tolist())
         self.told = self.one.inbox(ROBOT_CLOSURES, robot="r1")
         for mate in mates:
@@ -117,6 +117,16 @@ def test_a_robot_that_was_found_again_tries_what_it_had_tried_before(stage):
     scene.scan(0.0, 1.2)
     scene.scan(0.5, 1.2, trajectory=1)
     assert scene.closures == 2
+
+
+def test_a_robot_that_comes_back_lays_its_scans_on_its_own_old_submaps(stage):
+    scene = Scene(stage, submap={"way_m": 0.5})
+    for x_m in (0.0, 0.6, 1.2, 0.6, 0.0):
+        scene.scan(x_m, 0.4)
+    counters = scene.counters()
+    assert counters["submaps"] == 5
+    assert counters["closures"] > 0
+    assert scene.told.drain() == [], "which concerns nobody else"
 
 
 def test_a_robot_that_maps_in_a_frame_of_its_own_goes_on_mapping_while_it_is_lost(stage):
