@@ -11,8 +11,8 @@ from robrain.protocol.model.mapping.submap_graph import GraphSpec, SubmapGraph
 from tests.protocol.mapping.lidar_floor import GEOMETRY, ROOM, ROOM_PLACES
 
 SEEN = ROOM.submap(*ROOM_PLACES)
-PLACES = Pose2D(2.3, 4.1, 0.8), Pose2D(2.3, 3.2, 0.8)
-"""Far enough from each other that each submap is tried again at the other one."""
+PLACES = [Pose2D(1.6 + 0.75 * n, 4.6, 0.8) for n in range(8)] + [Pose2D(6.9, 3.8 - 0.75 * n, 0.8) for n in range(4)]
+"""A way that leads on and on, so that each submap is tried in turn."""
 ELSEWHERE = Pose2D(6.8, 1.0, 2.2)
 SURE = (1e-4, 0.0, 0.0, 0.0, 1e-4, 0.0, 0.0, 0.0, 1e-5)
 TWO_ROBOTS: tuple[SubmapKey, ...] = (("r2", 7), ("r2", 8), ("r3", 1))
@@ -32,7 +32,7 @@ def desk_with(keys: tuple[SubmapKey, ...]) -> ClosureDesk:
 
 def look(desk: ClosureDesk, turn: int, *, wrong: bool = True) -> None:
     """Lay a scan on the next submap: one of elsewhere, or one of the place where the robot believes to be."""
-    here = PLACES[turn % 2]
+    here = PLACES[turn % len(PLACES)]
     assert desk.look(3, here, here, ROOM.points(ELSEWHERE if wrong else here), SURE)
 
 

@@ -51,7 +51,9 @@ def test_a_robot_that_does_not_see_what_the_others_have_mapped_there_started_els
     host.board.map_of_others = room_of_others(half_m)
     standing(one, 0.3)
     assert bool(host.board.lost) == host.board.false_start == is_lost
-    assert [received.message.value["is_lost"] for received in events.drain()] == [True] * is_lost
+    said = [received.message.value for received in events.drain()]
+    assert [each["is_lost"] for each in said] == [True] * is_lost
+    assert all("on the map of the others" in each["why"] for each in said)
 
 
 def test_without_a_map_of_others_every_start_is_believed(stage):
@@ -102,6 +104,16 @@ def test_where_the_teams_map_knows_less_than_half_of_what_is_seen_nothing_is_tol
     standing(one, 1.2)
     assert host.board.map_agreement is None
     assert host.board.T_arena_odom != IDENTITY
+
+
+@pytest.mark.parametrize("scan_matching", [True, False])
+def test_scans_wait_for_localisation_only_if_it_lays_them_on_the_map(stage, scan_matching):
+    one = stage()
+    host = one.host("mapper", "localisation", mapper=GRID, localisation={"scan_matching": scan_matching})
+    assert (host.board.local_pose.until_ns > 0) != scan_matching
+    standing(one, 1.0)
+    assert one.call("mapper", "counters")["scans"] > 0
+    assert (one.call("localisation", "health")["matches"] > 0) == scan_matching
 
 
 def walls_at(T_arena_local):

@@ -51,3 +51,28 @@ def test_an_answer_is_right_at_the_far_end_of_a_long_hall_too(turn_rad: float, x
     for end in (Pose2D(1.0, 2.0, 0.0), Pose2D(35.0, 2.0, 0.0)):
         assert found.T_other_own.compose(T_own_floor.compose(end)).distance_m(end) < 0.05
     assert found.overlap == matcher.overlap(found.T_other_own)
+
+
+SMALL = GridGeometry(0.1, -2.0, 1.0, 40, 40)
+
+
+def floor_with_wall(row: int, column: int, *, upright: bool) -> OccupancyGrid:
+    """Floor with a wall of four cells."""
+    classes = np.full(SMALL.shape, FREE, np.int8)
+    for n in range(4):
+        classes[row + n * upright, column + n * (not upright)] = OCCUPIED
+    grid = OccupancyGrid(SMALL)
+    grid.merge_patch(0, 0, classes, 5)
+    return grid
+
+
+@pytest.mark.parametrize("away", [-3, -2, -1, 0, 1, 2, 3])
+@pytest.mark.parametrize("upright", [True, False])
+def test_walls_up_to_two_cells_apart_are_the_same_wall_on_whichever_side_they_lie(away: int, upright: bool) -> None:
+    own = floor_with_wall(18, 18, upright=upright)
+    other = floor_with_wall(18 + away * (not upright), 18 + away * upright, upright=upright)
+    overlap = MapMatcher(own, other).overlap(IDENTITY)
+    if abs(away) <= 2:
+        assert (overlap.agreeing, overlap.contradicting) == (4, 0)
+    else:
+        assert (overlap.agreeing, overlap.contradicting) == (0, 8)
