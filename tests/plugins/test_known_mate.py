@@ -111,3 +111,23 @@ def test_where_a_path_ends_exactly_at_the_distance_the_mate_is_near() -> None:
     mate.path(1, (20.0, 0.0), (25.0, 0.0))
     mate.state(20.0, 1)
     assert not is_near(mate.at(1), Point2D(1.0, 0.0), 3.0)
+
+
+def test_a_mate_that_waits_for_nobody_goes_to_the_end_of_its_way_as_fast_as_it_says_or_as_robots_usually_do() -> None:
+    mate = Watched()
+    mate.state(0.0, 0)
+    for speed_m_s, expected_m_s in ((0.0, 0.6), (0.3, 0.3), (-1.0, 0.6)):
+        points = [Point2D(0.0, 0.0), Point2D(4.0, 0.0)]
+        mate.known.hear_path(PlannedPath(robot="r2", points=points, speed_m_s=speed_m_s), 0)
+        track = mate.at(0).track
+        assert track.speed_m_s == expected_m_s
+        assert track.held_at == len(track.positions) - 1
+        assert mate.at(0).bound == Point2D(4.0, 0.0)
+
+
+@pytest.mark.parametrize(("held_at_m", "held_at"), [(0.0, 0), (1.5, 15), (3.0, 30), (9.0, 40), (-1.0, 0)])
+def test_a_mate_waits_on_its_way_where_it_says(held_at_m: float, held_at: int) -> None:
+    mate = Watched()
+    mate.state(0.0, 0)
+    mate.path(0, (0.0, 0.0), (4.0, 0.0), held_at_m=held_at_m)
+    assert mate.at(0).track.held_at == held_at

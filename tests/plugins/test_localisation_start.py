@@ -181,6 +181,8 @@ def test_motes_tell_a_lost_robot_where_the_frame_that_it_maps_in_lies(stage):
     assert fix.trajectory == 1
     assert fix.at.distance_m(true) < 0.5
     assert fix.T_arena_frame.compose(host.board.pose).distance_m(true) < 0.3
+    assert host.board.may_be_at(true)
+    assert not host.board.may_be_at(Pose2D(true.x_m + 6.0, true.y_m - 5.0, true.yaw_rad))
     assert host.board.lost == lost, "until the mapper has moved its map there"
     assert host.board.pose.distance_m(true) > 3.0
 

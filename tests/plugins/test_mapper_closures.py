@@ -173,3 +173,35 @@ def test_each_scan_that_is_left_out_is_counted_once(stage, says):
     counters = one.call("mapper", "counters")
     assert counters["scans"] == 0
     assert 45 <= counters["scans_left_out"] <= 50
+
+
+@pytest.mark.parametrize(
+    ("mates", "leaves"), [((("r2", 7), ("r2", 8), ("r3", 7)), True), ((("r2", 7), ("r2", 8)), False)]
+)
+def test_a_robot_that_sees_something_else_than_two_mates_have_mapped_leaves_the_teams_map(stage, mates, leaves):
+    """It stands in a room of 2 × 2 m where theirs is 4 × 4 m."""
+    one = stage()
+    host = one.host("mapper", mapper=GRID)
+    host.board.pose_covariance = tuple(np.diag((0.001, 0.001, 0.0001)).ravel().tolist())
+    told = one.inbox(ROBOT_MAP, robot="r1")
+    for mate in {mate for mate, _ in mates}:
+        one.wire.token(ROBOT_ALIVE, robot=mate)
+    one.run(0.6)
+    for mate, number in mates:
+        say = one.publisher(ROBOT_MAP, robot=mate)
+        say.put(to_message(mate, GEOMETRY, CELLS, number))
+        say.put(pose_message(mate, GEOMETRY, number, IDENTITY, surfaces=SURFACES))
+    one.run(0.6)
+    for turn in range(8):
+        x_m = (-0.4, 0.4)[turn % 2]
+        host.board.local_pose = LocalPose(Pose2D(x_m, 0.0, 0.0), 0, NO_DRIFT, STAMP_MAX, True, 0.03)
+        ranges_m = 0.5 * square_from(2.0 * x_m)
+        one.run(1.2, lambda ranges_m=ranges_m: one.stand_and_scan(ranges_m.tolist()))
+    assert one.call("mapper", "counters")["contradictions"] >= 6
+    assert (host.board.frame != ARENA) == leaves
+    if not leaves:
+        return
+    assert "contradict what the lidar sees" in host.board.local_map.why
+    (moved,) = [each.message.parts for each in told.drain() if each.message.parts]
+    assert {part.frame for part in moved} == {host.board.frame}
+    assert min(part.submap for part in moved) == host.board.frame.since, "with all that it has mapped"
