@@ -158,3 +158,14 @@ def test_walls_that_were_drawn_less_surely_than_the_map_began_make_the_place_les
     localiser.see(ROOM.points(TRUE), map)
     of_map = np.diag(localiser.covariance - localiser.filter.covariance)
     assert of_map == pytest.approx((0.04, 0.05, 0.003), rel=0.02)
+
+
+def test_a_robot_that_motes_have_placed_is_as_sure_as_they_are_and_no_walls_hold_it_yet() -> None:
+    localiser = located()
+    localiser.see(ROOM.points(TRUE), local_map(ROOM_MAP, anchor=TRUE, variances=(0.5, 0.6, 0.1)))
+    covariance = np.diag((0.04, 0.09, 0.01))
+    localiser.place(ELSEWHERE, covariance)
+    assert localiser.pose.distance_m(ELSEWHERE) < 1e-9
+    assert localiser.covariance == pytest.approx(covariance)
+    assert localiser.sigma_m == pytest.approx(0.3)
+    assert (localiser.lost, localiser.beginnings, localiser.arena_fix) == ("", 1, None)
