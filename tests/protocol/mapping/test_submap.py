@@ -5,7 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.mapping.submap import PARTS, SURFACE, Submap
+from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
 
 TEAM = GridGeometry(0.1, -3.0, 2.0, 200, 100)
@@ -106,3 +109,27 @@ def test_a_submap_of_the_largest_side_is_taken_and_none_larger(rows: int, column
             with pytest.raises(ValueError, match="at most 4096 cells a side"):
                 submap.take(row, column, np.full((1, 1), FREE, np.int8), 2)
     assert submap.growth(0, 0, (1, 1), 2) == 0
+
+
+CORNERS = [(0, 0), (0, 192), (92, 0), (92, 192), (40, 100)]
+
+
+@pytest.mark.parametrize("there", CORNERS)
+@pytest.mark.parametrize("here", CORNERS)
+def test_in_whatever_corner_of_the_map_a_submap_lies_it_is_drawn_moved_and_erased(
+    here: tuple[int, int], there: tuple[int, int]
+) -> None:
+    atlas = SubmapAtlas(TEAM)
+    atlas.take(("r2", 7), *here, np.full((8, 8), OCCUPIED, np.int8), 1)
+    for up, right in ((0, 0), (there[0] - here[0], there[1] - here[1]), (0, 0)):
+        atlas.move(("r2", 7), Pose2D(0.1 * right, 0.1 * up, 0.0))
+        cells = np.argwhere(atlas.grid.log_odds > 0)
+        assert cells.min(axis=0).tolist() == [here[0] + up, here[1] + right]
+        assert len(cells) == atlas.grid.known_count == 64
+    atlas.change_frame(MapFrame(20, "r1"))
+    assert atlas.grid.known_count == 0
+    atlas.change_frame(ARENA)
+    assert atlas.grid.known_count == 64
+    atlas.withdraw(("r2", 7))
+    assert atlas.grid.known_count == 0
+    assert not atlas.grid.log_odds.any()

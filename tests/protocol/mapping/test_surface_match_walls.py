@@ -35,7 +35,7 @@ MAPS = {name: mapped(floor, places) for name, (floor, _, places) in BOTH_SIDES.i
 
 
 @pytest.mark.parametrize(("name", "true"), CASES)
-@pytest.mark.parametrize("across_m", [-0.06, 0.03, 0.06])
+@pytest.mark.parametrize("across_m", [-0.1, -0.06, 0.03, 0.06, 0.1])
 def test_a_scan_lies_on_the_side_of_a_thin_wall_that_it_has_seen(name: str, true: Pose2D, across_m: float) -> None:
     floor, (by_x, by_y), _ = BOTH_SIDES[name]
     guess = Pose2D(true.x_m + across_m * by_x, true.y_m + across_m * by_y, true.yaw_rad)
