@@ -297,6 +297,20 @@ def test_what_was_mapped_from_a_false_start_is_withdrawn_and_the_team_is_told(st
     assert class_at(host, -2.05, 0.0) == UNKNOWN
 
 
+def test_a_mates_closure_does_not_bring_back_a_submap_that_was_withdrawn(stage):
+    one, host = mapping(stage)
+    scanned(one, 1.2)
+    mates_submap(one)
+    wrong = host.board.local_map.number
+    host.board.false_start = True
+    one.run(0.6, lambda: one.stand_and_scan([0.0] * 4))
+    patches = one.inbox(ROBOT_MAP, robot="r1")
+    one.publisher(ROBOT_CLOSURES, robot="r2").put(closure(wrong, 0.3))
+    scanned(one, 3.0)
+    told = [part for each in patches.drain() for part in (each.message, *each.message.parts)]
+    assert wrong not in {part.submap for part in told if not part.parts}
+
+
 def test_nothing_that_was_not_told_yet_is_told_of_a_withdrawn_submap(stage):
     one, host = mapping(stage)
     patches = one.inbox(ROBOT_MAP)

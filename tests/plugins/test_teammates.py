@@ -252,3 +252,18 @@ def test_a_mate_in_any_frame_is_forgotten_when_it_is_silent(stage):
     assert len(known.in_frame(OWN)) == 1
     one.run(1.0)
     assert known.in_frame(OWN) == []
+
+
+def test_states_that_come_faster_than_they_are_needed_are_taken_in_seven_times_a_second(stage):
+    """Each takes time to decode."""
+    one = stage()
+    known = one.host("teammates").manager.get("teammates").plugin
+    ticks, heard = iter(range(1000)), set()
+
+    def each():
+        one.say_state("r2", Pose2D(float(next(ticks)), 0.0, 0.0))
+        heard.update(mate.pose.x_m for mate in known.others())
+
+    one.run(3.0, each)
+    assert 15 <= len(heard) <= 21
+    assert max(heard) > 140

@@ -28,6 +28,9 @@ def test_eigenvalues_ascend_and_their_vectors_make_the_matrix(seed, scale, rank)
         np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]),
         np.array([[2.0, 0.0, 1.0], [0.0, 5.0, 0.0], [1.0, 0.0, 2.0]]),
         np.array([[2.0, 0.0, 0.0], [0.0, 1.0, -1.0], [0.0, -1.0, 4.0]]),
+        np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 2.0], [0.0, 2.0, 0.0]]),
+        np.array([[0.0, 3.0, 0.0], [3.0, 0.0, 0.0], [0.0, 0.0, 0.0]]),
+        np.array([[0.0, 0.0, -3.0], [0.0, 0.0, 0.0], [-3.0, 0.0, 1.0]]),
     ],
 )
 def test_matrices_with_zeros_are_decomposed_too(matrix):

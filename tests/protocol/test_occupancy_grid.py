@@ -306,3 +306,13 @@ def test_patches_heard_again_change_nothing(patches: list[tuple[int, int, np.nda
     before = (grid.log_odds.tobytes(), grid.stamp_ms.tobytes(), grid.version, grid.known_count)
     assert sum(grid.merge_patch(*patch) for patch in patches) == 0
     assert (grid.log_odds.tobytes(), grid.stamp_ms.tobytes(), grid.version, grid.known_count) == before
+
+
+def test_a_cell_that_a_mate_has_seen_later_is_not_told_as_ones_own() -> None:
+    grid = OccupancyGrid(GEOMETRY)
+    look(grid, 0.5, stamp_ms=7)
+    say(grid, OCCUPIED, 8)
+    patch = grid.take_patch()
+    assert patch is not None
+    assert (patch.row, patch.column) == (14, 20)
+    assert patch.cells.tolist() == [[FREE, FREE, FREE, UNKNOWN, FREE, OCCUPIED]]

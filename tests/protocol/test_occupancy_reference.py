@@ -199,3 +199,23 @@ def test_cells_that_were_drawn_from_outside_are_counted():
     assert (grid.version, grid.known_count) == (1, 3)
     grid.count_drawn(0, 0)
     assert (grid.version, grid.known_count) == (1, 3)
+
+
+@pytest.mark.parametrize("before", [1, 2, 5, 9])
+def test_on_a_new_stretch_what_is_seen_again_is_told_once(before):
+    grid, place = OccupancyGrid(GridGeometry(0.1, 0.0, 0.0, 40, 40)), Pose2D(2.0, 2.0, 0.0)
+
+    def scan():
+        angles_rad = np.linspace(-math.pi, math.pi, 60, endpoint=False)
+        grid.integrate_scan(place, angles_rad, np.full(60, 1.5), 6.0, 7, np.empty((0, 3)))
+
+    for _ in range(before):
+        scan()
+    first = grid.take_patch()
+    grid.begin_stretch()
+    scan()
+    again = grid.take_patch()
+    assert np.array_equal(first.cells, again.cells)
+    for _ in range(3):
+        scan()
+        assert grid.take_patch() is None

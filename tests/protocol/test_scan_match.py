@@ -135,3 +135,24 @@ def test_a_map_of_another_shape_is_refused():
         match_scan(ROOM_MAP[1:], GEOMETRY, Pose2D(0, 0, 0), np.ones((30, 2)))
     with pytest.raises(ValueError, match="angles and ranges"):
         beam_ends(ANGLES_RAD, np.ones(3), RANGE_M)
+
+
+@pytest.mark.parametrize(("short_m", "agrees"), [(0.1, True), (0.15, True), (0.3, False), (1.0, False)])
+def test_the_fit_is_the_share_of_beams_that_end_within_two_decimetres_of_a_wall(short_m, agrees):
+    true = Pose2D(2.1, 3.0, 0.4)
+    ranges_m = seen(ROOM, true)
+    ranges_m[::4] -= short_m
+    fit = match_scan(ROOM_MAP, GEOMETRY, true, beam_ends(ANGLES_RAD, ranges_m, RANGE_M))
+    assert fit.fit == pytest.approx(1.0 if agrees else 0.75, abs=0.06)
+
+
+@pytest.mark.parametrize("turns", [-10, 10, 0])
+@pytest.mark.parametrize(("columns", "rows"), [(-9, 0), (9, 0), (0, -9), (0, 9), (9, 9), (-9, -9)])
+def test_a_place_at_the_very_end_of_what_is_searched_is_found(columns, rows, turns):
+    true = Pose2D(2.15, 3.05, 0.4)
+    guess = Pose2D(true.x_m - 0.1 * columns, true.y_m - 0.1 * rows, true.yaw_rad - 0.035 * turns)
+    points = beam_ends(ANGLES_RAD, seen(ROOM, true), RANGE_M)
+    found = search_scan(ROOM_MAP, GEOMETRY, guess, points, within_m=0.9, within_rad=0.35)
+    assert found is not None
+    assert found.distance_m(true) < 0.06
+    assert found.yaw_rad == pytest.approx(true.yaw_rad, abs=0.02)

@@ -141,7 +141,6 @@ class Localisation(Skill):
         self._agree_due_ns = 0
         self._until_ns = 0 if start.scan_matching else STAMP_MAX
         self._checked_version = 0
-        self._has_been_lost = bool(self._localiser.lost)
         self._is_corrected = False
         if start.scan_matching:
             self.env.observe(self.env.use("scan", ScanInterface).scanned, self._see)
@@ -303,7 +302,7 @@ class Localisation(Skill):
             others.log_odds, others.geometry, self._wall_points(scan, T_robot_sensor), T_robot_sensor
         )
         if self._localiser.lost:
-            self._has_been_lost = self.env.board.false_start = True
+            self.env.board.false_start = True
             self._tell()
 
     def _take_fix(self) -> None:
@@ -323,7 +322,7 @@ class Localisation(Skill):
         self._take_fix()
         localiser, board = self._localiser, self.env.board
         # Until something has corrected it, the frame stays what it was, to the last bit.
-        if self._signals or self._matches or self._has_been_lost or self._is_corrected:
+        if self._signals or self._matches or self._is_corrected:
             self._T_arena_odom = localiser.pose.compose(self._odometry.inverse())
         board.T_arena_odom = self._T_arena_odom
         T_local_odom = self._T_arena_odom
@@ -342,7 +341,6 @@ class Localisation(Skill):
         board.pose_covariance = tuple(localiser.covariance.ravel().tolist())
         board.lost = localiser.lost
         if localiser.lost != self._lost:
-            self._has_been_lost = True
             is_lost, self._lost = bool(localiser.lost), localiser.lost
             why = localiser.lost or "found again"
             logger.warning("%s: localisation %s", self.env.robot, f"has diverged: {why}" if is_lost else why)

@@ -176,7 +176,7 @@ class Frames:
             turned_rad = abs(at.inverse().compose(other).yaw_rad)
             if of_frame == frame and other.distance_m(at) < AGREE_M and turned_rad < AGREE_RAD:
                 agreeing.append(answer.place)
-        apart_m = max((one.distance_m(other) for one in agreeing for other in agreeing), default=0.0)
+        apart_m = max(one.distance_m(other) for one in agreeing for other in agreeing)
         return len(agreeing) >= ANSWERS_MIN and apart_m >= least_apart_m
 
     def _own_bodies(self, here: Pose2D) -> NDArray[np.float64]:

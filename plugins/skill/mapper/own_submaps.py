@@ -89,7 +89,7 @@ class OwnSubmaps:
         self.trajectory = trajectory
         self.grid.forget()
         self.grid.begin_stretch()
-        self._number, self._last, self._way_m = None, None, 0.0
+        self._number, self._last = None, None
 
     def is_over(self) -> bool:
         """Whether the current submap is complete, or there is none, so that the next must begin."""

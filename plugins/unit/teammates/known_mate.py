@@ -84,7 +84,7 @@ class KnownMate:
         self._way = Way(np.array([(point.x_m, point.y_m) for point in path.points])) if path.points else None
         self._claim = path.claim
         self._speed_m_s = path.speed_m_s if path.speed_m_s > 0 else self._default_speed_m_s
-        if path.held_at_m is not None or self._held_at_m is not None or has_stood:
+        if self._held_at_m is not None or has_stood:
             self._moved_ns = now_ns  # it has been waiting or standing, and only now may be expected to move
         self._held_at_m = path.held_at_m
         self._made_ns = -1

@@ -99,7 +99,10 @@ def solve(free: list[Pose2D], held: list[Pose2D], edges: list[Edge]) -> Solution
 
 @njit(cache=True, nogil=True)
 def _residual(nodes: Floats, one: int, other: int, place: Floats, residual: Floats, jacobian: Floats) -> None:
-    """Write the residual (3,) of an edge, and its derivatives (2, 3, 3) with respect to the poses of both nodes."""
+    """Write the residual (3,) of an edge, and its derivatives (2, 3, 3) with respect to the poses of both nodes.
+
+    How the yaws differ does not depend on the places: those derivatives stay 0.
+    """
     cos_one, sin_one = math.cos(nodes[one, 2]), math.sin(nodes[one, 2])
     cos_other, sin_other = math.cos(nodes[other, 2]), math.sin(nodes[other, 2])
     arm_one_x = cos_one * place[0] - sin_one * place[1]
@@ -119,13 +122,11 @@ def _residual(nodes: Floats, one: int, other: int, place: Floats, residual: Floa
     jacobian[0, 1, 0], jacobian[0, 1, 1] = sin, -cos
     jacobian[0, 0, 2] = residual[1] - (cos * -arm_one_y + sin * arm_one_x)
     jacobian[0, 1, 2] = -residual[0] - (-sin * -arm_one_y + cos * arm_one_x)
-    jacobian[0, 2, 0] = jacobian[0, 2, 1] = 0.0
     jacobian[0, 2, 2] = -1.0
     jacobian[1, 0, 0], jacobian[1, 0, 1] = cos, sin
     jacobian[1, 1, 0], jacobian[1, 1, 1] = -sin, cos
     jacobian[1, 0, 2] = cos * -arm_other_y + sin * arm_other_x
     jacobian[1, 1, 2] = -sin * -arm_other_y + cos * arm_other_x
-    jacobian[1, 2, 0] = jacobian[1, 2, 1] = 0.0
     jacobian[1, 2, 2] = 1.0
 
 

@@ -122,9 +122,6 @@ def _line(
     height, width = log_odds.shape
     base_x, base_y = float(surface_at[best_row, best_column, 0]), float(surface_at[best_row, best_column, 1])
     view_x, view_y = surface_view[best_row, best_column, 0], surface_view[best_row, best_column, 1]
-    weight, mean_x, mean_y = 0.0, 0.0, 0.0
-    xx, xy, yy = 0.0, 0.0, 0.0
-    count = 0
     # Far from the sensor the ends of neighbouring beams are several cells apart.
     for spread in range(1, SPREAD_MAX + 1):
         weight = mean_x = mean_y = xx = xy = yy = 0.0

@@ -254,3 +254,14 @@ def test_half_of_the_beams_in_the_middle_have_to_go_through():
     hit = ranges_m.copy()
     hit[bearings_rad > 0.5 * RADIUS_M / 2.0] = 1.9
     assert goes_through(told, hit)
+
+
+@pytest.mark.parametrize(("told_m", "circles"), [(5.9, 2), (6.05, 2), (6.95, 1), (7.05, 0)])
+def test_a_mate_that_may_be_within_the_lidars_range_is_looked_for(told_m, circles):
+    """It stands 5.4 m away. One that says to be farther than it could be seen, even if it erred, is not asked about."""
+    sensor = Pose2D(2.0, 4.0, 0.0)
+    ranges_m = HALL.ranges_m(sensor, circle(2.0 + 5.4, 4.0))
+    found = circles_for(circle(2.0 + told_m, 4.3), ranges_m, sensor)
+    assert len(found) == circles
+    if circles == 2:
+        assert found[1] == pytest.approx((7.4, 4.0, RADIUS_M + MARGIN_M), abs=0.12)
