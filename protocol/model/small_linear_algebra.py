@@ -100,6 +100,18 @@ def inverse_form(matrix: Floats, vector: Floats) -> float:
 
 
 @njit(cache=True, nogil=True)
+def innovation_squared(rows: Floats, covariance: Floats, offsets: Floats, variances: Floats) -> float:
+    """Squared Mahalanobis distance of `offsets` (n,), measured along `rows` (n, m) with these variances (n,).
+
+    `covariance` (m, m) is that of the state of which the rows are linear functions.
+    """
+    expected = covariance_of(rows, covariance)
+    for i in range(rows.shape[0]):
+        expected[i, i] += variances[i]
+    return inverse_form(expected, offsets)
+
+
+@njit(cache=True, nogil=True)
 def least_solution(rows: Floats, values: Floats) -> Floats:
     """The shortest v (m,) with `rows` · v = `values`, for `rows` (n, m) with n <= m.
 

@@ -55,6 +55,31 @@ def mate_circles(
     )
 
 
+def wall_ends(
+    angles_rad: NDArray[np.float64],
+    ranges_m: NDArray[np.float64],
+    range_max_m: float,
+    sensor: Pose2D,
+    circles: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """(n, 2) ends of the beams, sensor's frame, metres, that lie in none of the circles (K, 3), arena frame.
+
+    As `outside(beam_ends(…), …)`, in one call. Raises ValueError for arrays that do not fit.
+    """
+    if angles_rad.shape != ranges_m.shape or angles_rad.ndim != 1:
+        raise ValueError(f"expected (N,) angles and ranges, got {angles_rad.shape} and {ranges_m.shape}")
+    ends: NDArray[np.float64] = _wall_ends(
+        kernel_array(angles_rad, FLOAT64),
+        kernel_array(ranges_m, FLOAT64),
+        float(range_max_m),
+        float(sensor.x_m),
+        float(sensor.y_m),
+        float(sensor.yaw_rad),
+        kernel_array(circles, FLOAT64),
+    )
+    return ends
+
+
 def outside(points: NDArray[np.float64], sensor: Pose2D, circles: NDArray[np.float64]) -> NDArray[np.float64]:
     """The points (N, 2), sensor's frame, that lie in none of the circles (K, 3), arena frame."""
     if not len(circles) or not len(points):
@@ -92,6 +117,35 @@ def sees_through(
         if within.any() and bool((ranges_m[within] > away_m + THROUGH_M).all()):
             return True
     return False
+
+
+@njit(cache=True, nogil=True)
+def _wall_ends(
+    angles_rad: NDArray[np.float64],
+    ranges_m: NDArray[np.float64],
+    range_max_m: float,
+    x_m: float,
+    y_m: float,
+    yaw_rad: float,
+    circles: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    ends = np.empty((angles_rad.shape[0], 2))
+    count = 0
+    for n in range(angles_rad.shape[0]):
+        if not 0.0 < ranges_m[n] < range_max_m:
+            continue
+        ends[count, 0] = ranges_m[n] * math.cos(angles_rad[n])
+        ends[count, 1] = ranges_m[n] * math.sin(angles_rad[n])
+        count += 1
+    if circles.shape[0] == 0:
+        return ends[:count]
+    is_outside = _outside(ends[:count], x_m, y_m, yaw_rad, circles)
+    kept = 0
+    for n in range(count):
+        if is_outside[n]:
+            ends[kept, 0], ends[kept, 1] = ends[n, 0], ends[n, 1]
+            kept += 1
+    return ends[:kept]
 
 
 @njit(cache=True, nogil=True)

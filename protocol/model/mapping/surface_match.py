@@ -222,9 +222,12 @@ def _match(
                 continue
             if cell != cells[k]:  # in most steps a beam ends at the wall at which it ended before
                 cells[k] = cell
-                is_line[k] = _line(
-                    log_odds, surface_at, surface_hits, surface_view, cell // width, cell % width, lines[k]
-                )
+                if k > 0 and cells[k - 1] == cell:  # and often at that at which its neighbour ends
+                    is_line[k], lines[k] = is_line[k - 1], lines[k - 1]
+                else:
+                    is_line[k] = _line(
+                        log_odds, surface_at, surface_hits, surface_view, cell // width, cell % width, lines[k]
+                    )
             if not is_line[k]:
                 continue
             line = lines[k]
