@@ -192,7 +192,7 @@ def _take_one(atlas: SubmapAtlas, patch: MapPatch) -> int:
     box = None if statements is None else (patch.row, patch.column, statements[0].shape, statements[1])
     atlas.check(key, box, surfaces, TOLD_SHARE)
     atlas.move(key, patch.T_arena_local, patch.frame)
-    changed = 0 if statements is None else atlas.take(key, patch.row, patch.column, *statements)
+    changed = 0 if statements is None else atlas.take_checked(key, patch.row, patch.column, *statements)
     if surfaces is not None:
         atlas.take_surfaces(key, surfaces)
     return changed

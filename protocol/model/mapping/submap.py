@@ -77,6 +77,10 @@ class Submap:
 
         """
         self.growth(row, column, cells.shape, stamp_ms)
+        self.take_checked(row, column, cells, stamp_ms)
+
+    def take_checked(self, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int | NDArray[np.int32]) -> None:
+        """As `take`, for cells that `growth` has checked."""
         stamps_ms = kernel_array(np.full((1, 1), stamp_ms) if isinstance(stamp_ms, int) else stamp_ms, INT32)
         self._cover(row, column, *cells.shape)
         self.occupied += _take(
@@ -234,22 +238,29 @@ def _take(
     """Increase in the number of occupied cells; `said_ms` is (1, 1) for all cells, or (h / 8, w / 8) for tiles."""
     more = 0
     is_one = said_ms.shape[0] == 1 and said_ms.shape[1] == 1
-    # A late patch fills only unknown cells. The tiles' times change after all cells have been compared with them.
+    first_tile = first_column // TILE_CELLS
+    tiles = (first_column + cells.shape[1] - 1) // TILE_CELLS - first_tile + 1
+    # A late patch fills only unknown cells. A tile's time changes after all its cells have been compared with it.
+    latest_ms = np.full(tiles, -1, np.int32)
     for i in range(cells.shape[0]):
+        row = first_row + i
+        tile_row = row // TILE_CELLS
         for j in range(cells.shape[1]):
-            if cells[i, j] < 0:
+            cell = cells[i, j]
+            if cell < 0:
                 continue
-            row, column = first_row + i, first_column + j
+            column = first_column + j
+            tile = column // TILE_CELLS
             stamp_ms = said_ms[0, 0] if is_one else said_ms[i // TILE_CELLS, j // TILE_CELLS]
-            if evidence[row, column] != 0 and stamp_ms < stamps_ms[row // TILE_CELLS, column // TILE_CELLS]:
+            latest_ms[tile - first_tile] = max(latest_ms[tile - first_tile], stamp_ms)
+            before = evidence[row, column]
+            if before != 0 and stamp_ms < stamps_ms[tile_row, tile]:
                 continue
-            now = SAYS_OCCUPIED if cells[i, j] > 0 else SAYS_FREE
-            more += int(now > 0) - int(evidence[row, column] > 0)
+            now = SAYS_OCCUPIED if cell > 0 else SAYS_FREE
+            more += int(now > 0) - int(before > 0)
             evidence[row, column] = now
-    for i in range(cells.shape[0]):
-        for j in range(cells.shape[1]):
-            if cells[i, j] >= 0:
-                tile_row, tile_column = (first_row + i) // TILE_CELLS, (first_column + j) // TILE_CELLS
-                stamp_ms = said_ms[0, 0] if is_one else said_ms[i // TILE_CELLS, j // TILE_CELLS]
-                stamps_ms[tile_row, tile_column] = max(stamps_ms[tile_row, tile_column], stamp_ms)
+        if (row + 1) % TILE_CELLS == 0 or i == cells.shape[0] - 1:
+            for n in range(tiles):
+                stamps_ms[tile_row, first_tile + n] = max(stamps_ms[tile_row, first_tile + n], latest_ms[n])
+            latest_ms[:] = -1
     return more

@@ -60,12 +60,18 @@ class SubmapAtlas:
 
         """
         self.check(key, (row, column, cells.shape, stamp_ms))
+        return self.take_checked(key, row, column, cells, stamp_ms)
+
+    def take_checked(
+        self, key: SubmapKey, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int | NDArray[np.int32]
+    ) -> int:
+        """As `take`, for cells that `check` has checked."""
         submap = self.submaps.get(key)
         if submap is None:
             submap = Submap(*self._poses.get(key, (IDENTITY, ARENA)))
         before = submap.size
         latest_ms = submap.latest_ms(row, column, *cells.shape)
-        submap.take(row, column, cells, stamp_ms)
+        submap.take_checked(row, column, cells, stamp_ms)
         self._size += submap.size - before
         self.submaps[key] = submap
         self._poses.pop(key, None)
@@ -269,9 +275,14 @@ def _draw(
     cos, sin, first_row, first_column = lookup
     height, width = evidence.shape
     changed, discovered = 0, 0
+    is_turned = sin != 0.0
     for i in range(box[0], box[2]):
+        row = math.floor(first_row + cos * i)
+        if not is_turned and (row < 0 or row >= height):
+            continue
         for j in range(box[1], box[3]):
-            row = math.floor(first_row + cos * i + sin * j)
+            if is_turned:
+                row = math.floor(first_row + cos * i + sin * j)
             column = math.floor(first_column - sin * i + cos * j)
             if row < 0 or column < 0 or row >= height or column >= width:
                 continue
