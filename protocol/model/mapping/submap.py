@@ -7,6 +7,7 @@ identity until it is corrected, and cells need not be resampled.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -38,6 +39,16 @@ VIEWS = np.array(
 """(256, 2) unit vector of each direction `view`. Computed by the C library, because digests depend on it."""
 SURFACES_MAX = 1 << 16
 """Surfaces of one submap."""
+
+
+class Told(NamedTuple):
+    """Tiles of a submap for which a patch has statements."""
+
+    row: int
+    column: int
+    """Of the first tile."""
+    tiles: NDArray[np.bool_]
+    """(h, w) from there."""
 
 
 class Submap:
@@ -79,11 +90,13 @@ class Submap:
         self.growth(row, column, cells.shape, stamp_ms)
         self.take_checked(row, column, cells, stamp_ms)
 
-    def take_checked(self, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int | NDArray[np.int32]) -> None:
-        """As `take`, for cells that `growth` has checked."""
+    def take_checked(
+        self, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int | NDArray[np.int32]
+    ) -> "Told":
+        """As `take`, for cells that `growth` has checked; returns which tiles they have changed."""
         stamps_ms = kernel_array(np.full((1, 1), stamp_ms) if isinstance(stamp_ms, int) else stamp_ms, INT32)
         self._cover(row, column, *cells.shape)
-        self.occupied += _take(
+        more, tiles = _take(
             self.evidence,
             self.stamp_ms,
             row - self.row,
@@ -91,7 +104,9 @@ class Submap:
             kernel_array(cells, INT8),
             stamps_ms,
         )
+        self.occupied += more
         self.version += 1
+        return Told((row - self.row) // TILE_CELLS, (column - self.column) // TILE_CELLS, tiles)
 
     def growth(self, row: int, column: int, shape: tuple[int, ...], stamp_ms: int | NDArray[np.int32]) -> int:
         """Number of cells by which `take` would enlarge the submap; arguments and errors are those of `take`."""
@@ -234,12 +249,16 @@ def _take(
     first_column: int,
     cells: NDArray[np.int8],
     said_ms: NDArray[np.int32],
-) -> int:
-    """Increase in the number of occupied cells; `said_ms` is (1, 1) for all cells, or (h / 8, w / 8) for tiles."""
+) -> tuple[int, NDArray[np.bool_]]:
+    """Increase in the number of occupied cells, and the tiles of the box for which there are statements.
+
+    `said_ms` is (1, 1) for all cells, or (h / 8, w / 8) for tiles.
+    """
     more = 0
     is_one = said_ms.shape[0] == 1 and said_ms.shape[1] == 1
-    first_tile = first_column // TILE_CELLS
+    first_tile, first_tile_row = first_column // TILE_CELLS, first_row // TILE_CELLS
     tiles = (first_column + cells.shape[1] - 1) // TILE_CELLS - first_tile + 1
+    is_told = np.zeros(((first_row + cells.shape[0] - 1) // TILE_CELLS - first_tile_row + 1, tiles), np.bool_)
     # A late patch fills only unknown cells. A tile's time changes after all its cells have been compared with it.
     latest_ms = np.full(tiles, -1, np.int32)
     for i in range(cells.shape[0]):
@@ -261,6 +280,7 @@ def _take(
             evidence[row, column] = now
         if (row + 1) % TILE_CELLS == 0 or i == cells.shape[0] - 1:
             for n in range(tiles):
+                is_told[tile_row - first_tile_row, n] = latest_ms[n] >= 0
                 stamps_ms[tile_row, first_tile + n] = max(stamps_ms[tile_row, first_tile + n], latest_ms[n])
             latest_ms[:] = -1
-    return more
+    return more, is_told
