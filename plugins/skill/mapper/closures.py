@@ -110,7 +110,8 @@ class ClosureDesk:
         self._graph.close(number, at_own, key, at_other, lying.information)
         self.closed += 1
         if key[0] != self._robot:
-            upper = tuple(lying.information[np.triu_indices(3)].tolist())
+            (xx, xy, xt), (_, yy, yt), (_, _, tt) = lying.information.tolist()
+            upper = xx, xy, xt, yy, yt, tt
             closure = Closure(
                 submap=number, at=at_own, mate=key[0], mate_submap=key[1], at_mate=at_other, information=upper
             )

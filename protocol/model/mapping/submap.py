@@ -94,7 +94,8 @@ class Submap:
         self, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int | NDArray[np.int32]
     ) -> "Told":
         """As `take`, for cells that `growth` has checked; returns which tiles they have changed."""
-        stamps_ms = kernel_array(np.full((1, 1), stamp_ms) if isinstance(stamp_ms, int) else stamp_ms, INT32)
+        is_one = isinstance(stamp_ms, int)
+        stamps_ms = np.full((1, 1), stamp_ms, np.int32) if is_one else kernel_array(stamp_ms, INT32)
         self._cover(row, column, *cells.shape)
         more, tiles = _take(
             self.evidence,
@@ -117,6 +118,8 @@ class Submap:
             tiles = -(-height // TILE_CELLS), -(-width // TILE_CELLS)
             if stamp_ms.shape != tiles:
                 raise ValueError(f"expected times of {tiles} tiles, got {stamp_ms.shape}")
+        if self._holds(row, column, height, width):
+            return 0
         first_row, first_column, end_row, end_column = self._box_with(row, column, height, width)
         rows, columns = end_row - first_row, end_column - first_column
         if max(rows, columns) > SIDE_MAX_CELLS:
@@ -177,6 +180,12 @@ class Submap:
         """First row, first column, past-the-end row and past-the-end column of the cells, in the frame `local`."""
         return self.row, self.column, self.row + self.evidence.shape[0], self.column + self.evidence.shape[1]
 
+    def _holds(self, row: int, column: int, height: int, width: int) -> bool:
+        """Whether these cells lie in the submap's box."""
+        rows, columns = self.evidence.shape
+        at_row, at_column = row - self.row, column - self.column
+        return at_row >= 0 and at_column >= 0 and at_row + height <= rows and at_column + width <= columns
+
     def _box_with(self, row: int, column: int, height: int, width: int) -> tuple[int, int, int, int]:
         """The submap's box, in whole blocks, enlarged by these cells."""
         first_row, first_column = _down(row), _down(column)
@@ -189,10 +198,10 @@ class Submap:
 
     def _cover(self, row: int, column: int, height: int, width: int) -> None:
         """Enlarge the box to contain these cells."""
+        if self._holds(row, column, height, width):
+            return
         first_row, first_column, end_row, end_column = self._box_with(row, column, height, width)
         rows, columns = end_row - first_row, end_column - first_column
-        if (rows, columns) == self.evidence.shape:
-            return
         evidence = np.zeros((rows, columns), np.int8)
         stamp_ms = np.zeros((rows // TILE_CELLS, columns // TILE_CELLS), np.int32)
         if not self.is_empty:
