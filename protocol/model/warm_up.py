@@ -35,7 +35,7 @@ from robrain.protocol.model.right_of_way import Margins, Track, meet, release, s
 from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
 from robrain.protocol.model.scan_agreement import agreement
 from robrain.protocol.model.scan_match import beam_ends, match_scan, search_scan
-from robrain.protocol.model.small_linear_algebra import innovation_squared, least_solution, quadratic_form
+from robrain.protocol.model.small_linear_algebra import innovation_squared, inverse, least_solution, quadratic_form
 from robrain.protocol.model.soc_filter import PackModel, SocFilter
 
 
@@ -141,6 +141,7 @@ def _warm_up_finding_by_motes() -> None:
 def _warm_up_small_kernels() -> None:
     ones, unit = np.ones(3), np.eye(3)
     innovation_squared(unit, unit, ones, ones)
+    inverse(unit)
     least_solution(unit, ones)
     quadratic_form(unit, ones)
     PowerLearner(PowerPrior()).learn((1.0, 1.0, 0.5, 0.1, 0.0), 8.0)
