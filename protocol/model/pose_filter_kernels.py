@@ -132,7 +132,7 @@ def _wrapped(angle_rad: float) -> float:
 def update_along(
     mean: Floats, covariance: Floats, size: int, rows: Floats, offsets_m: Floats, variances: Floats
 ) -> None:
-    """Update with measurements of rows (n, 3) of x, y, yaw, one after the other; all offsets (n,) are from the start."""
+    """Update with measurements of rows (n, 3) of x, y, yaw, one by one; all offsets (n,) are from the start."""
     start_x, start_y, start_yaw = mean[X], mean[Y], _wrapped(mean[YAW])
     for n in range(rows.shape[0]):
         turned_rad = _wrapped(_wrapped(mean[YAW]) - start_yaw)

@@ -72,7 +72,12 @@ class ClosureDesk:
         return f"{len(submaps)} submaps of {len(robots)} robots contradict what the lidar sees"
 
     def look(
-        self, number: int, local: Pose2D, sensor: Pose2D, points: Callable[[], NDArray[np.float64]], covariance: tuple[float, ...]
+        self,
+        number: int,
+        local: Pose2D,
+        sensor: Pose2D,
+        points: Callable[[], NDArray[np.float64]],
+        covariance: tuple[float, ...],
     ) -> bool:
         """Match a scan against a submap that covers the place: one of another robot, or an old one of this robot.
 

@@ -255,7 +255,6 @@ class Mapper(Skill):
             return
         sensor = self._own.T_arena_local.compose(local)
 
-
         def points() -> NDArray[np.float64]:
             return wall_ends(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, circles)
 

@@ -21,6 +21,8 @@ JUMP_M = 0.25
 """Difference between the ranges of neighbouring beams, metres, above which they end at different objects."""
 THROUGH_M = 0.5
 """Distance behind the middle of a mate's place at which a beam has gone through it; mates move while they tell."""
+TOLERANCE_M = 1e-6
+"""More than rounding errors of distances."""
 ROUND_M = 0.06
 """Largest distance, metres, of the beams' ends from a circle of the mate's radius."""
 
@@ -201,7 +203,8 @@ def _mate_circles(
             is_before = ranges_m[first] < ranges_m[first - 1] and ranges_m[last % beams] < following
             middle = (first + last) // 2
             reach_m = ranges_m[middle % beams] + radius_m
-            if is_before and ranges_m[last % beams] < range_max_m and reach_m > radius_m:
+            may_be_it = abs(reach_m - away_m) < nearest_m + TOLERANCE_M  # else its middle is farther from the place
+            if may_be_it and is_before and ranges_m[last % beams] < range_max_m and reach_m > radius_m:
                 half_rad = math.asin(min(1.0, radius_m / reach_m))
                 last_rad = angles_rad[last % beams] + (math.tau if last >= beams else 0.0)
                 spread_rad = last_rad - angles_rad[first]

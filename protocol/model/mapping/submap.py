@@ -90,12 +90,12 @@ class Submap:
         self.growth(row, column, cells.shape, stamp_ms)
         self.take_checked(row, column, cells, stamp_ms)
 
-    def take_checked(
-        self, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int | NDArray[np.int32]
-    ) -> "Told":
+    def take_checked(self, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int | NDArray[np.int32]) -> Told:
         """As `take`, for cells that `growth` has checked; returns which tiles they have changed."""
-        is_one = isinstance(stamp_ms, int)
-        stamps_ms = np.full((1, 1), stamp_ms, np.int32) if is_one else kernel_array(stamp_ms, INT32)
+        if isinstance(stamp_ms, int):
+            stamps_ms = np.full((1, 1), stamp_ms, np.int32)
+        else:
+            stamps_ms = kernel_array(stamp_ms, INT32)
         self._cover(row, column, *cells.shape)
         more, tiles = _take(
             self.evidence,

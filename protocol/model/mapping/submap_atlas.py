@@ -48,6 +48,14 @@ class SubmapAtlas:
         self._size = 0
         """Bytes of the submaps."""
         self._origin = (geometry.origin_x_m, geometry.origin_y_m)
+        half_m = 0.5 * geometry.resolution_m
+        self._middle_m = (geometry.origin_x_m + half_m, geometry.origin_y_m + half_m)
+        """Centre of the grid's cell (0, 0)."""
+        self._first = (
+            (self._middle_m[0] - geometry.origin_x_m) / geometry.resolution_m,
+            (self._middle_m[1] - geometry.origin_y_m) / geometry.resolution_m,
+        )
+        """The same in cells from the origin."""
 
     def take(
         self, key: SubmapKey, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int | NDArray[np.int32]
@@ -245,11 +253,12 @@ class SubmapAtlas:
     def _lookup(self, submap: Submap) -> tuple[float, float, float, float]:
         """(cos, sin, row, column): cell (i, j) is the submap's (row + cos·i + sin·j, column − sin·i + cos·j)."""
         geometry = self.grid.geometry
+        if submap.T_arena_local == IDENTITY:
+            return 1.0, 0.0, self._first[1] - submap.row, self._first[0] - submap.column
         T_local_arena = submap.T_arena_local.inverse()
         cos, sin = math.cos(T_local_arena.yaw_rad), math.sin(T_local_arena.yaw_rad)
         # Centre of the grid's cell (0, 0), in cells of the frame `local`.
-        x_m = geometry.origin_x_m + 0.5 * geometry.resolution_m
-        y_m = geometry.origin_y_m + 0.5 * geometry.resolution_m
+        x_m, y_m = self._middle_m
         at_x = (T_local_arena.x_m + cos * x_m - sin * y_m - geometry.origin_x_m) / geometry.resolution_m
         at_y = (T_local_arena.y_m + sin * x_m + cos * y_m - geometry.origin_y_m) / geometry.resolution_m
         return cos, sin, at_y - submap.row, at_x - submap.column
