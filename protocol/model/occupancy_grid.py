@@ -303,7 +303,7 @@ class OccupancyGrid:
 
     def _patch_of(self, mask: NDArray[np.bool_], *, earliest: bool = False) -> PatchCells | None:
         row, column, cells, stamp_ms = kernels.patch_of(mask, self.log_odds, self.stamp_ms, earliest)
-        return PatchCells(row, column, cells, stamp_ms) if cells.size else None
+        return PatchCells(row, column, cells, int(stamp_ms)) if cells.size else None
 
 
 def _check_stamp(stamp_ms: int) -> None:

@@ -11,7 +11,7 @@ from robrain.protocol.model.line_of_sight import standpoint
 from robrain.protocol.model.localiser import Localiser, LocaliserSpec
 from robrain.protocol.model.map_accuracy import measure_map_accuracy
 from robrain.protocol.model.mapping.map_overlap import MapMatcher
-from robrain.protocol.model.mapping.mates_in_scan import mate_circles, outside, wall_ends
+from robrain.protocol.model.mapping.mates_in_scan import mate_circles, wall_ends
 from robrain.protocol.model.mapping.place_search import search_places
 from robrain.protocol.model.mapping.pose_graph import Edge, solve
 from robrain.protocol.model.mapping.submap import IDENTITY
@@ -119,7 +119,7 @@ def _warm_up_mapping(geometry: GridGeometry) -> None:
     sensor, angles_rad = Pose2D(0.4, 0.4, 0.0), np.linspace(-3.0, 3.0, 30)
     ranges_m = 0.25 / np.maximum(np.abs(np.cos(angles_rad)), np.abs(np.sin(angles_rad)))
     circles = mate_circles(angles_rad, ranges_m, 1.0, sensor, np.array([[0.6, 0.6, 0.05]]))
-    ends = outside(wall_ends(angles_rad, ranges_m, 1.0, sensor, circles), sensor, circles)
+    ends = wall_ends(angles_rad, ranges_m, 1.0, sensor, circles)
     own = OccupancyGrid(geometry, surfaces=True)
     own.integrate_scan(sensor, angles_rad, ranges_m, 1.0, 0, circles)
     match_surface(own, sensor, ends)

@@ -66,7 +66,7 @@ def wall_ends(
 ) -> NDArray[np.float64]:
     """(n, 2) ends of the beams, sensor's frame, metres, that lie in none of the circles (K, 3), arena frame.
 
-    As `outside(beam_ends(…), …)`, in one call. Raises ValueError for arrays that do not fit.
+    Without circles they are those of `scan_match.beam_ends`. Raises ValueError for arrays that do not fit.
     """
     if angles_rad.shape != ranges_m.shape or angles_rad.ndim != 1:
         raise ValueError(f"expected (N,) angles and ranges, got {angles_rad.shape} and {ranges_m.shape}")
@@ -80,22 +80,6 @@ def wall_ends(
         kernel_array(circles, FLOAT64),
     )
     return ends
-
-
-def outside(points: NDArray[np.float64], sensor: Pose2D, circles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The points (N, 2), sensor's frame, that lie in none of the circles (K, 3), arena frame."""
-    if not len(circles) or not len(points):
-        return points
-    kept: NDArray[np.float64] = points[
-        _outside(
-            kernel_array(points, FLOAT64),
-            float(sensor.x_m),
-            float(sensor.y_m),
-            float(sensor.yaw_rad),
-            kernel_array(circles, FLOAT64),
-        )
-    ]
-    return kept
 
 
 def sees_through(
@@ -131,39 +115,23 @@ def _wall_ends(
     yaw_rad: float,
     circles: NDArray[np.float64],
 ) -> NDArray[np.float64]:
+    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
     ends = np.empty((angles_rad.shape[0], 2))
     count = 0
     for n in range(angles_rad.shape[0]):
         if not 0.0 < ranges_m[n] < range_max_m:
             continue
-        ends[count, 0] = ranges_m[n] * math.cos(angles_rad[n])
-        ends[count, 1] = ranges_m[n] * math.sin(angles_rad[n])
-        count += 1
-    if circles.shape[0] == 0:
-        return ends[:count]
-    is_outside = _outside(ends[:count], x_m, y_m, yaw_rad, circles)
-    kept = 0
-    for n in range(count):
-        if is_outside[n]:
-            ends[kept, 0], ends[kept, 1] = ends[n, 0], ends[n, 1]
-            kept += 1
-    return ends[:kept]
-
-
-@njit(cache=True, nogil=True)
-def _outside(
-    points: NDArray[np.float64], x_m: float, y_m: float, yaw_rad: float, circles: NDArray[np.float64]
-) -> NDArray[np.bool_]:
-    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
-    is_outside = np.ones(points.shape[0], np.bool_)
-    for n in range(points.shape[0]):
-        at_x = x_m + cos * points[n, 0] - sin * points[n, 1]
-        at_y = y_m + sin * points[n, 0] + cos * points[n, 1]
+        end_x, end_y = ranges_m[n] * math.cos(angles_rad[n]), ranges_m[n] * math.sin(angles_rad[n])
+        at_x, at_y = x_m + cos * end_x - sin * end_y, y_m + sin * end_x + cos * end_y
+        is_outside = True
         for k in range(circles.shape[0]):
             if (at_x - circles[k, 0]) ** 2 + (at_y - circles[k, 1]) ** 2 <= circles[k, 2] ** 2:
-                is_outside[n] = False
+                is_outside = False
                 break
-    return is_outside
+        if is_outside:
+            ends[count, 0], ends[count, 1] = end_x, end_y
+            count += 1
+    return ends[:count]
 
 
 @njit(cache=True, nogil=True)

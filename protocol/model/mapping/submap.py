@@ -92,10 +92,7 @@ class Submap:
 
     def take_checked(self, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int | NDArray[np.int32]) -> Told:
         """As `take`, for cells that `growth` has checked; returns which tiles they have changed."""
-        if isinstance(stamp_ms, int):
-            stamps_ms = np.full((1, 1), stamp_ms, np.int32)
-        else:
-            stamps_ms = kernel_array(stamp_ms, INT32)
+        stamps_ms = np.full((1, 1), stamp_ms, np.int32) if isinstance(stamp_ms, int) else kernel_array(stamp_ms, INT32)
         self._cover(row, column, *cells.shape)
         more, tiles = _take(
             self.evidence,
