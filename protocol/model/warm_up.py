@@ -34,7 +34,7 @@ from robrain.protocol.model.ray_cast import cast_rays
 from robrain.protocol.model.right_of_way import Margins, Track, meet, release, sample_way
 from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
 from robrain.protocol.model.scan_agreement import agreement
-from robrain.protocol.model.scan_match import beam_ends, match_scan, search_scan
+from robrain.protocol.model.scan_match import beam_ends, match_scan, points_in_view, search_scan
 from robrain.protocol.model.small_linear_algebra import innovation_squared, inverse, least_solution, quadratic_form
 from robrain.protocol.model.soc_filter import PackModel, SocFilter
 
@@ -108,6 +108,7 @@ def _warm_up_localisation(grid: OccupancyGrid) -> None:
     one.correct_along(np.eye(3), np.zeros(3), np.ones(3))
     ends = beam_ends(np.linspace(-3.0, 3.0, 30), np.full(30, 0.2), 1.0)
     match_scan(grid.log_odds, grid.geometry, localiser.pose, ends)
+    points_in_view(grid.log_odds, grid.geometry, localiser.pose, ends)
     search_scan(grid.log_odds, grid.geometry, localiser.pose, ends, within_m=0.1, within_rad=0.05)
     agreement(grid.log_odds, grid.geometry, localiser.pose, ends)
     search_places(grid.log_odds, grid.geometry, ends, 4)
