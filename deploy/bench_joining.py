@@ -271,6 +271,8 @@ class _Watch:
         """What became of a robot."""
         joined_s = self.joined_s.get(name)
         overlap_s = self.overlap_s.get(name, joined_s)
+        if joined_s is None and overlap_s is not None and self.run.sim_time_s - overlap_s < JOINED_WITHIN_S:
+            overlap_s = None  # the run ended before there was time enough
         error_m = self.error_m[name] if joined_s is not None else 0.0
         return Joining(
             case=case, kind=kind, robot=name, overlap_s=overlap_s, joined_s=joined_s, error_m=round(error_m, 3)

@@ -18,7 +18,7 @@ from robrain.protocol.model.recent_signals import RecentSignals
 from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
 from robrain.protocol.model.scan_agreement import COMPARED_MIN, agreement
 from robrain.protocol.model.scan_match import ScanFit, search_scan
-from robrain.protocol.model.small_linear_algebra import covariance_of, inverse_form, times_vector
+from robrain.protocol.model.small_linear_algebra import innovation_squared
 
 COMPARE_EVERY = 24
 """After so many signals the estimate is held against all other places."""
@@ -130,13 +130,16 @@ class Localiser:
         return self.filter.pose
 
     @property
+    def covariances(self) -> tuple[float, ...]:
+        """(3, 3) of x, y, yaw in the arena frame, row by row: m², m·rad, rad². Errors of the robot's map count."""
+        xx, xy, xt, yx, yy, yt, tx, ty, tt = self.filter.covariances
+        x, y, yaw = self._of_map
+        return (xx + x, xy, xt, yx, yy + y, yt, tx, ty, tt + yaw)
+
+    @property
     def covariance(self) -> NDArray[np.float64]:
-        """(3, 3) of x, y, yaw in the arena frame: m², m·rad, rad². Errors of the map that the robot goes by count."""
-        covariance = self.filter.covariance + 0.0
-        covariance[0, 0] += self._of_map[0]
-        covariance[1, 1] += self._of_map[1]
-        covariance[2, 2] += self._of_map[2]
-        return covariance
+        """`covariances` as an array (3, 3)."""
+        return np.array(self.covariances).reshape(3, 3)
 
     @property
     def way_m(self) -> float:
@@ -224,9 +227,9 @@ class Localiser:
     @property
     def drift(self) -> Drift:
         """Variances of the robot's pose relative to where its own map began: position (m² per axis) and yaw (rad²)."""
-        covariance, spec = self.filter.covariance, self.spec
-        beyond_m2 = max(0.5 * float(covariance[0, 0] + covariance[1, 1]) - spec.floor_m**2, 0.0)
-        beyond_rad2 = max(float(covariance[2, 2]) - spec.floor_rad**2, 0.0)
+        covariances, spec = self.filter.covariances, self.spec
+        beyond_m2 = max(0.5 * (covariances[0] + covariances[4]) - spec.floor_m**2, 0.0)
+        beyond_rad2 = max(covariances[8] - spec.floor_rad**2, 0.0)
         m2, rad2 = self._map_drift
         return m2 + beyond_m2 + spec.step_m**2, rad2 + beyond_rad2 + spec.step_rad**2
 
@@ -284,23 +287,21 @@ class Localiser:
         if not fit.directions:
             return True
         ahead = (guess.x_m - believed.x_m, guess.y_m - believed.y_m, wrap_angle_rad(guess.yaw_rad - believed.yaw_rad))
-        rows = np.array([direction.row for direction in fit.directions])
-        offsets_m = times_vector(rows, np.array(ahead)) + [direction.offset_m for direction in fit.directions]
         slack_m = map.grid.geometry.resolution_m * self.spec.slack_cells
-        offsets_m = np.copysign(np.maximum(np.abs(offsets_m) - slack_m, 0.0), offsets_m)
+        of_beam_m2, cos, sin = self.spec.wall_sigma_m**2, 1.0, 0.0
         if map.T_arena_local.yaw_rad:
-            rows = _turned(rows, map.T_arena_local.yaw_rad)
-        start = self.pose
-        variances = [self.spec.wall_sigma_m**2 * (1.0 + WALL_BEAMS / each.information) for each in fit.directions]
-        expected = covariance_of(rows, self.filter.covariance) + np.diag(variances)
-        if inverse_form(expected, offsets_m) > SCAN_GATES[len(rows) - 1]:
+            cos, sin = math.cos(map.T_arena_local.yaw_rad), math.sin(map.T_arena_local.yaw_rad)
+        rows, offsets_m, variances = [], [], []
+        for held in fit.directions:
+            x, y, yaw = held.row
+            offset_m = x * ahead[0] + y * ahead[1] + yaw * ahead[2] + held.offset_m
+            offsets_m.append(math.copysign(max(abs(offset_m) - slack_m, 0.0), offset_m))
+            rows.append((cos * x - sin * y, sin * x + cos * y, yaw))
+            variances.append(of_beam_m2 * (1.0 + WALL_BEAMS / held.information))
+        along, off_m, noise = np.array(rows), np.array(offsets_m), np.array(variances)
+        if innovation_squared(along, self.filter.covariance, off_m, noise) > SCAN_GATES[len(rows) - 1]:
             return False
-        for row, offset_m, variance in zip(rows.tolist(), offsets_m.tolist(), variances, strict=True):
-            # The directions are orthogonal but the filter's errors are correlated: correct one after the other.
-            now = self.pose
-            turned_rad = wrap_angle_rad(now.yaw_rad - start.yaw_rad)
-            done_m = row[0] * (now.x_m - start.x_m) + row[1] * (now.y_m - start.y_m) + row[2] * turned_rad
-            self.filter.correct((row[0], row[1], row[2]), offset_m - done_m, variance)
+        self.filter.correct_along(along, off_m, noise)
         floor_m2 = self.spec.floor_m**2
         self.filter.at_least((floor_m2, floor_m2, self.spec.floor_rad**2))
         self._matched_way_m = self._way_m
@@ -370,12 +371,3 @@ class Localiser:
         within_m = min(3.0 * self.filter.sigma_m, self.spec.search_within_m)
         within_rad = min(3.0 * self.filter.sigma_rad, SEARCH_WITHIN_RAD)
         return search_scan(log_odds, geometry, guess, points, within_m=within_m, within_rad=within_rad)
-
-
-def _turned(rows: NDArray[np.float64], yaw_rad: float) -> NDArray[np.float64]:
-    """Directions (n, 3) of x, y, yaw, rotated by `yaw_rad`."""
-    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
-    turned = rows.copy()
-    turned[:, 0] = cos * rows[:, 0] - sin * rows[:, 1]
-    turned[:, 1] = sin * rows[:, 0] + cos * rows[:, 1]
-    return turned

@@ -21,6 +21,7 @@ from robrain.protocol.model.kernel_array import FLOAT64, INT8, kernel_array
 
 UNKNOWN, FREE, OCCUPIED = kernels.UNKNOWN, kernels.FREE, kernels.OCCUPIED
 LAST_STAMP_MS = 2**31 - 1
+NO_CIRCLES = np.empty((0, 3))
 
 
 class GridGeometry(msgspec.Struct, frozen=True):
@@ -181,7 +182,7 @@ class OccupancyGrid:
             kernel_array(ranges_m, FLOAT64),
             float(range_max_m),
             int(stamp_ms),
-            (ignore - (self.geometry.origin_x_m, self.geometry.origin_y_m, 0.0)) / self.geometry.resolution_m,
+            self._in_cells(ignore),
         )
         self._count(changed, discovered)
         return changed
@@ -193,7 +194,8 @@ class OccupancyGrid:
         """
         patch = self._patch_of(self.dirty)
         if patch is not None:
-            self.dirty[:] = False
+            rows, columns = patch.cells.shape
+            self.dirty[patch.row : patch.row + rows, patch.column : patch.column + columns] = False
         return patch
 
     def full_patch(self) -> PatchCells | None:
@@ -285,20 +287,23 @@ class OccupancyGrid:
         self.known_count = 0
         self.version += 1
 
+    def _in_cells(self, circles: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Circles (K, 3) of the arena in cells from the grid's origin."""
+        if not len(circles):
+            return NO_CIRCLES
+        geometry = self.geometry
+        in_cells: NDArray[np.float64] = (
+            circles - (geometry.origin_x_m, geometry.origin_y_m, 0.0)
+        ) / geometry.resolution_m
+        return in_cells
+
     def _count(self, changed: int, discovered: int) -> None:
         self.version += changed > 0
         self.known_count += discovered
 
     def _patch_of(self, mask: NDArray[np.bool_], *, earliest: bool = False) -> PatchCells | None:
-        rows = np.flatnonzero(mask.any(axis=1))
-        if rows.size == 0:
-            return None
-        columns = np.flatnonzero(mask.any(axis=0))
-        box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-        cells = kernels.classes(np.where(mask[box], self.log_odds[box], np.int8(0)))
-        stamps = self.stamp_ms[box][mask[box]]
-        stamp_ms = int(stamps.min() if earliest else stamps.max())
-        return PatchCells(int(rows[0]), int(columns[0]), cells, stamp_ms)
+        row, column, cells, stamp_ms = kernels.patch_of(mask, self.log_odds, self.stamp_ms, earliest)
+        return PatchCells(row, column, cells, int(stamp_ms)) if cells.size else None
 
 
 def _check_stamp(stamp_ms: int) -> None:

@@ -38,6 +38,48 @@ def classes(log_odds: NDArray[np.int8]) -> NDArray[np.int8]:
 
 
 @njit(cache=True, nogil=True)
+def patch_of(
+    mask: NDArray[np.bool_], log_odds: NDArray[np.int8], stamps_ms: NDArray[np.int32], earliest: bool
+) -> tuple[int, int, NDArray[np.int8], int]:
+    """Classes of the masked cells: row and column of the smallest box of them, its cells, the latest or earliest stamp.
+
+    A box without cells if no cell is masked.
+    """
+    height, width = mask.shape
+    first_row, end_row, first_column, end_column = height, 0, width, 0
+    for row in range(height):
+        is_any = False
+        for column in range(width):
+            is_any |= mask[row, column]
+        if not is_any:
+            continue
+        first_row, end_row = min(first_row, row), row + 1
+        column = 0
+        while column < first_column and not mask[row, column]:
+            column += 1
+        first_column = min(first_column, column)
+        column = width
+        while column > end_column and not mask[row, column - 1]:
+            column -= 1
+        end_column = max(end_column, column)
+    if end_row == 0:
+        return 0, 0, np.empty((0, 0), np.int8), 0
+    cells = np.empty((end_row - first_row, end_column - first_column), np.int8)
+    stamp_ms = -1
+    for row in range(first_row, end_row):
+        for column in range(first_column, end_column):
+            if not mask[row, column]:
+                cells[row - first_row, column - first_column] = UNKNOWN
+                continue
+            value = log_odds[row, column]
+            cells[row - first_row, column - first_column] = UNKNOWN if value == 0 else (OCCUPIED if value > 0 else FREE)
+            seen_ms = stamps_ms[row, column]
+            is_it = stamp_ms < 0 or (seen_ms < stamp_ms if earliest else seen_ms > stamp_ms)
+            stamp_ms = seen_ms if is_it else stamp_ms
+    return first_row, first_column, cells, stamp_ms
+
+
+@njit(cache=True, nogil=True)
 def contradict(
     log_odds: NDArray[np.int8],
     dirty: NDArray[np.bool_],

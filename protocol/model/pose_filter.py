@@ -20,6 +20,7 @@ SPREAD = kernels.ROOT_3
 """Of the Gauss–Hermite points; 0 linearises at the mean alone, as an (iterated) extended Kalman filter does."""
 RELINEARISATIONS = 0
 """Measured in tests/bench/localisation.py: with the points above, more of them gain nothing."""
+Floats = NDArray[np.float64]
 GATE = 10.83
 """99.9 % of a chi-square variable of one degree of freedom."""
 
@@ -128,6 +129,12 @@ class PoseFilter:
         return self._covariance[:3, :3].copy()
 
     @property
+    def covariances(self) -> list[float]:
+        """(9,) `covariance`, row by row."""
+        values: list[float] = self._covariance[:3, :3].ravel().tolist()
+        return values
+
+    @property
     def whole_covariance(self) -> NDArray[np.float64]:
         """(n, n) of all states; a copy."""
         return self._covariance[: self._size, : self._size].copy()
@@ -141,7 +148,7 @@ class PoseFilter:
     @property
     def sigma_m(self) -> float:
         """Standard deviation of the place along the worst direction."""
-        p_xx, p_xy, p_yy = self._covariance[0, 0], self._covariance[0, 1], self._covariance[1, 1]
+        (p_xx, p_xy), (_, p_yy) = self._covariance[:2, :2].tolist()
         return math.sqrt(0.5 * (p_xx + p_yy) + math.hypot(0.5 * (p_xx - p_yy), p_xy))
 
     @property
@@ -195,6 +202,13 @@ class PoseFilter:
             self._mean, self._covariance, self._size, kernels.YAW, row[0], row[1], row[2], innovation, variance
         )
         return innovation**2 / expected
+
+    def correct_along(self, rows: Floats, offsets_m: Floats, variances: Floats) -> None:
+        """Update with measurements of `rows` (n, 3) · (x, y, yaw), `offsets_m` (n,) off the estimate as it is before.
+
+        The rows are orthogonal but the filter's errors are correlated, so that each corrects what is left of the next.
+        """
+        kernels.update_along(self._mean, self._covariance, self._size, rows, offsets_m, variances)
 
     def at_least(self, variances: tuple[float, float, float]) -> None:
         """Let x, y (m²) and yaw (rad²) be no surer than this: for errors that measurements share, so none can tell."""

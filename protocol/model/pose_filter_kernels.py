@@ -120,6 +120,28 @@ def update(
 
 
 @njit(cache=True, nogil=True)
+def _wrapped(angle_rad: float) -> float:
+    """`geometry.wrap_angle_rad`."""
+    wrapped: float = np.fmod(angle_rad + math.pi, 2.0 * math.pi)
+    if wrapped <= 0.0:
+        wrapped += 2.0 * math.pi
+    return wrapped - math.pi
+
+
+@njit(cache=True, nogil=True)
+def update_along(
+    mean: Floats, covariance: Floats, size: int, rows: Floats, offsets_m: Floats, variances: Floats
+) -> None:
+    """Update with measurements of rows (n, 3) of x, y, yaw, one by one; all offsets (n,) are from the start."""
+    start_x, start_y, start_yaw = mean[X], mean[Y], _wrapped(mean[YAW])
+    for n in range(rows.shape[0]):
+        turned_rad = _wrapped(_wrapped(mean[YAW]) - start_yaw)
+        done_m = rows[n, 0] * (mean[X] - start_x) + rows[n, 1] * (mean[Y] - start_y) + rows[n, 2] * turned_rad
+        left_m = offsets_m[n] - done_m
+        update(mean, covariance, size, YAW, rows[n, 0], rows[n, 1], rows[n, 2], left_m, variances[n])
+
+
+@njit(cache=True, nogil=True)
 def _strength(x_m: float, y_m: float, mote_x_m: float, mote_y_m: float, at_1_m: float, db_per_fold: float) -> float:
     return at_1_m - db_per_fold * math.log(max(math.hypot(x_m - mote_x_m, y_m - mote_y_m), 0.1))
 

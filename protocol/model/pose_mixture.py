@@ -68,8 +68,18 @@ class PoseMixture:
         return total
 
     @property
+    def covariances(self) -> list[float]:
+        """(9,) `covariance`, row by row."""
+        if len(self._parts) == 1:
+            return self._parts[0].covariances
+        values: list[float] = self.covariance.ravel().tolist()
+        return values
+
+    @property
     def biases(self) -> tuple[float, float, float]:
         """Scale error, curve (rad/m) and turn error (rad/rad) of the odometry."""
+        if len(self._parts) == 1:
+            return self._parts[0].biases
         scale, curve, turn = self._mean()[kernels.SCALE :].tolist()
         return scale, curve, turn
 
@@ -124,6 +134,20 @@ class PoseMixture:
             part.correct(row, own, variance)
         self._weigh(np.array(logs))
         return nis
+
+    def correct_along(
+        self, rows: NDArray[np.float64], offsets_m: NDArray[np.float64], variances: NDArray[np.float64]
+    ) -> None:
+        """Take in measurements of orthogonal `rows` (n, 3) · (x, y, yaw) that differ by `offsets_m` from the mean."""
+        if len(self._parts) == 1:
+            self._parts[0].correct_along(rows, offsets_m, variances)
+            return
+        start = self.pose
+        for row, offset_m, variance in zip(rows.tolist(), offsets_m.tolist(), variances.tolist(), strict=True):
+            now = self.pose
+            turned_rad = wrap_angle_rad(now.yaw_rad - start.yaw_rad)
+            done_m = row[0] * (now.x_m - start.x_m) + row[1] * (now.y_m - start.y_m) + row[2] * turned_rad
+            self.correct((row[0], row[1], row[2]), offset_m - done_m, variance)
 
     def at_least(self, variances: tuple[float, float, float]) -> None:
         """Let x, y (m²) and yaw (rad²) be no surer than this in any part."""

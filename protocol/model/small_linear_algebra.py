@@ -14,6 +14,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from robrain.protocol.model.kernel_array import FLOAT64, kernel_array
+
 Floats = NDArray[np.float64]
 
 
@@ -100,6 +102,18 @@ def inverse_form(matrix: Floats, vector: Floats) -> float:
 
 
 @njit(cache=True, nogil=True)
+def innovation_squared(rows: Floats, covariance: Floats, offsets: Floats, variances: Floats) -> float:
+    """Squared Mahalanobis distance of `offsets` (n,), measured along `rows` (n, m) with these variances (n,).
+
+    `covariance` (m, m) is that of the state of which the rows are linear functions.
+    """
+    expected = covariance_of(rows, covariance)
+    for i in range(rows.shape[0]):
+        expected[i, i] += variances[i]
+    return inverse_form(expected, offsets)
+
+
+@njit(cache=True, nogil=True)
 def least_solution(rows: Floats, values: Floats) -> Floats:
     """The shortest v (m,) with `rows` · v = `values`, for `rows` (n, m) with n <= m.
 
@@ -135,21 +149,25 @@ def inverse(matrix: Floats) -> Floats:
 
     A small share of the trace is added to the diagonal, so that a singular matrix has an inverse too.
     """
-    (a, b, c), (_, d, e), (_, _, f) = matrix.tolist()
+    result: Floats = _inverse(kernel_array(matrix, FLOAT64))
+    return result
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _inverse(matrix: Floats) -> Floats:
+    a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
+    d, e, f = matrix[1, 1], matrix[1, 2], matrix[2, 2]
     lift = 1e-9 * (a + d + f) + 1e-12
     a, d, f = a + lift, d + lift, f + lift
     determinant = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
-    inverse: Floats = (
-        np.array(
-            [
-                [d * f - e * e, c * e - b * f, b * e - c * d],
-                [c * e - b * f, a * f - c * c, b * c - a * e],
-                [b * e - c * d, b * c - a * e, a * d - b * b],
-            ]
-        )
-        / determinant
-    )
-    return inverse
+    result = np.empty((3, 3))
+    result[0, 0] = (d * f - e * e) / determinant
+    result[0, 1] = result[1, 0] = (c * e - b * f) / determinant
+    result[0, 2] = result[2, 0] = (b * e - c * d) / determinant
+    result[1, 1] = (a * f - c * c) / determinant
+    result[1, 2] = result[2, 1] = (b * c - a * e) / determinant
+    result[2, 2] = (a * d - b * b) / determinant
+    return result
 
 
 def symmetric(upper: tuple[float, ...]) -> Floats:

@@ -11,7 +11,7 @@ from robrain.protocol.model.line_of_sight import standpoint
 from robrain.protocol.model.localiser import Localiser, LocaliserSpec
 from robrain.protocol.model.map_accuracy import measure_map_accuracy
 from robrain.protocol.model.mapping.map_overlap import MapMatcher
-from robrain.protocol.model.mapping.mates_in_scan import mate_circles, outside
+from robrain.protocol.model.mapping.mates_in_scan import mate_circles, wall_ends
 from robrain.protocol.model.mapping.place_search import search_places
 from robrain.protocol.model.mapping.pose_graph import Edge, solve
 from robrain.protocol.model.mapping.submap import IDENTITY
@@ -34,8 +34,8 @@ from robrain.protocol.model.ray_cast import cast_rays
 from robrain.protocol.model.right_of_way import Margins, Track, meet, release, sample_way
 from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
 from robrain.protocol.model.scan_agreement import agreement
-from robrain.protocol.model.scan_match import beam_ends, match_scan, search_scan, without_dropouts
-from robrain.protocol.model.small_linear_algebra import covariance_of, least_solution, quadratic_form
+from robrain.protocol.model.scan_match import beam_ends, match_scan, points_in_view, search_scan, without_dropouts
+from robrain.protocol.model.small_linear_algebra import innovation_squared, inverse, least_solution, quadratic_form
 from robrain.protocol.model.soc_filter import PackModel, SocFilter
 
 
@@ -103,9 +103,12 @@ def _warm_up_localisation(grid: OccupancyGrid) -> None:
     localiser.move(Twist2D(0.01, 0.0, 0.01))
     localiser.hear(RssiSample("m", Point2D(0.7, 0.7), -60.0))
     localiser.filter.correct((1.0, 0.0, 0.0), 0.0, 1.0)
-    PoseFilter(localiser.pose, 0.1, 0.1, DriftModel(), PathLoss()).correct((1.0, 0.0, 0.0), 0.0, 1.0)
+    one = PoseFilter(localiser.pose, 0.1, 0.1, DriftModel(), PathLoss())
+    one.correct((1.0, 0.0, 0.0), 0.0, 1.0)
+    one.correct_along(np.eye(3), np.zeros(3), np.ones(3))
     ends = beam_ends(np.linspace(-3.0, 3.0, 30), np.full(30, 0.2), 1.0)
     match_scan(grid.log_odds, grid.geometry, localiser.pose, ends)
+    points_in_view(grid.log_odds, grid.geometry, localiser.pose, ends)
     search_scan(grid.log_odds, grid.geometry, localiser.pose, ends, within_m=0.1, within_rad=0.05)
     agreement(grid.log_odds, grid.geometry, localiser.pose, ends)
     search_places(grid.log_odds, grid.geometry, ends, 4)
@@ -117,7 +120,7 @@ def _warm_up_mapping(geometry: GridGeometry) -> None:
     sensor, angles_rad = Pose2D(0.4, 0.4, 0.0), np.linspace(-3.0, 3.0, 30)
     ranges_m = 0.25 / np.maximum(np.abs(np.cos(angles_rad)), np.abs(np.sin(angles_rad)))
     circles = mate_circles(angles_rad, ranges_m, 1.0, sensor, np.array([[0.6, 0.6, 0.05]]))
-    ends = outside(beam_ends(angles_rad, ranges_m, 1.0), sensor, circles)
+    ends = wall_ends(angles_rad, ranges_m, 1.0, sensor, circles)
     own = OccupancyGrid(geometry, surfaces=True)
     own.integrate_scan(sensor, angles_rad, without_dropouts(ranges_m, 1.0), 1.0, 0, circles)
     match_surface(own, sensor, ends)
@@ -138,7 +141,8 @@ def _warm_up_finding_by_motes() -> None:
 
 def _warm_up_small_kernels() -> None:
     ones, unit = np.ones(3), np.eye(3)
-    covariance_of(unit, unit)
+    innovation_squared(unit, unit, ones, ones)
+    inverse(unit)
     least_solution(unit, ones)
     quadratic_form(unit, ones)
     PowerLearner(PowerPrior()).learn((1.0, 1.0, 0.5, 0.1, 0.0), 8.0)

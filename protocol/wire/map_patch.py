@@ -192,7 +192,7 @@ def _take_one(atlas: SubmapAtlas, patch: MapPatch) -> int:
     box = None if statements is None else (patch.row, patch.column, statements[0].shape, statements[1])
     atlas.check(key, box, surfaces, TOLD_SHARE)
     atlas.move(key, patch.T_arena_local, patch.frame)
-    changed = 0 if statements is None else atlas.take(key, patch.row, patch.column, *statements)
+    changed = 0 if statements is None else atlas.take_checked(key, patch.row, patch.column, *statements)
     if surfaces is not None:
         atlas.take_surfaces(key, surfaces)
     return changed
@@ -249,7 +249,7 @@ def _cells_of(message: MapPatch) -> NDArray[np.int8]:
     if not 0 < size <= MAX_CELLS:
         raise ValueError(f"{message.robot}: expected 1 to {MAX_CELLS} cells in a patch, got {size}")
     box = _inflated(message, message.cells, np.dtype(np.int8), message.rows, message.columns)
-    occupied = int(np.count_nonzero(box > 0))
+    occupied = 0 if size <= OCCUPIED_MAX else int(np.count_nonzero(box > 0))
     if occupied > OCCUPIED_MAX and occupied > OCCUPIED_MAX + (free := int(np.count_nonzero(box == 0))):
         raise ValueError(
             f"{message.robot}: expected at most {OCCUPIED_MAX} occupied cells in its patch beyond the free ones "

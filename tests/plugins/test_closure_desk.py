@@ -49,7 +49,7 @@ class Scene:
     def look(
         self, true: Pose2D, local: Pose2D, sensor: Pose2D | None = None, covariance: tuple[float, ...] = SURE
     ) -> bool:
-        return self.desk.look(3, local, sensor or local, ROOM.points(true), covariance)
+        return self.desk.look(3, local, sensor or local, lambda: ROOM.points(true), covariance)
 
     def solved(self) -> Pose2D:
         """T_arena_local of the robot's submap, once the graph is solved."""

@@ -209,6 +209,26 @@ def test_a_mixture_is_a_sum_of_gaussians_weighed_by_what_was_measured(row, mote,
     assert_as(mixture, expected)
 
 
+@pytest.mark.parametrize("begun", [lambda: fresh(0.1), lambda: PoseMixture(wide())])
+def test_measurements_along_orthogonal_rows_are_corrected_one_by_one_by_what_the_others_have_left(begun):
+    rows = np.array([(0.6, 0.8, 0.0), (-0.8, 0.6, 0.0), (0.0, 0.0, 1.0)])
+    offsets, variances = np.array([0.2, -0.1, 0.05]), np.array([0.01, 0.02, 0.001])
+    mixture, expected = begun(), begun()
+    for each in (mixture, expected):
+        each.hear(heard(2, -80.0))
+        each.move(Twist2D(0.5, 0.0, 0.3))
+    mixture.correct_along(rows, offsets, variances)
+    start = expected.pose
+    for row, offset, variance in zip(rows.tolist(), offsets.tolist(), variances.tolist(), strict=True):
+        now = expected.pose
+        done = np.dot(row, (now.x_m - start.x_m, now.y_m - start.y_m, now.yaw_rad - start.yaw_rad))
+        expected.correct(tuple(row), offset - float(done), variance)
+    assert mixture.covariance == pytest.approx(expected.covariance)
+    assert mixture.covariances == pytest.approx(expected.covariance.ravel().tolist())
+    assert (mixture.pose.x_m, mixture.pose.y_m) == pytest.approx((expected.pose.x_m, expected.pose.y_m))
+    assert mixture.pose.yaw_rad == pytest.approx(expected.pose.yaw_rad)
+
+
 def test_parts_that_cannot_be_any_more_are_dropped():
     mixture = PoseMixture(wide())
     mixture.hear(heard(2, -80.0))

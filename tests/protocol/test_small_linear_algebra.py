@@ -11,6 +11,7 @@ from robrain.protocol.model.gauss_newton_kernels import eigen
 from robrain.protocol.model.small_linear_algebra import (
     covariance_of,
     dot,
+    innovation_squared,
     inverse,
     inverse_form,
     is_semidefinite,
@@ -60,6 +61,16 @@ def test_inverse_form_is_that_of_a_solved_system(seed: int, size: int) -> None:
 @pytest.mark.parametrize("matrix", [np.zeros((2, 2)), np.diag([1.0, -1.0]), np.ones((2, 2)), np.full((2, 2), np.nan)])
 def test_inverse_form_of_what_is_not_positive_definite_is_infinite(matrix: np.ndarray) -> None:
     assert inverse_form(matrix, np.array([1.0, 2.0])) == math.inf
+
+
+@given(seeds, st.integers(1, 3))
+def test_innovation_squared_is_that_of_a_state_seen_through_rows_with_noise(seed: int, count: int) -> None:
+    rows, offsets, covariance = drawn(seed, count, 3), drawn(seed + 1, count), positive_definite(seed + 2, 3)
+    variances = drawn(seed + 3, count) ** 2 + 0.1
+    expected = rows @ covariance @ rows.T + np.diag(variances)
+    assert innovation_squared(rows, covariance, offsets, variances) == pytest.approx(
+        float(offsets @ np.linalg.solve(expected, offsets)), rel=1e-13 * float(np.linalg.cond(expected)) + 1e-12
+    )
 
 
 @given(seeds, st.integers(1, 3))

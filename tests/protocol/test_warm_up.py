@@ -79,7 +79,8 @@ def use_every_kernel() -> None:
     path_planning.descend(field, traversable, start)
     use_every_kernel_of_mapping(geometry, sensor, angles_rad, ranges_m, cells)
     square, vector = np.eye(4), np.ones(4)
-    small_linear_algebra.covariance_of(square, square)
+    small_linear_algebra.innovation_squared(square, square, vector, vector)
+    small_linear_algebra.inverse(np.eye(3, dtype=np.float32).T)
     small_linear_algebra.least_solution(square, vector)
     small_linear_algebra.quadratic_form(square, vector)
 
@@ -95,9 +96,9 @@ def use_every_kernel_of_mapping(
     told = np.array([(3, 3, 1), (5, 8, 1)])
     circles = mates_in_scan.mate_circles(angles_rad[::-1], ranges_m, 4, sensor, told)
     own.integrate_scan(sensor, angles_rad, ranges_m, 4, np.int64(7), circles, (0, 1))
-    points = np.column_stack((ranges_m * np.cos(angles_rad), ranges_m * np.sin(angles_rad)))
-    surface_match.match_surface(own, sensor, mates_in_scan.outside(points, sensor, circles))
-    surface_match.match_surface(own, sensor, mates_in_scan.outside(points, sensor, np.empty((0, 3))))
+    for left_out in (circles, np.empty((0, 3))):
+        points = mates_in_scan.wall_ends(angles_rad[::-1], ranges_m, 4, sensor, left_out)
+        surface_match.match_surface(own, sensor, points)
     atlas = submap_atlas.SubmapAtlas(geometry)
     atlas.take(("r1", 1), np.int64(1), np.int64(1), cells, 8)
     atlas.take(("r1", 1), 8, 8, cells, np.full((1, 1), 9, np.int32))

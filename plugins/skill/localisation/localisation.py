@@ -22,7 +22,7 @@ from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.localiser import Localiser, LocaliserSpec
 from robrain.protocol.model.mapping.local_map import ArenaFix, LocalPose
 from robrain.protocol.model.mapping.map_frame import ARENA
-from robrain.protocol.model.mapping.mates_in_scan import mate_circles, outside
+from robrain.protocol.model.mapping.mates_in_scan import mate_circles, wall_ends
 from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.odometry import chord
@@ -30,7 +30,6 @@ from robrain.protocol.model.pose_filter import DriftModel
 from robrain.protocol.model.ranges import STAMP_MAX
 from robrain.protocol.model.rssi_ranging import PathLoss
 from robrain.protocol.model.scan_agreement import COMPARED_MIN, agreement
-from robrain.protocol.model.scan_match import beam_ends
 from robrain.protocol.wire.clock import to_ns
 
 logger = logging.getLogger(__name__)
@@ -284,7 +283,7 @@ class Localisation(Skill):
         sensor = self._localiser.pose.compose(T_robot_sensor)
         mates = self.env.board.mate_places
         circles = mate_circles(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, mates)
-        return outside(beam_ends(scan.angles_rad, scan.ranges_m, scan.range_max_m), sensor, circles)
+        return wall_ends(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, circles)
 
     def _T_robot_sensor(self, scan: LaserScan) -> Pose2D:
         """Pose of the sensor at the time of the scan, relative to the robot's current pose."""
@@ -338,7 +337,7 @@ class Localisation(Skill):
             localiser.lost if self.parameters.scan_matching else "",
             tuple(self._checked) if self.parameters.scan_matching else None,
         )
-        board.pose_covariance = tuple(localiser.covariance.ravel().tolist())
+        board.pose_covariance = localiser.covariances
         board.lost = localiser.lost
         if localiser.lost != self._lost:
             is_lost, self._lost = bool(localiser.lost), localiser.lost

@@ -1,6 +1,7 @@
 """Loop closures of one robot: its scans matched against other submaps, and mates' scans against its own."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,7 +72,12 @@ class ClosureDesk:
         return f"{len(submaps)} submaps of {len(robots)} robots contradict what the lidar sees"
 
     def look(
-        self, number: int, local: Pose2D, sensor: Pose2D, points: NDArray[np.float64], covariance: tuple[float, ...]
+        self,
+        number: int,
+        local: Pose2D,
+        sensor: Pose2D,
+        points: Callable[[], NDArray[np.float64]],
+        covariance: tuple[float, ...],
     ) -> bool:
         """Match a scan against a submap that covers the place: one of another robot, or an old one of this robot.
 
@@ -79,7 +85,7 @@ class ClosureDesk:
             number: number of the current submap.
             local: T_local_sensor.
             sensor: estimated T_arena_sensor.
-            points: (K, 2) ends of the beams at walls, metres, sensor's frame.
+            points: returns (K, 2) ends of the beams at walls, metres, sensor's frame; asked for only if needed.
             covariance: (3, 3) of the robot's pose, row-major, arena frame.
 
         Returns:
@@ -96,7 +102,7 @@ class ClosureDesk:
         other = self.variances_of(key)
         sigma_m = math.sqrt(max(covariance[0] + other[0], covariance[4] + other[1]))
         sigma_rad = math.sqrt(covariance[8] + other[2])
-        lying = lay_on(submap, self._atlas.grid.geometry, sensor, points, sigma_m, sigma_rad)
+        lying = lay_on(submap, self._atlas.grid.geometry, sensor, points(), sigma_m, sigma_rad)
         if isinstance(lying, Contradiction) and lying.agrees < CONTRADICTS:
             self.contradicted += 1
             self._contradicting.append(key)
@@ -109,7 +115,8 @@ class ClosureDesk:
         self._graph.close(number, at_own, key, at_other, lying.information)
         self.closed += 1
         if key[0] != self._robot:
-            upper = tuple(lying.information[np.triu_indices(3)].tolist())
+            (xx, xy, xt), (_, yy, yt), (_, _, tt) = lying.information.tolist()
+            upper = xx, xy, xt, yy, yt, tt
             closure = Closure(
                 submap=number, at=at_own, mate=key[0], mate_submap=key[1], at_mate=at_other, information=upper
             )
@@ -159,7 +166,7 @@ class ClosureDesk:
         """Variances of the pose of a submap."""
         own = self._graph.own.get(key[1]) if key[0] == self._robot else None
         if own is not None:
-            x_m2, y_m2, yaw_rad2 = np.diag(own.covariance).tolist()
+            x_m2, y_m2, yaw_rad2 = own.covariance.diagonal().tolist()
             return x_m2, y_m2, yaw_rad2
         return self._variances.get(key, UNSAID)
 

@@ -23,12 +23,11 @@ from robrain.plugins.unit.teammates.interface import TeammatesInterface
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import LocalPose
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
-from robrain.protocol.model.mapping.mates_in_scan import mate_circles, outside, sees_through
+from robrain.protocol.model.mapping.mates_in_scan import mate_circles, sees_through, wall_ends
 from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
 from robrain.protocol.model.mapping.submap_graph import GraphSpec, SubmapGraph
 from robrain.protocol.model.occupancy_grid import GridGeometry
-from robrain.protocol.model.scan_match import beam_ends
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.map_messages import Closures
 from robrain.protocol.wire.map_patch import (
@@ -183,11 +182,9 @@ class Mapper(Skill):
 
     def _integrate(self) -> None:
         """Map the waiting scans whose pose is known by now."""
-        if not self._waiting:
-            return
-        until_ns = self._driver.odometry_until_ns()
         while self._waiting and (local_pose := self.env.board.local_pose) is not None:
-            if self._waiting[0].stamp_ns > min(until_ns, local_pose.until_ns):
+            stamp_ns = self._waiting[0].stamp_ns
+            if stamp_ns > local_pose.until_ns or stamp_ns > self._driver.odometry_until_ns():
                 return
             scan = self._waiting.popleft()
             # An unmatched scan could be of another place, to which somebody has carried the robot.
@@ -257,7 +254,10 @@ class Mapper(Skill):
         if now_ns < self._closure_due_ns or number is None:
             return
         sensor = self._own.T_arena_local.compose(local)
-        points = outside(beam_ends(scan.angles_rad, scan.ranges_m, scan.range_max_m), sensor, circles)
+
+        def points() -> NDArray[np.float64]:
+            return wall_ends(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, circles)
+
         if self._desk.look(number, local, sensor, points, self.env.board.pose_covariance):
             self._closure_due_ns = now_ns + to_ns(CLOSURE_PERIOD_S)
 

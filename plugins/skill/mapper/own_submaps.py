@@ -177,7 +177,7 @@ class OwnSubmaps:
         current = self.graph.current
         if current is None or self._number is None:
             return None
-        x, y, yaw = np.diag(current.covariance).tolist()
+        x, y, yaw = current.covariance.diagonal().tolist()
         return LocalMap(
             self.grid,
             self.T_arena_local,

@@ -21,6 +21,8 @@ JUMP_M = 0.25
 """Difference between the ranges of neighbouring beams, metres, above which they end at different objects."""
 THROUGH_M = 0.5
 """Distance behind the middle of a mate's place at which a beam has gone through it; mates move while they tell."""
+TOLERANCE_M = 1e-6
+"""More than rounding errors of distances."""
 ROUND_M = 0.06
 """Largest distance, metres, of the beams' ends from a circle of the mate's radius."""
 
@@ -55,20 +57,29 @@ def mate_circles(
     )
 
 
-def outside(points: NDArray[np.float64], sensor: Pose2D, circles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The points (N, 2), sensor's frame, that lie in none of the circles (K, 3), arena frame."""
-    if not len(circles) or not len(points):
-        return points
-    kept: NDArray[np.float64] = points[
-        _outside(
-            kernel_array(points, FLOAT64),
-            float(sensor.x_m),
-            float(sensor.y_m),
-            float(sensor.yaw_rad),
-            kernel_array(circles, FLOAT64),
-        )
-    ]
-    return kept
+def wall_ends(
+    angles_rad: NDArray[np.float64],
+    ranges_m: NDArray[np.float64],
+    range_max_m: float,
+    sensor: Pose2D,
+    circles: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """(n, 2) ends of the beams, sensor's frame, metres, that lie in none of the circles (K, 3), arena frame.
+
+    Without circles they are those of `scan_match.beam_ends`. Raises ValueError for arrays that do not fit.
+    """
+    if angles_rad.shape != ranges_m.shape or angles_rad.ndim != 1:
+        raise ValueError(f"expected (N,) angles and ranges, got {angles_rad.shape} and {ranges_m.shape}")
+    ends: NDArray[np.float64] = _wall_ends(
+        kernel_array(angles_rad, FLOAT64),
+        kernel_array(ranges_m, FLOAT64),
+        float(range_max_m),
+        float(sensor.x_m),
+        float(sensor.y_m),
+        float(sensor.yaw_rad),
+        kernel_array(circles, FLOAT64),
+    )
+    return ends
 
 
 def sees_through(
@@ -95,19 +106,32 @@ def sees_through(
 
 
 @njit(cache=True, nogil=True)
-def _outside(
-    points: NDArray[np.float64], x_m: float, y_m: float, yaw_rad: float, circles: NDArray[np.float64]
-) -> NDArray[np.bool_]:
+def _wall_ends(
+    angles_rad: NDArray[np.float64],
+    ranges_m: NDArray[np.float64],
+    range_max_m: float,
+    x_m: float,
+    y_m: float,
+    yaw_rad: float,
+    circles: NDArray[np.float64],
+) -> NDArray[np.float64]:
     cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
-    is_outside = np.ones(points.shape[0], np.bool_)
-    for n in range(points.shape[0]):
-        at_x = x_m + cos * points[n, 0] - sin * points[n, 1]
-        at_y = y_m + sin * points[n, 0] + cos * points[n, 1]
+    ends = np.empty((angles_rad.shape[0], 2))
+    count = 0
+    for n in range(angles_rad.shape[0]):
+        if not 0.0 < ranges_m[n] < range_max_m:
+            continue
+        end_x, end_y = ranges_m[n] * math.cos(angles_rad[n]), ranges_m[n] * math.sin(angles_rad[n])
+        at_x, at_y = x_m + cos * end_x - sin * end_y, y_m + sin * end_x + cos * end_y
+        is_outside = True
         for k in range(circles.shape[0]):
             if (at_x - circles[k, 0]) ** 2 + (at_y - circles[k, 1]) ** 2 <= circles[k, 2] ** 2:
-                is_outside[n] = False
+                is_outside = False
                 break
-    return is_outside
+        if is_outside:
+            ends[count, 0], ends[count, 1] = end_x, end_y
+            count += 1
+    return ends[:count]
 
 
 @njit(cache=True, nogil=True)
@@ -147,7 +171,8 @@ def _mate_circles(
             is_before = ranges_m[first] < ranges_m[first - 1] and ranges_m[last % beams] < following
             middle = (first + last) // 2
             reach_m = ranges_m[middle % beams] + radius_m
-            if is_before and ranges_m[last % beams] < range_max_m and reach_m > radius_m:
+            may_be_it = abs(reach_m - away_m) < nearest_m + TOLERANCE_M  # else its middle is farther from the place
+            if may_be_it and is_before and ranges_m[last % beams] < range_max_m and reach_m > radius_m:
                 half_rad = math.asin(min(1.0, radius_m / reach_m))
                 last_rad = angles_rad[last % beams] + (math.tau if last >= beams else 0.0)
                 spread_rad = last_rad - angles_rad[first]

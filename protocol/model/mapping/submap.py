@@ -7,6 +7,7 @@ identity until it is corrected, and cells need not be resampled.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -38,6 +39,16 @@ VIEWS = np.array(
 """(256, 2) unit vector of each direction `view`. Computed by the C library, because digests depend on it."""
 SURFACES_MAX = 1 << 16
 """Surfaces of one submap."""
+
+
+class Told(NamedTuple):
+    """Tiles of a submap for which a patch has statements."""
+
+    row: int
+    column: int
+    """Of the first tile."""
+    tiles: NDArray[np.bool_]
+    """(h, w) from there."""
 
 
 class Submap:
@@ -77,9 +88,13 @@ class Submap:
 
         """
         self.growth(row, column, cells.shape, stamp_ms)
-        stamps_ms = kernel_array(np.full((1, 1), stamp_ms) if isinstance(stamp_ms, int) else stamp_ms, INT32)
+        self.take_checked(row, column, cells, stamp_ms)
+
+    def take_checked(self, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int | NDArray[np.int32]) -> Told:
+        """As `take`, for cells that `growth` has checked; returns which tiles they have changed."""
+        stamps_ms = np.full((1, 1), stamp_ms, np.int32) if isinstance(stamp_ms, int) else kernel_array(stamp_ms, INT32)
         self._cover(row, column, *cells.shape)
-        self.occupied += _take(
+        more, tiles = _take(
             self.evidence,
             self.stamp_ms,
             row - self.row,
@@ -87,7 +102,9 @@ class Submap:
             kernel_array(cells, INT8),
             stamps_ms,
         )
+        self.occupied += more
         self.version += 1
+        return Told((row - self.row) // TILE_CELLS, (column - self.column) // TILE_CELLS, tiles)
 
     def growth(self, row: int, column: int, shape: tuple[int, ...], stamp_ms: int | NDArray[np.int32]) -> int:
         """Number of cells by which `take` would enlarge the submap; arguments and errors are those of `take`."""
@@ -98,6 +115,8 @@ class Submap:
             tiles = -(-height // TILE_CELLS), -(-width // TILE_CELLS)
             if stamp_ms.shape != tiles:
                 raise ValueError(f"expected times of {tiles} tiles, got {stamp_ms.shape}")
+        if self._holds(row, column, height, width):
+            return 0
         first_row, first_column, end_row, end_column = self._box_with(row, column, height, width)
         rows, columns = end_row - first_row, end_column - first_column
         if max(rows, columns) > SIDE_MAX_CELLS:
@@ -158,6 +177,12 @@ class Submap:
         """First row, first column, past-the-end row and past-the-end column of the cells, in the frame `local`."""
         return self.row, self.column, self.row + self.evidence.shape[0], self.column + self.evidence.shape[1]
 
+    def _holds(self, row: int, column: int, height: int, width: int) -> bool:
+        """Whether these cells lie in the submap's box."""
+        rows, columns = self.evidence.shape
+        at_row, at_column = row - self.row, column - self.column
+        return at_row >= 0 and at_column >= 0 and at_row + height <= rows and at_column + width <= columns
+
     def _box_with(self, row: int, column: int, height: int, width: int) -> tuple[int, int, int, int]:
         """The submap's box, in whole blocks, enlarged by these cells."""
         first_row, first_column = _down(row), _down(column)
@@ -170,10 +195,10 @@ class Submap:
 
     def _cover(self, row: int, column: int, height: int, width: int) -> None:
         """Enlarge the box to contain these cells."""
+        if self._holds(row, column, height, width):
+            return
         first_row, first_column, end_row, end_column = self._box_with(row, column, height, width)
         rows, columns = end_row - first_row, end_column - first_column
-        if (rows, columns) == self.evidence.shape:
-            return
         evidence = np.zeros((rows, columns), np.int8)
         stamp_ms = np.zeros((rows // TILE_CELLS, columns // TILE_CELLS), np.int32)
         if not self.is_empty:
@@ -230,26 +255,38 @@ def _take(
     first_column: int,
     cells: NDArray[np.int8],
     said_ms: NDArray[np.int32],
-) -> int:
-    """Increase in the number of occupied cells; `said_ms` is (1, 1) for all cells, or (h / 8, w / 8) for tiles."""
+) -> tuple[int, NDArray[np.bool_]]:
+    """Increase in the number of occupied cells, and the tiles of the box for which there are statements.
+
+    `said_ms` is (1, 1) for all cells, or (h / 8, w / 8) for tiles.
+    """
     more = 0
     is_one = said_ms.shape[0] == 1 and said_ms.shape[1] == 1
-    # A late patch fills only unknown cells. The tiles' times change after all cells have been compared with them.
+    first_tile, first_tile_row = first_column // TILE_CELLS, first_row // TILE_CELLS
+    tiles = (first_column + cells.shape[1] - 1) // TILE_CELLS - first_tile + 1
+    is_told = np.zeros(((first_row + cells.shape[0] - 1) // TILE_CELLS - first_tile_row + 1, tiles), np.bool_)
+    # A late patch fills only unknown cells. A tile's time changes after all its cells have been compared with it.
+    latest_ms = np.full(tiles, -1, np.int32)
     for i in range(cells.shape[0]):
+        row = first_row + i
+        tile_row = row // TILE_CELLS
         for j in range(cells.shape[1]):
-            if cells[i, j] < 0:
+            cell = cells[i, j]
+            if cell < 0:
                 continue
-            row, column = first_row + i, first_column + j
+            column = first_column + j
+            tile = column // TILE_CELLS
             stamp_ms = said_ms[0, 0] if is_one else said_ms[i // TILE_CELLS, j // TILE_CELLS]
-            if evidence[row, column] != 0 and stamp_ms < stamps_ms[row // TILE_CELLS, column // TILE_CELLS]:
+            latest_ms[tile - first_tile] = max(latest_ms[tile - first_tile], stamp_ms)
+            before = evidence[row, column]
+            if before != 0 and stamp_ms < stamps_ms[tile_row, tile]:
                 continue
-            now = SAYS_OCCUPIED if cells[i, j] > 0 else SAYS_FREE
-            more += int(now > 0) - int(evidence[row, column] > 0)
+            now = SAYS_OCCUPIED if cell > 0 else SAYS_FREE
+            more += int(now > 0) - int(before > 0)
             evidence[row, column] = now
-    for i in range(cells.shape[0]):
-        for j in range(cells.shape[1]):
-            if cells[i, j] >= 0:
-                tile_row, tile_column = (first_row + i) // TILE_CELLS, (first_column + j) // TILE_CELLS
-                stamp_ms = said_ms[0, 0] if is_one else said_ms[i // TILE_CELLS, j // TILE_CELLS]
-                stamps_ms[tile_row, tile_column] = max(stamps_ms[tile_row, tile_column], stamp_ms)
-    return more
+        if (row + 1) % TILE_CELLS == 0 or i == cells.shape[0] - 1:
+            for n in range(tiles):
+                is_told[tile_row - first_tile_row, n] = latest_ms[n] >= 0
+                stamps_ms[tile_row, first_tile + n] = max(stamps_ms[tile_row, first_tile + n], latest_ms[n])
+            latest_ms[:] = -1
+    return more, is_told

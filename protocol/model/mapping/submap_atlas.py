@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
-from robrain.protocol.model.mapping.submap import IDENTITY, TILE_CELLS, Submap, moved_box
+from robrain.protocol.model.mapping.submap import IDENTITY, TILE_CELLS, Submap, Told, moved_box
 from robrain.protocol.model.occupancy_grid import LAST_STAMP_MS, GridGeometry, OccupancyGrid
 
 SUBMAPS_MAX = 8192
@@ -25,6 +25,8 @@ SubmapKey = tuple[str, int]
 """Name of a robot and number of its submap."""
 Box = tuple[int, int, int, int]
 """First row, first column, past-the-end row, past-the-end column."""
+ALL = Told(0, 0, np.empty((0, 0), np.bool_))
+"""All tiles of a submap."""
 
 
 class SubmapAtlas:
@@ -46,6 +48,14 @@ class SubmapAtlas:
         self._size = 0
         """Bytes of the submaps."""
         self._origin = (geometry.origin_x_m, geometry.origin_y_m)
+        half_m = 0.5 * geometry.resolution_m
+        self._middle_m = (geometry.origin_x_m + half_m, geometry.origin_y_m + half_m)
+        """Centre of the grid's cell (0, 0)."""
+        self._first = (
+            (self._middle_m[0] - geometry.origin_x_m) / geometry.resolution_m,
+            (self._middle_m[1] - geometry.origin_y_m) / geometry.resolution_m,
+        )
+        """The same in cells from the origin."""
 
     def take(
         self, key: SubmapKey, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int | NDArray[np.int32]
@@ -60,12 +70,18 @@ class SubmapAtlas:
 
         """
         self.check(key, (row, column, cells.shape, stamp_ms))
+        return self.take_checked(key, row, column, cells, stamp_ms)
+
+    def take_checked(
+        self, key: SubmapKey, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int | NDArray[np.int32]
+    ) -> int:
+        """As `take`, for cells that `check` has checked."""
         submap = self.submaps.get(key)
         if submap is None:
             submap = Submap(*self._poses.get(key, (IDENTITY, ARENA)))
         before = submap.size
         latest_ms = submap.latest_ms(row, column, *cells.shape)
-        submap.take(row, column, cells, stamp_ms)
+        told = submap.take_checked(row, column, cells, stamp_ms)
         self._size += submap.size - before
         self.submaps[key] = submap
         self._poses.pop(key, None)
@@ -74,7 +90,7 @@ class SubmapAtlas:
         box = _down(row), _down(column), -_down(-row - height), -_down(-column - width)
         moved = self._moved(submap.T_arena_local, box)
         if latest_ms < 0 or (isinstance(stamp_ms, int) and stamp_ms > latest_ms):
-            return self._draw(submap, moved)
+            return self._draw(submap, moved, told)
         # It is not newer than all cells of this submap here, so drawing it on top may be wrong.
         box_cells = np.s_[moved[0] : moved[2], moved[1] : moved[3]]
         classes = np.sign(self.grid.log_odds[box_cells])
@@ -205,13 +221,20 @@ class SubmapAtlas:
         height, width = self.grid.geometry.shape
         return max(box[0], 0), max(box[1], 0), min(box[2], height), min(box[3], width)
 
-    def _draw(self, submap: Submap, box: Box) -> int:
-        """Draw a submap's cells within a box of the grid; returns how many classes changed."""
+    def _draw(self, submap: Submap, box: Box, told: Told = ALL) -> int:
+        """Draw a submap's cells within a box of the grid, or some of its tiles; returns how many classes changed."""
         if box[0] >= box[2] or box[1] >= box[3] or submap.is_empty or submap.frame != self.frame:
             return 0
         grid = self.grid
         changed, discovered = _draw(
-            grid.log_odds, grid.stamp_ms, box, submap.evidence, submap.stamp_ms, self._lookup(submap)
+            grid.log_odds,
+            grid.stamp_ms,
+            box,
+            submap.evidence,
+            submap.stamp_ms,
+            self._lookup(submap),
+            (told.row, told.column),
+            told.tiles,
         )
         grid.count_drawn(changed, discovered)
         return changed
@@ -230,11 +253,12 @@ class SubmapAtlas:
     def _lookup(self, submap: Submap) -> tuple[float, float, float, float]:
         """(cos, sin, row, column): cell (i, j) is the submap's (row + cos·i + sin·j, column − sin·i + cos·j)."""
         geometry = self.grid.geometry
+        if submap.T_arena_local == IDENTITY:
+            return 1.0, 0.0, self._first[1] - submap.row, self._first[0] - submap.column
         T_local_arena = submap.T_arena_local.inverse()
         cos, sin = math.cos(T_local_arena.yaw_rad), math.sin(T_local_arena.yaw_rad)
         # Centre of the grid's cell (0, 0), in cells of the frame `local`.
-        x_m = geometry.origin_x_m + 0.5 * geometry.resolution_m
-        y_m = geometry.origin_y_m + 0.5 * geometry.resolution_m
+        x_m, y_m = self._middle_m
         at_x = (T_local_arena.x_m + cos * x_m - sin * y_m - geometry.origin_x_m) / geometry.resolution_m
         at_y = (T_local_arena.y_m + sin * x_m + cos * y_m - geometry.origin_y_m) / geometry.resolution_m
         return cos, sin, at_y - submap.row, at_x - submap.column
@@ -264,10 +288,16 @@ def _draw(
     evidence: NDArray[np.int8],
     tile_stamps_ms: NDArray[np.int32],
     lookup: tuple[float, float, float, float],
+    first_told: tuple[int, int],
+    told: NDArray[np.bool_],
 ) -> tuple[int, int]:
-    """Numbers of changed classes and of newly known cells."""
+    """Numbers of changed classes and of newly known cells. At least the tiles `told` are drawn; all if it is empty."""
     cos, sin, first_row, first_column = lookup
     height, width = evidence.shape
+    down, right = math.floor(first_row), math.floor(first_column)
+    is_middle = max(abs(first_row - down - 0.5), abs(first_column - right - 0.5)) < 0.25
+    if cos == 1.0 and sin == 0.0 and is_middle:
+        return _draw_tiles(log_odds, stamps_ms, box, evidence, tile_stamps_ms, down, right, first_told, told)
     changed, discovered = 0, 0
     for i in range(box[0], box[2]):
         for j in range(box[1], box[3]):
@@ -275,18 +305,60 @@ def _draw(
             column = math.floor(first_column - sin * i + cos * j)
             if row < 0 or column < 0 or row >= height or column >= width:
                 continue
-            statement = evidence[row, column]
-            if statement == 0:
-                continue
             stamp_ms = tile_stamps_ms[row // TILE_CELLS, column // TILE_CELLS]
-            value = log_odds[i, j]
-            if value == 0:
-                discovered += 1
-                changed += 1
-            elif stamp_ms > stamps_ms[i, j] or (stamp_ms == stamps_ms[i, j] and statement > 0 and value < 0):
-                changed += (statement > 0) != (value > 0)
-            else:
-                continue
-            log_odds[i, j] = statement
-            stamps_ms[i, j] = stamp_ms
+            flips, finds = _lay(log_odds, stamps_ms, i, j, evidence[row, column], stamp_ms)
+            changed += flips
+            discovered += finds
     return changed, discovered
+
+
+@njit(cache=True, nogil=True)
+def _draw_tiles(
+    log_odds: NDArray[np.int8],
+    stamps_ms: NDArray[np.int32],
+    box: tuple[int, int, int, int],
+    evidence: NDArray[np.int8],
+    tile_stamps_ms: NDArray[np.int32],
+    down: int,
+    right: int,
+    first_told: tuple[int, int],
+    told: NDArray[np.bool_],
+) -> tuple[int, int]:
+    """As `_draw`, for a submap that is shifted by whole cells: cell (i, j) is the submap's (down + i, right + j)."""
+    changed, discovered = 0, 0
+    first_row, end_row = max(box[0] + down, 0), min(box[2] + down, evidence.shape[0])
+    first_column, end_column = max(box[1] + right, 0), min(box[3] + right, evidence.shape[1])
+    for tile_row in range(first_row // TILE_CELLS, (end_row - 1) // TILE_CELLS + 1):
+        for tile_column in range(first_column // TILE_CELLS, (end_column - 1) // TILE_CELLS + 1):
+            if told.size > 0:
+                up, along = tile_row - first_told[0], tile_column - first_told[1]
+                if up < 0 or along < 0 or up >= told.shape[0] or along >= told.shape[1] or not told[up, along]:
+                    continue
+            stamp_ms = tile_stamps_ms[tile_row, tile_column]
+            top, left = tile_row * TILE_CELLS, tile_column * TILE_CELLS
+            for row in range(max(top, first_row), min(top + TILE_CELLS, end_row)):
+                for column in range(max(left, first_column), min(left + TILE_CELLS, end_column)):
+                    flips, finds = _lay(
+                        log_odds, stamps_ms, row - down, column - right, evidence[row, column], stamp_ms
+                    )
+                    changed += flips
+                    discovered += finds
+    return changed, discovered
+
+
+@njit(cache=True, nogil=True)
+def _lay(
+    log_odds: NDArray[np.int8], stamps_ms: NDArray[np.int32], i: int, j: int, statement: int, stamp_ms: int
+) -> tuple[int, int]:
+    """Draw one cell; changed classes and newly known cells, each 0 or 1."""
+    if statement == 0:
+        return 0, 0
+    value = log_odds[i, j]
+    is_newer = stamp_ms > stamps_ms[i, j] or (stamp_ms == stamps_ms[i, j] and statement > 0 and value < 0)
+    if value != 0 and not is_newer:
+        return 0, 0
+    log_odds[i, j] = statement
+    stamps_ms[i, j] = stamp_ms
+    if value == 0:
+        return 1, 1
+    return int((statement > 0) != (value > 0)), 0

@@ -94,6 +94,14 @@ class _Link(msgspec.Struct, eq=False):
     may_be_false: bool
     told: bool = False
     """Whether the other robot found and told it; then the information is in the axes of `at_own`."""
+    measured: Floats | None = None
+    """Inverse of `information`, once it was needed."""
+
+    def covariance(self) -> Floats:
+        """(3, 3), in the axes of `information`."""
+        if self.measured is None:
+            self.measured = inverse(self.information)
+        return self.measured
 
 
 class SubmapGraph:
@@ -273,8 +281,9 @@ class SubmapGraph:
         held: list[Pose2D] = [IDENTITY]
         held_at: dict[tuple[SubmapKey, MapFrame], int] = {}
         edges = []
+        with_mates = sum(each.other is not None and each.other[0] != self._robot for each in self._closures)
         for link in (*self._steps.values(), *self._closures):
-            edge = self._edge(link, index, held, held_at, place_of, variances_of)
+            edge = self._edge(link, index, held, held_at, with_mates, place_of, variances_of)
             if edge is not None:
                 edges.append(edge)
         solution = solve([self.own[number].pose for number in numbers], held, edges)
@@ -297,6 +306,7 @@ class SubmapGraph:
         index: dict[int, int],
         held: list[Pose2D],
         held_at: dict[tuple[SubmapKey, MapFrame], int],
+        with_mates: int,
         place_of: Callable[[SubmapKey, MapFrame], Pose2D | None],
         variances_of: Callable[[SubmapKey], Variances],
     ) -> Edge | None:
@@ -309,7 +319,7 @@ class SubmapGraph:
                 return None
             at_other = self.own[other[1]].at(link.at_other)
             node = self.own[other[1]]
-            gate = self._gate(link, np.diag(np.diag(node.covariance)))
+            gate = self._gate(link, node.covariance.diagonal())
             return Edge(index[other[1]], at_other, own, link.at_own, link.information, link.may_be_false, None, gate)
         key = other, frame
         if key not in held_at:
@@ -321,8 +331,8 @@ class SubmapGraph:
         # However many scans match a mate's submaps, these have the same error, and the mates use this robot's poses in
         # turn. So all closures with mates together give no smaller variance than that of one mate, as in covariance
         # intersection.
-        measured, mates = inverse(link.information), np.diag(variances_of(other))
-        information, sure = inverse(measured + mates), inverse(measured + self._with_mates() * mates)
+        measured, mates = link.covariance(), np.array(variances_of(other))
+        information, sure = inverse(_widened(measured, mates)), inverse(_widened(measured, with_mates * mates))
         gate = self._gate(link, mates)
         if link.told:
             return Edge(own, link.at_own, held_at[key], link.at_other, information, link.may_be_false, sure, gate)
@@ -332,8 +342,8 @@ class SubmapGraph:
         """Information of the expected residual, in which the variances of both submaps count as well."""
         if not link.may_be_false:
             return None
-        own = np.diag(np.diag(self.own[link.own].covariance))
-        return inverse(inverse(link.information) + own + other)
+        own = self.own[link.own].covariance.diagonal()
+        return inverse(_widened(_widened(link.covariance(), own), other))
 
     def _keep(self, link: _Link, away_m: Callable[[_Link], float]) -> None:
         """Add a closure. It replaces those of the same pair that are near it or, if there is none, the oldest ones."""
@@ -350,14 +360,18 @@ class SubmapGraph:
         self._closures.append(link)
         self.has_news = True
 
-    def _with_mates(self) -> int:
-        return sum(each.other is not None and each.other[0] != self._robot for each in self._closures)
-
     def _freeze(self, number: int) -> None:
         """Fix an own submap at its current pose."""
         del self.own[number]
         del self._steps[number]
         self._closures = [each for each in self._closures if each.own != number]
+
+
+def _widened(covariance: Floats, variances: Floats) -> Floats:
+    """A (3, 3) covariance to which variances (3,) are added."""
+    widened = covariance.copy()
+    widened.ravel()[::4] += variances
+    return widened
 
 
 def _turned(covariance: Floats, yaw_rad: float) -> Floats:

@@ -43,6 +43,11 @@ ROUGH = 0.15
 """Largest ratio of the variance of means across their line to that along it."""
 FIT_CELLS = 2.0
 """Largest distance, cells, between a surface and the end of a beam that agrees with the map."""
+AROUND = 3
+"""Rows and columns about a beam's end in which surfaces are gathered: what the first step looks at, so that later ones,
+which look less far, find theirs there too."""
+FAR = 1 << 30
+"""Not the row or column of any cell."""
 
 
 def match_surface(grid: OccupancyGrid, guess: Pose2D, points: Floats) -> tuple[ScanFit, tuple[float, float]]:
@@ -77,11 +82,34 @@ def match_surface(grid: OccupancyGrid, guess: Pose2D, points: Floats) -> tuple[S
 
 
 @njit(cache=True, nogil=True)
-def _nearest(
+def _gather(
     log_odds: NDArray[np.int8],
     surface_at: NDArray[np.float32],
     surface_hits: NDArray[np.uint8],
     surface_view: NDArray[np.float32],
+    row: int,
+    column: int,
+    cells: NDArray[np.int32],
+    surfaces: NDArray[np.float32],
+) -> int:
+    """Copy the surfaces at most `AROUND` from (row, column): row, column; place, view. Returns how many there are."""
+    height, width = log_odds.shape
+    count = 0
+    for i in range(max(row - AROUND, 0), min(row + AROUND + 1, height)):
+        for j in range(max(column - AROUND, 0), min(column + AROUND + 1, width)):
+            if log_odds[i, j] > 0 and surface_hits[i, j] > 0:
+                cells[count, 0], cells[count, 1] = i, j
+                surfaces[count, 0], surfaces[count, 1] = surface_at[i, j, 0], surface_at[i, j, 1]
+                surfaces[count, 2], surfaces[count, 3] = surface_view[i, j, 0], surface_view[i, j, 1]
+                count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _nearest(
+    cells: NDArray[np.int32],
+    surfaces: NDArray[np.float32],
+    count: int,
     x: float,
     y: float,
     beam_x: float,
@@ -91,20 +119,16 @@ def _nearest(
     around: int,
     reach: float,
 ) -> int:
-    """Cell, counted by rows, of the surface nearest to (x, y), cells; −1 if none is in reach."""
-    height, width = log_odds.shape
+    """Which of the gathered surfaces is nearest to (x, y), cells; −1 if none is in reach."""
     best = reach * reach
     found = -1
-    for i in range(max(row - around, 0), min(row + around + 1, height)):
-        for j in range(max(column - around, 0), min(column + around + 1, width)):
-            if log_odds[i, j] <= 0 or surface_hits[i, j] == 0:
-                continue
-            square = (surface_at[i, j, 0] - x) ** 2 + (surface_at[i, j, 1] - y) ** 2
-            if square >= best:
-                continue
-            # The other side of a thin wall is another surface.
-            if surface_view[i, j, 0] * beam_x + surface_view[i, j, 1] * beam_y > OPPOSITE:
-                best, found = square, i * width + j
+    for n in range(count):
+        square = (surfaces[n, 0] - x) ** 2 + (surfaces[n, 1] - y) ** 2
+        if square >= best or abs(cells[n, 0] - row) > around or abs(cells[n, 1] - column) > around:
+            continue
+        # The other side of a thin wall is another surface.
+        if surfaces[n, 2] * beam_x + surfaces[n, 3] * beam_y > OPPOSITE:
+            best, found = square, n
     return found
 
 
@@ -184,6 +208,10 @@ def _match(
     vectors, values = np.zeros((3, 3)), np.zeros(3)
     information, pull, step = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
     lines, is_line, cells = np.zeros((count, 4)), np.zeros(count, np.bool_), np.full(count, -1)
+    # Surfaces about each beam's end: row and column about which they were gathered, how many, and what they are.
+    about = np.full((count, 3), FAR)
+    near_cells = np.empty((count, (2 * AROUND + 1) ** 2, 2), np.int32)
+    near_surfaces = np.empty((count, (2 * AROUND + 1) ** 2, 4), np.float32)
     size = 0.0
     for iteration in range(ITERATIONS):
         is_wide = iteration < WIDE_STEPS and (iteration == 0 or size > 0.3)
@@ -201,11 +229,15 @@ def _match(
             row, column = math.floor(at_y + HIT_DEPTH_CELLS * beam_y), math.floor(at_x + HIT_DEPTH_CELLS * beam_x)
             if row < 0 or column < 0 or row >= height or column >= width:
                 continue
-            cell = _nearest(
-                log_odds,
-                surface_at,
-                surface_hits,
-                surface_view,
+            if abs(row - about[k, 0]) > AROUND - around or abs(column - about[k, 1]) > AROUND - around:
+                about[k, 0], about[k, 1] = row, column
+                about[k, 2] = _gather(
+                    log_odds, surface_at, surface_hits, surface_view, row, column, near_cells[k], near_surfaces[k]
+                )
+            n = _nearest(
+                near_cells[k],
+                near_surfaces[k],
+                about[k, 2],
                 at_x,
                 at_y,
                 beam_x,
@@ -215,17 +247,21 @@ def _match(
                 around,
                 reach,
             )
-            if cell < 0:
+            if n < 0:
                 continue
+            cell = near_cells[k, n, 0] * width + near_cells[k, n, 1]
             if cell != cells[k]:  # in most steps a beam ends at the wall at which it ended before
                 cells[k] = cell
-                is_line[k] = _line(
-                    log_odds, surface_at, surface_hits, surface_view, cell // width, cell % width, lines[k]
-                )
+                if k > 0 and cells[k - 1] == cell:  # and often at that at which its neighbour ends
+                    is_line[k], lines[k] = is_line[k - 1], lines[k - 1]
+                else:
+                    is_line[k] = _line(
+                        log_odds, surface_at, surface_hits, surface_view, cell // width, cell % width, lines[k]
+                    )
             if not is_line[k]:
                 continue
             line = lines[k]
-            view_x, view_y = surface_view[cell // width, cell % width, 0], surface_view[cell // width, cell % width, 1]
+            view_x, view_y = near_surfaces[k, n, 2], near_surfaces[k, n, 3]
             if not (line[2] * view_x + line[3] * view_y) * (line[2] * beam_x + line[3] * beam_y) > 0.0:
                 continue
             off = line[2] * (at_x - line[0]) + line[3] * (at_y - line[1])
@@ -259,13 +295,17 @@ def _match(
             continue
         is_near = False
         nearest, nearest_row, nearest_column = FIT_CELLS * FIT_CELLS, 0, 0
-        for i in range(max(row - 2, 0), min(row + 3, height)):
-            for j in range(max(column - 2, 0), min(column + 3, width)):
-                if log_odds[i, j] > 0 and surface_hits[i, j] > 0:
-                    square = (surface_at[i, j, 0] - at_x) ** 2 + (surface_at[i, j, 1] - at_y) ** 2
-                    if square <= nearest:
-                        is_near = True
-                        nearest, nearest_row, nearest_column = square, i, j
+        if abs(row - about[k, 0]) > AROUND - 2 or abs(column - about[k, 1]) > AROUND - 2:
+            about[k, 0], about[k, 1] = row, column
+            about[k, 2] = _gather(
+                log_odds, surface_at, surface_hits, surface_view, row, column, near_cells[k], near_surfaces[k]
+            )
+        for n in range(about[k, 2]):
+            i, j = near_cells[k, n, 0], near_cells[k, n, 1]
+            square = (near_surfaces[k, n, 0] - at_x) ** 2 + (near_surfaces[k, n, 1] - at_y) ** 2
+            if square <= nearest and abs(i - row) <= 2 and abs(j - column) <= 2:
+                is_near = True
+                nearest, nearest_row, nearest_column = square, i, j
         if is_near:
             drift_m2 += surface_drift[nearest_row, nearest_column, 0]
             drift_rad2 += surface_drift[nearest_row, nearest_column, 1]

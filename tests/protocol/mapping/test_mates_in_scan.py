@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.mates_in_scan import MARGIN_M, REACH_M, mate_circles, outside, sees_through
+from robrain.protocol.model.mapping.mates_in_scan import MARGIN_M, REACH_M, mate_circles, sees_through, wall_ends
 from robrain.protocol.model.scan_match import beam_ends
 from tests.protocol.mapping.lidar_floor import ANGLES_RAD, NOBODY, RANGE_M, LidarFloor
 
@@ -31,7 +31,7 @@ def circles_for(told, ranges_m, sensor=SENSOR):
 
 def left_of(circles, ranges_m, sensor=SENSOR):
     """(n, 2) ends of beams, arena frame, that are taken for walls."""
-    points = outside(beam_ends(ANGLES_RAD, ranges_m, RANGE_M), sensor, circles)
+    points = wall_ends(ANGLES_RAD, ranges_m, RANGE_M, sensor, circles)
     cos, sin = math.cos(sensor.yaw_rad), math.sin(sensor.yaw_rad)
     return np.column_stack(
         (sensor.x_m + cos * points[:, 0] - sin * points[:, 1], sensor.y_m + sin * points[:, 0] + cos * points[:, 1])
@@ -190,7 +190,17 @@ def test_points_in_circles_of_the_arena_are_left_out_wherever_the_sensor_is(seed
         at = sensor.compose(Pose2D(*point, 0.0))
         if all(math.dist((at.x_m, at.y_m), one[:2]) > one[2] for one in circles.tolist()):
             kept.append(point)
-    assert outside(points, sensor, circles).tolist() == kept
+    angles_rad, ranges_m = np.arctan2(points[:, 1], points[:, 0]), np.hypot(points[:, 0], points[:, 1])
+    left = wall_ends(angles_rad, ranges_m, 10.0, sensor, circles)
+    np.testing.assert_allclose(left, np.array(kept).reshape(-1, 2), atol=1e-12)
+
+
+def test_beams_that_hit_nothing_have_no_ends_and_arrays_that_do_not_fit_are_refused():
+    ranges_m = np.array([1.0, RANGE_M, np.inf, np.nan, 0.0, -1.0])
+    angles_rad = np.zeros(6)
+    assert wall_ends(angles_rad, ranges_m, RANGE_M, SENSOR, NOBODY).tolist() == [[1.0, 0.0]]
+    with pytest.raises(ValueError, match="angles and ranges"):
+        wall_ends(angles_rad[1:], ranges_m, RANGE_M, SENSOR, NOBODY)
 
 
 def goes_through(told, ranges_m, sensor=SENSOR):

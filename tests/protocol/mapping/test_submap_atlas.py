@@ -26,6 +26,7 @@ ROBOTS = ("r1", "r2", "r3")
 CLASS = st.sampled_from([FREE, OCCUPIED, UNKNOWN])
 PLACE = st.one_of(
     st.just(IDENTITY),
+    st.builds(lambda right, up: Pose2D(0.5 * right, 0.5 * up, 0.0), st.integers(-8, 8), st.integers(-8, 8)),
     st.builds(Pose2D, st.floats(-4.0, 4.0), st.floats(-4.0, 4.0), st.floats(-3.1, 3.1)),
 )
 ONE = np.array([[OCCUPIED]])
