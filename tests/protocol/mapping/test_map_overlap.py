@@ -263,5 +263,5 @@ def test_of_two_answers_the_one_that_is_contradicted_weighs_nothing():
 
 
 def test_a_wall_that_is_known_from_either_side_alone_is_no_overlap():
-    assert Overlap(200, 0, 2500).is_match
-    assert not Overlap(200, 0, 2499).is_match
+    assert Overlap(120, 0, 2500).is_match
+    assert not Overlap(120, 0, 2499).is_match
