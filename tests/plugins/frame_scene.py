@@ -52,9 +52,15 @@ class Scene:
         self.graph = SubmapGraph("r1", GraphSpec())
         self.own = OwnSubmaps(WIDE, self.graph, SubmapSpec())
         self.mates: dict[MapFrame, list[tuple[float, float, float]]] = {}
-        self.frames = Frames(
-            "r1", self.atlas, self.graph, self.own, lambda frame: np.array(self.mates.get(frame, [])).reshape(-1, 3)
-        )
+        self.strangers = 0
+        """Mates that are heard, but tell no place in any of these frames."""
+        self.frames = Frames("r1", self.atlas, self.graph, self.own, self._mates_in, self._heard)
+
+    def _mates_in(self, frame: MapFrame) -> np.ndarray:
+        return np.array(self.mates.get(frame, [])).reshape(-1, 3)
+
+    def _heard(self) -> int:
+        return self.strangers + sum(map(len, self.mates.values()))
 
     def map(self, number: int, *places: Pose2D, T_own_floor: Pose2D = T_OWN_FLOOR, trajectory: int = 1) -> None:
         """Make a submap of scans from these places of the floor."""

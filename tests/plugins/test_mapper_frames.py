@@ -145,6 +145,15 @@ def test_where_robots_are_or_have_been_crates_on_a_map_contradict_nothing() -> N
         assert moved == [False, False, True], "it may be this robot, where it began its submap or where it is"
 
 
+@pytest.mark.parametrize(("strangers", "joins"), [(0, False), (1, True)])
+def test_a_crate_may_be_a_mate_of_which_nobody_knows_where_it_is(strangers: int, joins: bool) -> None:
+    scene = lost()
+    scene.strangers = strangers
+    crate_at(scene, Pose2D(2.1, 4.9, 0.0), ARENA)
+    moved = [scene.search(place) for place in PLACES[:3]]
+    assert any(moved) == joins
+
+
 def test_joining_moves_the_submaps_of_that_frame_only_and_tells_them_alone() -> None:
     scene = Scene()
     scene.map(5, PLACES[0], T_own_floor=IDENTITY, trajectory=0)

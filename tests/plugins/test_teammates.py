@@ -48,6 +48,18 @@ def test_a_robot_that_does_not_know_where_it_is_is_none_to_avoid(stage):
     assert names(one) == []
 
 
+def test_mates_that_do_not_know_where_they_are_are_counted_while_they_are_heard(stage):
+    one = stage()
+    teammates = one.host("teammates").manager.get("teammates").plugin
+    one.say_state("r1", POSE)
+    one.say_state("r2", None)
+    one.say_state("r3", POSE)
+    one.run(0.3)
+    assert teammates.count() == 2
+    one.run(2.5)
+    assert teammates.count() == 0
+
+
 def test_a_teammate_that_is_silent_for_two_seconds_is_forgotten_and_comes_back(stage):
     one = stage()
     one.host("teammates")

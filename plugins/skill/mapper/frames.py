@@ -32,6 +32,8 @@ ANSWERS_MAX = 12
 """Number of latest answers that are kept."""
 BODY_M = 0.4
 """Radius of what others may have drawn of this robot."""
+STRANGERS_MAX = 3
+"""Number of robots that may be on the maps unknown: small things that are on one map only."""
 APART_M = 1.0
 """Least distance, metres, between two of the places from which agreeing answers were found."""
 PLAIN_MIN = 250
@@ -69,6 +71,7 @@ class Frames:
         graph: the robot's own part of the pose graph.
         own: the submap that it is making.
         mates_in: (K, 3) x, y, radius in metres of the mates that tell their places in a map frame.
+        mates: number of all mates that are heard.
 
     """
 
@@ -79,6 +82,7 @@ class Frames:
         graph: SubmapGraph,
         own: OwnSubmaps,
         mates_in: Callable[[MapFrame], NDArray[np.float64]],
+        mates: Callable[[], int],
     ) -> None:
         self.told: list[MapPatch] = []
         """Where own submaps lie now, to be told."""
@@ -87,6 +91,7 @@ class Frames:
         self._graph = graph
         self._own = own
         self._mates_in = mates_in
+        self._mates = mates
         self._answers: deque[tuple[MapFrame, _Answer]] = deque(maxlen=ANSWERS_MAX)
         self._turn = 0
 
@@ -148,15 +153,18 @@ class Frames:
         self._turn += 1
         frame, turn = better[self._turn % len(better)], self._turn // len(better)
         own, other = self._atlas.grid, self._atlas.composed(frame)
-        bodies, mates = np.concatenate((self._own_bodies(here), self._mates_in(self.frame))), self._mates_in(frame)
+        known, mates = self._mates_in(self.frame), self._mates_in(frame)
+        bodies = np.concatenate((self._own_bodies(here), known))
+        # Whoever tells no place in a map's frame may be drawn there as an obstacle.
+        strangers = min(max(2 * self._mates() - len(known) - len(mates), 0), STRANGERS_MAX)
         if turn % 2 or not len(mates):
             place = here
-            found = MapMatcher(own, other, bodies, mates).find(here)
+            found = MapMatcher(own, other, bodies, mates, strangers).find(here)
             T_new_old = None if found is None else found.T_other_own
         else:  # a mate may have come to where this robot has been
             x_m, y_m, _ = mates[turn // 2 % len(mates)].tolist()
             at_mate = Pose2D(x_m, y_m, 0.0)
-            found = MapMatcher(other, own, mates, bodies).find(at_mate)
+            found = MapMatcher(other, own, mates, bodies, strangers).find(at_mate)
             T_new_old = None if found is None else found.T_other_own.inverse()
             place = here if found is None else found.T_other_own.compose(at_mate)
         if found is None or T_new_old is None or not may_be_at(frame, T_new_old.compose(here)):

@@ -102,7 +102,9 @@ class Mapper(Skill):
         self._graph = SubmapGraph(self.env.robot, self.parameters.graph)
         self._own = OwnSubmaps(geometry, self._graph, self.parameters.submap)
         self._desk = ClosureDesk(self.env.robot, self._graph, self._atlas, self.parameters.closure_slack_m)
-        self._frames = Frames(self.env.robot, self._atlas, self._graph, self._own, self._mates_in)
+        self._frames = Frames(
+            self.env.robot, self._atlas, self._graph, self._own, self._mates_in, lambda: self._teammates.count()
+        )
         self._view: MapView | None = None
         self._telling = MapTelling(self.env.robot, geometry)
         self._hearing = MapHearing(self.env.robot, self._atlas, self._desk, self._frames)

@@ -65,6 +65,10 @@ class TeammatesInterface(Protocol):
         """Those heard within the last two seconds that tell their poses in a map frame, by name."""
         ...
 
+    def count(self) -> int:
+        """How many were heard within the last two seconds, in whichever map frame."""
+        ...
+
     def mates(self, place: Point2D, within_m: float) -> list[Mate]:
         """Those that are, or are bound, within a distance of a place, by name; also those that have fallen silent."""
         ...

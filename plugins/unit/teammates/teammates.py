@@ -70,6 +70,11 @@ class Teammates(Unit):
             if known.teammate is not None and known.frame == frame and now_ns - known.heard_ns <= self._fresh_ns
         ]
 
+    def count(self) -> int:
+        """How many were heard within the last two seconds, in whichever map frame."""
+        now_ns = self._hear()
+        return sum(now_ns - known.heard_ns <= self._fresh_ns for known in self._known.values())
+
     def mates(self, place: Point2D, within_m: float) -> list[Mate]:
         """Those that are, or are bound, within a distance of a place, by name; also those that have fallen silent."""
         now_ns = self._hear()

@@ -228,6 +228,30 @@ def test_what_may_be_a_robot_on_either_map_contradicts_nothing(own, other, contr
     assert matcher.overlap(T_other_own).contradicting == contradicting
 
 
+SQUARE = [(row, column) for row in range(20, 23) for column in range(10, 12)]
+"""6 cells."""
+LONG = [(30, column) for column in range(5, 15)]
+"""1 m: no robot is so long."""
+
+
+@pytest.mark.parametrize(
+    ("walls", "strangers", "contradicting"),
+    [
+        (SQUARE, 0, 6),
+        (SQUARE, 1, 0),
+        (SQUARE + [(row, 30) for row in range(20, 28)], 1, 6),  # the larger one is left out
+        (SQUARE + [(row, 30) for row in range(20, 28)], 2, 0),
+        (LONG, 3, 10),
+        ([(row, 30) for row in range(20, 29)], 1, 9),
+        (LONG + SQUARE, 1, 10),
+    ],
+)
+def test_as_many_small_things_as_there_may_be_unknown_robots_contradict_nothing(walls, strangers, contradicting):
+    clear, walled = grid_of(floor_with()), grid_of(floor_with(*walls))
+    assert MapMatcher(walled, clear, strangers=strangers).overlap(IDENTITY).contradicting == contradicting
+    assert MapMatcher(clear, walled, strangers=strangers).overlap(IDENTITY).contradicting == contradicting
+
+
 def test_a_crate_that_has_come_since_contradicts_the_map_unless_a_robot_stood_there():
     own, (x_m, y_m) = mapped(CRATED, FEW), (2.0, 4.1)
     assert MapMatcher(own, TEAM).find(FEW[0]) is None
@@ -263,5 +287,5 @@ def test_of_two_answers_the_one_that_is_contradicted_weighs_nothing():
 
 
 def test_a_wall_that_is_known_from_either_side_alone_is_no_overlap():
-    assert Overlap(120, 0, 2500).is_match
-    assert not Overlap(120, 0, 2499).is_match
+    assert Overlap(100, 0, 2500).is_match
+    assert not Overlap(100, 0, 2499).is_match
