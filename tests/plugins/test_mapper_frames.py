@@ -145,6 +145,16 @@ def test_where_robots_are_or_have_been_crates_on_a_map_contradict_nothing() -> N
         assert moved == [False, False, True], "it may be this robot, where it began its submap or where it is"
 
 
+@pytest.mark.parametrize(("frame", "joins"), [(ARENA, False), (MATES, True)])
+def test_a_robot_that_would_be_beyond_the_edge_of_the_arena_is_somewhere_else(frame: MapFrame, joins: bool) -> None:
+    """The map of a frame of a robot's own has its edge anywhere."""
+    scene = Scene()
+    scene.map(20, *PLACES)
+    scene.mates_map(frame, Pose2D(-13.0, 0.0, 0.0))
+    moved = [scene.search(place) for place in PLACES[:3]]
+    assert any(moved) == joins
+
+
 @pytest.mark.parametrize(("strangers", "joins"), [(0, False), (1, True)])
 def test_a_crate_may_be_a_mate_of_which_nobody_knows_where_it_is(strangers: int, joins: bool) -> None:
     scene = lost()

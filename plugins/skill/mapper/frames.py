@@ -18,7 +18,7 @@ from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import ArenaFix
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
-from robrain.protocol.model.mapping.map_overlap import MapMatcher
+from robrain.protocol.model.mapping.map_overlap import MapMatcher, cells_outside
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.model.mapping.submap_graph import SubmapGraph
 from robrain.protocol.wire.map_messages import MapPatch
@@ -34,6 +34,8 @@ BODY_M = 0.4
 """Radius of what others may have drawn of this robot."""
 STRANGERS_MAX = 3
 """Number of robots that may be on the maps unknown: small things that are on one map only."""
+OUTSIDE_MAX = 50
+"""Cells of its floor that may lie beyond the edge of the arena's map: half a square metre at 0.1 m."""
 APART_M = 1.0
 """Least distance, metres, between two of the places from which agreeing answers were found."""
 PLAIN_MIN = 250
@@ -168,6 +170,8 @@ class Frames:
             T_new_old = None if found is None else found.T_other_own.inverse()
             place = here if found is None else found.T_other_own.compose(at_mate)
         if found is None or T_new_old is None or not may_be_at(frame, T_new_old.compose(here)):
+            return
+        if frame == ARENA and cells_outside(own, T_new_old, other.geometry) > OUTSIDE_MAX:
             return
         self._answers.append((frame, _Answer(T_new_old, place)))
         is_plain = found.overlap.agreeing >= PLAIN_MIN and not found.overlap.contradicting

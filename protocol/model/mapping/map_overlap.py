@@ -9,11 +9,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.kernel_array import INT8, kernel_array
+from robrain.protocol.model.mapping import map_overlap_kernels as kernels
 from robrain.protocol.model.mapping.place_search import search_places
 from robrain.protocol.model.mapping.wall_points import (
     NEAR_CELLS,
@@ -23,7 +23,7 @@ from robrain.protocol.model.mapping.wall_points import (
     some_points,
     wall_points,
 )
-from robrain.protocol.model.occupancy_grid import OccupancyGrid
+from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
 
 ABOUT_M = 8.0
 """Walls within this distance of a place are looked for."""
@@ -41,8 +41,6 @@ REFINED = 8
 REACHES_M = (0.4, 0.4, 0.2)
 WHOLE_WALLS = 1500
 WHOLE_REACH_M = 0.4
-CLUSTER_MIN = 4
-"""Least number of connected cells for a contradiction: single cells are noise of the lidar."""
 BODY_MARGIN_M = 0.3
 """Cells within this distance of a robot's hull may show the robot."""
 SMALL_MAX_M = 0.8
@@ -66,8 +64,6 @@ Where offices are equal, maps of two of them lie on each other without any contr
 """
 REPEATED_NEARLY = 0.7
 """Share of the first place's score that such a second place has."""
-UNMARKED, CONTRADICTS, COMMON = 0, 1, 2
-"""Marks of cells that two maps know."""
 
 
 class Overlap(NamedTuple):
@@ -113,7 +109,7 @@ class MapMatcher:
             be a robot, and contradicts nothing.
         other_bodies: (M, 3) the same in the frame of the other map.
         strangers: number of robots that either map may show without anybody knowing where: so many small things that
-            contradict, the largest, are left out.
+            contradict and stand free, the largest, are left out.
 
     """
 
@@ -201,7 +197,7 @@ class MapMatcher:
         """Whether what agrees is there a second time, on either map: then it is no evidence."""
         _, marks = self._compared(found.T_other_own)
         common = OccupancyGrid(self._own.geometry)
-        common.log_odds[:] = np.where(marks == COMMON, self._own.log_odds, 0)
+        common.log_odds[:] = np.where(marks == kernels.COMMON, self._own.log_odds, 0)
         return MapMatcher(common, self._own).fits_elsewhere(at, Pose2D(0.0, 0.0, 0.0)) or MapMatcher(
             common, self._other
         ).fits_elsewhere(at, found.T_other_own)
@@ -215,7 +211,7 @@ class MapMatcher:
         first_x = (T_other_own.x_m + cos * x_m - sin * y_m - other.origin_x_m) / other.resolution_m
         first_y = (T_other_own.y_m + sin * x_m + cos * y_m - other.origin_y_m) / other.resolution_m
         marks = np.zeros(own.shape, np.uint8)
-        agreeing, floor = _compare(
+        agreeing, floor = kernels.compare(
             kernel_array(self._own.log_odds, INT8),
             self._own_distance,
             kernel_array(self._other.log_odds, INT8),
@@ -225,12 +221,14 @@ class MapMatcher:
             marks,
         )
         self._leave_out_bodies(marks, T_other_own)
-        large, small = _in_clusters(marks, SMALL_MAX_M / own.resolution_m)
+        large, small = kernels.in_clusters(
+            marks, kernel_array(self._own.log_odds, INT8), SMALL_MAX_M / own.resolution_m
+        )
         contradicting = large + sum(sorted(small.tolist())[: max(len(small) - self._strangers, 0)])
         return Overlap(agreeing, contradicting, floor), marks
 
     def _leave_out_bodies(self, marks: NDArray[np.uint8], T_other_own: Pose2D) -> None:
-        rows, columns = np.nonzero(marks == CONTRADICTS)
+        rows, columns = np.nonzero(marks == kernels.CONTRADICTS)
         geometry = self._own.geometry
         x_m = geometry.origin_x_m + (columns + 0.5) * geometry.resolution_m
         y_m = geometry.origin_y_m + (rows + 0.5) * geometry.resolution_m
@@ -239,7 +237,7 @@ class MapMatcher:
         bodies = [*self._own_bodies.tolist(), *((at.x_m, at.y_m, radius_m) for at, radius_m in others)]
         for body_x_m, body_y_m, radius_m in bodies:
             is_body = (x_m - body_x_m) ** 2 + (y_m - body_y_m) ** 2 < (radius_m + BODY_MARGIN_M) ** 2
-            marks[rows[is_body], columns[is_body]] = UNMARKED
+            marks[rows[is_body], columns[is_body]] = kernels.UNMARKED
 
     def _laid(self, place: Pose2D, T_own_place: Pose2D) -> Found:
         T_other_own = place.compose(T_own_place.inverse())
@@ -256,78 +254,14 @@ class MapMatcher:
         return Found(T_other_own, overlap) if overlap.weight > found.overlap.weight else found
 
 
-@njit(cache=True, nogil=True)
-def _compare(
-    own: NDArray[np.int8],
-    own_distance: NDArray[np.float32],
-    other: NDArray[np.int8],
-    other_distance: NDArray[np.float32],
-    placed: tuple[float, float, float, float],
-    near: float,
-    marks: NDArray[np.uint8],
-) -> tuple[int, int]:
-    """Wall cells of `own` that agree, and cells that are floor on both maps.
-
-    Marks each cell of `own` that is known on both maps: what one has as a wall and the other as floor contradicts.
-    """
-    cos, sin, first_x, first_y = placed
-    agreeing, floor = 0, 0
-    for i in range(own.shape[0]):
-        for j in range(own.shape[1]):
-            if own[i, j] == 0:
-                continue
-            row = math.floor(first_y + sin * j + cos * i)
-            column = math.floor(first_x + cos * j - sin * i)
-            if row < 0 or column < 0 or row >= other.shape[0] or column >= other.shape[1] or other[row, column] == 0:
-                continue
-            if own[i, j] > 0:
-                if other_distance[row, column] <= near:
-                    agreeing += 1
-                    marks[i, j] = COMMON
-                elif other[row, column] < 0:
-                    marks[i, j] = CONTRADICTS
-            elif other[row, column] < 0:
-                floor += 1
-                marks[i, j] = COMMON
-            elif own_distance[i, j] > near:
-                marks[i, j] = CONTRADICTS
-    return agreeing, floor
-
-
-@njit(cache=True, nogil=True)
-def _in_clusters(marked: NDArray[np.uint8], small_max: float) -> tuple[int, NDArray[np.int64]]:
-    """Contradicting cells connected with at least `CLUSTER_MIN` − 1 others, of the eight around each; unmarks them.
-
-    Returns how many are in clusters longer or wider than `small_max` cells, and how many in each of the others.
-    """
-    height, width = marked.shape
-    stack = np.empty((np.sum(marked == CONTRADICTS), 2), np.int32)
-    small = np.empty(stack.shape[0], np.int64)
-    large, smalls = 0, 0
-    for i in range(height):
-        for j in range(width):
-            if marked[i, j] != CONTRADICTS:
-                continue
-            marked[i, j] = UNMARKED
-            stack[0, 0], stack[0, 1] = i, j
-            waiting, cells = 1, 0
-            low, left, right_most = i, j, j
-            while waiting:
-                waiting -= 1
-                row, column = stack[waiting, 0], stack[waiting, 1]
-                cells += 1
-                low, left, right_most = max(low, row), min(left, column), max(right_most, column)
-                for up in range(max(row - 1, 0), min(row + 2, height)):
-                    for right in range(max(column - 1, 0), min(column + 2, width)):
-                        if marked[up, right] == CONTRADICTS:
-                            marked[up, right] = UNMARKED
-                            stack[waiting, 0], stack[waiting, 1] = up, right
-                            waiting += 1
-            if cells < CLUSTER_MIN:
-                continue
-            if low - i < small_max and right_most - left < small_max:
-                small[smalls] = cells
-                smalls += 1
-            else:
-                large += cells
-    return large, small[:smalls]
+def cells_outside(own: OccupancyGrid, T_other_own: Pose2D, other: GridGeometry) -> int:
+    """Number of floor cells of a map that lie outside another map's grid."""
+    rows, columns = np.nonzero(own.log_odds < 0)
+    geometry = own.geometry
+    x_m = geometry.origin_x_m + (columns + 0.5) * geometry.resolution_m
+    y_m = geometry.origin_y_m + (rows + 0.5) * geometry.resolution_m
+    cos, sin = math.cos(T_other_own.yaw_rad), math.sin(T_other_own.yaw_rad)
+    column = (T_other_own.x_m + cos * x_m - sin * y_m - other.origin_x_m) / other.resolution_m
+    row = (T_other_own.y_m + sin * x_m + cos * y_m - other.origin_y_m) / other.resolution_m
+    inside = (column >= 0) & (row >= 0) & (column < other.width) & (row < other.height)
+    return int(np.count_nonzero(~inside))

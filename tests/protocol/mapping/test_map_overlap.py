@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping import map_overlap
-from robrain.protocol.model.mapping.map_overlap import COMMON_MIN, MapMatcher, Overlap
+from robrain.protocol.model.mapping.map_overlap import COMMON_MIN, MapMatcher, Overlap, cells_outside
 from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
 from tests.protocol.mapping.lidar_floor import ANGLES_RAD, NOBODY, RANGE_M, ROOM, ROOM_PLACES, LidarFloor
@@ -244,12 +244,26 @@ LONG = [(30, column) for column in range(5, 15)]
         (LONG, 3, 10),
         ([(row, 30) for row in range(20, 29)], 1, 9),
         (LONG + SQUARE, 1, 10),
+        ([(row, column) for row in range(2, 5) for column in range(10, 12)], 1, 4),  # at the wall in row 0
     ],
 )
 def test_as_many_small_things_as_there_may_be_unknown_robots_contradict_nothing(walls, strangers, contradicting):
     clear, walled = grid_of(floor_with()), grid_of(floor_with(*walls))
     assert MapMatcher(walled, clear, strangers=strangers).overlap(IDENTITY).contradicting == contradicting
     assert MapMatcher(clear, walled, strangers=strangers).overlap(IDENTITY).contradicting == contradicting
+
+
+@pytest.mark.parametrize(
+    ("T_other_own", "outside"),
+    [
+        (IDENTITY, 0),
+        (Pose2D(-1.0, 0.0, 0.0), 10 * (SIDE - 1)),
+        (Pose2D(0.0, 1.0, 0.0), 10 * SIDE),
+        (Pose2D(0.0, 0.0, math.pi), (SIDE - 1) * SIDE),
+    ],
+)
+def test_floor_that_lies_beyond_the_edge_of_the_other_map_is_counted(T_other_own, outside):
+    assert cells_outside(grid_of(floor_with()), T_other_own, SMALL) == outside
 
 
 def test_a_crate_that_has_come_since_contradicts_the_map_unless_a_robot_stood_there():
