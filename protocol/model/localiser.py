@@ -246,12 +246,15 @@ class Localiser:
 
     def _reckon_map(self, map: LocalMap) -> None:
         """Compute the variances of the matched walls' position in the arena."""
-        local = map.T_arena_local.inverse().compose(self.pose)
-        # An error of yaw at the anchor moves the robot, which is some metres away from it.
-        across_m2 = 0.5 * map.variances[2] * map.anchor.distance_m(local) ** 2
+        anchor = map.T_arena_local.compose(map.anchor)
+        dx_m, dy_m = self.pose.x_m - anchor.x_m, self.pose.y_m - anchor.y_m
         m2, rad2 = (max(now - then, 0.0) for now, then in zip(self._map_drift, map.drift, strict=True))
         x, y, yaw = map.variances
-        self._of_map = x + across_m2 + m2, y + across_m2 + m2, yaw + rad2
+        x_yaw, y_yaw = map.with_yaw
+        # An error of yaw at the anchor moves the robot, which is some metres away from it.
+        x += max(dy_m * (dy_m * yaw - 2.0 * x_yaw), -x)
+        y += max(dx_m * (dx_m * yaw + 2.0 * y_yaw), -y)
+        self._of_map = x + m2, y + m2, yaw + rad2
 
     def may_be_at(self, pose: Pose2D) -> bool:
         """Whether the signals of motes, if any are heard, allow the robot to be at a pose of the arena frame."""

@@ -214,6 +214,27 @@ def test_a_robot_that_lies_wrong_leaves_with_the_submaps_of_this_trajectory_as_t
     assert [node.frame for node in scene.graph.own.values()] == [ARENA, OWN, OWN]
 
 
+@pytest.mark.parametrize(
+    ("variance_m2", "mates", "is_unsure"),
+    [(0.98, ARENA, False), (1.02, ARENA, True), (1.02, MATES, False), (1.02, None, False)],
+)
+def test_a_robot_that_hardly_knows_its_place_leaves_unless_it_is_alone_in_the_arena_frame(
+    variance_m2: float, mates: MapFrame | None, is_unsure: bool
+) -> None:
+    scene = Scene()
+    assert scene.frames.why_unsure() == ""
+    scene.map(20, *PLACES, trajectory=0)
+    if mates is not None:
+        scene.mates_map(mates)
+    for axis in (0, 1):
+        scene.graph.own[20].covariance = np.diag((0.1, 0.1, 0.01))
+        scene.graph.own[20].covariance[axis, axis] = variance_m2
+        assert (scene.frames.why_unsure() == "its place is known to ± 1.0 m only") == is_unsure
+    if is_unsure:
+        scene.frames.part(scene.frames.why_unsure())
+        assert scene.frames.why_unsure() == "", "it has left"
+
+
 def test_a_robot_without_submaps_has_nothing_to_leave_with() -> None:
     scene = Scene()
     scene.frames.begin(20, "")

@@ -250,9 +250,19 @@ def test_how_unsure_the_place_of_the_map_is_counts_in_the_covariance_but_not_in_
     localiser.see(ROOM.points(true), room_map(anchor=anchor, variances=variances))
     assert np.array_equal(localiser.filter.covariance, sure.filter.covariance)
     by_map = localiser.covariance - sure.covariance
-    # Four metres from the anchor its yaw moves the robot by 0.4 m in some direction.
-    assert np.diag(by_map) == pytest.approx((0.04 + 0.08, 0.09 + 0.08, 0.01), rel=1e-3)
+    # Four metres from the anchor its yaw moves the robot by 0.4 m to the side.
+    assert np.diag(by_map) == pytest.approx((0.04, 0.09 + 0.16, 0.01), rel=1e-3)
     assert localiser.sigma_m > 0.4 > sure.sigma_m
+
+
+def test_an_error_of_place_that_comes_from_yaw_grows_with_the_way():
+    """Place and yaw of the anchor have one cause: a way of 2 m that was driven in a wrong direction."""
+    true = Pose2D(5.0, 1.0, 0.0)
+    localiser, sure = located(true), located(true)
+    sure.see(ROOM.points(true), room_map())
+    so_far = room_map(anchor=Pose2D(3.0, 1.0, 0.0), variances=(0.0, 0.04, 0.01))
+    localiser.see(ROOM.points(true), so_far._replace(with_yaw=(0.0, 0.02)))
+    assert (localiser.covariance - sure.covariance)[1, 1] == pytest.approx(0.16, rel=1e-3)
 
 
 def test_walls_that_were_drawn_from_an_unsure_place_keep_that():

@@ -7,6 +7,7 @@ left follow by themselves.
 """
 
 import logging
+import math
 from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
@@ -34,6 +35,8 @@ BODY_M = 0.4
 """Radius of what others may have drawn of this robot."""
 STRANGERS_MAX = 3
 """Number of robots that may be on the maps unknown: small things that are on one map only."""
+UNSURE_M = 1.0
+"""A robot whose place has at least this standard deviation takes its submaps out of the team's map."""
 OUTSIDE_MAX = 50
 """Cells of its floor that may lie beyond the edge of the arena's map: half a square metre at 0.1 m."""
 APART_M = 1.0
@@ -115,6 +118,17 @@ class Frames:
         self._graph.part(self._own.trajectory, frame)
         self._enter(frame, why)
         self._place({(self._robot, number): self._graph.own[number].T_arena_local for number in numbers})
+
+    def why_unsure(self) -> str:
+        """Why the robot should leave the map of the team: it hardly knows its place. Empty if it does, or is alone."""
+        current = self._graph.current
+        if current is None or self.frame != ARENA:
+            return ""
+        sigma_m = math.sqrt(max(current.covariance[0, 0], current.covariance[1, 1]))
+        if sigma_m < UNSURE_M:
+            return ""
+        has_mates = any(key[0] != self._robot and each.frame == ARENA for key, each in self._atlas.submaps.items())
+        return f"its place is known to ± {sigma_m:.1f} m only" if has_mates else ""
 
     def take_fix(self, fix: ArenaFix) -> None:
         """Motes have told where the robot is in the arena."""

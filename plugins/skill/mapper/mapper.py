@@ -288,7 +288,7 @@ class Mapper(Skill):
     def _find_frame(self) -> None:
         """Look for the team's map frame if the robot is not in it; leave it if the robot lies wrong there."""
         board, now_ns = self.env.board, self.env.clock.now_ns()
-        if why := self._desk.why_wrong():
+        if why := self._desk.why_wrong() or self._frames.why_unsure():
             self._frames.part(why)
         fix, board.arena_fix = board.arena_fix, None
         if fix is not None:

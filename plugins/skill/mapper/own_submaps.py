@@ -177,7 +177,7 @@ class OwnSubmaps:
         current = self.graph.current
         if current is None or self._number is None:
             return None
-        x, y, yaw = current.covariance.diagonal().tolist()
+        x, _, x_yaw, _, y, y_yaw, _, _, yaw = current.covariance.ravel().tolist()
         return LocalMap(
             self.grid,
             self.T_arena_local,
@@ -189,4 +189,5 @@ class OwnSubmaps:
             self.trajectory,
             self.frame,
             self.why,
+            (x_yaw, y_yaw),
         )

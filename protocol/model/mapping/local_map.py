@@ -43,6 +43,8 @@ class LocalMap(NamedTuple):
     """The map frame of `T_arena_local`."""
     why: str = ""
     """Why that is not the arena frame; empty if it is."""
+    with_yaw: tuple[float, float] = (0.0, 0.0)
+    """Covariances of x and y with yaw (m·rad) of `T_arena_local` at the anchor."""
 
 
 class ArenaFix(NamedTuple):

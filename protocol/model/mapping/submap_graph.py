@@ -157,11 +157,7 @@ class SubmapGraph:
             node.covariance = covariance
             self._steps[number] = self._placed(node, covariance, may_be_false=before is not None)
         else:
-            node.covariance = before.covariance + covariance
-            # An error in the yaw of the submap before moves this one.
-            across_m2 = 0.5 * before.covariance[2, 2] * before.anchor.distance_m(anchor) ** 2
-            node.covariance[0, 0] += across_m2
-            node.covariance[1, 1] += across_m2
+            node.covariance = _moved(before.covariance, before.pose, node.pose) + covariance
             place = Pose2D(anchor.x_m, anchor.y_m, 0.0)
             self._steps[number] = _Link(
                 number,
@@ -372,6 +368,16 @@ def _widened(covariance: Floats, variances: Floats) -> Floats:
     widened = covariance.copy()
     widened.ravel()[::4] += variances
     return widened
+
+
+def _moved(covariance: Floats, before: Pose2D, now: Pose2D) -> Floats:
+    """A pose's covariance after an exact movement: an error in its yaw has moved it across its way."""
+    xx, xy, xt, _, yy, yt, _, _, tt = covariance.ravel().tolist()
+    dx_m, dy_m = now.x_m - before.x_m, now.y_m - before.y_m
+    moved_xt, moved_yt = xt - dy_m * tt, yt + dx_m * tt
+    moved_xx, moved_yy = xx - dy_m * (xt + moved_xt), yy + dx_m * (yt + moved_yt)
+    moved_xy = xy + dx_m * xt - dy_m * moved_yt
+    return np.array(((moved_xx, moved_xy, moved_xt), (moved_xy, moved_yy, moved_yt), (moved_xt, moved_yt, tt)))
 
 
 def _turned(covariance: Floats, yaw_rad: float) -> Floats:

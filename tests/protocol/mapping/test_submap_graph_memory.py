@@ -64,10 +64,16 @@ def test_before_a_robot_has_begun_it_makes_no_submap():
 
 def test_the_yaw_of_the_submap_before_makes_the_place_of_the_next_one_less_sure():
     graph = walked(Pose2D(0.0, 0.0, 0.0), Pose2D(3.0, 4.0, 0.0))
-    across_m2 = 0.5 * 0.0004 * 25.0
-    assert graph.own[11].covariance == pytest.approx(
-        np.diag((0.0125 + across_m2, 0.0216 + across_m2, 0.0005)), abs=1e-12
-    )
+    across = np.array(((16.0, -12.0, -4.0), (-12.0, 9.0, 3.0), (-4.0, 3.0, 0.0))) * 0.0004
+    assert graph.own[11].covariance == pytest.approx(np.diag((0.0125, 0.0216, 0.0005)) + across, abs=1e-12)
+
+
+def test_an_error_of_yaw_moves_a_straight_way_of_several_submaps_as_one():
+    graph = walked(*(Pose2D(3.0 * n, 0.0, 0.0) for n in range(5)))
+    for_sure = walked(*(Pose2D(0.0, 0.0, 0.0) for _ in range(5)))
+    across_m2 = graph.own[14].covariance[1, 1] - for_sure.own[14].covariance[1, 1]
+    yaws_rad2 = [graph.own[10].covariance[2, 2]] + [0.0001] * 3
+    assert across_m2 == pytest.approx(sum(v * (12.0 - 3.0 * n) ** 2 for n, v in enumerate(yaws_rad2)), rel=1e-6)
 
 
 @settings(deadline=None, max_examples=30)
