@@ -56,8 +56,8 @@ def compare(
 def in_clusters(marked: NDArray[np.uint8], own: NDArray[np.int8], small_max: float) -> tuple[int, NDArray[np.int64]]:
     """Contradicting cells connected with at least `CLUSTER_MIN` − 1 others, of the eight around each; unmarks them.
 
-    Returns how many are in clusters that are longer or wider than `small_max` cells or beside a wall of the own map, and
-    the number in each other one.
+    Returns how many are in clusters longer or wider than `small_max` cells or beside a wall of the own map, and the
+    number in each other one.
     """
     height, width = marked.shape
     stack = np.empty((np.sum(marked == CONTRADICTS), 2), np.int32)
