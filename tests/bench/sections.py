@@ -53,6 +53,13 @@ SECTIONS = {
         "part in choosing parameters; *the filter alone* knows the radio's true parameters.",
         "tests.bench.localisation:measure",
     ),
+    "mapping": Section(
+        "Mapping",
+        "Floors of `examples/maps`, wheels that slip and are 1 % off, 1 % dropouts, seeds 1 and 2: 4 robots on clinic "
+        "and warehouse, for 150 s, also with late messages and agents that pause; robots with unknown starts, and "
+        "robots that are carried off, 3 in the clinic. `robrain bench mapping` and `bench joining` run more.",
+        "tests.bench.mapping:measure",
+    ),
     "behaviors": Section(
         "Behaviors",
         "One robot in lockstep. The wheels that slip lose a twentieth of each turn, 2 cm at random with each metre.",
