@@ -289,7 +289,7 @@ def test_a_crate_that_has_come_since_contradicts_the_map_unless_a_robot_stood_th
     ],
 )
 def test_maps_show_the_same_place_if_enough_walls_agree_and_next_to_none_contradicts(agreeing, contradicting, is_match):
-    overlap = Overlap(agreeing, contradicting, 2500)
+    overlap = Overlap(agreeing, contradicting, 4000)
     assert overlap.is_match == is_match
     assert overlap.share == pytest.approx(agreeing / max(agreeing + contradicting, 1))
     assert overlap.weight == max(agreeing - 2 * contradicting, 0)
@@ -300,6 +300,16 @@ def test_of_two_answers_the_one_that_is_contradicted_weighs_nothing():
     assert Overlap(30, 9, 0).weight == 12.0
 
 
-def test_a_wall_that_is_known_from_either_side_alone_is_no_overlap():
-    assert Overlap(100, 0, 2500).is_match
-    assert not Overlap(100, 0, 2499).is_match
+@pytest.mark.parametrize(
+    ("agreeing", "floor", "is_match"),
+    [
+        (540, 1500, True),
+        (900, 1499, False),
+        (440, 2000, True),
+        (439, 2000, False),
+        (100, 3700, True),
+        (100, 3699, False),
+    ],
+)
+def test_walls_and_floor_together_are_evidence_and_a_wall_alone_is_none(agreeing, floor, is_match):
+    assert Overlap(agreeing, 0, floor).is_match == is_match
