@@ -154,7 +154,8 @@ class ClosureDesk:
             if len(self._variances) >= MATE_SUBMAPS_MAX and key not in self._variances:
                 # A mate may tell of submaps that do not exist: drop the variances of submaps without cells.
                 self._variances = {each: told for each, told in self._variances.items() if each in self._atlas.submaps}
-            if len(self._variances) < MATE_SUBMAPS_MAX or key in self._variances:
+            is_told = part.variance_m2 > 0.0 or part.variance_rad2 > 0.0
+            if is_told and (len(self._variances) < MATE_SUBMAPS_MAX or key in self._variances):
                 floor_m2, _, floor_rad2 = UNSAID
                 variance_m2, variance_rad2 = max(part.variance_m2, floor_m2), max(part.variance_rad2, floor_rad2)
                 self._variances[key] = variance_m2, variance_m2, variance_rad2

@@ -33,16 +33,20 @@ class MapTelling:
 
     def finished(self, number: int, own: OwnSubmaps, surfaces: NDArray[np.void]) -> None:
         """A submap is finished."""
-        place, frame = own.T_arena_local, own.frame
-        self._untold.append(pose_message(self._robot, self._geometry, number, place, frame, surfaces=surfaces))
+        place, frame, variances = own.T_arena_local, own.frame, _variances(own.graph.own[number])
+        message = pose_message(
+            self._robot, self._geometry, number, place, frame, surfaces=surfaces, variances=variances
+        )
+        self._untold.append(message)
 
     def placed(self, nodes: list[OwnSubmap]) -> None:
         """Submaps of the pose graph have moved."""
         told = []
         for node in nodes:
-            variances = max(node.covariance[0, 0], node.covariance[1, 1]), node.covariance[2, 2]
             place, frame = node.T_arena_local, node.frame
-            told.append(pose_message(self._robot, self._geometry, node.number, place, frame, variances=variances))
+            told.append(
+                pose_message(self._robot, self._geometry, node.number, place, frame, variances=_variances(node))
+            )
         self.moved(told)
 
     def moved(self, messages: list[MapPatch]) -> None:
@@ -60,3 +64,7 @@ class MapTelling:
         """Return the queued messages in order, and empty the queue."""
         untold, self._untold = self._untold, []
         return untold
+
+
+def _variances(node: OwnSubmap) -> tuple[float, float]:
+    return max(float(node.covariance[0, 0]), float(node.covariance[1, 1])), float(node.covariance[2, 2])
