@@ -242,6 +242,8 @@ def test_a_mate_tells_how_sure_it_is_of_where_its_submaps_lie() -> None:
     desk.hear_places(joined_message("r2", GEOMETRY, [told(7, variances=(0.09, 0.02)), told(8)]))
     assert desk.variances_of(MATE) == (0.09, 0.09, 0.02)
     assert desk.variances_of(("r2", 8)) == (0.04, 0.04, 0.01)
+    desk.hear_places(told(7, variances=(0.0, 0.0)))
+    assert desk.variances_of(MATE) == (0.09, 0.09, 0.02), "a message of cells alone says nothing of it"
 
 
 def test_nobody_is_believed_to_be_surer_than_what_one_takes_for_granted() -> None:

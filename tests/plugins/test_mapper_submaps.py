@@ -129,6 +129,8 @@ def test_a_submap_begins_with_the_first_scan_and_another_after_five_metres(stage
     scanned(one)
     told = [received.message for received in patches.drain()]
     (finished,) = [patch for patch in told if patch.surfaces]
+    assert 0.0 < finished.variance_m2 < 0.1
+    assert 0.0 < finished.variance_rad2 < 0.1
     assert finished.submap == first.number
     assert {patch.submap for patch in told} == {first.number, second.number}
     assert [patch.submap for patch in told] == sorted(patch.submap for patch in told)
