@@ -93,6 +93,7 @@ class World:
                     "width_m": geometry.width * geometry.resolution_m,
                     "height_m": geometry.height * geometry.resolution_m,
                     "closure_slack_m": 0.5 * geometry.resolution_m if robot.wheels.is_exact else 0.0,
+                    **({} if robot.lidar.dropout else {"submap": {"misses_min": 1}}),
                 },
                 "battery": {"capacity_wh": robot.battery.capacity_wh},
                 "mocdevice": {

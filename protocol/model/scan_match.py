@@ -24,8 +24,6 @@ REACH_M = 0.4
 DEGENERATE = 0.08
 """A direction with less than this share of the information that each beam could give is not believed; chosen."""
 BEAMS_MIN = 20
-MISSES_MIN = 4
-"""So many neighbouring beams without a return mean that the way is free."""
 SEARCH_STEP_RAD = 0.035
 AMBIGUOUS = 0.75
 """A second place that fits this well, compared with the best, makes a search's answer worthless."""
@@ -168,13 +166,13 @@ def beam_ends(
     return points
 
 
-def without_dropouts(ranges_m: NDArray[np.float64], range_max_m: float) -> NDArray[np.float64]:
-    """The ranges (N,) of a scan; where fewer than `MISSES_MIN` neighbouring beams have no return, they are NaN.
+def without_dropouts(ranges_m: NDArray[np.float64], range_max_m: float, misses_min: int) -> NDArray[np.float64]:
+    """The ranges (N,) of a scan; where fewer than `misses_min` neighbouring beams have no return, they are NaN.
 
     Black or wet surfaces return single beams or none at random: that is no sign that the way is free. Where it is, many
     neighbouring beams have no return. The first and the last beam count as neighbours.
     """
-    heard_m: NDArray[np.float64] = kernels.without_dropouts(kernel_array(ranges_m, FLOAT64), range_max_m, MISSES_MIN)
+    heard_m: NDArray[np.float64] = kernels.without_dropouts(kernel_array(ranges_m, FLOAT64), range_max_m, misses_min)
     return heard_m
 
 

@@ -122,7 +122,7 @@ def _warm_up_mapping(geometry: GridGeometry) -> None:
     circles = mate_circles(angles_rad, ranges_m, 1.0, sensor, np.array([[0.6, 0.6, 0.05]]))
     ends = wall_ends(angles_rad, ranges_m, 1.0, sensor, circles)
     own = OccupancyGrid(geometry, surfaces=True)
-    own.integrate_scan(sensor, angles_rad, without_dropouts(ranges_m, 1.0), 1.0, 0, circles)
+    own.integrate_scan(sensor, angles_rad, without_dropouts(ranges_m, 1.0, 4), 1.0, 0, circles)
     match_surface(own, sensor, ends)
     patch = own.take_patch()
     if patch is not None:

@@ -40,15 +40,19 @@ def ranges(*missed, miss_m=6.0):
     ],
 )
 def test_fewer_than_four_neighbouring_beams_without_a_return_say_nothing(missed, dropped, miss_m):
-    heard_m = without_dropouts(ranges(*missed, miss_m=miss_m), 6.0)
+    heard_m = without_dropouts(ranges(*missed, miss_m=miss_m), 6.0, 4)
     silent = [beam for beam in range(BEAMS) if math.isnan(heard_m[beam])]
     assert silent == (sorted(missed) if math.isnan(miss_m) else dropped)
+
+
+def test_a_lidar_that_never_misses_a_wall_is_believed_beam_by_beam():
+    assert without_dropouts(ranges(3, 5, 6), 6.0, 1).tolist() == ranges(3, 5, 6).tolist()
 
 
 @given(st.lists(st.sampled_from((0.5, 2.0, 6.0)), max_size=40))
 def test_beams_with_a_return_stay_as_they_are(ranges_m):
     given_m = np.array(ranges_m)
-    heard_m = without_dropouts(given_m, 6.0)
+    heard_m = without_dropouts(given_m, 6.0, 4)
     assert np.array_equal(heard_m[given_m < 6.0], given_m[given_m < 6.0])
     assert given_m.tolist() == ranges_m, "the scan is left as it is"
 

@@ -32,6 +32,12 @@ class SubmapSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """Length of the path on which one submap is made, metres; turns count too. Drift on it is less than a cell."""
     margin_m: float = 3.0
     """Metres by which the robot's own map extends beyond the team's grid, because it may be shifted."""
+    misses_min: int = 4
+    """So many neighbouring beams without a return mean that the way is free; 1 for a lidar that misses no wall."""
+
+    def __post_init__(self) -> None:
+        if self.misses_min < 1:
+            raise ValueError(f"expected misses_min of at least 1, got {self.misses_min}")
 
 
 class OwnPatch(NamedTuple):
@@ -126,13 +132,13 @@ class OwnSubmaps:
     ) -> None:
         """Map a scan; arguments are those of `OccupancyGrid.integrate_scan`, in the frame `local`.
 
-        Single beams without a return free nothing.
+        Fewer than `SubmapSpec.misses_min` neighbouring beams without a return free nothing.
         """
         if self._last is not None:
             turned_rad = math.remainder(sensor.yaw_rad - self._last.yaw_rad, math.tau)
             self._way_m += sensor.distance_m(self._last) + TURN_M_PER_RAD * abs(turned_rad)
         self._last = sensor
-        heard_m = without_dropouts(ranges_m, range_max_m)
+        heard_m = without_dropouts(ranges_m, range_max_m, self._spec.misses_min)
         self.grid.integrate_scan(sensor, angles_rad, heard_m, range_max_m, stamp_ms, ignore, drift)
 
     def contradict(self, team: OccupancyGrid) -> None:
