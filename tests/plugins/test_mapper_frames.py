@@ -145,6 +145,20 @@ def test_where_robots_are_or_have_been_crates_on_a_map_contradict_nothing() -> N
         assert moved == [False, False, True], "it may be this robot, where it began its submap or where it is"
 
 
+@pytest.mark.parametrize(("was_there", "joins"), [(False, False), (True, True)])
+def test_a_robot_that_was_in_a_frame_before_needs_less_evidence(
+    monkeypatch: pytest.MonkeyPatch, was_there: bool, joins: bool
+) -> None:
+    monkeypatch.setattr(module, "EVIDENCE_MIN", 1_000_000)
+    scene = Scene()
+    if was_there:
+        scene.map(5, PLACES[0], T_own_floor=IDENTITY, trajectory=0)
+    scene.map(20, *PLACES)
+    scene.mates_map(ARENA)
+    moved = [scene.search(place) for place in PLACES[:3]]
+    assert any(moved) == joins
+
+
 @pytest.mark.parametrize(("frame", "joins"), [(ARENA, False), (MATES, True)])
 def test_a_robot_that_would_be_beyond_the_edge_of_the_arena_is_somewhere_else(frame: MapFrame, joins: bool) -> None:
     """The map of a frame of a robot's own has its edge anywhere."""

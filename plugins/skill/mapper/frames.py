@@ -19,7 +19,7 @@ from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import ArenaFix
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
-from robrain.protocol.model.mapping.map_overlap import MapMatcher, cells_outside
+from robrain.protocol.model.mapping.map_overlap import EVIDENCE_MIN, MapMatcher, cells_outside
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.model.mapping.submap_graph import SubmapGraph
 from robrain.protocol.wire.map_messages import MapPatch
@@ -37,6 +37,8 @@ STRANGERS_MAX = 3
 """Number of robots that may be on the maps unknown: small things that are on one map only."""
 UNSURE_M = 1.0
 """A robot whose place has at least this standard deviation takes its submaps out of the team's map."""
+KNOWN_EVIDENCE_MIN = 2400
+"""Least evidence for a place in a frame in which the robot has been before."""
 OUTSIDE_MAX = 50
 """Cells of its floor that may lie beyond the edge of the arena's map: half a square metre at 0.1 m."""
 APART_M = 1.0
@@ -173,14 +175,15 @@ class Frames:
         bodies = np.concatenate((self._own_bodies(here), known))
         # Whoever tells no place in a map's frame may be drawn there as an obstacle.
         strangers = min(max(2 * self._mates() - len(known) - len(mates), 0), STRANGERS_MAX)
+        evidence_min = KNOWN_EVIDENCE_MIN if self._was_in(frame) else EVIDENCE_MIN
         if turn % 2 or not len(mates):
             place = here
-            found = MapMatcher(own, other, bodies, mates, strangers).find(here)
+            found = MapMatcher(own, other, bodies, mates, strangers, evidence_min).find(here)
             T_new_old = None if found is None else found.T_other_own
         else:  # a mate may have come to where this robot has been
             x_m, y_m, _ = mates[turn // 2 % len(mates)].tolist()
             at_mate = Pose2D(x_m, y_m, 0.0)
-            found = MapMatcher(other, own, mates, bodies, strangers).find(at_mate)
+            found = MapMatcher(other, own, mates, bodies, strangers, evidence_min).find(at_mate)
             T_new_old = None if found is None else found.T_other_own.inverse()
             place = here if found is None else found.T_other_own.compose(at_mate)
         if found is None or T_new_old is None or not may_be_at(frame, T_new_old.compose(here)):
@@ -192,6 +195,10 @@ class Frames:
         if self._is_sure(frame, T_new_old, here, 0.0 if is_plain else APART_M):
             covariance = _covariance(JOIN_SIGMA_M, JOIN_SIGMA_RAD)
             self._join(frame, T_new_old, T_new_old.compose(place), covariance)
+
+    def _was_in(self, frame: MapFrame) -> bool:
+        """Whether the robot has mapped in a frame before: it may have been carried, but hardly to where nobody was."""
+        return any(key[0] == self._robot and each.frame == frame for key, each in self._atlas.submaps.items())
 
     def _is_sure(self, frame: MapFrame, T_new_old: Pose2D, here: Pose2D, least_apart_m: float) -> bool:
         """Whether enough answers, from places so far apart, agree with this one."""

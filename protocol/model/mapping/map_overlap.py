@@ -53,8 +53,8 @@ COMMON_MIN = 100
 """Wall cells that must be the same: 10 m of wall at 0.1 m."""
 CONTRADICTION = 2.0
 """Number of agreeing wall cells that one contradicting wall cell outweighs."""
-FLOOR_MIN = 1500
-"""Cells that must be floor on both: 15 m² at 0.1 m. A wall alone may be known from either side."""
+FLOOR_MIN = 1200
+"""Cells that must be floor on both: 12 m² at 0.1 m. A wall alone may be known from either side."""
 WALL_WORTH = 5
 """Number of floor cells that one wall cell is worth."""
 EVIDENCE_MIN = 4200
@@ -91,11 +91,11 @@ class Overlap(NamedTuple):
         return max(self.agreeing - CONTRADICTION * self.contradicting, 0.0)
 
     @property
-    def is_match(self) -> bool:
-        """Whether the maps show the same place."""
+    def evidence(self) -> int:
+        """For the maps' showing the same place, in cells of floor; 0 if that is contradicted."""
         if self.agreeing < COMMON_MIN or self.floor < FLOOR_MIN or self.share < AGREES_MIN:
-            return False
-        return self.floor + WALL_WORTH * self.agreeing >= EVIDENCE_MIN
+            return 0
+        return self.floor + WALL_WORTH * self.agreeing
 
 
 class Found(NamedTuple):
@@ -116,6 +116,7 @@ class MapMatcher:
         other_bodies: (M, 3) the same in the frame of the other map.
         strangers: number of robots that either map may show without anybody knowing where: so many small things that
             contradict and stand free, the largest, are left out.
+        evidence_min: least `Overlap.evidence` of an answer.
 
     """
 
@@ -126,12 +127,14 @@ class MapMatcher:
         own_bodies: NDArray[np.float64] = NOBODY,
         other_bodies: NDArray[np.float64] = NOBODY,
         strangers: int = 0,
+        evidence_min: int = EVIDENCE_MIN,
     ) -> None:
         self._own = own
         self._other = other
         self._own_bodies = own_bodies
         self._other_bodies = other_bodies
         self._strangers = strangers
+        self._evidence_min = evidence_min
         self._walls = wall_points(own)
         self._own_distance = distances_to_walls(own)
         self._other_distance = distances_to_walls(other)
@@ -163,7 +166,7 @@ class MapMatcher:
         if not found:
             return None
         best = self._settled(found[0], T_own_place)
-        if not best.overlap.is_match:
+        if best.overlap.evidence < self._evidence_min:
             return None
         if len(found) > 1:
             second = self._settled(found[1], T_own_place)

@@ -48,7 +48,7 @@ def test_maps_of_one_room_in_frames_that_are_turned_and_shifted_lie_on_each_othe
     assert found is not None
     at = T_own_floor.compose(FEW[1])
     assert off(found.T_other_own.compose(at), FEW[1]) == pytest.approx((0.0, 0.0, 0.0), abs=0.06)
-    assert found.overlap.is_match
+    assert found.overlap.evidence > 3000
     assert found.overlap == matcher.overlap(found.T_other_own)
 
 
@@ -290,7 +290,7 @@ def test_a_crate_that_has_come_since_contradicts_the_map_unless_a_robot_stood_th
 )
 def test_maps_show_the_same_place_if_enough_walls_agree_and_next_to_none_contradicts(agreeing, contradicting, is_match):
     overlap = Overlap(agreeing, contradicting, 4000)
-    assert overlap.is_match == is_match
+    assert overlap.evidence == (4000 + 5 * agreeing if is_match else 0)
     assert overlap.share == pytest.approx(agreeing / max(agreeing + contradicting, 1))
     assert overlap.weight == max(agreeing - 2 * contradicting, 0)
 
@@ -301,15 +301,17 @@ def test_of_two_answers_the_one_that_is_contradicted_weighs_nothing():
 
 
 @pytest.mark.parametrize(
-    ("agreeing", "floor", "is_match"),
-    [
-        (540, 1500, True),
-        (900, 1499, False),
-        (440, 2000, True),
-        (439, 2000, False),
-        (100, 3700, True),
-        (100, 3699, False),
-    ],
+    ("agreeing", "floor", "evidence"),
+    [(540, 1200, 3900), (900, 1199, 0), (440, 2000, 4200), (100, 3700, 4200), (99, 9000, 0)],
 )
-def test_walls_and_floor_together_are_evidence_and_a_wall_alone_is_none(agreeing, floor, is_match):
-    assert Overlap(agreeing, 0, floor).is_match == is_match
+def test_walls_and_floor_together_are_evidence_and_a_wall_alone_is_none(agreeing, floor, evidence):
+    assert Overlap(agreeing, 0, floor).evidence == evidence
+
+
+def test_an_answer_needs_as_much_evidence_as_is_asked_for():
+    own = mapped(ROOM, FEW)
+    found = MapMatcher(own, TEAM).find(FEW[1])
+    assert found is not None
+    evidence = found.overlap.evidence
+    assert MapMatcher(own, TEAM, evidence_min=evidence).find(FEW[1]) == found
+    assert MapMatcher(own, TEAM, evidence_min=evidence + 1).find(FEW[1]) is None
