@@ -17,7 +17,7 @@ from robrain import Inspect, LockstepTeam, Point2D, Scenario, Visit
 from robrain.coordinator.allocation.optimal import OptimalAllocator
 from robrain.protocol.model import localiser
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping import map_overlap
+from robrain.protocol.model.mapping import map_overlap, wall_points
 from robrain.protocol.model.mote_relocalisation import Signals, find_robot
 from robrain.protocol.model.pose_mixture import PoseMixture
 from robrain.protocol.model.power_learner import PowerLearner
@@ -67,7 +67,8 @@ def found_by_motes() -> list[float]:
 
 if __name__ == "__main__":
     watch(localiser, "match_surface", "better_elsewhere")
-    watch(map_overlap, "search_places", "match_walls", "least_solution")
+    watch(map_overlap, "search_places")
+    watch(wall_points, "match_walls", "least_solution")
     watch(PoseMixture, "hear", "_weigh")
     watch(PowerLearner, "learn")
     watch(Camera, "picture")

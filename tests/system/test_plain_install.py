@@ -58,6 +58,7 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("bench log", ["room.clf"], WORKS),
     ("bench mapping", [], "sim"),
     ("bench joining", [], "sim"),
+    ("bench live", [], "sim"),
     ("bench responses", [], "sim"),
     ("bench agents", [], "sim"),
 ]

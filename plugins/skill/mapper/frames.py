@@ -39,6 +39,8 @@ UNSURE_M = 1.0
 """A robot whose place has at least this standard deviation takes its submaps out of the team's map."""
 KNOWN_EVIDENCE_MIN = 2400
 """Least evidence for a place in a frame in which the robot has been before."""
+EVIDENCE_SHARE = 0.4
+"""On a small floor this share of the team's grid is enough: there are fewer places to be mistaken for."""
 OUTSIDE_MAX = 50
 """Cells of its floor that may lie beyond the edge of the arena's map: half a square metre at 0.1 m."""
 APART_M = 1.0
@@ -176,6 +178,7 @@ class Frames:
         # Whoever tells no place in a map's frame may be drawn there as an obstacle.
         strangers = min(max(2 * self._mates() - len(known) - len(mates), 0), STRANGERS_MAX)
         evidence_min = KNOWN_EVIDENCE_MIN if self._was_in(frame) else EVIDENCE_MIN
+        evidence_min = min(evidence_min, round(EVIDENCE_SHARE * other.geometry.width * other.geometry.height))
         if turn % 2 or not len(mates):
             place = here
             found = MapMatcher(own, other, bodies, mates, strangers, evidence_min).find(here)
