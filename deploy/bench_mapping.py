@@ -29,7 +29,7 @@ RMSE_BOUND_M = 0.15
 SILENT_BOUND_S = 5.0
 IN_BAND_BOUND_PERCENT = 95.0
 WORSE_BOUND_POINTS = 2.0
-"""By so much more cells may be off than in the same run under the usual conditions."""
+"""Largest increase of the share of cells off over the same run under the usual conditions, in percentage points."""
 HEADINGS = (
     f"{'map':<24}{'N':>3}{'seed':>6}  {'wheels':<9}{'under':<6}{'sim s':>7}  {'ended':<13}{'explored':>8}{'off %':>8}"
     f"{'doubled m':>11}{'RMSE m':>8}{'max m':>8}{'silent s':>9}{'NEES in %':>10}{'lost':>5}{'wall s':>8}"

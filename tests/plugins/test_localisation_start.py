@@ -1,4 +1,4 @@
-"""What the others had mapped before a robot came tells it whether it is where it was told; later, how well it fits."""
+"""A robot compares its first scans with its team's map: whether its start is right, and later how well they fit."""
 
 import math
 

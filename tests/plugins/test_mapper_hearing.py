@@ -114,7 +114,7 @@ def test_a_lost_robot_that_sees_what_a_mate_has_mapped_moves_its_map_there_and_t
     assert frames[0] != ARENA
     assert frames[-1] == ARENA
     robot.scan(PLACES[0], 1.2)
-    assert all(not each.message.parts for each in robot.told.drain()), "a move is told once"
+    assert all(not each.message.parts for each in robot.told.drain()), "each movement is sent once"
     walls = robot.board.map.classes() == OCCUPIED
     assert 200 < np.count_nonzero(walls) < 1.25 * np.count_nonzero(ROOM_CLASSES == OCCUPIED), "it is drawn once"
 

@@ -77,7 +77,7 @@ def test_a_finished_submap_has_the_surfaces_that_were_told(count: int) -> None:
     assert told is not None
     assert np.array_equal(told, surfaces)
     take_message(atlas, floor(column=1))
-    assert atlas.submaps[KEY].surfaces is told, "cells that come later leave them"
+    assert atlas.submaps[KEY].surfaces is told, "later cells do not change the surfaces"
 
 
 @pytest.mark.parametrize(

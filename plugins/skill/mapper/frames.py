@@ -200,7 +200,7 @@ class Frames:
             self._join(frame, T_new_old, T_new_old.compose(place), covariance)
 
     def _was_in(self, frame: MapFrame) -> bool:
-        """Whether the robot has mapped in a frame before: it may have been carried, but hardly to where nobody was."""
+        """Whether the robot has mapped in a frame before: so its place is most likely on that frame's map."""
         return any(key[0] == self._robot and each.frame == frame for key, each in self._atlas.submaps.items())
 
     def _is_sure(self, frame: MapFrame, T_new_old: Pose2D, here: Pose2D, least_apart_m: float) -> bool:
