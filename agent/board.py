@@ -58,6 +58,8 @@ class Board:
         """What the others had mapped when this robot came, for some seconds after it; mapper writes it."""
         self.false_start = False
         """Whether that has shown that the robot did not start where it was told; localisation writes it."""
+        self.misplaced = ""
+        """Why the robot's recent map lies wrong and a new one must begin; mapper writes it, localisation empties it."""
         self.velocity = Twist2D()
         self.radius_m = 0.0
         self.battery: BatteryState | None = None

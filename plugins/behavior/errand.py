@@ -266,7 +266,7 @@ class Errand(Behavior, ABC):
             return False
         if not run.is_paused:
             run.pause()
-        if not self.travel.find_itself():
+        if not self.travel.find_itself(for_task=True):
             self.finish(TaskState.FAILED, self.travel.lost)
         return True
 

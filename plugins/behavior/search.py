@@ -10,6 +10,8 @@ from robrain.plugins.unit.driver.interface import DriverInterface, Motion
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.clock import to_ns
 
+FIND_ITSELF = "find itself"
+"""What the board says of a robot that searches and has nothing else to do."""
 SPEED_M_S = 0.25
 LEG_M = 1.5
 CORNER_RAD = math.radians(100.0)
@@ -19,6 +21,8 @@ ASIDE_RAD = math.radians(137.5)
 BLOCKED_S = 0.6
 PATIENCE_S = 120.0
 """Chosen: some 25 m of way. Who has not found itself by then will not."""
+TASK_PATIENCE_S = 15.0
+"""So long a task waits for a robot that maps in a frame of its own: then others do it, and the robot may explore."""
 
 
 class Search:
@@ -32,16 +36,16 @@ class Search:
 
     def __init__(self, driver: DriverInterface, now_ns: int) -> None:
         self._driver = driver
-        self._until_ns = now_ns + to_ns(PATIENCE_S)
+        self._since_ns = now_ns
         self._heading_rad = driver.pose().yaw_rad
         self._is_at_it = False
         self.has_given_up = False
 
-    def step(self, now_ns: int) -> None:
-        """Go on, or stand for good."""
+    def step(self, now_ns: int, patience_s: float = PATIENCE_S) -> None:
+        """Go on, or stand for good if it has searched for so long."""
         if self.has_given_up:
             return
-        if now_ns >= self._until_ns:
+        if now_ns >= self._since_ns + to_ns(patience_s):
             self.has_given_up = True
             self._driver.stop()
             return

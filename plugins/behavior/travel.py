@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from robrain.agent.environment import Environment
 from robrain.plugins.behavior.encounter import ROOM_S, Encounter, circles, zones
 from robrain.plugins.behavior.leg import Leg, Outlet
-from robrain.plugins.behavior.search import Search
+from robrain.plugins.behavior.search import PATIENCE_S, TASK_PATIENCE_S, Search
 from robrain.plugins.behavior.standing import Standing
 from robrain.plugins.skill.localisation.interface import LocalisationInterface
 from robrain.plugins.skill.mapper.interface import MapperInterface, MapView
@@ -20,6 +20,7 @@ from robrain.plugins.unit.teammates.interface import Doing, Mate, TeammatesInter
 from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.clearance import least_gap_m
 from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.right_of_way import LONGEST_M, LOOK_AHEAD_M, STEP_M, Release
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages import PlannedPath
@@ -149,10 +150,14 @@ class Travel:
         why = self._env.board.lost
         return f"{self._env.robot} does not know where it is: {why}" if why else ""
 
-    def find_itself(self) -> bool:
+    def find_itself(self, *, for_task: bool = False) -> bool:
         """Drive about slowly while the robot is lost, bound for nowhere; False once that has been in vain.
 
         The goal is kept: when the robot knows again where it is, `step` goes on to it.
+
+        Args:
+            for_task: whether a task waits meanwhile.
+
         """
         now_ns = self._env.clock.now_ns()
         if self._search is None:
@@ -160,7 +165,8 @@ class Travel:
             self.stand()
             self._goal = goal
             self._search = Search(self.driver, now_ns)
-        self._search.step(now_ns)
+        may_explore = for_task and self._env.board.frame != ARENA
+        self._search.step(now_ns, TASK_PATIENCE_S if may_explore else PATIENCE_S)
         return not self._search.has_given_up
 
     def view(self) -> MapView:
@@ -229,7 +235,7 @@ class Travel:
         if self._goal is None:
             return Progress.ARRIVED
         if self.lost and not self.roams:
-            return Progress.WAITING if self.find_itself() else Progress.LOST
+            return Progress.WAITING if self.find_itself(for_task=True) else Progress.LOST
         self._search = None
         pose, now_ns = self.pose(), self._env.clock.now_ns()
         if self._end is not None and pose.distance_m(self._end) < self._parameters.arrived_m:

@@ -60,11 +60,33 @@ def test_two_submaps_or_one_robot_alone_may_be_wrong_themselves(keys: tuple[Subm
     assert desk.contradicted == 12
 
 
-def test_a_scan_that_lies_on_a_submap_begins_the_count_anew() -> None:
+def test_scans_that_agree_with_mates_are_weighed_against_those_that_contradict() -> None:
     desk = desk_with(TWO_ROBOTS)
-    for turn in range(11):
-        look(desk, turn, wrong=turn != 5)
+    for turn in range(8):
+        look(desk, turn, wrong=turn % 2 == 1)
         assert desk.why_wrong() == ""
-    assert (desk.closed, desk.contradicted) == (1, 10)
-    look(desk, 11)
+    look(desk, 8)
+    assert desk.why_wrong() == "", "5 of the last 9"
+    look(desk, 9)
+    assert desk.why_wrong(), "6 of the last 9"
+
+
+def test_that_its_own_submaps_agree_says_nothing_for_the_place_of_a_robot() -> None:
+    own = ("r1", 1)
+    desk = desk_with((*TWO_ROBOTS, own))
+    for turn in range(12):
+        key = TWO_ROBOTS[turn // 2 % 3] if turn % 2 else own
+        desk.search.candidate = lambda _sensor, key=key: key
+        assert desk.why_wrong() == ""
+        look(desk, turn, wrong=key != own)
+    assert (desk.closed, desk.contradicted) == (6, 6)
     assert desk.why_wrong()
+
+
+def test_contradictions_of_before_the_robot_began_anew_do_not_count() -> None:
+    desk = desk_with(TWO_ROBOTS)
+    for turn in range(5):
+        look(desk, turn)
+    desk.begin_anew()
+    look(desk, 5)
+    assert desk.why_wrong() == ""

@@ -6,11 +6,10 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from robrain.plugins.behavior.search import PATIENCE_S, SPEED_M_S
+from robrain.plugins.behavior.search import PATIENCE_S, SPEED_M_S, TASK_PATIENCE_S
 from robrain.plugins.skill.mapper.frames import Frames
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.map_frame import ARENA
-from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.task import Explore, Recharge, TaskState, Visit
 from robrain.protocol.wire.topics import ROBOT_PATH
 from tests.plugins.errands import CHARGER, Build, Errands, open_errands
@@ -34,7 +33,8 @@ def lose(run: Errands) -> None:
 def find(run: Errands) -> None:
     """Have it know again."""
     here = run.hosts["r1"].board.pose
-    frames(run)._join(ARENA, IDENTITY, here, np.diag((1e-4, 1e-4, 1e-4)))
+    truth = run.pose()
+    frames(run)._join(ARENA, truth.compose(here.inverse()), truth, np.diag((1e-4, 1e-4, 1e-4)))
 
 
 def frames(run: Errands) -> Frames:
@@ -83,6 +83,20 @@ def test_a_task_pauses_while_the_robot_looks_for_itself_slowly_and_then_goes_on(
             break
     assert run.status().state is TaskState.DONE, run.status().why
     assert run.pose().distance_m(FAR) < 0.5
+
+
+@pytest.mark.parametrize("task", [Visit(id="t", place=FAR), Explore(id="t", goal=FAR)])
+def test_others_do_the_task_of_a_robot_that_maps_in_a_frame_of_its_own(errands, task):
+    run = errands("explore")
+    run.hosts["r1"].manager.get("explore").live_plugin()._is_seen = lambda *_: False
+    assert run.offer(task).accepted
+    run.run(1.0)
+    lose(run)
+    run.run(TASK_PATIENCE_S - 1.0)
+    assert run.status().state is TaskState.RUNNING
+    run.run(3.0)
+    assert run.status().state is TaskState.FAILED
+    assert "does not know where it is" in run.status().why
 
 
 def test_a_task_whose_robot_does_not_find_itself_fails_with_why_and_the_robot_stands(errands):

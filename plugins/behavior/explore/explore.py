@@ -10,10 +10,11 @@ import numpy as np
 from scipy import ndimage
 
 from robrain.agent.plugin import Behavior, external
+from robrain.plugins.behavior.search import FIND_ITSELF
 from robrain.plugins.behavior.travel import PRIORITY_MAX, Progress, Travel, TravelParameters, too_narrow
 from robrain.plugins.skill.mapper.interface import MapView
 from robrain.protocol.model.frontier import MIN_CELLS, find_frontiers, frontier_mask
-from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.task import Explore, TaskState
 from robrain.protocol.wire.clock import to_ns
@@ -21,6 +22,8 @@ from robrain.protocol.wire.messages import TaskAnswer
 
 OWN_CHOICES = 12
 SPENT_MAX = 256
+LOOK_PERIOD_S = 3.0
+"""Period, while the robot searches for itself, of looking for a frontier to explore instead."""
 LOOK_M = 1.5
 """A frontier is looked at from no farther away."""
 HALTED = "halted"
@@ -65,7 +68,7 @@ class ExploreBehavior(Behavior):
         self._travel.connect()
         self.env.do_tasks(Explore, self._accept, self._let_go)
         self.env.board.behavior = IDLE
-        self._started_ns = self.env.clock.now_ns()
+        self._started_ns = self._look_due_ns = self.env.clock.now_ns()
 
     def deactivate(self) -> None:
         self._let_go("deactivated")
@@ -92,9 +95,9 @@ class ExploreBehavior(Behavior):
             self._finish(TaskState.FAILED, "the robot maps in another frame now")
             self._spent.clear()
         may_choose = self._may_roam() if self._travel.lost else self._is_alone()
-        if self._task is None and may_choose and self.env.board.behavior == IDLE and tasks.occupy(own):
+        if self._task is None and may_choose and self._is_free() and tasks.occupy(own):
             self._travel.roams, self._frame = bool(self._travel.lost), self.env.board.frame
-            self._choose(self._travel.view(), self._travel.pose())
+            self._choose()
         if self._task is not None:
             self._pursue(self._task)
         elif self.env.board.behavior == IDLE:
@@ -156,10 +159,23 @@ class ExploreBehavior(Behavior):
         battery = self.env.board.battery
         return self.env.board.frame != ARENA and not (battery is not None and battery.charging)
 
-    def _choose(self, view: MapView, pose: Pose2D) -> None:
+    def _is_free(self) -> bool:
+        """Whether no behavior drives, or the robot drives about in search of itself although it could explore."""
+        behavior, now_ns = self.env.board.behavior, self.env.clock.now_ns()
+        if behavior != FIND_ITSELF or now_ns < self._look_due_ns:
+            return behavior == IDLE
+        self._look_due_ns = now_ns + to_ns(LOOK_PERIOD_S)
+        places = (self._travel.standpoint(goal, LOOK_M) for goal in self._frontiers() if goal not in self._spent)
+        return any(place is not None and self._travel.plan(place) is not None for place in places)
+
+    def _frontiers(self) -> list[Point2D]:
+        """The nearest frontiers, the nearest first."""
+        view, pose = self._travel.view(), self._travel.pose()
         frontiers = [view.geometry.center_of(found.row, found.column) for found in find_frontiers(view.classes)]
-        frontiers.sort(key=pose.distance_m)
-        for goal in frontiers[:OWN_CHOICES]:
+        return sorted(frontiers, key=pose.distance_m)[:OWN_CHOICES]
+
+    def _choose(self) -> None:
+        for goal in self._frontiers():
             if goal not in self._spent and self._aim(goal):
                 self._own_choices += 1
                 self._task = Explore(id=f"own-{self.env.robot}-{self._own_choices}", goal=goal)

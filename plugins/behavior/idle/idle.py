@@ -6,8 +6,10 @@ One that does not know where it is looks for itself first.
 import math
 
 from robrain.agent.plugin import Behavior, external
+from robrain.plugins.behavior.search import FIND_ITSELF
 from robrain.plugins.behavior.travel import IDLE, Progress, Travel, TravelParameters
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.errors import CallError, ErrorCode
 
@@ -108,13 +110,12 @@ class IdleBehavior(Behavior):
             now_ns = self.env.clock.now_ns()
             if not has_nothing_to_do or self._lost_ns is None:
                 self._lost_ns = now_ns
-            if (
-                has_nothing_to_do
-                and now_ns - self._lost_ns >= to_ns(SEARCH_AFTER_S)
-                and tasks.occupy(own, firm=self._travel.lost)
-            ):
+            # Who maps in a frame of its own may explore instead, as soon as it sees where.
+            firm = self._travel.lost if board.frame == ARENA else ""
+            is_due = has_nothing_to_do and now_ns - self._lost_ns >= to_ns(SEARCH_AFTER_S)
+            if is_due and tasks.occupy(own, firm=firm):
                 self._is_going, self._is_searching = False, True
-                board.behavior = "find itself"
+                board.behavior = FIND_ITSELF
                 self._travel.find_itself()
 
     def _set_out(self, home: Point2D, now_ns: int) -> None:

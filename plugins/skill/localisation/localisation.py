@@ -130,6 +130,8 @@ class Localisation(Skill):
         self._lost = board.lost
         self._T_arena_local = IDENTITY if board.local_map is None else board.local_map.T_arena_local
         self._trajectories_before = 0 if board.local_pose is None else board.local_pose.trajectory
+        self._centred = self._trajectories_before
+        """The last trajectory that needs not be moved to the middle of the map any more."""
         self._waiting: deque[LaserScan] = deque(maxlen=WAITING_MAX)
         self._checked: deque[int] = deque(maxlen=WAITING_MAX)
         """Stamps of the last scans that were matched."""
@@ -219,7 +221,11 @@ class Localisation(Skill):
 
     def _follow_map(self) -> None:
         """Move the estimate with the robot's own map, which loop closures may have moved."""
-        local = self.env.board.local_map
+        board = self.env.board
+        if board.misplaced:
+            self._localiser.lose(board.misplaced)
+            board.misplaced = ""
+        local = board.local_map
         if local is None or local.trajectory != self._trajectory:
             return
         if local.T_arena_local != self._T_arena_local:
@@ -317,8 +323,23 @@ class Localisation(Skill):
             T_arena_frame = pose.compose(localiser.pose.inverse())
             board.arena_fix = ArenaFix(T_arena_frame, pose, covariance, self._trajectory)
 
+    def _centre(self) -> None:
+        """Begin a frame of the robot's own in the middle of the map: nearer to an edge less fits on it."""
+        team, trajectory = self.env.board.map, self._trajectory
+        if trajectory == self._centred or team is None or not self.parameters.scan_matching:
+            return
+        self._centred = trajectory
+        if not self._localiser.lost:
+            return
+        pose = self._localiser.pose
+        middle = team.geometry.center_of(team.geometry.height // 2, team.geometry.width // 2)
+        self._localiser.shift(Pose2D(middle.x_m, middle.y_m, pose.yaw_rad).compose(pose.inverse()))
+        self._T_arena_local = IDENTITY
+        self._is_corrected = True
+
     def _tell(self) -> None:
         self._take_fix()
+        self._centre()
         localiser, board = self._localiser, self.env.board
         # Until something has corrected it, the frame stays what it was, to the last bit.
         if self._signals or self._matches or self._is_corrected:

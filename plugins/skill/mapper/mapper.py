@@ -206,7 +206,9 @@ class Mapper(Skill):
         self._taken += 1
         if local_pose.trajectory != self._own.trajectory:
             self._own.begin_trajectory(local_pose.trajectory)
-            self._desk.search.forget()
+            if local_pose.lost:
+                self._own.T_arena_local = IDENTITY
+            self._desk.begin_anew()
             self._frames.begin(map_stamp_ms(scan.stamp_ns), local_pose.lost)
         local = local_pose.T_local_odom.compose(self._driver.pose_at(scan.stamp_ns))
         self.env.board.mate_places = told = self._mates()
@@ -288,7 +290,11 @@ class Mapper(Skill):
     def _find_frame(self) -> None:
         """Look for the team's map frame if the robot is not in it; leave it if the robot lies wrong there."""
         board, now_ns = self.env.board, self.env.clock.now_ns()
-        if why := self._desk.why_wrong() or self._frames.why_unsure():
+        if why := self._desk.why_wrong():
+            # Somewhere in this trajectory is a break, as when somebody has carried the robot off unnoticed.
+            self._frames.part(why)
+            board.misplaced = why
+        elif why := self._frames.why_unsure():
             self._frames.part(why)
         fix, board.arena_fix = board.arena_fix, None
         if fix is not None:
