@@ -4,6 +4,7 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robrain.coordinator.exploration.assignment import (
     Candidate,
@@ -31,14 +32,17 @@ from robrain.protocol.wire.idle_reasons import (
 )
 
 if TYPE_CHECKING:
+    from robrain.protocol.model.frontier import Frontier
     from robrain.protocol.model.navigation import NavigationGrid
-    from robrain.protocol.model.occupancy_grid import OccupancyGrid
+    from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
 
 NARROW_LOOK_NS = to_ns(2.0)
 """Period of the search for narrow paths for idle robots; each search takes some milliseconds."""
 GAP_M = (0.0, 10.0)
 """Plausible range of a gap's width reported by a robot."""
 SHUN_NS = to_ns(15.0)
+BEYOND_M = 2.0
+"""Unknown floor within this distance of a frontier, by rows and columns, is what the frontier promises."""
 LOOK_M = 0.6
 """Robots judge a frontier by the unknown cells within 0.5 m of it; this adds the edge."""
 
@@ -192,10 +196,7 @@ class Explorer:
                 self._navigation = known = NavigationGrid(classes, grid.geometry, needed_m)
             else:
                 known.update(classes)
-            self.candidates = [
-                Candidate(grid.geometry.center_of(found.row, found.column), found.cells * grid.geometry.resolution_m)
-                for found in find_frontiers(classes)
-            ]
+            self.candidates = [_candidate(classes, grid.geometry, found) for found in find_frontiers(classes)]
         return known
 
     def _is_spent(self, place: Point2D) -> bool:
@@ -205,6 +206,15 @@ class Explorer:
 
     def _shunned(self, robot: str) -> tuple[Point2D, ...]:
         return tuple(failure.place for failure in self._failures if failure.robot == robot)
+
+
+def _candidate(classes: NDArray[np.int8], geometry: "GridGeometry", found: "Frontier") -> Candidate:
+    from robrain.protocol.model.frontier import unknown_beyond
+
+    reach = round(BEYOND_M / geometry.resolution_m)
+    unknown_m2 = unknown_beyond(classes, found.row, found.column, reach) * geometry.resolution_m**2
+    place = geometry.center_of(found.row, found.column)
+    return Candidate(place, found.cells * geometry.resolution_m, unknown_m2)
 
 
 def _unknown_around(grid: "OccupancyGrid", place: Point2D) -> int:

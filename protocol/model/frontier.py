@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from robrain.protocol.model.occupancy_grid import FREE, UNKNOWN
+from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN
 
 MIN_CELLS = 4
 """Fewer frontier cells that touch are none: a gap between two beams, or the slit between two boards."""
@@ -56,6 +56,23 @@ def find_frontiers(
         for piece in _split(group, split_cells)
     ]
     return sorted(frontiers, key=lambda frontier: (-frontier.cells, frontier.row, frontier.column))
+
+
+def unknown_beyond(classes: NDArray[np.int8], row: int, column: int, reach: int) -> int:
+    """Number of unknown cells that a robot at a frontier may find: no wall that is known parts them from it.
+
+    Args:
+        classes: (H, W) as of `OccupancyGrid.classes`.
+        row: of the frontier.
+        column: of the frontier.
+        reach: cells farther away, by rows or columns, do not count.
+
+    """
+    top, left = max(row - reach, 0), max(column - reach, 0)
+    box = classes[top : row + reach + 1, left : column + reach + 1]
+    labels, _ = ndimage.label(box != OCCUPIED)
+    here = labels[row - top, column - left]
+    return int(np.count_nonzero((labels == here) & (box == UNKNOWN))) if here else 0
 
 
 def frontier_mask(classes: NDArray[np.int8], reachable: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:

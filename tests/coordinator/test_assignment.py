@@ -35,8 +35,8 @@ OPEN = floor()
 PARTED = floor((5.0, 0.0, 5.2, 6.0))
 
 
-def candidate(x_m, y_m, length_m=1.0):
-    return Candidate(Point2D(x_m, y_m), length_m)
+def candidate(x_m, y_m, unknown_m2=1.0):
+    return Candidate(Point2D(x_m, y_m), 1.0, unknown_m2)
 
 
 def seeker(name, x_m, y_m, *shunned):
@@ -88,7 +88,7 @@ def test_the_sum_of_costs_is_the_least_that_there_is(navigation, starts, ends, t
         Seeker(f"r{number}", Point2D(*place), tuple(Point2D(*away) for away in shunned if number == 0))
         for number, place in enumerate(starts)
     ]
-    candidates = [Candidate(Point2D(*place), length_m) for place, length_m in ends]
+    candidates = [Candidate(Point2D(*place), 1.0, unknown_m2) for place, unknown_m2 in ends]
     busy = [Point2D(*place) for place in taken]
     choices = assign_frontiers(navigation, candidates, seekers, busy)
     pairs, least_m = best_by_trying_all(cost_matrix(navigation, candidates, seekers, busy))
@@ -120,17 +120,17 @@ def test_the_nearest_frontiers_are_swapped_where_the_sum_gains():
     assert goals(choices) == {"r1": (1.0, 3.0), "r2": (5.0, 3.0)}
 
 
-def test_the_cost_on_open_floor_is_the_way_less_the_length():
+def test_the_cost_on_open_floor_is_the_way_less_the_unknown_floor_beyond():
     (choice,) = assign_frontiers(OPEN, [candidate(7.0, 3.0, 1.5)], [seeker("r1", 3.0, 3.0)], [])
     assert choice.cost_m == pytest.approx(4.0 - 1.5, abs=0.3)
 
 
-def test_of_two_frontiers_as_far_away_the_longer_one_is_taken():
+def test_of_two_frontiers_as_far_away_the_one_with_more_unknown_floor_is_taken():
     ends = [candidate(7.0, 1.0, 0.5), candidate(7.0, 5.0, 2.5)]
     assert goals(assign_frontiers(OPEN, ends, [seeker("r1", 3.0, 3.0)], [])) == {"r1": (7.0, 5.0)}
 
 
-def test_length_beyond_the_limit_is_worth_nothing_more():
+def test_unknown_floor_beyond_the_limit_is_worth_nothing_more():
     matrix = cost_matrix(
         OPEN,
         [candidate(7.0, 3.0, GAIN_LIMIT_M), candidate(7.0, 3.0, 10 * GAIN_LIMIT_M)],

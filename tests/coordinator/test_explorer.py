@@ -75,6 +75,18 @@ def test_each_idle_robot_gets_its_own_end_of_the_corridor():
     assert [candidate.length_m for candidate in explorer.candidates] == pytest.approx([1.5, 1.5])
 
 
+def test_a_pocket_waits_while_there_is_much_unknown_floor_somewhat_farther_away():
+    floor = corridor()
+    for wall in ((1.4, 1.9, 1.5, 3.6), (1.5, 1.9, 2.0, 2.0), (1.5, 3.5, 2.0, 3.6)):
+        floor.draw(*wall, OCCUPIED)
+    explorer = Explorer(floor.team_map)
+    (chosen,) = places(explorer.choose([robot("r1", 3.0)], [], 0)).values()
+    assert near(chosen, 7.95, 2.75)
+    pocket, end = sorted(explorer.candidates, key=lambda candidate: candidate.place.x_m)
+    assert pocket.unknown_m2 == pytest.approx(0.75)
+    assert end.unknown_m2 > 6.0
+
+
 def test_a_failed_place_is_shunned_for_fifteen_seconds_by_the_robot_that_failed():
     explorer = Explorer(corridor().team_map)
     (west,) = places(explorer.choose([robot("r1")], [], 0)).values()

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from robrain.protocol.model.frontier import Frontier, find_frontiers, frontier_mask
+from robrain.protocol.model.frontier import Frontier, find_frontiers, frontier_mask, unknown_beyond
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN
 
 
@@ -81,3 +81,21 @@ def test_arguments_that_do_not_fit_are_refused() -> None:
         find_frontiers(room(), np.ones((2, 2), np.bool_))
     with pytest.raises(ValueError, match="split_cells"):
         find_frontiers(room(), split_cells=0)
+
+
+def test_unknown_floor_beyond_a_frontier_counts_as_far_as_its_reach() -> None:
+    assert unknown_beyond(room(), 10, 9, 4) == 4 * 9
+    assert unknown_beyond(room(), 0, 9, 4) == 4 * 5, "beyond the map is nothing"
+    assert unknown_beyond(room(), 10, 9, 100) == 50 * 20
+
+
+def test_unknown_floor_behind_a_wall_is_not_beyond_a_frontier() -> None:
+    classes = room()
+    classes[:, 12] = OCCUPIED
+    assert unknown_beyond(classes, 10, 9, 4) == 2 * 9
+    classes[14, 12] = UNKNOWN
+    assert unknown_beyond(classes, 10, 9, 4) == 2 * 9 + 9 + 1, "a door leads there"
+
+
+def test_in_a_wall_there_is_no_frontier() -> None:
+    assert unknown_beyond(np.full((9, 9), OCCUPIED), 4, 4, 3) == 0

@@ -16,26 +16,24 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.sim.maps.map_server import load_map
 from tests.bench import exploration
 from tests.bench.call_count import calls_per_robot_second
-from tests.bench.judging import read_known
 from tests.bench.results import Results
 from tests.real_maps import REAL_MAPS, needs_real_maps
 
 pytestmark = pytest.mark.timeout(900)
 PRINTED = Results.read().named()
-KNOWN = read_known().misses
 SMALL = Scenario.builtin("arena_small").replace(robots=1)
 CALLS_MARGIN = 0.05
 """Maximum distance of a bound on calls from the measured value; a looser bound would hide the cost of new features."""
 
 
-def missed(section: str, figures: list[Figure]) -> list[str]:
-    """Messages for deterministic figures that miss their bound and are not listed as known misses."""
+def missed(figures: list[Figure]) -> list[str]:
+    """Messages for deterministic figures that miss their bound."""
     fixed = [figure for figure in figures if figure.kind is Kind.DETERMINISTIC]
     assert fixed
     return [
         f"{figure.name}: {figure.value_words()}, bound {figure.bound_words()}"
         for figure in fixed
-        if figure.kept is False and (section, figure.name) not in KNOWN
+        if figure.kept is False
     ]
 
 
@@ -60,13 +58,13 @@ def misprinted(section: str, figures: list[Figure]) -> list[str]:
 def test_map_is_explored_in_time_without_collisions_as_the_pages_print(run: exploration.Exploration) -> None:
     figures = exploration.run_figures(run, run.run())
     section = "exploration" if run is exploration.OWN else "real_maps"
-    assert missed(section, figures) == []
+    assert missed(figures) == []
     assert misprinted(section, figures) == []
 
 
 def test_a_robot_makes_no_more_calls_than_its_bound() -> None:
     figures = exploration.call_figures()
-    assert missed("exploration", figures) == []
+    assert missed(figures) == []
     for figure in figures:
         assert figure.value is not None
         assert figure.bound is not None

@@ -26,8 +26,8 @@ CONTRADICTIONS_MIN, SUBMAPS_MIN, ROBOTS_MIN = 6, 3, 2
 LOOKS_MAX = 9
 """So many of the last scans are counted that a mate's submap agreed with or that any contradicted.
 
-Measured in runs of 3 and 8 robots on four floors, wheels slipping: of 565 scans laid on mates' submaps none did. That the
-robot's own submaps agree says nothing: those that it made since it went wrong always do.
+Measured in runs of 3 and 8 robots on four floors, wheels slipping: of 565 scans laid on mates' submaps none did. That
+the robot's own submaps agree says nothing: those that it made since it went wrong always do.
 """
 SLACK_ARM_M = 5.0
 """Distance of the walls, metres, that turns the slack in position into one in yaw."""
