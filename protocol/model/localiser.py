@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from robrain.protocol.model.divergence_watch import DivergenceWatch, WatchSpec
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, NONE, Drift, LocalMap
+from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.mapping.surface_match import match_surface
 from robrain.protocol.model.mote_relocalisation import better_elsewhere, find_robot
 from robrain.protocol.model.occupancy_grid import GridGeometry
@@ -42,6 +43,8 @@ SCAN_GATES = (10.83, 13.82, 16.27)
 REFUSED_SIGMA_M, REFUSED_SIGMA_RAD = 0.1, 0.05
 """Doubt that a scan adds which lies where the robot cannot be: wheels may be worse than was told, or have slipped, and
 of the next scan that says the same it is believed; chosen."""
+JUMP_M, JUMP_RAD, JUMP_SIGMAS = 0.3, 0.35, 3.0
+"""A scan that fits so far off where the wheels say, after some that did not fit, shows another place; chosen."""
 START_AGREES = 0.6
 """Share of a scan's beams that must be as the team's map says, or the robot is not where it was told; chosen."""
 SIGNALS_TO_AGREE = 12
@@ -121,6 +124,12 @@ class Localiser:
         self._matched_way_m = 0.0
         self._seen_way_m = 0.0
         self._way_m = 0.0
+        self._misfits = 0
+        """Number of scans in a row that have not fitted the robot's own map."""
+        self._fitted_sigma_m = 0.0
+        """Standard deviation of the place before they came."""
+        self._T_now_wheels = IDENTITY
+        """How all corrections since the last that fitted moved the sensor, in the frame of that map."""
         self._signals = RecentSignals()
         self._since_tried = 0
 
@@ -207,6 +216,8 @@ class Localiser:
             found = self._search(map.grid.log_odds, map.grid.geometry, guess, points)
             guess = guess if found is None else found
         fit, walls_drift = match_surface(map.grid, guess, points)
+        if not self._misfits:
+            self._fitted_sigma_m = self.filter.sigma_m
         way_m = min(self._way_m - self._seen_way_m, DOUBT_WAY_M)
         self._seen_way_m = self._way_m
         doubt_m2, doubt_rad2 = self.spec.doubt_m_per_m**2 * way_m**2, self.spec.doubt_rad_per_m**2 * way_m**2
@@ -220,9 +231,34 @@ class Localiser:
         self._reckon_map(map)
         self.fits = is_believed and (not fit.beams or fit.fit >= self.spec.watch.fit_min)
         why = self.watch.saw(fit.fit if is_believed else 0.0) if fit.beams else ""
+        if not why and fit.beams and (self._misfits or not self.fits):
+            why = self._jumped(believed, map.T_arena_local.inverse().compose(self.pose).compose(T_robot_sensor))
         if why:
             self.lose(why)
         return fit
+
+    def _jumped(self, believed: Pose2D, now: Pose2D) -> str:
+        """Why the robot cannot be where a scan fits that came after some that did not; empty if it may be.
+
+        Wheels that slip go astray little by little, and scans follow them. Who fits only a good way off where the
+        wheels say has been carried to a place that looks alike.
+
+        Args:
+            believed: T_local_sensor before the scan corrected it.
+            now: the same after it.
+
+        """
+        if not self._misfits:
+            self._T_now_wheels = IDENTITY
+        self._misfits = 0 if self.fits else self._misfits + 1
+        self._T_now_wheels = now.compose(believed.inverse()).compose(self._T_now_wheels)
+        if not self.fits:
+            return ""
+        by_wheels = self._T_now_wheels.inverse().compose(now)
+        off_m, off_rad = by_wheels.distance_m(now), abs(by_wheels.inverse().compose(now).yaw_rad)
+        if off_m < max(JUMP_M, JUMP_SIGMAS * self._fitted_sigma_m) and off_rad < JUMP_RAD:
+            return ""
+        return f"the walls fit {off_m:.2f} m and {math.degrees(off_rad):.0f}° off where the wheels have it"
 
     @property
     def drift(self) -> Drift:
@@ -360,6 +396,7 @@ class Localiser:
         self.lost = lost
         self.beginnings += 1
         self.fits = True
+        self._misfits = 0
         self.arena_fix = None
         self.watch.begin_anew()
 

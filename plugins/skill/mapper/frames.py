@@ -179,9 +179,11 @@ class Frames:
         strangers = min(max(2 * self._mates() - len(known) - len(mates), 0), STRANGERS_MAX)
         evidence_min = KNOWN_EVIDENCE_MIN if self._was_in(frame) else EVIDENCE_MIN
         evidence_min = min(evidence_min, round(EVIDENCE_SHARE * other.geometry.width * other.geometry.height))
-        if turn % 2 or not len(mates):
-            place = here
-            found = MapMatcher(own, other, bodies, mates, strangers, evidence_min).find(here)
+        was_at = [node.pose for node in self._graph.own.values() if node.frame == self.frame][:-1]
+        is_past = turn % 4 == 3 and was_at  # where it is now may be new to the others
+        if is_past or turn % 2 or not len(mates):
+            place = was_at[turn // 4 % len(was_at)] if is_past else here
+            found = MapMatcher(own, other, bodies, mates, strangers, evidence_min).find(place)
             T_new_old = None if found is None else found.T_other_own
         else:  # a mate may have come to where this robot has been
             x_m, y_m, _ = mates[turn // 2 % len(mates)].tolist()

@@ -292,7 +292,8 @@ class Mapper(Skill):
         board, now_ns = self.env.board, self.env.clock.now_ns()
         if why := self._desk.why_wrong():
             # Somewhere in this trajectory is a break, as when somebody has carried the robot off unnoticed.
-            self._frames.part(why)
+            nodes = self._graph.own.values()
+            self._withdraw([node.number for node in nodes if node.trajectory == self._own.trajectory])
             board.misplaced = why
         elif why := self._frames.why_unsure():
             self._frames.part(why)
@@ -330,6 +331,8 @@ class Mapper(Skill):
         a robot that maps finds any.
         """
         board = self.env.board
+        if board.misplaced:
+            return board.misplaced
         if board.lost and not local_pose.lost:
             return f"the robot does not know where it is: {board.lost}"
         # With some slack, so that it does not go on and off.
