@@ -22,16 +22,20 @@ from robrain.sim.maps.floor_plan import FloorPlan
 PATCHES_A_STEP = 4096
 
 
+EDGE_CELLS = 3
+"""Cells around the floor plan: a wall at its edge is seen beyond it as often as within."""
+
+
 def team_geometry(plan: FloorPlan, resolution_m: float = TEAM_RESOLUTION_M) -> GridGeometry:
     """The grid that a team in this arena maps on: from the plan's origin, large enough to cover it."""
     width_m, height_m = plan.size_m
     return GridGeometry(
         resolution_m,
-        plan.origin_x_m,
-        plan.origin_y_m,
+        plan.origin_x_m - EDGE_CELLS * resolution_m,
+        plan.origin_y_m - EDGE_CELLS * resolution_m,
         # The slack keeps a size that is a whole number of cells from being rounded up.
-        math.ceil(width_m / resolution_m - 1e-6),
-        math.ceil(height_m / resolution_m - 1e-6),
+        math.ceil(width_m / resolution_m - 1e-6) + 2 * EDGE_CELLS,
+        math.ceil(height_m / resolution_m - 1e-6) + 2 * EDGE_CELLS,
     )
 
 

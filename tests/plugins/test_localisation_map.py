@@ -11,7 +11,7 @@ from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, NONE, LocalMap
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.mapping.submap import IDENTITY
-from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
+from robrain.protocol.model.occupancy_grid import OCCUPIED, GridGeometry, OccupancyGrid
 from robrain.protocol.model.omni_drive import OmniBase
 
 GEOMETRY = GridGeometry(0.1, -8.0, -8.0, 160, 160)
@@ -215,3 +215,37 @@ def test_slack_is_at_most_a_cell(cells, is_refused):
         return
     with pytest.raises(ValueError, match="wall_slack_cells from 0 to 1"):
         Localisation.Parameters(wall_slack_cells=cells)
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 1.2])
+def test_a_frame_of_its_own_begins_in_the_middle_of_the_map_so_that_there_is_room_on_all_sides(stage, yaw_rad):
+    one, host, localisation = localised(stage, "mapper", x_m=7.0, y_m=-6.5, yaw_rad=yaw_rad)
+    standing(one, 1.0)
+    assert off(localisation.pose(), Pose2D(7.0, -6.5, yaw_rad)) == pytest.approx((0.0, 0.0, 0.0), abs=0.05)
+    localisation._localiser.lose("carried off")
+    standing(one, 1.0)
+    assert host.board.lost == "carried off"
+    assert host.board.frame != ARENA
+    assert off(localisation.pose(), Pose2D(0.0, 0.0, yaw_rad)) == pytest.approx((0.0, 0.0, 0.0), abs=0.12)
+    view = host.manager.get("mapper").plugin.view()
+    assert np.count_nonzero(view.classes == OCCUPIED) > 120, "all four walls"
+
+
+def test_a_map_frame_that_was_found_stays_where_it_is(stage):
+    one, host, localisation = localised(stage, "mapper", x_m=7.0, y_m=-6.5)
+    standing(one, 1.0)
+    assert host.board.frame == ARENA
+    assert localisation.pose().x_m == pytest.approx(7.0, abs=0.05)
+
+
+def test_a_robot_whose_map_lies_wrong_begins_another(stage):
+    one, host, localisation = localised(stage, "mapper")
+    standing(one, 1.0)
+    trajectory = host.board.local_pose.trajectory
+    host.board.misplaced = "mates contradict"
+    standing(one, 0.3)
+    assert (host.board.misplaced, host.board.lost) == ("", "mates contradict")
+    assert host.board.local_pose.trajectory == trajectory + 1
+    standing(one, 1.0)
+    assert host.board.local_map.trajectory == trajectory + 1
+    assert host.board.frame != ARENA

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from robrain.protocol.model.divergence_watch import WatchSpec
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.model.localiser import REFUSED_SIGMA_M, Localiser, LocaliserSpec
+from robrain.protocol.model.localiser import JUMP_M, JUMP_RAD, REFUSED_SIGMA_M, Localiser, LocaliserSpec
 from robrain.protocol.model.mapping.local_map import NO_DRIFT
 from robrain.protocol.model.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.rssi_ranging import RssiSample
@@ -286,3 +286,53 @@ def test_a_robot_begins_with_no_drift_but_that_of_new_floor():
     assert localiser.lost == ""
     assert localiser.drift == pytest.approx((NO_DRIFT[0] + 1e-4, NO_DRIFT[1] + 4e-6))
     assert localiser.way_m == 0.0
+
+
+def set_down(x_m, turn_rad=0.0, *, sigma_m=0.03):
+    """A robot that is set down elsewhere in its room; scans are refused until it doubts its place enough."""
+    localiser = located(sigma_m=sigma_m, sigma_rad=0.02, watch=WatchSpec(misfits_max=1000))
+    truth, refused = beside(TRUE, x_m, 0.0, turn_rad), 0
+    while True:
+        localiser.move(Twist2D(1e-9, 0.0, 0.1))
+        truth = beside(truth, 0.0, 0.0, 0.1)
+        localiser.see(ROOM.points(truth), local_map(ROOM_MAP))
+        if localiser.fits:
+            return localiser, refused
+        refused += 1
+        assert refused < 50
+
+
+@pytest.mark.parametrize(("x_m", "is_lost"), [(0.2, False), (0.28, False), (0.35, True), (-0.35, True)])
+def test_who_fits_only_a_good_way_off_where_the_wheels_say_has_been_carried(x_m, is_lost):
+    localiser, refused = set_down(x_m, 0.1)
+    assert refused > 0 or is_lost
+    assert ("off where the wheels have it" in localiser.lost) == is_lost
+
+
+@pytest.mark.parametrize(("turned_rad", "is_lost"), [(JUMP_RAD - 0.01, False), (-JUMP_RAD - 0.01, True)])
+def test_who_fits_only_turned_has_been_carried_too(turned_rad, is_lost):
+    localiser = located()
+    localiser.fits = False
+    assert localiser._jumped(TRUE, beside(TRUE, 0.0, 0.0, turned_rad / 2)) == "", "it does not fit yet"
+    localiser.fits = True
+    after = beside(TRUE, 0.0, 0.0, turned_rad / 2)
+    assert bool(localiser._jumped(after, beside(after, 0.0, 0.0, turned_rad / 2))) == is_lost
+
+
+def test_a_robot_that_was_unsure_of_its_place_before_may_be_as_far_off_as_that():
+    localiser, refused = set_down(0.6, sigma_m=0.3)
+    assert localiser.lost == ""
+    assert refused < 3
+
+
+def test_corrections_of_before_a_scan_that_fitted_are_no_jump():
+    localiser, truth = located(sigma_m=0.03, sigma_rad=0.02), TRUE
+    for _ in range(4):  # each time the wheels slip by less than that
+        truth = beside(truth, 0.15)
+        for _ in range(6):
+            localiser.move(Twist2D(1e-9, 0.0, 0.1))
+            truth = beside(truth, 0.0, 0.0, 0.1)
+            localiser.see(ROOM.points(truth), local_map(ROOM_MAP))
+        assert localiser.fits
+    assert localiser.lost == ""
+    assert off(localiser, truth) == pytest.approx((0.0, 0.0, 0.0), abs=0.05)
