@@ -14,7 +14,7 @@ from robrain.protocol.wire.map_patch import to_message
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ROBOT_MAP
 from robrain.sim.maps.floor_plan import FloorPlan
-from robrain.sim.referee import Referee, team_geometry
+from robrain.sim.referee import EDGE_CELLS, Referee, team_geometry
 
 # Two rooms of 2 × 2 m, of which robots reach the left one; cells of 5 cm.
 OCCUPIED = np.ones((44, 86), np.bool_)
@@ -25,7 +25,8 @@ GEOMETRY = team_geometry(PLAN)
 
 
 def patch(row: int, column: int, cells: np.ndarray, /, robot: str = "r1", **changes: object) -> MapPatch:
-    told = to_message(robot, GEOMETRY, PatchCells(row, column, cells.astype(np.int8), 5000))
+    """A statement about these cells; row and column count from the corner of the plan."""
+    told = to_message(robot, GEOMETRY, PatchCells(row + EDGE_CELLS, column + EDGE_CELLS, cells.astype(np.int8), 5000))
     return msgspec.structs.replace(told, **changes)
 
 
@@ -52,9 +53,10 @@ def tell(endpoint: Endpoint, *patches: MapPatch) -> None:
 
 
 def test_the_team_s_grid_covers_the_plan():
-    assert (GEOMETRY.width, GEOMETRY.height) == (43, 22)
-    assert (GEOMETRY.origin_x_m, GEOMETRY.origin_y_m) == (-1.0, -2.0)
-    assert team_geometry(PLAN, 0.25).width == 18
+    assert EDGE_CELLS == 3, "on all sides there is room for the outer walls"
+    assert (GEOMETRY.width, GEOMETRY.height) == (43 + 6, 22 + 6)
+    assert (GEOMETRY.origin_x_m, GEOMETRY.origin_y_m) == pytest.approx((-1.3, -2.3))
+    assert team_geometry(PLAN, 0.25).width == 18 + 6
 
 
 def test_only_the_floor_that_robots_reach_counts(endpoint, referee):
@@ -87,8 +89,8 @@ def test_walls_that_are_known_do_not_count_and_no_statement_says_nothing(endpoin
 def test_a_team_cell_weighs_by_the_reachable_floor_in_it(endpoint):
     coarse = team_geometry(PLAN, 0.25)
     referee = Referee(PLAN, [Point2D(0.0, -1.0)], 0.2, coarse, endpoint)
-    grid = {"resolution_m": 0.25, "width": coarse.width, "height": coarse.height}
-    tell(endpoint, patch(0, 0, np.zeros((1, coarse.width)), **grid))
+    grid = {name: getattr(coarse, name) for name in ("resolution_m", "origin_x_m", "origin_y_m", "width", "height")}
+    tell(endpoint, patch(0, 0, np.zeros((1, coarse.width - 2 * EDGE_CELLS)), **grid))
     referee.step()
     reachable = PLAN.reachable([Point2D(0.0, -1.0)], 0.2)
     assert referee.explored_fraction == pytest.approx(reachable[:5].sum() / reachable.sum())

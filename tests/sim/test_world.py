@@ -73,7 +73,7 @@ def test_a_robots_file_says_where_it_starts_and_which_grid_the_team_maps_on():
             robot.start.yaw_rad,
         )
         grid, expected = robot_file.parameters["mapper"], team_geometry(world.plan)
-        assert (grid["origin_x_m"], grid["origin_y_m"]) == (-2.0, 3.0)
+        assert (grid["origin_x_m"], grid["origin_y_m"]) == pytest.approx((-2.3, 2.7))
         assert round(grid["width_m"] / grid["resolution_m"]) == expected.width
         assert round(grid["height_m"] / grid["resolution_m"]) == expected.height
         assert robot_file.parameters["battery"]["capacity_wh"] == robot.battery.capacity_wh
