@@ -21,8 +21,8 @@ GAIN_M_PER_M2 = 0.5
 """Metres of way that a square metre of unknown floor is worth."""
 GAIN_LIMIT_M = 6.0
 """Most that it is worth. So pockets between shelves wait for the halves of a building, but not for ever: ten runs on
-five floors know 95 % after 36 s on average and all after 67, where they took 46 and 67 s by the lengths of the frontiers;
-with twice the worth it is 32 and 78 s."""
+five floors know 95 % after 36 s on average and all after 67, where they took 46 and 67 s by the lengths of the
+frontiers; with twice the worth it is 32 and 78 s."""
 CROWD_RADIUS_M = 5.0
 CROWD_PENALTY_M = 10.0
 SNAP_M = 0.8

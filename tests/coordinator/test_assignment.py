@@ -10,6 +10,7 @@ from robrain.coordinator.exploration.assignment import (
     CROWD_PENALTY_M,
     CROWD_RADIUS_M,
     GAIN_LIMIT_M,
+    GAIN_M_PER_M2,
     Candidate,
     Seeker,
     assign_frontiers,
@@ -122,7 +123,7 @@ def test_the_nearest_frontiers_are_swapped_where_the_sum_gains():
 
 def test_the_cost_on_open_floor_is_the_way_less_the_unknown_floor_beyond():
     (choice,) = assign_frontiers(OPEN, [candidate(7.0, 3.0, 1.5)], [seeker("r1", 3.0, 3.0)], [])
-    assert choice.cost_m == pytest.approx(4.0 - 1.5, abs=0.3)
+    assert choice.cost_m == pytest.approx(4.0 - GAIN_M_PER_M2 * 1.5, abs=0.3)
 
 
 def test_of_two_frontiers_as_far_away_the_one_with_more_unknown_floor_is_taken():
@@ -133,11 +134,11 @@ def test_of_two_frontiers_as_far_away_the_one_with_more_unknown_floor_is_taken()
 def test_unknown_floor_beyond_the_limit_is_worth_nothing_more():
     matrix = cost_matrix(
         OPEN,
-        [candidate(7.0, 3.0, GAIN_LIMIT_M), candidate(7.0, 3.0, 10 * GAIN_LIMIT_M)],
+        [candidate(7.0, 3.0, worth * GAIN_LIMIT_M / GAIN_M_PER_M2) for worth in (0.9, 1.0, 10.0)],
         [seeker("r1", 3.0, 3.0)],
         [],
     )
-    assert matrix[0][0] == matrix[0][1]
+    assert matrix[0][0] > matrix[0][1] == matrix[0][2]
 
 
 def test_a_frontier_that_another_robot_is_bound_for_is_shunned():

@@ -239,7 +239,7 @@ def test_a_map_frame_that_was_found_stays_where_it_is(stage):
 
 
 def test_a_robot_whose_map_lies_wrong_begins_another(stage):
-    one, host, localisation = localised(stage, "mapper")
+    one, host, _ = localised(stage, "mapper")
     standing(one, 1.0)
     trajectory = host.board.local_pose.trajectory
     host.board.misplaced = "mates contradict"

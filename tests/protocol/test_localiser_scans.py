@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from robrain.protocol.model.divergence_watch import WatchSpec
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.model.localiser import JUMP_M, JUMP_RAD, REFUSED_SIGMA_M, Localiser, LocaliserSpec
+from robrain.protocol.model.localiser import JUMP_RAD, REFUSED_SIGMA_M, Localiser, LocaliserSpec
 from robrain.protocol.model.mapping.local_map import NO_DRIFT
 from robrain.protocol.model.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.rssi_ranging import RssiSample
