@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from robrain.plugins.behavior.explore.explore import LOOK_PERIOD_S
 from robrain.plugins.behavior.search import PATIENCE_S, SPEED_M_S, TASK_PATIENCE_S
 from robrain.plugins.skill.mapper.frames import Frames
 from robrain.protocol.model.geometry import Point2D
@@ -137,3 +138,26 @@ def test_one_that_does_not_find_itself_stands_until_it_is_found(errands):
     run.run(60.0)
     assert run.way_m() == way_m
     assert run.hosts["r1"].board.behavior == "idle"
+
+
+def test_one_that_looks_for_itself_explores_as_soon_as_it_sees_where(errands):
+    run = errands("idle", "explore")
+    explore = run.hosts["r1"].manager.get("explore").live_plugin()
+    frontiers = explore._frontiers
+    explore._frontiers = list
+    lose(run)
+    run.run(8.0)
+    assert run.hosts["r1"].board.behavior == "find itself"
+    here = run.hosts["r1"].board.pose
+    goal = Point2D(here.x_m + 1.0, here.y_m)
+    explore._frontiers = lambda: [goal]
+    explore._is_seen = lambda *_: False
+    seen = set()
+    for _ in range(round(5.0 * LOOK_PERIOD_S) + 2):
+        run.run(0.2)
+        seen.add((run.hosts["r1"].board.behavior, explore.goal()))
+    assert ("explore alone", goal) in seen
+    explore._frontiers = frontiers
+    run.run(20.0)
+    assert run.hosts["r1"].board.behavior == "find itself", "there is no other frontier"
+    assert run.arena.collisions == 0

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from robrain.plugins.skill.mapper import frames as module
 from robrain.plugins.skill.mapper.frames import ANSWERS_MIN, Move
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.local_map import ArenaFix
+from robrain.protocol.model.mapping.local_map import NO_DRIFT, ArenaFix
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED
@@ -111,6 +111,18 @@ def test_every_better_frame_is_searched_in_turn() -> None:
     moved = [scene.search(PLACES[n % 4]) for n in range(6)]
     assert moved.index(True) in {4, 5}
     assert scene.frames.frame == ARENA
+
+
+def test_a_robot_that_is_where_nobody_has_been_is_looked_for_where_it_was_before() -> None:
+    scene = Scene()
+    scene.map(20, PLACES[1])
+    scene.map(21, PLACES[2])
+    nowhere = T_OWN_FLOOR.inverse().compose(Pose2D(11.0, 11.0, 0.0))
+    scene.own.begin_submap(22, T_OWN_FLOOR.compose(nowhere), NO_DRIFT, SURE)
+    scene.mates_map(ARENA)
+    moved = [scene.search(nowhere) for _ in range(4 * ANSWERS_MIN + 1)]
+    assert moved.index(True) == 4 * ANSWERS_MIN - 2, "every fourth search"
+    assert off(scene.own.T_arena_local.compose(T_OWN_FLOOR), IDENTITY) == pytest.approx((0.0, 0.0, 0.0), abs=0.08)
 
 
 def test_a_mate_that_is_where_the_robot_has_been_is_looked_for_on_the_robots_map() -> None:
