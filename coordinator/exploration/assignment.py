@@ -129,7 +129,7 @@ def assign(
             seekers[row].name,
             candidates[column].place,
             float(costs[row, column]),
-            float(costs[row, column] + worth_m[column] - crowd_m[column]),
+            float(ways_m[row, column]),
             is_narrow,
         )
         for row, column in zip(rows.tolist(), columns.tolist(), strict=True)

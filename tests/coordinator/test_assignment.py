@@ -126,6 +126,15 @@ def test_the_cost_on_open_floor_is_the_way_less_the_unknown_floor_beyond():
     assert choice.cost_m == pytest.approx(4.0 - GAIN_M_PER_M2 * 1.5, abs=0.3)
 
 
+@settings(max_examples=60, deadline=None)
+@given(worths=st.lists(st.floats(0.0, 30.0), min_size=1, max_size=4), taken=st.lists(PLACES, max_size=2))
+def test_who_is_there_already_has_no_way_to_go(worths, taken):
+    """Told as less than none, be it by a rounding, it ended the coordinator."""
+    ends = [candidate(5.0, 3.0, worth) for worth in worths]
+    (choice,) = assign_frontiers(OPEN, ends, [seeker("r1", 5.0, 3.0)], [Point2D(*place) for place in taken])
+    assert 0.0 <= choice.way_m < 0.1
+
+
 def test_of_two_frontiers_as_far_away_the_one_with_more_unknown_floor_is_taken():
     ends = [candidate(7.0, 1.0, 0.5), candidate(7.0, 5.0, 2.5)]
     assert goals(assign_frontiers(OPEN, ends, [seeker("r1", 3.0, 3.0)], [])) == {"r1": (7.0, 5.0)}
