@@ -13,6 +13,7 @@ from robrain.coordinator.exploration.assignment import (
     GAIN_M_PER_M2,
     Candidate,
     Seeker,
+    assign,
     assign_frontiers,
 )
 from robrain.protocol.model.geometry import Point2D
@@ -126,13 +127,12 @@ def test_the_cost_on_open_floor_is_the_way_less_the_unknown_floor_beyond():
     assert choice.cost_m == pytest.approx(4.0 - GAIN_M_PER_M2 * 1.5, abs=0.3)
 
 
-@settings(max_examples=60, deadline=None)
-@given(worths=st.lists(st.floats(0.0, 30.0), min_size=1, max_size=4), taken=st.lists(PLACES, max_size=2))
-def test_who_is_there_already_has_no_way_to_go(worths, taken):
-    """Told as less than none, be it by a rounding, it ended the coordinator."""
-    ends = [candidate(5.0, 3.0, worth) for worth in worths]
-    (choice,) = assign_frontiers(OPEN, ends, [seeker("r1", 5.0, 3.0)], [Point2D(*place) for place in taken])
-    assert 0.0 <= choice.way_m < 0.1
+@pytest.mark.parametrize(("unknown_m2", "away_m"), [(0.52, 3.7), (15.22, 4.1), (1.1, 3.5), (4.04, 1.9)])
+def test_who_is_there_already_has_no_way_to_go(unknown_m2, away_m):
+    """Recomputed from its cost it was less than nothing by a rounding, which ended the coordinator."""
+    near = Point2D(0.0, 3.0 + away_m)
+    (choice,) = assign(np.zeros((1, 1)), [candidate(0.0, 3.0, unknown_m2)], [seeker("r1", 0.0, 3.0)], [near])
+    assert choice.way_m == 0.0
 
 
 def test_of_two_frontiers_as_far_away_the_one_with_more_unknown_floor_is_taken():
