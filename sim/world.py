@@ -74,6 +74,8 @@ class World:
         if not is_known:
             width_m, height_m = self.plan.size_m
             start = Pose2D(self.plan.origin_x_m + 0.5 * width_m, self.plan.origin_y_m + 0.5 * height_m, 0.0)
+        # An exact odometry is better than cells of 0.1 m can tell; late frames and pauses make any odometry inexact.
+        slack_cells = 0.5 if robot.wheels.is_exact and not self.disturbance.is_on else 0.0
         return RobotFile(
             robot=RobotTable(robot.name, team),
             zenoh=ZenohTable(connect=list(connect)),
@@ -83,8 +85,7 @@ class World:
                     "y_m": start.y_m,
                     "yaw_rad": start.yaw_rad,
                     **({} if is_known else {"start_known": False}),
-                    # An exact odometry is better than cells of 0.1 m can tell.
-                    "wall_slack_cells": 0.5 if robot.wheels.is_exact else 0.0,
+                    "wall_slack_cells": slack_cells,
                 },
                 "mapper": {
                     "resolution_m": geometry.resolution_m,
@@ -92,7 +93,7 @@ class World:
                     "origin_y_m": geometry.origin_y_m,
                     "width_m": geometry.width * geometry.resolution_m,
                     "height_m": geometry.height * geometry.resolution_m,
-                    "closure_slack_m": 0.5 * geometry.resolution_m if robot.wheels.is_exact else 0.0,
+                    "closure_slack_m": slack_cells * geometry.resolution_m,
                     **({} if robot.lidar.dropout else {"submap": {"misses_min": 1}}),
                 },
                 "battery": {"capacity_wh": robot.battery.capacity_wh},

@@ -2,16 +2,19 @@ import io
 import itertools
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 from PIL import Image
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.arena import RobotHardware
+from robrain.sim.disturbance import DelaySpec, DisturbanceSpec
 from robrain.sim.maps.errors import PlacementError
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.placement import Starts
 from robrain.sim.referee import team_geometry
+from robrain.sim.wheels import WheelSpec
 from robrain.sim.world import ROBOT_SPACING_M, build_world
 
 RESOLUTION_M = 0.05
@@ -77,6 +80,24 @@ def test_a_robots_file_says_where_it_starts_and_which_grid_the_team_maps_on():
         assert round(grid["width_m"] / grid["resolution_m"]) == expected.width
         assert round(grid["height_m"] / grid["resolution_m"]) == expected.height
         assert robot_file.parameters["battery"]["capacity_wh"] == robot.battery.capacity_wh
+
+
+@pytest.mark.parametrize(
+    ("wheels", "disturbance", "slack_cells"),
+    [
+        (WheelSpec(), DisturbanceSpec(), 0.5),
+        (WheelSpec(), DisturbanceSpec(scan=DelaySpec(late_s=(0.0, 0.1))), 0.0),
+        (WheelSpec(slip=0.05), DisturbanceSpec(), 0.0),
+    ],
+)
+def test_odometry_is_believed_more_than_the_map_only_where_it_is_exact(wheels, disturbance, slack_cells):
+    """With late frames it is not: offsets up to half a cell, left alone, put a fifth of a depot's walls off."""
+    world = build_world(plan(), 1, 0, None, 1)
+    world = replace(world, disturbance=disturbance)
+    robot = msgspec.structs.replace(world.robots[0], wheels=wheels)
+    parameters = world.robot_file(robot).parameters
+    assert parameters["localisation"]["wall_slack_cells"] == slack_cells
+    assert parameters["mapper"]["closure_slack_m"] == pytest.approx(0.1 * slack_cells)
 
 
 def test_of_a_team_that_is_not_told_its_starts_the_first_robot_is_and_the_others_begin_in_the_middle():
