@@ -20,14 +20,12 @@ from robrain.sim.maps.extent import TEAM_RESOLUTION_M
 from robrain.sim.maps.floor_plan import FloorPlan
 
 PATCHES_A_STEP = 4096
-
-
 EDGE_CELLS = 3
-"""Cells around the floor plan: a wall at its edge is seen beyond it as often as within."""
+"""Width of the margin around the floor plan, for walls at its edge that are measured just outside it."""
 
 
 def team_geometry(plan: FloorPlan, resolution_m: float = TEAM_RESOLUTION_M) -> GridGeometry:
-    """The grid that a team in this arena maps on: from the plan's origin, large enough to cover it."""
+    """The grid that a team in this arena maps on: it covers the plan and a margin of `EDGE_CELLS`."""
     width_m, height_m = plan.size_m
     return GridGeometry(
         resolution_m,

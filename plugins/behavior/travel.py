@@ -156,7 +156,7 @@ class Travel:
         The goal is kept: when the robot knows again where it is, `step` goes on to it.
 
         Args:
-            for_task: whether a task waits meanwhile.
+            for_task: whether a task is paused during the search.
 
         """
         now_ns = self._env.clock.now_ns()

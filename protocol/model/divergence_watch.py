@@ -42,7 +42,8 @@ class DivergenceWatch:
         """Measurements that the gate has refused, since the beginning."""
         self._gate = gate
         self._nis: deque[float] = deque(maxlen=spec.window)
-        self._misfits = 0
+        self.misfits = 0
+        """Number of scans in a row that lie badly on the map."""
 
     @property
     def mean_nis(self) -> float:
@@ -69,12 +70,12 @@ class DivergenceWatch:
 
     def saw(self, fit: float) -> str:
         """A scan lay so well on the map; why the estimate cannot be right, or nothing."""
-        self._misfits = self._misfits + 1 if fit < self.spec.fit_min else 0
-        if self._misfits >= self.spec.misfits_max:
-            return f"{self._misfits} scans in a row do not fit the map, the last one by {fit:.0%} of its beams"
+        self.misfits = self.misfits + 1 if fit < self.spec.fit_min else 0
+        if self.misfits >= self.spec.misfits_max:
+            return f"{self.misfits} scans in a row do not fit the map, the last one by {fit:.0%} of its beams"
         return ""
 
     def begin_anew(self) -> None:
         """Forget what was counted, but for the refused ones."""
         self._nis.clear()
-        self._misfits = 0
+        self.misfits = 0

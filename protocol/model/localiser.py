@@ -44,7 +44,7 @@ REFUSED_SIGMA_M, REFUSED_SIGMA_RAD = 0.1, 0.05
 """Doubt that a scan adds which lies where the robot cannot be: wheels may be worse than was told, or have slipped, and
 of the next scan that says the same it is believed; chosen."""
 JUMP_M, JUMP_RAD, JUMP_SIGMAS = 0.3, 0.35, 3.0
-"""A scan that fits so far off where the wheels say, after some that did not fit, shows another place; chosen."""
+"""A scan that fits this far from the pose by the wheels, after scans that did not fit, shows another place; chosen."""
 START_AGREES = 0.6
 """Share of a scan's beams that must be as the team's map says, or the robot is not where it was told; chosen."""
 SIGNALS_TO_AGREE = 12
@@ -124,12 +124,10 @@ class Localiser:
         self._matched_way_m = 0.0
         self._seen_way_m = 0.0
         self._way_m = 0.0
-        self._misfits = 0
-        """Number of scans in a row that have not fitted the robot's own map."""
         self._fitted_sigma_m = 0.0
-        """Standard deviation of the place before they came."""
+        """Standard deviation of the place at the last scan that fitted."""
         self._T_now_wheels = IDENTITY
-        """How all corrections since the last that fitted moved the sensor, in the frame of that map."""
+        """How all corrections since that scan moved the sensor, in the frame of the robot's own map."""
         self._signals = RecentSignals()
         self._since_tried = 0
 
@@ -216,7 +214,8 @@ class Localiser:
             found = self._search(map.grid.log_odds, map.grid.geometry, guess, points)
             guess = guess if found is None else found
         fit, walls_drift = match_surface(map.grid, guess, points)
-        if not self._misfits:
+        misfits = self.watch.misfits
+        if not misfits:
             self._fitted_sigma_m = self.filter.sigma_m
         way_m = min(self._way_m - self._seen_way_m, DOUBT_WAY_M)
         self._seen_way_m = self._way_m
@@ -231,7 +230,9 @@ class Localiser:
         self._reckon_map(map)
         self.fits = is_believed and (not fit.beams or fit.fit >= self.spec.watch.fit_min)
         why = self.watch.saw(fit.fit if is_believed else 0.0) if fit.beams else ""
-        if not why and fit.beams and (self._misfits or not self.fits):
+        if not why and fit.beams and (misfits or not self.fits):
+            if not misfits:
+                self._T_now_wheels = IDENTITY
             why = self._jumped(believed, map.T_arena_local.inverse().compose(self.pose).compose(T_robot_sensor))
         if why:
             self.lose(why)
@@ -240,17 +241,14 @@ class Localiser:
     def _jumped(self, believed: Pose2D, now: Pose2D) -> str:
         """Why the robot cannot be where a scan fits that came after some that did not; empty if it may be.
 
-        Wheels that slip go astray little by little, and scans follow them. Who fits only a good way off where the
-        wheels say has been carried to a place that looks alike.
+        Slip of the wheels builds up slowly, and each scan corrects it. A scan that fits only far from the pose by the
+        wheels means that the robot has been carried to a similar place.
 
         Args:
             believed: T_local_sensor before the scan corrected it.
             now: the same after it.
 
         """
-        if not self._misfits:
-            self._T_now_wheels = IDENTITY
-        self._misfits = 0 if self.fits else self._misfits + 1
         self._T_now_wheels = now.compose(believed.inverse()).compose(self._T_now_wheels)
         if not self.fits:
             return ""
@@ -396,7 +394,6 @@ class Localiser:
         self.lost = lost
         self.beginnings += 1
         self.fits = True
-        self._misfits = 0
         self.arena_fix = None
         self.watch.begin_anew()
 
