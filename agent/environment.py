@@ -14,7 +14,7 @@ from robrain.agent.events_outside import EventsOutside
 from robrain.agent.task_desk import Accept, LetGo, TaskDesk
 from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Handler
-from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topic import Q, Query, R
 
 if TYPE_CHECKING:
     from robrain.agent.outside import OutsideDoor
@@ -102,7 +102,7 @@ class Environment:
         """
         self._at_end.append(function)
 
-    def answer(self, topic: Topic, handler: Handler, **names: str) -> None:
+    def answer(self, topic: Query[Q, R], handler: Handler[Q, R], **names: str) -> None:
         """Answer queries on a topic, one at a time with the plugin's own functions; see Endpoint.answer."""
         self.__tag.answer(topic, handler, names)
 

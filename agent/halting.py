@@ -18,10 +18,9 @@ from robrain.protocol.model.halt_latch import HaltLatch
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.wire.inbox import Inbox, Received
+from robrain.protocol.wire.inbox import Heard, Inbox, Received
 from robrain.protocol.wire.messages import HaltAnswer, HaltStatus, LogRecord, RobotState, TeamState
 from robrain.protocol.wire.record_guard import RecordGuard
-from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import COORDINATOR_HALT, COORDINATOR_STATE, HALT, ROBOT_LOG
 
 logger = logging.getLogger(__name__)
@@ -45,7 +44,7 @@ class Arrivals(Inbox):
         super().__init__()
         self._on_arrival = on_arrival
 
-    def append(self, topic: Topic, key: str, payload: bytes, *, outside: bool = False) -> None:
+    def append(self, topic: Heard, key: str, payload: bytes, *, outside: bool = False) -> None:
         """Take a sample in."""
         super().append(topic, key, payload, outside=outside)
         if self._on_arrival is not None:
@@ -85,9 +84,8 @@ class HaltDesk:
         self._wire.subscribe(self._arrivals, HALT)
         self._wire.subscribe(self._arrivals, COORDINATOR_STATE)
         try:
-            reply = self._wire.ask(COORDINATOR_HALT, timeout_s=ASK_TIMEOUT_S)
-            status = msgspec.json.decode(reply, type=HaltStatus | None)
-        except (CallError, NobodyThere, msgspec.DecodeError) as error:
+            status = self._wire.ask(COORDINATOR_HALT, timeout_s=ASK_TIMEOUT_S)
+        except (CallError, NobodyThere) as error:
             logger.debug("%s: the coordinator does not say whether the team is halted: %s", self._robot, error)
         else:
             self._note_team(status)

@@ -265,7 +265,7 @@ class AgentHost:
 
     # -- being asked ----------------------------------------------------------------------------------------
 
-    def _tell_plugins(self, request: Request) -> Any:
+    def _tell_plugins(self, _request: Request[None]) -> list[PluginInfo]:
         return [*map(self._info, self.manager.tags.values()), *self.manager.foreign_infos()]
 
     def _info(self, tag: PluginTag) -> PluginInfo:
@@ -280,20 +280,22 @@ class AgentHost:
             self._came_with[manifest] = known
         return known
 
-    def _call(self, request: Request) -> Any:
+    def _call(self, request: Request[bytes]) -> Any:
         plugin, function = request.names["plugin"], request.names["function"]
         foreign = self.manager.foreign
         if foreign is not None and self.manager.is_foreign(plugin):
-            return foreign.relay(plugin, function, request.payload)
+            return foreign.relay(plugin, function, request.asked)
         try:
             tag = self.manager.get(plugin)
         except PluginMissing as error:
             raise CallError(ErrorCode.UNKNOWN_PLUGIN, str(error)) from error
-        return tag.call_external(request.names["function"], request.payload, by=request.by)
+        return tag.call_external(request.names["function"], request.asked, by=request.by)
 
-    def _run(self, request: Request) -> Any:
-        asked = _decode(request.payload, HostRequest)
-        verb = request.names["verb"]
+    def _run(self, request: Request[HostRequest]) -> bytes:
+        return msgspec.json.encode(self._done(request))
+
+    def _done(self, request: Request[HostRequest]) -> Any:
+        asked, verb = request.asked, request.names["verb"]
         try:
             if verb == "halt":
                 return self.halting.halt(asked.by or request.by, asked.text)
@@ -331,14 +333,13 @@ class AgentHost:
         except (BadName, ValueError) as error:
             raise CallError(ErrorCode.BAD_ARGUMENTS, f"hold: {error}") from error
 
-    def _offer(self, request: Request) -> TaskAnswer:
-        offer = _decode(request.payload, TaskOffer)
+    def _offer(self, request: Request[TaskOffer]) -> TaskAnswer:
         if self.manager.halted:
             return TaskAnswer(accepted=False, why="the robot is halted")
-        return self.desk.offer(offer, self.clock.now_ns())
+        return self.desk.offer(request.asked, self.clock.now_ns())
 
-    def _withdraw(self, request: Request) -> TaskAnswer:
-        return self.desk.withdraw(_decode(request.payload, TaskWithdrawal))
+    def _withdraw(self, request: Request[TaskWithdrawal]) -> TaskAnswer:
+        return self.desk.withdraw(request.asked)
 
     # -- what plugins get -----------------------------------------------------------------------------------
 
@@ -359,10 +360,3 @@ class AgentHost:
 def stock_place() -> Path:
     """The folder of the plugins that come with robrain."""
     return Path(str(resources.files("robrain.plugins")))
-
-
-def _decode(payload: bytes, kind: type[T]) -> T:
-    try:
-        return msgspec.json.decode(payload, type=kind)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise CallError(ErrorCode.BAD_ARGUMENTS, f"expected a {kind.__name__}: {error}") from error

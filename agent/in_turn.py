@@ -38,10 +38,10 @@ def in_turn(tag: "PluginTag", accept: Accept, let_go: LetGo) -> tuple[Accept, Le
     return accept_in_turn, let_go_in_turn
 
 
-def answer_in_turn(tag: "PluginTag", environment: "Environment", handler: Handler) -> Handler:
+def answer_in_turn(tag: "PluginTag", environment: "Environment", handler: Handler[Any, Any]) -> Handler[Any, Any]:
     """The same handler, called with the plugin's lock held and only while this instance is there."""
 
-    def answer(request: Request) -> Any:
+    def answer(request: Request[Any]) -> Any:
         try:
             with tag.turn:
                 if not tag.holds(environment) or tag.state not in (PluginState.ACTIVE, PluginState.HALTED):

@@ -27,7 +27,7 @@ from robrain.agent.turn import Turn
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Handler, Serve
 from robrain.protocol.wire.messages import PluginInfo
-from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topic import Query
 
 if TYPE_CHECKING:
     from robrain.agent.manager import PluginManager
@@ -484,7 +484,7 @@ class PluginTag:
         event.add(function, self.mailbox)
         self._observed.append(event)
 
-    def answer(self, topic: Topic, handler: Handler, names: dict[str, str]) -> None:
+    def answer(self, topic: Query[Any, Any], handler: Handler[Any, Any], names: dict[str, str]) -> None:
         """Answer queries for the plugin, with its lock held."""
         environment = self._making or self.environment
         if environment is not None:

@@ -88,7 +88,7 @@ class PluginBench:
             CallError: the call was refused, or the plugin raised; the text says why.
 
         """
-        reply = self.wire.ask(ROBOT_CALL, list(arguments), robot=ROBOT, plugin=plugin, function=function)
+        reply = self.wire.ask(ROBOT_CALL, msgspec.json.encode(arguments), robot=ROBOT, plugin=plugin, function=function)
         return msgspec.json.decode(reply)
 
     def info(self, plugin: str) -> PluginInfo:
@@ -98,8 +98,7 @@ class PluginBench:
             KeyError: the robot has no such plugin.
 
         """
-        infos = msgspec.json.decode(self.wire.ask(ROBOT_PLUGINS, robot=ROBOT), type=list[PluginInfo])
-        return {info.name: info for info in infos}[plugin]
+        return {info.name: info for info in self.wire.ask(ROBOT_PLUGINS, robot=ROBOT)}[plugin]
 
     def plugin(self, name: str) -> Any:
         """The plugin itself, while it is active, for what is not open to the outside.

@@ -3,6 +3,8 @@
 The coordinator stops nobody: robots hear the halt themselves. It tells those that come late, or were cut off.
 """
 
+from typing import Any
+
 from robrain.coordinator.roster import Roster
 from robrain.protocol.model.halt_latch import HaltLatch
 from robrain.protocol.wire.endpoint import Endpoint, Request
@@ -81,5 +83,5 @@ class HaltWatch:
         robots = self._roster.up(now_ns)
         return [robot.name for robot in robots if robot.state is not None and robot.state.has_stopped]
 
-    def _answer(self, request: Request) -> HaltStatus | None:
+    def _answer(self, request: Request[Any]) -> HaltStatus | None:
         return self.status(self._clock.now_ns())

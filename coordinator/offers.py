@@ -5,9 +5,7 @@ many are on their way as robots have been asked within the time limit: two offer
 """
 
 import logging
-from typing import NamedTuple
-
-import msgspec
+from typing import Any, NamedTuple
 
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
@@ -36,13 +34,13 @@ class Answered(NamedTuple):
 class _Asked(NamedTuple):
     record: TaskRecord
     after: str
-    reply: Later
+    reply: Later[Any]
 
 
 class _Withdrawn(NamedTuple):
     robot: str
     task: str
-    reply: Later
+    reply: Later[Any]
 
 
 class Offers:
@@ -78,11 +76,10 @@ class Offers:
         found = []
         for one in asked:
             try:
-                reply = one.reply.take()
-                if reply is None:
+                answer = one.reply.take()
+                if answer is None:
                     self._asked.append(one)
                     continue
-                answer = msgspec.json.decode(reply, type=TaskAnswer)
             except CallError as error:
                 if error.code is ErrorCode.TIMEOUT:
                     continue  # it may have taken it all the same: its next state will tell, or the lease runs out
@@ -90,8 +87,6 @@ class Offers:
             except NobodyThere as error:
                 found.append(Answered(one.record, one.after, TaskAnswer(accepted=False, why=str(error)), False))
                 continue
-            except msgspec.DecodeError as error:
-                answer = TaskAnswer(accepted=False, why=str(error))
             found.append(Answered(one.record, one.after, answer))
         return found
 

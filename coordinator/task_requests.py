@@ -57,8 +57,8 @@ class TaskRequests:
         wire.answer(TASK_GET, self._get, serve=Serve.IN_STEP)
         wire.answer(TASK_WHY, self._why, serve=Serve.IN_STEP)
 
-    def _submit(self, request: Request) -> TaskRecord:
-        asked = _decode(request, TaskSubmission)
+    def _submit(self, request: Request[TaskSubmission]) -> TaskRecord:
+        asked = request.asked
         word = msgspec.json.encode(msgspec.structs.replace(asked, by=""))
         known = self._book.find(asked.task.id)
         if known is not None:
@@ -93,8 +93,8 @@ class TaskRequests:
         grid = self._map.grid
         return why_impossible(task, self._clock.now_ns(), grid=grid, plugins=self._plugins(), others=others)
 
-    def _cancel(self, request: Request) -> TaskRecord:
-        asked = _decode(request, TaskRequest)
+    def _cancel(self, request: Request[TaskRequest]) -> TaskRecord:
+        asked = request.asked
         record = self._known(asked.id)
         if record.state is TaskState.CANCELLED:
             return record
@@ -109,25 +109,18 @@ class TaskRequests:
         self.news = True  # its robot is told to stop in this very step
         return record
 
-    def _list(self, request: Request) -> list[TaskRecord]:
-        wanted = _decode(request, TaskFilter) if request.payload else TaskFilter()
+    def _list(self, request: Request[TaskFilter]) -> list[TaskRecord]:
+        wanted = request.asked
         return self._book.journal.select(msgspec.structs.replace(wanted, limit=min(wanted.limit, REPLY_MAX)))
 
-    def _get(self, request: Request) -> TaskRecord:
-        return self._known(_decode(request, TaskRequest).id)
+    def _get(self, request: Request[TaskRequest]) -> TaskRecord:
+        return self._known(request.asked.id)
 
-    def _why(self, request: Request) -> TaskWhy:
-        return self._explain(self._known(_decode(request, TaskRequest).id), self._clock.now_ns())
+    def _why(self, request: Request[TaskRequest]) -> TaskWhy:
+        return self._explain(self._known(request.asked.id), self._clock.now_ns())
 
     def _known(self, task_id: str) -> TaskRecord:
         record = self._book.find(task_id)
         if record is None:
             raise CallError(ErrorCode.REFUSED, f"there is no task {task_id}")
         return record
-
-
-def _decode(request: Request, kind: type[T]) -> T:
-    try:
-        return msgspec.json.decode(request.payload, type=kind)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise CallError(ErrorCode.BAD_ARGUMENTS, f"expected a {kind.__name__}: {error}") from error

@@ -31,6 +31,7 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import BatteryState, RobotState, TaskAnswer, TeamState
 from robrain.protocol.wire.session import listening_at
+from robrain.protocol.wire.topic import Query
 from robrain.protocol.wire.topics import (
     COORDINATOR_STATE,
     ROBOT_ALIVE,
@@ -116,7 +117,7 @@ def _template() -> Template:
         for _ in range(round(3.0 / SIMULATED_TICK_S)):
             run.tick()
         state = inbox.drain()[-1].message
-        plugins = wire.ask(ROBOT_PLUGINS, robot=state.robot)
+        plugins = msgspec.json.encode(wire.ask(ROBOT_PLUGINS, robot=state.robot))
         home = {
             function: wire.ask(ROBOT_CALL, robot=state.robot, plugin="home", function=function)
             for function in ("chargers", "start")
@@ -258,7 +259,11 @@ def _answer(wire: Endpoint, name: str, template: Template) -> list[Any]:
         return wire.session.declare_queryable(key, zenoh.handlers.Callback(take, indirect=False))
 
     refused = msgspec.json.encode(TaskAnswer(accepted=False, why="it only stands in for a robot"))
-    topics = {ROBOT_PLUGINS: template.plugins, ROBOT_OFFER: refused, ROBOT_WITHDRAW: refused}
+    topics: dict[Query[Any, Any], bytes] = {
+        ROBOT_PLUGINS: template.plugins,
+        ROBOT_OFFER: refused,
+        ROBOT_WITHDRAW: refused,
+    }
     return [
         *(declare(topic.key(wire.team, robot=name), reply) for topic, reply in topics.items()),
         *(

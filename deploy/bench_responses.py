@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 
 import can
+import msgspec
 import numpy as np
 
 from robrain.deploy.bench_figure import Figure, at_most, timing
@@ -252,7 +253,7 @@ def _react(wheels: Wheels, pause: np.random.Generator, event: Callable[[], objec
 
 
 def _call(wire: Endpoint, plugin: str, function: str, arguments: list[float]) -> bytes:
-    return wire.ask(ROBOT_CALL, arguments, robot=ROBOT, plugin=plugin, function=function)
+    return wire.ask(ROBOT_CALL, msgspec.json.encode(arguments), robot=ROBOT, plugin=plugin, function=function)
 
 
 def _figures(event: str, took_s: Iterator[tuple[float, float]], names: tuple[str, str] = MOTION) -> Iterator[Figure]:

@@ -64,7 +64,8 @@ def _by_text(wire: Endpoint, robot: str, text: str) -> str:
 
 def _by_json(wire: Endpoint, robot: str, plugin: str, function: str, given: object, *, as_json: bool) -> str:
     check_name("function", function)
-    reply = wire.ask(ROBOT_CALL, given, timeout_s=TIMEOUT_S, robot=robot, plugin=plugin, function=function)
+    asked = msgspec.json.encode(given)
+    reply = wire.ask(ROBOT_CALL, asked, timeout_s=TIMEOUT_S, robot=robot, plugin=plugin, function=function)
     if as_json:
         return safe_json(reply)
     result = msgspec.json.decode(reply)

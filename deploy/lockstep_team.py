@@ -26,7 +26,6 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.messages import HostRequest, MoteReading, PluginInfo, RobotState, TeamState
 from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
-from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (
     COORDINATOR_STATE,
     MOTE_READING,
@@ -127,23 +126,23 @@ class LockstepTeam:
     ) -> TaskRecord:
         """Have a task done (CallError with the reason if it is refused); see `TaskClient.submit`."""
         asked = TaskSubmission(task=task, by=BY, earliest_in_s=earliest_in_s, deadline_in_s=deadline_in_s)
-        return self._ask(TASK_SUBMIT, asked, TaskRecord)
+        return self._wire.ask(TASK_SUBMIT, asked)
 
     def cancel(self, task_id: str, why: str = "") -> TaskRecord:
         """End a task unfinished."""
-        return self._ask(TASK_CANCEL, TaskRequest(id=task_id, by=BY, why=why), TaskRecord)
+        return self._wire.ask(TASK_CANCEL, TaskRequest(id=task_id, by=BY, why=why))
 
     def get(self, task_id: str) -> TaskRecord:
         """How a task stands (CallError if there is none of that id)."""
-        return self._ask(TASK_GET, TaskRequest(id=task_id), TaskRecord)
+        return self._wire.ask(TASK_GET, TaskRequest(id=task_id))
 
     def why(self, task_id: str) -> TaskWhy:
         """Why a task stands as it does, and how each robot stood to it."""
-        return self._ask(TASK_WHY, TaskRequest(id=task_id), TaskWhy)
+        return self._wire.ask(TASK_WHY, TaskRequest(id=task_id))
 
     def list(self, wanted: TaskFilter | None = None) -> TaskRecords:
         """The tasks that match, in the order in which they were accepted."""
-        return self._ask(TASK_LIST, wanted or TaskFilter(), TaskRecords)
+        return self._wire.ask(TASK_LIST, wanted or TaskFilter())
 
     # -- robots ---------------------------------------------------------------------------------------------
 
@@ -168,7 +167,7 @@ class LockstepTeam:
     def call(self, robot: str, plugin: str, function: str, *arguments: object) -> Any:
         """Call an external function of a robot's plugin; its result (CallError if it is refused or fails)."""
         return msgspec.json.decode(
-            self._wire.ask(ROBOT_CALL, list(arguments), robot=robot, plugin=plugin, function=function)
+            self._wire.ask(ROBOT_CALL, msgspec.json.encode(arguments), robot=robot, plugin=plugin, function=function)
         )
 
     def load(self, robot: str, place: Path | str) -> PluginInfos:
@@ -206,6 +205,3 @@ class LockstepTeam:
                 self._team = message
             else:
                 self.readings.append(message)
-
-    def _ask(self, topic: Topic, asked: Any, kind: type[T]) -> T:
-        return msgspec.json.decode(self._wire.ask(topic, asked), type=kind)

@@ -17,14 +17,15 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, closing
 from typing import Any, NamedTuple
 
-import msgspec
 import zenoh
 
 from robrain.protocol.wire.clock import NS_PER_S, WallClock
+from robrain.protocol.wire.codec import BadPayload
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
 from robrain.protocol.wire.errors import NameTaken
+from robrain.protocol.wire.messages import ProcessInfo
 from robrain.protocol.wire.session import LEASE_MS
-from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topic import Query, Token
 from robrain.protocol.wire.topics import (
     COORDINATOR_ALIVE,
     COORDINATOR_CLAIM,
@@ -51,25 +52,13 @@ _ELSE = re.compile(r"[^A-Za-z0-9_.]")
 """Replaces a dash in a host name within a key."""
 
 
-class ProcessInfo(msgspec.Struct, frozen=True):
-    """Which process has a name."""
-
-    host: str
-    pid: int
-    zid: str
-    """Id of its Zenoh session."""
-
-    def __str__(self) -> str:
-        return f"process {self.pid} on {self.host}, Zenoh id {self.zid[:8]}"
-
-
 class Keys(NamedTuple):
     """The topics for one name, and its description."""
 
     what: str
-    claim: Topic
-    alive: Topic
-    who: Topic
+    claim: Token
+    alive: Token
+    who: Query[None, ProcessInfo]
     names: dict[str, str]
 
 
@@ -208,14 +197,14 @@ class NameClaim:
         for reply in self._session.get(key, timeout=timeout_s, **everyone):
             if reply.ok is not None:
                 try:
-                    yield msgspec.json.decode(reply.ok.payload.to_bytes(), type=ProcessInfo)
-                except (msgspec.DecodeError, UnicodeDecodeError):
+                    yield self._keys.who.payloads.read(reply.ok.payload.to_bytes())
+                except BadPayload:
                     continue  # not a robrain process; its token shows that something is there
 
     def _taken(self, who: str) -> NameTaken:
         return NameTaken(f"{self._keys.what} is there already: {who}. End that process first, or use another name")
 
-    def _tell_who(self, _request: Request) -> ProcessInfo:
+    def _tell_who(self, _request: Request[Any]) -> ProcessInfo:
         return self.info
 
 

@@ -13,7 +13,7 @@ from robrain.protocol.wire.safe_text import safe_text
 
 if TYPE_CHECKING:
     from robrain.protocol.wire.messages import HostRequest, PluginInfo
-    from robrain.protocol.wire.topic import Topic
+    from robrain.protocol.wire.topic import Query
 
 LIST_TIMEOUT_S = 5.0
 WORK_TIMEOUT_S = 60.0
@@ -135,7 +135,14 @@ def _run_host(connect: str | None, team: str, robot: str, verb: str, request: "H
 
 
 def _ask(
-    connect: str | None, team: str, robot: str, topic: "Topic", payload: Any = None, *, timeout_s: float, **names: str
+    connect: str | None,
+    team: str,
+    robot: str,
+    topic: "Query[Any, Any]",
+    request: Any = None,
+    *,
+    timeout_s: float,
+    **names: str,
 ) -> "list[PluginInfo]":
     """Ask a robot for plugins.
 
@@ -156,9 +163,11 @@ def _ask(
     check_name("team", team)
     with client_session(connect) as session, live_endpoint(session, team) as wire:
         try:
-            reply = wire.ask(topic, payload, timeout_s=timeout_s, robot=robot, **names)
+            reply = wire.ask(topic, request, timeout_s=timeout_s, robot=robot, **names)
         except NobodyThere as error:
             raise no_robot(wire, robot, topic.name) from error
+    if not isinstance(reply, bytes):
+        return list(reply)
     try:
         return msgspec.json.decode(reply, type=list[PluginInfo])
     except msgspec.DecodeError as error:

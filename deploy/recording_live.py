@@ -80,8 +80,9 @@ def plugins_of(wire: Endpoint, robots: list[str]) -> dict[str, str]:
     told: dict[str, str] = {}
     for robot in robots:
         try:
-            told[f"robots/{robot}.json"] = wire.ask(ROBOT_PLUGINS, timeout_s=ASK_TIMEOUT_S, robot=robot).decode()
-        except (CallError, NobodyThere, UnicodeDecodeError):
+            infos = wire.ask(ROBOT_PLUGINS, timeout_s=ASK_TIMEOUT_S, robot=robot)
+            told[f"robots/{robot}.json"] = ROBOT_PLUGINS.payloads.write(infos).decode()
+        except (CallError, NobodyThere):
             continue
     return told
 

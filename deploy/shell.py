@@ -49,8 +49,8 @@ class RemoteCommands:
             RobrainError: it does not answer.
 
         """
-        reply = self._wire.ask(ROBOT_PLUGINS, timeout_s=COMMAND_TIMEOUT_S, robot=self._robot)
-        self.plugins = visible_to_command(msgspec.json.decode(reply, type=list[PluginInfo]))
+        infos = self._wire.ask(ROBOT_PLUGINS, timeout_s=COMMAND_TIMEOUT_S, robot=self._robot)
+        self.plugins = visible_to_command(infos)
 
     def answer(self, text: str) -> str:
         """Execute one command; calls are executed by the robot, `list` and `help` answered from its plugins.

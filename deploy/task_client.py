@@ -12,22 +12,20 @@ with TaskClient(connect="tcp/127.0.0.1:7447") as tasks:
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
-from typing import Any, Self, TypeVar
-
-import msgspec
+from typing import Self, TypeVar
 
 from robrain.deploy.live_process import client_session, live_endpoint
 from robrain.protocol.model.objective import Objective
 from robrain.protocol.model.task import Task, TaskState
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere, WireError
+from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.hub import teams_there, wrong_team
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
 from robrain.protocol.wire.messages import TaskEvent
 from robrain.protocol.wire.plan_messages import ObjectiveRequest, PlanningStatus
 from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
-from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topic import Q, Query, R
 from robrain.protocol.wire.topics import (
     COORDINATOR_OBJECTIVE,
     COORDINATOR_PLANNING,
@@ -94,29 +92,29 @@ class TaskClient:
 
         """
         asked = TaskSubmission(task=task, by=self._by, earliest_in_s=earliest_in_s, deadline_in_s=deadline_in_s)
-        return self._ask(TASK_SUBMIT, asked, TaskRecord)
+        return self._ask(TASK_SUBMIT, asked)
 
     def cancel(self, task_id: str, why: str = "") -> TaskRecord:
         """End a task unfinished; its robot is told to stop (CallError if it has ended otherwise)."""
-        return self._ask(TASK_CANCEL, TaskRequest(id=task_id, by=self._by, why=why), TaskRecord)
+        return self._ask(TASK_CANCEL, TaskRequest(id=task_id, by=self._by, why=why))
 
     def get(self, task_id: str) -> TaskRecord:
         """How a task stands (CallError if there is none of that id)."""
-        return self._ask(TASK_GET, TaskRequest(id=task_id), TaskRecord)
+        return self._ask(TASK_GET, TaskRequest(id=task_id))
 
     def why(self, task_id: str) -> TaskWhy:
         """Why a task stands as it does (CallError if there is none of that id)."""
-        return self._ask(TASK_WHY, TaskRequest(id=task_id), TaskWhy)
+        return self._ask(TASK_WHY, TaskRequest(id=task_id))
 
     def planning(self, objective: Objective | None = None) -> PlanningStatus:
         """How the team's tasks are planned; with an objective, plans are for that from now on."""
         if objective is None:
-            return self._ask(COORDINATOR_PLANNING, None, PlanningStatus)
-        return self._ask(COORDINATOR_OBJECTIVE, ObjectiveRequest(objective=objective, by=self._by), PlanningStatus)
+            return self._ask(COORDINATOR_PLANNING, None)
+        return self._ask(COORDINATOR_OBJECTIVE, ObjectiveRequest(objective=objective, by=self._by))
 
     def list(self, wanted: TaskFilter | None = None) -> list[TaskRecord]:
         """The tasks that match, in the order in which they were accepted."""
-        return self._ask(TASK_LIST, wanted or TaskFilter(), list[TaskRecord])
+        return self._ask(TASK_LIST, wanted or TaskFilter())
 
     def wait(self, task_id: str, *, timeout_s: float | None = None) -> TaskRecord:
         """Wait until a task has ended (TimeoutError if it has not in time), and return how."""
@@ -179,20 +177,17 @@ class TaskClient:
                 raise TimeoutError(f"not ended after {timeout_s:g} s: {', '.join(sorted(running)) or 'all tasks'}")
             time.sleep(POLL_S)
 
-    def _ask(self, topic: Topic, asked: Any, kind: type[T]) -> T:
+    def _ask(self, topic: Query[Q, R], request: Q | None) -> R:
         gives_up_s = time.monotonic() + self._patience_s
         while True:
             try:
-                reply = self._wire.ask(topic, asked, timeout_s=ASK_TIMEOUT_S)
-                return msgspec.json.decode(reply, type=kind)
+                return self._wire.ask(topic, request, timeout_s=ASK_TIMEOUT_S)
             except NobodyThere as error:
                 if time.monotonic() > gives_up_s:
                     raise self._no_coordinator() from error
             except CallError as error:
                 if error.code not in _NOT_NOW or time.monotonic() > gives_up_s:
                     raise
-            except msgspec.DecodeError as error:
-                raise WireError(f"the coordinator answered {topic.name} with something else: {error}") from error
             time.sleep(AGAIN_S)
 
     def _no_coordinator(self) -> NobodyThere:

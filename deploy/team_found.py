@@ -8,7 +8,7 @@ from robrain.deploy.live_process import client_session, live_endpoint, tell
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import NobodyThere
 from robrain.protocol.wire.hub import team_endpoints, wrong_team
-from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topic import Token
 from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
 
 GATHER_S = 0.5
@@ -51,7 +51,7 @@ def team_found(wire: Endpoint) -> TeamFound:
         time.sleep(ASK_AGAIN_S)
 
 
-def _tokens(wire: Endpoint, topic: Topic) -> list[dict[str, str]]:
+def _tokens(wire: Endpoint, topic: Token) -> list[dict[str, str]]:
     """The names in all of a topic's tokens that the hub has now."""
     replies = wire.session.liveliness().get(topic.selector(wire.team), timeout=ANSWER_TIMEOUT_S)
     found = [topic.parse(str(reply.ok.key_expr)) for reply in replies if reply.ok is not None]

@@ -1,6 +1,7 @@
 """Where the cameras of the arena's robots are asked for a picture: the topic `arena/ROBOT/camera`."""
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,5 +59,5 @@ class CameraDesk:
         others = [SeenRobot(index, body.pose, body.radius_m) for index, body in enumerate(self._bodies) if index != own]
         return self._cameras[own].png(self._bodies[own].pose, others, self._motes, self._moment())
 
-    def _answer(self, request: Request) -> bytes:
+    def _answer(self, request: Request[Any]) -> bytes:
         return self.png(request.names["robot"])

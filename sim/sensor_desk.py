@@ -1,6 +1,7 @@
 """Where the sensor boards of the arena's robots are asked: the topic `arena/ROBOT/sense`."""
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -59,5 +60,5 @@ class SensorDesk:
             measured[quantity.wire_name] = round(true + self._field.spec.levels(quantity).noise * one, 3)
         return measured
 
-    def _answer(self, request: Request) -> dict[str, float]:
+    def _answer(self, request: Request[Any]) -> dict[str, float]:
         return self.values(request.names["robot"])

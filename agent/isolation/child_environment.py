@@ -22,7 +22,7 @@ from robrain.protocol.wire.clock import Clock, WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Handler, Serve
 from robrain.protocol.wire.endpoint import Request as WireRequest
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topic import Query
 
 T = TypeVar("T")
 InterfaceT = TypeVar("InterfaceT")
@@ -165,10 +165,10 @@ class ChildEnvironment(Environment):
         function, read = self._observers[subscription - 1]
         function(read.decode(written))
 
-    def answer(self, topic: Topic, handler: Handler, **names: str) -> None:
+    def answer(self, topic: Query[Any, Any], handler: Handler[Any, Any], **names: str) -> None:
         """See Environment.answer."""
 
-        def locked(request: WireRequest) -> Any:
+        def locked(request: WireRequest[Any]) -> Any:
             with self._turn:
                 return handler(request)
 

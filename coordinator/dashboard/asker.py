@@ -3,14 +3,14 @@
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Generic
 
-import msgspec
 import zenoh
 
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import RobrainError
-from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topic import Q, Query, R
 
 WORKERS = 6
 WAITING_MAX = 64
@@ -18,28 +18,27 @@ WAITING_MAX = 64
 TIMEOUT_S = 5.0
 
 
-class Answer(msgspec.Struct, frozen=True):
-    """What came of a question: a reply as bytes, or in words why there is none."""
+@dataclass(frozen=True)
+class Answer(Generic[R]):
+    """What came of a question: a reply, or in words why there is none."""
 
-    reply: bytes = b""
+    known: R | None = None
     error: str = ""
 
-    def decode(self, kind: Any) -> Any:
-        """The reply as a `kind`.
+    @property
+    def reply(self) -> R:
+        """The reply.
 
         Raises:
-            ValueError: there is no reply, or it is no `kind`.
+            ValueError: there is none; the text says why.
 
         """
-        if self.error:
-            raise ValueError(self.error)
-        try:
-            return msgspec.json.decode(self.reply, type=kind)
-        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-            raise ValueError(f"an answer that makes no sense: {error}") from error
+        if self.error or self.known is None:
+            raise ValueError(self.error or "an empty answer")
+        return self.known
 
 
-Then = Callable[[Answer], None]
+Then = Callable[[Answer[R]], None]
 
 
 class Asker:
@@ -48,12 +47,19 @@ class Asker:
     def __init__(self, endpoint: Endpoint) -> None:
         self._endpoint = endpoint
         self._pool = ThreadPoolExecutor(WORKERS, thread_name_prefix="robrain-ask")
-        self._answers: deque[tuple[Then, Answer]] = deque()
+        self._answers: deque[tuple[Then[Any], Answer[Any]]] = deque()
         self._waiting = 0
         self._closed = False
 
     def ask(
-        self, topic: Topic, payload: Any, then: Then, *, timeout_s: float = TIMEOUT_S, by: str = "", **names: str
+        self,
+        topic: Query[Q, R],
+        request: Q | None,
+        then: Then[R],
+        *,
+        timeout_s: float = TIMEOUT_S,
+        by: str = "",
+        **names: str,
     ) -> None:
         """Ask one key; `then` is told the answer, or why there is none. Called by the thread that delivers."""
         if self._closed:
@@ -65,7 +71,7 @@ class Asker:
 
         def work() -> None:
             try:
-                answer = Answer(self._endpoint.ask(topic, payload, timeout_s=timeout_s, by=by, **names))
+                answer = Answer(self._endpoint.ask(topic, request, timeout_s=timeout_s, by=by, **names))
             except (RobrainError, zenoh.ZError) as error:
                 answer = Answer(error=str(error))
             self._answers.append((self._done(then), answer))
@@ -83,8 +89,8 @@ class Asker:
         self._closed = True
         self._pool.shutdown(wait=True, cancel_futures=True)
 
-    def _done(self, then: Then) -> Then:
-        def handed_over(answer: Answer) -> None:
+    def _done(self, then: Then[R]) -> Then[R]:
+        def handed_over(answer: Answer[R]) -> None:
             self._waiting -= 1
             then(answer)
 

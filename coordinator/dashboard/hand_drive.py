@@ -7,6 +7,7 @@ browser that closes, hangs or loses its link says nothing, and the robot stands 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
+import msgspec
 import viser
 
 from robrain.coordinator.dashboard.asker import Answer
@@ -98,7 +99,7 @@ class HandDrive:
         }
         self._waits = True
 
-        def take(answer: Answer) -> None:
+        def take(answer: Answer[bytes]) -> None:
             self._waits = False
             if answer.error:
                 self._moving = ""
@@ -107,7 +108,8 @@ class HandDrive:
             else:
                 self._tell(f"▶ {text(robot)} is driven" if pushes else f"■ {text(robot)} stands")
 
-        self._page.context.ask(ROBOT_CALL, velocity, take, timeout_s=1.0, robot=robot, plugin=PLUGIN, function=FUNCTION)
+        asked = msgspec.json.encode(velocity)
+        self._page.context.ask(ROBOT_CALL, asked, take, timeout_s=1.0, robot=robot, plugin=PLUGIN, function=FUNCTION)
 
     def _arm(self) -> None:
         armed = bool(self._armed.value)

@@ -49,6 +49,7 @@ class MapFetcher:
             except (CallError, NobodyThere, zenoh.ZError):
                 self._stopping.wait(PAUSE_S)
                 continue
-            if answer != NOTHING_KNOWN:
-                self._inbox.append(ROBOT_MAP, ROBOT_MAP.key(self._endpoint.team, robot=robot), answer)
+            if answer is not None:
+                whole = ROBOT_MAP.payloads.write(answer)
+                self._inbox.append(ROBOT_MAP, ROBOT_MAP.key(self._endpoint.team, robot=robot), whole)
             return

@@ -1,8 +1,7 @@
 """What all browsers' pages share, and the little that they ask of robots again and again."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass, field
-from typing import Any
 
 from robrain.coordinator.dashboard.asker import TIMEOUT_S, Answer, Asker, Then
 from robrain.coordinator.dashboard.halt_control import HaltControl
@@ -11,7 +10,7 @@ from robrain.coordinator.dashboard.scene import Scene
 from robrain.coordinator.dashboard.team_view import TeamView
 from robrain.protocol.wire.messages import PluginInfo
 from robrain.protocol.wire.plan_messages import PlanningStatus
-from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topic import Q, Query, R
 from robrain.protocol.wire.topics import COORDINATOR_PLANNING, ROBOT_PLUGINS
 
 PLUGINS_S = 2.0
@@ -57,22 +56,22 @@ class Inquiries:
         if robot in self.plugins:
             self.plugins[robot].asked_s = None
 
-    def _taker(self, robot: str) -> Callable[[Answer], None]:
-        def take(answer: Answer) -> None:
+    def _taker(self, robot: str) -> Then[list[PluginInfo]]:
+        def take(answer: Answer[list[PluginInfo]]) -> None:
             known = self.plugins.get(robot)
             if known is None:
                 return
             known.waiting = False
             try:
-                known.plugins, known.problem = answer.decode(list[PluginInfo]), ""
+                known.plugins, known.problem = answer.reply, ""
             except ValueError as error:
                 known.problem = str(error)
 
         return take
 
-    def _take_planning(self, answer: Answer) -> None:
+    def _take_planning(self, answer: Answer[PlanningStatus]) -> None:
         try:
-            self.planning = answer.decode(PlanningStatus)
+            self.planning = answer.reply
         except ValueError:  # a coordinator that does not plan
             self.planning = None
             return
@@ -98,10 +97,12 @@ class PageContext:
         """Whether there is a team to be asked and told."""
         return self.asker is not None
 
-    def ask(self, topic: Topic, payload: Any, then: Then, *, timeout_s: float = TIMEOUT_S, **names: str) -> None:
+    def ask(
+        self, topic: Query[Q, R], request: Q | None, then: Then[R], *, timeout_s: float = TIMEOUT_S, **names: str
+    ) -> None:
         """Ask, as `Asker.ask`, if there is anybody to be asked."""
         if self.asker is not None:
-            self.asker.ask(topic, payload, then, timeout_s=timeout_s, **names)
+            self.asker.ask(topic, request, then, timeout_s=timeout_s, **names)
 
     def plugins_of(self, robot: str) -> PluginsOf:
         """What is known of a robot's plugins."""

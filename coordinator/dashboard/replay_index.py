@@ -8,13 +8,12 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
-import msgspec
-
 from robrain.coordinator.dashboard.robot_view import TRAIL_POINTS, Condition
 from robrain.coordinator.dashboard.team_view import TeamView
 from robrain.coordinator.recording.reading import RecordedMessage
 from robrain.protocol.model.task import TaskState, kind_of
 from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.wire.codec import BadPayload
 from robrain.protocol.wire.inbox import Received
 from robrain.protocol.wire.messages import Halt, LogRecord, RobotState, TaskEvent
 from robrain.protocol.wire.topic import Topic
@@ -48,8 +47,7 @@ class Decoder:
     """Makes messages of what was recorded; what does not decode, or is of no topic of ours, is left out."""
 
     def __init__(self) -> None:
-        self._topics: dict[str, tuple[Topic, dict[str, str]] | None] = {}
-        self._decoders: dict[str, msgspec.json.Decoder[Any]] = {}
+        self._topics: dict[str, tuple[Topic[Any], dict[str, str]] | None] = {}
 
     def decode(self, recorded: RecordedMessage) -> Received | None:
         """One message."""
@@ -60,12 +58,9 @@ class Decoder:
         if found is None or found[0].message is None:
             return None
         topic, names = found
-        decoder = self._decoders.get(topic.name)
-        if decoder is None:
-            decoder = self._decoders[topic.name] = msgspec.json.Decoder(topic.message)
         try:
-            return Received(topic, key, names, decoder.decode(recorded.payload))
-        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+            return Received(topic, key, names, topic.payloads.read(recorded.payload))
+        except BadPayload:
             return None
 
 
@@ -152,7 +147,7 @@ class ReplayIndex:
             self.marks.append(Mark(time_s, kind, said))
 
 
-def topic_of_kept(key: str) -> Topic | None:
+def topic_of_kept(key: str) -> Topic[Any] | None:
     """The topic of a key, if the index keeps anything of it."""
     found = topic_of(key)
     return found[0] if found is not None and found[0] in (*SUMMED, ROBOT_STATE, ARENA_TRUTH) else None

@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import viser
 
 from robrain.coordinator.dashboard.asker import Answer
@@ -182,14 +183,20 @@ class RobotTab:
             return
         set_html(self._result, f'<div class="rb rb-soft">{text(what)} was asked …</div>')
 
-        def take(answer: Answer) -> None:
+        def take(answer: Answer[bytes]) -> None:
             if self._function is function and self._page.selected == robot:
-                set_html(self._result, result_html(what, answer.reply, answer.error))
+                set_html(self._result, result_html(what, answer.known or b"", answer.error))
             elif answer.error:
                 self._page.tell(f"{robot}: {what}", answer.error, color="red")
 
         self._page.context.ask(
-            ROBOT_CALL, arguments, take, timeout_s=CALL_TIMEOUT_S, robot=robot, plugin=plugin, function=function.name
+            ROBOT_CALL,
+            msgspec.json.encode(arguments),
+            take,
+            timeout_s=CALL_TIMEOUT_S,
+            robot=robot,
+            plugin=plugin,
+            function=function.name,
         )
 
     def _host(self, verb: str, plugin: str) -> None:
@@ -198,7 +205,7 @@ class RobotTab:
             self._page.tell(f"Nothing to {verb}", "Select a robot, and a plugin or its name.", color="yellow")
             return
 
-        def take(answer: Answer) -> None:
+        def take(answer: Answer[bytes]) -> None:
             done = answer.error or "done"
             self._page.tell(f"{robot}: {verb} {plugin}", done, color="red" if answer.error else "green")
             if verb == "unload" and not answer.error:

@@ -18,7 +18,7 @@ from robrain.coordinator.dashboard.words import text
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.objective import Objective
 from robrain.protocol.model.task import Explore, Task
-from robrain.protocol.wire.plan_messages import ObjectiveRequest
+from robrain.protocol.wire.plan_messages import ObjectiveRequest, PlanningStatus
 from robrain.protocol.wire.task_messages import TaskRecord, TaskRequest, TaskSubmission, TaskWhy
 from robrain.protocol.wire.topics import COORDINATOR_OBJECTIVE, TASK_CANCEL, TASK_SUBMIT, TASK_WHY
 
@@ -113,9 +113,9 @@ class TaskTab:
             return
         self._tell("soft", f"{submission.task.id}: sent …")
 
-        def take(answer: Answer) -> None:
+        def take(answer: Answer[TaskRecord]) -> None:
             try:
-                record = answer.decode(TaskRecord)
+                record = answer.reply
             except ValueError as error:
                 self._tell("bad", f"✕ {error}")
             else:
@@ -133,7 +133,7 @@ class TaskTab:
         if not self._page.context.is_live:
             return
 
-        def take(answer: Answer) -> None:
+        def take(answer: Answer[TaskRecord]) -> None:
             self._page.tell(f"Cancel {task}", answer.error or "done", color="red" if answer.error else "green")
 
         request = TaskRequest(id=task, by=BY, why="called off on the dashboard")
@@ -144,9 +144,9 @@ class TaskTab:
         if not self._page.context.is_live:
             return
 
-        def take(answer: Answer) -> None:
+        def take(answer: Answer[TaskWhy]) -> None:
             try:
-                html = why_html(answer.decode(TaskWhy))
+                html = why_html(answer.reply)
             except ValueError as error:
                 html = f'<div class="rb rb-bad">{text(str(error), 400)}</div>'
             gui = self._page.client.gui
@@ -181,7 +181,7 @@ class TaskTab:
             return
         request = ObjectiveRequest(objective=Objective(event.target.value), by=BY)
 
-        def take(answer: Answer) -> None:
+        def take(answer: Answer[PlanningStatus]) -> None:
             said = answer.error or f"from now on for {request.objective}"
             self._page.tell("Planning", said, color="red" if answer.error else "green")
 

@@ -3,6 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Callable
+from typing import Any
 
 from robrain.coordinator.dashboard.rate_meter import RateMeter
 from robrain.coordinator.dashboard.recorder_view import RecorderView
@@ -112,7 +113,7 @@ class TeamView:
     # -- what comes in --------------------------------------------------------------------------------------
 
     @property
-    def topics(self) -> tuple[Topic, ...]:
+    def topics(self) -> tuple[Topic[Any], ...]:
         """The topics that `apply` understands."""
         return tuple(topic for topic, _ in self._table())
 
@@ -187,7 +188,7 @@ class TeamView:
 
     # -- one topic each -------------------------------------------------------------------------------------
 
-    def _table(self) -> tuple[tuple[Topic, Callable[[Received, float], None]], ...]:
+    def _table(self) -> tuple[tuple[Topic[Any], Callable[[Received, float], None]], ...]:
         return (
             (ROBOT_STATE, self._take_state),
             (ROBOT_MAP, self._take_patch),

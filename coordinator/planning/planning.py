@@ -31,7 +31,6 @@ from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.task import Explore, TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
-from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages import RobotState
 from robrain.protocol.wire.plan_messages import ObjectiveRequest, PlannedCharge, PlanningStatus, TaskDecision
 from robrain.protocol.wire.task_messages import TaskRecord
@@ -368,11 +367,8 @@ class Planning:
             charges=self.charges,
         )
 
-    def _choose(self, request: Request) -> PlanningStatus:
-        try:
-            asked = msgspec.json.decode(request.payload or b"{}", type=ObjectiveRequest)
-        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-            raise CallError(ErrorCode.BAD_ARGUMENTS, f"expected an ObjectiveRequest: {error}") from error
+    def _choose(self, request: Request[ObjectiveRequest]) -> PlanningStatus:
+        asked = request.asked
         if asked.objective is not self.policy.objective:
             logger.info("plans are for %s from now on%s", asked.objective, f", says {asked.by}" if asked.by else "")
             self.policy = msgspec.structs.replace(self.policy, objective=asked.objective)

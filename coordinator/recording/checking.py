@@ -13,6 +13,7 @@ from robrain.coordinator.recording.provenance import SUMMARY_METADATA
 from robrain.coordinator.recording.reading import RecordedMessage, read_messages, recording_info
 from robrain.coordinator.recording.visual_topics import is_visual
 from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.wire.codec import BadPayload
 from robrain.protocol.wire.topic import JSON, Topic
 from robrain.protocol.wire.topics import topic_of
 
@@ -118,8 +119,7 @@ class _Check:
         self._told: Counter[tuple[Kind, str]] = Counter()
         self._last: dict[str, RecordedMessage] = {}
         self._last_ns: int | None = None
-        self._topics: dict[str, Topic | None] = {}
-        self._decoders: dict[str, msgspec.json.Decoder[Any]] = {}
+        self._topics: dict[str, Topic[Any] | None] = {}
 
     def add(self, severity: Severity, kind: Kind, key: str, at_ns: int, text: str) -> None:
         self.severities[severity] += 1
@@ -167,7 +167,7 @@ class _Check:
             text = f"its recorder says {summary['messages']} messages, there are {written}"
             self.add(Severity.PROBLEM, Kind.COUNT, "", 0, text)
 
-    def _topic_of(self, key: str, now_ns: int) -> Topic | None:
+    def _topic_of(self, key: str, now_ns: int) -> Topic[Any] | None:
         if key not in self._topics:
             found = topic_of(key)
             self._topics[key] = found[0] if found is not None and found[0].recorded else None
@@ -175,16 +175,13 @@ class _Check:
                 self.add(Severity.NOTE, Kind.UNKNOWN_KEY, key, now_ns, "a key of no recorded topic")
         return self._topics[key]
 
-    def _decode(self, topic: Topic, message: RecordedMessage) -> Any:
+    def _decode(self, topic: Topic[Any], message: RecordedMessage) -> Any:
         if topic.message is None:
             return None
-        decoder = self._decoders.get(topic.name)
-        if decoder is None:
-            decoder = self._decoders[topic.name] = msgspec.json.Decoder(topic.message)
         try:
-            return decoder.decode(message.payload)
-        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-            text = f"is no {topic.message.__name__}: {error}"
+            return topic.payloads.read(message.payload)
+        except BadPayload as error:
+            text = f"is malformed: {error}"
             self.add(Severity.PROBLEM, Kind.MALFORMED, message.topic_key, message.log_time_ns, text)
             return None
 

@@ -3,6 +3,7 @@
 from array import array
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -92,7 +93,7 @@ def read_contents(path: Path, on_progress: OnProgress | None = None) -> Recordin
     )
 
 
-def several_senders(topic: Topic) -> bool:
+def several_senders(topic: Topic[Any]) -> bool:
     """Whether several may speak under one key, each with numbers of its own: robots of a mote, operators of a halt."""
     return topic.by is Role.OPERATOR or (topic.by is Role.ROBOT and "robot" not in topic.fields)
 

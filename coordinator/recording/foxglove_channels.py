@@ -106,7 +106,7 @@ class FoxgloveChannels:
         self._readings: dict[str, bytes] = {}
         self.known_map = KnownMap()
         """The map so far."""
-        self._lines: list[tuple[Topic, bytes]] = []
+        self._lines: list[tuple[Topic[Any], bytes]] = []
         self._open_tasks: dict[str, TaskEvent] = {}
         self._tasks_changed = False
         self._trails: dict[str, list[Point2D]] = {}
@@ -123,7 +123,7 @@ class FoxgloveChannels:
         }
         self._told = {topic.name for topic in (ROBOT_LOG, TASK_EVENT, HALT)}
 
-    def take(self, topic: Topic, key: str, payload: bytes) -> None:
+    def take(self, topic: Topic[Any], key: str, payload: bytes) -> None:
         """The next recorded message; those of topics that are not drawn are left alone."""
         keep = self._keep.get(topic.name)
         if keep is not None:
@@ -238,7 +238,7 @@ class FoxgloveChannels:
     def _told_lines(self, now_ns: int) -> Iterator[VisualMessage]:
         lines, self._lines = self._lines, []
         for topic, payload in lines:
-            message = self._decode(payload, topic.message)
+            message = None if topic.message is None else self._decode(payload, topic.message)
             if isinstance(message, TaskEvent):
                 line = self._take_task(message)
             elif isinstance(message, LogRecord):

@@ -7,6 +7,7 @@ from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import WireError
 from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (
     ARENA_SCAN,
     HALT,
@@ -60,7 +61,8 @@ class FoxgloveServer:
         """Serve what has become due."""
         now_ns = self._clock.now_ns()
         for topic, key, payload in self._inbox.drain_raw():
-            self._visual.take(topic, key, payload)
+            if isinstance(topic, Topic):
+                self._visual.take(topic, key, payload)
             if topic is ROBOT_STATE:
                 self._ask_map(key)
         if now_ns >= self._again_ns:

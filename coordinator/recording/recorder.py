@@ -7,7 +7,7 @@ import struct
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import msgspec
 
@@ -19,8 +19,8 @@ from robrain.coordinator.recording.recorder_telling import RecorderTelling
 from robrain.coordinator.recording.recording_files import RecordingFiles, SplitAt, ToldMessage
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import LostMessages, RecorderState
-from robrain.protocol.wire.topic import JSON, Kind, Topic
-from robrain.protocol.wire.topics import ARENA_OUTSIDE, RECORDER_STATE, ROBOT_MAP, ROBOT_MAP_WHOLE, TOPICS
+from robrain.protocol.wire.topic import JSON
+from robrain.protocol.wire.topics import ARENA_OUTSIDE, PUBLISHED, RECORDER_STATE, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 if TYPE_CHECKING:
     from robrain.coordinator.recording.foxglove_channels import FoxgloveChannels
@@ -108,8 +108,8 @@ class Recorder:
         self._known_map = KnownMap()
         self._file = self._open(path, provenance, split, visual=visual) if path is not None else None
         self._name = "rec_" + re.sub(r"[^A-Za-z0-9_.\-]", "_", path.stem)[:60] if path is not None else ""
-        for topic in TOPICS:
-            if topic.recorded and topic.kind is Kind.PUT:
+        for topic in PUBLISHED:
+            if topic.recorded:
                 endpoint.subscribe(self._inbox, topic)
         self._telling: RecorderTelling | None = None
         if path is not None:
@@ -198,7 +198,8 @@ class Recorder:
     def _record(self) -> None:
         now_ns = self._clock.now_ns()
         file, visual = self._file, self._visual
-        told = self._stamped(self._inbox.drain_raw(), now_ns)
+        raw = cast("list[tuple[Topic[Any], str, bytes]]", self._inbox.drain_raw())  # it subscribes to topics alone
+        told = self._stamped(raw, now_ns)
         self._messages += len(told)
         for start in range(0, len(told), DIGESTED_AT_ONCE):
             self._digest.update(self._digested(told[start : start + DIGESTED_AT_ONCE]))
@@ -287,7 +288,7 @@ class Recorder:
             self._said,
         )
 
-    def _stamped(self, raw: Iterable[tuple[Topic, str, bytes]], now_ns: int) -> list[ToldMessage]:
+    def _stamped(self, raw: Iterable[tuple[Topic[Any], str, bytes]], now_ns: int) -> list[ToldMessage]:
         """With the sender's stamp and number; what has none was said now."""
         decode = self._stamps.decode
         told = []

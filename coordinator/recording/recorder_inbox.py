@@ -2,8 +2,7 @@
 
 from collections import Counter
 
-from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.inbox import Heard, Inbox
 
 
 class RecorderInbox(Inbox):
@@ -23,7 +22,7 @@ class RecorderInbox(Inbox):
         self.dropped_by_topic: Counter[str] = Counter()
         self._bytes = 0
 
-    def append(self, topic: Topic, key: str, payload: bytes, *, outside: bool = False) -> None:
+    def append(self, topic: Heard, key: str, payload: bytes, *, outside: bool = False) -> None:
         """Take a message in, or count it as dropped."""
         self.received += 1
         self.outside += outside
@@ -35,7 +34,7 @@ class RecorderInbox(Inbox):
         self._bytes += size
         self._every.append((topic, key, payload))
 
-    def drain_raw(self) -> list[tuple[Topic, str, bytes]]:
+    def drain_raw(self) -> list[tuple[Heard, str, bytes]]:
         """Take everything out as topic, key and payload, in order of arrival."""
         raw = super().drain_raw()
         taken = sum(len(payload) for _, _, payload in raw)  # first: what comes while it is reckoned counts as well

@@ -22,7 +22,7 @@ from robrain.coordinator.recording.tables import Cell, Table
 from robrain.protocol.model.occupancy_grid import OccupancyGrid
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.topic import Topic
-from robrain.protocol.wire.topics import TOPICS, topic_of
+from robrain.protocol.wire.topics import PUBLISHED, topic_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -56,7 +56,7 @@ class Recording:
         self.info = recording_info(path)
         """Length, messages of each key, versions, digest."""
         found = {parsed[0].name for key in self.info.counts if (parsed := topic_of(key)) is not None}
-        self.topics = [topic.name for topic in TOPICS if topic.name in found]
+        self.topics = [topic.name for topic in PUBLISHED if topic.name in found]
         """Names of the topics that it has messages of."""
 
     @property
@@ -116,8 +116,8 @@ class Recording:
         finally:
             player.close()
 
-    def _topic(self, name: str) -> Topic:
-        for topic in TOPICS:
+    def _topic(self, name: str) -> Topic[Any]:
+        for topic in PUBLISHED:
             if topic.name == name:
                 return topic
         raise RecordingError(self.path, f"there is no topic {name}; {self.path} has {', '.join(self.topics) or 'none'}")

@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable
 from io import BufferedReader
 from pathlib import Path
-from typing import IO, BinaryIO, cast
+from typing import IO, Any, BinaryIO, cast
 
 from mcap.exceptions import EndOfFile
 from mcap.reader import make_reader
@@ -133,7 +133,7 @@ class RecordingCopy:
         self.truncated = False
         self.ended = False
         self._visual = visual
-        self._topics: dict[str, Topic | None] = {}
+        self._topics: dict[str, Topic[Any] | None] = {}
         self._visual_ids: dict[str, int] = {}
         self._visual_schemas: dict[str, int] = {}
         self._now_ns: int | None = None

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from io import FileIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 from mcap.writer import LIBRARY_IDENTIFIER
@@ -122,7 +122,7 @@ class RecordingFile:
             if self._held_bytes >= CHUNK_BYTES:
                 self._write_out()
 
-    def write_beside(self, topic: Topic, key: str, payload: bytes, now_ns: int) -> None:
+    def write_beside(self, topic: Topic[Any], key: str, payload: bytes, now_ns: int) -> None:
         """Add a message that was not on the wire; it is never counted as lost."""
         channel_id = 0 if self._failed else self._channels.get(key) or self._add_channel(topic, key)
         if channel_id:
@@ -203,7 +203,7 @@ class RecordingFile:
         if provenance.manifests:
             writer.add_metadata(MANIFESTS_METADATA, provenance.manifest_metadata())
 
-    def _add_channel(self, topic: Topic, key: str) -> int:
+    def _add_channel(self, topic: Topic[Any], key: str) -> int:
         """Id of a new channel, or 0 when the file has all it can hold."""
         if len(self._channels) >= CHANNELS_MAX:
             return 0
@@ -221,7 +221,7 @@ class RecordingFile:
         self._channels[visual.channel] = channel_id
         return channel_id
 
-    def _schema_id(self, topic: Topic) -> int:
+    def _schema_id(self, topic: Topic[Any]) -> int:
         if topic.message is None:
             return 0
         name = f"robrain.{topic.message.__name__}"
@@ -262,7 +262,7 @@ def open_file(path: Path) -> FileIO:
     return FileIO(path, "w")
 
 
-def object_schema(topic: Topic) -> bytes:
+def object_schema(topic: Topic[Any]) -> bytes:
     """JSON Schema of a topic's message in the form that Foxglove and Lichtblick take."""
     return msgspec.json.encode(plain_schema(topic.json_schema()))
 

@@ -5,7 +5,7 @@ import shutil
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -52,7 +52,7 @@ def part_path(path: Path, number: int) -> Path:
     return path.with_name(f"{path.stem}_{number:04d}{path.suffix}")
 
 
-ToldMessage = tuple[Topic, str, bytes, int, int]
+ToldMessage = tuple[Topic[Any], str, bytes, int, int]
 """A message of the wire: topic, key, payload, its sender's stamp and number."""
 OpenFile = Callable[[Path, int, Mapping[str, str] | None], "RecordingFile"]
 """Opens one file: its path, the run's clock, and what is said of it if there are several."""
@@ -125,7 +125,7 @@ class RecordingFiles:
         self._retry_ns = now_ns
         return False
 
-    def write_beside(self, topic: Topic, key: str, payload: bytes, now_ns: int) -> None:
+    def write_beside(self, topic: Topic[Any], key: str, payload: bytes, now_ns: int) -> None:
         """Add a message that was not on the wire to the present file."""
         self._file.write_beside(topic, key, payload, now_ns)
 

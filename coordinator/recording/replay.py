@@ -4,8 +4,6 @@ import math
 from collections.abc import Iterable
 from pathlib import Path
 
-import msgspec
-
 from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.player import Player
 from robrain.coordinator.recording.reading import RecordedMessage, recording_info
@@ -13,7 +11,7 @@ from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
 from robrain.protocol.wire.errors import BadName, CallError, ErrorCode
 from robrain.protocol.wire.publisher import Publisher
 from robrain.protocol.wire.replay_messages import ReplayRequest, ReplayStatus
-from robrain.protocol.wire.topic import Kind, Role
+from robrain.protocol.wire.topic import Role
 from robrain.protocol.wire.topics import COORDINATOR_ALIVE, REPLAY_CONTROL, ROBOT_ALIVE, topic_of
 
 
@@ -101,10 +99,10 @@ class Replay:
                 put += 1
         return put
 
-    def _control(self, request: Request) -> ReplayStatus:
+    def _control(self, request: Request[ReplayRequest]) -> ReplayStatus:
         """Answer a query to `replay/control`."""
+        wanted = request.asked
         try:
-            wanted = msgspec.json.decode(request.payload, type=ReplayRequest) if request.payload else ReplayRequest()
             if wanted.speed is not None:
                 was_playing = self.player.playing
                 self.player.play(wanted.speed)
@@ -114,7 +112,7 @@ class Replay:
                 self.seek(wanted.seek_s)
             if wanted.playing is not None:
                 self.player.play() if wanted.playing else self.player.pause()
-        except (msgspec.DecodeError, UnicodeDecodeError, RecordingError) as error:
+        except RecordingError as error:
             raise CallError(ErrorCode.BAD_ARGUMENTS, str(error)) from error
         return self.status
 
@@ -137,7 +135,7 @@ def _publishers(endpoint: Endpoint, keys: list[str]) -> dict[str, Publisher]:
         if found is None:
             continue
         topic, names = found
-        if not topic.recorded or topic.kind is not Kind.PUT:
+        if not topic.recorded:
             continue
         names = {field: names[field] for field in topic.fields}
         try:

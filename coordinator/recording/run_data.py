@@ -6,8 +6,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
 from robrain.coordinator.map_view import MapView
 from robrain.coordinator.recording.contents import RecordingContents, read_contents
 from robrain.coordinator.recording.happenings import Happening, Happenings
@@ -17,6 +15,7 @@ from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import kind_of
 from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.wire.codec import BadPayload
 from robrain.protocol.wire.map_messages import MapPatch
 from robrain.protocol.wire.messages import ArenaTruth, MoteReading, RobotState, TaskEvent, TeamState
 from robrain.protocol.wire.plan_messages import TaskDecision
@@ -128,8 +127,7 @@ def read_run(path: Path, on_progress: Callable[[float], None] | None = None) -> 
     contents = read_contents(path, half(0.0))
     gather = _Gather(RunData(path, contents, contents.info.duration_s))
     start_ns = contents.info.start_ns
-    topics: dict[str, Topic | None] = {}
-    decoders: dict[str, msgspec.json.Decoder[Any]] = {}
+    topics: dict[str, Topic[Any] | None] = {}
     for recorded in read_messages(path, half(0.5)):
         key = recorded.topic_key
         if key not in topics:
@@ -138,11 +136,9 @@ def read_run(path: Path, on_progress: Callable[[float], None] | None = None) -> 
         topic = topics[key]
         if topic is None or topic.message is None:
             continue
-        if topic.name not in decoders:
-            decoders[topic.name] = msgspec.json.Decoder(topic.message)
         try:
-            message = decoders[topic.name].decode(recorded.payload)
-        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+            message = topic.payloads.read(recorded.payload)
+        except BadPayload:
             continue
         gather.take(message, to_seconds(recorded.log_time_ns - start_ns))
     return gather.finish()

@@ -52,7 +52,7 @@ class Table:
         start_ns: the run's clock at time 0.
     """
 
-    def __init__(self, topic: Topic, start_ns: int) -> None:
+    def __init__(self, topic: Topic[Any], start_ns: int) -> None:
         self.topic = topic
         self._start_ns = start_ns
         fields = [] if topic.message is None else columns_of(topic.message)

@@ -28,7 +28,6 @@ from robrain.protocol.model.warm_up import warm_up
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.keys import DEFAULT_TEAM
-from robrain.protocol.wire.map_messages import MapPatch
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_MAP_WHOLE
 
@@ -183,12 +182,12 @@ def _host(parameters: Parameters) -> Iterator[tuple[AgentHost, VirtualClock, End
 
 def _submaps(wire: Endpoint) -> dict[int, Pose2D]:
     """`T_arena_local` of the robot's submaps, from its answer to `robot/R/map/whole`."""
-    whole = msgspec.json.decode(wire.ask(ROBOT_MAP_WHOLE, robot=ROBOT), type=MapPatch)
-    return {part.submap: part.T_arena_local for part in whole.parts if part.robot == ROBOT}
+    whole = wire.ask(ROBOT_MAP_WHOLE, robot=ROBOT)
+    return {} if whole is None else {part.submap: part.T_arena_local for part in whole.parts if part.robot == ROBOT}
 
 
 def _asked(wire: Endpoint, plugin: str, function: str, kind: type[Any]) -> Any:
-    return msgspec.json.decode(wire.ask(ROBOT_CALL, [], robot=ROBOT, plugin=plugin, function=function), type=kind)
+    return msgspec.json.decode(wire.ask(ROBOT_CALL, b"[]", robot=ROBOT, plugin=plugin, function=function), type=kind)
 
 
 def _area(log: CarmenLog, mapper: dict[str, Any]) -> dict[str, Any]:

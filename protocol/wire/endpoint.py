@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from enum import StrEnum
 from threading import get_ident
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple
 
 import msgspec
 import zenoh
@@ -19,15 +19,16 @@ from zenoh import ext
 
 from robrain.protocol.wire.answering import Answering
 from robrain.protocol.wire.clock import Clock
+from robrain.protocol.wire.codec import BadPayload
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.wire.inbox import NOTHING, Inbox
+from robrain.protocol.wire.inbox import NOTHING, Heard, Inbox
 from robrain.protocol.wire.keys import check_name
-from robrain.protocol.wire.later import Later, call_error
+from robrain.protocol.wire.later import Later, call_error, read_reply
 from robrain.protocol.wire.lockstep_query import NO_LIMIT_S, LockstepReplies, is_from_outside
 from robrain.protocol.wire.presence import Presence
 from robrain.protocol.wire.publisher import PRIORITY, Publisher
-from robrain.protocol.wire.refusals import Refusals
-from robrain.protocol.wire.topic import JSON, Delivery, Topic
+from robrain.protocol.wire.refusals import RefusalCode, Refusals
+from robrain.protocol.wire.topic import JSON, Delivery, Q, Query, R, Token, Topic
 
 logger = logging.getLogger(__name__)
 
@@ -62,18 +63,20 @@ class Serve(StrEnum):
     """When the component calls `serve()`."""
 
 
-class Request(NamedTuple):
+class Request(NamedTuple, Generic[Q]):
     """A query as its handler sees it."""
 
     names: dict[str, str]
     """Names in the key, and its team under `team`."""
-    payload: bytes
+    asked: Q
+    """The request, decoded; bytes where the query has free JSON, None where nothing is said."""
     by: str = ""
     """Who asks, if the asker says: the parameter `by` of the selector, as in `robrain/t/robot/r1/call/p/f?by=ann`."""
 
 
-Handler = Callable[[Request], Any]
-"""Returns what is to be encoded as JSON (bytes go as they are), or raises CallError."""
+Handler = Callable[[Request[Q]], R | bytes]
+"""Returns the reply (bytes go as they are), or raises CallError."""
+_Waiting = tuple[zenoh.Query, Query[Any, Any], str | None, Callable[[Request[Any]], Any]]
 
 
 class Endpoint:
@@ -106,7 +109,7 @@ class Endpoint:
         self.drive = drive
         self.refused_queries = 0
         self.refusals = Refusals(clock)
-        """Counts of the messages that the endpoint's inboxes refused."""
+        """Counts of the messages and requests that the endpoint refused."""
         self._on_outside = on_outside
         self.has_waiting = False
         """Whether `serve` has something to do."""
@@ -119,14 +122,14 @@ class Endpoint:
         self._zid = session.zid()
         self._entities: list[Any] = []
         self._declared_keys: dict[str, zenoh.KeyExpr] = {}
-        self._pending: deque[tuple[zenoh.Query, Topic, str | None, Handler]] = deque()
+        self._pending: deque[_Waiting] = deque()
         self._closing = False
         self._workers = workers
         self._answering: list[Answering] = []
 
     # -- saying ---------------------------------------------------------------------------------------------
 
-    def publisher(self, topic: Topic, **names: str) -> Publisher:
+    def publisher(self, topic: Topic[Any], **names: str) -> Publisher:
         """A publisher of one concrete key."""
         key = topic.key(self.team, **names)
         options: dict[str, Any] = {
@@ -150,13 +153,13 @@ class Endpoint:
         self._entities.append(declared)
         return Publisher(declared, topic, key, self.clock, self._entities.remove)
 
-    def token(self, topic: Topic, **names: str) -> None:
+    def token(self, topic: Token, **names: str) -> None:
         """Say that this component is there, for as long as the endpoint is open."""
         self._entities.append(self.session.liveliness().declare_token(topic.key(self.team, **names)))
 
     # -- hearing --------------------------------------------------------------------------------------------
 
-    def subscribe(self, inbox: Inbox, topic: Topic, **names: str) -> None:
+    def subscribe(self, inbox: Inbox, topic: Topic[Any], **names: str) -> None:
         """Put what arrives on a topic into `inbox`; names that are not given match any."""
         self._adopt(inbox)
         key = topic.selector(self.team, **names)
@@ -204,7 +207,7 @@ class Endpoint:
         if len(self._declared_keys) < DECLARED_KEYS:
             self._declared_keys[key] = self.session.declare_keyexpr(key)
 
-    def watch(self, topic: Topic, **names: str) -> Presence:
+    def watch(self, topic: Token, **names: str) -> Presence:
         """Follow who says to be there on a token's topic, those included who are there already."""
         presence = Presence(topic)
         selector = topic.selector(self.team, **names)
@@ -225,12 +228,20 @@ class Endpoint:
     # -- being asked ----------------------------------------------------------------------------------------
 
     def answer(
-        self, topic: Topic, handler: Handler, *, serve: Serve = Serve.AT_ONCE, at_once: Sequence[str] = (), **names: str
+        self,
+        topic: Query[Q, R],
+        handler: Handler[Q, R],
+        *,
+        serve: Serve = Serve.AT_ONCE,
+        at_once: Sequence[str] = (),
+        **names: str,
     ) -> None:
-        """Answer queries on a topic. Every query gets a reply: the handler's result or an ErrorReply.
+        """Answer queries. Every one gets a reply: the handler's result or an ErrorReply.
+
+        A request that is too large, does not decode or is out of range is refused and counted; no handler sees it.
 
         Args:
-            topic: a query topic.
+            topic: which queries.
             handler: makes the answer.
             serve: where it does, in live.
             at_once: last chunks of keys that are answered even when too many others are.
@@ -252,7 +263,12 @@ class Endpoint:
         self._entities.append(self.session.declare_queryable(selector, self._callback(take)))
 
     def _answer_on_threads(
-        self, selector: str, topic: Topic, own_key: str | None, handler: Handler, at_once: Sequence[str]
+        self,
+        selector: str,
+        topic: Query[Any, Any],
+        own_key: str | None,
+        handler: Callable[[Request[Any]], Any],
+        at_once: Sequence[str],
     ) -> None:
         queryable: Any = self.session.declare_queryable(selector, zenoh.handlers.FifoChannel(PENDING_QUERIES))
 
@@ -285,11 +301,11 @@ class Endpoint:
         self._from_others.append((key, payload))
         self.has_waiting = True
 
-    def _queue(self, query: zenoh.Query, topic: Topic, own_key: str | None, handler: Handler) -> None:
+    def _queue(self, *waiting: *_Waiting) -> None:
         if len(self._pending) >= PENDING_QUERIES:
-            self._refuse(query, f"{PENDING_QUERIES} queries wait already")
+            self._refuse(waiting[0], f"{PENDING_QUERIES} queries wait already")
             return
-        self._pending.append((query, topic, own_key, handler))
+        self._pending.append(waiting)
         self.has_waiting = True
         if self.on_waiting is not None:
             self.on_waiting()
@@ -299,7 +315,8 @@ class Endpoint:
         with query:
             _reply_error(query, CallError(ErrorCode.BUSY, why))
 
-    def _reply(self, query: zenoh.Query, topic: Topic, own_key: str | None, handler: Handler) -> None:
+    def _reply(self, *waiting: *_Waiting) -> None:
+        query, topic, own_key, handler = waiting
         with query:
             try:
                 if self._closing:
@@ -308,11 +325,9 @@ class Endpoint:
                 names = topic.parse(key)
                 if names is None:
                     raise CallError(ErrorCode.BAD_ARGUMENTS, f"{key}: ask one concrete key")
-                given = query.payload
-                payload = given.to_bytes() if given is not None else b""
-                result = handler(Request(names, payload, query.parameters.get(BY) or ""))
-                encoded = result if isinstance(result, bytes) else msgspec.json.encode(result)
-                query.reply(key, encoded, encoding=topic.encoding)
+                asked = self._read(topic, key, query.payload)
+                result = handler(Request(names, asked, query.parameters.get(BY) or ""))
+                query.reply(key, topic.payloads.write(result), encoding=topic.encoding)
             except CallError as error:
                 _reply_error(query, error)
             except (Exception, SystemExit) as error:
@@ -321,30 +336,48 @@ class Endpoint:
                 logger.exception("a handler of %s failed", topic.name)
                 _reply_error(query, CallError(ErrorCode.FAILED, f"{type(error).__name__}: {error}"))
 
+    def _read(self, topic: Query[Q, Any], key: str, payload: zenoh.ZBytes | None) -> Q:
+        try:
+            return topic.requests.read(payload.to_bytes() if payload is not None else b"")
+        except BadPayload as error:
+            code = RefusalCode.TOO_LARGE if error.is_too_large else RefusalCode.MALFORMED
+            self.refusals.note(topic.name, key, code, str(error))
+            raise CallError(ErrorCode.BAD_ARGUMENTS, str(error)) from error
+
     # -- asking ---------------------------------------------------------------------------------------------
 
-    def ask(self, topic: Topic, payload: Any = None, *, timeout_s: float = 2.0, by: str = "", **names: str) -> bytes:
+    def ask(
+        self,
+        topic: Query[Q, R],
+        request: Q | None = None,
+        *,
+        timeout_s: float | None = None,
+        by: str = "",
+        **names: str,
+    ) -> R:
         """Ask one concrete key and return the reply.
 
         Args:
-            topic: a query topic.
-            payload: encoded as JSON unless it is bytes or None.
-            timeout_s: time limit for the reply; in lockstep it applies only to replies from other processes.
+            topic: which query.
+            request: None asks without a payload.
+            timeout_s: time limit for the reply, None for that of the query; in lockstep it applies only to replies
+                from other processes.
             by: who asks, where that matters: the holder of an exclusive plugin.
             names: the names in the key.
 
         Raises:
             BadName: a name cannot be one.
-            CallError: the reply is an error, or none came in time (`timeout`).
+            CallError: the reply is an error, does not decode (`failed`), or none came in time (`timeout`).
             NobodyThere: nobody answers that key.
         """
         key = topic.key(self.team, **names)
-        body = payload if payload is None or isinstance(payload, bytes) else msgspec.json.encode(payload)
+        body = None if request is None else topic.requests.write(request)
+        timeout_s = topic.timeout_s if timeout_s is None else timeout_s
         priority = PRIORITY[topic.urgency]
         selector = f"{key}?{BY}={check_name('asker', by)}" if by else key
         for reply in self._replies(selector, timeout_s, payload=body, encoding=JSON, priority=priority):
             if reply.ok is not None:
-                return reply.ok.payload.to_bytes()
+                return read_reply(topic, reply.ok.payload.to_bytes())
             raise call_error(reply.err)
         raise NobodyThere(f"nobody answers {key}")
 
@@ -361,41 +394,53 @@ class Endpoint:
             raise CallError(ErrorCode.TIMEOUT, "no reply in time")
         return own.replies
 
-    def ask_later(self, topic: Topic, payload: Any = None, *, timeout_s: float = 2.0, **names: str) -> Later:
+    def ask_later(
+        self, topic: Query[Q, R], request: Q | None = None, *, timeout_s: float | None = None, **names: str
+    ) -> Later[R]:
         """Ask one concrete key without waiting; in lockstep the reply is there when this returns.
 
         Args:
-            topic: a query topic.
-            payload: encoded as JSON unless it is bytes or None.
-            timeout_s: how long a reply is waited for.
+            topic: which query.
+            request: None asks without a payload.
+            timeout_s: how long a reply is waited for; None for as long as the query says.
             names: the names in the key.
 
         """
         key = topic.key(self.team, **names)
         if self.drive is Drive.LOCKSTEP:
             try:
-                return Later(key, known=self.ask(topic, payload, timeout_s=timeout_s, **names))
+                return Later(key, topic, known=[self.ask(topic, request, timeout_s=timeout_s, **names)])
             except (CallError, NobodyThere) as error:
-                return Later(key, known=error)
-        body = payload if payload is None or isinstance(payload, bytes) else msgspec.json.encode(payload)
+                return Later(key, topic, known=error)
+        body = None if request is None else topic.requests.write(request)
+        timeout_s = topic.timeout_s if timeout_s is None else timeout_s
         replies: Any = zenoh.handlers.FifoChannel(REPLIES)
         priority = PRIORITY[topic.urgency]
         channel = self.session.get(key, replies, payload=body, timeout=timeout_s, encoding=JSON, priority=priority)
-        return Later(key, channel)
+        return Later(key, topic, channel)
 
-    def ask_into(self, inbox: Inbox, topic: Topic, reply_topic: Topic, *, timeout_s: float = 2.0, **names: str) -> None:
+    def ask_into(
+        self,
+        inbox: Inbox,
+        topic: Query[None, Any] | Query[bytes, Any],
+        reply_topic: Heard,
+        *,
+        timeout_s: float | None = None,
+        **names: str,
+    ) -> None:
         """Ask one concrete key without waiting: the reply arrives in `inbox` as a message of another topic.
 
         An error, an empty reply (`null`) and silence leave the inbox as it is.
 
         Args:
             inbox: where the reply goes.
-            topic: a query topic.
+            topic: which query; it is asked without a payload.
             reply_topic: what the reply is taken for; its key is built from the same names.
-            timeout_s: how long a reply is waited for.
+            timeout_s: how long a reply is waited for; None for as long as the query says.
             names: the names in the key.
 
         """
+        timeout_s = topic.timeout_s if timeout_s is None else timeout_s
         self._adopt(inbox)
         key, reply_key = topic.key(self.team, **names), reply_topic.key(self.team, **names)
         if self.drive is Drive.LIVE:  # a callback would start a thread for each query

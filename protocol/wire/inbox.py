@@ -3,14 +3,16 @@
 from collections import deque
 from typing import Any, NamedTuple
 
-import msgspec
 import zenoh
 
+from robrain.protocol.wire.codec import BadPayload, Codec
 from robrain.protocol.wire.refusals import RefusalCode, Refusals
-from robrain.protocol.wire.topic import Delivery, Topic
+from robrain.protocol.wire.topic import Delivery, Query, Topic
 
 NOTHING = b"null"
 """An empty reply: JSON null."""
+Heard = Topic[Any] | Query[Any, Any]
+"""What may lie in an inbox: messages of topics, and replies to queries."""
 KEYS_MAX = 8192
 """Keys whose parsed names are cached."""
 
@@ -18,12 +20,12 @@ KEYS_MAX = 8192
 class Received(NamedTuple):
     """One sample out of an inbox."""
 
-    topic: Topic
+    topic: Heard
     key: str
     names: dict[str, str]
     """Names in the key, and its team under `team`."""
     message: Any
-    """Decoded; bytes on topics that have no message type."""
+    """Decoded; bytes where there is no type."""
 
 
 class Inbox:
@@ -49,20 +51,19 @@ class Inbox:
         self.refusals: Refusals | None = None
         """Set by the endpoint that fills this inbox; None before."""
         self.received = 0
-        self._every: deque[tuple[Topic, str, bytes]] = deque(maxlen=capacity)
-        self._expected: deque[tuple[Any, Topic, str]] = deque(maxlen=capacity)
-        self._latest: dict[str, tuple[Topic, str, bytes]] = {}
+        self._every: deque[tuple[Heard, str, bytes]] = deque(maxlen=capacity)
+        self._expected: deque[tuple[Any, Heard, str]] = deque(maxlen=capacity)
+        self._latest: dict[str, tuple[Heard, str, bytes]] = {}
         self._names: dict[str, dict[str, str]] = {}
-        self._decoders: dict[str, msgspec.json.Decoder[Any]] = {}
 
-    def append(self, topic: Topic, key: str, payload: bytes, *, outside: bool = False) -> None:
+    def append(self, topic: Heard, key: str, payload: bytes, *, outside: bool = False) -> None:
         """Take a sample in; called by subscriptions, on whatever thread they run."""
         self.received += 1
         self.outside += outside
-        if topic.max_bytes is not None and len(payload) > topic.max_bytes:
-            self._refuse(topic, key, RefusalCode.TOO_LARGE, topic.too_large(len(payload)))
+        if len(payload) > topic.payloads.max_bytes:
+            self._refuse(topic, key, RefusalCode.TOO_LARGE, topic.payloads.too_large(len(payload)))
             return
-        if topic.delivery is Delivery.LATEST and not self.every:
+        if isinstance(topic, Topic) and topic.delivery is Delivery.LATEST and not self.every:
             if len(self._latest) >= self.capacity and key not in self._latest:
                 self.dropped += 1
             else:
@@ -75,7 +76,7 @@ class Inbox:
     def __len__(self) -> int:
         return len(self._every) + len(self._latest)
 
-    def expect(self, replies: Any, topic: Topic, key: str) -> None:
+    def expect(self, replies: Any, topic: Heard, key: str) -> None:
         """Take in what comes as the reply to a query, for the owner's own thread; the last so many are waited for.
 
         Args:
@@ -92,7 +93,7 @@ class Inbox:
             return []
         return [received for sample in self.drain_raw() if (received := self._decode(*sample)) is not None]
 
-    def drain_raw(self) -> list[tuple[Topic, str, bytes]]:
+    def drain_raw(self) -> list[tuple[Heard, str, bytes]]:
         """Take everything out as topic, key and payload, in the order of `drain`."""
         if self._expected:
             self._take_replies()
@@ -115,20 +116,16 @@ class Inbox:
                 continue
             self._expected.append((replies, topic, key))
 
-    def _decode(self, topic: Topic, key: str, payload: bytes) -> Received | None:
+    def _decode(self, topic: Heard, key: str, payload: bytes) -> Received | None:
         names = self._names.get(key)
         if names is None:
             if len(self._names) >= KEYS_MAX:
                 self._names.clear()
             names = self._names[key] = topic.parse(key) or {}
-        if topic.message is None:
-            return Received(topic, key, names, payload)
-        decoder = self._decoders.get(topic.name)
-        if decoder is None:
-            decoder = self._decoders[topic.name] = msgspec.json.Decoder(topic.message)
+        payloads: Codec[Any] = topic.payloads
         try:
-            message = decoder.decode(payload)
-        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:  # RecursionError: nested too deep
+            message = payloads.read(payload)
+        except BadPayload as error:
             self._refuse(topic, key, RefusalCode.MALFORMED, str(error))
             return None
         for field, name_in in topic.named_twice:
@@ -138,7 +135,7 @@ class Inbox:
                 return None
         return Received(topic, key, names, message)
 
-    def _refuse(self, topic: Topic, key: str, code: RefusalCode, why: str) -> None:
+    def _refuse(self, topic: Heard, key: str, code: RefusalCode, why: str) -> None:
         self.malformed += 1
         if self.refusals is not None:
             self.refusals.note(topic.name, key, code, why)

@@ -1,43 +1,53 @@
 """A reply that is not waited for: whoever asked looks now and then whether it has come."""
 
-from typing import Any
+from typing import Any, Generic
 
 import msgspec
 import zenoh
 
+from robrain.protocol.wire.codec import BAD_PAYLOAD, BadPayload
 from robrain.protocol.wire.errors import CallError, ErrorCode, ErrorReply, NobodyThere
+from robrain.protocol.wire.topic import Query, R
 
 ZENOH_TIMEOUT = b"Timeout"
 """What Zenoh itself replies with when nobody has replied in time."""
 
 
-class Later:
+class Later(Generic[R]):
     """The reply to one query; made by `Endpoint.ask_later`.
 
     Args:
         key: that was asked.
+        topic: the query.
         replies: the query's channel; it says None as long as there is nothing, and raises ZError at its end.
-        known: what is known already, in place of a channel.
+        known: what is known already, in place of a channel: the reply in a list, or the error.
 
     """
 
-    def __init__(self, key: str, replies: Any = None, known: bytes | CallError | NobodyThere | None = None) -> None:
+    def __init__(
+        self,
+        key: str,
+        topic: Query[Any, R],
+        replies: Any = None,
+        known: list[R] | CallError | NobodyThere | None = None,
+    ) -> None:
         self._key = key
+        self._topic = topic
         self._replies = replies
         self._known = known
 
-    def take(self) -> bytes | None:
+    def take(self) -> R | None:
         """The reply; None as long as there is none. Not to be asked again once it is there.
 
         Raises:
-            CallError: the reply is an error, or none came in time (`timeout`).
+            CallError: the reply is an error, does not decode (`failed`), or none came in time (`timeout`).
             NobodyThere: nobody answers that key.
 
         """
         if isinstance(self._known, Exception):
             raise self._known
         if self._known is not None:
-            return self._known
+            return self._known[0]
         try:
             reply = self._replies.try_recv()
         except zenoh.ZError:
@@ -45,8 +55,21 @@ class Later:
         if reply is None:
             return None
         if reply.ok is not None:
-            return bytes(reply.ok.payload.to_bytes())
+            return read_reply(self._topic, reply.ok.payload.to_bytes())
         raise call_error(reply.err)
+
+
+def read_reply(topic: Query[Any, R], payload: bytes) -> R:
+    """Decode the reply to a query.
+
+    Raises:
+        CallError: it is too large, does not decode, or is out of range (`failed`).
+
+    """
+    try:
+        return topic.payloads.read(payload)
+    except BadPayload as error:
+        raise CallError(ErrorCode.FAILED, f"a reply that is not as agreed: {error}") from error
 
 
 def call_error(reply: zenoh.ReplyError | None) -> CallError:
@@ -56,6 +79,6 @@ def call_error(reply: zenoh.ReplyError | None) -> CallError:
         return CallError(ErrorCode.TIMEOUT, "no reply in time")
     try:
         error = msgspec.json.decode(payload, type=ErrorReply)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+    except BAD_PAYLOAD:
         return CallError(ErrorCode.FAILED, f"an error that is none of ours: {payload[:200].decode(errors='replace')}")
     return CallError(error.code, error.message, error.detail)

@@ -186,6 +186,18 @@ class FunctionInfo(msgspec.Struct, frozen=True, kw_only=True):
     """JSON Schema of the result."""
 
 
+class ProcessInfo(msgspec.Struct, frozen=True):
+    """Which process has a name."""
+
+    host: Text
+    pid: Count
+    zid: Text
+    """Id of its Zenoh session."""
+
+    def __str__(self) -> str:
+        return f"process {self.pid} on {self.host}, Zenoh id {self.zid[:8]}"
+
+
 class PluginInfo(msgspec.Struct, frozen=True, kw_only=True):
     """One plugin of a robot, as its host reports it."""
 

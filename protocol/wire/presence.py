@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import zenoh
 
-from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topic import Token
 
 
 class Change(NamedTuple):
@@ -18,7 +18,7 @@ class Change(NamedTuple):
 class Presence:
     """Follows the tokens of one topic; callbacks append, the owner takes changes at its own step."""
 
-    def __init__(self, topic: Topic) -> None:
+    def __init__(self, topic: Token) -> None:
         self.topic = topic
         self.present: dict[str, dict[str, str]] = {}
         """Key of each token that is there, and the names in it."""

@@ -21,7 +21,7 @@ PRIORITY = {
 class Publisher:
     """Says one topic under one key. Made by `Endpoint.publisher`."""
 
-    def __init__(self, declared: Any, topic: Topic, key: str, clock: Clock, forget: Callable[[Any], None]) -> None:
+    def __init__(self, declared: Any, topic: Topic[Any], key: str, clock: Clock, forget: Callable[[Any], None]) -> None:
         self.topic = topic
         self.key = key
         self._declared = declared
@@ -40,8 +40,8 @@ class Publisher:
         stamp_ns = self._clock.now_ns() if stamp_ns is None else stamp_ns
         stamped = msgspec.structs.replace(message, stamp_ns=stamp_ns, seq=self._seq)
         encoded = self._encoder.encode(stamped)
-        if self.topic.max_bytes is not None and len(encoded) > self.topic.max_bytes:
-            raise ValueError(self.topic.too_large(len(encoded)))
+        if len(encoded) > self.topic.payloads.max_bytes:
+            raise ValueError(self.topic.payloads.too_large(len(encoded)))
         self._seq += 1
         self._declared.put(encoded)
 

@@ -1,15 +1,23 @@
-"""One row of the table of topics: a key of the wire, what travels under it, and how it is delivered."""
+"""The rows of the table of topics: keys of the wire, what travels under them, and how it is delivered."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property, lru_cache
 from operator import attrgetter
-from typing import Annotated, Any, get_origin
+from typing import Annotated, Any, ClassVar, Generic, TypeVar, cast, get_origin
 
 import msgspec
 
+from robrain.protocol.wire.codec import Codec
 from robrain.protocol.wire.keys import ROOT, check_name
+
+M = TypeVar("M")
+"""The message of a topic."""
+Q = TypeVar("Q")
+"""The request of a query."""
+R = TypeVar("R")
+"""Its reply."""
 
 
 class Kind(StrEnum):
@@ -53,35 +61,29 @@ JSON = "application/json"
 CAN_FRAME = "application/vnd.robrain.can-frame"
 TINYOS_PACKET = "application/vnd.robrain.tinyos-packet"
 PNG = "image/png"
+ANSWER_S = 2.0
+"""How long a reply is waited for unless a query says otherwise."""
+REQUEST_BYTES_MAX = 1_048_576
+"""Largest request that is read unless a query says otherwise."""
+REPLY_BYTES_MAX = 67_108_864
+"""Largest reply that is read unless a query says otherwise."""
+NO_LIMIT = 2**62
 PARSED_KEYS = 4096
 """Keys of one topic whose parsed names are cached: there are few, and each arrives many times."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Topic:
-    """One row of the table."""
+class WireKey:
+    """A key of the wire; see `Topic`, `Query` and `Token`."""
 
+    kind: ClassVar[Kind]
     name: str
     pattern: str
     """Key below `robrain/{team}/`; `{name}` chunks are filled in."""
     doc: str
     by: Role
-    kind: Kind = Kind.PUT
-    message: Any = None
-    """Type of the payload (of the request, for a query); None for bytes and for free JSON."""
-    rate_hz: float | None = None
-    delivery: Delivery = Delivery.EVERY
+    """Who publishes, or answers, or is there."""
     urgency: Urgency = Urgency.DATA
-    recorded: bool = False
-    reads_only: bool = False
-    """A query that changes nothing where it is answered."""
-    encoding: str = JSON
-    max_bytes: int | None = None
-    """Largest payload that publisher and receivers accept; None for no limit."""
-    is_blocking: bool = False
-    """Puts wait while the network is congested, instead of being dropped, and are sent at once, not in batches."""
-    cache: int = 64
-    """Samples that the sender of a lossless topic keeps."""
 
     @cached_property
     def chunks(self) -> tuple[str, ...]:
@@ -92,16 +94,6 @@ class Topic:
     def fields(self) -> tuple[str, ...]:
         """Names that the key is built from, in order."""
         return tuple(chunk[1:-1] for chunk in self.chunks if chunk.startswith("{"))
-
-    @cached_property
-    def named_twice(self) -> tuple[tuple[str, Callable[[Any], str]], ...]:
-        """Names that are in both key and payload, each with a function that reads it from a message."""
-        said = getattr(self.message, "__struct_fields__", ()) if self.kind is Kind.PUT else ()
-        return tuple((field, _reader(self.message, field)) for field in self.fields if field in said)
-
-    def too_large(self, size: int) -> str:
-        """The error text for a payload of `size` bytes."""
-        return f"expected at most {self.max_bytes} bytes of {self.name}, got {size}"
 
     def key(self, team: str, /, **names: str) -> str:
         """The concrete key.
@@ -115,16 +107,16 @@ class Topic:
         return self._fill(team, {field: check_name(field, name) for field, name in names.items()})
 
     def selector(self, team: str, /, **names: str) -> str:
-        """The key expression of all keys of this topic; fields that are not given are `*`."""
+        """The key expression of all keys of this row; fields that are not given are `*`."""
         given = {field: check_name(field, name) for field, name in names.items()}
         return self._fill(team, {field: given.get(field, "*") for field in self.fields})
 
     def of_every_team(self) -> str:
-        """The key expression that matches this topic in every team."""
+        """The key expression that matches this row in every team."""
         return "/".join((ROOT, "*", *("*" if chunk.startswith("{") else chunk for chunk in self.chunks)))
 
     def parse(self, key: str) -> dict[str, str] | None:
-        """The names in a concrete key with its team under `team`, or None if it is not one of this topic.
+        """The names in a concrete key with its team under `team`, or None if it is not one of this row.
 
         What is returned is shared with the next caller: do not write to it.
         """
@@ -146,13 +138,85 @@ class Topic:
                 return None
         return names
 
+    def _fill(self, team: str, names: Mapping[str, str]) -> str:
+        filled = (names[chunk[1:-1]] if chunk.startswith("{") else chunk for chunk in self.chunks)
+        return "/".join((ROOT, check_name("team", team), *filled))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Topic(WireKey, Generic[M]):
+    """What is published under a key."""
+
+    kind: ClassVar[Kind] = Kind.PUT
+    message: type[M] | None = None
+    """Type of the payload; None for bytes."""
+    rate_hz: float | None = None
+    delivery: Delivery = Delivery.EVERY
+    recorded: bool = False
+    encoding: str = JSON
+    max_bytes: int | None = None
+    """Largest payload that publisher and receivers accept; None for no limit."""
+    is_blocking: bool = False
+    """Puts wait while the network is congested, instead of being dropped, and are sent at once, not in batches."""
+    cache: int = 64
+    """Samples that the sender of a lossless topic keeps."""
+
+    @cached_property
+    def payloads(self) -> Codec[M]:
+        """Reads and writes messages; bytes go as they are."""
+        limit = NO_LIMIT if self.max_bytes is None else self.max_bytes
+        return Codec(cast("type[M]", bytes) if self.message is None else self.message, limit, self.name)
+
+    @cached_property
+    def named_twice(self) -> tuple[tuple[str, Callable[[M], str]], ...]:
+        """Names that are in both key and payload, each with a function that reads it from a message."""
+        said = getattr(self.message, "__struct_fields__", ())
+        return tuple((field, _reader(self.message, field)) for field in self.fields if field in said)
+
     def json_schema(self) -> dict[str, Any]:
         """JSON Schema of the payload."""
         return msgspec.json.schema(self.message) if self.message is not None else {}
 
-    def _fill(self, team: str, names: Mapping[str, str]) -> str:
-        filled = (names[chunk[1:-1]] if chunk.startswith("{") else chunk for chunk in self.chunks)
-        return "/".join((ROOT, check_name("team", team), *filled))
+
+@dataclass(frozen=True, kw_only=True)
+class Query(WireKey, Generic[Q, R]):
+    """What is asked, and replied, under a key.
+
+    Requests and replies of type `bytes` are not decoded: pictures, and JSON whose types the two ends agree on.
+    """
+
+    kind: ClassVar[Kind] = Kind.QUERY
+    request: type[Q]
+    """Type of the request; `NoneType` if nothing is said, `bytes` for free JSON. An empty payload counts as `{}`."""
+    reply: type[R]
+    """Type of the reply."""
+    reads_only: bool = False
+    """It changes nothing where it is answered."""
+    encoding: str = JSON
+    """Of the reply."""
+    timeout_s: float = ANSWER_S
+    """How long to wait for the reply."""
+    max_request_bytes: int = REQUEST_BYTES_MAX
+    max_reply_bytes: int = REPLY_BYTES_MAX
+
+    @cached_property
+    def requests(self) -> Codec[Q]:
+        """Reads and writes requests."""
+        return Codec(self.request, self.max_request_bytes, f"request of {self.name}")
+
+    @cached_property
+    def payloads(self) -> Codec[R]:
+        """Reads and writes replies."""
+        return Codec(self.reply, self.max_reply_bytes, f"reply of {self.name}")
+
+    named_twice: ClassVar[tuple[()]] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Token(WireKey):
+    """Says, as long as it is held, that somebody is there."""
+
+    kind: ClassVar[Kind] = Kind.TOKEN
 
 
 def _reader(message: Any, field: str) -> Callable[[Any], str]:

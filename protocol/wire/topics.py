@@ -4,32 +4,46 @@ Publishers, subscribers, recorder, replay, documentation and access rules are de
 in the project writes a key by hand.
 """
 
-from typing import Any
+from types import NoneType
+from typing import Any, cast
 
-from robrain.protocol.wire import map_messages, messages, plan_messages, task_messages
-from robrain.protocol.wire.replay_messages import ReplayRequest
-from robrain.protocol.wire.topic import CAN_FRAME, PNG, TINYOS_PACKET, Delivery, Kind, Role, Topic, Urgency
+from robrain.protocol.wire import map_messages, messages, plan_messages
+from robrain.protocol.wire.replay_messages import ReplayRequest, ReplayStatus
+from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
+from robrain.protocol.wire.topic import (
+    CAN_FRAME,
+    PNG,
+    TINYOS_PACKET,
+    Delivery,
+    Q,
+    Query,
+    R,
+    Role,
+    Token,
+    Topic,
+    Urgency,
+    WireKey,
+)
 
-ROBOT_ALIVE = Topic(
+ROBOT_ALIVE = Token(
     name="robot_alive",
     pattern="robot/{robot}/alive",
     doc="Liveliness token of the agent",
     by=Role.ROBOT,
-    kind=Kind.TOKEN,
 )
-ROBOT_CLAIM = Topic(
+ROBOT_CLAIM = Token(
     name="robot_claim",
     pattern="robot/{robot}/claim/{stage}/{process}",
     doc="Liveliness token of a starting agent: `asks` while it claims the robot's name, then `has` until it is alive",
     by=Role.ROBOT,
-    kind=Kind.TOKEN,
 )
-ROBOT_WHO = Topic(
+ROBOT_WHO = Query(
     name="robot_who",
     pattern="robot/{robot}/who",
     doc="Process that holds the robot's name: replies host, process id and Zenoh id",
     by=Role.ROBOT,
-    kind=Kind.QUERY,
+    request=NoneType,
+    reply=messages.ProcessInfo,
     reads_only=True,
 )
 ROBOT_STATE = Topic(
@@ -55,12 +69,13 @@ ROBOT_MAP = Topic(
     recorded=True,
     cache=256,
 )
-ROBOT_MAP_WHOLE = Topic(
+ROBOT_MAP_WHOLE = Query(
     name="robot_map_whole",
     pattern="robot/{robot}/map/whole",
     doc="All that the robot knows of the map, for those who join late",
     by=Role.ROBOT,
-    kind=Kind.QUERY,
+    request=NoneType,
+    reply=cast("type[map_messages.MapPatch | None]", map_messages.MapPatch | None),
     reads_only=True,
 )
 ROBOT_CLOSURES = Topic(
@@ -113,74 +128,77 @@ ROBOT_LOG = Topic(
     urgency=Urgency.DATA_LOW,
     recorded=True,
 )
-ROBOT_PLUGINS = Topic(
+ROBOT_PLUGINS = Query(
     name="robot_plugins",
     pattern="robot/{robot}/plugins",
     doc="What is loaded, in which state, with which functions",
     by=Role.ROBOT,
-    kind=Kind.QUERY,
+    request=NoneType,
+    reply=list[messages.PluginInfo],
     reads_only=True,
 )
-ROBOT_CALL = Topic(
+ROBOT_CALL = Query(
     name="robot_call",
     pattern="robot/{robot}/call/{plugin}/{function}",
     doc="External call: arguments as a JSON array (by position) or object (by name), reply is the JSON result; "
     "the holder of an exclusive plugin says so with `?by=NAME` behind the key",
     by=Role.ROBOT,
-    kind=Kind.QUERY,
+    request=bytes,
+    reply=bytes,
     urgency=Urgency.INTERACTIVE_HIGH,
 )
-ROBOT_HOST = Topic(
+ROBOT_HOST = Query(
     name="robot_host",
     pattern="robot/{robot}/host/{verb}",
     doc="Run the host: load, unload, reload, command, hold, release, halt, resume",
     by=Role.ROBOT,
-    kind=Kind.QUERY,
-    message=messages.HostRequest,
+    request=messages.HostRequest,
+    reply=bytes,
     urgency=Urgency.INTERACTIVE_HIGH,
 )
-ROBOT_OFFER = Topic(
+ROBOT_OFFER = Query(
     name="robot_offer",
     pattern="robot/{robot}/task/offer",
     doc="The coordinator offers a task with its fencing epoch and lease",
     by=Role.ROBOT,
-    kind=Kind.QUERY,
-    message=messages.TaskOffer,
+    request=messages.TaskOffer,
+    reply=messages.TaskAnswer,
     urgency=Urgency.INTERACTIVE_HIGH,
 )
-ROBOT_WITHDRAW = Topic(
+ROBOT_WITHDRAW = Query(
     name="robot_withdraw",
     pattern="robot/{robot}/task/withdraw",
     doc="The coordinator takes a task back",
     by=Role.ROBOT,
-    kind=Kind.QUERY,
-    message=messages.TaskWithdrawal,
+    request=messages.TaskWithdrawal,
+    reply=messages.TaskAnswer,
     urgency=Urgency.INTERACTIVE_HIGH,
 )
-ROBOT_FOREIGN = Topic(
+ROBOT_FOREIGN = Token(
     name="robot_foreign",
     pattern="robot/{robot}/foreign/{plugin}",
     doc="Liveliness token of a plugin that is a process of its own, in whatever language",
     by=Role.ROBOT,
-    kind=Kind.TOKEN,
 )
-ROBOT_FOREIGN_INFO = Topic(
+ROBOT_FOREIGN_INFO = Query(
     name="robot_foreign_info",
     pattern="robot/{robot}/foreign/{plugin}/info",
     doc="What such a plugin is: replies a `PluginInfo`",
     by=Role.ROBOT,
-    kind=Kind.QUERY,
+    request=NoneType,
+    reply=messages.PluginInfo,
     reads_only=True,
 )
-ROBOT_FOREIGN_CALL = Topic(
+ROBOT_FOREIGN_CALL = Query(
     name="robot_foreign_call",
     pattern="robot/{robot}/foreign/{plugin}/call/{function}",
     doc="The robot's host relays a call to such a plugin, to whose `call` key it came; arguments and reply as there",
     by=Role.ROBOT,
-    kind=Kind.QUERY,
+    request=bytes,
+    reply=bytes,
     urgency=Urgency.INTERACTIVE_HIGH,
 )
-ROBOT_IMAGE = Topic(
+ROBOT_IMAGE: Topic[bytes] = Topic(
     name="robot_image",
     pattern="robot/{robot}/image/{image}",
     doc="A picture that was taken for a task; the task's result names its key",
@@ -222,17 +240,16 @@ TASK_EVENT = Topic(
 )
 
 
-def _task_query(verb: str, message: Any, doc: str, *, reads_only: bool = False) -> Topic:
-    name, pattern = f"task_{verb}", f"task/{verb}"
-    return Topic(name=name, pattern=pattern, doc=doc, by=Role.COORDINATOR, kind=Kind.QUERY, message=message,
-                 urgency=Urgency.INTERACTIVE_HIGH, reads_only=reads_only)  # fmt: skip
+def _task_query(verb: str, request: type[Q], reply: type[R], doc: str, *, reads_only: bool = False) -> Query[Q, R]:
+    return Query(name=f"task_{verb}", pattern=f"task/{verb}", doc=doc, by=Role.COORDINATOR, request=request,
+                 reply=reply, urgency=Urgency.INTERACTIVE_HIGH, reads_only=reads_only)  # fmt: skip
 
 
-TASK_SUBMIT = _task_query("submit", task_messages.TaskSubmission, "Do this: replies its `TaskRecord`, or why not")
-TASK_CANCEL = _task_query("cancel", task_messages.TaskRequest, "End a task unfinished: replies its `TaskRecord`")
-TASK_LIST = _task_query("list", task_messages.TaskFilter, "Which tasks there are: `TaskRecord`s", reads_only=True)
-TASK_GET = _task_query("get", task_messages.TaskRequest, "How a task stands: its `TaskRecord`", reads_only=True)
-TASK_WHY = _task_query("why", task_messages.TaskRequest, "Why it stands so: a `TaskWhy`", reads_only=True)
+TASK_SUBMIT = _task_query("submit", TaskSubmission, TaskRecord, "Do this: replies its record, or why not")
+TASK_CANCEL = _task_query("cancel", TaskRequest, TaskRecord, "End a task unfinished: replies its record")
+TASK_LIST = _task_query("list", TaskFilter, list[TaskRecord], "Which tasks there are", reads_only=True)
+TASK_GET = _task_query("get", TaskRequest, TaskRecord, "How a task stands", reads_only=True)
+TASK_WHY = _task_query("why", TaskRequest, TaskWhy, "Why it stands so", reads_only=True)
 TASK_DECISION = Topic(
     name="task_decision",
     pattern="task/decision",
@@ -262,44 +279,44 @@ COORDINATOR_CHARGES = Topic(
     recorded=True,
     cache=1,
 )
-COORDINATOR_PLANNING = Topic(
+COORDINATOR_PLANNING = Query(
     name="coordinator_planning",
     pattern="coordinator/planning",
     doc="How tasks are planned: replies a `PlanningStatus`",
     by=Role.COORDINATOR,
-    kind=Kind.QUERY,
+    request=NoneType,
+    reply=plan_messages.PlanningStatus,
     urgency=Urgency.INTERACTIVE_HIGH,
     reads_only=True,
 )
-COORDINATOR_OBJECTIVE = Topic(
+COORDINATOR_OBJECTIVE = Query(
     name="coordinator_objective",
     pattern="coordinator/objective",
     doc="What plans are to be good at from now on: replies a `PlanningStatus`",
     by=Role.COORDINATOR,
-    kind=Kind.QUERY,
-    message=plan_messages.ObjectiveRequest,
+    request=plan_messages.ObjectiveRequest,
+    reply=plan_messages.PlanningStatus,
     urgency=Urgency.INTERACTIVE_HIGH,
 )
-COORDINATOR_ALIVE = Topic(
+COORDINATOR_ALIVE = Token(
     name="coordinator_alive",
     pattern="coordinator/alive",
     doc="Liveliness token of the coordinator",
     by=Role.COORDINATOR,
-    kind=Kind.TOKEN,
 )
-COORDINATOR_CLAIM = Topic(
+COORDINATOR_CLAIM = Token(
     name="coordinator_claim",
     pattern="coordinator/claim/{stage}/{process}",
     doc="Liveliness token of a starting coordinator: `asks` while it claims the role, then `has` until it is alive",
     by=Role.COORDINATOR,
-    kind=Kind.TOKEN,
 )
-COORDINATOR_WHO = Topic(
+COORDINATOR_WHO = Query(
     name="coordinator_who",
     pattern="coordinator/who",
     doc="Process that is the coordinator: replies host, process id and Zenoh id",
     by=Role.COORDINATOR,
-    kind=Kind.QUERY,
+    request=NoneType,
+    reply=messages.ProcessInfo,
     reads_only=True,
 )
 COORDINATOR_STATE = Topic(
@@ -312,12 +329,13 @@ COORDINATOR_STATE = Topic(
     delivery=Delivery.LATEST,
     recorded=True,
 )
-COORDINATOR_HALT = Topic(
+COORDINATOR_HALT = Query(
     name="coordinator_halt",
     pattern="coordinator/halt",
     doc="How the team stands to an emergency halt: replies a `HaltStatus`, or null; asked by robots before they start",
     by=Role.COORDINATOR,
-    kind=Kind.QUERY,
+    request=NoneType,
+    reply=cast("type[messages.HaltStatus | None]", messages.HaltStatus | None),
     urgency=Urgency.INTERACTIVE_HIGH,
     reads_only=True,
 )
@@ -331,13 +349,13 @@ RECORDER_STATE = Topic(
     delivery=Delivery.LATEST,
     urgency=Urgency.DATA_LOW,
 )
-REPLAY_CONTROL = Topic(
+REPLAY_CONTROL = Query(
     name="replay_control",
     pattern="replay/control",
     doc="Pause a replay, seek in it, change its speed: replies a `ReplayStatus`",
     by=Role.OPERATOR,
-    kind=Kind.QUERY,
-    message=ReplayRequest,
+    request=ReplayRequest,
+    reply=ReplayStatus,
     urgency=Urgency.INTERACTIVE_HIGH,
 )
 HALT = Topic(
@@ -351,7 +369,7 @@ HALT = Topic(
     max_bytes=4096,
     is_blocking=True,
 )
-ARENA_CAN = Topic(
+ARENA_CAN: Topic[bytes] = Topic(
     name="arena_can",
     pattern="arena/{robot}/can/{channel}",
     doc="A frame on a simulated robot's CAN bus; its nodes find each other by a query here, with empty replies",
@@ -360,14 +378,14 @@ ARENA_CAN = Topic(
     urgency=Urgency.INTERACTIVE_HIGH,
     encoding=CAN_FRAME,
 )
-ARENA_RADIO_RX = Topic(
+ARENA_RADIO_RX: Topic[bytes] = Topic(
     name="arena_radio_rx",
     pattern="arena/{robot}/radio/rx",
     doc="A TinyOS packet that the robot's base station hears",
     by=Role.ARENA,
     encoding=TINYOS_PACKET,
 )
-ARENA_RADIO_TX = Topic(
+ARENA_RADIO_TX: Topic[bytes] = Topic(
     name="arena_radio_tx",
     pattern="arena/{robot}/radio/tx",
     doc="A TinyOS packet that the robot's base station sends",
@@ -384,21 +402,23 @@ ARENA_SCAN = Topic(
     delivery=Delivery.LATEST,
     recorded=True,
 )
-ARENA_CAMERA = Topic(
+ARENA_CAMERA = Query(
     name="arena_camera",
     pattern="arena/{robot}/camera",
     doc="A picture of what a simulated robot has in view now: replies a PNG",
     by=Role.ARENA,
-    kind=Kind.QUERY,
+    request=NoneType,
+    reply=bytes,
     reads_only=True,
     encoding=PNG,
 )
-ARENA_SENSE = Topic(
+ARENA_SENSE = Query(
     name="arena_sense",
     pattern="arena/{robot}/sense",
     doc="What the board on a simulated robot senses where it is now: replies an object of numbers, named as readings",
     by=Role.ARENA,
-    kind=Kind.QUERY,
+    request=NoneType,
+    reply=dict[str, float],
     reads_only=True,
 )
 ARENA_CLOCK = Topic(
@@ -429,7 +449,7 @@ ARENA_OUTSIDE = Topic(
     recorded=True,
 )
 
-TOPICS: tuple[Topic, ...] = (
+TOPICS: tuple[WireKey, ...] = (
     ROBOT_ALIVE,
     ROBOT_CLAIM,
     ROBOT_WHO,
@@ -483,9 +503,13 @@ TOPICS: tuple[Topic, ...] = (
 )
 
 
-def topic_of(key: str) -> tuple[Topic, dict[str, str]] | None:
-    """The topic of a concrete key and the names in it (with `team`), or None if it is not ours."""
-    for topic in TOPICS:
+PUBLISHED: tuple[Topic[Any], ...] = tuple(row for row in TOPICS if isinstance(row, Topic))
+"""The topics among them."""
+
+
+def topic_of(key: str) -> tuple[Topic[Any], dict[str, str]] | None:
+    """The topic of a concrete key and the names in it (with `team`), or None if nothing of ours is published there."""
+    for topic in PUBLISHED:
         names = topic.parse(key)
         if names is not None:
             return topic, names

@@ -36,10 +36,7 @@ class SensorBoard(Device):
     def measure(self) -> Sensed:
         """Measure now."""
         try:
-            reply = self.env.wire.ask(ARENA_SENSE, robot=self.env.robot, timeout_s=self.parameters.timeout_s)
-            values = msgspec.json.decode(reply, type=dict[str, float])
+            values = self.env.wire.ask(ARENA_SENSE, robot=self.env.robot, timeout_s=self.parameters.timeout_s)
         except NobodyThere as error:
             raise CallError(ErrorCode.FAILED, f"no sensor board answers: {error}") from error
-        except msgspec.DecodeError as error:
-            raise CallError(ErrorCode.FAILED, f"the sensor board says what is no measurement: {error}") from error
         return Sensed(values=values, stamp_ns=self.env.clock.now_ns())

@@ -1,0 +1,73 @@
+"""Reading and writing one type of payload: the one place where what comes from outside becomes a value."""
+
+from typing import Any, Generic, TypeVar, cast, get_args
+
+import msgspec
+
+T = TypeVar("T")
+
+BAD_PAYLOAD = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
+"""What msgspec raises for a payload that does not decode; RecursionError if it is nested too deep."""
+NONE = type(None)
+NULL = b"null"
+
+
+class BadPayload(Exception):
+    """A payload that is too large, does not decode, or holds a value that is out of range."""
+
+    def __init__(self, why: str, *, is_too_large: bool = False) -> None:
+        super().__init__(why)
+        self.is_too_large = is_too_large
+
+
+class Codec(Generic[T]):
+    """Reads and writes payloads of one type.
+
+    Args:
+        kind: the type; `bytes` leaves payloads as they are, `NoneType` reads nothing from them.
+        max_bytes: size of the largest payload that is read.
+        what: name for error texts.
+
+    """
+
+    def __init__(self, kind: type[T], max_bytes: int, what: str) -> None:
+        self.kind = kind
+        self.max_bytes = max_bytes
+        self._what = what
+        self._decoder: msgspec.json.Decoder[T] | None = None
+        self._is_plain = kind is bytes or kind is NONE
+
+    def read(self, payload: bytes) -> T:
+        """Decode a payload; an empty one counts as `{}`.
+
+        Raises:
+            BadPayload: it is too large, does not decode, or holds a value that is out of range.
+
+        """
+        if len(payload) > self.max_bytes:
+            raise BadPayload(self.too_large(len(payload)), is_too_large=True)
+        if self._is_plain:
+            return cast(T, payload if self.kind is bytes else None)
+        if self._decoder is None:
+            self._decoder = msgspec.json.Decoder(self.kind)
+        try:
+            return self._decoder.decode(payload or b"{}")
+        except BAD_PAYLOAD as error:
+            raise BadPayload(f"expected {_name(self.kind)}: {error}") from error
+
+    def too_large(self, size: int) -> str:
+        """The error text for a payload of `size` bytes."""
+        return f"expected at most {self.max_bytes} bytes of {self._what}, got {size}"
+
+    def write(self, value: object) -> bytes:
+        """Encode a value of the type; bytes are taken for JSON already."""
+        return value if isinstance(value, bytes) else msgspec.json.encode(value)
+
+
+def _name(kind: Any) -> str:
+    """The type's name with an article, for error texts."""
+    inner = get_args(kind)
+    if inner:
+        return " or ".join(_name(one) if one is not NONE else "null" for one in inner)
+    name: str = getattr(kind, "__name__", str(kind))
+    return f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"
