@@ -200,14 +200,11 @@ class ForeignPlugins:
             raise AccessDenied(name, f"{name} offers no {what}, which {interface.__name__} wants")
         return cast(InterfaceT, ForeignHandle(self, caller, name, functions))
 
-    def _read(self, name: str, payload: bytes) -> PluginInfo | None:
-        try:
-            info = msgspec.json.decode(payload, type=PluginInfo)
-            if info.level.upper() not in Level.__members__:
-                levels = ", ".join(level.name.lower() for level in Level)
-                raise ValueError(f"expected level {levels}, got {info.level!r}")
-        except (ValueError, RecursionError) as error:  # what msgspec raises is a ValueError as well
-            logger.warning("%s: foreign plugin %s is not listed: %s", self._robot, name, error)
+    def _read(self, name: str, info: PluginInfo) -> PluginInfo | None:
+        if info.level.upper() not in Level.__members__:
+            levels = ", ".join(level.name.lower() for level in Level)
+            why = f"expected level {levels}, got {info.level!r}"
+            logger.warning("%s: foreign plugin %s is not listed: %s", self._robot, name, why)
             return None
         # Under the name of its key and nobody else's; what it says of holders and the like is the host's to say.
         return PluginInfo(

@@ -2,13 +2,10 @@
 
 from collections.abc import Iterable
 
-import msgspec
-
 from robrain.coordinator.roster import Robot
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import PluginInfo
 from robrain.protocol.wire.topics import ROBOT_PLUGINS
 
 ASK_AGAIN_NS = to_ns(10.0)
@@ -38,7 +35,6 @@ class Capabilities:
         self._told: dict[str, int] = {}
         """`RobotState.loaded` of each when it was last asked."""
         self._waiting: set[str] = set()
-        self._decoder = msgspec.json.Decoder(list[PluginInfo])
 
     def follow(self, robots: Iterable[Robot], now_ns: int) -> bool:
         """Take in what was answered, and ask these robots, which are there, if it is time; True if there is news."""
@@ -63,11 +59,7 @@ class Capabilities:
             self._wire.ask_into(self._inbox, ROBOT_PLUGINS, ROBOT_PLUGINS, robot=name)
         for received in self._inbox.drain():
             self._waiting.discard(received.names["robot"])
-            try:
-                infos = self._decoder.decode(received.message)
-            except (msgspec.DecodeError, UnicodeDecodeError):
-                continue  # a robot that speaks otherwise may be able to do anything
-            name, plugins = received.names["robot"], frozenset(info.name for info in infos)
+            name, plugins = received.names["robot"], frozenset(info.name for info in received.message)
             news = news or self.plugins.get(name) != plugins
             self.plugins[name] = plugins
         return news

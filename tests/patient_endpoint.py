@@ -3,7 +3,7 @@
 from typing import Any
 
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topic import Query
 from tests.waiting import PATIENCE_S
 
 
@@ -11,6 +11,6 @@ class PatientEndpoint(Endpoint):
     """For tests in live that are not about how long a reply is waited for."""
 
     def ask(
-        self, topic: Topic, payload: Any = None, *, timeout_s: float = PATIENCE_S, by: str = "", **names: str
-    ) -> bytes:
-        return super().ask(topic, payload, timeout_s=timeout_s, by=by, **names)
+        self, topic: Query, request: Any = None, *, timeout_s: float = PATIENCE_S, by: str = "", **names: str
+    ) -> Any:
+        return super().ask(topic, request, timeout_s=timeout_s, by=by, **names)

@@ -6,6 +6,8 @@ docs/topics.md is generated; after a change of the topics: `python -m tests.test
 import re
 import sys
 from pathlib import Path
+from types import NoneType
+from typing import get_args, get_origin
 
 import msgspec
 import pytest
@@ -17,8 +19,8 @@ from robrain.protocol.can.frames import database
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topic import JSON, Delivery, Kind, Topic
-from robrain.protocol.wire.topics import ROBOT_CALL, TOPICS
+from robrain.protocol.wire.topic import JSON, Delivery, Query, Token, Topic
+from robrain.protocol.wire.topics import PUBLISHED, ROBOT_CALL, TOPICS
 
 ROOT = Path(__file__).parent.parent
 TOPICS_PAGE = ROOT / "docs" / "topics.md"
@@ -28,36 +30,60 @@ INTRODUCTION = """\
 
 Generated from `protocol/wire/topics.py` by `python -m tests.test_docs > docs/topics.md`; do not edit.
 
-Keys stand below `robrain/{team}/`. A *put* is published, a *query* is answered, a *token* says that its owner is there.
-*latest*: only the last sample of a key counts; *every*: each counts, none is sent again; *lossless*: in live, the
-sender keeps so many samples, sends them again after a cut, and late joiners get them (in lockstep nothing is lost).
-Payloads are JSON unless said otherwise; that of a query is its request. Every query is answered: with its result, or
-with `{"code", "message", "detail"}` as an error.
+Keys stand below `robrain/{team}/`. A *topic* is published, a *query* is answered, a *token* says that its owner is
+there. *latest*: only the last sample of a key counts; *every*: each counts, none is sent again; *lossless*: in live,
+the sender keeps so many samples, sends them again after a cut, and late joiners get them (in lockstep nothing is lost).
+Payloads are JSON unless said otherwise.
+"""
+
+QUERIES = """\
+Every query is answered: with its reply, or with `{"code", "message", "detail"}` as an error. An empty request counts as
+`{}`. A request that is larger than a megabyte (unless said otherwise), does not decode, or holds a value that is out of
+range is answered `bad_arguments`, and counted. *free JSON*: the two ends agree on the types, as for the arguments of a
+plugin's function.
 """
 
 
 def topics_table() -> str:
-    """The table of topics, in markdown."""
+    """The topics, in markdown."""
     lines = [
-        "| key | what | kind | by | payload | rate | delivery | urgency | recorded |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| key | what | by | payload | rate | delivery | urgency | recorded |",
+        "|---|---|---|---|---|---|---|---|",
     ]
-    for topic in TOPICS:
-        is_put = topic.kind is Kind.PUT
+    for topic in PUBLISHED:
         rate = f"{topic.rate_hz:g} Hz" if topic.rate_hz is not None else "–"
-        urgency = topic.urgency if is_put else "–"
         recorded = "yes" if topic.recorded else "–"
-        delivery = _delivery(topic) if is_put else "–"
-        kind = f"{topic.kind}, reads only" if topic.reads_only else topic.kind
-        cells = (f"`{topic.pattern}`", topic.doc, kind, topic.by, _payload(topic), rate, delivery, urgency, recorded)
+        payload, delivery = _payload(topic), _delivery(topic)
+        cells = (f"`{topic.pattern}`", topic.doc, topic.by, payload, rate, delivery, topic.urgency, recorded)
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
 
+def queries_table() -> str:
+    """The queries, in markdown."""
+    lines = ["| key | what | by | request | reply | changes something |", "|---|---|---|---|---|---|"]
+    for row in TOPICS:
+        if isinstance(row, Query):
+            changes = "–" if row.reads_only else "yes"
+            reply = _type(row.reply) if row.encoding == JSON else row.encoding
+            cells = (f"`{row.pattern}`", row.doc, row.by, _type(row.request), reply, changes)
+            lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def tokens_table() -> str:
+    """The tokens, in markdown."""
+    rows = [f"| `{row.pattern}` | {row.doc} | {row.by} |\n" for row in TOPICS if isinstance(row, Token)]
+    return "| key | what | by |\n|---|---|---|\n" + "".join(rows)
+
+
 def messages_table() -> str:
-    """The messages of the topics with their fields, in markdown; those with a default are in italics."""
+    """The messages, requests and replies with their fields, in markdown; those with a default are in italics."""
     lines = ["| message | fields |", "|---|---|"]
-    for message in dict.fromkeys(topic.message for topic in TOPICS if topic.message is not None):
+    said = [topic.message for topic in PUBLISHED]
+    said += [kind for row in TOPICS if isinstance(row, Query) for kind in (row.request, row.reply)]
+    structs = [one for kind in said for one in (kind, *get_args(kind)) if hasattr(one, "__struct_fields__")]
+    for message in dict.fromkeys(structs):
         fields = (_field(field) for field in msgspec.structs.fields(message))
         lines.append(f"| `{message.__name__}` | {', '.join(fields)} |")
     return "\n".join(lines) + "\n"
@@ -66,7 +92,17 @@ def messages_table() -> str:
 def topics_page() -> str:
     """The whole of docs/topics.md."""
     about = "Fields in italics have a default. Their meaning is in `protocol/wire/messages.py`."
-    return f"{INTRODUCTION}\n{topics_table()}\n## Messages\n\n{about}\n\n{messages_table()}"
+    parts = (
+        INTRODUCTION,
+        topics_table(),
+        f"## Queries\n\n{QUERIES}",
+        queries_table(),
+        "## Tokens\n",
+        tokens_table(),
+        f"## Messages\n\n{about}\n",
+        messages_table(),
+    )
+    return "\n".join(parts)
 
 
 def _field(field: msgspec.structs.FieldInfo) -> str:
@@ -77,6 +113,19 @@ def _payload(topic: Topic) -> str:
     if topic.encoding != JSON:
         return topic.encoding.removeprefix("application/vnd.robrain.")
     return f"`{topic.message.__name__}`" if topic.message is not None else "–"
+
+
+def _type(kind: object) -> str:
+    if kind is bytes:
+        return "free JSON"
+    if kind is NoneType:
+        return "–"
+    inner = get_args(kind)
+    if get_origin(kind) is list:
+        return f"list of {_type(inner[0])}"
+    if get_origin(kind) is dict:
+        return "object of numbers"
+    return f"{_type(inner[0])} or null" if inner else f"`{kind.__name__}`"
 
 
 def _delivery(topic: Topic) -> str:

@@ -7,7 +7,7 @@ import struct
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import msgspec
 
@@ -19,7 +19,7 @@ from robrain.coordinator.recording.recorder_telling import RecorderTelling
 from robrain.coordinator.recording.recording_files import RecordingFiles, SplitAt, ToldMessage
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import LostMessages, RecorderState
-from robrain.protocol.wire.topic import JSON
+from robrain.protocol.wire.topic import JSON, Topic
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, PUBLISHED, RECORDER_STATE, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 if TYPE_CHECKING:

@@ -81,7 +81,7 @@ class Bench:
 
     def infos(self, robot: str = "r1") -> dict[str, PluginInfo]:
         """What the robot tells of its plugins over the wire, by name."""
-        infos = msgspec.json.decode(self.operator.ask(ROBOT_PLUGINS, robot=robot), type=list[PluginInfo])
+        infos = self.operator.ask(ROBOT_PLUGINS, robot=robot)
         return {info.name: info for info in infos}
 
     def plugin(self, name: str) -> Any:

@@ -5,8 +5,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
 from robrain.agent.host import AgentHost
 from robrain.agent.live import run_agent
 from robrain.agent.robot_file import RobotFile, RobotTable
@@ -50,7 +48,7 @@ class LiveRobot:
         return self.host.manager.get(plugin)
 
     def infos(self) -> dict[str, PluginInfo]:
-        infos = msgspec.json.decode(self.operator.ask(ROBOT_PLUGINS, robot="r1"), type=list[PluginInfo])
+        infos = self.operator.ask(ROBOT_PLUGINS, robot="r1")
         return {info.name: info for info in infos}
 
     def call(self, plugin: str, function: str) -> Any:

@@ -160,7 +160,7 @@ def test_a_halted_robot_says_so_and_takes_no_tasks(robot):
     robot.tick(6)
     assert inbox.drain()[-1].message.halted
     offer = TaskOffer(task=Explore(id="t", goal=Point2D(0.0, 0.0)), epoch=1, lease_s=1.0)
-    assert b"the robot is halted" in robot.operator.ask(ROBOT_OFFER, offer, robot="r1")
+    assert "the robot is halted" in robot.operator.ask(ROBOT_OFFER, offer, robot="r1").why
 
 
 # -- who may end it -----------------------------------------------------------------------------------------

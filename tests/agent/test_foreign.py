@@ -53,7 +53,7 @@ class Process:
         self._wire.token(ROBOT_FOREIGN, robot="r1", plugin=name)
 
     def _call(self, request):
-        self.asked.append(request.payload)
+        self.asked.append(request.asked)
         match request.names["function"]:
             case "read":
                 return 1.5

@@ -13,7 +13,7 @@ from robrain.agent.robot_file import RobotFile, RobotTable
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.messages import HostRequest, PluginInfo
+from robrain.protocol.wire.messages import HostRequest
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_FOREIGN_CALL, ROBOT_HOST, ROBOT_PLUGINS
 from tests.agent.conftest import Bench
@@ -192,7 +192,7 @@ def test_a_halted_robot_calls_no_foreign_plugin_from_inside(robot, gauge, meter)
 
 
 def test_the_host_lists_it_beside_its_own(robot, gauge, meter):
-    infos = msgspec.json.decode(robot.operator.ask(ROBOT_PLUGINS, robot="r1"), type=list[PluginInfo])
+    infos = robot.operator.ask(ROBOT_PLUGINS, robot="r1")
     assert [(each.name, each.level, each.state) for each in infos] == [
         ("meter", "unit", "active"),
         ("gauge", "device", "active"),
@@ -247,7 +247,7 @@ def test_a_halted_robot_relays_no_calls(robot, gauge):
 
 def test_a_process_under_the_name_of_a_plugin_of_the_robot_is_neither_listed_nor_called(robot, gauge, meter):
     impostor = robot.join("meter")
-    infos = msgspec.json.decode(robot.operator.ask(ROBOT_PLUGINS, robot="r1"), type=list[PluginInfo])
+    infos = robot.operator.ask(ROBOT_PLUGINS, robot="r1")
     assert [(each.name, each.level) for each in infos] == [("meter", "unit"), ("gauge", "device")]
     assert robot.call("meter", "read") == 15.0
     assert impostor.asked == []

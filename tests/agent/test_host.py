@@ -1,6 +1,5 @@
 from itertools import pairwise
 
-import msgspec
 import pytest
 
 from robrain.protocol.model.geometry import Pose2D
@@ -146,7 +145,7 @@ def test_an_offer_that_is_none_is_refused_as_bad_arguments(dice, payload):
 
 def test_the_list_of_plugins_is_in_start_order(dice):
     dice.start("writer", "dice")
-    names = [info["name"] for info in msgspec.json.decode(dice.operator.ask(ROBOT_PLUGINS, robot="r1"))]
+    names = [info.name for info in dice.operator.ask(ROBOT_PLUGINS, robot="r1")]
     assert names == ["dice", "writer"]
 
 

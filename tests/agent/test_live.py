@@ -14,7 +14,7 @@ from robrain.agent.robot_file import RobotFile, RobotTable
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import Halt, PluginInfo
+from robrain.protocol.wire.messages import Halt
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import HALT, ROBOT_ALIVE, ROBOT_CALL, ROBOT_PLUGINS, ROBOT_STATE
 from tests.patient_endpoint import PatientEndpoint
@@ -96,7 +96,7 @@ class LiveRobot:
         return self.host.manager.get(name).plugin
 
     def infos(self):
-        infos = msgspec.json.decode(self.operator.ask(ROBOT_PLUGINS, robot="r1"), type=list[PluginInfo])
+        infos = self.operator.ask(ROBOT_PLUGINS, robot="r1")
         return {info.name: info for info in infos}
 
     def stop(self) -> None:

@@ -3,7 +3,6 @@
 import os
 import sys
 
-import msgspec
 import pytest
 
 from robrain.agent.errors import ManifestError, PluginError, PluginInactive, PluginMissing
@@ -69,7 +68,7 @@ def version(bench):
 
 
 def whole_map(bench):
-    return msgspec.json.decode(bench.operator.ask(ROBOT_MAP_WHOLE, robot="r1"))
+    return bench.operator.ask(ROBOT_MAP_WHOLE, robot="r1")
 
 
 def heard_maps(bench):

@@ -8,7 +8,6 @@ import statistics
 import sys
 from typing import NamedTuple
 
-import msgspec
 import numpy as np
 from rich.console import Console
 
@@ -109,7 +108,7 @@ def run_tasks(seed: int, chargers: int, charging: Charging) -> Outcome:
             least_soc = min([least_soc, *(one.board.battery.soc for one in run.hosts if one.board.battery is not None)])
             now = {robot for robot in run.arena.chargers.docked if robot is not None}
             charged, docked = charged + len(now - docked), now
-            records = msgspec.json.decode(asker.ask(TASK_LIST, TaskFilter()), type=list[TaskRecord])
+            records = asker.ask(TASK_LIST, TaskFilter())
             if all(record.state.ended for record in records):
                 break
         done = sum(record.state is TaskState.DONE for record in records)

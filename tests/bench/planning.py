@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
-import msgspec
 import numpy as np
 from rich.console import Console
 
@@ -110,7 +109,7 @@ def run_tasks(seed: int, policy: PlanningPolicy, floor: str = FLOOR, record: Pat
         while run.sim_time_s - begun_s < LONGEST_S:
             for _ in range(LOOK_TICKS):
                 run.tick()
-            records = msgspec.json.decode(asker.ask(TASK_LIST, TaskFilter()), type=list[TaskRecord])
+            records = asker.ask(TASK_LIST, TaskFilter())
             if all(record.state.ended for record in records):
                 break
         spent_j, gone_m = _spent(run)

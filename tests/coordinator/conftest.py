@@ -34,7 +34,7 @@ from robrain.protocol.wire.messages import (
 )
 from robrain.protocol.wire.session import open_lockstep_session, open_session
 from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord, TaskSubmission
-from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topic import Query
 from robrain.protocol.wire.topics import (
     COORDINATOR_STATE,
     ROBOT_ALIVE,
@@ -124,7 +124,7 @@ class FakeRobot:
         return self.offers[-1].task.goal
 
     def _offered(self, request) -> TaskAnswer:
-        offer = msgspec.json.decode(request.payload, type=TaskOffer)
+        offer = request.asked
         self.offers.append(offer)
         if not self.answers:
             raise CallError(ErrorCode.TIMEOUT, "no reply in time")
@@ -134,7 +134,7 @@ class FakeRobot:
         return TaskAnswer(accepted=True)
 
     def _withdrawn(self, request) -> TaskAnswer:
-        self.withdrawals.append(msgspec.json.decode(request.payload, type=TaskWithdrawal))
+        self.withdrawals.append(request.asked)
         if self.task is not None and self.task.id == self.withdrawals[-1].id:
             self.end(TaskState.CANCELLED, "withdrawn")
         return TaskAnswer(accepted=True)
@@ -185,8 +185,10 @@ class Team:
     def submit(self, task: Task, **fields: Any) -> TaskRecord:
         return self.ask(TASK_SUBMIT, TaskSubmission(task=task, **fields))
 
-    def ask(self, topic: Topic, payload: Any, kind: Any = TaskRecord) -> Any:
-        return msgspec.json.decode(self.asker.ask(topic, payload), type=kind)
+    def ask(self, topic: Query, request: Any, kind: Any = TaskRecord) -> Any:
+        reply = self.asker.ask(topic, request)
+        assert topic.reply == kind
+        return reply
 
     def states(self) -> dict[str, TaskState]:
         """Of the tasks that somebody asked for, as the journal has them."""

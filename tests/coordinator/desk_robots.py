@@ -1,13 +1,11 @@
 """Robots with a task desk as real ones have it, that work by the clock, lose touch, are stopped and are killed."""
 
-import msgspec
-
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.model.task import Explore, Recharge, TaskState, Visit
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import RobotState, TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.wire.messages import RobotState, TaskAnswer
 from robrain.protocol.wire.topics import COORDINATOR_STATE
 from tests.coordinator.conftest import FakeRobot, Team
 
@@ -125,7 +123,7 @@ class DeskRobot(FakeRobot):
         return TaskAnswer(accepted=True)
 
     def _offered(self, request) -> TaskAnswer:
-        offer = msgspec.json.decode(request.payload, type=TaskOffer)
+        offer = request.asked
         self._check_reachable()
         self.offers.append(offer)
         if self.halted:
@@ -137,7 +135,7 @@ class DeskRobot(FakeRobot):
 
     def _withdrawn(self, request) -> TaskAnswer:
         self._check_reachable()
-        self.withdrawals.append(msgspec.json.decode(request.payload, type=TaskWithdrawal))
+        self.withdrawals.append(request.asked)
         return self.desk.withdraw(self.withdrawals[-1])
 
     def _check_reachable(self) -> None:

@@ -9,7 +9,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.occupancy_grid import OCCUPIED, GridGeometry, PatchCells
 from robrain.protocol.model.task import TaskState, Visit
 from robrain.protocol.wire.map_patch import to_message
-from robrain.protocol.wire.messages import RobotState, TaskAnswer, TaskOffer
+from robrain.protocol.wire.messages import RobotState, TaskAnswer
 from robrain.protocol.wire.topics import ROBOT_MAP, ROBOT_STATE
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 120, 80)
@@ -188,7 +188,7 @@ def refuse_offers_below(team, robot, newest, monkeypatch):
     offered = robot._offered
 
     def answer(request):
-        offer = msgspec.json.decode(request.payload, type=TaskOffer)
+        offer = request.asked
         if offer.epoch < newest:
             return TaskAnswer(accepted=False, why="older", epoch=newest)
         return offered(request)

@@ -16,15 +16,14 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import LogRecord, RobotState, TeamState
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topic import Kind
 from robrain.protocol.wire.topics import (
     ARENA_SCAN,
     COORDINATOR_ALIVE,
     COORDINATOR_STATE,
+    PUBLISHED,
     ROBOT_ALIVE,
     ROBOT_LOG,
     ROBOT_STATE,
-    TOPICS,
 )
 
 NS_PER_S = 1_000_000_000
@@ -44,9 +43,8 @@ class Audience:
     def __init__(self, session: zenoh.Session) -> None:
         self.endpoint = Endpoint(session, "again", VirtualClock(), Drive.LOCKSTEP)
         self.inbox = Inbox(capacity=100_000, every=True)
-        for topic in TOPICS:
-            if topic.kind is Kind.PUT:
-                self.endpoint.subscribe(self.inbox, topic)
+        for topic in PUBLISHED:
+            self.endpoint.subscribe(self.inbox, topic)
         self.stage = Endpoint(session, "again", VirtualClock(), Drive.LOCKSTEP)
 
     def heard(self) -> list[tuple[str, bytes]]:

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-import msgspec
 import pytest
 import zenoh
 
@@ -55,7 +54,7 @@ class Stage:
         return view
 
     def ask(self, request: ReplayRequest) -> ReplayStatus:
-        return msgspec.json.decode(self.ear.ask(REPLAY_CONTROL, request), type=ReplayStatus)
+        return self.ear.ask(REPLAY_CONTROL, request)
 
     def close(self) -> None:
         self.replay.close()

@@ -1,6 +1,5 @@
 """Submitting, cancelling and looking at tasks over the wire."""
 
-import msgspec
 import pytest
 
 from robrain.coordinator.journal.errors import JournalUnwritable
@@ -283,7 +282,7 @@ def test_tasks_are_listed_as_they_are_asked_for(team):
     assert names(by="ann") == ["b"]
     assert names(states=[TaskState.RUNNING]) == ["a"]
     assert names(robot="r1", kinds=["visit"]) == ["a"]
-    assert msgspec.json.decode(team.asker.ask(TASK_LIST), type=list[TaskRecord])[0].task.id == "a"
+    assert team.asker.ask(TASK_LIST)[0].task.id == "a"
 
 
 def test_why_says_how_each_robot_was_judged_and_what_happened(team):

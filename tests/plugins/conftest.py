@@ -3,7 +3,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 import zenoh
@@ -175,14 +174,14 @@ class Stage:
         return json.loads(reply)
 
     def infos(self, robot: str = "r1") -> dict[str, PluginInfo]:
-        infos = msgspec.json.decode(self.wire.ask(ROBOT_PLUGINS, robot=robot), type=list[PluginInfo])
+        infos = self.wire.ask(ROBOT_PLUGINS, robot=robot)
         return {info.name: info for info in infos}
 
     def offer(
         self, goal: Point2D, *, task: str = "t1", epoch: int = 1, lease_s: float = 60.0, robot: str = "r1"
     ) -> TaskAnswer:
         offer = TaskOffer(task=Explore(id=task, goal=goal), epoch=epoch, lease_s=lease_s)
-        return msgspec.json.decode(self.wire.ask(ROBOT_OFFER, offer, robot=robot), type=TaskAnswer)
+        return self.wire.ask(ROBOT_OFFER, offer, robot=robot)
 
     # -- the truth --------------------------------------------------------------------------------------------
 

@@ -141,12 +141,12 @@ class Errands:
         """Offer a task as the coordinator does, for now or for after the one that the robot is at."""
         self._epoch += 1
         offer = TaskOffer(task=task, epoch=self._epoch, lease_s=5.0, after=after)
-        return msgspec.json.decode(self.wire.ask(ROBOT_OFFER, offer, robot=robot), type=TaskAnswer)
+        return self.wire.ask(ROBOT_OFFER, offer, robot=robot)
 
     def withdraw(self, task: str, robot: str = "r1") -> TaskAnswer:
         """Take a task back as the coordinator does."""
         withdrawal = TaskWithdrawal(id=task, epoch=self._epoch, why="changed our minds")
-        return msgspec.json.decode(self.wire.ask(ROBOT_WITHDRAW, withdrawal, robot=robot), type=TaskAnswer)
+        return self.wire.ask(ROBOT_WITHDRAW, withdrawal, robot=robot)
 
     def status(self, robot: str = "r1") -> TaskStatus:
         """How the robot stands to its last task."""

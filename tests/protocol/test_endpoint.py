@@ -20,7 +20,6 @@ from robrain.protocol.wire.topics import (
     ROBOT_CALL,
     ROBOT_EVENT,
     ROBOT_MAP_WHOLE,
-    ROBOT_OFFER,
     ROBOT_PLUGINS,
     ROBOT_STATE,
 )
@@ -187,7 +186,7 @@ def test_a_query_from_the_runners_own_thread_is_answered_at_once(wire):
     asked = []
 
     def answer(request):
-        asked.append((request.names, request.payload))
+        asked.append((request.names, request.asked))
         return TaskAnswer(accepted=True, why="so be it")
 
     wire.robot.answer(ROBOT_CALL, answer, robot="r1")
@@ -198,15 +197,15 @@ def test_a_query_from_the_runners_own_thread_is_answered_at_once(wire):
 
 
 def test_bytes_go_both_ways_as_they_are(wire):
-    wire.robot.answer(ROBOT_CALL, lambda request: request.payload[::-1], robot="r1")
+    wire.robot.answer(ROBOT_CALL, lambda request: request.asked[::-1], robot="r1")
     assert wire.other.ask(ROBOT_CALL, b"abc", **FOO) == b"cba"
     assert wire.other.ask(ROBOT_CALL, **FOO) == b""
 
 
 def test_a_handler_may_ask_another_component(wire):
-    wire.robot.answer(ROBOT_PLUGINS, lambda _: ["inner"], robot="r1")
+    wire.robot.answer(ROBOT_PLUGINS, lambda _: [], robot="r1")
     wire.robot.answer(ROBOT_CALL, lambda _: wire.robot.ask(ROBOT_PLUGINS, robot="r1"), robot="r1")
-    assert wire.other.ask(ROBOT_CALL, **FOO) == b'["inner"]'
+    assert wire.other.ask(ROBOT_CALL, **FOO) == b"[]"
 
 
 def test_a_query_from_another_thread_waits_for_serve_and_is_told(wire):
@@ -306,12 +305,12 @@ def test_a_handler_that_takes_longer_than_the_time_limit_is_waited_for_in_lockst
         time.sleep(SLOW_S)
         return {"accepted": True, "why": ""}
 
-    wire.robot.answer(ROBOT_OFFER, slow, robot="r1")
+    wire.robot.answer(ROBOT_CALL, slow, robot="r1")
     wire.robot.answer(ROBOT_MAP_WHOLE, slow, robot="r1")
-    assert b"true" in wire.other.ask(ROBOT_OFFER, robot="r1", timeout_s=SLOW_S / 10)
-    assert b"true" in wire.other.ask_later(ROBOT_OFFER, robot="r1", timeout_s=SLOW_S / 10).take()
+    assert b"true" in wire.other.ask(ROBOT_CALL, **FOO, timeout_s=SLOW_S / 10)
+    assert b"true" in wire.other.ask_later(ROBOT_CALL, **FOO, timeout_s=SLOW_S / 10).take()
     inbox = Inbox()
-    wire.other.ask_into(inbox, ROBOT_MAP_WHOLE, ROBOT_OFFER, robot="r1", timeout_s=SLOW_S / 10)
+    wire.other.ask_into(inbox, ROBOT_MAP_WHOLE, ROBOT_MAP_WHOLE, robot="r1", timeout_s=SLOW_S / 10)
     assert len(inbox) == 1
     wire.other.serve()
     assert wire.outside == []
@@ -346,7 +345,7 @@ def test_a_run_that_another_process_answers_cannot_be_repeated():
     try:
         while not list(run.get(key)):  # discovery takes a moment
             time.sleep(0.01)
-        assert wire.robot.ask(ROBOT_PLUGINS, robot="r9", timeout_s=PATIENCE_S) == b"[]"
+        assert wire.robot.ask(ROBOT_PLUGINS, robot="r9", timeout_s=PATIENCE_S) == []
         inbox = Inbox()
         wire.robot.ask_into(inbox, ROBOT_PLUGINS, ROBOT_PLUGINS, robot="r9")
         while not len(inbox):

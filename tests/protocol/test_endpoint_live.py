@@ -12,7 +12,7 @@ from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import Event, RobotState
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_EVENT, ROBOT_PLUGINS, ROBOT_STATE
+from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_EVENT, ROBOT_STATE
 from tests.waiting import PATIENCE_S, until
 
 EVENT = {"robot": "r1", "plugin": "driver", "event": "arrived"}
@@ -133,9 +133,11 @@ def test_in_step_queries_wait_for_serve(team):
         answered_on.append(threading.get_ident())
         return "now"
 
-    robot.answer(ROBOT_PLUGINS, answer, serve=Serve.IN_STEP, robot="r1")
+    robot.answer(ROBOT_CALL, answer, serve=Serve.IN_STEP, robot="r1")
     replies = []
-    asker = threading.Thread(target=lambda: replies.append(ask(operator, ROBOT_PLUGINS, robot="r1")))
+    asker = threading.Thread(
+        target=lambda: replies.append(ask(operator, ROBOT_CALL, robot="r1", plugin="p", function="f"))
+    )
     asker.start()
     until(lambda: len(robot._pending) > 0)
     assert answered_on == []

@@ -1,4 +1,5 @@
 from itertools import combinations
+from types import NoneType
 
 import msgspec
 import pytest
@@ -6,13 +7,14 @@ import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robrain.protocol.wire.codec import BadPayload
 from robrain.protocol.wire.errors import BadName
 from robrain.protocol.wire.messages import Message
-from robrain.protocol.wire.topic import Delivery, Kind
-from robrain.protocol.wire.topics import HALT, ROBOT_CALL, ROBOT_EVENT, ROBOT_STATE, TOPICS, topic_of
+from robrain.protocol.wire.topic import Query, Topic
+from robrain.protocol.wire.topics import HALT, PUBLISHED, ROBOT_CALL, ROBOT_EVENT, ROBOT_STATE, TOPICS, topic_of
 
 NAMES = st.from_regex(r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,62}", fullmatch=True)
-PUT_TOPICS = [topic for topic in TOPICS if topic.kind is Kind.PUT]
+QUERIES = [row for row in TOPICS if isinstance(row, Query)]
 ids = pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.name)
 
 
@@ -38,7 +40,7 @@ def test_parsing_a_key_gives_back_what_it_was_built_from(drawn):
     topic, team, names = drawn
     key = topic.key(team, **names)
     assert topic.parse(key) == {"team": team, **names}
-    assert topic_of(key) == (topic, {"team": team, **names})
+    assert topic_of(key) == ((topic, {"team": team, **names}) if isinstance(topic, Topic) else None)
 
 
 @given(keys())
@@ -92,9 +94,8 @@ def test_bad_names_never_reach_a_key():
         ROBOT_EVENT.selector("t", plugin="**")
 
 
-@pytest.mark.parametrize("topic", [topic for topic in TOPICS if topic.recorded], ids=lambda topic: topic.name)
+@pytest.mark.parametrize("topic", [topic for topic in PUBLISHED if topic.recorded], ids=lambda topic: topic.name)
 def test_what_is_recorded_has_a_message_type_with_a_schema(topic):
-    assert topic.kind is Kind.PUT
     if topic.encoding == "image/png":
         return  # says itself what it is
     assert issubclass(topic.message, Message)
@@ -107,15 +108,29 @@ def test_what_is_recorded_has_a_message_type_with_a_schema(topic):
 def test_every_topic_says_what_it_is_for(topic):
     assert topic.doc.strip()
     assert not topic.doc.endswith(".")
-    assert topic.cache > 0
 
 
-@ids
-def test_only_puts_can_be_kept_and_sent_again(topic):
-    assert topic.kind is Kind.PUT or topic.delivery is Delivery.EVERY
+@pytest.mark.parametrize("query", QUERIES, ids=lambda query: query.name)
+def test_every_query_bounds_what_is_asked_and_replied(query):
+    assert 0 < query.timeout_s <= 60.0
+    for codec in (query.requests, query.payloads):
+        assert 0 < codec.max_bytes <= 2**26
+        with pytest.raises(BadPayload, match="expected at most"):
+            codec.read(b" " * (codec.max_bytes + 1))
 
 
-@pytest.mark.parametrize("topic", PUT_TOPICS, ids=lambda topic: topic.name)
+@pytest.mark.parametrize("query", QUERIES, ids=lambda query: query.name)
+@pytest.mark.parametrize("payload", [b"{", b"\xff", b"7", b"[" * 5000])
+def test_a_request_or_reply_that_is_none_is_refused_in_words(query, payload):
+    for codec in (query.requests, query.payloads):
+        if codec.kind in (bytes, NoneType):
+            assert codec.read(payload) == (payload if codec.kind is bytes else None)
+            continue
+        with pytest.raises(BadPayload, match=r"^expected a"):
+            codec.read(payload)
+
+
+@pytest.mark.parametrize("topic", PUBLISHED, ids=lambda topic: topic.name)
 def test_a_put_carries_a_message_or_says_whose_bytes_it_carries(topic):
     if topic.message is None:
         assert topic.encoding != "application/json"

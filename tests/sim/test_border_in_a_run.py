@@ -3,8 +3,7 @@
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.topic import Kind
-from robrain.protocol.wire.topics import TOPICS
+from robrain.protocol.wire.topics import PUBLISHED
 from robrain.sim.lockstep import LockstepRun
 from robrain.sim.scenario import Scenario
 
@@ -15,8 +14,8 @@ def test_every_message_of_a_run_is_accepted() -> None:
     run = LockstepRun(Scenario.builtin("arena_small").replace(robots=3, motes=4, seed=5).world())
     ears = Endpoint(run.session, "default", run.clock, Drive.LOCKSTEP)
     inbox = Inbox(100_000, every=True)
-    for topic in TOPICS:
-        if topic.kind is Kind.PUT and topic.message is not None:
+    for topic in PUBLISHED:
+        if topic.message is not None:
             ears.subscribe(inbox, topic)
     heard = set()
     try:

@@ -1,5 +1,4 @@
 import io
-import json
 
 import numpy as np
 import pytest
@@ -29,7 +28,7 @@ def test_each_robot_has_a_camera_of_its_own_that_is_asked_over_the_wire(run):
 
 
 def test_a_board_measures_what_there_is_with_the_noise_of_a_mote(run):
-    values = json.loads(run.wire.ask(ARENA_SENSE, robot="r1"))
+    values = run.wire.ask(ARENA_SENSE, robot="r1")
     assert set(values) == {"temperature_c", "light_lx", "humidity_pct"}
     assert values == run.arena.sensors.values("r1")
     run.run(0.02)

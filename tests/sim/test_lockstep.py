@@ -51,8 +51,8 @@ with open_session(connect=[sys.argv[1]]) as session:
     {question}
 """
 LOOKING_SCRIPT = ASKING_SCRIPT.format(
-    question="""infos = json.loads(endpoint.ask(ROBOT_PLUGINS, robot="r1", timeout_s=20.0))
-    print(sorted(info["name"] for info in infos))"""
+    question="""infos = endpoint.ask(ROBOT_PLUGINS, robot="r1", timeout_s=20.0)
+    print(sorted(info.name for info in infos))"""
 )
 CALLING_SCRIPT = ASKING_SCRIPT.format(
     question="""reply = endpoint.ask(ROBOT_CALL, [], robot="r1", plugin="driver", function="stop", timeout_s=20.0)

@@ -1,7 +1,5 @@
 """The whole stack, and a bus that is cut or a lidar that freezes in the middle of an exploration."""
 
-import json
-
 import pytest
 
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -51,7 +49,7 @@ def told(run, plugin, event):
 
 
 def why(run, plugin):
-    infos = json.loads(run.watcher.ask(ROBOT_PLUGINS, robot="r1"))
+    infos = run.watcher.ask(ROBOT_PLUGINS, robot="r1")
     return next(info["state"] + ": " + info["why"] for info in infos if info["name"] == plugin)
 
 

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import msgspec
 import pytest
 
 from robrain.coordinator.planning.policy import Method, PlanningPolicy
@@ -10,7 +9,7 @@ from robrain.coordinator.planning.replaying import replay_decisions
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import TaskState, Visit
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.task_messages import TaskRecord, TaskRequest, TaskSubmission
+from robrain.protocol.wire.task_messages import TaskRequest, TaskSubmission
 from robrain.protocol.wire.topics import TASK_GET, TASK_SUBMIT
 from robrain.sim.lockstep import LockstepRun
 from robrain.sim.scenario import Scenario
@@ -58,8 +57,7 @@ def test_simulated_robots_do_a_task_together() -> None:
         state = TaskState.QUEUED
         while not state.ended and run.sim_time_s < 120.0:
             run.tick()
-            reply = asker.ask(TASK_GET, TaskRequest(id="lift"))
-            record = msgspec.json.decode(reply, type=TaskRecord)
+            record = asker.ask(TASK_GET, TaskRequest(id="lift"))
             state = record.state
     finally:
         asker.close()

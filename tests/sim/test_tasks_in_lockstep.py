@@ -2,7 +2,6 @@
 
 from typing import NamedTuple
 
-import msgspec
 import pytest
 
 from robrain.protocol.model.geometry import Point2D
@@ -32,8 +31,7 @@ def outcome(seed: int) -> Outcome:
             asker.ask(TASK_SUBMIT, TaskSubmission(task=task, by="test", deadline_in_s=LONGEST_S))
 
         def records() -> list[TaskRecord]:
-            replies = [asker.ask(TASK_GET, TaskRequest(id=task.id)) for task in TASKS]
-            return [msgspec.json.decode(reply, type=TaskRecord) for reply in replies]
+            return [asker.ask(TASK_GET, TaskRequest(id=task.id)) for task in TASKS]
 
         while not all(record.state.ended for record in records()):
             run.tick()

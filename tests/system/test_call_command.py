@@ -3,7 +3,6 @@
 import json
 from collections.abc import Iterator
 
-import msgspec
 import pytest
 
 from robrain.agent.external import external_functions
@@ -12,7 +11,6 @@ from robrain.agent.text_form import parse_call
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request
 from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.messages import HostRequest
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_HOST
 from tests.system.conftest import Commands
@@ -45,12 +43,12 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Commands]:
         wire = Endpoint(session, "default", WallClock(), Drive.LIVE)
 
         def command(request: Request) -> str:
-            call = parse_call(msgspec.json.decode(request.payload, type=HostRequest).text)
+            call = parse_call(request.asked.text)
             assert call.plugin == "drawer"
             return functions[call.function].call_text(drawer, call.arguments)
 
         def called(request: Request) -> object:
-            return functions[request.names["function"]].call(drawer, request.payload)
+            return functions[request.names["function"]].call(drawer, request.asked)
 
         wire.token(ROBOT_ALIVE, robot="r1")
         wire.answer(ROBOT_HOST, command, robot="r1", verb="command")

@@ -6,7 +6,6 @@ import sys
 import threading
 from types import SimpleNamespace
 
-import msgspec
 import pytest
 from prompt_toolkit.application import create_app_session
 from prompt_toolkit.completion import CompleteEvent
@@ -22,7 +21,7 @@ from robrain.plugins.unit.interactive_shell.interactive_shell import Interactive
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.wire.messages import HostRequest, PluginInfo
+from robrain.protocol.wire.messages import PluginInfo
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ROBOT_HOST, ROBOT_PLUGINS
 from tests.waiting import PATIENCE_S, until
@@ -63,7 +62,7 @@ def wire():
         robot.answer(ROBOT_PLUGINS, lambda request: PLUGINS, robot="r1")
 
         def command(request):
-            text = msgspec.json.decode(request.payload, type=HostRequest).text
+            text = request.asked.text
             if "stop" in text:
                 return ""
             if "refuse" in text:
