@@ -8,7 +8,7 @@ import pytest
 
 from robrain.coordinator.recording.plain_schema import SCALARS, plain_schema
 from robrain.protocol.wire.topic import Topic
-from robrain.protocol.wire.topics import TOPICS
+from robrain.protocol.wire.topics import PUBLISHED
 
 
 class Colour(StrEnum):
@@ -87,7 +87,7 @@ def test_each_type_has_a_plain_form() -> None:
 
 
 @pytest.mark.parametrize(
-    "topic", [topic for topic in TOPICS if topic.recorded and topic.message is not None], ids=lambda topic: topic.name
+    "topic", [topic for topic in PUBLISHED if topic.recorded and topic.message is not None], ids=lambda topic: topic.name
 )
 def test_every_recorded_message_is_described_plainly(topic: Topic) -> None:
     assert topic.message is not None
