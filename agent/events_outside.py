@@ -77,6 +77,12 @@ class _WayOut:
                 self._publisher.put(msgspec.structs.replace(self._message, value=encoded))
             except zenoh.ZError:  # the session has gone, and the robot with it: no fault of the plugin's
                 self._event.unsent += 1
+            except ValueError as error:  # it is too large
+                self._event.unsent += 1
+                if self._event.unsent == 1:
+                    message = self._message
+                    what = f"{message.robot}: event {message.event} of plugin {message.plugin}"
+                    logger.error("%s stays in the robot: %s", what, error)  # noqa: TRY400 - a traceback adds nothing
 
     def close(self, *, declared: bool) -> None:
         with self._lock:

@@ -16,9 +16,10 @@ from robrain.agent.crew import Crew
 from robrain.agent.manager import PluginManager
 from robrain.protocol.model.halt_latch import HaltLatch
 from robrain.protocol.model.ranges import TEXT_MAX, cut
+from robrain.protocol.wire.border import Heard, Received
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.wire.inbox import Heard, Inbox, Received
+from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import HaltAnswer, HaltStatus, LogRecord, RobotState, TeamState
 from robrain.protocol.wire.record_guard import RecordGuard
 from robrain.protocol.wire.topics import COORDINATOR_HALT, COORDINATOR_STATE, HALT, ROBOT_LOG
@@ -44,11 +45,12 @@ class Arrivals(Inbox):
         super().__init__()
         self._on_arrival = on_arrival
 
-    def append(self, topic: Heard, key: str, payload: bytes, *, outside: bool = False) -> None:
+    def append(self, topic: Heard, key: str, payload: bytes, *, outside: bool = False) -> bool:
         """Take a sample in."""
-        super().append(topic, key, payload, outside=outside)
-        if self._on_arrival is not None:
+        is_taken = super().append(topic, key, payload, outside=outside)
+        if is_taken and self._on_arrival is not None:
             self._on_arrival()
+        return is_taken
 
 
 class HaltDesk:

@@ -22,13 +22,13 @@ from robrain.coordinator.task_requests import TaskRequests
 from robrain.coordinator.team_map import TeamMap
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import Explore, Recharge, TaskState, place_of
+from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.idle_reasons import IdleReason, PlanPending, TaskSoon, TeamHalted
-from robrain.protocol.wire.inbox import Inbox, Received
+from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.map_messages import MapPatch
-from robrain.protocol.wire.messages import FrontierSummary, RobotState, TaskEvent, TaskStatus, TeamState
-from robrain.protocol.wire.publisher import Publisher
+from robrain.protocol.wire.messages import FrontierSummary, RobotState, TaskStatus, TeamState
 from robrain.protocol.wire.record_guard import RecordGuard
 from robrain.protocol.wire.refusals import RefusalCode
 from robrain.protocol.wire.task_messages import TaskRecord
@@ -52,7 +52,8 @@ SHOWN_FRONTIERS = 64
 SHOWN_REFUSALS = 16
 GAP = "gap_m"
 """Key in a task's result: width of the gap that the robot did not fit through."""
-KEPT_TASK_EVENTS = 256
+RETOLD_TASKS = 256
+"""Tasks whose last change is published again when a coordinator starts."""
 NS_PER_MS = 1_000_000
 
 
@@ -74,7 +75,8 @@ class Coordinator:
         # Milliseconds of the clock: a coordinator that takes over later starts with a greater epoch, and with
         # numbers for its tasks that no earlier one has used.
         first_epoch = wire.clock.now_ns() // NS_PER_MS
-        self.tasks = TaskBook(wire.clock, first_epoch, self._tell_task, journal)
+        task_events = wire.publisher(TASK_EVENT)
+        self.tasks = TaskBook(wire.clock, first_epoch, task_events.put, journal)
         self.capabilities = Capabilities(wire)
         self.lifecycle = TaskLifecycle(wire, self.tasks, self.roster, self.capabilities)
         lifecycle = self.lifecycle
@@ -102,7 +104,6 @@ class Coordinator:
         wire.subscribe(self._inbox, ROBOT_MAP)
         self.halts = HaltWatch(wire, self.roster)
         self._summary = wire.publisher(COORDINATOR_STATE)
-        self._task_events: dict[str, Publisher] = {}
         wire.token(COORDINATOR_ALIVE)
         self._decide_due_ns = 0
         self._look_due_ns = 0
@@ -116,7 +117,7 @@ class Coordinator:
         )
         with self.lifecycle.as_far_as_written(wire.clock.now_ns()):
             self.tasks.end_what_cannot_be_read()
-        self.tasks.tell_again(KEPT_TASK_EVENTS)
+        self.tasks.tell_again(RETOLD_TASKS)
 
     def step(self) -> None:
         """Hear, decide, act."""
@@ -293,14 +294,6 @@ class Coordinator:
             self._offer_own(task, choice.robot, now_ns, choice.way_m)
 
     # -- telling --------------------------------------------------------------------------------------------
-
-    def _tell_task(self, event: TaskEvent) -> None:
-        publisher = self._task_events.get(event.task.id)
-        if publisher is None:
-            publisher = self._task_events[event.task.id] = self._wire.publisher(TASK_EVENT, task=event.task.id)
-            if len(self._task_events) > KEPT_TASK_EVENTS:  # those that join late hear of the last ones only
-                self._task_events.pop(next(iter(self._task_events))).close()
-        publisher.put(event)
 
     def _why_idle(self, now_ns: int) -> dict[str, IdleReason]:
         """Why each idle robot that is up has no task."""

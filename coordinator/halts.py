@@ -7,8 +7,9 @@ from typing import Any
 
 from robrain.coordinator.roster import Roster
 from robrain.protocol.model.halt_latch import HaltLatch
+from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.endpoint import Endpoint, Request
-from robrain.protocol.wire.inbox import Inbox, Received
+from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import HaltStatus, RobotState
 from robrain.protocol.wire.record_guard import RecordGuard
 from robrain.protocol.wire.topics import COORDINATOR_HALT, HALT

@@ -18,9 +18,10 @@ from robrain.coordinator.roster import Roster
 from robrain.coordinator.task_book import TaskBook
 from robrain.coordinator.task_reasons import TaskReasons
 from robrain.protocol.model.task import Monitor, Sense, TaskState
+from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.inbox import Inbox, Received
+from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import MoteDuty, MoteReading
 from robrain.protocol.wire.publisher import Publisher
 from robrain.protocol.wire.record_guard import RecordGuard

@@ -78,7 +78,7 @@ class Referee:
     @property
     def refused_patches(self) -> int:
         """Patches that do not decode, are for another grid, or are not plausible."""
-        return self._misfits + self._inbox.malformed
+        return self._misfits + self._inbox.refused
 
     def unseen_m2(self) -> NDArray[np.float64]:
         """Area of reachable floor in each unknown cell of the team's grid: (H, W), square metres."""

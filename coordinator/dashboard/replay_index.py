@@ -12,9 +12,9 @@ from robrain.coordinator.dashboard.robot_view import TRAIL_POINTS, Condition
 from robrain.coordinator.dashboard.team_view import TeamView
 from robrain.coordinator.recording.reading import RecordedMessage
 from robrain.protocol.model.task import TaskState, kind_of
+from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.codec import BadPayload
-from robrain.protocol.wire.inbox import Received
 from robrain.protocol.wire.messages import Halt, LogRecord, RobotState, TaskEvent
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (

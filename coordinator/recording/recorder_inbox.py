@@ -2,7 +2,8 @@
 
 from collections import Counter
 
-from robrain.protocol.wire.inbox import Heard, Inbox
+from robrain.protocol.wire.border import Heard
+from robrain.protocol.wire.inbox import Inbox
 
 
 class RecorderInbox(Inbox):
@@ -22,17 +23,21 @@ class RecorderInbox(Inbox):
         self.dropped_by_topic: Counter[str] = Counter()
         self._bytes = 0
 
-    def append(self, topic: Heard, key: str, payload: bytes, *, outside: bool = False) -> None:
-        """Take a message in, or count it as dropped."""
+    def append(self, topic: Heard, key: str, payload: bytes, *, outside: bool = False) -> bool:
+        """Take a message in, or count it as refused or dropped."""
         self.received += 1
         self.outside += outside
+        if not self.border.admits(topic, key, payload):
+            self.refused += 1
+            return False
         size = len(payload)
         if len(self._every) >= self.capacity or self._bytes + size > self.capacity_bytes:
             self.dropped += 1
             self.dropped_by_topic[topic.name] += 1
-            return
+            return False
         self._bytes += size
         self._every.append((topic, key, payload))
+        return True
 
     def drain_raw(self) -> list[tuple[Heard, str, bytes]]:
         """Take everything out as topic, key and payload, in order of arrival."""

@@ -4,11 +4,15 @@ Whoever halts holds the latch and may let go of it; it opens when nobody holds i
 everybody. Who somebody is, is what they say: who may say it at all is for the access rules of the wire.
 """
 
+from robrain.protocol.model.ranges import STAMP_MAX
+
 OPERATOR = "operator"
 """Identities that start with this may end anybody's halt: `operator`, `operator:dashboard`, `operator:ann`."""
 NAME_LENGTH = 64
 REASON_LENGTH = 200
 MOST_HOLDERS = 64
+LATEST_NS = STAMP_MAX // 2
+"""Later stamps count as this one, so that those after it still fit into messages."""
 
 
 class HaltLatch:
@@ -86,4 +90,4 @@ class HaltLatch:
         return ""
 
     def _advance(self, stamp_ns: int) -> None:
-        self.stamp_ns = max(stamp_ns, self.stamp_ns + 1)
+        self.stamp_ns = max(min(stamp_ns, LATEST_NS), self.stamp_ns + 1)

@@ -18,10 +18,11 @@ import zenoh
 from zenoh import ext
 
 from robrain.protocol.wire.answering import Answering
+from robrain.protocol.wire.border import Border, Heard
 from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.codec import BadPayload
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.wire.inbox import NOTHING, Heard, Inbox
+from robrain.protocol.wire.inbox import NOTHING, Inbox
 from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.later import Later, call_error, read_reply
 from robrain.protocol.wire.lockstep_query import NO_LIMIT_S, LockstepReplies, is_from_outside
@@ -110,6 +111,7 @@ class Endpoint:
         self.refused_queries = 0
         self.refusals = Refusals(clock)
         """Counts of the messages and requests that the endpoint refused."""
+        self._border = Border(clock, self.refusals)
         self._on_outside = on_outside
         self.has_waiting = False
         """Whether `serve` has something to do."""
@@ -161,7 +163,7 @@ class Endpoint:
 
     def subscribe(self, inbox: Inbox, topic: Topic[Any], **names: str) -> None:
         """Put what arrives on a topic into `inbox`; names that are not given match any."""
-        self._adopt(inbox)
+        inbox.border = self._border
         key = topic.selector(self.team, **names)
         # Where names are left open, each sample says its own; to ask it of others too costs half as much as the rest.
         own_key = key if "*" not in key else None
@@ -174,10 +176,12 @@ class Endpoint:
             if learns and key not in self._declared_keys:
                 self._declare_key(key)
             payload = sample.payload.to_bytes()
-            inbox.append(topic, key, payload, outside=outside)
+            is_taken = inbox.append(topic, key, payload, outside=outside)
             if self.on_heard is not None:
                 self.on_heard()
-            if outside and not topic.recorded:  # what is recorded, the recorder itself sees coming from outside
+            if (
+                is_taken and outside and not topic.recorded
+            ):  # what is recorded, the recorder itself sees coming from outside
                 self.note_outside(key, payload)
 
         if self.drive is Drive.LIVE and topic.delivery is Delivery.LOSSLESS:
@@ -193,10 +197,6 @@ class Endpoint:
             )
         else:
             self._entities.append(self.session.declare_subscriber(key, self._callback(take)))
-
-    def _adopt(self, inbox: Inbox) -> None:
-        if inbox.refusals is None:
-            inbox.refusals = self.refusals
 
     def _declare_key(self, key: str) -> None:
         """Have Zenoh remember the way of what arrives on a key.
@@ -377,7 +377,7 @@ class Endpoint:
         selector = f"{key}?{BY}={check_name('asker', by)}" if by else key
         for reply in self._replies(selector, timeout_s, payload=body, encoding=JSON, priority=priority):
             if reply.ok is not None:
-                return read_reply(topic, reply.ok.payload.to_bytes())
+                return read_reply(topic, key, reply.ok.payload.to_bytes())
             raise call_error(reply.err)
         raise NobodyThere(f"nobody answers {key}")
 
@@ -441,7 +441,7 @@ class Endpoint:
 
         """
         timeout_s = topic.timeout_s if timeout_s is None else timeout_s
-        self._adopt(inbox)
+        inbox.border = self._border
         key, reply_key = topic.key(self.team, **names), reply_topic.key(self.team, **names)
         if self.drive is Drive.LIVE:  # a callback would start a thread for each query
             replies: Any = self.session.get(key, zenoh.handlers.FifoChannel(REPLIES), timeout=timeout_s)

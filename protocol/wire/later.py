@@ -5,6 +5,7 @@ from typing import Any, Generic
 import msgspec
 import zenoh
 
+from robrain.protocol.wire.border import other_names
 from robrain.protocol.wire.codec import BAD_PAYLOAD, BadPayload
 from robrain.protocol.wire.errors import CallError, ErrorCode, ErrorReply, NobodyThere
 from robrain.protocol.wire.topic import Query, R
@@ -55,21 +56,24 @@ class Later(Generic[R]):
         if reply is None:
             return None
         if reply.ok is not None:
-            return read_reply(self._topic, reply.ok.payload.to_bytes())
+            return read_reply(self._topic, self._key, reply.ok.payload.to_bytes())
         raise call_error(reply.err)
 
 
-def read_reply(topic: Query[Any, R], payload: bytes) -> R:
+def read_reply(topic: Query[Any, R], key: str, payload: bytes) -> R:
     """Decode the reply to a query.
 
     Raises:
-        CallError: it is too large, does not decode, or is out of range (`failed`).
+        CallError: it is too large, does not decode, is out of range, or names another than was asked (`failed`).
 
     """
     try:
-        return topic.payloads.read(payload)
+        reply = topic.payloads.read(payload)
     except BadPayload as error:
-        raise CallError(ErrorCode.FAILED, f"a reply that is not as agreed: {error}") from error
+        raise CallError(ErrorCode.FAILED, f"a bad reply: {error}") from error
+    if topic.named_twice and (why := other_names(topic, topic.parse(key) or {}, reply)):
+        raise CallError(ErrorCode.FAILED, f"a bad reply: {why}")
+    return reply
 
 
 def call_error(reply: zenoh.ReplyError | None) -> CallError:

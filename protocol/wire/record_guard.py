@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Iterable
 from typing import TypeVar
 
-from robrain.protocol.wire.inbox import Received
+from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.refusals import RefusalCode, Refusals
 
 logger = logging.getLogger(__name__)

@@ -1,11 +1,10 @@
 """The rows of the table of topics: keys of the wire, what travels under them, and how it is delivered."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property, lru_cache
-from operator import attrgetter
-from typing import Annotated, Any, ClassVar, Generic, TypeVar, cast, get_origin
+from typing import Any, ClassVar, Generic, TypeVar, cast
 
 import msgspec
 
@@ -67,7 +66,9 @@ REQUEST_BYTES_MAX = 1_048_576
 """Largest request that is read unless a query says otherwise."""
 REPLY_BYTES_MAX = 67_108_864
 """Largest reply that is read unless a query says otherwise."""
-NO_LIMIT = 2**62
+MESSAGE_BYTES_MAX = 1_048_576
+"""Largest message that is sent or read unless a topic says otherwise."""
+STAMP = "stamp_ns"
 PARSED_KEYS = 4096
 """Keys of one topic whose parsed names are cached: there are few, and each arrives many times."""
 
@@ -154,24 +155,34 @@ class Topic(WireKey, Generic[M]):
     delivery: Delivery = Delivery.EVERY
     recorded: bool = False
     encoding: str = JSON
-    max_bytes: int | None = None
-    """Largest payload that publisher and receivers accept; None for no limit."""
+    max_bytes: int = MESSAGE_BYTES_MAX
+    """Largest payload that publisher and receivers accept."""
     is_blocking: bool = False
     """Puts wait while the network is congested, instead of being dropped, and are sent at once, not in batches."""
     cache: int = 64
     """Samples that the sender of a lossless topic keeps."""
+    earlier: str = ""
+    """Pattern of its keys in recordings of earlier versions; empty if it was always the same."""
 
     @cached_property
     def payloads(self) -> Codec[M]:
         """Reads and writes messages; bytes go as they are."""
-        limit = NO_LIMIT if self.max_bytes is None else self.max_bytes
-        return Codec(cast("type[M]", bytes) if self.message is None else self.message, limit, self.name)
+        return Codec(cast("type[M]", bytes) if self.message is None else self.message, self.max_bytes, self.name)
 
     @cached_property
-    def named_twice(self) -> tuple[tuple[str, Callable[[M], str]], ...]:
-        """Names that are in both key and payload, each with a function that reads it from a message."""
-        said = getattr(self.message, "__struct_fields__", ())
-        return tuple((field, _reader(self.message, field)) for field in self.fields if field in said)
+    def named_twice(self) -> tuple[str, ...]:
+        """Names that are in both key and payload."""
+        return _in_both(self.fields, self.message)
+
+    @cached_property
+    def before(self) -> "Topic[M] | None":
+        """The same topic under its earlier pattern; None without one."""
+        return replace(self, pattern=self.earlier, earlier="") if self.earlier else None
+
+    @cached_property
+    def is_stamped(self) -> bool:
+        """Whether messages say when they were sent."""
+        return STAMP in _fields_of(self.message)
 
     def json_schema(self) -> dict[str, Any]:
         """JSON Schema of the payload."""
@@ -209,7 +220,10 @@ class Query(WireKey, Generic[Q, R]):
         """Reads and writes replies."""
         return Codec(self.reply, self.max_reply_bytes, f"reply of {self.name}")
 
-    named_twice: ClassVar[tuple[()]] = ()
+    @cached_property
+    def named_twice(self) -> tuple[str, ...]:
+        """Names that are in both key and reply."""
+        return _in_both(self.fields, self.reply)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,6 +233,10 @@ class Token(WireKey):
     kind: ClassVar[Kind] = Kind.TOKEN
 
 
-def _reader(message: Any, field: str) -> Callable[[Any], str]:
-    kind = next(one.type for one in msgspec.structs.fields(message) if one.name == field)
-    return attrgetter(field) if get_origin(kind) is Annotated else attrgetter(f"{field}.id")  # a task has an id
+def _fields_of(kind: Any) -> tuple[str, ...]:
+    fields: tuple[str, ...] = getattr(kind, "__struct_fields__", ())
+    return fields
+
+
+def _in_both(fields: tuple[str, ...], kind: Any) -> tuple[str, ...]:
+    return tuple(field for field in fields if field in _fields_of(kind))

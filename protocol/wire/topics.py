@@ -68,6 +68,7 @@ ROBOT_MAP = Topic(
     urgency=Urgency.DATA_LOW,
     recorded=True,
     cache=256,
+    max_bytes=16_777_216,
 )
 ROBOT_MAP_WHOLE = Query(
     name="robot_map_whole",
@@ -96,6 +97,7 @@ ROBOT_PATH = Topic(
     message=messages.PlannedPath,
     delivery=Delivery.LATEST,
     recorded=True,
+    max_bytes=4_194_304,
 )
 ROBOT_LINKS = Topic(
     name="robot_links",
@@ -127,6 +129,7 @@ ROBOT_LOG = Topic(
     message=messages.LogRecord,
     urgency=Urgency.DATA_LOW,
     recorded=True,
+    max_bytes=65_536,
 )
 ROBOT_PLUGINS = Query(
     name="robot_plugins",
@@ -208,6 +211,7 @@ ROBOT_IMAGE: Topic[bytes] = Topic(
     recorded=True,
     encoding=PNG,
     cache=1,
+    max_bytes=16_777_216,
 )
 MOTE_READING = Topic(
     name="mote_reading",
@@ -218,6 +222,7 @@ MOTE_READING = Topic(
     delivery=Delivery.LOSSLESS,
     urgency=Urgency.DATA_LOW,
     recorded=True,
+    max_bytes=16_384,
 )
 MOTE_DUTY = Topic(
     name="mote_duty",
@@ -228,15 +233,19 @@ MOTE_DUTY = Topic(
     delivery=Delivery.LOSSLESS,
     recorded=True,
     cache=1,
+    max_bytes=4096,
 )
 TASK_EVENT = Topic(
     name="task_event",
-    pattern="task/event/{task}",
-    doc="Every change of a task, with why",
+    pattern="task/event",
+    doc="Every change of every task, with why",
     by=Role.COORDINATOR,
     message=messages.TaskEvent,
     delivery=Delivery.LOSSLESS,
     recorded=True,
+    max_bytes=262_144,
+    cache=1024,
+    earlier="task/event/{task}",
 )
 
 
@@ -268,6 +277,7 @@ TASK_PROBLEM = Topic(
     message=plan_messages.PlanProblem,
     urgency=Urgency.DATA_LOW,
     recorded=True,
+    max_bytes=67_108_864,
 )
 COORDINATOR_CHARGES = Topic(
     name="coordinator_charges",
@@ -328,6 +338,7 @@ COORDINATOR_STATE = Topic(
     rate_hz=2,
     delivery=Delivery.LATEST,
     recorded=True,
+    max_bytes=16_777_216,
 )
 COORDINATOR_HALT = Query(
     name="coordinator_halt",
@@ -348,6 +359,7 @@ RECORDER_STATE = Topic(
     rate_hz=1,
     delivery=Delivery.LATEST,
     urgency=Urgency.DATA_LOW,
+    max_bytes=65_536,
 )
 REPLAY_CONTROL = Query(
     name="replay_control",
@@ -377,6 +389,7 @@ ARENA_CAN: Topic[bytes] = Topic(
     rate_hz=100,
     urgency=Urgency.INTERACTIVE_HIGH,
     encoding=CAN_FRAME,
+    max_bytes=4096,
 )
 ARENA_RADIO_RX: Topic[bytes] = Topic(
     name="arena_radio_rx",
@@ -384,6 +397,7 @@ ARENA_RADIO_RX: Topic[bytes] = Topic(
     doc="A TinyOS packet that the robot's base station hears",
     by=Role.ARENA,
     encoding=TINYOS_PACKET,
+    max_bytes=4096,
 )
 ARENA_RADIO_TX: Topic[bytes] = Topic(
     name="arena_radio_tx",
@@ -391,6 +405,7 @@ ARENA_RADIO_TX: Topic[bytes] = Topic(
     doc="A TinyOS packet that the robot's base station sends",
     by=Role.ROBOT,
     encoding=TINYOS_PACKET,
+    max_bytes=4096,
 )
 ARENA_SCAN = Topic(
     name="arena_scan",
@@ -429,6 +444,7 @@ ARENA_CLOCK = Topic(
     message=messages.ArenaClock,
     rate_hz=10,
     delivery=Delivery.LATEST,
+    max_bytes=4096,
 )
 ARENA_TRUTH = Topic(
     name="arena_truth",
@@ -439,6 +455,7 @@ ARENA_TRUTH = Topic(
     rate_hz=5,
     delivery=Delivery.LATEST,
     recorded=True,
+    max_bytes=16_777_216,
 )
 ARENA_OUTSIDE = Topic(
     name="arena_outside",
@@ -447,70 +464,24 @@ ARENA_OUTSIDE = Topic(
     by=Role.ARENA,
     message=messages.OutsideInput,
     recorded=True,
+    max_bytes=2_097_152,
 )
 
-TOPICS: tuple[WireKey, ...] = (
-    ROBOT_ALIVE,
-    ROBOT_CLAIM,
-    ROBOT_WHO,
-    ROBOT_STATE,
-    ROBOT_MAP,
-    ROBOT_MAP_WHOLE,
-    ROBOT_CLOSURES,
-    ROBOT_PATH,
-    ROBOT_LINKS,
-    ROBOT_EVENT,
-    ROBOT_LOG,
-    ROBOT_PLUGINS,
-    ROBOT_CALL,
-    ROBOT_HOST,
-    ROBOT_OFFER,
-    ROBOT_WITHDRAW,
-    ROBOT_FOREIGN,
-    ROBOT_FOREIGN_INFO,
-    ROBOT_FOREIGN_CALL,
-    ROBOT_IMAGE,
-    MOTE_READING,
-    MOTE_DUTY,
-    TASK_EVENT,
-    TASK_SUBMIT,
-    TASK_CANCEL,
-    TASK_LIST,
-    TASK_GET,
-    TASK_WHY,
-    TASK_DECISION,
-    TASK_PROBLEM,
-    COORDINATOR_CHARGES,
-    COORDINATOR_PLANNING,
-    COORDINATOR_OBJECTIVE,
-    COORDINATOR_ALIVE,
-    COORDINATOR_CLAIM,
-    COORDINATOR_WHO,
-    COORDINATOR_STATE,
-    COORDINATOR_HALT,
-    RECORDER_STATE,
-    REPLAY_CONTROL,
-    HALT,
-    ARENA_CAN,
-    ARENA_RADIO_RX,
-    ARENA_RADIO_TX,
-    ARENA_SCAN,
-    ARENA_CAMERA,
-    ARENA_SENSE,
-    ARENA_CLOCK,
-    ARENA_TRUTH,
-    ARENA_OUTSIDE,
-)
-
-
+TOPICS: tuple[WireKey, ...] = tuple(row for row in list(globals().values()) if isinstance(row, WireKey))
+"""All rows, in the order of this file."""
 PUBLISHED: tuple[Topic[Any], ...] = tuple(row for row in TOPICS if isinstance(row, Topic))
 """The topics among them."""
 
 
 def topic_of(key: str) -> tuple[Topic[Any], dict[str, str]] | None:
-    """The topic of a concrete key and the names in it (with `team`), or None if nothing of ours is published there."""
+    """The topic of a concrete key and the names in it (with `team`), or None if nothing of ours is published there.
+
+    Keys of recordings that an earlier version made are found as well.
+    """
     for topic in PUBLISHED:
         names = topic.parse(key)
+        if names is None and topic.before is not None:
+            names = topic.before.parse(key)
         if names is not None:
             return topic, names
     return None

@@ -5,7 +5,7 @@ from robrain.coordinator.dashboard.robot_view import RobotView
 from robrain.coordinator.dashboard.team_view import TeamView
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import TaskState, Visit
-from robrain.protocol.wire.inbox import Received
+from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.messages import RobotState, TaskEvent, TaskStatus
 from robrain.protocol.wire.plan_messages import ChargeSchedule, PlannedCharge, TaskDecision
 from robrain.protocol.wire.task_messages import RobotVerdict

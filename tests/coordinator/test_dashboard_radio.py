@@ -15,7 +15,7 @@ from robrain.coordinator.dashboard.radio_links import (
 from robrain.coordinator.dashboard.robot_view import MoteView, RobotView
 from robrain.coordinator.dashboard.team_view import TeamView
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.wire.inbox import Received
+from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.messages import MoteReading, RadioLink, RobotLinks, RobotState
 from robrain.protocol.wire.topics import ROBOT_LINKS
 

@@ -8,7 +8,7 @@ from robrain.coordinator.dashboard.robot_view import SILENT_AFTER_S, TRAIL_POINT
 from robrain.coordinator.dashboard.team_view import HISTORY_POINTS, TeamView
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.task import Explore, TaskState
-from robrain.protocol.wire.inbox import Received
+from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.map_messages import MapPatch
 from robrain.protocol.wire.messages import (
     ArenaClock,

@@ -146,7 +146,9 @@ def test_each_channel_is_a_key_and_carries_the_schema_of_its_message(stage: Stag
 
 
 @pytest.mark.parametrize(
-    "topic", [topic for topic in PUBLISHED if topic.recorded and topic.message is not None], ids=lambda topic: topic.name
+    "topic",
+    [topic for topic in PUBLISHED if topic.recorded and topic.message is not None],
+    ids=lambda topic: topic.name,
 )
 def test_every_recorded_topic_is_heard_and_has_a_schema_that_is_an_object(
     stage: Stage, tmp_path: Path, topic: Topic

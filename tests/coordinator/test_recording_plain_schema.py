@@ -87,7 +87,9 @@ def test_each_type_has_a_plain_form() -> None:
 
 
 @pytest.mark.parametrize(
-    "topic", [topic for topic in PUBLISHED if topic.recorded and topic.message is not None], ids=lambda topic: topic.name
+    "topic",
+    [topic for topic in PUBLISHED if topic.recorded and topic.message is not None],
+    ids=lambda topic: topic.name,
 )
 def test_every_recorded_message_is_described_plainly(topic: Topic) -> None:
     assert topic.message is not None

@@ -86,7 +86,7 @@ def test_a_message_out_of_its_range_is_counted_with_its_sender(wire, inbox, pose
     for _ in range(3):
         publisher.put_bytes(f'{{"robot":"r1","pose":{pose}}}'.encode())
         assert inbox.drain() == []
-    assert inbox.malformed == 3
+    assert inbox.refused == 3
     (found,) = wire.refusals.counts()
     assert (found.topic, found.key, found.code, found.count) == (
         "robot_state",

@@ -90,7 +90,7 @@ def test_malformed_samples_are_counted_and_left_out(payload):
     inbox.append(ROBOT_LOG, LOG_KEY, payload)
     inbox.append(ROBOT_LOG, LOG_KEY, log("good"))
     assert [item.message.text for item in inbox.drain()] == ["good"]
-    assert inbox.malformed == 1
+    assert inbox.refused == 1
 
 
 def test_what_is_nested_too_deep_is_malformed_and_harms_nobody():
@@ -98,14 +98,14 @@ def test_what_is_nested_too_deep_is_malformed_and_harms_nobody():
     bomb = b'{"robot": "r1", "plugin": "p", "event": "e", "value": ' + b"[" * 100_000 + b"]" * 100_000 + b"}"
     inbox.append(ROBOT_EVENT, ROBOT_EVENT.key("t", robot="r1", plugin="p", event="e"), bomb)
     assert inbox.drain() == []
-    assert inbox.malformed == 1
+    assert inbox.refused == 1
 
 
 @given(st.binary(max_size=64))
 def test_no_payload_breaks_an_inbox(payload):
     inbox = Inbox()
     inbox.append(ROBOT_LOG, LOG_KEY, payload)
-    assert len(inbox.drain()) + inbox.malformed == 1
+    assert len(inbox.drain()) + inbox.refused == 1
 
 
 def test_bytes_of_foreign_protocols_stay_bytes():

@@ -8,7 +8,8 @@ import msgspec
 from robrain.plugins.skill.mapper.closures import ClosureDesk
 from robrain.plugins.skill.mapper.frames import Frames
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
-from robrain.protocol.wire.inbox import Inbox, Received
+from robrain.protocol.wire.border import Received
+from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.map_messages import Closures, MapPatch
 from robrain.protocol.wire.map_patch import check_claim, map_stamp_ms, take_message, whole_map
 from robrain.protocol.wire.record_guard import RecordGuard
