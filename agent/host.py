@@ -46,6 +46,7 @@ from robrain.protocol.wire.messages import (
     TaskOffer,
     TaskWithdrawal,
 )
+from robrain.protocol.wire.refusals import Refusals, told
 from robrain.protocol.wire.topics import (
     COORDINATOR_STATE,
     ROBOT_ALIVE,
@@ -105,6 +106,8 @@ class AgentHost:
         self._session = session
         self._team = robot_file.robot.team
         self._wires: list[Endpoint] = []
+        self._refusals = Refusals(clock)
+        """Of the host and all plugins."""
         self._wire = self._open_wire()
         self._inbox = Inbox()
         self._state = self._wire.publisher(ROBOT_STATE, robot=self.name)
@@ -238,6 +241,7 @@ class AgentHost:
                 frame=board.frame,
                 map_agreement=board.map_agreement,
                 loaded=self._loaded(),
+                refused=told(self._refusals),
                 faulted=[PluginFault(plugin=name, why=cut(why)) for name, why in self._faulted.items()],
             )
             self._state.put(self.halting.mark(self._told))
@@ -344,7 +348,9 @@ class AgentHost:
     # -- what plugins get -----------------------------------------------------------------------------------
 
     def _open_wire(self) -> Endpoint:
-        wire = Endpoint(self._session, self._team, self.clock, self.drive, on_outside=self._on_outside)
+        wire = Endpoint(
+            self._session, self._team, self.clock, self.drive, on_outside=self._on_outside, refusals=self._refusals
+        )
         # A new list: the host's own thread may be going through the old one. Closed ones are let go.
         self._wires = [*(each for each in self._wires if not each.is_closed), wire]
         return wire

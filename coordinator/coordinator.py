@@ -2,8 +2,6 @@
 
 import math
 
-import msgspec
-
 from robrain.coordinator.capabilities import Capabilities
 from robrain.coordinator.exploration.explorer import Explorer
 from robrain.coordinator.halts import HaltWatch
@@ -30,7 +28,7 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.map_messages import MapPatch
 from robrain.protocol.wire.messages import FrontierSummary, RobotState, TaskStatus, TeamState
 from robrain.protocol.wire.record_guard import RecordGuard
-from robrain.protocol.wire.refusals import RefusalCode
+from robrain.protocol.wire.refusals import RefusalCode, told
 from robrain.protocol.wire.task_messages import TaskRecord
 from robrain.protocol.wire.topics import (
     COORDINATOR_ALIVE,
@@ -49,7 +47,6 @@ LOOK_PERIOD_NS = to_ns(0.1)
 SETTLED_NS = to_ns(3.0)
 """The floor counts as explored when for this long no robot could be given a frontier."""
 SHOWN_FRONTIERS = 64
-SHOWN_REFUSALS = 16
 GAP = "gap_m"
 """Key in a task's result: width of the gap that the robot did not fit through."""
 RETOLD_TASKS = 256
@@ -305,7 +302,6 @@ class Coordinator:
 
     def _tell_summary(self, now_ns: int) -> None:
         frontiers = self.explorer.candidates[:SHOWN_FRONTIERS]
-        refused = self._wire.refusals.counts()
         self.roster.forget_unseen(now_ns)
         self._summary.put(
             TeamState(
@@ -317,6 +313,6 @@ class Coordinator:
                 tasks_done=self.tasks.done_count,
                 messages=self._inbox.received,
                 halt=self.halts.status(now_ns),
-                refused=refused[:SHOWN_REFUSALS] or msgspec.UNSET,
+                refused=told(self._wire.refusals),
             )
         )

@@ -1,5 +1,6 @@
 """What an operator should look at, worst first."""
 
+from collections.abc import Sequence
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -45,13 +46,13 @@ def alerts_of(view: TeamView, now_s: float) -> list[Alert]:
     if view.rejected:
         found.append(Alert(Level.WARN, "Messages", f"{view.rejected} made no sense and were left out"))
     if view.team is not None and isinstance(view.team.refused, list):
-        found += [_of_refusal(one) for one in view.team.refused[:REFUSALS_SHOWN]]
+        found += _of_refusals("Coordinator", view.team.refused)
+    found += _of_refusals("Dashboard", view.refused)
     return sorted(found, key=lambda alert: alert.level is not Level.BAD)
 
 
-def _of_refusal(one: Refusal) -> Alert:
-    sender = one.key.partition("/")[2].partition("/")[2] or one.key  # without the root and the team
-    return Alert(Level.WARN, "Coordinator", f"rejected {one.count} × {one.topic} from {sender} ({one.code}): {one.why}")
+def _of_refusals(subject: str, refused: Sequence[Refusal]) -> list[Alert]:
+    return [Alert(Level.WARN, subject, f"rejected {one.words}") for one in refused[:REFUSALS_SHOWN]]
 
 
 def _of_robot(robot: RobotView, now_s: float) -> list[Alert]:
@@ -68,6 +69,8 @@ def _of_robot(robot: RobotView, now_s: float) -> list[Alert]:
     found += [
         Alert(Level.BAD, robot.name, f"{fault.plugin} does not run: {last_line(fault.why)}") for fault in state.faulted
     ]
+    if isinstance(state.refused, list):
+        found += _of_refusals(robot.name, state.refused)
     if state.lost:
         found.append(Alert(Level.BAD, robot.name, f"does not know where it is: {state.lost}"))
     battery = state.battery
@@ -93,4 +96,7 @@ def _of_recorder(recorder: RecorderView, now_s: float) -> list[Alert]:
         return [Alert(Level.BAD, subject, "says nothing any more: what happens now may not be recorded")]
     state = recorder.state
     said = "; ".join(filter(None, (state.why, recorder.lost_text))) if state is not None else ""
-    return [Alert(Level.BAD, subject, said)] if said else []
+    found = [Alert(Level.BAD, subject, said)] if said else []
+    return found + (
+        _of_refusals(subject, state.refused) if state is not None and isinstance(state.refused, list) else []
+    )

@@ -4,6 +4,7 @@ from robrain.coordinator.dashboard.map_fetcher import MapFetcher
 from robrain.coordinator.dashboard.team_view import TeamView
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.record_guard import RecordGuard
 from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
 
 LINK_PERIOD_S = 1.0
@@ -17,6 +18,7 @@ class LiveSource:
         self.view = TeamView()
         self._endpoint = endpoint
         self._inbox = Inbox(INBOX)
+        self._guard = RecordGuard(endpoint.refusals)
         self._fetcher = MapFetcher(endpoint, self._inbox)
         self._dropped = 0
         self._had_router = False
@@ -35,8 +37,8 @@ class LiveSource:
         self._coordinator.changes()
         self.view.coordinator_up = bool(self._coordinator.present)
         runs = self.view.runs
-        for received in self._inbox.drain():
-            self.view.apply(received, now_s)
+        self._guard.messages(self._inbox.drain(), lambda received: self.view.apply(received, now_s))
+        self.view.refused = self._endpoint.refusals.counts()
         self.view.count_messages(self._inbox.received, now_s)
         if self._inbox.dropped > self._dropped or self.view.runs > runs:
             # Patches may have been among those dropped, or have belonged to the run before.

@@ -32,6 +32,7 @@ from robrain.protocol.wire.messages import (
 from robrain.protocol.wire.plan_messages import ChargeSchedule, PlannedCharge
 from robrain.protocol.wire.presence import Change
 from robrain.protocol.wire.reading_sieve import ReadingSieve, taken_at_ns
+from robrain.protocol.wire.refusals import Refusal
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (
     ARENA_CLOCK,
@@ -100,6 +101,8 @@ class TeamView:
         """When the last summary of the coordinator arrived, on the caller's clock."""
         self.rejected = 0
         """Messages that decoded but made no sense."""
+        self.refused: list[Refusal] = []
+        """Messages that broke the contract of their topic, largest count first."""
         self.map_refused_s: float | None = None
         """When a map patch was last rejected, on the caller's clock."""
         self.runs = 1

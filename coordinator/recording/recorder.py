@@ -7,7 +7,7 @@ import struct
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import msgspec
 
@@ -19,7 +19,8 @@ from robrain.coordinator.recording.recorder_telling import RecorderTelling
 from robrain.coordinator.recording.recording_files import RecordingFiles, SplitAt, ToldMessage
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import LostMessages, RecorderState
-from robrain.protocol.wire.topic import JSON, Topic
+from robrain.protocol.wire.refusals import told
+from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, PUBLISHED, RECORDER_STATE, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 if TYPE_CHECKING:
@@ -59,14 +60,6 @@ class RecordingSummary(msgspec.Struct, frozen=True):
     """Every file, where the recording is split."""
 
 
-class _Stamp(msgspec.Struct):
-    stamp_ns: Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)] = 0
-    seq: Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)] = 0
-
-
-_UNSTAMPED = _Stamp()
-
-
 class Recorder:
     """Hears every recorded topic of a team, in order of arrival, and writes each message as it was on the wire.
 
@@ -95,13 +88,13 @@ class Recorder:
         visual: bool = False,
     ) -> None:
         self._clock = endpoint.clock
+        self._refusals = endpoint.refusals
         self._team = endpoint.team
         self._messages = 0
         self._outside_queries = 0
         self._inbox = RecorderInbox(INBOX_CAPACITY, INBOX_BYTES)
         self._digest = hashlib.sha256()
         self._key_prefixes: dict[str, bytes] = {}
-        self._stamps = msgspec.json.Decoder(_Stamp)
         self._summary: RecordingSummary | None = None
         self._path = path
         self._visual: FoxgloveChannels | None = None
@@ -199,13 +192,13 @@ class Recorder:
         now_ns = self._clock.now_ns()
         file, visual = self._file, self._visual
         raw = cast("list[tuple[Topic[Any], str, bytes]]", self._inbox.drain_raw())  # it subscribes to topics alone
-        told = self._stamped(raw, now_ns)
-        self._messages += len(told)
-        for start in range(0, len(told), DIGESTED_AT_ONCE):
-            self._digest.update(self._digested(told[start : start + DIGESTED_AT_ONCE]))
+        heard = self._stamped(raw, now_ns)
+        self._messages += len(heard)
+        for start in range(0, len(heard), DIGESTED_AT_ONCE):
+            self._digest.update(self._digested(heard[start : start + DIGESTED_AT_ONCE]))
         if file is not None:
-            file.write(told, now_ns)
-            for topic, key, payload, _, _ in told:
+            file.write(heard, now_ns)
+            for topic, key, payload, _, _ in heard:
                 if visual is not None:
                     visual.take(topic, key, payload)
                 elif topic is ROBOT_MAP:
@@ -245,6 +238,7 @@ class Recorder:
             messages=self._messages,
             bytes=self._file.size_bytes,
             lost=[LostMessages(topic, messages) for topic, messages in sorted(lost.items())],
+            refused=told(self._refusals),
             waiting=len(self._inbox),
             why="; ".join(words),
             closed=self._summary is not None,
@@ -289,15 +283,17 @@ class Recorder:
         )
 
     def _stamped(self, raw: Iterable[tuple[Topic[Any], str, bytes]], now_ns: int) -> list[ToldMessage]:
-        """With the sender's stamp and number; what has none was said now."""
-        decode = self._stamps.decode
+        """What the border lets pass, with the sender's stamp and number; a message without a stamp was sent now."""
+        read = self._inbox.border.read
         told = []
         for topic, key, payload in raw:
-            try:
-                stamp = decode(payload) if topic.encoding == JSON else _UNSTAMPED
-            except (msgspec.DecodeError, UnicodeDecodeError):  # it was on the wire all the same
-                stamp = _UNSTAMPED
-            told.append((topic, key, payload, stamp.stamp_ns or now_ns, stamp.seq & SEQUENCE_MASK))
+            received = read(topic, key, payload)
+            if received is None:
+                self._inbox.refused += 1
+                continue
+            message = received.message
+            stamp_ns, seq = (message.stamp_ns, message.seq) if topic.is_stamped else (0, 0)
+            told.append((topic, key, payload, max(stamp_ns, 0) or now_ns, seq & SEQUENCE_MASK))
             if topic is ARENA_OUTSIDE:
                 self._outside_queries += 1
         return told

@@ -91,6 +91,7 @@ class Endpoint:
         on_outside: told of what reached a lockstep run from another process and may have changed it (key, payload),
             as far as it is not on a recorded topic.
         workers: how many queries to one queryable are answered at a time, with Serve.POOL.
+        refusals: counts refused messages and requests, where several endpoints are counted together.
 
     """
 
@@ -103,13 +104,14 @@ class Endpoint:
         *,
         on_outside: OnOutside | None = None,
         workers: int = 16,
+        refusals: Refusals | None = None,
     ) -> None:
         self.session = session
         self.team = team
         self.clock = clock
         self.drive = drive
         self.refused_queries = 0
-        self.refusals = Refusals(clock)
+        self.refusals = Refusals(clock) if refusals is None else refusals
         """Counts of the messages and requests that the endpoint refused."""
         self._border = Border(clock, self.refusals)
         self._on_outside = on_outside

@@ -34,12 +34,14 @@ from robrain.protocol.model.ranges import (
 )
 from robrain.protocol.model.task import Task, TaskState
 from robrain.protocol.wire.idle_reasons import IdleReason
-from robrain.protocol.wire.refusals import Refusal
+from robrain.protocol.wire.refusals import Refused
 
 Result = Annotated[dict[str, Any], Meta(max_length=64)]
 COVARIANCE_LENGTHS = (0, 9)
 Covariance = Annotated[tuple[Quantity, ...], Meta(max_length=9)]
 Ranges = Annotated[list[Annotated[int, Meta(ge=0, le=10_000_000)]], Meta(max_length=100_000)]
+Prose = Annotated[str, Meta(max_length=100_000)]
+"""Text by the author of a plugin."""
 Command = Annotated[str, Meta(max_length=1_000_000)]
 Lease = Annotated[float, Meta(ge=0.0, le=86_400.0)]
 """Lease of a task, seconds."""
@@ -132,6 +134,8 @@ class RobotState(Message, frozen=True, kw_only=True):
     """Share of the beams of recent scans that end at walls of the robot's map; None before the first comparison."""
     loaded: Count = 0
     """Number that changes with the set of loaded plugins, so that others need not poll it; 0 if not reported."""
+    refused: Refused = msgspec.UNSET
+    """Messages and requests that the robot's host and plugins have refused."""
 
     def __post_init__(self) -> None:
         if len(self.pose_covariance) not in COVARIANCE_LENGTHS:
@@ -178,8 +182,8 @@ class FunctionInfo(msgspec.Struct, frozen=True, kw_only=True):
     """One external function of a plugin."""
 
     name: Name
-    signature: str
-    doc: str
+    signature: Prose
+    doc: Prose
     parameters: dict[str, Any]
     """JSON Schema of an object with one property for each parameter."""
     returns: dict[str, Any]
@@ -218,8 +222,8 @@ class PluginInfo(msgspec.Struct, frozen=True, kw_only=True):
     """How often it was started again after a fault."""
     distribution: Name = ""
     """The installed distribution that a third-party plugin came with."""
-    doc: str = ""
-    functions: list[FunctionInfo] = []
+    doc: Prose = ""
+    functions: Annotated[list[FunctionInfo], Meta(max_length=1000)] = []
 
 
 class HostRequest(msgspec.Struct, frozen=True, kw_only=True):
@@ -322,9 +326,9 @@ class HaltStatus(msgspec.Struct, frozen=True, kw_only=True):
 class TeamState(Message, frozen=True, kw_only=True):
     """The coordinator's summary: 2 Hz, only the latest counts."""
 
-    robots: list[RobotSummary]
+    robots: Annotated[list[RobotSummary], Meta(max_length=100_000)]
     known_area_m2: Quantity = 0.0
-    frontiers: list[FrontierSummary] = []
+    frontiers: Annotated[list[FrontierSummary], Meta(max_length=1000)] = []
     all_explored: bool = False
     """Whether nothing unknown is left that a robot could reach."""
     tasks_open: Count = 0
@@ -333,8 +337,8 @@ class TeamState(Message, frozen=True, kw_only=True):
     """Messages that the coordinator has received."""
     halt: HaltStatus | None = None
     """None until somebody halts the team."""
-    refused: Annotated[list[Refusal], Meta(max_length=1000)] | msgspec.UnsetType = msgspec.UNSET
-    """Messages that the coordinator has refused, largest count first; absent if there are none."""
+    refused: Refused = msgspec.UNSET
+    """Messages that the coordinator has refused."""
 
 
 class RadioLink(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -404,8 +408,10 @@ class RecorderState(Message, frozen=True, kw_only=True):
     """Messages heard."""
     bytes: Count = 0
     """Written so far."""
-    lost: list[LostMessages] = []
+    lost: Annotated[list[LostMessages], Meta(max_length=1000)] = []
     """Messages that are not in the recording."""
+    refused: Refused = msgspec.UNSET
+    """Messages that are not in the recording because they break the contract of their topic."""
     waiting: Count = 0
     """Messages heard that are not written yet."""
     why: Text = ""
@@ -473,8 +479,8 @@ class ArenaTruth(Message, frozen=True, kw_only=True):
     """The true state of the simulated world and the accuracy of the team's map, for referees and viewers only."""
 
     sim_time_s: Seconds
-    robots: list[RobotTruth]
-    motes: list[MoteTruth] = []
+    robots: Annotated[list[RobotTruth], Meta(max_length=100_000)]
+    motes: Annotated[list[MoteTruth], Meta(max_length=100_000)] = []
     explored_fraction: Share = 0.0
     """Share of the reachable floor that the team's maps know."""
     map_accuracy: MapAccuracy | None = None

@@ -3,8 +3,10 @@
 import logging
 import threading
 from enum import StrEnum
+from typing import Annotated
 
 import msgspec
+from msgspec import Meta
 
 from robrain.protocol.model.ranges import Count, Name, Text
 from robrain.protocol.wire.clock import Clock, to_ns
@@ -20,6 +22,8 @@ TOLD_MAX = 5
 KEY_LENGTH = 120
 WHY_LENGTH = 200
 OTHERS = "others"
+SHOWN = 16
+"""Combinations told in one message, most frequent first."""
 
 
 class RefusalCode(StrEnum):
@@ -42,7 +46,12 @@ class RefusalCode(StrEnum):
 
 
 class Refusal(msgspec.Struct, frozen=True, kw_only=True):
-    """How many messages of one topic and sender were refused for one reason."""
+    """How many messages of one topic and sender were refused for one reason.
+
+    >>> one = Refusal(topic="halt", key="robrain/default/halt", code="malformed", count=2, why="no `by`")
+    >>> one.words
+    '2 × halt from halt (malformed): no `by`'
+    """
 
     topic: Name
     key: Text
@@ -51,6 +60,12 @@ class Refusal(msgspec.Struct, frozen=True, kw_only=True):
     count: Count
     why: Text
     """Of the last message refused."""
+
+    @property
+    def words(self) -> str:
+        """The refusal for people, without the root and the team of the key."""
+        sender = self.key.partition("/")[2].partition("/")[2] or self.key
+        return f"{self.count} × {self.topic} from {sender} ({self.code}): {self.why}"
 
 
 class Refusals:
@@ -98,10 +113,12 @@ class Refusals:
         if text:
             logger.warning("%s", text)
 
-    def counts(self) -> list[Refusal]:
-        """All refusals so far, largest count first."""
+    def counts(self, most: int | None = None) -> list[Refusal]:
+        """All refusals so far, or the `most` frequent ones, largest count first."""
+        if not self.total:
+            return []
         with self._counting:
-            return sorted(self._found.values(), key=lambda one: (-one.count, one.topic, one.key, one.code))
+            return sorted(self._found.values(), key=lambda one: (-one.count, one.topic, one.key, one.code))[:most]
 
     def _due(self, now_ns: int) -> str:
         """The line to log now; empty within a minute of the last one."""
@@ -118,3 +135,12 @@ class Refusals:
         named = [f"{count} of {one.topic} ({one.key}), {one.code}: {one.why}" for count, one in fresh[:TOLD_MAX]]
         more = f"; and of {len(fresh) - TOLD_MAX} other kinds" if len(fresh) > TOLD_MAX else ""
         return f"refused messages: {'; '.join(named)}{more}"
+
+
+Refused = Annotated[list[Refusal], Meta(max_length=1000)] | msgspec.UnsetType
+"""What a component has refused, largest count first; absent if nothing."""
+
+
+def told(refusals: Refusals) -> Refused:
+    """What a component says of its refusals in a message."""
+    return refusals.counts(SHOWN) or msgspec.UNSET

@@ -7,14 +7,26 @@ import pytest
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.wire.border import AHEAD_S
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.map_messages import MapPatch
 from robrain.protocol.wire.messages import Event, Halt, LogRecord, MoteReading, RobotState, TaskEvent
 from robrain.protocol.wire.record_guard import RecordGuard
 from robrain.protocol.wire.refusals import KINDS_MAX, RefusalCode, Refusals
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topics import HALT, MOTE_READING, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE, TASK_EVENT
+from robrain.protocol.wire.topics import (
+    HALT,
+    MOTE_READING,
+    ROBOT_EVENT,
+    ROBOT_LOG,
+    ROBOT_MAP,
+    ROBOT_MAP_WHOLE,
+    ROBOT_STATE,
+    TASK_EVENT,
+)
 
 LOGGER = "robrain.protocol.wire.refusals"
 
@@ -41,6 +53,10 @@ def inbox(wire):
     return inbox
 
 
+def map_of(robot):
+    return MapPatch(robot=robot, resolution_m=0.1, origin_x_m=0.0, origin_y_m=0.0, width=10, height=10)
+
+
 def refusals(wire):
     return [(one.topic, one.key, one.code, one.count) for one in wire.refusals.counts()]
 
@@ -57,11 +73,6 @@ def refusals(wire):
             {"mote": "m1"},
             MoteReading(mote="m2", place=None, quantity="q", value=1.0, voltage_v=3.0, rssi_dbm=-70.0, via="r1"),
         ),
-        (
-            TASK_EVENT,
-            {"task": "a"},
-            TaskEvent(task=Visit(id="b", place=Point2D(0.0, 0.0)), state=TaskState.DONE),
-        ),
     ],
     ids=lambda value: getattr(value, "name", None),
 )
@@ -73,9 +84,7 @@ def test_a_message_whose_sender_differs_from_its_key_is_rejected(wire, inbox, to
 
 def test_a_message_whose_sender_matches_its_key_is_accepted(wire, inbox):
     wire.publisher(ROBOT_STATE, robot="r1").put(RobotState(robot="r1"))
-    wire.publisher(TASK_EVENT, task="b").put(
-        TaskEvent(task=Visit(id="b", place=Point2D(0.0, 0.0)), state=TaskState.DONE)
-    )
+    wire.publisher(TASK_EVENT).put(TaskEvent(task=Visit(id="b", place=Point2D(0.0, 0.0)), state=TaskState.DONE))
     assert {received.topic for received in inbox.drain()} == {ROBOT_STATE, TASK_EVENT}
     assert refusals(wire) == []
 
@@ -107,6 +116,32 @@ def test_a_message_larger_than_its_topic_allows_is_neither_sent_nor_heard(wire, 
     assert refusals(wire) == [("halt", HALT.key("t"), "too_large", 1)]
     publisher.put(Halt(halted=True, by="ann", reason="smoke"))
     assert [received.message.reason for received in inbox.drain()] == ["smoke"]
+
+
+@pytest.mark.parametrize(("ahead_s", "is_heard"), [(-1e6, True), (0.0, True), (AHEAD_S, True), (AHEAD_S + 0.1, False)])
+def test_a_stamp_from_the_future_is_refused(wire, inbox, clock, ahead_s, is_heard):
+    clock.advance_to(to_ns(100.0))
+    wire.publisher(ROBOT_STATE, robot="r1").put(RobotState(robot="r1"), to_ns(100.0 + ahead_s))
+    assert len(inbox.drain()) == is_heard
+    assert refusals(wire) == ([] if is_heard else [("robot_state", "robrain/t/robot/r1/state", "from_future", 1)])
+    if not is_heard:
+        assert "5.1 s ahead of the clock" in wire.refusals.counts()[0].why
+
+
+def test_a_halt_counts_whatever_the_operators_clock_says(wire, inbox):
+    wire.publisher(HALT).put(Halt(halted=True, by="ann"), to_ns(1e9))
+    assert [received.message.by for received in inbox.drain()] == ["ann"]
+
+
+def test_a_reply_that_names_another_robot_than_was_asked_is_refused(wire):
+    wire.answer(ROBOT_MAP_WHOLE, lambda _: map_of("r2"))
+    assert wire.ask(ROBOT_MAP_WHOLE, robot="r2").robot == "r2"
+    with pytest.raises(CallError, match="a bad reply: its key says robot r1, its payload r2"):
+        wire.ask(ROBOT_MAP_WHOLE, robot="r1")
+    inbox = Inbox()
+    for robot in ("r1", "r2"):
+        wire.ask_into(inbox, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=robot)
+    assert [received.names["robot"] for received in inbox.drain()] == ["r2"]
 
 
 def test_refusals_are_logged_at_most_once_a_minute_and_all_of_them_counted(clock, caplog):

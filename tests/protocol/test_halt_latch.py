@@ -1,6 +1,7 @@
 import pytest
 
 from robrain.protocol.model.halt_latch import MOST_HOLDERS, HaltLatch
+from robrain.protocol.model.ranges import STAMP_MAX
 
 
 def held(*holders):
@@ -34,6 +35,15 @@ def test_an_operator_opens_it_for_all():
     latch = held("ann", "bob")
     assert latch.release("operator:eve") == ""
     assert not latch.is_held
+
+
+def test_stamps_stay_within_those_of_messages_whatever_a_sender_says():
+    latch = HaltLatch()
+    latch.hold("ann", "smoke", STAMP_MAX)
+    for _ in range(1000):
+        latch.release("operator")
+        latch.hold("ann", "smoke")
+    assert latch.stamp_ns < STAMP_MAX
 
 
 def test_stamps_grow_whatever_the_senders_clocks_say():
