@@ -20,10 +20,10 @@ from robrain.deploy.bench_live_team import PATIENCE_S, LiveTeam, live_team
 from robrain.deploy.children import Child
 from robrain.deploy.errors import ChildFailed
 from robrain.deploy.kernels import prepare_kernels
+from robrain.protocol.wire.arena_messages import ArenaTruth
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import ArenaTruth
 from robrain.protocol.wire.topics import ARENA_TRUTH
 from robrain.sim.scenario import Scenario
 

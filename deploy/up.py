@@ -20,11 +20,11 @@ from robrain.deploy.live_process import open_hub
 from robrain.deploy.planning_file import write_planning
 from robrain.deploy.robot_files import loadable_from_here, write_robot_files
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
+from robrain.protocol.wire.arena_messages import ArenaTruth
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import WireError
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import ArenaTruth
 from robrain.protocol.wire.session import listening_at
 from robrain.protocol.wire.topics import ARENA_TRUTH, COORDINATOR_ALIVE, ROBOT_ALIVE, ROBOT_STATE
 from robrain.sim.manifests import manifest_texts

@@ -12,8 +12,8 @@ import pymunk
 from robrain.protocol.model.clearance import least_clearance_m
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.occupancy_grid import GridGeometry
+from robrain.protocol.wire.arena_messages import ArenaClock, ArenaTruth, MoteTruth, RobotTruth
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.messages import ArenaClock, ArenaTruth, MoteTruth, RobotTruth
 from robrain.protocol.wire.topics import ARENA_CLOCK, ARENA_TRUTH
 from robrain.sim.accuracy_watch import TRUE_POSE_PERIOD_S, AccuracyWatch
 from robrain.sim.camera import SeenMote

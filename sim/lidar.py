@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.occupancy_grid import GridGeometry
 from robrain.protocol.model.ray_cast import cast_rays
-from robrain.protocol.wire.messages import Scan
+from robrain.protocol.wire.arena_messages import Scan
 from robrain.sim.surfaces import Surfaces
 
 NEAREST_OUTLIER_M = 0.05

@@ -6,7 +6,8 @@ from enum import StrEnum
 
 from robrain.coordinator.robot_history import RobotHistory
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.wire.messages import Event, MoteReading, RadioLink, RobotState, RobotSummary, RobotTruth, Scan
+from robrain.protocol.wire.arena_messages import RobotTruth, Scan
+from robrain.protocol.wire.messages import Event, MoteReading, RadioLink, RobotState, RobotSummary
 
 SILENT_AFTER_S = 3.0
 """A robot whose token stands but whose state is older than this may hang: its liveliness would last 10 s more."""

@@ -12,11 +12,10 @@ from robrain.coordinator.dashboard.task_board import TaskBoard
 from robrain.coordinator.map_view import FAR_M, MapView
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.task import place_of
+from robrain.protocol.wire.arena_messages import ArenaClock, ArenaTruth, Scan
 from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.map_messages import MapPatch
 from robrain.protocol.wire.messages import (
-    ArenaClock,
-    ArenaTruth,
     Event,
     Halt,
     LogRecord,
@@ -25,7 +24,6 @@ from robrain.protocol.wire.messages import (
     RecorderState,
     RobotLinks,
     RobotState,
-    Scan,
     TaskEvent,
     TeamState,
 )

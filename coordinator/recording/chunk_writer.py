@@ -7,6 +7,7 @@ ten thousand a second that alone is a twentieth of a core. Here a message is one
 import struct
 import zlib
 from collections import defaultdict
+from collections.abc import Mapping
 from typing import Protocol
 
 import zstandard
@@ -107,11 +108,21 @@ class ChunkWriter:
         self._put(_packed(schema))
         return schema.id
 
-    def register_channel(self, topic: str, encoding: str, schema_id: int) -> int:
-        """Tell of a channel, 0 for no schema; returns its number."""
-        channel = Channel(
-            id=len(self._channels) + 1, topic=topic, message_encoding=encoding, schema_id=schema_id, metadata={}
-        )
+    def register_channel(
+        self, topic: str, encoding: str, schema_id: int, metadata: Mapping[str, str] | None = None
+    ) -> int:
+        """Add a channel and return its number.
+
+        Args:
+            topic: name of the channel.
+            encoding: of its messages.
+            schema_id: number of its schema, 0 for none.
+            metadata: further facts about the channel.
+
+        """
+        number = len(self._channels) + 1
+        told = dict(metadata or {})
+        channel = Channel(id=number, topic=topic, message_encoding=encoding, schema_id=schema_id, metadata=told)
         self._channels.append(channel)
         self._put(_packed(channel))
         return channel.id

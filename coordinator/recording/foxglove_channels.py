@@ -16,16 +16,9 @@ from robrain.coordinator.recording import foxglove_scene, visual_topics
 from robrain.coordinator.recording.known_map import KnownMap
 from robrain.coordinator.recording.plain_schema import plain_schema
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.wire.arena_messages import Scan
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.messages import (
-    Halt,
-    LogRecord,
-    MoteReading,
-    PlannedPath,
-    RobotState,
-    Scan,
-    TaskEvent,
-)
+from robrain.protocol.wire.messages import Halt, LogRecord, MoteReading, PlannedPath, RobotState, TaskEvent
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (
     ARENA_SCAN,

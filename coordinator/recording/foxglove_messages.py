@@ -30,7 +30,7 @@ from robrain.coordinator.palette import FREE, OCCUPIED, UNKNOWN, Rgb
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.occupancy_grid import OCCUPIED as OCCUPIED_CELL
 from robrain.protocol.model.occupancy_grid import OccupancyGrid
-from robrain.protocol.wire.messages import Scan
+from robrain.protocol.wire.arena_messages import Scan
 
 ARENA = "arena"
 """The fixed frame."""

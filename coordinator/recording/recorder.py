@@ -19,7 +19,7 @@ from robrain.coordinator.recording.recorder_telling import RecorderTelling
 from robrain.coordinator.recording.recording_files import RecordingFiles, SplitAt, ToldMessage
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import LostMessages, RecorderState
-from robrain.protocol.wire.refusals import told
+from robrain.protocol.wire.refusals import Refusal, told
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, PUBLISHED, RECORDER_STATE, ROBOT_MAP, ROBOT_MAP_WHOLE
 
@@ -109,6 +109,11 @@ class Recorder:
             states = endpoint.publisher(RECORDER_STATE, recorder=self._name)
             live = endpoint.drive is Drive.LIVE
             self._telling = RecorderTelling(states, self._clock, self._state, live=live)
+
+    @property
+    def refused(self) -> list[Refusal]:
+        """Messages that break the contract of their topic, and are not recorded."""
+        return self._refusals.counts()
 
     @property
     def messages(self) -> int:

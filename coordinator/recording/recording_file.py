@@ -8,6 +8,7 @@ import contextlib
 import logging
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from functools import cache
 from io import FileIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,6 +33,7 @@ from robrain.coordinator.recording.provenance import (
     software_versions,
 )
 from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.schema import bare, schema_of
 from robrain.protocol.wire.topic import JSON, Topic
 
 if TYPE_CHECKING:
@@ -43,6 +45,9 @@ logger = logging.getLogger(__name__)
 SUFFIX = ".mcap"
 FLUSH_PERIOD_NS = to_ns(0.5)
 CHUNK_BYTES = 1024 * 1024
+EXACT_SCHEMA = "json_schema"
+"""Key in a channel's metadata: the JSON Schema that each of its messages is valid against. The schema beside it is the
+plain form of it that Foxglove takes, which knows no alternatives such as null."""
 CHANNELS_MAX = 65535
 """MCAP numbers channels with 16 bits, from 1."""
 
@@ -208,7 +213,10 @@ class RecordingFile:
         if len(self._channels) >= CHANNELS_MAX:
             return 0
         encoding = "json" if topic.encoding == JSON else topic.encoding
-        channel_id = self._channels[key] = self._writer.register_channel(key, encoding, self._schema_id(topic))
+        schema_id, metadata = self._schema_id(topic), {}
+        if topic.message is not None:
+            metadata[EXACT_SCHEMA] = exact_schema(topic)
+        channel_id = self._channels[key] = self._writer.register_channel(key, encoding, schema_id, metadata)
         return channel_id
 
     def _add_visual(self, visual: "VisualMessage") -> int:
@@ -260,6 +268,12 @@ class _Stream:
 def open_file(path: Path) -> FileIO:
     """Open `path` for writing, empty and without a buffer; raises OSError."""
     return FileIO(path, "w")
+
+
+@cache
+def exact_schema(topic: Topic[Any]) -> str:
+    """JSON Schema of the messages of a topic, without titles and descriptions."""
+    return msgspec.json.encode(bare(schema_of(topic.message))).decode()
 
 
 def object_schema(topic: Topic[Any]) -> bytes:

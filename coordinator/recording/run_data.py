@@ -14,10 +14,11 @@ from robrain.coordinator.robot_history import model_power_w
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import kind_of
+from robrain.protocol.wire.arena_messages import ArenaTruth
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.codec import BadPayload
 from robrain.protocol.wire.map_messages import MapPatch
-from robrain.protocol.wire.messages import ArenaTruth, MoteReading, RobotState, TaskEvent, TeamState
+from robrain.protocol.wire.messages import MoteReading, RobotState, TaskEvent, TeamState
 from robrain.protocol.wire.plan_messages import TaskDecision
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import topic_of

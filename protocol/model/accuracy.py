@@ -15,6 +15,7 @@ class MapAccuracy(msgspec.Struct, frozen=True, kw_only=True):
     """Accuracy of a map: its occupied cells compared with the true walls."""
 
     occupied_cells: Count
+    """Occupied cells of the map."""
     cells_off: Count
     """Occupied cells with no true wall near them (`map_accuracy.OFF_M`)."""
     share_off: Share
@@ -36,7 +37,9 @@ class PoseAccuracy(msgspec.Struct, frozen=True, kw_only=True):
     rmse_m: Length | None = None
     """Root mean square of the distance from the true position; None without samples."""
     max_error_m: Length | None = None
+    """Largest error of position."""
     yaw_rmse_rad: Length | None = None
+    """Root mean square error of heading."""
     nees: Quantity | None = None
     """Mean NEES of x and y, 2 dimensions; None without a covariance."""
     nees_with_yaw: Quantity | None = None

@@ -57,8 +57,11 @@ class Twist2D(msgspec.Struct, frozen=True):
     """Velocity in the body frame: forward, left, counter-clockwise."""
 
     forward_m_s: Speed = 0.0
+    """Along the x axis of the body."""
     left_m_s: Speed = 0.0
+    """Along the y axis of the body."""
     yaw_rad_s: Speed = 0.0
+    """Counter-clockwise."""
 
 
 def wrap_angle_rad(angle_rad: float) -> float:

@@ -155,6 +155,7 @@ class Sense(PlacedTask, frozen=True, kw_only=True, tag="sense", omit_defaults=Tr
     mote: Name = ""
     """The mote to read; if empty, the one heard best at the place."""
     timeout_s: Duration = 30.0
+    """Time limit for a reading."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

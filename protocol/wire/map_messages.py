@@ -28,17 +28,27 @@ class MapPatch(Message, frozen=True, kw_only=True):
 
     robot: Name
     resolution_m: Resolution
+    """Edge of a cell of the team's grid."""
     origin_x_m: Metres
+    """Lower left corner of the team's grid, arena frame."""
     origin_y_m: Metres
+    """Lower left corner of the team's grid, arena frame."""
     width: Cells
+    """Columns of the team's grid."""
     height: Cells
+    """Rows of the team's grid."""
     row: CellIndex = 0
+    """First row of the box."""
     column: CellIndex = 0
+    """First column of the box."""
     rows: Cells = 0
+    """Height of the box in cells."""
     columns: Cells = 0
+    """Width of the box in cells."""
     observed_ms: Milliseconds = 0
     """Time of observation of the cells, by `map_stamp_ms`; of two values for a cell the later one wins."""
     cells: bytes = b""
+    """The cells of the box, int8, row-major, deflated."""
     tiles_ms: bytes = b""
     """Time of observation of each tile of 8 × 8 cells in a patch of a whole submap: int32, row-major, deflated."""
     surfaces: bytes = b""
@@ -68,7 +78,9 @@ class Closure(msgspec.Struct, frozen=True, kw_only=True):
     at: Pose2D
     """Pose of the sensor in the frame of that submap."""
     mate: Name
+    """Name of the other robot."""
     mate_submap: Count
+    """Number of the submap of the other robot."""
     at_mate: Pose2D
     """Pose of the sensor in the frame of the mate's submap."""
     information: Annotated[tuple[Quantity, ...], Meta(min_length=6, max_length=6)]
@@ -81,3 +93,4 @@ class Closures(Message, frozen=True, kw_only=True):
 
     robot: Name
     closures: Annotated[list[Closure], Meta(max_length=256)]
+    """What was found since the last message."""

@@ -9,7 +9,6 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
-from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
@@ -25,7 +24,6 @@ from robrain.protocol.model.ranges import (
     Name,
     Names,
     Quantity,
-    Radians,
     Seconds,
     Share,
     Speed,
@@ -39,7 +37,6 @@ from robrain.protocol.wire.refusals import Refused
 Result = Annotated[dict[str, Any], Meta(max_length=64)]
 COVARIANCE_LENGTHS = (0, 9)
 Covariance = Annotated[tuple[Quantity, ...], Meta(max_length=9)]
-Ranges = Annotated[list[Annotated[int, Meta(ge=0, le=10_000_000)]], Meta(max_length=100_000)]
 Prose = Annotated[str, Meta(max_length=100_000)]
 """Text by the author of a plugin."""
 Command = Annotated[str, Meta(max_length=1_000_000)]
@@ -59,17 +56,23 @@ class BatteryState(msgspec.Struct, frozen=True, kw_only=True):
 
     voltage_v: Quantity
     current_a: Quantity
+    """Current out of the battery; negative while it charges."""
     temperature_c: Quantity
+    """Temperature of the cells."""
     soc: Charge
     """State of charge, 0 to 1."""
     remaining_j: Joules
     """Energy at the terminals above the cut-off; the next two are its 95 % interval."""
     remaining_low_j: Joules = 0.0
+    """Lower end of the 95 % interval of `remaining_j`."""
     remaining_high_j: Joules = 0.0
+    """Upper end of the 95 % interval of `remaining_j`."""
     soc_sd: Quantity = 0.0
+    """Standard deviation of `soc`."""
     health: Quantity = 1.0
     """Capacity as a share of the rated one."""
     charging: bool = False
+    """Whether it is being charged."""
     implausible: Text = ""
     """Why the measurements are rejected; the estimate then goes on without them. Empty if they are not."""
 
@@ -105,9 +108,11 @@ class RobotState(Message, frozen=True, kw_only=True):
     pose_covariance: Covariance = ()
     """Row-major 3 × 3 of x, y, yaw: m², m·rad, rad²; empty when unknown."""
     velocity: Twist2D = Twist2D()
+    """Measured velocity, body frame."""
     radius_m: Length = 0.0
     """Radius of the round footprint."""
     battery: BatteryState | None = None
+    """The battery's estimate; null if the robot has none."""
     energy: EnergyModel | None = None
     """What the robot knows of its own consumption."""
     behavior: Name = ""
@@ -152,6 +157,7 @@ class PlannedPath(Message, frozen=True, kw_only=True):
 
     robot: Name
     points: Annotated[list[Point2D], Meta(max_length=100_000)]
+    """From the robot to the end of the path."""
     claim: Claim = Claim()
     """Decides its right of way."""
     speed_m_s: Speed = 0.0
@@ -167,6 +173,7 @@ class Event(Message, frozen=True, kw_only=True):
     plugin: Name
     event: Name
     value: Any = None
+    """What the plugin notifies of, any JSON."""
 
 
 class LogRecord(Message, frozen=True, kw_only=True):
@@ -174,8 +181,11 @@ class LogRecord(Message, frozen=True, kw_only=True):
 
     robot: Name
     level: Name
+    """Level as in Python: debug, info, warning, error."""
     source: Name
+    """Name of the plugin or part that logs."""
     text: Text
+    """The line."""
 
 
 class FunctionInfo(msgspec.Struct, frozen=True, kw_only=True):
@@ -183,6 +193,7 @@ class FunctionInfo(msgspec.Struct, frozen=True, kw_only=True):
 
     name: Name
     signature: Prose
+    """Its signature in Python."""
     doc: Prose
     parameters: dict[str, Any]
     """JSON Schema of an object with one property for each parameter."""
@@ -194,7 +205,9 @@ class ProcessInfo(msgspec.Struct, frozen=True):
     """Which process has a name."""
 
     host: Text
+    """Name of its machine."""
     pid: Count
+    """Its process id there."""
     zid: Text
     """Id of its Zenoh session."""
 
@@ -207,6 +220,7 @@ class PluginInfo(msgspec.Struct, frozen=True, kw_only=True):
 
     name: Name
     level: Name
+    """Device, unit, skill or behavior."""
     state: Name
     why: Text = ""
     where: Text = ""
@@ -214,16 +228,21 @@ class PluginInfo(msgspec.Struct, frozen=True, kw_only=True):
     detail: Text = ""
     """The traceback of the fault, from the plugin's first frame."""
     visibility: Names = []
+    """Plugins that may call it; `*` for all, `command` for callers outside."""
     requires: Names = []
+    """Plugins that it calls."""
     holder: Name = ""
+    """Who has exclusive use of it; empty if nobody has."""
     period_s: Seconds | None = None
     overruns: Count = 0
+    """Steps that took longer than the period."""
     restarts: Count = 0
     """How often it was started again after a fault."""
     distribution: Name = ""
     """The installed distribution that a third-party plugin came with."""
     doc: Prose = ""
     functions: Annotated[list[FunctionInfo], Meta(max_length=1000)] = []
+    """Its external functions."""
 
 
 class HostRequest(msgspec.Struct, frozen=True, kw_only=True):
@@ -247,6 +266,7 @@ class TaskOffer(msgspec.Struct, frozen=True, kw_only=True):
     task: Task
     epoch: Epoch
     lease_s: Lease
+    """The robot drops the task when it has not heard the coordinator for this long."""
     after: Name = ""
     """Id of the robot's current task: this one begins when that one has ended. Empty: it replaces the current one."""
 
@@ -287,9 +307,12 @@ class RobotSummary(msgspec.Struct, frozen=True, kw_only=True):
 
     name: Name
     up: bool
+    """Whether it is present and publishes its state."""
     age_s: Quantity
+    """Age of its last state."""
     halted: bool = False
     soc: Charge | None = None
+    """State of charge, 0 to 1; null if unknown."""
     behavior: Name = ""
     task: Name = ""
     why: Text = ""
@@ -305,6 +328,7 @@ class FrontierSummary(msgspec.Struct, frozen=True, kw_only=True):
 
     place: Point2D
     length_m: Metres
+    """Length of the border."""
 
 
 class HaltStatus(msgspec.Struct, frozen=True, kw_only=True):
@@ -319,6 +343,7 @@ class HaltStatus(msgspec.Struct, frozen=True, kw_only=True):
     stamp_ns: Stamp = 0
     """Of the last halt or resume received; increases from one to the next."""
     stopped: Names = []
+    """Robots that have stopped."""
     not_stopped: Names = []
     """All other robots ever known, including lost ones."""
 
@@ -328,11 +353,14 @@ class TeamState(Message, frozen=True, kw_only=True):
 
     robots: Annotated[list[RobotSummary], Meta(max_length=100_000)]
     known_area_m2: Quantity = 0.0
+    """Area of the floor that is known."""
     frontiers: Annotated[list[FrontierSummary], Meta(max_length=1000)] = []
     all_explored: bool = False
     """Whether nothing unknown is left that a robot could reach."""
     tasks_open: Count = 0
+    """Tasks that have not ended."""
     tasks_done: Count = 0
+    """Tasks that were done."""
     messages: Count = 0
     """Messages that the coordinator has received."""
     halt: HaltStatus | None = None
@@ -347,6 +375,7 @@ class RadioLink(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     peer: Name
     """The mote's or the robot's name."""
     is_robot: bool = False
+    """Whether the peer is a robot; otherwise it is a mote."""
     rssi_dbm: Quantity
     """Strength of the last packet heard."""
     heard_ns: Stamp
@@ -358,6 +387,7 @@ class RobotLinks(Message, frozen=True, kw_only=True):
 
     robot: Name
     links: Annotated[list[RadioLink], Meta(max_length=10_000)] = []
+    """One entry for each mote and robot that is heard."""
 
 
 class MoteReading(Message, frozen=True, kw_only=True):
@@ -367,8 +397,10 @@ class MoteReading(Message, frozen=True, kw_only=True):
     place: Point2D | None
     quantity: Name
     value: Quantity
+    """The measured value, in the unit of the quantity."""
     voltage_v: Quantity
     rssi_dbm: Quantity
+    """Strength of the packet at the receiver."""
     via: Name
     """The robot or gateway that heard it."""
     sequence: Count | None = None
@@ -396,12 +428,14 @@ class LostMessages(msgspec.Struct, frozen=True):
     topic: Name
     """Its name in the table."""
     messages: Count
+    """How many."""
 
 
 class RecorderState(Message, frozen=True, kw_only=True):
     """Status of a recorder: every second in live, and when something was lost."""
 
     recorder: Name
+    """Name of the recorder."""
     file: Text = ""
     """Name of the file that it writes to."""
     messages: Count = 0
@@ -438,56 +472,3 @@ class HaltAnswer(msgspec.Struct, frozen=True, kw_only=True):
     """Who holds the halt."""
     not_halted: Names = []
     """Plugins that failed to stop, or did not say in time that they have."""
-
-
-class Scan(Message, frozen=True, kw_only=True):
-    """One turn of a lidar. The sensor sits at the robot's centre."""
-
-    robot: Name
-    angle_min_rad: Radians
-    angle_increment_rad: Radians
-    range_max_m: Length
-    ranges_mm: Ranges
-    """Millimetres; 0 is no return within `range_max_m`."""
-
-
-class ArenaClock(Message, frozen=True, kw_only=True):
-    """The arena's time."""
-
-    sim_time_s: Seconds
-
-
-class RobotTruth(msgspec.Struct, frozen=True, kw_only=True):
-    """True pose of a simulated robot, and the accuracy of its own poses so far."""
-
-    robot: Name
-    pose: Pose2D
-    collisions: Count
-    distance_m: Metres
-    energy_j: Joules
-    accuracy: PoseAccuracy | None = None
-
-
-class MoteTruth(msgspec.Struct, frozen=True, kw_only=True):
-    """True position of a simulated mote."""
-
-    mote: Name
-    place: Point2D
-
-
-class ArenaTruth(Message, frozen=True, kw_only=True):
-    """The true state of the simulated world and the accuracy of the team's map, for referees and viewers only."""
-
-    sim_time_s: Seconds
-    robots: Annotated[list[RobotTruth], Meta(max_length=100_000)]
-    motes: Annotated[list[MoteTruth], Meta(max_length=100_000)] = []
-    explored_fraction: Share = 0.0
-    """Share of the reachable floor that the team's maps know."""
-    map_accuracy: MapAccuracy | None = None
-
-
-class OutsideInput(Message, frozen=True, kw_only=True):
-    """What reached a lockstep run from another process and may have changed it."""
-
-    key: Text
-    payload: bytes

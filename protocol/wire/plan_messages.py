@@ -42,6 +42,7 @@ class PlanProblem(Message, frozen=True, kw_only=True):
     method: Name
     """Which allocator."""
     seed: Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
+    """Seed of the search."""
     rounds: Count
     """Number of searches after the auction."""
     iterations: Count
@@ -74,7 +75,9 @@ class PlannedCharge(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tru
     set_out_ns: Stamp
     """When it sets out, to arrive when the charger becomes free; the stamp of this message if it has set out."""
     from_ns: Stamp
+    """Begin of the charge."""
     until_ns: Stamp
+    """End of the charge."""
     soc: Charge
     """State of charge now."""
     to_soc: Charge
@@ -93,6 +96,7 @@ class ChargeSchedule(Message, frozen=True, kw_only=True):
     """Who charges where and when; said when it has changed."""
 
     charges: tuple[PlannedCharge, ...] = ()
+    """One entry for each charge that is foreseen."""
 
 
 class PlanningStatus(msgspec.Struct, frozen=True, kw_only=True):
@@ -100,6 +104,7 @@ class PlanningStatus(msgspec.Struct, frozen=True, kw_only=True):
 
     objective: Objective
     method: Name
+    """How plans are made."""
     plans: Count = 0
     """Made so far."""
     planned: Count = 0

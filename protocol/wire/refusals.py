@@ -54,10 +54,13 @@ class Refusal(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     topic: Name
+    """Name of the topic in the table, or the kind of record."""
     key: Text
     """Key of the messages, which names the sender; or the name of a record."""
     code: Name
+    """The reason, a `RefusalCode`."""
     count: Count
+    """How many so far."""
     why: Text
     """Of the last message refused."""
 

@@ -20,6 +20,9 @@ class ReplayStatus(msgspec.Struct, frozen=True, kw_only=True):
     """Position and speed of a replay."""
 
     position_s: Seconds
+    """Where the replay is, from the start of the recording."""
     duration_s: Seconds
     speed: Speed
+    """Seconds of the recording per second."""
     playing: bool
+    """Whether it moves."""

@@ -44,6 +44,7 @@ class TaskRecord(msgspec.Struct, frozen=True, kw_only=True):
     change: Count = 0
     """Number of its last change in the journal; grows over all tasks."""
     submitted_ns: Stamp = 0
+    """When it was accepted."""
     by: Text = ""
     """Who asked for it."""
     own: bool = False
@@ -79,6 +80,7 @@ class TaskFilter(msgspec.Struct, frozen=True, kw_only=True):
     """Selects tasks; an empty field matches all."""
 
     states: Annotated[list[TaskState], Meta(max_length=64)] = []
+    """Only tasks in these states; any if empty."""
     kinds: Annotated[list[Name], Meta(max_length=64)] = []
     """Tags of the task types, such as `visit`."""
     robot: Name = ""
@@ -93,6 +95,7 @@ class TaskChange(msgspec.Struct, frozen=True, kw_only=True):
     """One line of a task's history."""
 
     number: Count
+    """Number of the change in the journal."""
     stamp_ns: Stamp
     state: TaskState
     robot: Name = ""
@@ -105,8 +108,11 @@ class RobotVerdict(msgspec.Struct, frozen=True, kw_only=True):
 
     robot: Name
     chosen: bool = False
+    """Whether it has the task."""
     why_not: Text = ""
+    """Why it does not get the task; empty if it could."""
     distance_m: Quantity | None = None
+    """Straight-line distance to the task; null if unknown."""
     energy_j: Quantity | None = None
     time_s: Quantity | None = None
 
@@ -115,6 +121,7 @@ class TaskWhy(msgspec.Struct, frozen=True, kw_only=True):
     """Why a task stands as it does."""
 
     record: TaskRecord
+    """The task and how it stands."""
     now: Text
     """In one sentence."""
     robots: list[RobotVerdict] = []

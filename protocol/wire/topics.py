@@ -7,7 +7,7 @@ in the project writes a key by hand.
 from types import NoneType
 from typing import Any, cast
 
-from robrain.protocol.wire import map_messages, messages, plan_messages
+from robrain.protocol.wire import arena_messages, map_messages, messages, plan_messages
 from robrain.protocol.wire.replay_messages import ReplayRequest, ReplayStatus
 from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
 from robrain.protocol.wire.topic import (
@@ -412,7 +412,7 @@ ARENA_SCAN = Topic(
     pattern="arena/{robot}/scan",
     doc="One turn of a simulated lidar",
     by=Role.ARENA,
-    message=messages.Scan,
+    message=arena_messages.Scan,
     rate_hz=5,
     delivery=Delivery.LATEST,
     recorded=True,
@@ -441,7 +441,7 @@ ARENA_CLOCK = Topic(
     pattern="arena/clock",
     doc="The arena's time",
     by=Role.ARENA,
-    message=messages.ArenaClock,
+    message=arena_messages.ArenaClock,
     rate_hz=10,
     delivery=Delivery.LATEST,
     max_bytes=4096,
@@ -451,7 +451,7 @@ ARENA_TRUTH = Topic(
     pattern="arena/truth",
     doc="Where everything really is, and how much is explored",
     by=Role.ARENA,
-    message=messages.ArenaTruth,
+    message=arena_messages.ArenaTruth,
     rate_hz=5,
     delivery=Delivery.LATEST,
     recorded=True,
@@ -462,7 +462,7 @@ ARENA_OUTSIDE = Topic(
     pattern="arena/outside",
     doc="A query, frame or packet that reached a lockstep run from another process",
     by=Role.ARENA,
-    message=messages.OutsideInput,
+    message=arena_messages.OutsideInput,
     recorded=True,
     max_bytes=2_097_152,
 )

@@ -21,7 +21,7 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.messages import BatteryState
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.topics import ROBOT_MAP_WHOLE
+from robrain.protocol.wire.topics import ARENA_SENSE
 from tests.agent.isolation_bench import IsolationBench, StandInEnvironment
 from tests.waiting import PATIENCE_S, until
 
@@ -449,14 +449,14 @@ def test_actions_are_told_of_the_end(bench, end, why):
 
 
 def ask_when_there(operator):
-    """The whole map of r1, as soon as it has come round between the processes that somebody answers."""
+    """What r1 senses, as soon as it has come round between the processes that somebody answers."""
     until(lambda: not is_nobody_there(operator))
-    return operator.ask(ROBOT_MAP_WHOLE, robot="r1", timeout_s=PATIENCE_S)
+    return operator.ask(ARENA_SENSE, robot="r1", timeout_s=PATIENCE_S)
 
 
 def is_nobody_there(operator):
     try:
-        operator.ask(ROBOT_MAP_WHOLE, robot="r1", timeout_s=PATIENCE_S)
+        operator.ask(ARENA_SENSE, robot="r1", timeout_s=PATIENCE_S)
     except NobodyThere:
         return True
     return False
@@ -471,12 +471,12 @@ def test_it_has_a_place_of_its_own_on_the_wire(bench):
             RANGED
             + """
     def init(self):
-        from robrain.protocol.wire.topics import ROBOT_MAP_WHOLE
-        self.env.answer(ROBOT_MAP_WHOLE, self.tell_whole, robot=self.env.robot)
-    def tell_whole(self, request): return [os.getpid(), self.ranger.measure(0.5).x_m]
+        from robrain.protocol.wire.topics import ARENA_SENSE
+        self.env.answer(ARENA_SENSE, self.sense, robot=self.env.robot)
+    def sense(self, request): return {"pid": os.getpid(), "x_m": self.ranger.measure(0.5).x_m}
     """
         )
-        assert msgspec.json.decode(ask_when_there(operator)) == [vision.pid, 0.5]
+        assert ask_when_there(operator) == {"pid": vision.pid, "x_m": 0.5}
         vision.deactivate()
         until(lambda: is_nobody_there(operator))  # the hub hears on a thread of its own that the process has left
         operator.close()

@@ -240,7 +240,8 @@ class Manager(RuleBasedStateMachine):
     def the_host_tells_of_all_of_them(self):
         if hasattr(self, "manager"):
             assert list(self.bench.infos()) == list(self.manager.tags)
-            assert self.bench.operator.ask(ROBOT_PLUGINS, robot="r1")
+            told = self.bench.operator.ask(ROBOT_PLUGINS, robot="r1")
+            assert [info.name for info in told] == list(self.manager.tags)
 
 
 @pytest.mark.timeout(WATCHDOG_S + 10)

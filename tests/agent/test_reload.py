@@ -7,11 +7,11 @@ import pytest
 
 from robrain.agent.errors import ManifestError, PluginError, PluginInactive, PluginMissing
 from robrain.agent.replacement import Replacement
-from robrain.protocol.wire.topics import ROBOT_MAP, ROBOT_MAP_WHOLE
+from robrain.protocol.wire.topics import ARENA_CAMERA, ROBOT_MAP
 
 LAMP = """
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.topics import ROBOT_MAP, ROBOT_MAP_WHOLE
+from robrain.protocol.wire.topics import ARENA_CAMERA, ROBOT_MAP
 
 class LampInterface(Protocol):
     switched: Event[int]
@@ -27,7 +27,7 @@ class Lamp(Device):
         self.env.wire.subscribe(self.early, ROBOT_MAP)
     def activate(self):
         self.env.wire.subscribe(self.late, ROBOT_MAP)
-        self.env.answer(ROBOT_MAP_WHOLE, lambda _request: self.version(), robot="r1")
+        self.env.answer(ARENA_CAMERA, lambda _request: self.version().encode(), robot="r1")
     @external
     def version(self) -> str: return "one"
     def switch(self, to):
@@ -67,8 +67,8 @@ def version(bench):
     return bench.manager.get("lamp").live_plugin().version()
 
 
-def whole_map(bench):
-    return bench.operator.ask(ROBOT_MAP_WHOLE, robot="r1")
+def picture(bench):
+    return bench.operator.ask(ARENA_CAMERA, robot="r1").decode()
 
 
 def heard_maps(bench):
@@ -153,7 +153,7 @@ def test_subscriptions_and_answers_are_those_of_the_new_one_once_each(lab):
     lab.manager.reload("lamp")
     assert heard_maps(lab) == (1, 1)
     assert len(old.early) == len(old.late) == 0
-    assert whole_map(lab) == "two"
+    assert picture(lab) == "two"
 
 
 def break_import(bench):
@@ -167,8 +167,8 @@ def break_init(bench):
 def break_activate(bench):
     edit(
         bench,
-        "self.env.answer(ROBOT_MAP_WHOLE",
-        "self.env.observe(self.switched, print)\n        self.missing(ROBOT_MAP_WHOLE",
+        "self.env.answer(ARENA_CAMERA",
+        "self.env.observe(self.switched, print)\n        self.missing(ARENA_CAMERA",
     )
 
 
@@ -218,7 +218,7 @@ def test_a_reload_that_fails_leaves_the_old_one_running(lab, spoil, why):
             lab.manager.reload("lamp")
         assert lab.plugin("lamp") is old
         assert {name: info.state for name, info in lab.infos().items()} == {"lamp": "active", "shade": "active"}
-        assert (version(lab), whole_map(lab), lab.call("shade", "dim", [3])) == ("one", "one", 3)
+        assert (version(lab), picture(lab), lab.call("shade", "dim", [3])) == ("one", "one", 3)
         assert heard_maps(lab) == (1, 1)
         lab.tick()
         assert lab.plugin("shade").heard.pop() == 3

@@ -14,19 +14,11 @@ import numpy as np
 
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.wire.arena_messages import ArenaTruth, Scan
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.map_messages import MapPatch
-from robrain.protocol.wire.messages import (
-    ArenaTruth,
-    BatteryState,
-    MoteReading,
-    PlannedPath,
-    RobotState,
-    RobotSummary,
-    Scan,
-    TeamState,
-)
+from robrain.protocol.wire.messages import BatteryState, MoteReading, PlannedPath, RobotState, RobotSummary, TeamState
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import (
     ARENA_SCAN,

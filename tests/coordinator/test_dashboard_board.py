@@ -16,6 +16,7 @@ from robrain.coordinator.robot_history import RobotHistory
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.task import Relay, TaskState, Visit
+from robrain.protocol.wire.arena_messages import RobotTruth
 from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.messages import (
     BatteryState,
@@ -23,7 +24,6 @@ from robrain.protocol.wire.messages import (
     PluginFault,
     RecorderState,
     RobotState,
-    RobotTruth,
     TaskEvent,
     TeamState,
 )

@@ -22,7 +22,8 @@ from robrain.coordinator.dashboard.track_layers import DASHES, dashes, tapering_
 from robrain.coordinator.map_view import cover_with_boxes
 from robrain.coordinator.palette import look_of
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.wire.messages import RobotState, Scan
+from robrain.protocol.wire.arena_messages import Scan
+from robrain.protocol.wire.messages import RobotState
 
 FOV_RAD = math.radians(45)
 

@@ -28,7 +28,8 @@ from robrain.coordinator.dashboard.robot_view import Condition
 from robrain.coordinator.dashboard.team_view import TeamView
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.messages import ArenaTruth, RobotState, RobotTruth, TeamState
+from robrain.protocol.wire.arena_messages import ArenaTruth, RobotTruth
+from robrain.protocol.wire.messages import RobotState, TeamState
 from robrain.protocol.wire.topics import ARENA_TRUTH, COORDINATOR_STATE, ROBOT_MAP, ROBOT_STATE
 from tests.coordinator.test_dashboard_team_view import patch, tell, tell_place, token
 

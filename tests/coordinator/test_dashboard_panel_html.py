@@ -23,9 +23,9 @@ from robrain.coordinator.dashboard.view_tab import scale_html
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.wire.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.messages import (
-    ArenaTruth,
     BatteryState,
     Event,
     FunctionInfo,
@@ -35,7 +35,6 @@ from robrain.protocol.wire.messages import (
     PluginFault,
     PluginInfo,
     RobotState,
-    RobotTruth,
     TaskEvent,
     TaskStatus,
 )

@@ -8,19 +8,16 @@ from robrain.coordinator.dashboard.robot_view import SILENT_AFTER_S, TRAIL_POINT
 from robrain.coordinator.dashboard.team_view import HISTORY_POINTS, TeamView
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.task import Explore, TaskState
+from robrain.protocol.wire.arena_messages import ArenaClock, ArenaTruth, MoteTruth, Scan
 from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.map_messages import MapPatch
 from robrain.protocol.wire.messages import (
-    ArenaClock,
-    ArenaTruth,
     Halt,
     Message,
     MoteReading,
-    MoteTruth,
     PlannedPath,
     RobotState,
     RobotSummary,
-    Scan,
     TaskEvent,
     TaskStatus,
     TeamState,

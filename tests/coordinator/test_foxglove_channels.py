@@ -16,6 +16,7 @@ from robrain.coordinator.recording.foxglove_server import FoxgloveServer
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
 from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.wire.arena_messages import Scan
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import WireError
@@ -28,7 +29,6 @@ from robrain.protocol.wire.messages import (
     MoteReading,
     PlannedPath,
     RobotState,
-    Scan,
     TaskEvent,
     TeamState,
 )

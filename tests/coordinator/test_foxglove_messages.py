@@ -27,15 +27,8 @@ from robrain.protocol.model import occupancy_grid as cells
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
 from robrain.protocol.model.task import Explore, TaskState, Visit
-from robrain.protocol.wire.messages import (
-    BatteryState,
-    MoteReading,
-    PluginFault,
-    RobotState,
-    Scan,
-    TaskEvent,
-    TaskStatus,
-)
+from robrain.protocol.wire.arena_messages import Scan
+from robrain.protocol.wire.messages import BatteryState, MoteReading, PluginFault, RobotState, TaskEvent, TaskStatus
 
 
 def scan(*ranges_mm: int, **fields: Any) -> Scan:

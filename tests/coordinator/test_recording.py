@@ -11,6 +11,7 @@ import pytest
 import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
+from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 
 from robrain.coordinator.recording import provenance, recording_file
@@ -18,6 +19,7 @@ from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.provenance import Provenance
 from robrain.coordinator.recording.recorder import Recorder, RecordingSummary
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.wire.arena_messages import ArenaClock
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import Event, Halt, LogRecord, Message, RobotState
@@ -25,6 +27,8 @@ from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import ARENA_CLOCK, HALT, PUBLISHED, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE, topic_of
 
+GOLDEN = Path(__file__).parent.parent / "protocol" / "golden"
+LINE = b'{"robot":"r1","level":"info","source":"s","text":"t"}'
 PROVENANCE = Provenance(
     scenario="office",
     scenario_toml='name = "Büro"\n',
@@ -155,12 +159,15 @@ def test_every_recorded_topic_is_heard_and_has_a_schema_that_is_an_object(
 ) -> None:
     path = tmp_path / "run.mcap"
     recorder = stage.recorder(path)
-    names = dict.fromkeys(topic.fields, "x1")
-    stage.speaker.publisher(topic, **names).put_bytes(b'{"stamp_ns":5}')
+    assert topic.message is not None
+    said = json.loads(next(GOLDEN.rglob(f"{topic.message.__name__}.json")).read_bytes()) | {"stamp_ns": 5}
+    names = {field: said.get(field, "x1") for field in topic.fields}
+    stage.speaker.publisher(topic, **names).put_bytes(json.dumps(said).encode())
     recorder.close()
     [(schema, channel, message)] = messages_in(path)
     assert channel.topic == topic.key("default", **names)
-    assert message.data == b'{"stamp_ns":5}'
+    assert message.data == json.dumps(said).encode()
+    Draft202012Validator(json.loads(channel.metadata["json_schema"])).validate(said)
     described = json.loads(schema.data)
     assert described["type"] == "object"
     assert "stamp_ns" in described["properties"]
@@ -168,7 +175,7 @@ def test_every_recorded_topic_is_heard_and_has_a_schema_that_is_an_object(
 
 def test_what_is_not_to_be_recorded_is_not(stage: Stage) -> None:
     recorder = stage.recorder(None)
-    stage.speaker.publisher(ARENA_CLOCK).put_bytes(b"{}")
+    stage.speaker.publisher(ARENA_CLOCK).put(ArenaClock(sim_time_s=1.0))
     assert recorder.close().messages == 0
 
 
@@ -179,28 +186,41 @@ def test_what_is_not_to_be_recorded_is_not(stage: Stage) -> None:
         b"\xff\xfe",
         b"",
         b"[]",
-        b'{"stamp_ns":"soon"}',
-        b'{"stamp_ns":-1}',
-        b'{"stamp_ns":99999999999999999999999}',  # more than 64 bits
-        b'{"seq":1.5}',
+        LINE[:-1] + b',"stamp_ns":"soon"}',
+        LINE[:-1] + b',"stamp_ns":99999999999999999999999}',  # more than 64 bits
+        LINE[:-1] + b',"seq":1.5}',
+        b'{"robot":"r1"}',
     ],
 )
-def test_what_does_not_decode_is_recorded_with_the_time_it_was_heard(
+def test_what_breaks_the_contract_of_its_topic_is_not_recorded_and_counted(
     stage: Stage, tmp_path: Path, payload: bytes
 ) -> None:
     path = tmp_path / "run.mcap"
     recorder = stage.recorder(path)
-    stage.pass_time()
     stage.speaker.publisher(ROBOT_LOG, robot="r1").put_bytes(payload)
+    stage.speaker.publisher(ROBOT_LOG, robot="r1").put_bytes(LINE)
+    recorder.step()
+    (refusal,) = recorder.refused
+    assert (refusal.topic, refusal.key, refusal.code) == ("robot_log", "robrain/default/robot/r1/log", "malformed")
+    assert recorder.close().messages == 1
+    [(_, _, message)] = messages_in(path)
+    assert message.data == LINE
+
+
+def test_a_message_without_a_stamp_is_recorded_with_the_time_it_was_heard(stage: Stage, tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recorder = stage.recorder(path)
+    stage.pass_time()
+    stage.speaker.publisher(ROBOT_LOG, robot="r1").put_bytes(LINE)
     recorder.close()
     [(_, _, message)] = messages_in(path)
-    assert (message.data, message.publish_time, message.sequence) == (payload, STEP_NS, 0)
+    assert (message.publish_time, message.sequence) == (STEP_NS, 0)
 
 
 def test_a_sequence_number_past_32_bits_wraps(stage: Stage, tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     recorder = stage.recorder(path)
-    stage.speaker.publisher(ROBOT_LOG, robot="r1").put_bytes(b'{"stamp_ns":3,"seq":4294967298}')
+    stage.speaker.publisher(ROBOT_LOG, robot="r1").put_bytes(LINE[:-1] + b',"stamp_ns":3,"seq":4294967298}')
     recorder.close()
     [(_, _, message)] = messages_in(path)
     assert message.sequence == 2
@@ -311,7 +331,7 @@ def test_digests_are_equal_exactly_when_the_payloads_are(
         recorder = stage.recorder(None)
         publisher = stage.speaker.publisher(ROBOT_LOG, robot="r1")
         for payload in payloads:
-            publisher.put_bytes(payload)
+            publisher.put_bytes(LINE[:-2] + payload.hex().encode() + LINE[-2:])
         digests.append(recorder.close().digest)
         stage.close()
     assert (digests[0] == digests[1]) == (one == two)
@@ -321,11 +341,11 @@ def test_messages_from_another_thread_count_as_outside_and_mark_the_digest(stage
     path = tmp_path / "run.mcap"
     recorder = stage.recorder(path)
     logs = stage.speaker.publisher(ROBOT_LOG, robot="r1")
-    logs.put_bytes(b"{}")
+    logs.put_bytes(LINE)
     recorder.step()
     assert len(recorder.digest) == 64
     for _ in range(2):
-        outsider = threading.Thread(target=logs.put_bytes, args=(b"{}",))
+        outsider = threading.Thread(target=logs.put_bytes, args=(LINE,))
         outsider.start()
         outsider.join()
     summary = recorder.close()
@@ -341,7 +361,7 @@ def test_messages_that_come_faster_than_they_are_written_are_counted(
     recorder = stage.recorder(None)
     logs = stage.speaker.publisher(ROBOT_LOG, robot="r1")
     for _ in range(10):
-        logs.put_bytes(b"{}")
+        logs.put_bytes(LINE)
     summary = recorder.close()
     assert (summary.messages, summary.dropped) == (4, 6)
 
@@ -350,10 +370,10 @@ def test_closing_twice_returns_the_same_summary_and_what_comes_after_is_left_out
     path = tmp_path / "run.mcap"
     recorder = stage.recorder(path)
     logs = stage.speaker.publisher(ROBOT_LOG, robot="r1")
-    logs.put_bytes(b"{}")
+    logs.put_bytes(LINE)
     summary = recorder.close()
     content = path.read_bytes()
-    logs.put_bytes(b"{}")
+    logs.put_bytes(LINE)
     recorder.step()
     assert recorder.close() is summary
     assert path.read_bytes() == content
@@ -373,7 +393,8 @@ def test_more_keys_than_mcap_can_number_are_counted_as_lost(
     path = tmp_path / "run.mcap"
     recorder = stage.recorder(path)
     for robot in ("r1", "r2", "r3"):
-        stage.speaker.publisher(ROBOT_LOG, robot=robot).put_bytes(b"{}")
+        line = LogRecord(robot=robot, level="info", source="s", text="t")
+        stage.speaker.publisher(ROBOT_LOG, robot=robot).put(line)
     summary = recorder.close()
     assert (summary.messages, summary.lost) == (3, 1)
     assert len(messages_in(path)) == 2

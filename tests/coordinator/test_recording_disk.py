@@ -22,10 +22,9 @@ from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import LogRecord
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topics import (
-    ROBOT_LOG,
-)
+from robrain.protocol.wire.topics import ROBOT_IMAGE, ROBOT_LOG
 
+LINE = b'{"robot":"r1","level":"info","source":"s","text":"t"}'
 PROVENANCE = Provenance("office", 'name = "office"\n', 7, b"\x89PNG", "lockstep", "default")
 
 
@@ -73,7 +72,7 @@ def record_a_run(session: zenoh.Session, path: Path | None, *, steps: int = 30) 
 def test_messages_are_on_the_disk_after_half_a_second_of_the_runs_clock(stage: Stage, tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     recorder = stage.recorder(path)
-    stage.logs.put_bytes(b"{}")
+    stage.logs.put_bytes(LINE)
     recorder.step()
     opened_bytes = path.stat().st_size
     stage.pass_time(499_999_999)
@@ -98,7 +97,7 @@ def test_a_wall_clock_that_is_set_back_does_not_stop_the_flushing(session: zenoh
     recorder = Recorder(endpoint, path, PROVENANCE)
     opened_bytes = path.stat().st_size
     clock.offset_ns = 3600 * 10**9
-    endpoint.publisher(ROBOT_LOG, robot="r1").put_bytes(b"{}")
+    endpoint.publisher(ROBOT_LOG, robot="r1").put_bytes(LINE)
     recorder.step()
     assert path.stat().st_size > opened_bytes
     recorder.close()
@@ -108,8 +107,9 @@ def test_a_wall_clock_that_is_set_back_does_not_stop_the_flushing(session: zenoh
 def test_a_chunk_ends_when_it_is_full(stage: Stage, tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     recorder = stage.recorder(path)
+    images = stage.endpoint.publisher(ROBOT_IMAGE, robot="r1", image="i1")
     for _ in range(5):
-        stage.logs.put_bytes(b" " * 500_000)
+        images.put_bytes(b" " * 500_000)
     recorder.close()
     with path.open("rb") as stream:
         summary = make_reader(stream).get_summary()
@@ -218,7 +218,7 @@ endpoint = Endpoint(open_lockstep_session(), "default", clock, Drive.LOCKSTEP)
 recorder = Recorder(endpoint, Path(sys.argv[1]), Provenance("killed", "", 1, None, "lockstep", "default"))
 logs = endpoint.publisher(ROBOT_LOG, robot="r1")
 for step in range(1, 100):
-    logs.put_bytes(b"{}")
+    logs.put_bytes(b'{"robot":"r1","level":"info","source":"s","text":"t"}')
     clock.advance_to(step * 100_000_000)
     recorder.step()
 print("recorded", flush=True)

@@ -27,7 +27,7 @@ from robrain.coordinator.recording.recording_files import SplitAt
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import LostMessages, RecorderState
+from robrain.protocol.wire.messages import LogRecord, LostMessages, RecorderState
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import RECORDER_STATE, ROBOT_LOG, ROBOT_STATE
 
@@ -49,7 +49,7 @@ class Stage:
 
     def say_for(self, recorder: Recorder, steps: int) -> None:
         for _ in range(steps):
-            self.logs.put_bytes(os.urandom(200))
+            self.logs.put(LogRecord(robot="r1", level="info", source="s", text=os.urandom(100).hex()))
             self.states.put_bytes(b'{"robot":"r1"}')
             self.clock.advance_to(self.clock.now_ns() + to_ns(0.1))
             recorder.step()
@@ -113,7 +113,7 @@ def test_the_digest_does_not_depend_on_how_a_recording_is_split(session: zenoh.S
         stage = Stage(session)
         recorder = stage.recorder(tmp_path / f"{name}.mcap", split=split)
         for _ in range(20):
-            stage.states.put_bytes(b"{}")
+            stage.states.put_bytes(b'{"robot":"r1"}')
             stage.clock.advance_to(stage.clock.now_ns() + to_ns(0.1))
             recorder.step()
         digests.add(recorder.close().digest)

@@ -11,6 +11,7 @@ from robrain.coordinator.recording.reading import read_messages
 from robrain.coordinator.recording.recorder import Recorder
 from robrain.coordinator.recording.replay import Replay
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.wire.arena_messages import Scan
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
@@ -28,6 +29,7 @@ from robrain.protocol.wire.topics import (
 
 NS_PER_S = 1_000_000_000
 RECORDED_AT_NS = 50 * NS_PER_S
+SCAN = Scan(robot="r9", angle_min_rad=0.0, angle_increment_rad=0.1, range_max_m=5.0, ranges_mm=[])
 PROVENANCE = Provenance("office", "", 1, None, "lockstep", "default")
 
 
@@ -78,8 +80,8 @@ def recording(session: zenoh.Session, tmp_path: Path) -> Path:
         for robot, publisher in states.items():
             publisher.put(RobotState(robot=robot, pose=Pose2D(second, 0, 0)))
         logs.put(LogRecord(robot="r1", level="info", source="test", text="ä\n" * second))
-        logs.put_bytes(b"not json \xff")
-        scans.put_bytes(b"{}")
+        logs.put_bytes(b'{"text":"unstamped","robot":"r1","level":"info","source":"test"}')
+        scans.put(SCAN)
         team.put(TeamState(robots=[]))
         recorder.step()
     recorder.close()

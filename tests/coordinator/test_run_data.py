@@ -17,16 +17,9 @@ from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.occupancy_grid import FREE, GridGeometry, OccupancyGrid
 from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.wire.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.map_patch import to_message
-from robrain.protocol.wire.messages import (
-    ArenaTruth,
-    BatteryState,
-    MoteReading,
-    RobotState,
-    RobotTruth,
-    TaskEvent,
-    TeamState,
-)
+from robrain.protocol.wire.messages import BatteryState, MoteReading, RobotState, TaskEvent, TeamState
 from robrain.protocol.wire.plan_messages import TaskDecision
 from robrain.protocol.wire.task_messages import RobotVerdict
 from tests.coordinator.planning.worlds import model

@@ -14,18 +14,11 @@ from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.task import Explore
 from robrain.protocol.model.warm_up import warm_up
+from robrain.protocol.wire.arena_messages import Scan
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import (
-    Halt,
-    PluginInfo,
-    RobotState,
-    Scan,
-    TaskAnswer,
-    TaskOffer,
-    TeamState,
-)
+from robrain.protocol.wire.messages import Halt, PluginInfo, RobotState, TaskAnswer, TaskOffer, TeamState
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (

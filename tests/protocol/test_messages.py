@@ -10,7 +10,7 @@ from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.mapping.map_frame import MapFrame
 from robrain.protocol.model.task import Explore, TaskState
-from robrain.protocol.wire import errors, map_messages, messages, replay_messages
+from robrain.protocol.wire import arena_messages, errors, map_messages, messages, replay_messages
 from robrain.protocol.wire.idle_reasons import NoWay
 from robrain.protocol.wire.refusals import Refusal
 
@@ -218,7 +218,7 @@ EXAMPLES = [
     replay_messages.ReplayStatus(position_s=90.5, duration_s=3600.0, speed=4.0, playing=False),
     messages.Halt(**STAMP, halted=True, by="operator", reason="somebody walks there"),
     messages.HaltAnswer(robot="r1", halted=True, by=["operator"], not_halted=["arm"]),
-    messages.Scan(
+    arena_messages.Scan(
         **STAMP,
         robot="r1",
         angle_min_rad=-3.0,
@@ -226,12 +226,12 @@ EXAMPLES = [
         range_max_m=8.0,
         ranges_mm=[0, 1500, 8000],
     ),
-    messages.ArenaClock(**STAMP, sim_time_s=1.5),
-    messages.ArenaTruth(
+    arena_messages.ArenaClock(**STAMP, sim_time_s=1.5),
+    arena_messages.ArenaTruth(
         **STAMP,
         sim_time_s=1.5,
         robots=[
-            messages.RobotTruth(
+            arena_messages.RobotTruth(
                 robot="r1",
                 pose=Pose2D(1.0, 2.0, 0.5),
                 collisions=0,
@@ -254,11 +254,11 @@ EXAMPLES = [
                 ),
             )
         ],
-        motes=[messages.MoteTruth(mote="m3", place=Point2D(5.0, -2.0))],
+        motes=[arena_messages.MoteTruth(mote="m3", place=Point2D(5.0, -2.0))],
         explored_fraction=0.25,
         map_accuracy=MapAccuracy(occupied_cells=400, cells_off=10, share_off=0.025, doubled_walls_m=0.5),
     ),
-    messages.OutsideInput(**STAMP, key="robrain/default/robot/r1/call/driver/stop", payload=b"[]"),
+    arena_messages.OutsideInput(**STAMP, key="robrain/default/robot/r1/call/driver/stop", payload=b"[]"),
     messages.TaskOffer(task=TASK, epoch=12, lease_s=5.0, after="task-6"),
     messages.TaskWithdrawal(id="task-7", epoch=12, why="cancelled"),
     messages.TaskAnswer(accepted=False, why="no way there", epoch=12),

@@ -12,7 +12,7 @@ import pytest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import EPOCH_MAX, METRES_MAX, TEXT_MAX, Metres, cut
 from robrain.protocol.model.task import Task, Visit
-from robrain.protocol.wire import map_messages, messages, plan_messages, replay_messages, task_messages
+from robrain.protocol.wire import arena_messages, map_messages, messages, plan_messages, replay_messages, task_messages
 from robrain.protocol.wire.messages import RobotState
 
 GOLDEN = Path(__file__).parent / "golden"
@@ -27,7 +27,7 @@ def kind_of(path) -> Any:
         return Task
     return next(
         found
-        for one in (map_messages, messages, plan_messages, replay_messages, task_messages)
+        for one in (arena_messages, map_messages, messages, plan_messages, replay_messages, task_messages)
         if (found := getattr(one, path.stem, None))
     )
 

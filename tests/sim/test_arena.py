@@ -9,10 +9,10 @@ from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.omni_drive import OmniBase
+from robrain.protocol.wire.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.clock import VirtualClock, WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import (
     ARENA_CAN,

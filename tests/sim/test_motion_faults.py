@@ -50,7 +50,7 @@ def told(run, plugin, event):
 
 def why(run, plugin):
     infos = run.watcher.ask(ROBOT_PLUGINS, robot="r1")
-    return next(info["state"] + ": " + info["why"] for info in infos if info["name"] == plugin)
+    return next(f"{info.state}: {info.why}" for info in infos if info.name == plugin)
 
 
 def test_a_robot_whose_bus_is_cut_stands_the_team_is_told_and_the_others_go_on(team):
