@@ -1,5 +1,6 @@
 """Options shared by the commands that connect to a team."""
 
+from enum import StrEnum
 from typing import Annotated
 
 import typer
@@ -10,3 +11,11 @@ ConnectOption = Annotated[
 ]
 TeamOption = Annotated[str, typer.Option(help="Name of the team.")]
 RobotArgument = Annotated[str, typer.Argument(help="Name of a running robot.")]
+
+
+class WireFormat(StrEnum):
+    """How `robrain wire` prints the wire."""
+
+    MARKDOWN = "markdown"
+    JSONSCHEMA = "jsonschema"
+    ASYNCAPI = "asyncapi"

@@ -16,7 +16,7 @@ from robrain.deploy.extras import missing_package
 from robrain.deploy.plugin_commands import plugin_app
 from robrain.deploy.recording_commands import recording_app
 from robrain.deploy.task_commands import task_app
-from robrain.deploy.team_options import ConnectOption, RobotArgument, TeamOption
+from robrain.deploy.team_options import ConnectOption, RobotArgument, TeamOption, WireFormat
 from robrain.protocol.model.objective import Objective
 from robrain.protocol.wire.errors import CallError, RobrainError
 from robrain.protocol.wire.keys import DEFAULT_REPLAY_TEAM, DEFAULT_TEAM, check_name
@@ -363,6 +363,18 @@ def status(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_js
         _print_json(found)
     else:
         show_status(found)
+
+
+@app.command()
+def wire(
+    wire_format: Annotated[
+        WireFormat, typer.Option("--format", help="jsonschema and asyncapi are for programs, markdown for people.")
+    ] = WireFormat.MARKDOWN,
+) -> None:
+    """Print every topic, query and token, with the types, units and ranges of what they carry."""
+    from robrain.deploy.wire_command import wire_text
+
+    sys.stdout.write(wire_text(wire_format))
 
 
 def main() -> None:

@@ -16,6 +16,8 @@ import robrain
 ROOT = Path(__file__).parent.parent
 FOLDERS = ("agent", "coordinator", "deploy", "plugins", "protocol", "sim")
 MAX_LINES = 500
+GENERATED = ("docs/topics.md",)
+"""As long as the table that it is printed from."""
 SETUPTOOLS_WITH_LICENSE_EXPRESSIONS = 77
 
 
@@ -51,7 +53,8 @@ def test_every_folder_with_code_is_a_package() -> None:
 
 
 def test_no_file_is_too_long() -> None:
-    lengths = {_name_of(path): len(path.read_text(encoding="utf-8").splitlines()) for path in _own_files(".py", ".md")}
+    texts = {_name_of(path): path.read_text(encoding="utf-8") for path in _own_files(".py", ".md")}
+    lengths = {name: len(text.splitlines()) for name, text in texts.items() if name not in GENERATED}
     assert {name: lines for name, lines in lengths.items() if lines > MAX_LINES} == {}
 
 

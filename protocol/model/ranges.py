@@ -42,8 +42,7 @@ Charge = Annotated[float, Meta(ge=-1.0, le=2.0)]
 """An estimated state of charge: 0 to 1, with room for an estimate beyond either end."""
 Pace = Annotated[float, Meta(ge=1e-3, le=1e6)]
 """A usual speed; above 0 because lengths are divided by it."""
-Priority = Annotated[float, Meta(le=PRIORITY_MAX)]
-"""Tasks themselves check that it is above 0."""
+Priority = Annotated[float, Meta(gt=0.0, le=PRIORITY_MAX)]
 
 Count = Annotated[int, Meta(ge=0, le=EPOCH_MAX)]
 Epoch = Annotated[int, Meta(ge=0, le=EPOCH_MAX)]

@@ -16,7 +16,7 @@ from robrain.protocol.model.ranges import Duration, Name, Priority, Quantity, Ra
 
 Needs = Annotated[tuple[Name, ...], Meta(max_length=64)]
 After = Annotated[tuple[Name, ...], Meta(max_length=1000)]
-Team = Annotated[int, Meta(le=1000)]
+Team = Annotated[int, Meta(ge=1, le=1000)]
 
 
 class TaskState(StrEnum):
@@ -136,7 +136,7 @@ class Monitor(PlacedTask, frozen=True, kw_only=True, tag="monitor", omit_default
     duration_s: Duration
     interval_s: Duration = 30.0
     """From the start of one round to the start of the next."""
-    views: int = 4
+    views: Annotated[int, Meta(ge=1, le=16)] = 4
     """Directions per round, spread evenly over the circle."""
     quantity: Name = ""
     """Quantity that a mote may watch instead of pictures; empty for pictures only."""

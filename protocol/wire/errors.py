@@ -11,6 +11,7 @@ RobrainError                  everything that robrain raises on purpose
 """
 
 from enum import StrEnum
+from typing import Annotated
 
 import msgspec
 
@@ -31,12 +32,15 @@ class ErrorCode(StrEnum):
     TIMEOUT = "timeout"
 
 
+ErrorText = Annotated[str, msgspec.Meta(max_length=1_000_000)]
+
+
 class ErrorReply(msgspec.Struct, frozen=True):
     """What an error reply holds on the wire."""
 
     code: ErrorCode
-    message: str
-    detail: str = ""
+    message: ErrorText
+    detail: ErrorText = ""
 
 
 class RobrainError(Exception):

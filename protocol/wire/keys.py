@@ -9,7 +9,8 @@ DEFAULT_TEAM = "default"
 DEFAULT_REPLAY_TEAM = "replay"
 """As whom a recording is put back on the wire."""
 
-_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,62}")
+NAME_PATTERN = r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,62}"
+_NAME = re.compile(NAME_PATTERN)
 
 
 def check_name(what: str, name: str) -> str:

@@ -37,6 +37,7 @@ from robrain.protocol.wire.refusals import Refused
 Result = Annotated[dict[str, Any], Meta(max_length=64)]
 COVARIANCE_LENGTHS = (0, 9)
 Covariance = Annotated[tuple[Quantity, ...], Meta(max_length=9)]
+JsonSchema = Annotated[dict[str, Any], Meta(max_length=1000)]
 Prose = Annotated[str, Meta(max_length=100_000)]
 """Text by the author of a plugin."""
 Command = Annotated[str, Meta(max_length=1_000_000)]
@@ -195,9 +196,9 @@ class FunctionInfo(msgspec.Struct, frozen=True, kw_only=True):
     signature: Prose
     """Its signature in Python."""
     doc: Prose
-    parameters: dict[str, Any]
+    parameters: JsonSchema
     """JSON Schema of an object with one property for each parameter."""
-    returns: dict[str, Any]
+    returns: JsonSchema
     """JSON Schema of the result."""
 
 

@@ -14,6 +14,10 @@ from robrain.protocol.model.ranges import Charge, Count, Name, Quantity, Seconds
 from robrain.protocol.wire.messages import Message
 from robrain.protocol.wire.task_messages import RobotVerdict
 
+Most = Meta(max_length=100_000)
+"""Of lists with an entry for each robot, charger or task."""
+Routes = Annotated[tuple[tuple[Name, Annotated[tuple[Name, ...], Most]], ...], Most]
+
 
 class TaskDecision(Message, frozen=True, kw_only=True):
     """What a plan decided about one task; sent when the decision changes."""
@@ -21,13 +25,13 @@ class TaskDecision(Message, frozen=True, kw_only=True):
     task: Name
     plan: Count
     """Number of the plan, as in `PlanProblem`."""
-    robots: tuple[Name, ...] = ()
+    robots: Annotated[tuple[Name, ...], Most] = ()
     """Robots that are to do it; empty if none."""
     start_in_s: Quantity | None = None
     """When it is to begin, seconds after the plan was made."""
     why: Text = ""
     """Why these robots, or why none."""
-    bids: tuple[RobotVerdict, ...] = ()
+    bids: Annotated[tuple[RobotVerdict, ...], Most] = ()
     """What it would take each robot on top of the rest of its route, or the reason that it is out; by name."""
 
 
@@ -51,9 +55,9 @@ class PlanProblem(Message, frozen=True, kw_only=True):
     """Tasks moved to another robot only if the plan became better by at least this share."""
     question: bytes
     """Jobs, workers and ways: MessagePack, deflated. `robrain.coordinator.planning.question` reads it."""
-    warm_start: tuple[tuple[Name, tuple[Name, ...]], ...] = ()
+    warm_start: Routes = ()
     """Robots and their tasks in order, as they were planned before."""
-    routes: tuple[tuple[Name, tuple[Name, ...]], ...] = ()
+    routes: Routes = ()
     """Robots and their tasks in order, as planned now; tasks already begun come first."""
     cause: Text = ""
     """What caused the plan to be made."""
@@ -95,7 +99,7 @@ class PlannedCharge(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tru
 class ChargeSchedule(Message, frozen=True, kw_only=True):
     """Who charges where and when; said when it has changed."""
 
-    charges: tuple[PlannedCharge, ...] = ()
+    charges: Annotated[tuple[PlannedCharge, ...], Most] = ()
     """One entry for each charge that is foreseen."""
 
 
@@ -113,7 +117,7 @@ class PlanningStatus(msgspec.Struct, frozen=True, kw_only=True):
     """Tasks that the current plan assigns to no robot."""
     took_s: Seconds = 0.0
     """Computing time of the last plan; 0 in lockstep."""
-    chargers: tuple[Point2D, ...] = ()
+    chargers: Annotated[tuple[Point2D, ...], Most] = ()
     """All that robots of the team know of, arena frame."""
-    charges: tuple[PlannedCharge, ...] = ()
+    charges: Annotated[tuple[PlannedCharge, ...], Most] = ()
     """Who charges where and when."""

@@ -124,9 +124,9 @@ class TaskWhy(msgspec.Struct, frozen=True, kw_only=True):
     """The task and how it stands."""
     now: Text
     """In one sentence."""
-    robots: list[RobotVerdict] = []
+    robots: Annotated[list[RobotVerdict], Meta(max_length=100_000)] = []
     """As judged last, sorted by name."""
     decided_ns: Stamp = 0
     """When they were judged; 0 if never."""
-    changes: list[TaskChange] = []
+    changes: Annotated[list[TaskChange], Meta(max_length=100_000)] = []
     """The last ones, oldest first."""

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Generic, TypeVar, cast, get_args
 import msgspec
 
 from robrain.protocol.wire.codec import Codec
+from robrain.protocol.wire.errors import ErrorCode
 from robrain.protocol.wire.keys import ROOT, check_name
 
 M = TypeVar("M")
@@ -205,6 +206,8 @@ class Query(WireKey, Generic[Q, R]):
     """It changes nothing where it is answered."""
     encoding: str = JSON
     """Of the reply."""
+    errors: tuple[ErrorCode, ...] = ()
+    """Errors that it may be answered with, besides those of every query."""
     timeout_s: float = ANSWER_S
     """How long to wait for the reply."""
     max_request_bytes: int = REQUEST_BYTES_MAX

@@ -8,6 +8,7 @@ from types import NoneType
 from typing import Any, cast
 
 from robrain.protocol.wire import arena_messages, map_messages, messages, plan_messages
+from robrain.protocol.wire.errors import ErrorCode
 from robrain.protocol.wire.replay_messages import ReplayRequest, ReplayStatus
 from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
 from robrain.protocol.wire.topic import (
@@ -25,6 +26,14 @@ from robrain.protocol.wire.topic import (
     WireKey,
 )
 
+PLUGIN_ERRORS = (
+    ErrorCode.UNKNOWN_PLUGIN,
+    ErrorCode.UNKNOWN_FUNCTION,
+    ErrorCode.FORBIDDEN,
+    ErrorCode.HALTED,
+    ErrorCode.INACTIVE,
+    ErrorCode.REFUSED,
+)
 ROBOT_ALIVE = Token(
     name="robot_alive",
     pattern="robot/{robot}/alive",
@@ -149,6 +158,7 @@ ROBOT_CALL = Query(
     request=bytes,
     reply=bytes,
     urgency=Urgency.INTERACTIVE_HIGH,
+    errors=PLUGIN_ERRORS,
 )
 ROBOT_HOST = Query(
     name="robot_host",
@@ -158,6 +168,7 @@ ROBOT_HOST = Query(
     request=messages.HostRequest,
     reply=bytes,
     urgency=Urgency.INTERACTIVE_HIGH,
+    errors=PLUGIN_ERRORS,
 )
 ROBOT_OFFER = Query(
     name="robot_offer",
@@ -200,6 +211,7 @@ ROBOT_FOREIGN_CALL = Query(
     request=bytes,
     reply=bytes,
     urgency=Urgency.INTERACTIVE_HIGH,
+    errors=PLUGIN_ERRORS,
 )
 ROBOT_IMAGE: Topic[bytes] = Topic(
     name="robot_image",
@@ -251,7 +263,8 @@ TASK_EVENT = Topic(
 
 def _task_query(verb: str, request: type[Q], reply: type[R], doc: str, *, reads_only: bool = False) -> Query[Q, R]:
     return Query(name=f"task_{verb}", pattern=f"task/{verb}", doc=doc, by=Role.COORDINATOR, request=request,
-                 reply=reply, urgency=Urgency.INTERACTIVE_HIGH, reads_only=reads_only)  # fmt: skip
+                 reply=reply, urgency=Urgency.INTERACTIVE_HIGH, reads_only=reads_only,
+                 errors=(ErrorCode.REFUSED,))  # fmt: skip
 
 
 TASK_SUBMIT = _task_query("submit", TaskSubmission, TaskRecord, "Do this: replies its record, or why not")

@@ -91,7 +91,10 @@ def test_what_can_never_be_done_is_refused_at_once(team):
         (b'{"task":{"type":"fly","id":"t1"}}', "fly"),
         (b'{"task":{"type":"visit","id":"t1"}}', "place"),
         (b'{"task":{"type":"visit","id":"t1","place":{"x_m":"a","y_m":1}}}', "x_m"),
-        (b'{"task":{"type":"visit","id":"t1","priority":-1,"place":{"x_m":1,"y_m":1}}}', "priority > 0"),
+        (
+            b'{"task":{"type":"visit","id":"t1","priority":-1,"place":{"x_m":1,"y_m":1}}}',
+            "> 0.0 - at `$.task.priority`",
+        ),
         (b'{"task":{"type":"visit","id":"t1","place":{"x_m":1,"y_m":1}},"deadline_in_s":-4}', "deadline_in_s"),
     ],
 )

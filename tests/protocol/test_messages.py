@@ -19,6 +19,7 @@ GOLDEN = Path(__file__).parent / "golden"
 
 TASK = Explore(id="task-7", goal=Point2D(1.5, -2.0))
 STAMP = {"stamp_ns": 1_500_000_000, "seq": 3}
+REFUSED = [Refusal(topic="robot_state", key="robot/r9/state", code="malformed", count=3, why="Expected `float` <= 1e6")]
 FUNCTION = messages.FunctionInfo(
     name="stop",
     signature="() -> None",
@@ -76,6 +77,7 @@ EXAMPLES = [
         frame=MapFrame(1300, "r1"),
         map_agreement=0.875,
         loaded=3735928559,
+        refused=REFUSED,
     ),
     map_messages.MapPatch(
         **STAMP,
@@ -177,9 +179,7 @@ EXAMPLES = [
             stopped=["r1"],
             not_stopped=["r2"],
         ),
-        refused=[
-            Refusal(topic="robot_state", key="robot/r9/state", code="malformed", count=3, why="Expected `float` <= 1e6")
-        ],
+        refused=REFUSED,
     ),
     messages.RobotLinks(
         **STAMP,
@@ -213,6 +213,7 @@ EXAMPLES = [
         lost=[messages.LostMessages(topic="robot_state", messages=12)],
         waiting=40,
         why="No space left on device",
+        refused=REFUSED,
     ),
     replay_messages.ReplayRequest(playing=False, seek_s=90.5, speed=4.0),
     replay_messages.ReplayStatus(position_s=90.5, duration_s=3600.0, speed=4.0, playing=False),

@@ -9,7 +9,15 @@ import pytest
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.messages import RobotState, TeamState
-from robrain.protocol.wire.schema import DIALECT, bare, definitions, field_meanings, schema_of, structs_in, types_of
+from robrain.protocol.wire.schema.json_schema import (
+    DIALECT,
+    bare,
+    definitions,
+    field_meanings,
+    schema_of,
+    structs_in,
+    types_of,
+)
 from robrain.protocol.wire.topics import TOPICS
 
 GOLDEN = sorted((Path(__file__).parent / "golden").glob("*.json"))
@@ -65,3 +73,31 @@ def test_null_is_valid_where_the_type_allows_it_and_only_there():
     assert not validator.is_valid(state | {"robot": None})
     assert not validator.is_valid(state | {"radius_m": -1.0})
     assert jsonschema.Draft202012Validator(schema_of(TeamState)).is_valid({"robots": []})
+
+
+def unbounded(schema, where):
+    """Places in a schema where a number, text, list or object may be of any size."""
+    if isinstance(schema, list):
+        return [found for one in schema for found in unbounded(one, where)]
+    if not isinstance(schema, dict):
+        return []
+    bounds = {
+        "array": ({"maxItems"}, {"prefixItems"}),
+        "string": ({"maxLength"}, {"enum"}, {"const"}, {"contentEncoding"}),
+        "object": ({"properties"}, {"maxProperties"}),
+        "integer": ({"minimum", "maximum"}, {"minimum", "exclusiveMaximum"}, {"enum"}),
+        "number": ({"minimum", "maximum"}, {"exclusiveMinimum", "maximum"}),
+    }
+    kinds = bounds.get(schema.get("type"), ())
+    found = [where] if kinds and not any(kind <= set(schema) for kind in kinds) else []
+    for key, one in schema.items():
+        if key == "properties":
+            found += [place for name, field in one.items() for place in unbounded(field, f"{where}.{name}")]
+        else:
+            found += unbounded(one, f"{where}.{key}")
+    return found
+
+
+def test_every_number_text_and_list_of_the_wire_is_bounded():
+    found = [place for name, schema in definitions().items() for place in unbounded(schema, name)]
+    assert found == []

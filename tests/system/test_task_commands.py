@@ -158,7 +158,7 @@ def test_without_a_coordinator_a_client_gives_up_with_a_sentence(commands) -> No
         (["add", "visit", "--at", "3,nan"], "expected a finite --at"),
         (["add", "visit", "--at", "3,4", "--mote", "m1"], "a task to visit has no --mote; it has --after, --at, "),
         (["add", "visit", "--at", "3,4", "--id", "a/b"], "--id: bad task name 'a/b'"),
-        (["add", "visit", "--at", "3,4", "--priority", "-1"], "expected --priority > 0, got -1"),
+        (["add", "visit", "--at", "3,4", "--priority", "-1"], "--priority: Expected `float` > 0.0"),
         (["add", "relay", "--at", "3,4", "--mote", "m1"], "a task to relay needs --duration"),
         (["add", "nosuch.toml"], "nosuch.toml: cannot be read"),
         (["add", "wrong.toml"], "wrong.toml: is not TOML"),

@@ -14,6 +14,7 @@ from typing import Any
 
 import msgspec
 
+from robrain.protocol.wire.errors import ErrorReply
 from robrain.protocol.wire.topic import Query, Topic, WireKey
 from robrain.protocol.wire.topics import TOPICS
 
@@ -45,6 +46,9 @@ NAMED = ("properties", "$defs")
 """Keywords whose keys are names of fields or types."""
 EXPLAINS = ("title", "description", "default", "$comment")
 COMMON = {
+    "code": "Which error.",
+    "detail": "The reason alone, or more of it; empty if there is no more to say.",
+    "message": "A sentence for people.",
     "accepted": "Whether it was accepted.",
     "behavior": "Name of the behavior that is active; empty if none is.",
     "by": "Who asks; empty if not told.",
@@ -104,8 +108,8 @@ def types_of(row: WireKey) -> list[Any]:
 
 @cache
 def definitions() -> dict[str, Schema]:
-    """The schemas of all structs of the wire by name."""
-    return _definitions([kind for row in TOPICS for kind in types_of(row)])[1]
+    """The schemas of all structs of the wire by name, that of error replies among them."""
+    return _definitions([ErrorReply, *(kind for row in TOPICS for kind in types_of(row))])[1]
 
 
 def schema_of(kind: Any) -> Schema:

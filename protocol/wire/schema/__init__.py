@@ -1,0 +1,1 @@
+"""The wire, described: JSON Schemas, and the documents made from the table of topics."""

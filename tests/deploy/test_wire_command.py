@@ -1,0 +1,105 @@
+"""`robrain wire` prints the whole wire, in formats that others can check."""
+
+import json
+import re
+
+import jsonschema
+import pytest
+from typer.testing import CliRunner
+
+from robrain.cli import app
+from robrain.protocol.wire.topic import Query, Topic
+from robrain.protocol.wire.topics import PUBLISHED, TOPICS
+
+
+def printed(wire_format):
+    result = CliRunner().invoke(app, ["wire", "--format", wire_format])
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+@pytest.fixture(scope="module")
+def document():
+    return json.loads(printed("jsonschema"))
+
+
+@pytest.fixture(scope="module")
+def asyncapi():
+    return json.loads(printed("asyncapi"))
+
+
+def schemas_of(row):
+    return [row[name] for name in ("message", "request", "reply") if row.get(name) is not None]
+
+
+def references_in(value):
+    if isinstance(value, dict):
+        yield from ([value["$ref"]] if isinstance(value.get("$ref"), str) else [])
+        value = list(value.values())
+    if isinstance(value, list):
+        for one in value:
+            yield from references_in(one)
+
+
+def resolve(document, reference):
+    found = document
+    for part in reference.removeprefix("#/").split("/"):
+        found = found[part]
+    return found
+
+
+def test_each_key_of_the_table_is_printed_once(document, asyncapi):
+    keys = [f"robrain/{{team}}/{row.pattern}" for row in TOPICS]
+    told = [row["key"] for kind in ("topics", "queries", "tokens") for row in document[kind]]
+    assert sorted(told) == sorted(keys)
+    assert sorted(channel["address"] for channel in asyncapi["channels"].values()) == sorted(keys)
+    page = printed("markdown")
+    for row in TOPICS:
+        assert len(re.findall(rf"^\| `{re.escape(row.pattern)}` \|", page, re.MULTILINE)) == 1
+
+
+def test_each_schema_is_one_and_refers_to_what_is_there(document, asyncapi):
+    jsonschema.Draft202012Validator.check_schema({"$defs": document["$defs"]})
+    for kind in ("topics", "queries"):
+        for row in document[kind]:
+            for schema in schemas_of(row):
+                jsonschema.Draft202012Validator.check_schema(schema)
+    for told in (document, asyncapi):
+        for reference in references_in(told):
+            assert resolve(told, reference) is not None
+
+
+def test_a_query_tells_request_reply_errors_and_how_long_to_wait(document):
+    (submit,) = (row for row in document["queries"] if row["name"] == "task_submit")
+    assert submit["request"] == {"$ref": "#/$defs/TaskSubmission"}
+    assert submit["reply"] == {"$ref": "#/$defs/TaskRecord"}
+    assert {"refused", "bad_arguments"} <= set(submit["errors"])
+    assert submit["timeout_s"] > 0
+    assert set(document["errors"]) >= {code for row in document["queries"] for code in row["errors"]}
+
+
+def test_an_operation_is_told_from_the_owner_of_the_key(asyncapi):
+    for row in TOPICS:
+        operation = asyncapi["operations"].get(row.name)
+        if isinstance(row, Topic):
+            assert operation["action"] == "send"
+        elif isinstance(row, Query):
+            assert operation["action"] == "receive"
+            assert len(operation["reply"]["messages"]) == 2
+        else:
+            assert operation is None
+        for reference in references_in(operation or {}):
+            assert resolve(asyncapi, reference)
+
+
+def test_the_schema_of_a_printed_message_takes_what_is_sent(document):
+    for row, topic in zip(document["topics"], PUBLISHED, strict=True):
+        assert row["max_bytes"] == topic.max_bytes
+        if topic.message is not None:
+            assert row["message"] == {"$ref": f"#/$defs/{topic.message.__name__}"}
+
+
+def test_an_unknown_format_is_refused_with_those_there_are():
+    result = CliRunner().invoke(app, ["wire", "--format", "xml"])
+    assert result.exit_code == 2
+    assert "asyncapi" in result.output
