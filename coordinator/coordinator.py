@@ -1,10 +1,13 @@
 """The coordinator: receives states, merges maps, assigns frontiers and tasks, publishes the team's state."""
 
 import math
+from operator import attrgetter
 
 from robrain.coordinator.capabilities import Capabilities
+from robrain.coordinator.exploration.assignment import Choice
 from robrain.coordinator.exploration.explorer import Explorer
 from robrain.coordinator.halts import HaltWatch
+from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.motes_desk import MoteDesk
 from robrain.coordinator.planning.charge_desk import ChargeDesk
@@ -94,7 +97,7 @@ class Coordinator:
         self._together = Together(self.planning, lifecycle, self.tasks, self.roster, self.team_map, self._new_number)
         self._wire = wire
         self._inbox = Inbox(capacity=16384)
-        self._guard = RecordGuard(wire.refusals)
+        self._guard = RecordGuard(wire.refusals, (JournalUnwritable,))
         self._now_ns = wire.clock.now_ns()
         self._presence = wire.watch(ROBOT_ALIVE)
         wire.subscribe(self._inbox, ROBOT_STATE)
@@ -122,26 +125,27 @@ class Coordinator:
         self._wire.serve()
         has_heard = len(self._inbox) > 0
         self._hear(now_ns)
-        if self.lifecycle.hear_answers(now_ns):
+        stage = self._guard.stage
+        if stage("answers", lambda: self.lifecycle.hear_answers(now_ns), otherwise=False):
             self._decide_due_ns = now_ns
-        if self.halts.hear():
+        if stage("halts", self.halts.hear, otherwise=True):
             self._summary_due_ns = now_ns
         looks = has_heard or self._requests.news or now_ns >= self._look_due_ns
         if looks:
             self._look_due_ns = now_ns + LOOK_PERIOD_NS
-            self._look(now_ns)
-        if self.motes.step(now_ns, self.lifecycle.as_far_as_written(now_ns)):
+            stage("tasks", lambda: self._look(now_ns), otherwise=None)
+        if stage("motes", lambda: self.motes.step(now_ns, self.lifecycle.as_far_as_written(now_ns)), otherwise=False):
             self._decide_due_ns = now_ns
-        if self.planning.step(now_ns):
+        if stage("planning", lambda: self.planning.step(now_ns), otherwise=False):
             self._decide_due_ns = now_ns
         if looks:
-            self.lifecycle.withdraw_strays(now_ns)
+            stage("withdrawals", lambda: self.lifecycle.withdraw_strays(now_ns), otherwise=None)
         if now_ns >= self._decide_due_ns:
             self._decide_due_ns = now_ns + DECIDE_PERIOD_NS
             self._hand_out(now_ns)
         if now_ns >= self._summary_due_ns:
             self._summary_due_ns = now_ns + SUMMARY_PERIOD_NS
-            self._tell_summary(now_ns)
+            stage("summary", lambda: self._tell_summary(now_ns), otherwise=None)
 
     def _new_number(self) -> int:
         self._own_tasks += 1
@@ -239,18 +243,22 @@ class Coordinator:
     def _hand_out(self, now_ns: int) -> None:
         there = [] if self.halts.is_halted else self.roster.up(now_ns)
         up = [robot for robot in there if robot.state is not None and not robot.state.halted]
+        stage = self._guard.stage
         if self.planning.is_on:
-            self.lifecycle.tell_nobody_can(now_ns)
-            if not self.halts.is_halted:
-                if self._following.step(now_ns):
-                    self._decide_due_ns = now_ns
-                self._together.step(now_ns)
+            stage("offers", lambda: self._offer_planned(now_ns), otherwise=None)
         else:
-            self.lifecycle.dispatch(self._idle(up), now_ns)
+            stage("dispatch", lambda: self.lifecycle.dispatch(self._idle(up), now_ns), otherwise=None)
         with self.lifecycle.as_far_as_written(now_ns):
             if self.planning.is_on:
-                self._send_to_charge(up, now_ns)
-            self._hand_out_frontiers(up, now_ns)
+                stage("charging", lambda: self._send_to_charge(up, now_ns), otherwise=None)
+            stage("exploration", lambda: self._hand_out_frontiers(up, now_ns), otherwise=None)
+
+    def _offer_planned(self, now_ns: int) -> None:
+        self.lifecycle.tell_nobody_can(now_ns)
+        if not self.halts.is_halted:
+            if self._following.step(now_ns):
+                self._decide_due_ns = now_ns
+            self._together.step(now_ns)
 
     def _send_to_charge(self, up: list[Robot], now_ns: int) -> None:
         pauses = self.lifecycle.shunning.robots
@@ -286,9 +294,12 @@ class Coordinator:
         choices = self.explorer.choose(idle, bound, now_ns) if idle else []
         if choices or paused or bound or self.explorer.has_failures or not up or self.team_map.version == 0:
             self._busy_ns = now_ns
-        for choice in choices:
+
+        def explore(choice: Choice) -> None:
             task = Explore(id=f"explore-{self._new_number()}", goal=choice.place)
             self._offer_own(task, choice.robot, now_ns, choice.way_m)
+
+        self._guard.records(choices, explore, attrgetter("robot"), "frontier")
 
     # -- telling --------------------------------------------------------------------------------------------
 

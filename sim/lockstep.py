@@ -13,6 +13,7 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.recording.provenance import Provenance
 from robrain.coordinator.recording.recorder import Recorder, RecordingSummary
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.wire.arena_messages import ArenaTruth, OutsideInput
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.collector import CalmCollector
@@ -29,6 +30,8 @@ from robrain.sim.manifests import manifest_texts
 from robrain.sim.world import World
 
 TRUTH_TICKS = 10
+OUTSIDE_BYTES = 1_048_576
+"""Of a payload from outside; what is longer is cut off in the recording."""
 
 
 class LockstepRun:
@@ -189,7 +192,7 @@ class LockstepRun:
         self._summary = self._recorder.close()
 
     def _note_outside(self, key: str, payload: bytes) -> None:
-        self._outside.put(OutsideInput(key=key, payload=payload))
+        self._outside.put(OutsideInput(key=cut(key, TEXT_MAX), payload=payload[:OUTSIDE_BYTES]))
 
     def _watch(self) -> None:
         for received in self._inbox.drain():

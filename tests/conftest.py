@@ -9,11 +9,13 @@ Each test process has its own hub endpoint, at which nobody listens, so that no 
 
 import os
 import signal
+from collections.abc import Iterator
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 from robrain.protocol.wire.hub import CONNECT_VARIABLE, HUB_VARIABLE
+from robrain.protocol.wire.record_guard import RecordGuard
 from tests.own_hub import OwnHub
 from tests.real_maps import WHY_NOT
 
@@ -45,6 +47,22 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     order = {name: 0.8 * (place + 0.5) / len(waiting) for place, name in enumerate(waiting)}
     order |= {name: place / len(others) for place, name in enumerate(others)}
     items[:] = [item for name in sorted(files, key=order.__getitem__) for item in files[name]]
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_set_aside(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Fail a test in which a component sets a record or stage aside that raised: it goes on, but that is a defect."""
+    found: list[str] = []
+    set_aside = RecordGuard._set_aside
+
+    def note(guard: RecordGuard, topic: str, name: str, error: BaseException) -> None:
+        found.append(f"{topic} {name}: {type(error).__name__}: {error}")
+        set_aside(guard, topic, name, error)
+
+    monkeypatch.setattr(RecordGuard, "_set_aside", note)
+    yield
+    if request.node.get_closest_marker("sets_aside") is None:
+        assert found == []
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -13,8 +13,6 @@ Heard = Topic[Any] | Query[Any, Any]
 AHEAD_S = 5.0
 """How far a stamp may be ahead of the receiver's clock: what two machines with synchronised clocks never differ by."""
 AHEAD_NS = to_ns(AHEAD_S)
-KEYS_MAX = 8192
-"""Keys whose parsed names are cached."""
 
 
 class Received(NamedTuple):
@@ -44,7 +42,6 @@ class Border:
     def __init__(self, clock: Clock | None = None, refusals: Refusals | None = None) -> None:
         self._clock = clock
         self._refusals = refusals
-        self._names: dict[str, dict[str, str]] = {}
 
     def admits(self, topic: Heard, key: str, payload: bytes) -> bool:
         """Whether a payload is small enough; one that is not is counted as refused."""
@@ -55,11 +52,10 @@ class Border:
 
     def read(self, topic: Heard, key: str, payload: bytes) -> Received | None:
         """The message in a payload, or None if it is refused."""
-        names = self._names.get(key)
+        names = topic.parse(key)
         if names is None:
-            if len(self._names) >= KEYS_MAX:
-                self._names.clear()
-            names = self._names[key] = topic.parse(key) or {}
+            self._refuse(topic, key, RefusalCode.WRONG_NAME, "a name in its key is not one")
+            return None
         try:
             message = topic.payloads.read(payload)
         except BadPayload as error:

@@ -13,6 +13,11 @@ NAME_PATTERN = r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,62}"
 _NAME = re.compile(NAME_PATTERN)
 
 
+def is_name(name: str) -> bool:
+    """Whether `check_name` accepts a name."""
+    return _NAME.fullmatch(name) is not None
+
+
 def check_name(what: str, name: str) -> str:
     """Return `name` if it can be one chunk of a key.
 
@@ -25,10 +30,10 @@ def check_name(what: str, name: str) -> str:
     >>> check_name("robot", "r1")
     'r1'
     """
+    if is_name(name):
+        return name
     if not name:
         raise BadName(what, name, "it is empty")
-    if _NAME.fullmatch(name):
-        return name
     wrong = sorted({char for char in name if not re.fullmatch(r"[A-Za-z0-9_.\-]", char)})
     if wrong:
         raise BadName(what, name, f"{' '.join(wrong)} may not stand in a name; use letters, digits, _ - .")

@@ -15,6 +15,10 @@ class Change(NamedTuple):
     present: bool
 
 
+PRESENT_MAX = 16384
+"""Tokens of one topic that are followed."""
+
+
 class Presence:
     """Follows the tokens of one topic; callbacks append, the owner takes changes at its own step."""
 
@@ -22,6 +26,8 @@ class Presence:
         self.topic = topic
         self.present: dict[str, dict[str, str]] = {}
         """Key of each token that is there, and the names in it."""
+        self.dropped = 0
+        """Tokens left out because there are too many."""
         self._arrived: deque[tuple[str, bool]] = deque(maxlen=65536)
 
     def append(self, sample: zenoh.Sample) -> None:
@@ -40,6 +46,9 @@ class Presence:
             if names is None or latest[key] == (key in self.present):
                 continue
             if latest[key]:
+                if len(self.present) >= PRESENT_MAX:
+                    self.dropped += 1
+                    continue
                 self.present[key] = names
             else:
                 del self.present[key]

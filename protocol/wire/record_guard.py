@@ -10,6 +10,8 @@ from robrain.protocol.wire.refusals import RefusalCode, Refusals
 logger = logging.getLogger(__name__)
 
 R = TypeVar("R")
+STAGE = "stage"
+"""As which a stage of a step is counted."""
 FAULTS = (Exception,)
 """Caught while handling a record: any exception is a defect, but must not end a component that others depend on."""
 
@@ -54,6 +56,16 @@ class RecordGuard:
                 raise
             except FAULTS as error:
                 self._set_aside(what, name(one), error)
+
+    def stage(self, name: str, run: Callable[[], R], otherwise: R) -> R:
+        """Run one stage of a step; if it raises, count it under its name and return `otherwise`."""
+        try:
+            return run()
+        except self._passes:
+            raise
+        except FAULTS as error:
+            self._set_aside(STAGE, name, error)
+            return otherwise
 
     def _set_aside(self, topic: str, name: str, error: BaseException) -> None:
         self._refusals.note(topic, name, RefusalCode.FAILED, f"{type(error).__name__}: {error}")

@@ -10,7 +10,7 @@ import msgspec
 
 from robrain.protocol.wire.codec import Codec
 from robrain.protocol.wire.errors import ErrorCode
-from robrain.protocol.wire.keys import ROOT, check_name
+from robrain.protocol.wire.keys import ROOT, check_name, is_name
 
 M = TypeVar("M")
 """The message of a topic."""
@@ -118,7 +118,7 @@ class WireKey:
         return "/".join((ROOT, "*", *("*" if chunk.startswith("{") else chunk for chunk in self.chunks)))
 
     def parse(self, key: str) -> dict[str, str] | None:
-        """The names in a concrete key with its team under `team`, or None if it is not one of this row.
+        """The names in a concrete key with its team under `team`; None if it is not one of this row, or a name is bad.
 
         What is returned is shared with the next caller: do not write to it.
         """
@@ -138,7 +138,7 @@ class WireKey:
                 names[chunk[1:-1]] = part
             elif chunk != part:
                 return None
-        return names
+        return names if all(map(is_name, names.values())) else None
 
     def _fill(self, team: str, names: Mapping[str, str]) -> str:
         filled = (names[chunk[1:-1]] if chunk.startswith("{") else chunk for chunk in self.chunks)

@@ -53,6 +53,7 @@ def test_a_state_under_anothers_key_is_not_taken_for_the_robots(team):
     assert [one.code for one in team.summary.refused] == ["wrong_name"]
 
 
+@pytest.mark.sets_aside
 def test_one_state_that_cannot_be_handled_is_set_aside_and_the_others_count(team, monkeypatch):
     for name in ("r1", "r2", "r3"):
         team.robot(name)
@@ -72,6 +73,7 @@ def test_one_state_that_cannot_be_handled_is_set_aside_and_the_others_count(team
     assert found.key.endswith("robot/r2/state")
 
 
+@pytest.mark.sets_aside
 def test_one_task_that_cannot_be_handled_is_set_aside_and_the_others_go_on(team, monkeypatch):
     team.robot("r1").accepts = False
     team.run(0.5)
@@ -89,6 +91,41 @@ def test_one_task_that_cannot_be_handled_is_set_aside_and_the_others_go_on(team,
     team.run(2.0)
     assert team.states() == {"bad": TaskState.QUEUED, "late": TaskState.FAILED}
     assert ("task", "bad", "failed") in [(one.topic, one.key, one.code) for one in team.summary.refused]
+
+
+STAGES = {
+    "answers": "lifecycle.hear_answers",
+    "halts": "halts.hear",
+    "tasks": "lifecycle.settle",
+    "motes": "motes.step",
+    "planning": "planning.step",
+    "withdrawals": "lifecycle.withdraw_strays",
+    "offers": "_following.step",
+    "charging": "_send_to_charge",
+    "exploration": "_hand_out_frontiers",
+}
+NEEDED = ("planning", "offers")
+"""Without these stages no task is given to a robot."""
+
+
+@pytest.mark.sets_aside
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_stage_that_raises_is_set_aside_and_the_others_run(team, monkeypatch, stage):
+    team.robot("r1")
+    team.hall()
+    team.run(0.5)
+    part, _, function = STAGES[stage].rpartition(".")
+
+    def faulty(*_args, **_options):
+        raise ZeroDivisionError("a defect")
+
+    monkeypatch.setattr(getattr(team.coordinator, part) if part else team.coordinator, function, faulty)
+    team.submit(Visit(id="v1", place=Point2D(6.0, 4.0)))
+    team.run(1.0)
+    summary = team.summary
+    assert ("stage", stage, "failed") in [(one.topic, one.key, one.code) for one in summary.refused]
+    assert [robot.up for robot in summary.robots] == [True]
+    assert team.states() == {"v1": TaskState.QUEUED if stage in NEEDED else TaskState.RUNNING}
 
 
 # -- invented robots ------------------------------------------------------------------------------------------

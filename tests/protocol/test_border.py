@@ -166,6 +166,7 @@ def test_refusals_of_any_number_of_senders_take_no_more_room(clock):
     assert sum(one.count for one in found.counts()) == found.total
 
 
+@pytest.mark.sets_aside
 def test_a_record_that_cannot_be_handled_is_set_aside_and_the_others_are_handled(clock):
     found = Refusals(clock)
     handled = []
