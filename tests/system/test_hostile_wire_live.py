@@ -39,7 +39,7 @@ SETTLED_ROUNDS = 4
 """Rounds after which a process has whatever buffers it needs for large payloads."""
 GROWTH_MAX_MB = 20.0
 """What a process may grow by after that."""
-HARMLESS_BYTES = 20_000_000
+HARMLESS_BYTES = 5_000_000
 """Larger payloads are left out: they test Zenoh's patience on loopback, not robrain."""
 
 
