@@ -17,9 +17,10 @@ from robrain.coordinator.recording.provenance import Provenance
 from robrain.coordinator.recording.recorder_inbox import RecorderInbox
 from robrain.coordinator.recording.recorder_telling import RecorderTelling
 from robrain.coordinator.recording.recording_files import RecordingFiles, SplitAt, ToldMessage
+from robrain.protocol.wire.border import Border
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import LostMessages, RecorderState
-from robrain.protocol.wire.refusals import Refusal, told
+from robrain.protocol.wire.refusals import Refusal, Refusals, told
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, PUBLISHED, RECORDER_STATE, ROBOT_MAP, ROBOT_MAP_WHOLE
 
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
+REFUSED_KINDS = 100
+"""Told in its state: it hears every topic."""
 INBOX_CAPACITY = 65536
 INBOX_BYTES = 256 * 1024 * 1024
 SEQUENCE_MASK = 0xFFFF_FFFF
@@ -88,11 +91,11 @@ class Recorder:
         visual: bool = False,
     ) -> None:
         self._clock = endpoint.clock
-        self._refusals = endpoint.refusals
+        self._refusals = Refusals(endpoint.clock)
         self._team = endpoint.team
         self._messages = 0
         self._outside_queries = 0
-        self._inbox = RecorderInbox(INBOX_CAPACITY, INBOX_BYTES)
+        self._inbox = RecorderInbox(INBOX_CAPACITY, INBOX_BYTES, Border(endpoint.clock, self._refusals))
         self._digest = hashlib.sha256()
         self._key_prefixes: dict[str, bytes] = {}
         self._summary: RecordingSummary | None = None
@@ -243,7 +246,7 @@ class Recorder:
             messages=self._messages,
             bytes=self._file.size_bytes,
             lost=[LostMessages(topic, messages) for topic, messages in sorted(lost.items())],
-            refused=told(self._refusals),
+            refused=told(self._refusals, REFUSED_KINDS),
             waiting=len(self._inbox),
             why="; ".join(words),
             closed=self._summary is not None,

@@ -2,7 +2,7 @@
 
 from collections import Counter
 
-from robrain.protocol.wire.border import Heard
+from robrain.protocol.wire.border import Border, Heard
 from robrain.protocol.wire.inbox import Inbox
 
 
@@ -15,10 +15,11 @@ class RecorderInbox(Inbox):
     Args:
         capacity: messages held at the most.
         capacity_bytes: bytes of their payloads held at the most.
+        border: as in `Inbox`.
     """
 
-    def __init__(self, capacity: int, capacity_bytes: int) -> None:
-        super().__init__(capacity, every=True)
+    def __init__(self, capacity: int, capacity_bytes: int, border: Border | None = None) -> None:
+        super().__init__(capacity, every=True, border=border)
         self.capacity_bytes = capacity_bytes
         self.dropped_by_topic: Counter[str] = Counter()
         self._bytes = 0

@@ -165,7 +165,7 @@ class Endpoint:
 
     def subscribe(self, inbox: Inbox, topic: Topic[Any], **names: str) -> None:
         """Put what arrives on a topic into `inbox`; names that are not given match any."""
-        inbox.border = self._border
+        inbox.adopt(self._border)
         key = topic.selector(self.team, **names)
         # Where names are left open, each sample says its own; to ask it of others too costs half as much as the rest.
         own_key = key if "*" not in key else None
@@ -443,7 +443,7 @@ class Endpoint:
 
         """
         timeout_s = topic.timeout_s if timeout_s is None else timeout_s
-        inbox.border = self._border
+        inbox.adopt(self._border)
         key, reply_key = topic.key(self.team, **names), reply_topic.key(self.team, **names)
         if self.drive is Drive.LIVE:  # a callback would start a thread for each query
             replies: Any = self.session.get(key, zenoh.handlers.FifoChannel(REPLIES), timeout=timeout_s)

@@ -22,9 +22,11 @@ class Inbox:
     Args:
         capacity: samples held at the most, of those that count singly and of the latest ones each.
         every: keep each sample, also of topics on which only the latest counts.
+        border: decodes and checks samples; None uses that of the endpoint that fills the inbox, which counts the
+            refusals of all its inboxes together.
     """
 
-    def __init__(self, capacity: int = 1024, *, every: bool = False) -> None:
+    def __init__(self, capacity: int = 1024, *, every: bool = False, border: Border | None = None) -> None:
         self.capacity = capacity
         self.every = every
         self.outside = 0
@@ -32,12 +34,17 @@ class Inbox:
         self.dropped = 0
         self.refused = 0
         """Samples that the border refused."""
-        self.border = Border()
-        """Decodes and checks samples; replaced by that of the endpoint that fills the inbox."""
+        self.border = Border() if border is None else border
+        self._has_own_border = border is not None
         self.received = 0
         self._every: deque[tuple[Heard, str, bytes]] = deque(maxlen=capacity)
         self._expected: deque[tuple[Any, Heard, str]] = deque(maxlen=capacity)
         self._latest: dict[str, tuple[Heard, str, bytes]] = {}
+
+    def adopt(self, border: Border) -> None:
+        """Use an endpoint's border, unless the inbox has its own."""
+        if not self._has_own_border:
+            self.border = border
 
     def append(self, topic: Heard, key: str, payload: bytes, *, outside: bool = False) -> bool:
         """Take a sample in; called by subscriptions, on whatever thread they run.
