@@ -1,0 +1,95 @@
+"""How many files a task passes through: one robot, one visit, traced from its submission to the first wheel command.
+
+`python -m tests.bench.task_path` prints each file with the number of its functions. Counted is what runs only because
+of the task: functions that an idle team enters as well are left out.
+"""
+
+import sys
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from types import FrameType
+from typing import Any
+
+from robrain import LockstepTeam, Point2D, Scenario, Visit
+from robrain.deploy.bench_figure import Bound, Figure, deterministic
+from robrain.plugins.device.mocdevice.mocdevice import MocDevice
+
+Functions = dict[str, set[str]]
+"""Names of functions by the file that they are in."""
+PACKAGE = "/robrain/"
+FILES_MAX = 55
+COORDINATOR_FILES_MAX = 25
+SETTLE_S = 2.0
+IDLE_TICKS = 50
+TASK_TICKS = 500
+VISIT = Visit(id="visit-1", place=Point2D(2.0, 2.0))
+
+
+class Trace:
+    """Notes each function of robrain that is entered, up to the first command that turns the wheels."""
+
+    def __init__(self) -> None:
+        self.entered: Functions = defaultdict(set)
+        self.drives = False
+
+    def __call__(self, frame: FrameType, event: str, _argument: Any) -> None:
+        """Called by Python for each call and return."""
+        code = frame.f_code
+        if event != "call" or PACKAGE not in code.co_filename or "site-packages" in code.co_filename:
+            return
+        self.entered[code.co_filename.rpartition(PACKAGE)[2]].add(code.co_qualname)
+        if code is MocDevice.drive.__code__:
+            twist = frame.f_locals["twist"]
+            self.drives |= any((twist.forward_m_s, twist.left_m_s, twist.yaw_rad_s))
+
+
+def path_of_a_visit() -> Functions:
+    """The functions that run because of the visit, by file."""
+    idle = _entered(has_task=False)
+    with_task = _entered(has_task=True)
+    only = {file: names - idle.get(file, set()) for file, names in with_task.items()}
+    return {file: names for file, names in sorted(only.items()) if names}
+
+
+def measure() -> Iterator[Figure]:
+    """Number of files on the path, and how many of them are the coordinator's."""
+    path = path_of_a_visit()
+    coordinator = sum(file.startswith("coordinator/") for file in path)
+    what = "one visit: files from submission to the first wheel command"
+    yield deterministic(what, len(path), "", Bound(at_most=FILES_MAX))
+    yield deterministic(f"{what}, of the coordinator", coordinator, "", Bound(at_most=COORDINATOR_FILES_MAX))
+
+
+def _entered(*, has_task: bool) -> Functions:
+    with LockstepTeam(Scenario.builtin("arena_small").replace(robots=1, motes=0, seed=1)) as team:
+        team.run_for(300.0, lambda: team.lockstep.nothing_left)
+        team.run_for(SETTLE_S)
+        trace = Trace()
+        sys.setprofile(trace)
+        try:
+            if has_task:
+                team.submit(VISIT)
+            for _ in range(TASK_TICKS if has_task else IDLE_TICKS):
+                team.lockstep.tick()
+                if trace.drives:
+                    break
+        finally:
+            sys.setprofile(None)
+    assert trace.drives is has_task
+    return trace.entered
+
+
+def main() -> None:
+    """Print the path."""
+    path = path_of_a_visit()
+    for file, names in path.items():
+        sys.stdout.write(f"{len(names):4}  {file}\n")
+    shares = Counter(file.partition("/")[0] for file in path)
+    told = ", ".join(f"{package} {count}" for package, count in shares.most_common())
+    functions = sum(map(len, path.values()))
+    sys.stdout.write(f"{len(path)} files ({told}), {functions} functions; bound: {FILES_MAX} files, ")
+    sys.stdout.write(f"{COORDINATOR_FILES_MAX} of the coordinator\n")
+
+
+if __name__ == "__main__":
+    main()
