@@ -6,6 +6,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
+from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.model.ranges import WHY_MAX
 from robrain.protocol.model.task import Explore, Recharge, TaskState, Visit
@@ -335,7 +336,7 @@ def status(bench):
 
 
 def test_over_the_wire_a_task_runs_while_the_coordinator_is_heard_and_no_longer(seeker):
-    assert send(seeker, ROBOT_OFFER, offer(lease_s=1.0)) == b'{"accepted":true,"why":""}'
+    assert send(seeker, ROBOT_OFFER, offer(lease_s=1.0)) == TaskAnswer(accepted=True)
     for _ in range(30):
         seeker.coordinator.put(TeamState(robots=[]))
         seeker.tick(5)
@@ -353,7 +354,7 @@ def test_over_the_wire_a_task_can_be_withdrawn(seeker):
 
 def test_a_behavior_that_raises_over_an_offer_is_faulted_and_the_offer_refused(seeker):
     seeker.plugin("seeker").trouble = "accept"
-    assert b"seeker is faulted: RuntimeError: trouble in accept" in send(seeker, ROBOT_OFFER, offer())
+    assert "seeker is faulted: RuntimeError: trouble in accept" in send(seeker, ROBOT_OFFER, offer()).why
     assert status(seeker) is None
     assert seeker.infos()["seeker"].state == "faulted"
 
@@ -361,7 +362,7 @@ def test_a_behavior_that_raises_over_an_offer_is_faulted_and_the_offer_refused(s
 def test_a_second_offer_that_breaks_the_behavior_fails_the_first_task(seeker):
     send(seeker, ROBOT_OFFER, offer())
     seeker.plugin("seeker").trouble = "accept"
-    assert b'"accepted":false' in send(seeker, ROBOT_OFFER, offer("t2", epoch=2))
+    assert not send(seeker, ROBOT_OFFER, offer("t2", epoch=2)).accepted
     assert (status(seeker).id, status(seeker).state) == ("t1", TaskState.FAILED)
 
 
@@ -378,12 +379,12 @@ def test_the_task_of_a_behavior_that_breaks_has_failed(seeker):
     send(seeker, ROBOT_OFFER, offer())
     seeker.plugin("seeker").trouble = "step"
     assert status(seeker).state is TaskState.FAILED
-    assert b"no behavior does Explore tasks" in send(seeker, ROBOT_OFFER, offer("t2", epoch=2))
+    assert "no behavior does Explore tasks" in send(seeker, ROBOT_OFFER, offer("t2", epoch=2)).why
 
 
 def test_a_deactivated_behavior_takes_no_tasks(seeker):
-    seeker.hosts[-1].manager.get("seeker").deactivate()
-    assert b"no behavior does Explore tasks" in send(seeker, ROBOT_OFFER, offer())
+    seeker.hosts[-1].manager.get("seeker").apply(Trigger.DEACTIVATE)
+    assert "no behavior does Explore tasks" in send(seeker, ROBOT_OFFER, offer()).why
 
 
 # -- one drives at a time -----------------------------------------------------------------------------------------
