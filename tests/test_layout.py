@@ -17,7 +17,7 @@ import robrain
 ROOT = Path(__file__).parent.parent
 FOLDERS = ("agent", "coordinator", "deploy", "plugins", "protocol", "sim")
 MAX_LINES = 500
-WITHOUT_CIRCLES = ("agent", "deploy", "protocol")
+WITHOUT_CIRCLES = ("agent", "deploy", "plugins", "protocol", "sim")
 """Packages in which no module may import itself by way of others."""
 SETUPTOOLS_WITH_LICENSE_EXPRESSIONS = 77
 

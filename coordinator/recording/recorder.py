@@ -16,7 +16,7 @@ from robrain.coordinator.recording.known_map import KnownMap
 from robrain.coordinator.recording.provenance import Provenance
 from robrain.coordinator.recording.recorder_inbox import RecorderInbox
 from robrain.coordinator.recording.recorder_telling import RecorderTelling
-from robrain.coordinator.recording.recording_files import RecordingFiles, SplitAt, ToldMessage
+from robrain.coordinator.recording.recording_files import RecordingFiles, SplitAt
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import LostMessages, RecorderState
 from robrain.protocol.wire.topic import JSON, Topic
@@ -24,6 +24,7 @@ from robrain.protocol.wire.topics import ARENA_OUTSIDE, PUBLISHED, RECORDER_STAT
 
 if TYPE_CHECKING:
     from robrain.coordinator.recording.foxglove_channels import FoxgloveChannels
+    from robrain.coordinator.recording.recording_file import ToldMessage
 
 logger = logging.getLogger(__name__)
 
@@ -288,7 +289,7 @@ class Recorder:
             self._said,
         )
 
-    def _stamped(self, raw: Iterable[tuple[Topic[Any], str, bytes]], now_ns: int) -> list[ToldMessage]:
+    def _stamped(self, raw: Iterable[tuple[Topic[Any], str, bytes]], now_ns: int) -> "list[ToldMessage]":
         """With the sender's stamp and number; what has none was said now."""
         decode = self._stamps.decode
         told = []
@@ -302,7 +303,7 @@ class Recorder:
                 self._outside_queries += 1
         return told
 
-    def _digested(self, told: list[ToldMessage]) -> bytes:
+    def _digested(self, told: "list[ToldMessage]") -> bytes:
         """What goes into the digest."""
         prefixes, pack = self._key_prefixes, _STAMP_AND_PAYLOAD_LENGTH.pack
         parts: list[bytes] = []

@@ -36,7 +36,6 @@ from robrain.protocol.wire.topic import JSON, Topic
 
 if TYPE_CHECKING:
     from robrain.coordinator.recording.foxglove_channels import VisualMessage
-    from robrain.coordinator.recording.recording_files import ToldMessage
 
 logger = logging.getLogger(__name__)
 
@@ -45,6 +44,9 @@ FLUSH_PERIOD_NS = to_ns(0.5)
 CHUNK_BYTES = 1024 * 1024
 CHANNELS_MAX = 65535
 """MCAP numbers channels with 16 bits, from 1."""
+
+ToldMessage = tuple[Topic[Any], str, bytes, int, int]
+"""A message of the wire: topic, key, payload, its sender's stamp and number."""
 
 
 class RecordingFile:
@@ -107,7 +109,7 @@ class RecordingFile:
         """Bytes of payloads that wait to be written."""
         return self._held_bytes
 
-    def write(self, told: Iterable["ToldMessage"], log_time_ns: int) -> None:
+    def write(self, told: Iterable[ToldMessage], log_time_ns: int) -> None:
         """Add messages; counted in `lost` when the file has failed."""
         add_message, hold, channels = self._writer.add_message, self._held.append, self._channels
         for topic, key, payload, publish_time_ns, sequence in told:
