@@ -2,23 +2,20 @@
 
 import logging
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import can
 import numpy as np
 
 from robrain.agent.board import Board
 from robrain.agent.errors import FOREIGN_ERRORS, HardwareAbsent
-from robrain.agent.event import Event
+from robrain.agent.event import Event, EventView, Mailbox
 from robrain.agent.events_outside import EventsOutside
 from robrain.agent.task_desk import Accept, LetGo, TaskDesk
 from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Handler
+from robrain.protocol.wire.messages import PluginInfo
 from robrain.protocol.wire.topic import Q, Query, R
-
-if TYPE_CHECKING:
-    from robrain.agent.outside import OutsideDoor
-    from robrain.agent.tag import PluginTag
 
 logger = logging.getLogger(__name__)
 
@@ -26,22 +23,56 @@ T = TypeVar("T")
 InterfaceT = TypeVar("InterfaceT")
 
 
+class PluginRequests(Protocol):
+    """What an environment passes on for its plugin, to whoever manages that plugin and knows its rights."""
+
+    @property
+    def name(self) -> str:
+        """The plugin's name."""
+
+    @property
+    def mailbox(self) -> Mailbox:
+        """Where notifications wait for the plugin."""
+
+    def use(self, name: str, interface: type[InterfaceT]) -> InterfaceT:
+        """See Environment.use."""
+
+    def observe(self, event: Event[Any] | EventView[Any], function: Callable[[Any], None]) -> None:
+        """See Environment.observe."""
+
+    def answer(self, topic: Query[Any, Any], handler: Handler[Any, Any], names: dict[str, str]) -> None:
+        """See Environment.answer."""
+
+    def do_tasks(self, desk: TaskDesk, kind: type, accept: Accept, let_go: LetGo) -> None:
+        """See Environment.do_tasks."""
+
+
+class CommandDoor(Protocol):
+    """The way to the robot's plugins by text commands."""
+
+    def plugins(self) -> list[PluginInfo]:
+        """The plugins that are open to the outside."""
+
+    def call_text(self, text: str, *, by: str = "") -> str:
+        """Execute a text command (CallError if it is wrong or refused)."""
+
+
 class Environment:
-    """Made by a plugin's tag, for that plugin alone. All requests go through the tag, which knows the name."""
+    """Made for one instance of a plugin. All requests go to whoever manages the plugin and knows its name."""
 
     def __init__(
         self,
-        tag: "PluginTag",
+        plugin: PluginRequests,
         robot: str,
         wire: Endpoint,
         rng: np.random.Generator,
         board: Board,
         tasks: TaskDesk,
         *,
-        outside: "OutsideDoor | None" = None,
+        outside: CommandDoor | None = None,
         connect: list[str] | None = None,
     ) -> None:
-        self.plugin = tag.name
+        self.plugin = plugin.name
         self.robot = robot
         self.wire = wire
         """The robot's place on the wire; closed when the plugin goes."""
@@ -53,10 +84,10 @@ class Environment:
         """The door that outside callers come in by; for the plugin `command`."""
         self.connect = connect or []
         """Endpoints by which a process of the plugin's own reaches the team."""
-        self._events = EventsOutside(wire, robot, tag.name)
+        self._events = EventsOutside(wire, robot, plugin.name)
         self._at_end: list[Callable[[str], None]] = []
         self._of_init: int | None = None
-        self.__tag = tag
+        self.__requests = plugin
         self.__has_gone = False
 
     @property
@@ -64,8 +95,8 @@ class Environment:
         """The instance was closed, or somebody is stuck in it: what it does from now on has no consequence."""
         return self.__has_gone
 
-    def leave_behind(self) -> None:
-        """Nothing that the instance does has a consequence any more. Called by the tag."""
+    def abandon(self) -> None:
+        """Nothing that the instance does has a consequence any more. Not for plugins."""
         self.__has_gone = True
 
     @property
@@ -80,11 +111,11 @@ class Environment:
             PluginMissing, AccessDenied, PluginBusy: saying why not.
 
         """
-        return self.__tag.use(name, interface)
+        return self.__requests.use(name, interface)
 
     def observe(self, event: Event[T], function: Callable[[T], None]) -> None:
         """Have `function` told of an event, on this plugin's own turn."""
-        self.__tag.observe(event, function)
+        self.__requests.observe(event, function)
 
     def hurry(self) -> None:
         """Have this plugin's next step run at once instead of when it is due; its period counts anew from then.
@@ -92,7 +123,7 @@ class Environment:
         For what must not wait for the period, such as the first command after a standstill. In lockstep it is run in
         this tick or the next one.
         """
-        self.__tag.mailbox.hurry()
+        self.__requests.mailbox.hurry()
 
     def at_end(self, function: Callable[[str], None]) -> None:
         """Have `function` told why, whenever the plugin is deactivated, faults or is halted.
@@ -104,19 +135,19 @@ class Environment:
 
     def answer(self, topic: Query[Q, R], handler: Handler[Q, R], **names: str) -> None:
         """Answer queries on a topic, one at a time with the plugin's own functions; see Endpoint.answer."""
-        self.__tag.answer(topic, handler, names)
+        self.__requests.answer(topic, handler, names)
 
     def do_tasks(self, kind: type, accept: Accept, let_go: LetGo) -> None:
         """Say that this plugin does tasks of a kind; see TaskDesk.register. Both are called on its own turn."""
-        self.__tag.do_tasks(self.tasks, kind, accept, let_go)
+        self.__requests.do_tasks(self.tasks, kind, accept, let_go)
 
     def begin(self, events: Mapping[str, Event[Any]]) -> None:
-        """The plugin is about to be activated: its marked events leave the robot. Called by the tag."""
+        """The plugin is about to be activated: its marked events leave the robot. Not for plugins."""
         self._of_init = len(self._at_end)
         self._events.open(events)
 
     def end_actions(self, why: str) -> None:
-        """Tell those who asked `at_end`. Called by the tag."""
+        """Tell those who asked `at_end`. Not for plugins."""
         for function in self._at_end:
             try:
                 function(why)
@@ -124,16 +155,16 @@ class Environment:
                 logger.exception("%s: plugin %s failed while it was ended", self.robot, self.plugin)
 
     def end(self, why: str) -> None:
-        """The plugin is active no more: nothing that it notifies leaves the robot. Called by the tag."""
+        """The plugin is active no more: nothing that it notifies leaves the robot. Not for plugins."""
         self.end_actions(why)
         self._events.close()
         if self._of_init is not None:
             del self._at_end[self._of_init :]
 
     def close(self) -> None:
-        """The instance goes, and its place on the wire with it. Called by the tag."""
+        """The instance goes, and its place on the wire with it. Not for plugins."""
         self.end("the plugin has gone")
-        self.leave_behind()
+        self.abandon()
         self.wire.close()
 
     def open_can(self, interface: str, channel: str, **options: Any) -> can.BusABC:

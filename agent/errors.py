@@ -4,11 +4,13 @@ RobrainError
 ├── PluginError               carries `.plugin`
 │   ├── ManifestError         a manifest or robot file is wrong: names file and key
 │   ├── PluginMissing         no plugin of that name
+│   ├── RequirementFaulted    what it requires does not run; carries `.required`
 │   ├── AccessDenied          the caller may not use that plugin
 │   ├── PluginBusy            somebody else holds it; carries `.holder`
 │   ├── PluginInactive        it is there but not active (or halted, or faulted)
 │   ├── PluginUnloaded        it has gone
 │   ├── PluginHung            it does not come back from a step or call
+│   ├── PluginCrashed         its own process has ended, or was killed because it did not come back
 │   ├── PluginInUse           others require it, so it is not unloaded; carries `.users`
 │   ├── HostBusy              another load, unload or reload is under way
 │   └── HardwareAbsent        a Device does not find its hardware
@@ -59,6 +61,16 @@ class PluginMissing(PluginError):
     code = ErrorCode.UNKNOWN_PLUGIN
 
 
+class RequirementFaulted(PluginError):
+    """A plugin that it requires does not run; carries its name as `.required`."""
+
+    code = ErrorCode.INACTIVE
+
+    def __init__(self, plugin: str, required: str, why: str) -> None:
+        super().__init__(plugin, f"requires {required}, which is left out: {why}")
+        self.required = required
+
+
 class AccessDenied(PluginError):
     """The caller may not use that plugin."""
 
@@ -91,6 +103,10 @@ class PluginHung(PluginInactive):
     """It does not come back from a step or call."""
 
     code = ErrorCode.TIMEOUT
+
+
+class PluginCrashed(PluginError):
+    """The plugin's process has ended, or was killed because it did not come back."""
 
 
 class PluginInUse(PluginError):

@@ -77,6 +77,11 @@ class Manifest(msgspec.Struct, frozen=True):
     tag: TagTable
     transform: TransformTable = TransformTable()
 
+    @property
+    def module_name(self) -> str:
+        """The module of the plugin's class."""
+        return self.class_path.partition(":")[0]
+
 
 def read_manifest(path: Path) -> Manifest:
     """Read one manifest.

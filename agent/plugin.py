@@ -13,7 +13,7 @@ class Blinker(Unit):
 
 import re
 from collections.abc import Callable
-from enum import IntEnum
+from enum import IntEnum, StrEnum
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, overload
 
 import msgspec
@@ -36,6 +36,23 @@ class Level(IntEnum):
     UNIT = 1
     SKILL = 2
     BEHAVIOR = 3
+
+
+class PluginState(StrEnum):
+    """`discovered → loaded → active`; `inactive`, `faulted` and `halted` come with why; `unloaded` is the end."""
+
+    DISCOVERED = "discovered"
+    LOADED = "loaded"
+    INACTIVE = "inactive"
+    ACTIVE = "active"
+    FAULTED = "faulted"
+    HALTED = "halted"
+    UNLOADED = "unloaded"
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the plugin has been activated and not ended since; a halted plugin runs, but takes no calls."""
+        return self in (PluginState.ACTIVE, PluginState.HALTED)
 
 
 class NoParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -71,7 +88,7 @@ class Plugin:
         """Do one period's work."""
 
     def deactivate(self) -> None:
-        """Stop, and let go of everything that `activate` took."""
+        """Stop, and release everything that `activate` took."""
 
     def emergency_halt(self) -> None:
         """Stop what moves, at once. May be called at any time, from another thread, without the plugin's lock."""

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import msgspec
 
-from robrain.agent.host import AgentHost
-from robrain.agent.live import run_agent
-from robrain.agent.robot_file import ZenohTable, read_robot_file
+from robrain.agent.host.agent_host import AgentHost
+from robrain.agent.host.live_drive import run_agent
+from robrain.agent.host.robot_file import ZenohTable, read_robot_file
 from robrain.deploy.live_process import LiveStop, note, open_when_there, tell
 from robrain.deploy.name_claim import NameWatch, claim_robot
 from robrain.protocol.wire.clock import WallClock
@@ -48,8 +48,8 @@ def agent_command(robot: Path, connect: str | None, team: str | None) -> None:
 
         def tell_plugins() -> None:
             claim.settle()
-            left_out = [f"{tag.name} ({tag.why})" for tag in host.manager.tags.values() if tag.why]
-            tell(f"agent: {host.name} is up with {len(host.manager.tags) - len(left_out)} plugins")
+            left_out = [f"{tag.name} ({tag.why})" for tag in host.manager.plugins.values() if tag.why]
+            tell(f"agent: {host.name} is up with {len(host.manager.plugins) - len(left_out)} plugins")
             for text in left_out:
                 tell(f"agent: {host.name} without {text}")
 

@@ -4,7 +4,8 @@ from typing import Any
 
 import msgspec
 
-from robrain.agent.text_form import Call, parse_argument, parse_call, parse_value, print_value
+from robrain.agent.host.text_command import Call, parse_call
+from robrain.agent.text_form import parse_argument, parse_value, print_value
 from robrain.deploy.errors import UsageError
 from robrain.deploy.live_process import client_session, live_endpoint
 from robrain.deploy.team_found import no_robot

@@ -99,7 +99,7 @@ def new(
     folder: Annotated[Path, typer.Option("--dir", help="Where the plugin's own folder is made.")] = Path(),
 ) -> None:
     """Write the skeleton of a plugin: class, manifest and a test that passes."""
-    from robrain.agent.skeleton import write_skeleton
+    from robrain.agent.authoring.skeleton import write_skeleton
 
     for path in write_skeleton(name, level, folder, active=active, hidden=hidden):
         _say(str(path))
@@ -110,8 +110,8 @@ def check(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder with plugins.")],
 ) -> None:
     """Find the mistakes in a folder of plugins before a robot does; exit status 1 if there are any."""
+    from robrain.agent.authoring.plugin_check import check_plugins
     from robrain.agent.manifest import find_manifests
-    from robrain.agent.plugin_check import check_plugins
     from robrain.deploy.errors import UsageError
 
     if not folder.is_dir():

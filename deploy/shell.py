@@ -13,8 +13,8 @@ from prompt_toolkit.completion import CompleteEvent, Completer, Completion
 from prompt_toolkit.document import Document
 from prompt_toolkit.history import FileHistory, History, InMemoryHistory
 
-from robrain.agent.outside import answer_question, usage, visible_to_command
-from robrain.agent.text_form import Question, parse_command
+from robrain.agent.host.command_door import answer_question, usage, visible_to_command
+from robrain.agent.host.text_command import Question, parse_command
 from robrain.deploy.live_process import tell
 from robrain.deploy.team_found import no_robot
 from robrain.protocol.wire.endpoint import Endpoint

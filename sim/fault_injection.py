@@ -4,9 +4,9 @@ What breaks is the simulated hardware. The robot's plugins must find out for the
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import msgspec
 
@@ -14,10 +14,8 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.topics import ARENA_RADIO_RX
+from robrain.sim.firmware.battery_manager import Reading
 from robrain.sim.firmware.bus_line import LineFault
-
-if TYPE_CHECKING:
-    from robrain.sim.arena import Arena
 
 FLOOD_PACKETS_A_TICK = 40
 """2,000 a second at 50 ticks; a Mica2's radio brings some 40."""
@@ -72,6 +70,25 @@ class FaultSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
             raise ValueError(f"expected until_s > at_s = {self.at_s:g}, got {self.until_s}")
 
 
+class FaultyRobots(Protocol):
+    """Robots in whose hardware faults are made, by name; see Arena."""
+
+    def break_can(self, robot: str, fault: LineFault) -> None:
+        """Cut or short a robot's CAN line, or repair it."""
+
+    def fail_motors(self, robot: str, *, failed: bool = True) -> None:
+        """Have a robot's power stage fail, or take the cause away."""
+
+    def freeze_lidar(self, robot: str, *, frozen: bool = True) -> None:
+        """Have a robot's lidar send the same turn again and again."""
+
+    def lie_about_battery(self, robot: str, lie: Callable[[Reading], Reading] | None) -> None:
+        """Have a robot's battery gauge tell something else than it reads."""
+
+    def carry_off(self, robot: str, pose: Pose2D) -> None:
+        """Pick a robot up and put it down elsewhere."""
+
+
 class FaultSchedule:
     """Breaks and mends, tick by tick.
 
@@ -85,7 +102,7 @@ class FaultSchedule:
 
     """
 
-    def __init__(self, faults: Sequence[FaultSpec], arena: "Arena", endpoint: Endpoint) -> None:
+    def __init__(self, faults: Sequence[FaultSpec], arena: FaultyRobots, endpoint: Endpoint) -> None:
         self._arena = arena
         self._waiting: list[tuple[float, int, FaultSpec, bool]] = []
         for number, fault in enumerate(faults):

@@ -7,7 +7,7 @@ real Zenoh, delivered before the put returns; so equal seeds give equal runs.
 from collections.abc import Callable
 from pathlib import Path
 
-from robrain.agent.host import AgentHost
+from robrain.agent.host.agent_host import AgentHost
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.recording.provenance import Provenance

@@ -2,8 +2,8 @@
 
 import msgspec
 
-from robrain.agent.host import stock_place
-from robrain.agent.places import Places
+from robrain.agent.host.agent_host import stock_place
+from robrain.agent.lifecycle.plugin_folders import PluginFolders
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.sim.world import World
 
@@ -14,6 +14,6 @@ def manifest_texts(world: World, team: str = DEFAULT_TEAM) -> dict[str, str]:
         f"robots/{robot.name}.toml": msgspec.toml.encode(world.robot_file(robot, team=team)).decode()
         for robot in world.robots
     }
-    for name, path in Places([stock_place()]).find().items():
+    for name, path in PluginFolders([stock_place()]).find().items():
         texts[f"plugins/{name}.toml"] = path.read_text(encoding="utf-8")
     return texts

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from PIL import Image
 
-from robrain.agent.robot_file import RobotFile, RobotTable, ZenohTable
+from robrain.agent.host.robot_file import RobotFile, RobotTable, ZenohTable
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.keys import DEFAULT_TEAM

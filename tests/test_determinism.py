@@ -29,9 +29,9 @@ EXCEPTIONS: dict[str, str] = {}
 """Permitted uses as `file: name`, each with the reason."""
 
 CLOCKS = {
-    "agent/crew.py": "starts and halts plugins side by side, in live",
+    "agent/lifecycle/worker_pool.py": "starts and halts plugins side by side, in live",
     "agent/isolation/peer.py": "a plugin in a process of its own, refused in lockstep",
-    "agent/live.py": "the live drive",
+    "agent/host/live_drive.py": "the live drive",
     "coordinator/live.py": "the live drive",
     "coordinator/planning/live_planner.py": "the live drive's planner",
     "coordinator/planning/planner_child.py": "the live drive's planner",

@@ -9,9 +9,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from robrain.agent.host import AgentHost, stock_place
+from robrain.agent.host.agent_host import AgentHost, stock_place
+from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.manifest import find_manifests, read_manifest
-from robrain.agent.robot_file import RobotFile, RobotTable
 from robrain.protocol.can.frames import database
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint

@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+from graphlib import CycleError, TopologicalSorter
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from zipfile import ZipFile
@@ -18,6 +19,8 @@ FOLDERS = ("agent", "coordinator", "deploy", "plugins", "protocol", "sim")
 MAX_LINES = 500
 GENERATED = ("docs/topics.md",)
 """As long as the table that it is printed from."""
+WITHOUT_CIRCLES = ("agent", "deploy", "plugins", "protocol", "sim")
+"""Packages in which no module may import itself by way of others."""
 SETUPTOOLS_WITH_LICENSE_EXPRESSIONS = 77
 
 
@@ -56,6 +59,58 @@ def test_no_file_is_too_long() -> None:
     texts = {_name_of(path): path.read_text(encoding="utf-8") for path in _own_files(".py", ".md")}
     lengths = {name: len(text.splitlines()) for name, text in texts.items() if name not in GENERATED}
     assert {name: lines for name, lines in lengths.items() if lines > MAX_LINES} == {}
+
+
+def test_no_module_imports_itself_by_way_of_others() -> None:
+    circles = {
+        " → ".join(circle)
+        for circle in _circles(_imports_of_modules())
+        if any(name.startswith(f"robrain.{package}.") for name in circle for package in WITHOUT_CIRCLES)
+    }
+    assert circles == set()
+
+
+def test_import_that_is_local_or_for_types_alone_closes_a_circle() -> None:
+    module = "from a import x\nif TYPE_CHECKING:\n    import b.c\ndef f():\n    from b import d\n"
+    assert _imports_in(module, {"a", "b", "b.c", "b.d"}) == {"a", "b.c", "b.d"}
+    assert _circles({"a": {"b"}, "b": {"c"}, "c": {"b", "d"}, "d": set()}) == [["b", "c", "b"]]
+    assert _circles({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == []
+
+
+def _imports_of_modules() -> dict[str, set[str]]:
+    """All modules of the package, and what each imports: also within functions, and for type checkers alone."""
+    paths = {_module_name(path): path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")}
+    return {name: _imports_in(path.read_text(encoding="utf-8"), set(paths)) - {name} for name, path in paths.items()}
+
+
+def _module_name(path: Path) -> str:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(("robrain", *(part for part in parts if part != "__init__")))
+
+
+def _imports_in(source: str, modules: set[str]) -> set[str]:
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module is not None:
+            names = {f"{node.module}.{alias.name}" for alias in node.names}
+            found |= names if names <= modules else {node.module, *names}
+    return found & modules
+
+
+def _circles(imports: dict[str, set[str]]) -> list[list[str]]:
+    """Circles as the way round; where several share modules, only some of them."""
+    graph, found = {name: set(imports[name]) for name in sorted(imports)}, []
+    while True:
+        try:
+            TopologicalSorter(graph).prepare()
+        except CycleError as error:
+            circle = error.args[1][::-1]  # each imports the next
+            found.append(circle)
+            graph[circle[0]].discard(circle[1])
+        else:
+            return found
 
 
 def test_every_document_that_is_mentioned_exists() -> None:

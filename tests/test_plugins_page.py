@@ -5,9 +5,9 @@ from pathlib import Path
 
 import msgspec
 
+from robrain.agent.authoring.plugin_check import check_plugins
+from robrain.agent.authoring.testing import PluginBench
 from robrain.agent.manifest import TagTable
-from robrain.agent.plugin_check import check_plugins
-from robrain.agent.testing import PluginBench
 
 PAGE = (Path(__file__).parent.parent / "docs" / "plugins.md").read_text(encoding="utf-8")
 

@@ -17,15 +17,14 @@ from typing import Any
 
 import numpy as np
 
+from robrain.agent.class_import import import_class
 from robrain.agent.errors import PluginError
 from robrain.agent.event import Event, Mailbox
 from robrain.agent.isolation.child_environment import ChildEnvironment, Parent
 from robrain.agent.isolation.contract import Contract, contract_of
-from robrain.agent.isolation.errors import PeerLost
 from robrain.agent.isolation.messages import OWN, Begin, Call, Do, Get, Log, Notify, Request, Told
-from robrain.agent.isolation.peer import Peer
+from robrain.agent.isolation.peer import Peer, PeerLost
 from robrain.agent.isolation.plain_data import decoder, encode
-from robrain.agent.loading import import_code
 from robrain.agent.manifest import Manifest, TagTable
 from robrain.agent.plugin import Plugin
 
@@ -90,7 +89,7 @@ class Child:
         resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
         logging.basicConfig(level=begin.log_level, format="%(message)s", handlers=[_LogToParent(self._parent)])
         manifest = Manifest(begin.plugin, Path(begin.manifest), begin.class_path, {}, TagTable())
-        plugin_class = import_code(manifest).plugin_class
+        plugin_class = import_class(manifest)
         self._contract = contract_of(plugin_class)
         rng = np.random.default_rng()
         rng.bit_generator.state = json.loads(begin.random_state)

@@ -116,7 +116,8 @@ class ChildEnvironment(Environment):
     """
 
     def __init__(self, begin: Begin, parent: Parent, rng: np.random.Generator, turn: threading.RLock) -> None:
-        # Not the base's own: it wants a tag, which lies with the parent, and a wire, which is opened when it is used.
+        # Not the base's own: it passes requests on to the host, which lies with the parent, and wants a wire, which is
+        # opened when it is used.
         self.plugin = begin.plugin
         self.robot = begin.robot
         self.rng = rng

@@ -1,6 +1,6 @@
 """The isolated plugin: stands in the robot's process for a plugin that runs in one of its own.
 
-The tag gets it from `isolated_class` in place of the real class and need not know: it has the same level, interface,
+It is made by `isolated_class` in place of the real class, and its host need not know: it has the same level, interface,
 parameters, period and external functions, and steps, calls and notifications reach it in the same turns.
 """
 
@@ -16,20 +16,42 @@ from typing import Any, ClassVar
 import msgspec
 
 from robrain.agent.environment import Environment
-from robrain.agent.errors import PluginError
+from robrain.agent.errors import PluginCrashed, PluginError
 from robrain.agent.event import Event
 from robrain.agent.isolation.child_process import ChildProcess
 from robrain.agent.isolation.contract import Contract, contract_of
-from robrain.agent.isolation.errors import PeerLate, PeerLost, PluginCrashed
-from robrain.agent.isolation.limits import Limits, limits_of
 from robrain.agent.isolation.messages import OWN, Begin, Call, Do, Get, Request, Told
 from robrain.agent.isolation.parent_desk import ParentDesk
+from robrain.agent.isolation.peer import PeerLate, PeerLost
 from robrain.agent.isolation.plain_data import encode
 from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Plugin
 from robrain.protocol.wire.endpoint import Drive
 
 _PERIOD = msgspec.msgpack.Decoder(float | None)
+
+CALL_SHARE = 0.8
+"""Of the manifest's `hang_s`: the process is killed before the host takes the whole plugin for hung."""
+START_SHARE = 0.3
+"""Of the manifest's `start_s`, for its process, `init` and `activate`, which may come together."""
+
+
+class Limits(msgspec.Struct, frozen=True):
+    """Time that the plugin's process spends waiting for its parent does not count."""
+
+    call_s: float = 4.0
+    """A step, a call, a notification."""
+    start_s: float = 6.0
+    """The start of the process, its `init`, and its `activate`: code is imported, hardware looked for."""
+    halt_s: float = 0.2
+    """A process that has not acknowledged an emergency halt by then is killed."""
+    memory_mb: int = 4096
+    """Data that the process may allocate; beyond it, allocations fail there."""
+
+
+def limits_of(manifest: Manifest) -> Limits:
+    """The limits that a manifest sets."""
+    return Limits(call_s=CALL_SHARE * manifest.tag.hang_s, start_s=START_SHARE * manifest.tag.start_s)
 
 
 class IsolatedPlugin(Plugin):
@@ -74,7 +96,7 @@ class IsolatedPlugin(Plugin):
         """Run the plugin's own, in a new process if there is none."""
         if self._child is None:
             self.init()
-        # Through the plugin's own mailbox, so that its tag learns of a crash that nobody's call has run into.
+        # Through the plugin's own mailbox, so that its host learns of a crash that nobody's call has run into.
         self.env.observe(self._lost, self._raise_lost)
         self._do("activate", self._limits.start_s)
 
@@ -131,7 +153,7 @@ class IsolatedPlugin(Plugin):
         except OSError as error:
             raise PluginError(self.env.plugin, f"no process for {self.env.plugin}: {error}") from error
         self._child = child
-        # Nobody tells a plugin that its tag has dropped it without having deactivated it.
+        # Nobody tells a plugin that its host has dropped it without having deactivated it.
         self._forget = weakref.finalize(self, child.end)
         self._ask(self._begin(), self._limits.start_s)
 
@@ -204,7 +226,7 @@ class IsolatedPlugin(Plugin):
 
 
 def isolated_class(plugin_class: type[Plugin], manifest: Manifest, limits: Limits | None = None) -> type[Plugin]:
-    """The class that a tag uses instead of `plugin_class`, for `isolation = "process"`.
+    """The class that the host uses instead of `plugin_class`, for `isolation = "process"`.
 
     Args:
         plugin_class: the plugin's real class. Its module is imported here as well, its instances live elsewhere.

@@ -14,7 +14,6 @@ from contextlib import suppress
 
 import msgspec
 
-from robrain.agent.isolation.errors import PeerLate, PeerLost
 from robrain.agent.isolation.messages import UNANSWERED, Answer, Failure, Frame, Request
 from robrain.agent.isolation.plain_data import error_of, failure_of
 
@@ -24,6 +23,14 @@ _LENGTH = struct.Struct("!I")
 
 Serve = Callable[[Request], bytes]
 """Does what was asked, or raises."""
+
+
+class PeerLost(Exception):
+    """The other end of a conversation has gone."""
+
+
+class PeerLate(Exception):
+    """The other end did not answer in time; the conversation cannot be taken up again."""
 
 
 class Peer:

@@ -16,7 +16,7 @@ from robrain.coordinator.recording.known_map import KnownMap
 from robrain.coordinator.recording.provenance import Provenance
 from robrain.coordinator.recording.recorder_inbox import RecorderInbox
 from robrain.coordinator.recording.recorder_telling import RecorderTelling
-from robrain.coordinator.recording.recording_files import RecordingFiles, SplitAt, ToldMessage
+from robrain.coordinator.recording.recording_files import RecordingFiles, SplitAt
 from robrain.protocol.wire.border import Border
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import LostMessages, RecorderState
@@ -26,6 +26,7 @@ from robrain.protocol.wire.topics import ARENA_OUTSIDE, PUBLISHED, RECORDER_STAT
 
 if TYPE_CHECKING:
     from robrain.coordinator.recording.foxglove_channels import FoxgloveChannels
+    from robrain.coordinator.recording.recording_file import ToldMessage
 
 logger = logging.getLogger(__name__)
 
@@ -290,7 +291,7 @@ class Recorder:
             self._said,
         )
 
-    def _stamped(self, raw: Iterable[tuple[Topic[Any], str, bytes]], now_ns: int) -> list[ToldMessage]:
+    def _stamped(self, raw: Iterable[tuple[Topic[Any], str, bytes]], now_ns: int) -> "list[ToldMessage]":
         """What the border lets pass, with the sender's stamp and number; a message without a stamp was sent now."""
         read = self._inbox.border.read
         told = []
@@ -306,7 +307,7 @@ class Recorder:
                 self._outside_queries += 1
         return told
 
-    def _digested(self, told: list[ToldMessage]) -> bytes:
+    def _digested(self, told: "list[ToldMessage]") -> bytes:
         """What goes into the digest."""
         prefixes, pack = self._key_prefixes, _STAMP_AND_PAYLOAD_LENGTH.pack
         parts: list[bytes] = []

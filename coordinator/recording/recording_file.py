@@ -38,7 +38,6 @@ from robrain.protocol.wire.topic import JSON, Topic
 
 if TYPE_CHECKING:
     from robrain.coordinator.recording.foxglove_channels import VisualMessage
-    from robrain.coordinator.recording.recording_files import ToldMessage
 
 logger = logging.getLogger(__name__)
 
@@ -50,6 +49,9 @@ EXACT_SCHEMA = "json_schema"
 plain form of it that Foxglove takes, which knows no alternatives such as null."""
 CHANNELS_MAX = 65535
 """MCAP numbers channels with 16 bits, from 1."""
+
+ToldMessage = tuple[Topic[Any], str, bytes, int, int]
+"""A message of the wire: topic, key, payload, its sender's stamp and number."""
 
 
 class RecordingFile:
@@ -112,7 +114,7 @@ class RecordingFile:
         """Bytes of payloads that wait to be written."""
         return self._held_bytes
 
-    def write(self, told: Iterable["ToldMessage"], log_time_ns: int) -> None:
+    def write(self, told: Iterable[ToldMessage], log_time_ns: int) -> None:
         """Add messages; counted in `lost` when the file has failed."""
         add_message, hold, channels = self._writer.add_message, self._held.append, self._channels
         for topic, key, payload, publish_time_ns, sequence in told:

@@ -15,7 +15,7 @@ from robrain.protocol.wire.topic import Topic
 
 if TYPE_CHECKING:
     from robrain.coordinator.recording.foxglove_channels import VisualMessage
-    from robrain.coordinator.recording.recording_file import RecordingFile
+    from robrain.coordinator.recording.recording_file import RecordingFile, ToldMessage
 
 logger = logging.getLogger(__name__)
 
@@ -52,8 +52,6 @@ def part_path(path: Path, number: int) -> Path:
     return path.with_name(f"{path.stem}_{number:04d}{path.suffix}")
 
 
-ToldMessage = tuple[Topic[Any], str, bytes, int, int]
-"""A message of the wire: topic, key, payload, its sender's stamp and number."""
 OpenFile = Callable[[Path, int, Mapping[str, str] | None], "RecordingFile"]
 """Opens one file: its path, the run's clock, and what is said of it if there are several."""
 
@@ -102,7 +100,7 @@ class RecordingFiles:
         """Why nothing is written now; empty as long as it is."""
         return self._file.why
 
-    def write(self, told: Iterable[ToldMessage], log_time_ns: int) -> None:
+    def write(self, told: Iterable["ToldMessage"], log_time_ns: int) -> None:
         """Add messages to the present file."""
         self._file.write(told, log_time_ns)
 

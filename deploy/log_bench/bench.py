@@ -182,7 +182,7 @@ def _way_m(poses: list[Pose2D]) -> float:
 def _parameters(robot_file: Path | None) -> Parameters:
     if robot_file is None:
         return {}
-    from robrain.agent.robot_file import read_robot_file
+    from robrain.agent.host.robot_file import read_robot_file
 
     found = read_robot_file(robot_file).parameters
     return {name: found[name] for name in ("driver", "localisation", "mapper") if name in found}

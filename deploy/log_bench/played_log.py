@@ -13,8 +13,8 @@ from typing import Any
 import msgspec
 
 from robrain.agent.board import Board
-from robrain.agent.host import AgentHost
-from robrain.agent.robot_file import RobotFile, RobotTable
+from robrain.agent.host.agent_host import AgentHost
+from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.deploy.errors import LogError
 from robrain.deploy.log_bench.carmen_log import CarmenLog, LogEntry
 from robrain.deploy.log_bench.log_driver import LogDriver

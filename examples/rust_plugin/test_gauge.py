@@ -8,7 +8,7 @@ from typing import Protocol
 
 import pytest
 
-from robrain.agent.foreign import ForeignPlugins
+from robrain.agent.isolation.foreign_plugins import ForeignPlugins
 from robrain.agent.plugin import Level
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint

@@ -31,7 +31,7 @@ from robrain.protocol.model.geometry import Point2D, wrap_angle_rad
 from robrain.protocol.model.task import PlacedTask, TaskState, kind_of
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.errors import CallError
-from robrain.protocol.wire.messages import TaskAnswer
+from robrain.protocol.wire.messages import BatteryState, TaskAnswer
 
 STEP_S = 0.25
 CHECK_NS = to_ns(2.0)
@@ -186,6 +186,13 @@ class Errand(Behavior, ABC):
         return self.travel.pose().distance_m(place)
 
     # -- lifecycle ------------------------------------------------------------------------------------------
+
+    def battery(self) -> BatteryState:
+        """What the battery says; Failed if it says nothing."""
+        battery = self.env.board.battery
+        if battery is None:
+            raise Failed("the battery says nothing")
+        return battery
 
     def init(self) -> None:
         self.travel = Travel(self.env, self.parameters)

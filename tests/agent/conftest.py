@@ -10,9 +10,9 @@ import msgspec
 import pytest
 import zenoh
 
-from robrain.agent.host import AgentHost
+from robrain.agent.host.agent_host import AgentHost
+from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.plugin import Plugin
-from robrain.agent.robot_file import RobotFile, RobotTable
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import PluginInfo

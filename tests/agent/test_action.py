@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from robrain.agent.action import ActionDesk, ActionEnd, ActionProgress, Outcome
 from robrain.agent.event import Event, Mailbox
+from robrain.agent.lifecycle.transitions import Trigger
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import Halt
@@ -174,7 +175,7 @@ def test_who_asks_to_be_told_of_the_end_with_each_activation_is_told_once_a_time
     asker, tag = bench.plugin("asker"), bench.hosts[-1].manager.get("asker")
     for _ in range(3):
         asker.told.clear()
-        tag.deactivate()
+        tag.apply(Trigger.DEACTIVATE)
         assert asker.told == ["init", "activate"]
         tag.activate()
 

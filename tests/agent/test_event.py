@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.agent.event import Event, Mailbox
+from robrain.agent.lifecycle.transitions import Trigger
 
 
 class Bell:
@@ -185,7 +186,7 @@ def test_an_observer_that_raises_is_faulted_and_told_nothing_more(house):
 
 def test_a_deactivated_observer_is_told_nothing_more(house):
     tag = house.hosts[-1].manager.get("bell")
-    tag.deactivate()
+    tag.apply(Trigger.DEACTIVATE)
     house.plugin("button").pressed.notify(1)
     assert not tag.mailbox
     tag.activate()

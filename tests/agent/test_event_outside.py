@@ -10,6 +10,7 @@ import pytest
 
 from robrain.agent.event import Event
 from robrain.agent.events_outside import EventsOutside
+from robrain.agent.lifecycle.transitions import Trigger
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
@@ -92,7 +93,7 @@ def test_what_is_notified_after_the_end_stays_in_the_robot(bell):
     plugin = bell.plugin("bell")
     tag = bell.hosts[-1].manager.get("bell")
     heard(bell)
-    tag.deactivate()
+    tag.apply(Trigger.DEACTIVATE)
     assert heard(bell) == ["deactivated"]
     plugin.rung.notify("late")
     assert heard(bell) == []

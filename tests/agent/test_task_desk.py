@@ -6,6 +6,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
+from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.model.ranges import WHY_MAX
 from robrain.protocol.model.task import Explore, Recharge, TaskState, Visit
@@ -335,7 +336,7 @@ def status(bench):
 
 
 def test_over_the_wire_a_task_runs_while_the_coordinator_is_heard_and_no_longer(seeker):
-    assert send(seeker, ROBOT_OFFER, offer(lease_s=1.0)) == YES
+    assert send(seeker, ROBOT_OFFER, offer(lease_s=1.0)) == TaskAnswer(accepted=True)
     for _ in range(30):
         seeker.coordinator.put(TeamState(robots=[]))
         seeker.tick(5)
@@ -382,7 +383,7 @@ def test_the_task_of_a_behavior_that_breaks_has_failed(seeker):
 
 
 def test_a_deactivated_behavior_takes_no_tasks(seeker):
-    seeker.hosts[-1].manager.get("seeker").deactivate()
+    seeker.hosts[-1].manager.get("seeker").apply(Trigger.DEACTIVATE)
     assert "no behavior does Explore tasks" in send(seeker, ROBOT_OFFER, offer()).why
 
 

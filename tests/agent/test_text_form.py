@@ -10,14 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robrain.agent.host.text_command import Call, Question, parse_call, parse_command
 from robrain.agent.text_form import (
-    Call,
-    Question,
     decode_own,
     encode_own,
     parse_argument,
-    parse_call,
-    parse_command,
     parse_value,
     print_value,
     register_text_form,

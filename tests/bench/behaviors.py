@@ -13,9 +13,9 @@ import msgspec
 import numpy as np
 from rich.console import Console
 
-from robrain.agent.host import AgentHost, stock_place
+from robrain.agent.host.agent_host import AgentHost, stock_place
+from robrain.agent.host.robot_file import RobotTable
 from robrain.agent.manifest import find_manifests
-from robrain.agent.robot_file import RobotTable
 from robrain.deploy.bench_figure import WIDTH, Figure, at_least, at_most, deterministic, show_figures, timing
 from robrain.plugins.behavior.monitor.picture_change import changed_share, colors_of
 from robrain.protocol.model.geometry import Point2D, Pose2D
@@ -95,7 +95,7 @@ def _one_idle(load: list[str]) -> tuple[float, float, float, float]:
 
         return do_timed
 
-    for name, tag in run.host.manager.tags.items():
+    for name, tag in run.host.manager.plugins.items():
         if name in OURS:
             tag.run_step = timed(tag.run_step)  # type: ignore[method-assign]
             tag.deliver = timed(tag.deliver)  # type: ignore[method-assign]

@@ -14,8 +14,8 @@ import numpy as np
 from rich.console import Console
 
 from robrain import Scenario
-from robrain.agent.host import AgentHost
-from robrain.agent.robot_file import RobotFile, RobotTable
+from robrain.agent.host.agent_host import AgentHost
+from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.deploy.bench_figure import WIDTH, Figure, at_least, at_most, deterministic, show_figures, timing
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.warm_up import warm_up
@@ -65,7 +65,7 @@ def _costs(robots: int, motes: int) -> Iterator[Figure]:
         _count(run.arena._motes, "step", spent_s, "field")
         for host in run.hosts:
             for name in PLUGINS:
-                _count(host.manager.tags[name], "_run", spent_s, "plugins")
+                _count(host.manager.plugins[name], "_run", spent_s, "plugins")
         began_s = time.process_time()
         for _ in range(round(SIMULATED_S / TICK_S)):
             run.tick()

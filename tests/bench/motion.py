@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from robrain.agent.host import AgentHost
-from robrain.agent.robot_file import RobotFile, RobotTable
+from robrain.agent.host.agent_host import AgentHost
+from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.deploy.bench_figure import WIDTH, Figure, at_most, deterministic, show_figures, timing
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.omni_drive import OmniBase

@@ -17,9 +17,9 @@ from typing import cast
 
 import zenoh
 
-from robrain.agent.host import AgentHost
-from robrain.agent.live import run_agent
-from robrain.agent.robot_file import RobotFile, RobotTable
+from robrain.agent.host.agent_host import AgentHost
+from robrain.agent.host.live_drive import run_agent
+from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.deploy.bench_figure import Figure, at_least, at_most, timing
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -230,7 +230,7 @@ def _start(place: Path) -> list[Figure]:
     started_s = time.perf_counter()
     with _live(many, session, *names) as host:
         elapsed_s = time.perf_counter() - started_s
-        active = sum(tag.state == "active" for tag in host.manager.tags.values())
+        active = sum(tag.state == "active" for tag in host.manager.plugins.values())
     session.close()
     return [
         timing(f"start of {PLUGINS} plugins, live", elapsed_s, "s", at_most(2)),

@@ -17,8 +17,8 @@ from unittest import mock
 from rich.console import Console
 
 from robrain import Scenario
-from robrain.agent.host import AgentHost
-from robrain.agent.tag import PluginTag
+from robrain.agent.host.agent_host import AgentHost
+from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.recording.recorder import Recorder
 from robrain.deploy.bench_figure import WIDTH, Figure, at_most, show_figures, timing
@@ -133,7 +133,9 @@ def _timed(meter: Meter) -> Iterator[None]:
         for owner, name, part in PARTS:
             patches.enter_context(mock.patch.object(owner, name, _wrapped(getattr(owner, name), meter, part)))
         for name in ("run_step", "deliver"):
-            patches.enter_context(mock.patch.object(PluginTag, name, _of_plugin(getattr(PluginTag, name), meter)))
+            patches.enter_context(
+                mock.patch.object(ManagedPlugin, name, _of_plugin(getattr(ManagedPlugin, name), meter))
+            )
         yield
 
 
@@ -153,7 +155,7 @@ def _of_plugin(function: Callable[..., Any], meter: Meter) -> Callable[..., Any]
     """Steps and events of a plugin, with what it asks of those below it."""
 
     @functools.wraps(function)
-    def timed(tag: PluginTag, *args: Any, **kwargs: Any) -> Any:
+    def timed(tag: ManagedPlugin, *args: Any, **kwargs: Any) -> Any:
         meter.begin(OWN + ("plugins that rest" if tag.name in RESTING else tag.name))
         try:
             return function(tag, *args, **kwargs)

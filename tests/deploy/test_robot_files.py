@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from robrain import Scenario
-from robrain.agent.robot_file import read_robot_file
+from robrain.agent.host.robot_file import read_robot_file
 from robrain.deploy.robot_files import loadable_from_here, write_robot_files
 
 

@@ -101,8 +101,12 @@ def test_the_callers_of_a_compiled_kernel_are_known() -> None:
 
 
 def test_equal_seeds_draw_equal_mutants_and_others_do_not() -> None:
-    assert draw(ROOT, 20, 1, ("agent/leases.py",)) == draw(ROOT, 20, 1, ("agent/leases.py",))
-    assert draw(ROOT, 20, 1, ("agent/leases.py",)) != draw(ROOT, 20, 2, ("agent/leases.py",))
+    assert draw(ROOT, 20, 1, ("agent/access/exclusive_use.py",)) == draw(
+        ROOT, 20, 1, ("agent/access/exclusive_use.py",)
+    )
+    assert draw(ROOT, 20, 1, ("agent/access/exclusive_use.py",)) != draw(
+        ROOT, 20, 2, ("agent/access/exclusive_use.py",)
+    )
 
 
 def test_an_edit_changes_only_what_is_drawn_of_the_lines_it_touches(tmp_path: Path) -> None:
@@ -130,6 +134,8 @@ def test_what_is_dangerous_is_in_scope(path: str) -> None:
 
 
 def test_every_file_in_scope_has_mutants_that_name_it() -> None:
-    found = mutants_of(ROOT, "agent/leases.py")
+    found = mutants_of(ROOT, "agent/access/exclusive_use.py")
     assert found
-    assert all(isinstance(mutant, Mutant) and mutant.name.startswith("agent/leases.py::") for mutant in found)
+    assert all(
+        isinstance(mutant, Mutant) and mutant.name.startswith("agent/access/exclusive_use.py::") for mutant in found
+    )

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import zenoh
 
-from robrain.agent.host import AgentHost
-from robrain.agent.robot_file import RobotFile, RobotTable
+from robrain.agent.host.agent_host import AgentHost
+from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.plugins.behavior.travel import Progress
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.clock import VirtualClock, to_ns

@@ -7,8 +7,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from robrain.agent.host import AgentHost
-from robrain.agent.robot_file import RobotFile, RobotTable
+from robrain.agent.host.agent_host import AgentHost
+from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.coordinator.recording.provenance import Provenance
 from robrain.coordinator.recording.recorder import Recorder
 from robrain.protocol.model.geometry import Point2D, Pose2D
@@ -190,7 +190,7 @@ class Errands:
 
     def why_not_running(self) -> dict[str, str]:
         """Plugins of r1 that do not run, and why."""
-        tags = self.hosts["r1"].manager.tags.values()
+        tags = self.hosts["r1"].manager.plugins.values()
         return {tag.name: tag.why for tag in tags if tag.state != "active"}
 
     def close(self) -> str:

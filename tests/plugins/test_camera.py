@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 from PIL import Image
 
-from robrain.agent.testing import PluginBench
+from robrain.agent.authoring.testing import PluginBench
 from robrain.plugins.device.camera.camera import png_size
 from robrain.protocol.wire.errors import CallError
 from tests.plugins.errands import Errands

@@ -8,7 +8,7 @@ import time
 import can
 import pytest
 
-from robrain.agent.testing import PluginBench
+from robrain.agent.authoring.testing import PluginBench
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Twist2D
 from robrain.protocol.model.omni_drive import OmniBase

@@ -1,4 +1,4 @@
-from robrain.agent.testing import PluginBench
+from robrain.agent.authoring.testing import PluginBench
 
 
 def test_the_counter_counts_the_seconds_since_the_start():

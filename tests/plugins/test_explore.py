@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from robrain.agent.plugin_state import PluginState
+from robrain.agent.plugin import PluginState
 from robrain.protocol.model.frontier import find_frontiers, frontier_mask
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN

@@ -1,6 +1,6 @@
 import pytest
 
-from robrain.agent.testing import PluginBench
+from robrain.agent.authoring.testing import PluginBench
 from robrain.protocol.model.geometry import Point2D, Pose2D
 
 A, B = {"x_m": 1.0, "y_m": 2.0, "yaw_rad": 0.5}, {"x_m": 4.0, "y_m": 2.0, "yaw_rad": None}

@@ -173,7 +173,7 @@ def test_a_robot_whose_motes_contradict_its_wheels_says_that_it_is_lost_and_leav
 def test_a_robot_without_a_base_station_is_localised_all_the_same(stage):
     one = stage()
     host = one.host("localisation")
-    assert "mote_ranges" not in host.manager.tags
+    assert "mote_ranges" not in host.manager.plugins
     assert one.infos()["localisation"].state == "active"
 
 

@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from robrain.agent.testing import PluginBench
+from robrain.agent.authoring.testing import PluginBench
 from robrain.plugins.unit.snw_exploration.snw_exploration import SNwExploration
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.tinyos.packet import ActiveMessage

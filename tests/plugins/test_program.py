@@ -14,9 +14,9 @@ import pytest
 
 from robrain.agent.errors import HardwareAbsent
 from robrain.agent.event import Mailbox
-from robrain.agent.host import AgentHost
-from robrain.agent.live import run_agent
-from robrain.agent.robot_file import RobotFile, RobotTable
+from robrain.agent.host.agent_host import AgentHost
+from robrain.agent.host.live_drive import run_agent
+from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.plugins.unit.program import line_process, program
 from robrain.plugins.unit.program.errors import BadLine, ProgramAbsent, ProgramEnded, ProgramLate
 from robrain.plugins.unit.program.program import Program

@@ -8,7 +8,7 @@ from collections import Counter
 import pytest
 
 from robrain import LockstepTeam, Point2D, Scenario, Visit
-from robrain.agent.tag import PluginTag
+from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.task_desk import TaskDesk
 from robrain.coordinator.coordinator import Coordinator
 from robrain.protocol.wire.endpoint import Endpoint
@@ -18,7 +18,7 @@ SECONDS = 5.0
 LONG_S, SHORT_S = 0.7, 0.002
 PAUSED = {
     TaskDesk: "offer",
-    PluginTag: "run_step",
+    ManagedPlugin: "run_step",
     Coordinator: "step",
     Inbox: "append",  # each subscription's callback
     Endpoint: "_reply",  # each handler of a query

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from robrain.agent.external import external_functions
+from robrain.agent.access.external_function import external_functions
+from robrain.agent.host.text_command import parse_call
 from robrain.agent.plugin import Unit, external
-from robrain.agent.text_form import parse_call
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request
 from robrain.protocol.wire.errors import CallError, ErrorCode

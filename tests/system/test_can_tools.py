@@ -19,8 +19,8 @@ from typing import NamedTuple
 import can
 import pytest
 
-from robrain.agent.host import AgentHost
-from robrain.agent.robot_file import RobotFile, RobotTable
+from robrain.agent.host.agent_host import AgentHost
+from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.protocol.can.frames import codec, database
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.geometry import Twist2D

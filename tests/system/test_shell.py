@@ -13,8 +13,8 @@ from prompt_toolkit.document import Document
 from prompt_toolkit.input import create_pipe_input
 from prompt_toolkit.output import DummyOutput
 
+from robrain.agent.access.external_function import external_functions
 from robrain.agent.errors import HardwareAbsent, PluginError
-from robrain.agent.external import external_functions
 from robrain.agent.plugin import Unit, external
 from robrain.deploy.shell import RemoteCommands, RobotCompleter, completions, history_path, run_shell
 from robrain.plugins.unit.interactive_shell.interactive_shell import InteractiveShell

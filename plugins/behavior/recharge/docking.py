@@ -5,16 +5,12 @@ What counts is the current: where a robot believes to be is some centimetres off
 
 import math
 from collections.abc import Callable, Generator
-from typing import TYPE_CHECKING
 
-from robrain.plugins.behavior.errand import Failed, Part
+from robrain.plugins.behavior.errand import Errand, Failed, Part
 from robrain.plugins.skill.home.interface import ChargerPlace
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.clock import to_ns
-
-if TYPE_CHECKING:
-    from robrain.plugins.behavior.recharge.recharge import RechargeBehavior
 
 DOCKED_M = 0.05
 DOCK_TRIES = 3
@@ -39,7 +35,7 @@ class Docking:
 
     """
 
-    def __init__(self, errand: "RechargeBehavior", charger: ChargerPlace, no_power_s: float) -> None:
+    def __init__(self, errand: Errand, charger: ChargerPlace, no_power_s: float) -> None:
         self._errand = errand
         self._charger = charger
         self._no_power_ns = to_ns(no_power_s)

@@ -5,19 +5,15 @@ stranded beside an occupied charger as long as the chargers together give more t
 """
 
 import math
-from typing import TYPE_CHECKING
 
 from robrain.plugins.behavior.docks import AT_DOCK_M
-from robrain.plugins.behavior.errand import SETTLE_S, TROUBLE, Failed, Part, Script
+from robrain.plugins.behavior.errand import SETTLE_S, TROUBLE, Errand, Failed, Part, Script
 from robrain.plugins.behavior.travel import PRIORITY_MAX, Progress
 from robrain.plugins.skill.home.interface import ChargerPlace
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import Recharge
 from robrain.protocol.wire.clock import to_ns
-
-if TYPE_CHECKING:
-    from robrain.plugins.behavior.recharge.recharge import RechargeBehavior
 
 ASIDE_M = (1.3, 2.0)
 """Who waits, or makes room, stands so far from a charger."""
@@ -46,7 +42,7 @@ class Queue:
 
     """
 
-    def __init__(self, errand: "RechargeBehavior", task: Recharge) -> None:
+    def __init__(self, errand: Errand, task: Recharge) -> None:
         self._errand = errand
         self._wanted = ChargerPlace(task.place.x_m, task.place.y_m, task.yaw_rad)
         self._priority = round(min(task.priority, PRIORITY_MAX))

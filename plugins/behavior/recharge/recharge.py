@@ -17,7 +17,7 @@ from robrain.plugins.skill.home.interface import ChargerPlace
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import Recharge, TaskState, Visit
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.messages import BatteryState, TaskAnswer
+from robrain.protocol.wire.messages import TaskAnswer
 
 GUARD_S = 2.0
 """How often it is looked whether the robot still can get home."""
@@ -144,13 +144,6 @@ class RechargeBehavior(Errand):
         if battery is not None and battery.charging:
             self._charged_j += before_j - run.energy_j
             run.energy_j = before_j
-
-    def battery(self) -> BatteryState:
-        """What the battery says; Failed if it says nothing."""
-        battery = self.env.board.battery
-        if battery is None:
-            raise Failed("the battery says nothing")
-        return battery
 
     # -- told to --------------------------------------------------------------------------------------------
 

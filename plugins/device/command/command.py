@@ -1,6 +1,6 @@
 """Command: the link between the plugins that can be seen from outside and those that connect to the outside."""
 
-from robrain.agent.outside import OutsideDoor
+from robrain.agent.environment import CommandDoor
 from robrain.agent.plugin import Device, unlocked
 from robrain.plugins.device.command.interface import CommandInterface
 from robrain.protocol.wire.errors import CallError, ErrorCode
@@ -27,7 +27,7 @@ class Command(Device):
     def plugins(self) -> str:
         return " ".join(plugin.name for plugin in self._door().plugins())
 
-    def _door(self) -> OutsideDoor:
+    def _door(self) -> CommandDoor:
         door = self.env.outside
         if door is None:
             raise CallError(

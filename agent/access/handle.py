@@ -1,0 +1,66 @@
+"""Handles: all that a plugin ever holds of another."""
+
+from collections.abc import Callable
+from typing import Any
+
+from robrain.agent.access.callee import Callee, Caller
+from robrain.agent.errors import AccessDenied, PluginUnloaded
+from robrain.agent.event import Event, EventView
+from robrain.agent.plugin import UNLOCKED_MARK
+
+
+class Handle:
+    """The functions and events of one interface of one plugin, for one caller.
+
+    A call takes the callee's lock, is refused while the callee is not active, and reaches whatever instance of the
+    callee is there by then.
+    """
+
+    __slots__ = ("__callee", "__caller", "__calls", "__interface", "__user")
+
+    def __init__(self, callee: Callee, interface: type, caller: Caller) -> None:
+        self.__callee = callee
+        self.__user = caller.environment
+        self.__caller = caller
+        self.__interface = interface
+        self.__calls: dict[str, Callable[..., Any]] = {}
+
+    def __getattr__(self, name: str) -> Any:
+        if name[0] == "_" and name.startswith("_Handle__"):  # of a copy that `__init__` never ran for
+            raise AttributeError(name)
+        calls = self.__calls
+        if name in calls:
+            return calls[name]
+        callee, interface, user, caller = self.__callee, self.__interface, self.__user, self.__caller
+        own = callee.plugin_class.interface  # what the caller shows may be another one of the same name
+        if name.startswith("_") or name not in _offered(interface) or own is None or name not in _offered(own):
+            raise AccessDenied(callee.name, f"{name} is not in {interface.__name__}, the interface of {callee.name}")
+        value = getattr(callee.live_plugin(), name)
+        if isinstance(value, Event):
+            return EventView(value)
+        if not callable(value):
+            return value
+
+        if getattr(value, UNLOCKED_MARK, False):
+            return lambda *args, **kwargs: getattr(callee.live_plugin(), name)(*args, **kwargs)
+
+        def call(*args: Any, **kwargs: Any) -> Any:
+            with callee.turn:
+                plugin = callee.live_plugin()
+                if user is not None:
+                    if user.has_gone:
+                        raise PluginUnloaded(caller.name, f"this instance of {caller.name} has gone")
+                    if not callee.manifest.tag.shared:
+                        callee.exclusive.keep(caller)
+                return getattr(plugin, name)(*args, **kwargs)
+
+        calls[name] = call
+        return call
+
+    def __repr__(self) -> str:
+        return f"<handle on {self.__callee.name} as {self.__interface.__name__}>"
+
+
+def _offered(interface: type) -> set[str]:
+    # Not hasattr(): a Protocol's own class has `register` and `mro`, which the interface does not offer.
+    return {name for base in interface.__mro__ for name in (*vars(base), *vars(base).get("__annotations__", ()))}

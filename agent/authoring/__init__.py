@@ -1,0 +1,1 @@
+"""Tools for authors of plugins: skeleton, check, test bench."""

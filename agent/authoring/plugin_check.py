@@ -1,0 +1,268 @@
+"""`robrain plugin check`: finds the mistakes in a folder of plugins before a robot does."""
+
+import difflib
+import inspect
+import traceback
+from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import msgspec
+
+from robrain.agent.authoring.interface_check import interface_differences, sets_attribute
+from robrain.agent.errors import ManifestError
+from robrain.agent.host.agent_host import stock_place
+from robrain.agent.lifecycle.plugin_code import PluginCode, check_parameters, import_code
+from robrain.agent.lifecycle.plugin_folders import entry_point_places
+from robrain.agent.manifest import ANYBODY, COMMAND, Manifest, find_manifests, read_manifest
+from robrain.agent.plugin import EXTERNAL_MARK, Plugin
+from robrain.protocol.wire.errors import BadToml
+from robrain.protocol.wire.toml_text import read_toml
+
+
+class Finding(msgspec.Struct, frozen=True):
+    """One mistake, or something that is worth a look."""
+
+    path: Path
+    """The file that it is in."""
+    key: str
+    """The manifest's key, or the class's function."""
+    message: str
+    is_warning: bool = False
+    """A robot would load the plugin all the same."""
+
+    def __str__(self) -> str:
+        return f"{self.path}: {self.key}: {'warning: ' if self.is_warning else ''}{self.message}"
+
+
+def check_plugins(folder: Path) -> list[Finding]:
+    """What is wrong with the plugins of a folder, in the order of their files.
+
+    The plugins are imported, but not created. What they require is looked for in the folder, among the stock plugins
+    and in installed distributions.
+    """
+    return _Check(folder).findings()
+
+
+class _Check:
+    """One look at a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._own: dict[str, Manifest] = {}
+        """The folder's manifests, by name."""
+        self._all: dict[str, Manifest] = {}
+        """These, and those that come with robrain or are installed."""
+        self._codes: dict[Path, PluginCode | None] = {}
+        self._modules: set[tuple[Path, str]] = set()
+
+    def findings(self) -> list[Finding]:
+        """All that is found, once each."""
+        found = [*self._read(), *self._look(), *self._cycles()]
+        return sorted(dict.fromkeys(found), key=lambda finding: finding.path)
+
+    # -- the manifests --------------------------------------------------------------------------------------
+
+    def _read(self) -> Iterator[Finding]:
+        for place in (stock_place(), *(place for place, _ in entry_point_places())):
+            for path in find_manifests(place):
+                try:
+                    self._all[path.stem] = read_manifest(path)
+                except ManifestError:
+                    continue  # somebody else's mistake
+        others = dict(self._all)
+        for path in find_manifests(self._folder):
+            try:
+                manifest = read_manifest(path)
+            except ManifestError as error:
+                yield _of_manifest(error)
+                continue
+            if path.stem in self._own:
+                yield Finding(path, "file name", f"{self._own[path.stem].path} has the same: only one is loaded")
+            elif path.stem in others and others[path.stem].path.resolve() != path.resolve():
+                taken = others[path.stem].path
+                yield Finding(path, "file name", f"takes the place of {path.stem} in {taken}", is_warning=True)
+            self._own[path.stem] = self._all[path.stem] = manifest
+        yield from self._without_plugin_table()
+        if not find_manifests(self._folder):
+            yield Finding(self._folder, "folder", "no manifest in it: expected a TOML file with a [plugin] table")
+
+    def _without_plugin_table(self) -> Iterator[Finding]:
+        for path in sorted(set(self._folder.rglob("*.toml")) - set(find_manifests(self._folder))):
+            try:
+                tables = read_toml(path)
+            except (BadToml, FileNotFoundError):
+                continue  # data too large for a manifest, or a dangling link
+            if "tag" in tables or path.with_suffix(".py").is_file():
+                yield Finding(path, "file", "expected a table [plugin]; without one it is passed over")
+
+    # -- each plugin ----------------------------------------------------------------------------------------
+
+    def _look(self) -> Iterator[Finding]:
+        for manifest in self._own.values():
+            try:
+                code = self._import(manifest)
+            except ManifestError as error:
+                yield _of_manifest(error)
+            else:
+                yield from _parameters(manifest, code)
+                yield from _class(code.plugin_class)
+                yield from _external(code.plugin_class)
+            yield from self._visibility(manifest)
+            for required in manifest.tag.requires:
+                yield from self._requirement(manifest, required)
+
+    def _import(self, manifest: Manifest) -> PluginCode:
+        beside = manifest.path.parent / f"{manifest.class_path.partition(':')[0]}.py"
+        module = (manifest.path.parent, manifest.class_path.partition(":")[0])
+        # Read anew, for it may have been edited since; but once, for its classes share the interfaces in it.
+        is_fresh = beside.is_file() and module not in self._modules
+        self._modules.add(module)
+        self._codes[manifest.path] = None
+        try:
+            code = import_code(manifest, fresh=is_fresh)
+        except ManifestError as error:
+            raise _with_line(error, self._folder) from error
+        self._codes[manifest.path] = code
+        return code
+
+    def _code(self, name: str) -> PluginCode | None:
+        """What a plugin is made of; None if that cannot be told."""
+        manifest = self._all[name]
+        if manifest.path not in self._codes:
+            try:
+                self._import(manifest)
+            except ManifestError:
+                return None  # it is told where that plugin itself is looked at
+        return self._codes[manifest.path]
+
+    # -- who requires and sees whom -------------------------------------------------------------------------
+
+    def _visibility(self, manifest: Manifest) -> Iterator[Finding]:
+        for name in manifest.tag.visibility:
+            if name not in (ANYBODY, COMMAND) and name not in self._all:
+                yield Finding(manifest.path, "[tag] visibility", f"there is no plugin {name}{self._meant(name)}")
+
+    def _requirement(self, manifest: Manifest, required: str) -> Iterator[Finding]:
+        key = "[tag] requires"
+        if required not in self._all:
+            yield Finding(manifest.path, key, f"nobody provides {required}{self._meant(required)}")
+            return
+        other = self._all[required]
+        if manifest.name not in other.tag.visibility and ANYBODY not in other.tag.visibility:
+            yield Finding(
+                manifest.path, key, f"{manifest.name} is not in the visibility of {required}: add it in {other.path}"
+            )
+        rivals = [name for name, each in self._all.items() if required in each.tag.requires and name != manifest.name]
+        if not other.tag.shared and rivals:
+            held = f"{required} is not shared, and {', '.join(rivals)} may hold it"
+            yield Finding(manifest.path, key, held, is_warning=True)
+        own_code, code = self._code(manifest.name), self._code(required)
+        if own_code is None or code is None or required == manifest.name:
+            return
+        own_level, level = own_code.plugin_class.level, code.plugin_class.level
+        if level >= own_level:
+            yield Finding(
+                manifest.path,
+                key,
+                f"{manifest.name} ({own_level.name.lower()}) may not call {required} ({level.name.lower()}): "
+                f"calls go to lower levels only; merge {manifest.name} and {required}",
+            )
+        elif code.plugin_class.interface is None:
+            yield Finding(manifest.path, key, f"{required} has no interface to call it by", is_warning=True)
+
+    def _cycles(self) -> Iterator[Finding]:
+        graph = {
+            name: [required for required in manifest.tag.requires if required in self._all]
+            for name, manifest in sorted(self._all.items())
+        }
+        while True:
+            try:
+                TopologicalSorter(graph).prepare()
+            except CycleError as error:
+                circle = error.args[1][:0:-1]
+                first = next((index for index, name in enumerate(circle) if name in self._own), 0)
+                path = [*circle[first:], *circle[:first]]
+                way = " → ".join([*path, path[0]])
+                if path[0] in self._own:
+                    yield Finding(self._own[path[0]].path, "[tag] requires", f"{path[0]} requires itself: {way}")
+                for name in circle:
+                    graph[name] = []
+            else:
+                return
+
+    def _meant(self, name: str) -> str:
+        near = difflib.get_close_matches(name, self._all, n=1)
+        return f"; is {near[0]} meant?" if near else f"; there are: {', '.join(sorted(self._all))}"
+
+
+def _of_manifest(error: ManifestError) -> Finding:
+    return Finding(error.path, error.key, str(error).removeprefix(f"{error.path}: {error.key}: "))
+
+
+def _with_line(error: ManifestError, folder: Path) -> ManifestError:
+    """The same, with the line in the folder's own code at which an import failed."""
+    cause = error.__cause__
+    frames = traceback.extract_tb(cause.__traceback__) if cause is not None else []
+    own = [frame for frame in frames if Path(frame.filename).resolve().is_relative_to(folder.resolve())]
+    what = _of_manifest(error).message
+    if not own:
+        return error
+    return ManifestError(error.path, error.key, f"{what} ({Path(own[-1].filename).name}, line {own[-1].lineno})")
+
+
+def _parameters(manifest: Manifest, code: PluginCode) -> Iterator[Finding]:
+    kind = code.plugin_class.Parameters
+    try:
+        fields = msgspec.structs.fields(kind)
+    except TypeError:
+        yield Finding(_source(code.plugin_class), f"{code.plugin_class.__name__}.Parameters", "expected a struct")
+        return
+    missing = [each.encode_name for each in fields if each.required and each.encode_name not in manifest.parameters]
+    if missing:
+        for name in missing:
+            expected = "no value and no default: each robot's file must set it"
+            yield Finding(manifest.path, f"[parameters] {name}", expected, is_warning=True)
+        return
+    try:
+        check_parameters(manifest, code, {})
+    except ManifestError as error:
+        yield _of_manifest(error)
+    except Exception as error:  # noqa: BLE001 - the struct's own checks are foreign plugin code
+        yield Finding(manifest.path, "[parameters]", f"{type(error).__name__}: {error}")
+
+
+def _class(plugin_class: type[Plugin]) -> Iterator[Finding]:
+    path, name = _source(plugin_class), plugin_class.__name__
+    if not inspect.cleandoc(plugin_class.__doc__ or ""):
+        yield Finding(path, name, "no docstring: expected a line on what the plugin does", is_warning=True)
+    period_s: object = plugin_class.period_s
+    if period_s is not None and not (isinstance(period_s, (int, float)) and period_s > 0):
+        yield Finding(path, f"{name}.period_s", f"expected a number of seconds above 0, or None, got {period_s!r}")
+    has_step = plugin_class.step is not Plugin.step
+    if has_step and period_s is None and not sets_attribute(plugin_class, "period_s"):
+        yield Finding(path, f"{name}.step", "is never called: the class has no period_s", is_warning=True)
+    if period_s is not None and not has_step:
+        yield Finding(path, f"{name}.period_s", "there is no step to call so often", is_warning=True)
+    for function, what in interface_differences(plugin_class):
+        yield Finding(path, f"{name}.{function}", what)
+
+
+def _external(plugin_class: type[Plugin]) -> Iterator[Finding]:
+    path = _source(plugin_class)
+    for name, function in inspect.getmembers(plugin_class, inspect.isfunction):
+        if not getattr(function, EXTERNAL_MARK, None):
+            continue
+        key = f"{plugin_class.__name__}.{name}"
+        if not inspect.getdoc(function):
+            yield Finding(path, key, "no docstring: expected a line for whoever calls it", is_warning=True)
+        bare = [
+            each for each in list(inspect.signature(function).parameters)[1:] if each not in function.__annotations__
+        ]
+        if bare:
+            text = f"no type hint for {', '.join(bare)}: anything is accepted"
+            yield Finding(path, key, text, is_warning=True)
+
+
+def _source(plugin_class: type[Plugin]) -> Path:
+    return Path(inspect.getfile(plugin_class))

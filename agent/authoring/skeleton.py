@@ -1,0 +1,154 @@
+"""The skeleton of a plugin: class, manifest and a test that passes (the paper's new_plugin.sh)."""
+
+import keyword
+from pathlib import Path
+from string import Template
+
+from robrain.agent.errors import PluginError
+from robrain.agent.manifest import COMMAND
+from robrain.agent.plugin import Level
+from robrain.protocol.wire.errors import BadName
+from robrain.protocol.wire.keys import check_name
+
+TAKEN_CLASS_NAMES = {"Plugin", *(level.name.title() for level in Level)}
+
+CLASS = Template('''\
+"""What is $name for? Say it here."""
+
+from robrain.agent.plugin import $base, external
+
+
+class $class_name($base):
+    """What does $name do? Say it here; the team reads the first line."""
+$active
+    @external
+    def hello(self, name: str = "world") -> str:
+        """Greet somebody."""
+        return f"hello {name}"
+''')
+ACTIVE = """
+    period_s = 1.0
+
+    def init(self) -> None:
+        self.steps = 0
+
+    def step(self) -> None:
+        self.steps += 1
+"""
+
+MANIFEST = Template("""\
+[plugin]
+class = "$name:$class_name"
+
+[parameters]
+
+[tag]
+visibility = [$visibility] # who may call it; "command" is the outside, "*" any plugin
+requires = [] # the plugins that it calls, of lower levels
+""")
+
+TEST = Template('''\
+"""What $name promises, on a robot of its own; time passes only in `run`."""
+
+from pathlib import Path
+
+from robrain.agent.authoring.testing import PluginBench
+
+
+def test_${name}_says_hello() -> None:
+    with PluginBench(Path(__file__).parent) as bench:
+        assert $call == "hello Ada"
+$active_test''')
+ACTIVE_TEST = Template("""
+
+def test_${name}_takes_a_step_a_second() -> None:
+    with PluginBench(Path(__file__).parent) as bench:
+        bench.run(5.0)
+        before = bench.plugin("$name").steps
+        bench.run(3.0)
+        assert bench.plugin("$name").steps == before + 3
+""")
+
+
+def write_skeleton(name: str, level: str, folder: Path, *, active: bool = False, hidden: bool = False) -> list[Path]:
+    """Write a plugin into a new folder `folder`/`name`.
+
+    Args:
+        name: of the plugin; a Python name in ASCII.
+        level: device, unit, skill or behavior.
+        folder: where the plugin's folder is made; it is made itself if need be.
+        active: with a period and a step.
+        hidden: closed to the outside.
+
+    Returns:
+        The class, the manifest and the test.
+
+    Raises:
+        PluginError: name or level cannot be, or something of that name is there.
+
+    """
+    class_name = _class_name(_checked_name(name))
+    if level.upper() not in Level.__members__:
+        known = ", ".join(each.name.lower() for each in Level)
+        raise PluginError(name, f"unknown level {level!r}: expected one of {known}")
+    values = {
+        "name": name,
+        "class_name": class_name,
+        "base": level.title(),
+        "active": ACTIVE if active else "",
+        "visibility": "" if hidden else f'"{COMMAND}"',
+        "call": f'bench.plugin("{name}").hello("Ada")' if hidden else f'bench.call("{name}", "hello", "Ada")',
+        "active_test": ACTIVE_TEST.substitute(name=name) if active else "",
+    }
+    return _write(
+        name,
+        folder / name,
+        {
+            f"{name}.py": CLASS.substitute(values),
+            f"{name}.toml": MANIFEST.substitute(values),
+            f"test_{name}.py": TEST.substitute(values),
+        },
+    )
+
+
+def _checked_name(name: str) -> str:
+    try:
+        check_name("plugin", name)
+    except BadName as error:
+        raise PluginError(name, str(error)) from error
+    why = ""
+    if not name.isidentifier():
+        why = "expected a Python name: letters, digits and _, not beginning with a digit"
+    elif keyword.iskeyword(name):
+        why = "it is a word of Python's own"
+    elif name == COMMAND:
+        why = "it stands for the outside in a manifest's visibility"
+    elif not name.strip("_"):
+        why = "expected a letter in it"
+    if why:
+        raise PluginError(name, f"bad plugin name {name!r}: {why}")
+    return name
+
+
+def _class_name(name: str) -> str:
+    """The plugin's name as that of a class.
+
+    >>> _class_name("line_follower"), _class_name("unit"), _class_name("_1")
+    ('LineFollower', 'UnitPlugin', 'Plugin1')
+    """
+    camel = "".join(part[0].upper() + part[1:] for part in name.split("_") if part)
+    if not camel.isidentifier():
+        return f"Plugin{camel}"
+    return f"{camel}Plugin" if camel in TAKEN_CLASS_NAMES or keyword.iskeyword(camel) else camel
+
+
+def _write(name: str, folder: Path, texts: dict[str, str]) -> list[Path]:
+    try:
+        folder.mkdir(parents=True)
+        for file_name, text in texts.items():
+            (folder / file_name).write_text(text, encoding="utf-8")
+    except FileExistsError as error:
+        raise PluginError(name, f"{folder} is there already: give another name or --dir, or move it away") from error
+    except OSError as error:
+        raise PluginError(name, f"{folder} cannot be written: {error.strerror}") from error
+    return [folder / file_name for file_name in texts]

@@ -1,0 +1,110 @@
+"""A bench for tests of plugins: a real host in lockstep, with a clock that the test moves.
+
+def test_lamp_is_bright():
+    with PluginBench(Path(__file__).parent) as bench:
+        bench.run(2.0)
+        assert bench.call("lamp", "brightness") == 3
+"""
+
+import contextlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import msgspec
+
+from robrain.agent.host.agent_host import AgentHost
+from robrain.agent.host.robot_file import RobotFile, RobotTable
+from robrain.agent.manifest import find_manifests
+from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.keys import DEFAULT_TEAM
+from robrain.protocol.wire.messages import PluginInfo
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_PLUGINS
+
+ROBOT = "r1"
+TICK_S = 0.02
+
+
+class PluginBench:
+    """One robot on a session of its own, which reaches nobody else.
+
+    Args:
+        folders: places with the plugins under test; the stock plugins are there as well.
+        load: plugins to load, with what they require; all that lie in `folders` if None.
+        parameters: for each plugin, parameters that override its manifest's.
+        seed: of everything random.
+
+    """
+
+    def __init__(
+        self,
+        *folders: Path,
+        load: Sequence[str] | None = None,
+        parameters: Mapping[str, Mapping[str, Any]] | None = None,
+        seed: int = 0,
+    ) -> None:
+        wanted = load if load is not None else [path.stem for folder in folders for path in find_manifests(folder)]
+        self._robot_file = RobotFile(
+            robot=RobotTable(ROBOT, places=[str(folder.resolve()) for folder in folders], load=list(wanted)),
+            parameters={name: dict(values) for name, values in (parameters or {}).items()},
+        )
+        self._seed = seed
+        self._open = contextlib.ExitStack()
+        self.clock = VirtualClock()
+        self.host: AgentHost
+        """The robot's host, to look at from inside."""
+        self.wire: Endpoint
+        """Somebody else's place on the same wire, to subscribe and to ask."""
+
+    def __enter__(self) -> Self:
+        with contextlib.ExitStack() as opening:
+            session = opening.enter_context(open_lockstep_session())
+            self.wire = Endpoint(session, DEFAULT_TEAM, self.clock, Drive.LOCKSTEP)
+            opening.callback(self.wire.close)
+            self.host = AgentHost(self._robot_file, Path(), session, self.clock, Drive.LOCKSTEP, seed=self._seed)
+            opening.callback(self.host.close)
+            self.host.start()
+            self._open = opening.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._open.close()
+
+    def run(self, seconds: float) -> None:
+        """Let that much of the robot's time pass, in ticks of 20 ms."""
+        for _ in range(round(seconds / TICK_S)):
+            self.clock.advance_to(self.clock.now_ns() + to_ns(TICK_S))
+            self.host.step()
+
+    def call(self, plugin: str, function: str, *arguments: Any) -> Any:
+        """Call an external function over the wire; the result as JSON has it.
+
+        Raises:
+            CallError: the call was refused, or the plugin raised; the text says why.
+
+        """
+        reply = self.wire.ask(ROBOT_CALL, msgspec.json.encode(arguments), robot=ROBOT, plugin=plugin, function=function)
+        return msgspec.json.decode(reply)
+
+    def info(self, plugin: str) -> PluginInfo:
+        """What the robot tells of a plugin: its state, and why.
+
+        Raises:
+            KeyError: the robot has no such plugin.
+
+        """
+        return {info.name: info for info in self.wire.ask(ROBOT_PLUGINS, robot=ROBOT)}[plugin]
+
+    def plugin(self, name: str) -> Any:
+        """The plugin itself, while it is active, for what is not open to the outside.
+
+        Raises:
+            PluginMissing, PluginInactive: there is none, or it is not active; the text says why.
+
+        """
+        return self.host.manager.get(name).live_plugin()

@@ -1,0 +1,371 @@
+"""The host of one robot: its place on the wire, its plugins, its desk for tasks, its emergency halt.
+
+`step()` is called by the owner of time: the lockstep runner once a tick, the live process about as often.
+"""
+
+import logging
+import threading
+import zlib
+from collections.abc import Callable
+from importlib import resources
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+import numpy as np
+import zenoh
+
+from robrain.agent.access.exclusive_use import Lease
+from robrain.agent.board import Board
+from robrain.agent.environment import Environment, PluginRequests
+from robrain.agent.errors import ManifestError, PluginError, PluginMissing, RobotFileError
+from robrain.agent.host.command_door import TextCommandDoor
+from robrain.agent.host.halt_desk import HaltDesk
+from robrain.agent.host.plugin_manager import PluginManager
+from robrain.agent.host.robot_file import RobotFile, folder_of
+from robrain.agent.isolation.foreign_plugins import ForeignPlugins
+from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
+from robrain.agent.lifecycle.plugin_folders import entry_point_places
+from robrain.agent.lifecycle.worker_pool import WorkerPool
+from robrain.agent.manifest import COMMAND
+from robrain.agent.plugin import PluginState
+from robrain.agent.plugin_traceback import log_error, plugin_traceback
+from robrain.agent.task_desk import TaskDesk
+from robrain.protocol.model.ranges import TEXT_MAX, cut
+from robrain.protocol.wire.clock import Clock, to_ns
+from robrain.protocol.wire.endpoint import Drive, Endpoint, OnOutside, Request, Serve
+from robrain.protocol.wire.errors import BadName, CallError, ErrorCode
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages import (
+    HostRequest,
+    LogRecord,
+    PluginFault,
+    PluginInfo,
+    RobotState,
+    TaskAnswer,
+    TaskOffer,
+    TaskWithdrawal,
+)
+from robrain.protocol.wire.refusals import Refusals, told
+from robrain.protocol.wire.topics import (
+    COORDINATOR_STATE,
+    ROBOT_ALIVE,
+    ROBOT_CALL,
+    ROBOT_HOST,
+    ROBOT_LOG,
+    ROBOT_OFFER,
+    ROBOT_PLUGINS,
+    ROBOT_STATE,
+    ROBOT_WITHDRAW,
+)
+
+logger = logging.getLogger(__name__)
+
+T = TypeVar("T")
+
+STATE_PERIOD_NS = to_ns(1 / 10)
+WOKEN_PASSES = 2
+"""A task that follows another at once: its behavior is told in the first, the driver in the second."""
+START_POOL_TIMEOUT_S = 1.0
+"""How long the end waits for plugins that are being started."""
+
+
+class AgentHost:
+    """Runs the plugins of one robot.
+
+    Args:
+        robot_file: the robot's ROBOT.toml.
+        base: folder that the file's places are relative to.
+        session: shared in lockstep, the process's own in live.
+        clock: the run's clock.
+        drive: who moves time.
+        seed: of the run; each plugin draws from its own generator, made from seed, robot and plugin.
+        on_outside: told of queries from other processes, in lockstep.
+
+    """
+
+    def __init__(
+        self,
+        robot_file: RobotFile,
+        base: Path,
+        session: zenoh.Session,
+        clock: Clock,
+        drive: Drive,
+        *,
+        seed: int = 0,
+        on_outside: OnOutside | None = None,
+    ) -> None:
+        self.name = robot_file.robot.name
+        self.drive = drive
+        self.clock = clock
+        self.board = Board()
+        self.desk = TaskDesk()
+        self.manager = PluginManager(self.name, clock, self.desk, self._make_environment, robot_file.parameters)
+        self._registry = self.manager.registry
+        self._seed = seed
+        self._on_outside = on_outside
+        self._session = session
+        self._team = robot_file.robot.team
+        self._wires: list[Endpoint] = []
+        self._refusals = Refusals(clock)
+        """Of the host and all plugins."""
+        self._wire = self._open_wire()
+        self._inbox = Inbox()
+        self._state = self._wire.publisher(ROBOT_STATE, robot=self.name)
+        self._state_due_ns = 0
+        self._log = self._wire.publisher(ROBOT_LOG, robot=self.name)
+        self._faulted: dict[str, str] = {}
+        self._telling = threading.Lock()
+        self._told = RobotState(robot=self.name)
+        self._told_facts = self.desk.facts
+        self.halting = HaltDesk(self.manager, self._wire, self._publish_halt)
+        self._door = TextCommandDoor(self._registry)
+        self._distributions = entry_point_places()
+        self._came_with: dict[Path, str] = {}
+        """The distribution of each manifest that was asked for; empty for those of robrain and of the robot."""
+        own = [folder_of(base, place) for place in robot_file.robot.places]
+        self._loadable = [folder_of(base, folder) for folder in robot_file.robot.loadable]
+        self._places = [stock_place(), *(place for place, _ in self._distributions), *own]
+        self._load = robot_file.robot.load
+        self._parameters = robot_file.parameters
+        self._connect = list(robot_file.zenoh.connect)
+
+    def open_folder(self, folder: Path) -> None:
+        """Allow loading plugins by path from a folder, as if it were listed in the robot's `loadable`."""
+        self._loadable = [*self._loadable, folder]
+
+    def on_wanted(self, wake: Callable[[], None]) -> None:
+        """Have `wake` called, on any thread, whenever the next `step()` should not wait: in live, by its own loop."""
+        self._wire.on_waiting = wake
+        self.desk.on_said = wake
+
+    def start(self) -> None:
+        """Find, load and start the plugins, then say that the robot is there.
+
+        Raises:
+            ManifestError, PluginMissing, RobotFileError: the robot's plugins are not as its file says.
+
+        """
+        if self.drive is Drive.LIVE:
+            self._registry.foreign = ForeignPlugins(self._wire, self.name, lambda: self.manager.halted)
+            self._registry.starters = WorkerPool(f"start-{self.name}", START_POOL_TIMEOUT_S)
+        found = self.manager.discover(self._places, self._load)
+        for name in self._parameters:
+            if name not in found:
+                known = ", ".join(found)
+                raise RobotFileError(f"{self.name}: [parameters.{name}]: no plugin of that name; there are: {known}")
+        self.halting.listen()  # before anything of the robot's can move
+        self.manager.start()
+        self.halting.started()
+        wire, robot = self._wire, self.name
+        wire.subscribe(self._inbox, COORDINATOR_STATE)
+        wire.answer(ROBOT_PLUGINS, self._tell_plugins, robot=robot)
+        wire.answer(ROBOT_CALL, self._call, serve=Serve.POOL, robot=robot)
+        wire.answer(ROBOT_HOST, self._run, serve=Serve.POOL, at_once=("halt", "resume"), robot=robot)
+        wire.answer(ROBOT_OFFER, self._offer, serve=Serve.IN_STEP, robot=robot)
+        wire.answer(ROBOT_WITHDRAW, self._withdraw, serve=Serve.IN_STEP, robot=robot)
+        wire.token(ROBOT_ALIVE, robot=robot)
+
+    def step(self) -> None:
+        """What the host itself does, and in lockstep the steps of all plugins that are due."""
+        now_ns = self.clock.now_ns()
+        if self.drive is Drive.LOCKSTEP:
+            self.halting.hear()
+        self._hear(now_ns)
+        for wire in self._wires:
+            if wire.has_waiting:
+                wire.serve()
+        if self.manager.halted:
+            self.desk.halted()
+        self.desk.check_lease(now_ns)
+        if self._registry.foreign is not None:
+            self.manager.foreign_came(self._registry.foreign.follow())
+        self.manager.settle(now_ns)
+        if self.drive is Drive.LOCKSTEP:
+            self._step_plugins(now_ns)
+        if self.desk.go_on(now_ns) and self.drive is Drive.LOCKSTEP:
+            for _ in range(WOKEN_PASSES):
+                self._step_plugins(now_ns)
+        if now_ns >= self._state_due_ns:
+            self._state_due_ns = max(self._state_due_ns + STATE_PERIOD_NS, now_ns)
+            self._publish_state()
+        elif self.desk.facts != self._told_facts:  # the next task must not wait for the period
+            self._publish_state()
+
+    def close(self) -> None:
+        """Stop the plugins and leave the wire."""
+        self.halting.close()
+        self.manager.stop()
+        if self._registry.starters is not None:
+            self._registry.starters.close()
+        self._wire.close()
+
+    # -- its own work ---------------------------------------------------------------------------------------
+
+    def _hear(self, now_ns: int) -> None:
+        if self._inbox.drain():
+            self.desk.coordinator_heard_ns = now_ns
+
+    def _step_plugins(self, now_ns: int) -> None:
+        for plugin in self.manager.plugins.values():
+            if plugin.mailbox.waiting:
+                plugin.deliver()
+            if plugin.mailbox.is_hurried:
+                plugin.mailbox.is_hurried = False
+                if plugin.period_ns:
+                    plugin.due_ns = min(plugin.due_ns, now_ns - plugin.period_ns)
+            if now_ns >= plugin.due_ns:
+                plugin.due_ns += plugin.period_ns
+                if plugin.due_ns <= now_ns:  # what was missed is not made up for
+                    plugin.due_ns = now_ns + plugin.period_ns
+                plugin.run_step()
+
+    def _publish_state(self) -> None:
+        board = self.board
+        self._tell_faults()
+        self._told_facts = self.desk.facts
+        standing = self.desk.standing(self.clock.now_ns())
+        with self._telling:
+            self._told = RobotState(
+                robot=self.name,
+                pose=board.pose,
+                pose_covariance=board.pose_covariance,
+                velocity=board.velocity,
+                radius_m=board.radius_m,
+                battery=board.battery,
+                energy=board.energy,
+                behavior=board.behavior,
+                task=standing.task,
+                next_task=standing.next_task,
+                task_before=standing.before,
+                lost=cut(board.lost),
+                frame=board.frame,
+                map_agreement=board.map_agreement,
+                loaded=self._loaded(),
+                refused=told(self._refusals),
+                faulted=[PluginFault(plugin=name, why=cut(why)) for name, why in self._faulted.items()],
+            )
+            self._state.put(self.halting.mark(self._told))
+
+    def _loaded(self) -> int:
+        names = [*self.manager.plugins, *(self._registry.foreign or ())]
+        return zlib.crc32(" ".join(names).encode(), 1)
+
+    def _tell_faults(self) -> None:
+        before = self._faulted
+        faulted = [plugin for plugin in self.manager.plugins.values() if plugin.state is PluginState.FAULTED]
+        self._faulted = {plugin.name: plugin.raised.after(plugin.why) for plugin in faulted}
+        for plugin in faulted:
+            if plugin.name not in before:
+                said = f"does not run: {cut(self._faulted[plugin.name])}"
+                text = cut(f"{said}\n{plugin.raised.detail}" if plugin.raised.detail else said, TEXT_MAX)
+                self._log.put(LogRecord(robot=self.name, level="error", source=plugin.name, text=text))
+        for name in [name for name in before if name not in self._faulted]:
+            self._log.put(LogRecord(robot=self.name, level="warning", source=name, text="runs again, or has gone"))
+
+    def _publish_halt(self) -> None:
+        """At once, on the thread that halted or resumed the robot; the rest is as it was told last."""
+        with self._telling:
+            self._state.put(self.halting.mark(self._told))
+
+    # -- being asked ----------------------------------------------------------------------------------------
+
+    def _tell_plugins(self, _request: Request[None]) -> list[PluginInfo]:
+        return [*map(self._info, self.manager.plugins.values()), *self._registry.foreign_infos()]
+
+    def _info(self, plugin: ManagedPlugin) -> PluginInfo:
+        distribution = self._distribution_of(plugin.manifest.path)
+        return msgspec.structs.replace(plugin.info(), distribution=distribution)
+
+    def _distribution_of(self, manifest: Path) -> str:
+        known = self._came_with.get(manifest)
+        if known is None:  # to resolve thirty paths takes longer than all the rest of the answer
+            path = manifest.resolve()
+            known = next((name for place, name in self._distributions if path.is_relative_to(place)), "")
+            self._came_with[manifest] = known
+        return known
+
+    def _call(self, request: Request[bytes]) -> Any:
+        name, function = request.names["plugin"], request.names["function"]
+        foreign = self._registry.foreign
+        if foreign is not None and self._registry.is_foreign(name):
+            return foreign.relay(name, function, request.asked)
+        try:
+            plugin = self.manager.get(name)
+        except PluginMissing as error:
+            raise CallError(ErrorCode.UNKNOWN_PLUGIN, str(error)) from error
+        return plugin.call_external(function, request.asked, by=request.by)
+
+    def _run(self, request: Request[HostRequest]) -> bytes:
+        return msgspec.json.encode(self._done(request))
+
+    def _done(self, request: Request[HostRequest]) -> Any:
+        asked, verb = request.asked, request.names["verb"]
+        try:
+            if verb == "halt":
+                return self.halting.halt(asked.by or request.by, asked.text)
+            if verb == "resume":
+                return self.halting.resume(asked.by or request.by)
+            if verb == "load":
+                try:
+                    return [self._info(plugin) for plugin in self.manager.load(asked.plugin, self._loadable)]
+                except ManifestError as error:
+                    raise error.for_outside() from error
+            if verb == "unload":
+                gone = self.manager.unload(asked.plugin, cascade=asked.cascade)
+                return [self._info(plugin) for plugin in gone]
+            if verb == "reload":
+                return [self._info(self.manager.reload(asked.plugin))]
+            if verb == "command":
+                return self._door.call_text(asked.text, by=asked.by or request.by)
+            if verb == "hold":
+                return self._hold(asked)
+            if verb == "release":
+                return self._registry.leases.release(self.manager.get(asked.plugin).name, asked.by)
+        except PluginError as error:
+            code = ErrorCode.REFUSED if error.code is ErrorCode.FAILED else error.code
+            detail = plugin_traceback(error)
+            if detail:
+                log_error(logger, f"{self.name}: {verb} {cut(asked.plugin)}", error)
+            raise CallError(code, str(error), getattr(error, "holder", "") or detail) from error
+        verbs = "load, unload, reload, command, hold, release, halt, resume"
+        raise CallError(ErrorCode.UNKNOWN_FUNCTION, f"the host cannot {verb}: it can {verbs}")
+
+    def _hold(self, asked: HostRequest) -> Lease:
+        plugin = self.manager.get(asked.plugin)
+        try:
+            return plugin.hold(asked.by, asked.lease_s)
+        except (BadName, ValueError) as error:
+            raise CallError(ErrorCode.BAD_ARGUMENTS, f"hold: {error}") from error
+
+    def _offer(self, request: Request[TaskOffer]) -> TaskAnswer:
+        if self.manager.halted:
+            return TaskAnswer(accepted=False, why="the robot is halted")
+        return self.desk.offer(request.asked, self.clock.now_ns())
+
+    def _withdraw(self, request: Request[TaskWithdrawal]) -> TaskAnswer:
+        return self.desk.withdraw(request.asked)
+
+    # -- what plugins get -----------------------------------------------------------------------------------
+
+    def _open_wire(self) -> Endpoint:
+        wire = Endpoint(
+            self._session, self._team, self.clock, self.drive, on_outside=self._on_outside, refusals=self._refusals
+        )
+        # A new list: the host's own thread may be going through the old one. Closed ones are let go.
+        self._wires = [*(each for each in self._wires if not each.is_closed), wire]
+        return wire
+
+    def _make_environment(self, plugin: PluginRequests) -> Environment:
+        names = (zlib.crc32(self.name.encode()), zlib.crc32(plugin.name.encode()))
+        rng = np.random.default_rng([self._seed, *names])
+        door = self._door if plugin.name == COMMAND else None
+        connect = self._connect
+        return Environment(
+            plugin, self.name, self._open_wire(), rng, self.board, self.desk, outside=door, connect=connect
+        )
+
+
+def stock_place() -> Path:
+    """The folder of the plugins that come with robrain."""
+    return Path(str(resources.files("robrain.plugins")))

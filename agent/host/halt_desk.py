@@ -1,0 +1,210 @@
+"""A robot's emergency halt: it hears of halts, has the plugins stopped, says so at once, and resumes only when it may.
+
+Halts come with the topic `halt`, from an operator's query, or, for a robot that was not there in time, from the
+coordinator's summary. A direct halt always counts; the summary only if it is newer than all that was heard directly,
+and it never resumes anybody.
+"""
+
+import logging
+import threading
+from collections.abc import Callable
+
+import msgspec
+import zenoh
+
+from robrain.agent.host.plugin_manager import PluginManager
+from robrain.agent.lifecycle.worker_pool import WorkerPool
+from robrain.protocol.model.halt_latch import HaltLatch
+from robrain.protocol.model.ranges import TEXT_MAX, cut
+from robrain.protocol.wire.border import Heard, Received
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages import HaltAnswer, HaltStatus, LogRecord, RobotState, TeamState
+from robrain.protocol.wire.record_guard import RecordGuard
+from robrain.protocol.wire.topics import COORDINATOR_HALT, COORDINATOR_STATE, HALT, ROBOT_LOG
+
+logger = logging.getLogger(__name__)
+
+LIMIT_S = 0.1
+"""How long the plugins of one level may take to halt before the next level's turn comes."""
+THREADS = 8
+"""Threads that stand by to halt plugins side by side; more are started if they are needed."""
+ASK_TIMEOUT_S = 1.0
+LOG_SOURCE = "halt"
+
+
+class Arrivals(Inbox):
+    """What is heard of halts; tells of it at once, on the thread that brings it.
+
+    In live each subscription has a thread of its own. To hand over to another thread would cost several ms in a process
+    that is kept busy: that thread must first be given a processor, and then Python's own lock.
+    """
+
+    def __init__(self, on_arrival: Callable[[], None] | None) -> None:
+        super().__init__()
+        self._on_arrival = on_arrival
+
+    def append(self, topic: Heard, key: str, payload: bytes, *, outside: bool = False) -> bool:
+        """Take a sample in."""
+        is_taken = super().append(topic, key, payload, outside=outside)
+        if is_taken and self._on_arrival is not None:
+            self._on_arrival()
+        return is_taken
+
+
+class HaltDesk:
+    """Halts and resumes one robot. May be called on any thread; needs no plugin's lock.
+
+    Args:
+        manager: of the robot's plugins.
+        wire: the host's.
+        tell_state: publishes the robot's state at once.
+
+    """
+
+    def __init__(self, manager: PluginManager, wire: Endpoint, tell_state: Callable[[], None]) -> None:
+        live = wire.drive is Drive.LIVE
+        self._arrivals = Arrivals(self.hear if live else None)
+        self._manager = manager
+        self._robot = manager.robot
+        self._wire = wire
+        self._guard = RecordGuard(wire.refusals)
+        self._tell_state = tell_state
+        self._log = wire.publisher(ROBOT_LOG, robot=self._robot)
+        self._latch = HaltLatch()
+        self._team_halt_ns = 0
+        self._not_halted: list[str] = []
+        self._is_started = self._is_closed = False
+        self._stopping = False
+        """The plugins are being told to stop."""
+        self._acting = threading.RLock()
+        self._pool = WorkerPool(f"halt-{self._robot}", LIMIT_S) if live else None
+
+    def listen(self) -> None:
+        """Hear of halts from now on; of one that is in force, by asking the coordinator if there is one."""
+        self._wire.subscribe(self._arrivals, HALT)
+        self._wire.subscribe(self._arrivals, COORDINATOR_STATE)
+        try:
+            status = self._wire.ask(COORDINATOR_HALT, timeout_s=ASK_TIMEOUT_S)
+        except (CallError, NobodyThere) as error:
+            logger.debug("%s: the coordinator does not say whether the team is halted: %s", self._robot, error)
+        else:
+            self._note_team(status)
+
+    def started(self) -> None:
+        """The plugins have been started, and nothing has called them yet: see to what was heard meanwhile."""
+        if self._pool is not None:
+            self._pool.stand_by(THREADS)
+        with self._acting:
+            self._is_started = True
+            self.hear()
+            if self._latch.is_held and not self._manager.halted:
+                self._halt_plugins()
+
+    def hear(self) -> None:
+        """Halt or resume as the team was told to, in the order of arrival; in lockstep the host's step does this."""
+        if not len(self._arrivals):
+            return
+        with self._acting:
+            if self._is_closed:
+                return
+            self._guard.messages(self._arrivals.drain(), self._take)
+
+    def _take(self, received: Received) -> None:
+        message = received.message
+        if isinstance(message, TeamState):
+            self._note_team(message.halt)
+        elif message.halted:
+            self._team_halt_ns = message.stamp_ns
+            self._halt([message.by], message.reason, message.stamp_ns)
+        else:
+            self._resume(message.by, message.stamp_ns)
+
+    def halt(self, by: str, reason: str) -> HaltAnswer:
+        """Halt this robot alone."""
+        with self._acting:
+            self._halt([by], reason)
+            return self._answer()
+
+    def resume(self, by: str) -> HaltAnswer:
+        """End this robot's halt.
+
+        Raises:
+            CallError: somebody else holds it; the robot stays halted.
+
+        """
+        with self._acting:
+            why = self._resume(by)
+            if why:
+                raise CallError(ErrorCode.REFUSED, f"{self._robot} stays halted: {why}")
+            return self._answer()
+
+    def mark(self, state: RobotState) -> RobotState:
+        """The robot's state with how it stands to halts; it is halted when its plugins have been told to stop."""
+        halted = self._manager.halted and not self._stopping
+        if not halted:
+            return state
+        return msgspec.structs.replace(
+            state,
+            halted=True,
+            halted_by=self._latch.holders,
+            team_halt_ns=self._team_halt_ns,
+            not_halted=self._not_halted,
+        )
+
+    def close(self) -> None:
+        """Hear no more, and end the threads."""
+        with self._acting:
+            self._is_closed = True
+        if self._pool is not None:
+            self._pool.close()
+
+    def _note_team(self, status: HaltStatus | None) -> None:
+        if status is None or not status.halted or status.stamp_ns <= self._latch.stamp_ns:
+            return
+        self._team_halt_ns = status.stamp_ns
+        self._halt(status.by, status.reason, status.stamp_ns)
+
+    def _halt(self, by: list[str], reason: str, stamp_ns: int = 0) -> None:
+        for each in by or [""]:
+            self._latch.hold(each, reason, stamp_ns)
+        if self._is_started:  # else `started` sees to it
+            self._halt_plugins()
+        names = ", ".join(by) or "nobody named"
+        self._say(f"halted by {names}{f': {reason}' if reason else ''}")
+        if self._not_halted:
+            self._say(f"not stopped in time: {', '.join(self._not_halted)}", "error")
+
+    def _halt_plugins(self) -> None:
+        self._stopping = True
+        try:
+            self._not_halted = self._manager.halt(self._pool)
+        finally:
+            self._stopping = False
+        self._tell_state()
+
+    def _resume(self, by: str, stamp_ns: int = 0) -> str:
+        why = self._latch.release(by, stamp_ns)
+        if why:
+            self._say(f"{by or 'nobody named'} tried to resume it, and it stays halted: {why}")
+            return why
+        if self._manager.halted:
+            self._team_halt_ns = 0
+            self._not_halted = []
+            self._manager.resume()
+            self._tell_state()
+            self._say(f"resumed by {by or 'nobody named'}")
+        return ""
+
+    def _answer(self) -> HaltAnswer:
+        return HaltAnswer(
+            robot=self._robot, halted=self._manager.halted, by=self._latch.holders, not_halted=self._not_halted
+        )
+
+    def _say(self, text: str, level: str = "warning") -> None:
+        try:
+            self._log.put(LogRecord(robot=self._robot, level=level, source=LOG_SOURCE, text=cut(text, TEXT_MAX)))
+        except zenoh.ZError as error:  # the session is closing; a halt is a halt all the same
+            logger.debug("%s: no log record: %s", self._robot, error)
+        logger.log(logging.getLevelName(level.upper()), "%s: %s", self._robot, text)

@@ -1,0 +1,369 @@
+"""The plugin manager: the start sequence (figure 3 of the paper), and loads, unloads and reloads while the robot runs.
+
+These go one at a time, and a second one is refused while the first is under way. No lock is held while plugin code runs
+that another load or the host's own step would wait for.
+"""
+
+import logging
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from robrain.agent.errors import (
+    FOREIGN_ERRORS,
+    HostBusy,
+    PluginError,
+    PluginInactive,
+    PluginInUse,
+    PluginMissing,
+    short_path,
+)
+from robrain.agent.host.fault_desk import FaultDesk
+from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
+from robrain.agent.lifecycle.plugin_folders import PluginFolders
+from robrain.agent.lifecycle.registry import MakeEnvironment, Registry
+from robrain.agent.lifecycle.starter import Starter
+from robrain.agent.lifecycle.transitions import Trigger
+from robrain.agent.lifecycle.worker_pool import WorkerPool, run_in_turn
+from robrain.agent.manifest import Manifest, read_manifest
+from robrain.agent.plugin import Level, PluginState
+from robrain.agent.task_desk import TaskDesk
+from robrain.protocol.wire.clock import Clock
+
+logger = logging.getLogger(__name__)
+
+LOOK_TIMEOUT_S = 10.0
+"""How long, in live, a load waits for the host's own look at faults, which is mostly over at once."""
+
+
+class PluginManager:
+    """Starts, loads, unloads, reloads, halts and stops the plugins of one robot.
+
+    Args:
+        robot: its name.
+        clock: the run's clock.
+        desk: where behaviors register for tasks.
+        make_environment: makes what a plugin is given.
+        parameters: for each plugin, parameters that override its manifest's.
+
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        clock: Clock,
+        desk: TaskDesk,
+        make_environment: MakeEnvironment,
+        parameters: Mapping[str, Mapping[str, Any]],
+    ) -> None:
+        self.robot = robot
+        self.registry = Registry(robot, clock, desk, make_environment, parameters)
+        self._starter = Starter(self.registry)
+        self.faults = FaultDesk(self.registry, self._starter.begin, self.later)
+        self._folders = PluginFolders([])
+        self._changing = threading.Lock()
+        """Held by a load, unload, reload or restart."""
+        self._under_way = threading.Lock()
+        """Held by these as well, and by `settle`."""
+        self._stopped = False
+
+    @property
+    def plugins(self) -> dict[str, ManagedPlugin]:
+        """The plugins by name, requirements before those that require them; replaced, never changed."""
+        return self.registry.plugins
+
+    @property
+    def halted(self) -> bool:
+        """Whether an emergency halt is in force."""
+        return self.registry.halted
+
+    def get(self, name: str) -> ManagedPlugin:
+        """The plugin of a name (PluginMissing if there is none)."""
+        return self.registry.get(name)
+
+    # -- the start ------------------------------------------------------------------------------------------
+
+    def discover(self, places: Iterable[Path], wanted: list[str] | None = None) -> list[str]:
+        """Find each manifest in the places; of two with one name the later place wins.
+
+        Args:
+            places: folders.
+            wanted: names to take; all if None. What these require is taken as well.
+
+        Returns:
+            The names of all plugins that were found.
+
+        Raises:
+            ManifestError: a manifest is wrong.
+            PluginMissing: a wanted plugin is in no place.
+
+        """
+        self._folders = PluginFolders(places)
+        found = self._folders.find()
+        names = sorted(found) if wanted is None else list(wanted)
+        plugins: dict[str, ManagedPlugin] = {}
+        while names:
+            name = names.pop(0)
+            if name in plugins:
+                continue
+            if name not in found:
+                raise PluginMissing(name, f"no plugin {name} in any place; there are: {', '.join(sorted(found))}")
+            plugins[name] = plugin = ManagedPlugin(read_manifest(found[name]), self.registry)
+            if wanted is not None:
+                names += [required for required in plugin.manifest.tag.requires if required in found]
+        self.registry.plugins = plugins
+        return sorted(found)
+
+    def start(self) -> None:
+        """Load and initialise each plugin, then activate each, requirements first.
+
+        A plugin that cannot start is left out with the reason, and so is what requires it; the rest goes on.
+        """
+        self._starter.start_all()
+
+    def stop(self) -> None:
+        """Deactivate all, users before what they use, and close what they held."""
+        self._stopped = True
+        for plugin in reversed(self.plugins.values()):
+            try:
+                plugin.apply(Trigger.DEACTIVATE)
+            except FOREIGN_ERRORS as error:
+                # Foreign plugin code; the others must be stopped all the same. In a halted robot plugins refuse each
+                # other, which is as it should be.
+                if not (isinstance(error, PluginInactive) and self.halted):
+                    logger.exception("%s: plugin %s failed while it was stopped", self.robot, plugin.name)
+        for plugin in self.plugins.values():
+            plugin.apply(Trigger.CLOSE)
+
+    # -- while it runs --------------------------------------------------------------------------------------
+
+    def load(self, name_or_path: str, within: Iterable[Path] | None = None) -> list[ManagedPlugin]:
+        """Load and activate a plugin, with what it requires, and whatever was left out for want of these.
+
+        Args:
+            name_or_path: a name in the robot's places, or the path of a manifest or of a folder with one or more.
+            within: folders, besides the places, that a path must lie in; None allows any path and is only for callers
+                in this process.
+
+        Returns:
+            The plugins that were loaded.
+
+        Raises:
+            AccessDenied: the path is outside all of these folders.
+            PluginMissing, ManifestError, PluginError: loading failed; nothing stays loaded then.
+            HostBusy: another load, unload or reload is under way.
+
+        """
+        with self._alone():
+            wanted = {manifest.name: manifest for manifest in self._folders.manifests_of(name_or_path, within)}
+            fresh: dict[str, ManagedPlugin] = {}
+            before = self.plugins
+            try:
+                for manifest in wanted.values():
+                    self._load_one(manifest, fresh, wanted, ())
+            except BaseException:
+                for plugin in reversed(fresh.values()):
+                    self._end(plugin)
+                self.registry.plugins = before
+                raise
+            for name in fresh.keys() & before.keys():
+                self.faults.forget(before[name])
+                before[name].unload()
+            return [*fresh.values(), *self._starter.begin_dependants(fresh)]
+
+    def unload(self, name: str, *, cascade: bool = False) -> list[ManagedPlugin]:
+        """Unload a plugin, with `cascade` also those that require it.
+
+        Returns:
+            The plugins that were unloaded, in that order.
+
+        Raises:
+            PluginInUse: others require it.
+            PluginMissing: there is none of that name.
+            HostBusy: another load, unload or reload is under way.
+
+        """
+        with self._alone():
+            plugin = self.get(name)
+            users = self.registry.users_of(name)
+            if users and not cascade:
+                raise PluginInUse(name, [user.name for user in users])
+            going = [*users, plugin]
+            for each in going:
+                self._end(each)
+            return going
+
+    def reload(self, name: str) -> ManagedPlugin:
+        """Take a plugin's manifest and code anew from disk; if that fails the old one keeps running.
+
+        Raises:
+            PluginError: why it failed.
+            HostBusy: another load, unload or reload is under way.
+
+        """
+        with self._alone():
+            plugin = self.get(name)
+            manifest = read_manifest(plugin.manifest.path)
+            was_running = plugin.state.is_running
+            try:
+                self._starter.replace(plugin, manifest)
+            except PluginError:
+                raise
+            except FOREIGN_ERRORS as error:  # foreign plugin code
+                raise PluginError(name, f"{name} keeps running as it was: {type(error).__name__}: {error}") from error
+            self._starter.sort()
+            if not was_running:
+                self.faults.forget(plugin)
+                self._starter.begin_dependants([name])
+            return plugin
+
+    def settle(self, now_ns: int) -> None:
+        """See to faults: their dependants, restarts, plugins that hang or flood. The host does this in its step."""
+        if not self._under_way.acquire(blocking=False):
+            return
+        try:
+            self._see_to_faults(now_ns)
+            self.faults.look(now_ns)
+        finally:
+            self._under_way.release()
+
+    def foreign_came(self, names: Iterable[str]) -> None:
+        """Foreign plugins have come: start what was left out for want of them."""
+        came = list(names)
+        if any(not set(came).isdisjoint(plugin.manifest.tag.requires) for plugin in self.plugins.values()):
+            self.later(partial(self._starter.begin_dependants, came))
+
+    def later(self, do: Callable[[], object]) -> None:
+        """Have something done alone that may take its time; in live not on the host's own thread."""
+        pool = self.registry.starters
+        if pool is None:
+            do()
+        else:
+            pool.begin(partial(self._do_alone, do))
+
+    # -- emergency halt -------------------------------------------------------------------------------------
+
+    def halt(self, pool: WorkerPool | None = None) -> list[str]:
+        """Emergency halt; latches until `resume`: all plugins refuse calls, then devices stop, then the levels above.
+
+        Args:
+            pool: halts the plugins of a level side by side and goes on without those that hang; without one they are
+                halted one after the other.
+
+        Returns:
+            The names of those that failed, or have not come back in time.
+
+        """
+        self.registry.halted = True
+        plugins = list(self.plugins.values())
+        for plugin in plugins:
+            plugin.refuse_calls()
+        busy = [plugin for plugin in plugins if plugin.turn.owner is not None]
+        failed: dict[str, BaseException] = {}
+        for level in Level:
+            calls = {plugin.name: plugin.halt for plugin in plugins if plugin.level is level}
+            failed |= pool.run(calls) if pool is not None else run_in_turn(calls)
+        if pool is not None:
+            for plugin in busy:
+                pool.begin(partial(_halt_again, plugin))
+        for name, error in failed.items():
+            logger.error("%s: plugin %s failed while it was halted: %s", self.robot, name, error, exc_info=error)
+        return list(failed)
+
+    def resume(self) -> None:
+        """End an emergency halt."""
+        self.registry.halted = False
+        for plugin in self.plugins.values():
+            plugin.apply(Trigger.RESUME)
+
+    # -- inside ---------------------------------------------------------------------------------------------
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        busy = HostBusy("", f"{self.robot} is busy with another load, unload or reload: try again")
+        if not self._changing.acquire(blocking=False):
+            raise busy
+        try:
+            # In lockstep it is this thread that settles, and then waiting would not help.
+            if not self._under_way.acquire(timeout=LOOK_TIMEOUT_S if self.registry.is_live else 0.0):
+                raise busy
+            try:
+                self._see_to_faults(self.registry.clock.now_ns())
+                yield
+            finally:
+                self._under_way.release()
+        finally:
+            self._changing.release()
+
+    def _do_alone(self, do: Callable[[], object]) -> None:
+        with self._changing, self._under_way:
+            if not self._stopped:
+                do()
+
+    def _see_to_faults(self, now_ns: int) -> None:
+        new_faults = self.registry.new_faults
+        while new_faults:
+            self.faults.note(new_faults.popleft(), now_ns)
+
+    def _load_one(
+        self,
+        manifest: Manifest,
+        fresh: dict[str, ManagedPlugin],
+        wanted: Mapping[str, Manifest],
+        users: Sequence[str],
+    ) -> None:
+        registry, name = self.registry, manifest.name
+        if name in fresh:
+            return
+        path = (*users, name)
+        if name in users:
+            raise PluginError(users[0], f"{name} requires itself: {' → '.join(path[users.index(name) :])}")
+        before = self.plugins.get(name)
+        if before is not None and before.state is not PluginState.FAULTED:
+            raise PluginError(
+                name,
+                f"{name} is loaded already, from {short_path(before.manifest.path)}: reload it, or unload it first",
+            )
+        plugin = ManagedPlugin(manifest, registry)
+        for required in manifest.tag.requires:
+            other = self.plugins.get(required)
+            if (other is None or other.state is PluginState.FAULTED) and not registry.is_foreign(required):
+                there = wanted.get(required) or self._folders.read(required)
+                if there is None:
+                    missing = " → ".join([*path, required])
+                    raise PluginMissing(required, f"{name} requires {required}, which is in no place ({missing})")
+                self._load_one(there, fresh, wanted, path)
+        registry.check_requirements(manifest, plugin.plugin_class)
+        fresh[name] = plugin
+        registry.plugins = {**self.plugins, name: plugin}
+        self._starter.sort()
+        if name in self.plugins and plugin.state is PluginState.FAULTED:
+            raise PluginError(name, f"{name}: {plugin.why}")
+        try:
+            self._starter.start(plugin)
+        except PluginError:
+            raise
+        except FOREIGN_ERRORS as error:  # foreign plugin code
+            raise PluginError(name, f"{name} cannot be started: {type(error).__name__}: {error}") from error
+
+    def _end(self, plugin: ManagedPlugin) -> None:
+        self.faults.forget(plugin)
+        try:
+            plugin.unload()
+        except FOREIGN_ERRORS:
+            # Foreign plugin code; it goes all the same.
+            logger.exception("%s: plugin %s failed while it was unloaded", self.robot, plugin.name)
+        self.registry.remove(plugin)
+
+
+def _halt_again(plugin: ManagedPlugin) -> None:
+    """Once more, when whoever was in the plugin has left: what they did last may have undone the halt."""
+    turn, generation = plugin.turn, plugin.generation
+    if not turn.acquire(plugin.manifest.tag.hang_s):
+        return  # it hangs, and is faulted for it
+    turn.release()
+    if plugin.state is PluginState.HALTED and plugin.generation == generation:
+        plugin.halt()

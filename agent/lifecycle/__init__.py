@@ -1,0 +1,1 @@
+"""A plugin from its manifest to its end: code, instance, states, start, reload."""

@@ -1,0 +1,477 @@
+"""One plugin of a robot, under its name, from its discovery until it is unloaded: figure 2 of the paper calls it a tag.
+
+It holds the plugin's manifest, its state and its instance, and stands between the instance and the rest of the robot.
+Instances come and go: a restart or a reload makes a new one, handles on the plugin stay.
+"""
+
+import logging
+import threading
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar, cast
+
+from robrain.agent.access.callee import Caller
+from robrain.agent.access.exclusive_use import ExclusiveUse, Lease
+from robrain.agent.access.external_function import ExternalFunction
+from robrain.agent.access.handle import Handle
+from robrain.agent.access.incoming_calls import call_from_outside, external_function, query_handler, task_handlers
+from robrain.agent.access.rules import check_outside, check_use
+from robrain.agent.access.turn import Turn
+from robrain.agent.environment import Environment
+from robrain.agent.errors import (
+    FOREIGN_ERRORS,
+    AccessDenied,
+    ForeignError,
+    PluginCrashed,
+    PluginError,
+    PluginHung,
+    PluginInactive,
+    PluginUnloaded,
+    short_path,
+)
+from robrain.agent.event import Event, EventView, Mailbox
+from robrain.agent.lifecycle.holdings import Holdings
+from robrain.agent.lifecycle.instance import Instance
+from robrain.agent.lifecycle.plugin_code import PluginCode, check_parameters, import_code
+from robrain.agent.lifecycle.robot_context import RobotContext
+from robrain.agent.lifecycle.transitions import Step, Trigger, transition
+from robrain.agent.manifest import Manifest
+from robrain.agent.plugin import Level, Plugin, PluginState
+from robrain.agent.plugin_traceback import raised
+from robrain.agent.task_desk import Accept, LetGo, TaskDesk
+from robrain.protocol.model.ranges import cut
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.endpoint import Handler, Serve
+from robrain.protocol.wire.messages import PluginInfo
+from robrain.protocol.wire.topic import Query
+
+logger = logging.getLogger(__name__)
+
+InterfaceT = TypeVar("InterfaceT")
+
+NEVER_NS = 1 << 63
+WAITS_S = {Step.ASK: 2.0, Step.ASK_FAILED: 0.1}
+"""How long the end of a plugin waits for whoever is in it; then the plugin is abandoned."""
+
+
+class ManagedPlugin:
+    """Manages one plugin: its lifecycle, its step, and who may use it.
+
+    Args:
+        manifest: the plugin's.
+        context: its robot.
+
+    """
+
+    def __init__(self, manifest: Manifest, context: RobotContext) -> None:
+        self.manifest = manifest
+        self.name = manifest.name
+        self.state = PluginState.DISCOVERED
+        self.why = ""
+        """The reason of the state, in words."""
+        self.lacks = ""
+        """The plugin that it requires and for want of which it does not run; empty if it is not for that."""
+        self.raised = raised(None)
+        """Where the plugin's code raised what has led to the state."""
+        self.turn = Turn(self.name, manifest.tag.hang_s, context.clock)
+        """Who is in the plugin at the moment: its lock."""
+        self.exclusive = ExclusiveUse(self.name, context.leases)
+        """Who holds the plugin, if it is not shared."""
+        self.overruns = 0
+        self.restarts = 0
+        self.generation = 0
+        """Grows when an instance is abandoned in which somebody is stuck."""
+        self.period_ns = 0
+        """How often the plugin wants its step; 0 if it is passive."""
+        self.due_ns = NEVER_NS
+        """When its next step is due, in lockstep."""
+        self.environment: Environment | None = None
+        """What the instance was given that is there, or is being made."""
+        self._context = context
+        self._holdings = Holdings(self.name, context)
+        self._code: PluginCode | None = None
+        self._instance: Instance | None = None
+        self._making: Environment | None = None
+        self._in_halt: Instance | None = None
+        self._deciding = threading.Lock()
+        """Held while a state is looked at and changed; no other lock is taken meanwhile."""
+
+    # -- what it is -----------------------------------------------------------------------------------------
+
+    @property
+    def code(self) -> PluginCode:
+        """The plugin's class and functions; imported on first use (ManifestError if that fails)."""
+        if self._code is None:
+            self._code = import_code(self.manifest, live=self._context.is_live)
+        return self._code
+
+    @property
+    def imported_code(self) -> PluginCode | None:
+        """The plugin's class and functions; None if its class has not been imported, or cannot be."""
+        return self._code
+
+    @property
+    def functions(self) -> Mapping[str, ExternalFunction] | None:
+        """The plugin's external functions by name; None if its class could not be imported."""
+        return self._code.functions if self._code is not None else None
+
+    @property
+    def plugin_class(self) -> type[Plugin]:
+        """The plugin's class (ManifestError if it cannot be imported)."""
+        return self.code.plugin_class
+
+    @property
+    def level(self) -> Level:
+        """The plugin's level; the highest if its class could not be imported."""
+        return self._code.plugin_class.level if self._code is not None else max(Level)
+
+    @property
+    def period_s(self) -> float | None:
+        """How often the plugin wants its step; None if it is passive or not there."""
+        return self._instance.plugin.period_s if self._instance is not None else None
+
+    @property
+    def mailbox(self) -> Mailbox:
+        """Where notifications wait for the plugin."""
+        return self._holdings.mailbox
+
+    @property
+    def instance(self) -> Instance | None:
+        """The instance, if there is one."""
+        return self._instance
+
+    @property
+    def plugin(self) -> Plugin:
+        """The plugin itself, whatever its state (PluginInactive if there is none)."""
+        return self._there().plugin
+
+    def live_plugin(self) -> Plugin:
+        """The plugin itself, if it may be called now.
+
+        Raises:
+            PluginUnloaded: it has gone.
+            PluginInactive: it is there, but not active.
+
+        """
+        if self.state is PluginState.ACTIVE and self._instance is not None:
+            return self._instance.plugin
+        kind = PluginUnloaded if self.state is PluginState.UNLOADED else PluginInactive
+        raise kind(self.name, f"{self.name} is {self.state}{f': {self.why}' if self.why else ''}")
+
+    def holds(self, environment: Environment) -> bool:
+        """Whether the instance that was given this is the one that is there now."""
+        return self._instance is not None and self._instance.environment is environment
+
+    def events(self) -> dict[str, Event[Any]]:
+        """The events of the instance, by name; none if there is no instance."""
+        return self._instance.events() if self._instance is not None else {}
+
+    def info(self) -> PluginInfo:
+        """The plugin as `robot/ROBOT/plugins` lists it."""
+        code = self._code
+        return PluginInfo(
+            name=self.name,
+            level=code.plugin_class.level.name.lower() if code is not None else "",
+            state=self.state.value,
+            why=cut(self.why),
+            where=cut(self.raised.where),
+            detail=self.raised.detail,
+            visibility=self.manifest.tag.visibility,
+            requires=self.manifest.tag.requires,
+            holder=self.exclusive.by,
+            period_s=self.period_s,
+            overruns=self.overruns,
+            restarts=self.restarts,
+            doc=(code.plugin_class.__doc__ or "").strip().partition("\n")[0] if code is not None else "",
+            functions=[info for each in code.functions.values() for info in each.infos] if code is not None else [],
+        )
+
+    # -- its states -----------------------------------------------------------------------------------------
+
+    def apply(self, trigger: Trigger, why: str = "", error: BaseException | None = None, *, lacks: str = "") -> None:
+        """Change the state as the table of transitions says, and do what the table says; the only way to do either.
+
+        Args:
+            trigger: what happens to the plugin.
+            why: the reason in words; the state keeps its reason if this is empty and the state stays.
+            error: what the plugin's code raised, if anything.
+            lacks: the plugin that it requires and that does not run, if this is the reason.
+
+        Raises:
+            TransitionRefused: that cannot happen in its state.
+            Exception: what the plugin's `deactivate` raised; all the rest has been done.
+
+        """
+        steps = transition(self.name, self.state, trigger).steps
+        wait_s = next((WAITS_S[step] for step in steps if step in WAITS_S), None)
+        if wait_s is None or self._instance is None:
+            self._follow(trigger, why, error, lacks)
+            return
+        turn = self.turn
+        if turn.acquire(wait_s):
+            try:
+                self._follow(trigger, why, error, lacks)
+            finally:
+                turn.release()
+            return
+        logger.error("%s: plugin %s hangs and is abandoned", self._context.robot, self.name)
+        self.apply(Trigger.ABANDON, why or self.why or "hangs", lacks=lacks)
+        self.apply(trigger, why, error, lacks=lacks)
+
+    def _follow(self, trigger: Trigger, why: str, error: BaseException | None, lacks: str) -> None:
+        where = raised(error)
+        with self._deciding:
+            to, steps = transition(self.name, self.state, trigger)
+            if to is not self.state or (steps and why):
+                self.state, self.why, self.raised, self.lacks = to, why, where, lacks
+        instance, failure = self._instance, None
+        for step in steps:
+            match step:
+                case Step.ASK if instance is not None:
+                    try:
+                        instance.plugin.deactivate()
+                    except BaseException as raised_error:  # noqa: BLE001 - raised again when all is done
+                        failure = raised_error
+                case Step.ASK_FAILED if instance is not None:
+                    self._ask_failed(instance)
+                case Step.LEAVE:
+                    self._leave()
+                case Step.RELEASE:
+                    self._release()
+                case Step.END_ACTIONS if instance is not None:
+                    instance.environment.end_actions("emergency halt")
+                case Step.END_WIRE if instance is not None:
+                    instance.end_wire()
+                case Step.DISCARD if instance is not None:
+                    self._instance = None
+                    instance.close()
+                case Step.REPORT:
+                    logger.error("%s: plugin %s faulted: %s", self._context.robot, self.name, error, exc_info=error)
+                    self._context.note_fault(self)
+        if failure is not None:
+            raise failure
+
+    def _ask_failed(self, instance: Instance) -> None:
+        try:
+            instance.plugin.deactivate()
+        except FOREIGN_ERRORS as error:  # foreign plugin code, and faulted at that
+            logger.debug("%s: plugin %s could not clean up: %s", self._context.robot, self.name, error)
+        finally:
+            self._context.release(self.name)  # what it used once more for that
+
+    def _leave(self) -> None:
+        self.leave_new()
+        instance, self._instance = self._instance, None
+        self.generation += 1
+        self.turn = Turn(self.name, self.manifest.tag.hang_s, self._context.clock)
+        if instance is not None:
+            instance.environment.abandon()
+
+    def _release(self) -> None:
+        if self._instance is not None:
+            self._instance.environment.end(self.why or f"{self.name} is {self.state}")
+        self._holdings.release()
+
+    # -- its lifecycle --------------------------------------------------------------------------------------
+
+    def load(self) -> None:
+        """Create the plugin with its checked parameters and environment, and call its `init`."""
+        self._instance = self.create(self.manifest, self.code)
+        self.apply(Trigger.INITIALISED)
+
+    def create(self, manifest: Manifest, code: PluginCode, *, replaces: Instance | None = None) -> Instance:
+        """Make an instance and call its `init`; it takes over the observers of the one that it replaces."""
+        parameters = check_parameters(manifest, code, self._context.parameters_of(self.name))
+        self.environment = self._making = environment = self._context.make_environment(self)
+        try:
+            plugin = code.plugin_class(environment, parameters)
+            instance = Instance(code, plugin, environment, environment.wire)
+            if replaces is not None:
+                instance.take_over(replaces)
+            plugin.init()
+            self._check_there(environment)
+        except BaseException:
+            if not environment.has_gone:
+                environment.close()
+                if replaces is not None:
+                    replaces.take_over(replaces)
+                    self.environment = replaces.environment
+            raise
+        finally:
+            if self._making is environment:
+                self._making = None
+        return instance
+
+    def leave_new(self) -> None:
+        """Close an instance that is being made, and leave it to who is stuck in its `init`."""
+        making, self._making = self._making, None
+        if making is not None:
+            making.abandon()
+            making.close()
+
+    def swap(self, instance: Instance | None, manifest: Manifest, code: PluginCode | None) -> None:
+        """Have this instance, made from this manifest and code."""
+        self.manifest, self._code, self._instance = manifest, code, instance
+        self.environment = instance.environment if instance is not None else None
+        self.turn.set_limit(manifest.tag.hang_s)
+
+    def activate(self) -> None:
+        """Call the plugin's `activate`; it is callable from then on (PluginHung if it was abandoned meanwhile)."""
+        with self.turn:
+            instance = self._there()
+            instance.begin(self._context.make_environment(self).wire)
+            instance.plugin.activate()
+            self._check_there(instance.environment)
+            period_s = self.period_s
+            if period_s is not None and not period_s > 0:
+                raise PluginError(self.name, f"{self.name}: expected period_s > 0 or None, got {period_s}")
+            self.period_ns = to_ns(period_s) if period_s is not None else 0
+            self.due_ns = 0 if self.period_ns else NEVER_NS
+            self.apply(Trigger.ACTIVATED)
+            if self._context.halted:  # looked at last: a halt that comes now sees that it is active
+                self.refuse_calls()
+            if self.mailbox.wake is not None:
+                self.mailbox.wake()  # its thread sleeps while there is nothing to step
+
+    def fault(self, error: ForeignError) -> None:
+        """The plugin raised, hangs or floods: it is not called any more; the host sees to the rest in its step."""
+        self.apply(Trigger.FAIL, f"{type(error).__name__}: {error}", error)
+
+    def refuse_calls(self) -> None:
+        """The first half of a halt."""
+        self.apply(Trigger.HALT, "emergency halt")
+
+    def halt(self) -> None:
+        """Refuse calls, then call `emergency_halt` without the lock; PluginHung if it still hangs in an earlier one."""
+        self.refuse_calls()
+        instance = self._instance
+        if instance is None:
+            return
+        if self._in_halt is instance:
+            raise PluginHung(self.name, f"{self.name} has not come back from an earlier emergency_halt")
+        self._in_halt = instance
+        try:
+            instance.plugin.emergency_halt()
+        finally:
+            self._in_halt = None
+            instance.environment.end_actions("emergency halt")
+
+    def unload(self) -> None:
+        """End the plugin for good: handles on it say so (what its `deactivate` raises is raised afterwards)."""
+        try:
+            self.apply(Trigger.UNLOAD, "it is being unloaded")
+        finally:
+            self.why = "it was unloaded"
+
+    def _there(self) -> Instance:
+        if self._instance is None:
+            raise PluginInactive(self.name, f"{self.name} is {self.state}{f': {self.why}' if self.why else ''}")
+        return self._instance
+
+    def _check_there(self, environment: Environment) -> None:
+        if environment.has_gone:
+            raise PluginHung(self.name, f"this instance of {self.name} was abandoned")
+
+    # -- its step -------------------------------------------------------------------------------------------
+
+    def run_step(self) -> None:
+        """Deliver what was notified, then the plugin's own step; a plugin that raises is faulted."""
+        self._run(steps=True)
+
+    def deliver(self) -> None:
+        """Deliver what was notified, between two steps or to a passive plugin."""
+        self._run(steps=False)
+
+    def _run(self, *, steps: bool) -> None:
+        turn = self.turn
+        if not turn.acquire(turn.limit_s):
+            return  # a caller is stuck in it: the host sees to that
+        try:
+            instance = self._instance
+            if self.state is not PluginState.ACTIVE or instance is None:
+                return
+            try:
+                if self.mailbox.waiting:
+                    self.mailbox.deliver()
+                if steps and instance.plugin.period_s is not None:
+                    instance.plugin.step()
+            except FOREIGN_ERRORS as error:  # foreign plugin code
+                if instance is self._instance:
+                    self.blame(error)
+        finally:
+            turn.release()
+
+    def blame(self, error: ForeignError) -> None:
+        """What the plugin raised is its fault, unless it ran into a halt or an end of what it calls."""
+        if isinstance(error, PluginInactive) and self._context.excuses(self, error.plugin):
+            return
+        if isinstance(error, PluginCrashed) and error.plugin != self.name:
+            return  # the process of one that it called has ended, which is told to that one
+        self.fault(error)
+
+    # -- what it asks for -----------------------------------------------------------------------------------
+
+    def use(self, name: str, interface: type[InterfaceT]) -> InterfaceT:
+        """A handle on another plugin for this one; the other decides."""
+        if name not in self.manifest.tag.requires:
+            raise AccessDenied(
+                name, f"{self.name} must name {name} in [tag] requires of {short_path(self.manifest.path)} to use it"
+            )
+        return cast(InterfaceT, self._context.request(self, name, interface))
+
+    def observe(self, event: Event[Any] | EventView[Any], function: Callable[[Any], None]) -> None:
+        """Have the plugin told of an event, through its mailbox."""
+        self._holdings.observe(event, function)
+
+    def answer(self, topic: Query[Any, Any], handler: Handler[Any, Any], names: dict[str, str]) -> None:
+        """Answer queries for the plugin, with its lock held."""
+        environment = self._making or self.environment
+        if environment is not None:
+            environment.wire.answer(topic, query_handler(self, environment, handler), serve=Serve.AT_ONCE, **names)
+
+    def do_tasks(self, desk: TaskDesk, kind: type, accept: Accept, let_go: LetGo) -> None:
+        """Register the plugin at the desk; it is called with its lock held, and only while it is active."""
+        self._holdings.do_tasks(desk, kind, *task_handlers(self, accept, let_go))
+
+    # -- what is asked of it --------------------------------------------------------------------------------
+
+    def grant(self, caller: Caller, interface: type) -> Handle:
+        """A handle on this plugin for a caller.
+
+        Raises:
+            AccessDenied: the level, the visibility or the interface speaks against it.
+            PluginBusy: somebody else holds it.
+
+        """
+        check_use(self, caller, interface)
+        if not self.manifest.tag.shared:
+            self.exclusive.keep(caller, granted=True)
+        return Handle(self, interface, caller)
+
+    def hold(self, by: str, lease_s: float) -> Lease:
+        """Let somebody outside have the plugin for themselves for a time, or longer if they have it.
+
+        Raises:
+            PluginBusy: somebody else holds it.
+            PluginError: it cannot be held, or not now.
+            BadName, ValueError: see ExternalLeases.take.
+
+        """
+        check_outside(self)
+        if self.manifest.tag.shared:
+            raise PluginError(self.name, f"{self.name} is shared: nobody can hold it")
+        self.live_plugin()
+        return self.exclusive.lease(by, lease_s)
+
+    def call_external(self, function: str, payload: bytes, *, by: str = "") -> Any:
+        """Call an external function, known by its name or that of one signature, with JSON arguments.
+
+        `payload` is an array by position, an object by name, or nothing; `by` says who calls: only that one may call
+        a plugin that it holds (CallError with the code that says why not).
+        """
+        known = external_function(self, function, by)
+        return call_from_outside(self, known, lambda plugin: known.call(plugin, payload))
+
+    def call_external_text(self, function: str, words: list[str], *, by: str = "") -> str:
+        """Call an external function with arguments as text; the result is text as well (CallError as above)."""
+        known = external_function(self, function, by)
+        return str(call_from_outside(self, known, lambda plugin: known.call_text(plugin, words)))

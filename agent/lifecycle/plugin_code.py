@@ -1,0 +1,79 @@
+"""What a plugin is made of: its class, its external functions and events, and its checked parameters."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+
+from robrain.agent.access.external_function import ExternalFunction, external_functions
+from robrain.agent.class_import import import_class, module_file
+from robrain.agent.errors import ManifestError
+from robrain.agent.event import Event
+from robrain.agent.isolation.import_trial import try_import
+from robrain.agent.isolation.isolated_plugin import isolated_class
+from robrain.agent.manifest import Manifest, where_and_what
+from robrain.agent.plugin import Plugin
+
+
+class PluginCode(msgspec.Struct, frozen=True):
+    """A plugin's class, and what it opens to the outside."""
+
+    plugin_class: type[Plugin]
+    functions: dict[str, ExternalFunction]
+    events: list[str]
+    """Names of the events that the class declares."""
+
+
+def import_code(manifest: Manifest, *, fresh: bool = False, live: bool = True) -> PluginCode:
+    """Import the class that a manifest names, and read what it opens to the outside.
+
+    Args:
+        manifest: see `import_class`, as for `fresh`.
+        fresh: execute the module again.
+        live: whether the drive is live; in lockstep a plugin with `isolation = "process"` is refused before its import.
+
+    Raises:
+        ManifestError: it cannot be imported, is no plugin, or has functions that cannot be described.
+
+    """
+    isolated = manifest.tag.isolation == "process"
+    if isolated:
+        if not live:  # refused before `try_import`, whose time limit runs on the wall clock
+            why = 'expected "none": "process" is for the live drive, another process cannot run in lockstep'
+            raise ManifestError(manifest.path, "[tag] isolation", why)
+        failure = try_import(manifest.module_name, module_file(manifest), manifest.tag.start_s)
+        if failure:
+            why = f"cannot import {manifest.module_name}: a process for it {failure}"
+            raise ManifestError(manifest.path, "[plugin] class", why)
+    found = import_class(manifest, fresh=fresh)
+    try:
+        if isolated:
+            found = isolated_class(found, manifest)
+        return PluginCode(found, external_functions(found), _event_names(found))
+    except Exception as error:  # hints are foreign code: msgspec or get_type_hints may not understand them
+        raise ManifestError(
+            manifest.path, "[plugin] class", f"the external functions of {found.__name__}: {error}"
+        ) from error
+
+
+def check_parameters(manifest: Manifest, code: PluginCode, overrides: Mapping[str, Any]) -> msgspec.Struct:
+    """The parameters of a plugin: its manifest's, overridden by the robot's file.
+
+    Raises:
+        ManifestError: naming the key and what was expected.
+
+    """
+    try:
+        return msgspec.convert({**manifest.parameters, **overrides}, code.plugin_class.Parameters)
+    except msgspec.ValidationError as error:
+        where, what = where_and_what(error)
+        key = "[parameters]" if where == "file" else f"[parameters] {where}"
+        if overrides:
+            what = f"{what} (the robot's file sets {', '.join(sorted(overrides))})"
+        raise ManifestError(manifest.path, key, what) from error
+
+
+def _event_names(plugin_class: type[Plugin]) -> list[str]:
+    return sorted(
+        {name for base in plugin_class.__mro__ for name, value in vars(base).items() if isinstance(value, Event)}
+    )

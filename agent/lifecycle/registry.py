@@ -1,0 +1,167 @@
+"""The plugins of one robot: which there are, who requires whom, who holds whom."""
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from robrain.agent.access.callee import Callee, Caller
+from robrain.agent.access.exclusive_use import ExternalLeases
+from robrain.agent.access.handle import Handle
+from robrain.agent.access.rules import level_conflict
+from robrain.agent.environment import Environment, PluginRequests
+from robrain.agent.errors import PluginError, PluginMissing
+from robrain.agent.isolation.foreign_plugins import ForeignHandle, ForeignPlugins
+from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
+from robrain.agent.lifecycle.requirements import branch_of
+from robrain.agent.lifecycle.worker_pool import WorkerPool
+from robrain.agent.manifest import Manifest
+from robrain.agent.plugin import Plugin, PluginState
+from robrain.agent.task_desk import TaskDesk
+from robrain.protocol.wire.clock import Clock
+from robrain.protocol.wire.messages import PluginInfo
+
+MakeEnvironment = Callable[[PluginRequests], Environment]
+
+
+class Registry:
+    """Knows the plugins of one robot; its dict of them is replaced, never changed, so that readers need no lock.
+
+    Args:
+        robot: its name.
+        clock: the run's clock.
+        desk: where behaviors register for tasks.
+        make_environment: makes what a plugin is given.
+        parameters: for each plugin, parameters that override its manifest's.
+
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        clock: Clock,
+        desk: TaskDesk,
+        make_environment: MakeEnvironment,
+        parameters: Mapping[str, Mapping[str, Any]],
+    ) -> None:
+        self.robot = robot
+        self.clock = clock
+        self.desk = desk
+        self.make_environment = make_environment
+        self.leases = ExternalLeases(clock)
+        self.plugins: dict[str, ManagedPlugin] = {}
+        """Requirements before those that require them."""
+        self.halted = False
+        self.foreign: ForeignPlugins | None = None
+        """Plugins that are processes of their own, in live."""
+        self.starters: WorkerPool | None = None
+        """Starts plugins, in live; one that hangs while it is started is abandoned."""
+        self.new_faults: deque[ManagedPlugin] = deque()
+        """Plugins that have faulted since the host's last look at them."""
+        self._parameters = parameters
+
+    @property
+    def is_live(self) -> bool:
+        """Whether the drive is live. Time limits on plugins, which run on the wall clock, apply only then."""
+        return self.starters is not None
+
+    def parameters_of(self, name: str) -> Mapping[str, Any]:
+        """What the robot's own file says of a plugin's parameters."""
+        return self._parameters.get(name, {})
+
+    def get(self, name: str) -> ManagedPlugin:
+        """The plugin of a name (PluginMissing if there is none)."""
+        try:
+            return self.plugins[name]
+        except KeyError:
+            raise PluginMissing(name, f"no plugin {name}; there are: {', '.join(self.plugins)}") from None
+
+    def remove(self, plugin: ManagedPlugin) -> None:
+        """Know a plugin no more."""
+        self.plugins = {name: other for name, other in self.plugins.items() if other is not plugin}
+
+    # -- who requires whom ----------------------------------------------------------------------------------
+
+    def requirements(self) -> dict[str, list[str]]:
+        """What each plugin requires, by name."""
+        return {name: plugin.manifest.tag.requires for name, plugin in self.plugins.items()}
+
+    def users_of(self, name: str) -> list[ManagedPlugin]:
+        """All that require a plugin, also by way of others; users before what they use."""
+        needed = {name}
+        users = []
+        for plugin in self.plugins.values():  # requirements first
+            if needed.intersection(plugin.manifest.tag.requires):
+                needed.add(plugin.name)
+                users.append(plugin)
+        return users[::-1]
+
+    def has(self, name: str) -> bool:
+        """Whether there is a plugin of that name, in the robot's process or in one of its own."""
+        return name in self.plugins or self.is_foreign(name)
+
+    def is_running(self, name: str) -> bool:
+        """Whether a plugin of that name runs."""
+        return self.is_foreign(name) or (name in self.plugins and self.plugins[name].state.is_running)
+
+    def excuses(self, plugin: Callee, other: str) -> bool:
+        """Whether it is no fault of a plugin's that one that it requires does not answer: it has gone, or is halted."""
+        if self.halted:
+            return True
+        found = self.plugins.get(other)
+        return other in branch_of(plugin.name, self.requirements()) and (
+            found is None or found.state is not PluginState.ACTIVE
+        )
+
+    def check_requirements(self, manifest: Manifest, plugin_class: type[Plugin]) -> None:
+        """Whether what a plugin requires runs, and is of lower levels (PluginError if not)."""
+        for required in manifest.tag.requires:
+            if self.is_foreign(required):
+                continue
+            other = self.get(required)
+            if other.plugin_class.level >= plugin_class.level:
+                raise level_conflict(manifest.name, plugin_class, required, other.plugin_class)
+            if not other.state.is_running:
+                raise PluginError(
+                    manifest.name, f"{manifest.name} requires {required}, which is {other.state}: {other.why}"
+                )
+
+    def check_fit(self, manifest: Manifest, plugin_class: type[Plugin]) -> None:
+        """Whether a plugin, edited, still fits in with what it requires, and with those that require it.
+
+        Raises:
+            PluginError: a level speaks against it, or what it requires does not run.
+
+        """
+        self.check_requirements(manifest, plugin_class)
+        for user in self.plugins.values():
+            if manifest.name in user.manifest.tag.requires and user.plugin_class.level <= plugin_class.level:
+                raise level_conflict(user.name, user.plugin_class, manifest.name, plugin_class)
+
+    # -- who uses whom --------------------------------------------------------------------------------------
+
+    def request(self, caller: Caller, name: str, interface: type) -> Handle | ForeignHandle:
+        """Pass a plugin's request for another on to the other, or to a foreign process of that name."""
+        if self.foreign is not None and self.is_foreign(name):
+            return self.foreign.use(caller.name, caller.plugin_class.level, name, interface)
+        return self.get(name).grant(caller, interface)
+
+    def release(self, name: str) -> None:
+        """A plugin goes: it holds no other any more."""
+        for plugin in self.plugins.values():
+            if plugin.exclusive.inside == name:
+                plugin.exclusive.inside = ""
+
+    def note_fault(self, plugin: ManagedPlugin) -> None:
+        """A plugin has faulted; its users' locks must not be taken from below, so this is seen to later."""
+        if plugin not in self.new_faults:
+            self.new_faults.append(plugin)
+
+    # -- foreign plugins ------------------------------------------------------------------------------------
+
+    def is_foreign(self, name: str) -> bool:
+        """Whether it is a process of its own that goes by this name."""
+        return self.foreign is not None and name not in self.plugins and name in self.foreign
+
+    def foreign_infos(self) -> list[PluginInfo]:
+        """Those plugins that are processes of their own; the robot's own come first where names are the same."""
+        return [info for info in self.foreign.infos() if info.name not in self.plugins] if self.foreign else []

@@ -1,0 +1,42 @@
+"""What a plugin needs of its robot."""
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+from robrain.agent.access.callee import Callee, Caller
+from robrain.agent.access.exclusive_use import ExternalLeases
+from robrain.agent.environment import Environment, PluginRequests
+from robrain.agent.task_desk import TaskDesk
+from robrain.protocol.wire.clock import Clock
+
+
+class RobotContext(Protocol):
+    """What a plugin needs of its robot."""
+
+    robot: str
+    clock: Clock
+    desk: TaskDesk
+    leases: ExternalLeases
+    halted: bool
+
+    @property
+    def is_live(self) -> bool:
+        """Whether the drive is live."""
+
+    def parameters_of(self, name: str) -> Mapping[str, Any]:
+        """What the robot's own file says of a plugin's parameters."""
+
+    def make_environment(self, plugin: PluginRequests) -> Environment:
+        """An environment for a new instance, with an endpoint of its own."""
+
+    def request(self, caller: Caller, name: str, interface: type) -> Any:
+        """A handle on another plugin, or an error that says why not."""
+
+    def release(self, name: str) -> None:
+        """A plugin holds no other any more."""
+
+    def note_fault(self, plugin: Any) -> None:
+        """A plugin has faulted; to be seen to in the host's own step."""
+
+    def excuses(self, plugin: Callee, other: str) -> bool:
+        """Whether it is no fault of a plugin's that another one does not answer."""

@@ -1,0 +1,171 @@
+"""The start of plugins: what can start does; what cannot is left out with the reason, and so is what requires it."""
+
+import logging
+from collections.abc import Callable, Iterable
+
+from robrain.agent.access.rules import level_conflict
+from robrain.agent.errors import (
+    FOREIGN_ERRORS,
+    HardwareAbsent,
+    ManifestError,
+    PluginError,
+    PluginHung,
+    PluginMissing,
+    RequirementFaulted,
+)
+from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
+from robrain.agent.lifecycle.registry import Registry
+from robrain.agent.lifecycle.replacement import Replacement
+from robrain.agent.lifecycle.requirements import path_to_missing, start_order
+from robrain.agent.lifecycle.transitions import Trigger
+from robrain.agent.lifecycle.worker_pool import NotBack, WorkerPool
+from robrain.agent.manifest import Manifest
+from robrain.agent.plugin import PluginState
+from robrain.agent.plugin_traceback import log_error
+
+logger = logging.getLogger(__name__)
+
+GiveUp = Callable[[str], Callable[[], None] | None]
+"""Leaves what hangs to who is stuck in it, for that reason; returns what is left to do, and may take its time."""
+
+
+class Starter:
+    """Starts the plugins of one robot."""
+
+    def __init__(self, registry: Registry) -> None:
+        self._registry = registry
+
+    def start_all(self) -> None:
+        """Load each plugin, then activate each, requirements first."""
+        self.sort()
+        for plugin in self._registry.plugins.values():
+            self._attempt(plugin, plugin.load)
+        for plugin in self._registry.plugins.values():
+            self._attempt(plugin, plugin.activate)
+
+    def start(self, plugin: ManagedPlugin) -> None:
+        """Start a plugin, and do not leave it out if that fails.
+
+        Raises:
+            Exception: why it failed; PluginHung if it does not come back, and is abandoned.
+
+        """
+        self._in_time(plugin, plugin.load, None)
+        self._in_time(plugin, plugin.activate, None)
+
+    def begin(self, plugin: ManagedPlugin) -> None:
+        """Start a plugin that is listed but does not run; if that fails it is left out with the reason."""
+        if plugin.instance is not None:
+            plugin.apply(Trigger.REACTIVATE)
+        else:
+            plugin.apply(Trigger.RESTART)
+            self._attempt(plugin, plugin.load)
+        self._attempt(plugin, plugin.activate)
+
+    def replace(self, plugin: ManagedPlugin, manifest: Manifest) -> None:
+        """Take a new instance, made from the manifest and code as they are now on disk, in place of the old.
+
+        Raises:
+            Exception: why it failed; the old one keeps running then.
+
+        """
+        registry = self._registry
+        replacement = Replacement(plugin, manifest, registry.check_fit, live=registry.is_live)
+        self._in_time(plugin, replacement.run, replacement.give_up)
+
+    def begin_dependants(self, came: Iterable[str]) -> list[ManagedPlugin]:
+        """Start what was left out, or deactivated, for want of what is there now, and what waits for that in turn.
+
+        Returns:
+            Those that were started.
+
+        """
+        registry, there, begun = self._registry, set(came), []
+        for plugin in list(registry.plugins.values()):
+            if plugin.name in there or there.isdisjoint(plugin.manifest.tag.requires):
+                continue
+            waits = plugin.state is PluginState.INACTIVE or (
+                plugin.state is PluginState.FAULTED and plugin.instance is None
+            )
+            if waits and all(map(registry.is_running, plugin.manifest.tag.requires)):
+                self.begin(plugin)
+                if plugin.state.is_running:
+                    there.add(plugin.name)
+                    begun.append(plugin)
+        return begun
+
+    def sort(self) -> None:
+        """Find the start order anew, and leave out what requires itself or cannot be imported."""
+        registry = self._registry
+        for plugin in registry.plugins.values():
+            if plugin.state is PluginState.DISCOVERED:
+                self._import_class(plugin)
+        order, circles = start_order(registry.requirements())
+        for circle in circles:
+            for name in circle:
+                registry.plugins[name].apply(Trigger.LEAVE_OUT, f"requires itself: {' → '.join(circle)}")
+        registry.plugins = {name: registry.plugins[name] for name in order}
+
+    def _import_class(self, plugin: ManagedPlugin) -> None:
+        try:
+            self._in_time(plugin, lambda: plugin.plugin_class, None)
+        except PluginError as error:
+            self._leave_out(plugin, error)
+
+    def _attempt(self, plugin: ManagedPlugin, do: Callable[[], None]) -> None:
+        """Do one step of a plugin's start; if that fails it is left out with the reason."""
+        registry = self._registry
+        if plugin.state is PluginState.FAULTED:
+            return
+        try:
+            missing = path_to_missing(plugin.name, registry.requirements(), registry.has)
+            if missing:
+                there = ", ".join(registry.plugins)
+                raise PluginMissing(missing[-1], f"no plugin {missing[-1]} ({' → '.join(missing)}); there are: {there}")
+            for required in plugin.manifest.tag.requires:
+                if registry.is_foreign(required):
+                    continue
+                other = registry.get(required)
+                if other.state is PluginState.FAULTED:
+                    raise RequirementFaulted(plugin.name, required, other.why)
+                if other.plugin_class.level >= plugin.plugin_class.level:
+                    raise level_conflict(plugin.name, plugin.plugin_class, required, other.plugin_class)
+            self._in_time(plugin, do, None)
+        except HardwareAbsent as error:
+            logger.warning("%s: plugin %s is left out: %s", registry.robot, plugin.name, error)
+            plugin.apply(Trigger.LEAVE_OUT, f"hardware absent: {error}")
+        except PluginError as error:
+            self._leave_out(plugin, error)
+        except FOREIGN_ERRORS as error:  # foreign plugin code
+            plugin.fault(error)
+
+    def _leave_out(self, plugin: ManagedPlugin, error: PluginError) -> None:
+        outside = error.for_outside() if isinstance(error, ManifestError) else error
+        lacks = error.required if isinstance(error, RequirementFaulted) else ""
+        plugin.apply(Trigger.LEAVE_OUT, str(outside), error, lacks=lacks)
+        log_error(logger, f"{self._registry.robot}: plugin {plugin.name} is left out", error)
+
+    def _in_time(self, plugin: ManagedPlugin, do: Callable[[], object], give_up: GiveUp | None) -> None:
+        """Do something with a plugin that may hang; in live, if it takes longer than its `start_s`, it is given up."""
+        pool = self._registry.starters
+        if pool is None:
+            do()
+        else:
+            _run_in_time(pool, plugin, do, give_up)
+
+
+def _run_in_time(pool: WorkerPool, plugin: ManagedPlugin, do: Callable[[], object], give_up: GiveUp | None) -> None:
+    limit_s = plugin.manifest.tag.start_s
+    error = pool.run({plugin.name: do}, limit_s).get(plugin.name)
+    if isinstance(error, NotBack):
+        why = f"{plugin.name} has not come back from its start for {limit_s:g} s"
+        left = None
+        if give_up is not None:
+            left = give_up(why)
+        else:
+            plugin.apply(Trigger.ABANDON, why)
+        if left is not None and isinstance(pool.run({plugin.name: left}, limit_s).get(plugin.name), NotBack):
+            plugin.apply(Trigger.ABANDON, why)
+        raise PluginHung(plugin.name, why)
+    if error is not None:
+        raise error

@@ -1,0 +1,137 @@
+"""The states of a plugin, what may happen to it in each, and what is done then: one table.
+
+What is not in the table is refused. `ManagedPlugin.apply` is the only code that changes a state.
+"""
+
+from collections.abc import Iterable, Mapping
+from enum import Enum, auto
+from typing import NamedTuple
+
+from robrain.agent.errors import PluginError
+from robrain.agent.plugin import PluginState
+from robrain.protocol.wire.errors import ErrorCode
+
+
+class Trigger(Enum):
+    """What happens to a plugin."""
+
+    INITIALISED = "initialised"
+    ACTIVATED = "activated"
+    HALT = "halted"
+    RESUME = "resumed"
+    DEACTIVATE = "deactivated"
+    FAIL = "faulted"
+    """It raised, hangs or floods; the host cleans up after it in its own step."""
+    CLEAN_UP = "cleaned up after"
+    """The host sees to what has faulted."""
+    LEAVE_OUT = "left out"
+    """It cannot be started."""
+    ABANDON = "abandoned"
+    """Somebody is stuck in its instance."""
+    RESTART = "restarted"
+    """It is to be loaded again."""
+    REACTIVATE = "activated again"
+    """Its instance is to be activated again."""
+    REJECT = "restored"
+    """The instance that was to replace another has failed to start."""
+    REJECT_STUCK = "restored from one that hangs"
+    """Somebody is stuck in the instance that was to replace another."""
+    UNLOAD = "unloaded"
+    CLOSE = "closed"
+    """Its host ends."""
+
+
+class Step(Enum):
+    """What is done in a transition; in the order of a row."""
+
+    ASK = auto()
+    """Call the plugin's `deactivate`, with its lock; what it raises is raised, after all other steps."""
+    ASK_FAILED = auto()
+    """As ASK, of a plugin that has failed already: what it raises is only logged."""
+    RELEASE = auto()
+    """Give back what the plugin holds: other plugins, leases, observed events, tasks; end its actions."""
+    END_ACTIONS = auto()
+    """End its actions."""
+    END_WIRE = auto()
+    """Close the queries and subscriptions of this activation."""
+    DISCARD = auto()
+    """Close the instance, with all its queries and subscriptions, and have none."""
+    LEAVE = auto()
+    """Leave the instance, its lock and its thread to who is stuck in it."""
+    REPORT = auto()
+    """Have the host see to the fault."""
+
+
+class Transition(NamedTuple):
+    """The state that follows, and what is done."""
+
+    to: PluginState
+    steps: tuple[Step, ...] = ()
+
+
+class TransitionRefused(PluginError):
+    """What was to happen to a plugin cannot happen in its state; carries `.state` and `.trigger`."""
+
+    code = ErrorCode.REFUSED
+
+    def __init__(self, plugin: str, state: PluginState, trigger: Trigger) -> None:
+        super().__init__(plugin, f"{plugin} is {state}: it cannot be {trigger.value}")
+        self.state = state
+        self.trigger = trigger
+
+
+_S = PluginState
+_END = (Step.ASK, Step.RELEASE, Step.END_WIRE)
+_LEAVE = (Step.LEAVE, Step.RELEASE, Step.DISCARD)
+_CLEAN_UP = (Step.ASK_FAILED, Step.DISCARD)
+_RUNNING = (_S.ACTIVE, _S.HALTED)
+_NOT_RUNNING = (_S.DISCOVERED, _S.LOADED, _S.INACTIVE, _S.FAULTED)
+_LISTED = (*_NOT_RUNNING, *_RUNNING)
+
+
+def _rows(
+    trigger: Trigger, states: Iterable[PluginState], to: PluginState | None, *steps: Step
+) -> dict[tuple[PluginState, Trigger], Transition]:
+    """The same transition from several states; each stays as it is if `to` is None."""
+    return {(state, trigger): Transition(to or state, steps) for state in states}
+
+
+TRANSITIONS: Mapping[tuple[PluginState, Trigger], Transition] = {
+    **_rows(Trigger.INITIALISED, [_S.DISCOVERED], _S.LOADED),
+    **_rows(Trigger.ACTIVATED, [_S.LOADED, _S.INACTIVE], _S.ACTIVE),
+    **_rows(Trigger.HALT, [_S.ACTIVE], _S.HALTED),
+    **_rows(Trigger.HALT, [*_NOT_RUNNING, _S.HALTED, _S.UNLOADED], None),
+    **_rows(Trigger.RESUME, [_S.HALTED], _S.ACTIVE, Step.END_ACTIONS),  # those that a call began during the halt
+    **_rows(Trigger.RESUME, [*_NOT_RUNNING, _S.ACTIVE, _S.UNLOADED], None),
+    **_rows(Trigger.DEACTIVATE, _RUNNING, _S.INACTIVE, *_END),
+    **_rows(Trigger.DEACTIVATE, [*_NOT_RUNNING, _S.UNLOADED], None),
+    **_rows(Trigger.FAIL, [_S.DISCOVERED, _S.LOADED, _S.INACTIVE, *_RUNNING], _S.FAULTED, Step.RELEASE, Step.REPORT),
+    **_rows(Trigger.FAIL, [_S.FAULTED, _S.UNLOADED], None),
+    **_rows(Trigger.CLEAN_UP, [_S.FAULTED], _S.FAULTED, *_CLEAN_UP),
+    **_rows(Trigger.CLEAN_UP, [_S.UNLOADED], None),
+    **_rows(Trigger.LEAVE_OUT, _LISTED, _S.FAULTED, Step.RELEASE, *_CLEAN_UP),
+    **_rows(Trigger.ABANDON, _LISTED, _S.FAULTED, *_LEAVE),
+    **_rows(Trigger.ABANDON, [_S.UNLOADED], None),
+    **_rows(Trigger.RESTART, [_S.DISCOVERED, _S.INACTIVE, _S.FAULTED], _S.DISCOVERED),
+    **_rows(Trigger.REACTIVATE, [_S.LOADED, _S.INACTIVE, _S.FAULTED, _S.DISCOVERED], _S.INACTIVE),
+    **_rows(Trigger.REJECT, [_S.INACTIVE, _S.FAULTED, *_RUNNING], _S.INACTIVE, Step.RELEASE, *_CLEAN_UP),
+    **_rows(Trigger.REJECT_STUCK, [_S.INACTIVE, _S.FAULTED, *_RUNNING], _S.INACTIVE, *_LEAVE),
+    **_rows(Trigger.UNLOAD, _RUNNING, _S.UNLOADED, Step.ASK, Step.RELEASE, Step.DISCARD),
+    **_rows(Trigger.UNLOAD, [_S.LOADED, _S.FAULTED], _S.UNLOADED, Step.ASK_FAILED, Step.RELEASE, Step.DISCARD),
+    **_rows(Trigger.UNLOAD, [_S.DISCOVERED, _S.INACTIVE], _S.UNLOADED, Step.RELEASE, Step.DISCARD),
+    **_rows(Trigger.UNLOAD, [_S.UNLOADED], None),
+    **_rows(Trigger.CLOSE, [*_LISTED, _S.UNLOADED], None, Step.DISCARD),
+}
+
+
+def transition(plugin: str, state: PluginState, trigger: Trigger) -> Transition:
+    """What follows when that happens to a plugin in that state.
+
+    Raises:
+        TransitionRefused: it cannot happen then.
+
+    """
+    try:
+        return TRANSITIONS[state, trigger]
+    except KeyError:
+        raise TransitionRefused(plugin, state, trigger) from None

@@ -1,0 +1,235 @@
+import msgspec
+import pytest
+
+from robrain.agent.lifecycle.transitions import Trigger
+from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.wire.topics import ROBOT_CALL
+
+# As a student writes it: ten lines and a manifest.
+GREETER = """
+    class Greeter(Unit):
+        \"\"\"Greets whoever asks.\"\"\"
+
+        @external
+        def hello(self, name: str = "world", times: int = 1) -> str:
+            \"\"\"A greeting.\"\"\"
+            return " ".join([f"hello {name}"] * times)
+"""
+MORE = """
+    class Place(msgspec.Struct):
+        x_m: float
+        y_m: float = 0.0
+
+    class LowInterface(Protocol):
+        def poke(self) -> None: ...
+
+    class Low(Device):
+        interface = LowInterface
+        def poke(self) -> None: pass
+
+    class More(Unit):
+        def activate(self): self.low = self.env.use("low", LowInterface)
+
+        def hidden(self) -> str: return "hidden"
+
+        @external
+        def add(self, a: int, b: int = 10) -> int: return a + b
+
+        @external
+        def mirror(self, place: Place) -> Place: return Place(-place.x_m, -place.y_m)
+
+        @external
+        def choose(self, of: list[int] | None = None) -> int | None: return max(of) if of else None
+
+        @external
+        def crash(self) -> None: raise RuntimeError("it went wrong")
+
+        @external
+        def unspeakable(self): return object()
+
+        @external
+        def poke(self) -> str:
+            self.low.poke()
+            return "poked"
+"""
+
+
+@pytest.fixture
+def more(bench):
+    bench.code("more", MORE)
+    bench.manifest("low", "more:Low", visibility=["more"])
+    bench.manifest("more", "more:More", requires=["low"])
+    bench.start("more")
+    return bench
+
+
+def refused(bench, *call):
+    with pytest.raises(CallError) as refusal:
+        bench.call(*call)
+    return refusal.value.code, str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "greeting"),
+    [
+        (None, "hello world"),  # nothing at all: the defaults
+        ([], "hello world"),  # none by position
+        ({}, "hello world"),  # none by name
+        (["you"], "hello you"),  # by position
+        (["you", 2], "hello you hello you"),  # both by position
+        ({"times": 2}, "hello world hello world"),  # the second by name
+        ({"times": 2, "name": "you"}, "hello you hello you"),  # by name, in any order
+        (b"  ", "hello world"),  # blanks
+    ],
+)
+def test_a_students_plugin_is_called_by_position_by_name_and_by_default(bench, arguments, greeting):
+    bench.code("greeter", GREETER)
+    bench.manifest("greeter", "greeter:Greeter")
+    bench.start("greeter")
+    assert bench.call("greeter", "hello", arguments) == greeting
+
+
+def test_the_robot_tells_what_can_be_called_and_how(bench):
+    bench.code("greeter", GREETER)
+    bench.manifest("greeter", "greeter:Greeter")
+    bench.start("greeter")
+    info = bench.infos()["greeter"]
+    assert (info.level, info.state, info.doc, info.period_s) == ("unit", "active", "Greets whoever asks.", None)
+    (function,) = info.functions
+    assert (function.name, function.doc) == ("hello", "A greeting.")
+    assert function.signature == "(name: str = 'world', times: int = 1) -> str"
+    (definition,) = function.parameters["$defs"].values()
+    assert definition["properties"]["times"] == {"type": "integer", "default": 1}
+    assert function.returns == {"type": "string"}
+
+
+@pytest.mark.parametrize(
+    ("function", "arguments", "result"),
+    [
+        ("add", [1], 11),
+        ("add", {"a": 1, "b": 2}, 3),
+        ("mirror", [{"x_m": 1.0}], {"x_m": -1.0, "y_m": -0.0}),
+        ("choose", [[3, 1, 2]], 3),
+        ("choose", [None], None),
+        ("choose", None, None),
+        ("poke", None, "poked"),
+    ],
+)
+def test_arguments_and_results_are_typed(more, function, arguments, result):
+    assert more.call("more", function, arguments) == result
+
+
+@pytest.mark.parametrize(
+    ("function", "arguments", "named"),
+    [
+        ("add", ["one"], "Expected `int`, got `str` for argument `a`"),  # a wrong type
+        ("add", {"a": 1, "b": "two"}, "Expected `int`, got `str` for argument `b`"),  # a wrong type by name
+        ("add", [1.5], "Expected `int`, got `float` for argument `a`"),  # a fraction
+        ("add", None, "missing required field `a`"),  # nothing given
+        ("add", {"b": 1}, "missing required field `a`"),  # the first left out
+        ("add", [1, 2, 3], "add takes at most 2 arguments, got 3"),  # one too many
+        ("add", {"a": 1, "c": 2}, "unknown field `c`"),  # a name that is none
+        ("add", b"[1", "arguments are not JSON"),  # cut
+        ("add", b"\xff", "arguments are not JSON"),  # no text
+        ("add", b"[" * 100_000, "arguments are not JSON"),  # nested too deep
+        ("add", 3, "expected a JSON array or object of arguments"),  # neither
+        ("mirror", [{"y_m": 1.0}], "missing required field `x_m` for argument `place`"),  # within an argument
+    ],
+    ids=lambda value: value if isinstance(value, str) and len(value) < 20 else "",
+)
+def test_bad_arguments_are_refused_naming_the_argument(more, function, arguments, named):
+    code, message = refused(more, "more", function, arguments)
+    assert code is ErrorCode.BAD_ARGUMENTS
+    assert named in message
+    assert function in message
+
+
+def test_an_unknown_plugin_is_refused_with_the_names_of_those_there_are(more):
+    assert refused(more, "ghost", "add") == (ErrorCode.UNKNOWN_PLUGIN, "no plugin ghost; there are: low, more")
+
+
+def test_an_unknown_function_is_refused_with_the_names_of_those_there_are(more):
+    code, message = refused(more, "more", "subtract")
+    assert code is ErrorCode.UNKNOWN_FUNCTION
+    assert message == "more has no function subtract; it has: add, choose, crash, mirror, poke, unspeakable"
+
+
+@pytest.mark.parametrize("function", ["hidden", "activate", "deactivate", "env", "__init__"])
+def test_what_is_not_marked_external_does_not_exist_outside(more, function):
+    assert refused(more, "more", function)[0] is ErrorCode.UNKNOWN_FUNCTION
+
+
+def test_a_plugin_that_is_not_open_to_the_outside_is_forbidden(more):
+    assert refused(more, "low", "poke") == (ErrorCode.FORBIDDEN, "low is not open to the outside")
+
+
+def test_a_function_that_raises_is_answered_failed_and_the_plugin_goes_on(more):
+    assert refused(more, "more", "crash") == (ErrorCode.FAILED, "RuntimeError: it went wrong")
+    assert more.call("more", "add", [1, 1]) == 2
+
+
+def test_a_result_that_json_has_no_word_for_is_answered_failed(more):
+    code, message = refused(more, "more", "unspeakable")
+    assert code is ErrorCode.FAILED
+    assert "unsupported" in message
+
+
+def test_a_halted_robot_refuses_calls(more):
+    more.hosts[-1].manager.halt()
+    assert refused(more, "more", "add", [1]) == (ErrorCode.HALTED, "more is halted")
+
+
+def test_a_deactivated_plugin_refuses_calls(more):
+    more.hosts[-1].manager.get("more").apply(Trigger.DEACTIVATE)
+    assert refused(more, "more", "add", [1]) == (ErrorCode.INACTIVE, "more is inactive")
+
+
+def test_a_call_that_needs_a_plugin_that_is_not_active_says_which(more):
+    more.hosts[-1].manager.get("low").apply(Trigger.DEACTIVATE)
+    assert refused(more, "more", "poke") == (ErrorCode.INACTIVE, "low is inactive")
+
+
+def test_a_plugin_that_was_left_out_says_why_when_it_is_called(bench):
+    bench.code("more", "import no_such_module")
+    bench.manifest("more", "more:More")
+    bench.start("more")
+    code, message = refused(bench, "more", "add", [1])
+    assert code is ErrorCode.INACTIVE
+    assert "no_such_module" in message
+
+
+def test_another_robot_is_not_there(more):
+    with pytest.raises(NobodyThere):
+        more.call("more", "add", [1], robot="r2")
+
+
+def test_two_robots_in_one_run_answer_for_themselves(bench):
+    bench.code("who", "class Who(Unit):\n    @external\n    def am_i(self) -> str: return self.env.robot")
+    bench.manifest("who", "who:Who")
+    bench.start("who", robot="r1")
+    bench.start("who", robot="r2")
+    assert [bench.call("who", "am_i", robot=robot) for robot in ("r1", "r2")] == ["r1", "r2"]
+
+
+def test_the_same_class_may_be_loaded_under_two_names(bench):
+    bench.code(
+        "lamp",
+        """
+        class Lamp(Device):
+            class Parameters(msgspec.Struct, frozen=True):
+                colour: str
+            @external
+            def colour(self) -> str: return f"{self.env.plugin} is {self.parameters.colour}"
+        """,
+    )
+    bench.manifest("left", "lamp:Lamp", {"colour": "red"})
+    bench.manifest("right", "lamp:Lamp", {"colour": "green"})
+    bench.start("left", "right")
+    assert bench.call("left", "colour") == "left is red"
+    assert bench.call("right", "colour") == "right is green"
+
+
+def test_the_reply_is_plain_json_on_the_wire(more):
+    reply = more.operator.ask(ROBOT_CALL, [1, 2], robot="r1", plugin="more", function="add")
+    assert reply == b"3"
+    assert msgspec.json.decode(reply) == 3

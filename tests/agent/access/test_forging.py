@@ -1,0 +1,472 @@
+"""A plugin cannot forge its name: what holds in one Python process, what does not, and what another process adds.
+
+What is marked as an expected failure is a hole: the test says what should hold.
+"""
+
+import gc
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Protocol
+
+import msgspec
+import pytest
+
+from robrain.agent.access.handle import Handle
+from robrain.agent.board import Board
+from robrain.agent.environment import Environment
+from robrain.agent.errors import AccessDenied, ManifestError, PluginBusy, PluginError, PluginUnloaded
+from robrain.agent.event import Event
+from robrain.agent.host.agent_host import AgentHost
+from robrain.agent.host.plugin_manager import PluginManager
+from robrain.agent.host.robot_file import RobotFile, RobotTable
+from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
+from robrain.agent.lifecycle.plugin_code import import_code
+from robrain.agent.lifecycle.transitions import Trigger
+from robrain.agent.manifest import read_manifest
+from robrain.agent.plugin import Plugin
+from robrain.agent.task_desk import TaskDesk
+from robrain.protocol.wire import messages
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages import HostRequest
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_EVENT, ROBOT_HOST
+from tests.agent.conftest import Bench
+from tests.patient_endpoint import PatientEndpoint
+from tests.waiting import PATIENCE_S
+
+
+class SwitchInterface(Protocol):
+    on: bool
+    pressed: Event[int]
+
+    def press(self) -> int: ...
+
+
+LAB = """
+    from tests.agent.access.test_forging import SwitchInterface
+
+    class TakerInterface(Protocol):
+        def take(self, switch: SwitchInterface) -> None: ...
+
+    class Switch(Device):
+        interface = SwitchInterface
+        pressed = Event[int](outside=True)
+        on = False
+        presses = 0
+        @external
+        def press(self):
+            self.presses += 1
+            return self.presses
+        def secret(self): return "secret"
+
+    class User(Unit):
+        called = Event[int](outside=True)
+        def activate(self): self.switch = self.env.use("switch", SwitchInterface)
+
+    class Taker(Unit):
+        interface = TakerInterface
+        def take(self, switch): self.switch = switch
+
+    class Giver(Skill):
+        def activate(self):
+            self.switch = self.env.use("switch", SwitchInterface)
+            self.env.use("taker", TakerInterface).take(self.switch)
+"""
+DENIED = "stranger is not in the visibility of switch"
+
+
+@pytest.fixture
+def lab(bench):
+    """`switch` is for `friend` and `giver`, one at a time, and for the outside; `lamp` is for `stranger`."""
+    bench.code("lab", LAB)
+    bench.manifest("switch", "lab:Switch", visibility=["friend", "giver", "command"], shared=False)
+    bench.manifest("lamp", "lab:Switch", visibility=["stranger"], shared=False)
+    bench.manifest("friend", "lab:User", requires=["switch"])
+    bench.manifest("stranger", "lab:Taker", requires=["switch", "lamp"])
+    bench.manifest("taker", "lab:Taker", visibility=["giver"])
+    bench.manifest("giver", "lab:Giver", requires=["switch", "taker"])
+    bench.start("stranger", "switch", "lamp")
+    return bench
+
+
+@pytest.fixture
+def env(lab):
+    """What `stranger` is given."""
+    return lab.plugin("stranger").env
+
+
+@pytest.fixture
+def handle(lab, env):
+    """What `stranger` holds of `lamp`."""
+    return env.use("lamp", SwitchInterface)
+
+
+# -- what a plugin says does not count, its tag does ------------------------------------------------------------
+
+
+def test_a_plugin_asks_in_its_own_name_only(lab, env, handle):
+    with pytest.raises(AccessDenied, match=DENIED):
+        env.use("switch", SwitchInterface)
+    with pytest.raises(TypeError):
+        env.use("switch", SwitchInterface, caller="friend")
+    assert (lab.infos()["switch"].holder, lab.infos()["lamp"].holder) == ("", "stranger")
+
+
+def test_a_plugin_that_gives_itself_another_name_stays_who_it_is(lab, env):
+    env.plugin = lab.plugin("stranger").name = "friend"
+    with pytest.raises(AccessDenied, match=DENIED):
+        env.use("switch", SwitchInterface)
+    env.use("lamp", SwitchInterface)
+    assert lab.infos()["lamp"].holder == "stranger"
+
+
+def test_events_leave_the_robot_in_the_name_of_the_plugin_whatever_it_calls_itself(lab):
+    heard = Inbox(every=True)
+    lab.operator.subscribe(heard, ROBOT_EVENT)
+    lab.hosts[-1].manager.load("friend")
+    friend = lab.plugin("friend")
+    friend.env.plugin = "switch"
+    friend.called.notify(1)
+    assert [received.message.plugin for received in heard.drain()] == ["friend"]
+
+
+def test_a_name_that_is_in_use_is_not_given_to_a_second_plugin(lab, tmp_path):
+    (elsewhere := tmp_path / "elsewhere").mkdir()
+    forged = elsewhere / "lamp.toml"
+    forged.write_bytes((lab.place / "stranger.toml").read_bytes())
+    with pytest.raises(CallError, match="lamp is loaded already"):
+        lab.operator.ask(ROBOT_HOST, HostRequest(plugin=str(forged)), robot="r1", verb="load")
+
+
+# -- nothing that a plugin is given leads to a tag or to another plugin -----------------------------------------
+
+
+def reached(*starts):
+    """All that public attributes lead to, through what is robrain's or a plugin's."""
+    waiting, found = list(starts), {}
+    while waiting:
+        each = waiting.pop()
+        if id(each) in found or isinstance(each, type):
+            continue
+        found[id(each)] = each
+        if isinstance(each, dict | list | tuple | set):
+            waiting += [*each.values()] if isinstance(each, dict) else [*each]
+        elif type(each).__module__.startswith("robrain"):
+            for name in ("on", "pressed", "press") if isinstance(each, Handle) else dir(each):
+                if name.startswith("_"):
+                    continue
+                with suppress(AttributeError):  # declared, and not there
+                    waiting.append(getattr(each, name))
+    return list(found.values())
+
+
+def test_no_public_attribute_leads_to_a_tag_or_to_another_plugin(lab, env, handle):
+    there = reached(env, handle)
+    assert {Endpoint, Board, TaskDesk} <= {type(each) for each in there}  # it has looked around
+    hidden = (ManagedPlugin, PluginManager, AgentHost, Plugin, Environment)
+    assert [each for each in there if isinstance(each, hidden)] == [env]
+    there = reached(lab.hosts[-1])  # whoever has the host has all
+    assert all(any(isinstance(each, kind) for each in there) for kind in hidden)
+
+
+@pytest.mark.parametrize("what", ["nothing", "its name", "its environment", "a handle"])
+def test_a_handle_cannot_be_made_without_a_tag(lab, env, handle, what):
+    tag = {"nothing": None, "its name": "friend", "its environment": env, "a handle": handle}[what]
+    with pytest.raises((AttributeError, AccessDenied)):
+        Handle(tag, SwitchInterface, tag)
+
+
+def test_a_tag_cannot_be_made_without_the_manager(lab, env):
+    with pytest.raises(AttributeError):
+        ManagedPlugin(read_manifest(lab.place / "friend.toml"), None)
+
+
+def test_an_environment_made_of_a_stand_in_leads_to_the_stand_in(lab, env):
+    asked = []
+    stand_in = SimpleNamespace(name="friend", use=lambda *request: asked.append(request))
+    forged = Environment(stand_in, "r1", env.wire, env.rng, env.board, env.tasks)
+    forged.use("switch", SwitchInterface)
+    assert asked == [("switch", SwitchInterface)]
+    assert lab.infos()["switch"].holder == ""
+
+
+# -- who hands its own on ---------------------------------------------------------------------------------------
+
+
+def test_a_handle_that_is_handed_on_works_in_the_name_of_who_handed_it_on(lab):
+    lab.hosts[-1].manager.load("giver")
+    assert lab.plugin("taker").switch.press() == 1
+    assert lab.infos()["switch"].holder == "giver"
+    with pytest.raises(AccessDenied, match="secret is not in SwitchInterface"):
+        _ = lab.plugin("taker").switch.secret
+    with pytest.raises(AccessDenied, match=r"taker must name switch in \[tag\] requires"):
+        lab.plugin("taker").env.use("switch", SwitchInterface)
+
+
+@pytest.mark.parametrize("holder", ["friend", ""])
+def test_a_handle_on_an_exclusive_plugin_ends_with_its_user(lab, holder):
+    manager = lab.hosts[-1].manager
+    manager.load("giver")
+    manager.unload("giver")
+    if holder:
+        manager.load(holder)
+    with pytest.raises(PluginUnloaded, match="this instance of giver has gone"):
+        lab.plugin("taker").switch.press()
+    assert (lab.infos()["switch"].holder, lab.plugin("switch").presses) == (holder, 0)
+
+
+def test_a_plugin_that_has_gone_does_not_come_back_by_saying_so(lab):
+    lab.hosts[-1].manager.load("giver")
+    env = lab.plugin("giver").env
+    lab.hosts[-1].manager.unload("giver")
+    with pytest.raises(AttributeError):
+        env.has_gone = False
+    with pytest.raises(PluginUnloaded):
+        lab.plugin("taker").switch.press()
+    assert lab.plugin("switch").presses == 0
+
+
+def test_a_handle_on_an_exclusive_plugin_is_of_no_use_while_another_holds_it(lab):
+    manager = lab.hosts[-1].manager
+    manager.load("giver")
+    manager.get("giver").apply(Trigger.DEACTIVATE)
+    manager.load("friend")
+    with pytest.raises(PluginBusy, match="switch is held by friend"):
+        lab.plugin("taker").switch.press()
+    assert lab.plugin("switch").presses == 0
+
+
+def test_a_plugin_that_does_not_run_holds_nothing_whoever_has_its_handle(lab):
+    manager = lab.hosts[-1].manager
+    manager.load("giver")
+    manager.get("giver").apply(Trigger.DEACTIVATE)
+    with suppress(PluginError):
+        lab.plugin("taker").switch.press()
+    assert lab.infos()["switch"].holder == ""
+
+
+# -- who uses another does not speak in its name ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["env", "secret", "deactivate"])
+def test_an_interface_of_the_same_name_offers_no_more_than_the_plugins_own(lab, env, name):
+    forged = type("SwitchInterface", (), {"__module__": SwitchInterface.__module__, name: None})
+    with pytest.raises(AccessDenied, match=f"{name} is not in SwitchInterface"):
+        getattr(env.use("lamp", forged), name)
+
+
+def test_who_observes_an_event_cannot_notify_it(lab, handle):
+    heard = Inbox(every=True)
+    lab.operator.subscribe(heard, ROBOT_EVENT)
+    with pytest.raises(AttributeError):
+        handle.pressed.notify(7)
+    assert heard.drain() == []
+
+
+def test_who_observes_an_event_cannot_have_it_leave_the_robot_in_its_own_name(lab, env, handle):
+    heard = Inbox(every=True)
+    lab.operator.subscribe(heard, ROBOT_EVENT)
+    with pytest.raises(AttributeError):
+        env.begin({"mine": handle.pressed})
+    lab.plugin("lamp").pressed.notify(7)
+    assert [received.message.plugin for received in heard.drain()] == ["lamp"]
+
+
+# -- what is not guaranteed -------------------------------------------------------------------------------------
+
+
+def by_mangled_name(env, handle):
+    return env._Environment__requests
+
+
+def by_mangled_slot(env, handle):
+    return handle._Handle__callee
+
+
+def by_the_garbage_collector(env, handle):
+    tags = [each for each in gc.get_objects() if isinstance(each, ManagedPlugin) and each.instance]
+    return next(tag for tag in tags if tag.plugin.env is env)
+
+
+def by_the_cells_of_a_function(env, handle):
+    return next(
+        cell.cell_contents for cell in handle.press.__closure__ if isinstance(cell.cell_contents, ManagedPlugin)
+    )
+
+
+def by_the_frames_of_an_error(env, handle):
+    with pytest.raises(AccessDenied) as denied:
+        env.use("nobody", Plugin)
+    return denied.traceback[-1].frame.f_locals["self"]
+
+
+@pytest.mark.parametrize(
+    "way",
+    [
+        by_mangled_name,
+        by_mangled_slot,
+        by_the_garbage_collector,
+        by_the_cells_of_a_function,
+        by_the_frames_of_an_error,
+    ],
+)
+def test_one_python_process_is_one_trust_domain_and_who_means_to_forge_its_name_can(lab, env, handle, way):
+    lab.hosts[-1].manager.load("friend")
+    lab.hosts[-1].manager.registry.release("friend")
+    tag = way(env, handle)._context.get("friend")
+    assert tag.use("switch", SwitchInterface).press() == 1
+    assert lab.infos()["switch"].holder == "friend"
+
+
+def test_on_the_wire_a_name_is_what_the_asker_says(lab, env):
+    request = HostRequest(plugin="switch", by="ann", lease_s=1.0)
+    lab.operator.ask(ROBOT_HOST, request, robot="r1", verb="hold")
+    with pytest.raises(CallError) as refused:
+        env.wire.ask(ROBOT_CALL, robot="r1", plugin="switch", function="press")
+    assert refused.value.code is ErrorCode.BUSY
+    assert env.wire.ask(ROBOT_CALL, by="ann", robot="r1", plugin="switch", function="press") == b"1"
+
+
+def test_on_the_wire_an_event_is_whose_its_sender_says(lab, env):
+    heard = Inbox(every=True)
+    lab.operator.subscribe(heard, ROBOT_EVENT)
+    forged = env.wire.publisher(ROBOT_EVENT, robot="r1", plugin="lamp", event="pressed")
+    forged.put(messages.Event(robot="r1", plugin="lamp", event="pressed"))
+    assert [received.message.plugin for received in heard.drain()] == ["lamp"]
+
+
+def test_on_the_wire_a_plugin_is_loaded_under_any_free_name(lab, env, tmp_path):
+    (elsewhere := tmp_path / "elsewhere").mkdir()
+    for name in ("lab.py", "friend.toml"):
+        (elsewhere / name).write_bytes((lab.place / name).read_bytes())
+    request = HostRequest(plugin=str(elsewhere / "friend.toml"))
+    env.wire.ask(ROBOT_HOST, request, robot="r1", verb="load")
+    assert lab.infos()["switch"].holder == "friend"
+
+
+# -- in a process of its own ------------------------------------------------------------------------------------
+
+ISOLATED = """
+    import gc, os
+    from robrain.agent.access.handle import Handle
+    from robrain.agent.host.agent_host import AgentHost
+    from robrain.agent.isolation.messages import Call, Use
+    from robrain.agent.host.plugin_manager import PluginManager
+    from robrain.agent.plugin import Plugin
+    from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
+    from tests.agent.access.test_forging import SwitchInterface
+
+    KINDS = (ManagedPlugin, PluginManager, AgentHost, Handle, Plugin)
+
+    class Stranger(Unit):
+        handed = Event[object]()
+        def activate(self): self.lamp = self.env.use("lamp", SwitchInterface)
+        @external
+        def process(self) -> int: return os.getpid()
+        @external
+        def own(self) -> int: return self.lamp.press()
+        @external
+        def found(self) -> list[str]:
+            return [type(each).__name__ for each in gc.get_objects() if isinstance(each, KINDS)]
+        @external
+        def by_its_environment(self) -> None: self.env.use("switch", SwitchInterface)
+        @external
+        def by_another_name(self) -> None:
+            self.env.plugin = "friend"
+            try:
+                self.env.use("switch", SwitchInterface)
+            finally:
+                self.env.plugin = "stranger"
+        @external
+        def by_mangled_name(self) -> None: self.env._Environment__requests
+        @external
+        def by_the_connection_itself(self) -> None:
+            self.env._parent.ask(Use("switch", SwitchInterface.__module__, "SwitchInterface"))
+        @external
+        def by_the_number_of_a_handle(self) -> None: self.env._parent.ask(Call(2, "press", b""))
+        @external
+        def by_handing_on(self) -> None: self.handed.notify(self.lamp)
+"""
+
+
+class IsolatedLab:
+    """A robot in live, whose `stranger` runs in a process of its own; `friend` holds `switch`."""
+
+    def __init__(self, place: Path) -> None:
+        self.session = open_lockstep_session()  # reaches nobody else
+        files = Bench(place, self.session)
+        files.code("lab", LAB)
+        files.code("alone", ISOLATED)
+        files.manifest("switch", "lab:Switch", visibility=["friend"])
+        files.manifest("lamp", "lab:Switch", visibility=["stranger"], shared=False)
+        files.manifest("friend", "lab:User", requires=["switch"])
+        patient = {"hang_s": PATIENCE_S, "start_s": 4 * PATIENCE_S}
+        files.manifest("stranger", "alone:Stranger", requires=["switch", "lamp"], visibility=["command"], **patient)
+        stranger = place / "stranger.toml"
+        stranger.write_text(stranger.read_text() + '\nisolation = "process"\n')
+        files.close()
+        robot_file = RobotFile(robot=RobotTable("r1", places=[str(place)], load=["stranger", "friend"]))
+        self.host = AgentHost(robot_file, Path(), self.session, WallClock(), Drive.LIVE)
+        self.host.start()
+        self.operator = PatientEndpoint(self.session, "default", WallClock(), Drive.LIVE)
+
+    def call(self, function):
+        return msgspec.json.decode(self.operator.ask(ROBOT_CALL, robot="r1", plugin="stranger", function=function))
+
+    def close(self) -> None:
+        self.operator.close()
+        self.host.close()
+        self.session.close()
+
+
+@pytest.fixture(scope="module")
+def isolated(tmp_path_factory) -> Iterator[IsolatedLab]:
+    lab = IsolatedLab(tmp_path_factory.mktemp("isolated"))
+    yield lab
+    lab.close()
+
+
+def test_an_isolated_plugin_holds_nothing_but_itself_in_its_process(isolated):
+    assert isolated.call("process") == isolated.host.manager.get("stranger").plugin.pid
+    assert isolated.call("own") == 1
+    assert isolated.call("found") == ["Stranger"]
+
+
+@pytest.mark.parametrize(
+    ("way", "text"),
+    [
+        ("by_its_environment", DENIED),
+        ("by_another_name", DENIED),
+        ("by_the_connection_itself", DENIED),
+        ("by_mangled_name", "stranger runs in a process of its own and has no env.Environment__requests"),
+        ("by_the_number_of_a_handle", "index out of range"),  # handles are numbered for each connection anew
+        ("by_handing_on", "RemoteHandle is not plain data"),
+    ],
+)
+def test_an_isolated_plugin_has_the_connection_of_its_own_name_and_no_other(isolated, way, text):
+    with pytest.raises(CallError, match=text):
+        isolated.call(way)
+    assert isolated.host.manager.get("switch").plugin.presses == 0
+
+
+def test_the_module_of_an_isolated_plugin_runs_in_the_robots_process_too_when_it_is_imported(isolated):
+    # The robot reads the class for its level, interface and functions; what would break a process that imports the
+    # module is found out by a trial import before that, what means harm is not.
+    assert isolated.host.manager.get("stranger").plugin_class.__module__ in sys.modules
+
+
+@pytest.mark.parametrize(
+    ("line", "start_s", "how"),
+    [("os.abort()", 100.0, "was ended by SIGABRT"), ("while True: pass", 0.5, "has not come back for 0.5 s")],
+)
+def test_a_module_that_breaks_its_process_is_not_imported_by_the_robot(bench, line, start_s, how):
+    bench.code("grave", f"import os\n{line}")
+    path = bench.manifest("grave", "grave:Grave", isolation="process", start_s=start_s)
+    with pytest.raises(ManifestError, match=f"cannot import grave: a process for it {how}"):
+        import_code(read_manifest(path))

@@ -1,0 +1,94 @@
+"""A plugin is called by one at a time, on the caller's own thread."""
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from robrain.agent.access.turn import Turn
+from robrain.agent.errors import PluginHung
+from robrain.protocol.wire.clock import VirtualClock, to_ns
+from tests.waiting import PATIENCE_S
+
+LAB = """
+    import threading
+    INSIDE, GO = threading.Event(), threading.Event()
+
+    class BusInterface(Protocol):
+        def who(self) -> int: ...
+        def send(self) -> int: ...
+
+    class Bus(Device):
+        interface = BusInterface
+        inside = 0
+        def who(self): return threading.get_ident()
+        def send(self):
+            self.inside += 1
+            INSIDE.set()
+            GO.wait(600)
+            self.inside -= 1
+            return self.inside
+
+    class Wheels(Unit):
+        def activate(self): self.bus = self.env.use("bus", BusInterface)
+"""
+
+
+@pytest.fixture
+def lab(bench):
+    bench.code("lab", LAB)
+    bench.manifest("bus", "lab:Bus", visibility=["*"], hang_s=PATIENCE_S)
+    bench.manifest("wheels", "lab:Wheels", requires=["bus"])
+    bench.start("wheels")
+    return bench
+
+
+def test_a_passive_plugin_runs_on_the_thread_of_its_caller(lab):
+    bus = lab.plugin("wheels").bus
+    assert bus.who() == threading.get_ident()
+    with ThreadPoolExecutor(1) as others:
+        assert others.submit(bus.who).result(PATIENCE_S) != threading.get_ident()
+
+
+def test_nobody_gets_into_a_plugin_while_another_is_in_it(lab):
+    bus, turn = lab.plugin("wheels").bus, lab.hosts[-1].manager.get("bus").turn
+    space = lab.plugin("bus").send.__func__.__globals__
+    with ThreadPoolExecutor(8) as callers:
+        calls = [callers.submit(bus.send) for _ in range(8)]
+        assert space["INSIDE"].wait(PATIENCE_S)
+        assert not turn.acquire(0.0)
+        assert lab.plugin("bus").inside == 1
+        space["GO"].set()
+        assert [call.result(PATIENCE_S) for call in calls] == [0] * 8
+    assert turn.acquire(0.0)
+    turn.release()
+
+
+def test_a_turn_may_be_taken_again_by_who_has_it_and_is_free_after_the_last():
+    turn = Turn("bus", 5.0, VirtualClock())
+    with ThreadPoolExecutor(1) as others, turn:
+        with turn:
+            pass
+        assert turn.owner == threading.get_ident()
+        assert not others.submit(turn.acquire, 0.0).result(PATIENCE_S)
+    assert turn.owner is None
+
+
+def test_who_waits_longer_than_the_limit_is_told_that_the_plugin_hangs():
+    turn = Turn("bus", 0.001, VirtualClock())
+    with ThreadPoolExecutor(1) as others, turn:
+        with pytest.raises(PluginHung, match=r"bus has not come back for 0\.001 s") as hung:
+            others.submit(turn.__enter__).result(PATIENCE_S)
+        assert hung.value.plugin == "bus"
+
+
+def test_a_turn_is_overdue_from_when_it_was_first_taken():
+    clock = VirtualClock()
+    clock.advance_to(to_ns(100.0))
+    turn = Turn("bus", 1.0, clock)
+    with turn:
+        assert not turn.is_overdue(to_ns(101.0))
+        clock.advance_to(to_ns(100.8))
+        with turn:
+            assert turn.is_overdue(to_ns(101.1)), "since the outer one"
+    assert not turn.is_overdue(to_ns(200.0))

@@ -1,0 +1,403 @@
+from pathlib import Path
+
+import pytest
+
+from robrain.agent.authoring.plugin_check import check_plugins
+from robrain.agent.host.agent_host import stock_place
+
+LAMPS = """
+    class LampInterface(Protocol):
+        dimmed: Event[int]
+        brightness: int
+
+        def dim(self, to: int, *, slowly: bool = False) -> int: ...
+
+    class Lamp(Device):
+        'A lamp.'
+
+        class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+            watts: int = 1
+
+            def __post_init__(self):
+                if self.watts < 1:
+                    raise ValueError("expected watts >= 1")
+
+        interface = LampInterface
+        dimmed = Event[int]()
+
+        def init(self):
+            self.brightness = 0
+
+        def dim(self, to: int, *, slowly: bool = False) -> int:
+            return to
+
+        @external
+        def shine(self, times: int = 1) -> None:
+            'Shine.'
+
+    class Chandelier(Unit):
+        'Several lamps.'
+        interface = LampInterface
+        dimmed = Event[int]()
+        brightness = 0
+
+        def dim(self, to: int, *, slowly: bool = False) -> int:
+            return to
+
+    class Evening(Skill):
+        'Dims them.'
+"""
+LAMP_FILE = "lamps.py"
+
+
+@pytest.fixture
+def lamps(bench):
+    """A folder with three sound plugins."""
+    bench.code("lamps", LAMPS)
+    bench.manifest("lamp", "lamps:Lamp", visibility=["chandelier", "command"])
+    bench.manifest("chandelier", "lamps:Chandelier", visibility=["evening"], requires=["lamp"])
+    bench.manifest("evening", "lamps:Evening", visibility=[], requires=["chandelier"])
+    return bench
+
+
+def found(bench):
+    """Each finding as its file, its key and its text."""
+    return [
+        (finding.path.name, finding.key, ("warning: " if finding.is_warning else "") + finding.message)
+        for finding in check_plugins(bench.place)
+    ]
+
+
+def edit(bench, old: str, new: str) -> None:
+    path = bench.place / LAMP_FILE
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+
+
+def extend_evening(bench, *lines: str) -> None:
+    """Write more into the class Evening."""
+    edit(bench, "'Dims them.'", "\n    ".join(["'Dims them.'", *lines]))
+
+
+def test_there_is_nothing_to_say_of_sound_plugins(lamps):
+    assert found(lamps) == []
+
+
+def test_there_is_nothing_to_say_of_the_stock_plugins_and_the_examples():
+    examples = Path(__file__).parents[3] / "examples" / "03_your_own_plugin"
+    assert check_plugins(stock_place()) == []
+    assert check_plugins(examples) == []
+
+
+def test_a_finding_reads_as_file_key_and_text(lamps):
+    path = lamps.manifest("evening", "lamps:Evening", visibility=["moon"])
+    edit(lamps, "'Dims them.'", "pass")
+    mistake, warning = map(str, check_plugins(lamps.place))
+    assert mistake.startswith(f"{path}: [tag] visibility: there is no plugin moon")
+    assert warning.startswith(f"{lamps.place / LAMP_FILE}: Evening: warning: no docstring: expected a line")
+
+
+# -- manifests --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "message"),
+    [
+        ('[plugin]\nclass = "lamps:Lamp"\n[tag]\nshraed = true', "tag", "unknown field `shraed`"),
+        ('[plugin]\nclass = "lamps.Lamp"', "[plugin] class", "expected module:Class"),
+        ("= broken", "file", "is not TOML"),
+        ('[plugn]\nclass = "lamps:Lamp"\n[tag]\nshared = true', "file", "expected a table [plugin]"),  # passed over
+    ],
+)
+def test_a_wrong_manifest_is_found(lamps, text, key, message):
+    (lamps.place / "other.toml").write_text(text)
+    ((path, found_key, found_message),) = found(lamps)
+    assert (path, found_key) == ("other.toml", key)
+    assert message in found_message
+
+
+def test_toml_files_that_are_no_manifests_are_not_complained_of(lamps):
+    (lamps.place / "pyproject.toml").write_text('[project]\nname = "lamps"')
+    (lamps.place / "r1.toml").write_text('[robot]\nname = "r1"\n[parameters.lamp]\nwatts = 2')
+    assert found(lamps) == []
+
+
+def test_a_name_that_is_there_twice_is_found(lamps):
+    (lamps.place / "z").mkdir()
+    (lamps.place / "z" / "lamp.toml").write_bytes((lamps.place / "lamp.toml").read_bytes())
+    findings = check_plugins(lamps.place)
+    assert str(lamps.place / "lamp.toml") in findings[0].message
+    assert findings[0].path == lamps.place / "z" / "lamp.toml"
+    assert not findings[0].is_warning
+
+
+def test_taking_the_place_of_a_stock_plugin_is_worth_a_warning(lamps):
+    lamps.manifest("battery", "lamps:Lamp")
+    ((path, _, message),) = found(lamps)
+    assert path == "battery.toml"
+    assert message.startswith("warning: takes the place of battery in ")
+
+
+def test_an_empty_folder_is_told(bench):
+    ((_, key, message),) = found(bench)
+    assert key == "folder"
+    assert "no manifest in it" in message
+
+
+# -- classes and parameters -------------------------------------------------------------------------------------
+
+
+UNTOLD = """
+class Other(Unit):
+    'Cannot tell its function to anybody.'
+    @external
+    def f(self, x: HINT) -> None:
+        'F.'
+"""
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        ("import no_such_module", "cannot import other: No module named 'no_such_module' (other.py, line "),
+        ("def half():\n    return 1 / 0\nhalf()", "cannot import other: division by zero (other.py, line "),
+        ("def Other(:", "cannot import other: invalid syntax (other.py, line "),
+        ("raise SystemExit(3)", "cannot import other: it calls exit() (other.py, line "),
+        ("class Another(Unit): pass", "expected a Device, Unit, Skill or Behavior named Other"),
+        ("class Other: pass", "expected a Device, Unit, Skill or Behavior named Other"),
+        (UNTOLD.replace("HINT", "'Nothing'"), "the external functions of Other: name 'Nothing' is not defined"),
+        (UNTOLD.replace("HINT", "type(lambda: 0)"), "the external functions of Other: "),
+    ],
+)
+def test_a_class_that_cannot_be_loaded_is_found(lamps, source, message):
+    lamps.code("other", source)
+    lamps.manifest("other", "other:Other")
+    ((path, key, found_message),) = found(lamps)
+    assert (path, key) == ("other.toml", "[plugin] class")
+    assert message in found_message
+
+
+def test_an_edit_is_seen_at_the_next_look(lamps):
+    assert found(lamps) == []
+    edit(lamps, "class Evening(Skill)", "class Morning(Skill)")
+    ((_, key, _),) = found(lamps)
+    assert key == "[plugin] class"
+
+
+@pytest.mark.parametrize(
+    ("parameters", "key", "message"),
+    [
+        ({"watts": "many"}, "[parameters] watts", "Expected `int`, got `str`"),
+        ({"wats": 3}, "[parameters]", "unknown field `wats`"),
+        ({"watts": 0}, "[parameters]", "expected watts >= 1"),
+    ],
+)
+def test_parameters_that_do_not_convert_are_found(lamps, parameters, key, message):
+    lamps.manifest("lamp", "lamps:Lamp", parameters, visibility=["chandelier"])
+    ((path, found_key, found_message),) = found(lamps)
+    assert (path, found_key) == ("lamp.toml", key)
+    assert message in found_message
+
+
+def test_a_parameter_that_only_a_robots_file_can_set_is_worth_a_warning(lamps):
+    edit(lamps, "watts: int = 1", "watts: int")
+    assert found(lamps) == [
+        ("lamp.toml", "[parameters] watts", "warning: no value and no default: each robot's file must set it")
+    ]
+
+
+def test_parameters_that_are_no_struct_are_found(lamps):
+    extend_evening(lamps, "Parameters = dict")
+    assert found(lamps) == [(LAMP_FILE, "Evening.Parameters", "expected a struct")]
+
+
+@pytest.mark.parametrize(
+    ("period_s", "word"), [("0", "0"), ("-1.5", "-1.5"), ("'1 s'", "'1 s'"), ("float('nan')", "nan")]
+)
+def test_an_active_plugin_without_a_period_above_zero_is_found(lamps, period_s, word):
+    extend_evening(lamps, f"period_s = {period_s}", "def step(self): pass")
+    assert found(lamps) == [
+        (LAMP_FILE, "Evening.period_s", f"expected a number of seconds above 0, or None, got {word}")
+    ]
+
+
+@pytest.mark.parametrize(
+    ("lines", "key", "message"),
+    [
+        (["def step(self): pass"], "Evening.step", "warning: is never called"),
+        (["period_s = 1.0"], "Evening.period_s", "warning: there is no step"),
+        (["@external", "def f(self) -> int: return 1"], "Evening.f", "warning: no docstring"),
+        (["@external", "def f(self, x, y: int) -> int:", "    'F.'"], "Evening.f", "warning: no type hint for x:"),
+    ],
+)
+def test_what_is_worth_a_look_is_a_warning(lamps, lines, key, message):
+    extend_evening(lamps, *lines)
+    ((path, found_key, found_message),) = found(lamps)
+    assert (path, found_key) == (LAMP_FILE, key)
+    assert found_message.startswith(message)
+
+
+def test_a_period_that_init_sets_is_not_missed(lamps):
+    extend_evening(lamps, "def init(self): self.period_s = 0.5", "def step(self): pass")
+    assert found(lamps) == []
+
+
+# -- interfaces -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "message"),
+    [
+        ("def dim(self", "def dimm(self", "dim", "LampInterface has the function dim, Lamp has not"),
+        ("dim(self, to: int, *,", "dim(self, to: int, hard: int, *,", "dim", "cannot be called as"),  # one too many
+        ("dim(self, to: int, *,", "dim(self, *,", "dim", "cannot be called as"),  # one too few
+        ("dim(self, to: int, *,", "dim(self, level: int, *,", "dim", "cannot be called as"),  # another name
+        ("slowly: bool = False) -> int:\n", "slowly: bool) -> int:\n", "dim", "cannot be called as"),  # no default
+        (
+            "dim(self, to: int, *,",
+            "dim(self, to: str, *,",
+            "dim",
+            "takes str for to, LampInterface promises to take int",
+        ),
+        ("= False) -> int:\n", "= False) -> str:\n", "dim", "returns str, LampInterface promises int"),
+        ("= False) -> int:\n", "= False) -> None:\n", "dim", "returns NoneType, LampInterface promises int"),
+        ("= False) -> int:\n", "= False) -> int | None:\n", "dim", "returns int | None"),
+        ("dimmed = Event[int]()", "", "dimmed", "LampInterface has the event dimmed, Lamp has not"),
+        ("dimmed = Event[int]()", "dimmed = 3", "dimmed", "LampInterface has the event dimmed, Lamp has not"),
+        ("self.brightness = 0", "pass", "brightness", "LampInterface has brightness, Lamp has not"),
+        ("interface = LampInterface", "interface = 3", "interface", "expected a Protocol, got 3"),
+    ],
+)
+def test_an_interface_that_the_class_does_not_keep_is_found(lamps, old, new, key, message):
+    path = lamps.place / LAMP_FILE
+    protocol, lamp, rest = path.read_text().partition("class Lamp(Device):")
+    assert old in rest
+    path.write_text(protocol + lamp + rest.replace(old, new, 1))
+    ((name, found_key, found_message),) = found(lamps)
+    assert (name, found_key) == (LAMP_FILE, f"Lamp.{key}")
+    assert message in found_message
+
+
+@pytest.mark.parametrize(
+    "signature",
+    [
+        "(self, to, *, slowly=False)",  # no hints: nothing to compare
+        "(self, to: float, *, slowly: bool = True) -> bool",  # takes more, promises more
+        "(self, to: int | str, slowly: bool = False, hard: bool = False) -> int",  # more than is promised
+        "(self, *arguments, **options)",
+        "(self, to: 'Nowhere', *, slowly: bool = False) -> int",  # a hint for the type checker only
+    ],
+)
+def test_a_function_may_do_more_than_its_interface_promises(lamps, signature):
+    path = lamps.place / LAMP_FILE
+    protocol, lamp, rest = path.read_text().partition("class Lamp(Device):")
+    rest = rest.replace("(self, to: int, *, slowly: bool = False) -> int", signature, 1)
+    path.write_text(protocol + lamp + rest)
+    assert found(lamps) == []
+
+
+@pytest.mark.parametrize(
+    ("promised", "own", "fits"),
+    [
+        ("(self, x: list[int]) -> None", "(self, x: list[int]) -> None", True),
+        ("(self, x: list[int]) -> None", "(self, x: list[str]) -> None", False),
+        ("(self, x: dict[str, int]) -> None", "(self, x: dict) -> None", True),
+        ("(self, x: Circle) -> None", "(self, x: Shape) -> None", True),  # takes more
+        ("(self, x: Shape) -> None", "(self, x: Circle) -> None", False),  # takes less
+        ("(self) -> Shape", "(self) -> Circle", True),  # promises more
+        ("(self) -> Circle", "(self) -> Shape", False),  # promises less
+        ("(self) -> Circle | None", "(self) -> Circle", True),
+        ("(self, x: int, /) -> None", "(self, other: int, /) -> None", True),  # its name is nobody's business
+        ("(self, x: int, y: int) -> None", "(self, y: int, x: int) -> None", False),  # the other way round
+        ("(self, *xs: int) -> None", "(self, *xs: int) -> None", True),
+        ("(self) -> None", "(self) -> int", True),  # nobody looks at it
+    ],
+)
+def test_types_and_places_of_parameters_are_compared(bench, promised, own, fits):
+    bench.code(
+        "shapes",
+        f"""
+        class Shape: ...
+        class Circle(Shape): ...
+        class DrawInterface(Protocol):
+            def draw{promised}: ...
+        class Draw(Unit):
+            'Draws.'
+            interface = DrawInterface
+            def draw{own}: ...
+        """,
+    )
+    bench.manifest("draw", "shapes:Draw")
+    assert [key for _, key, _ in found(bench)] == ([] if fits else ["Draw.draw"])
+
+
+# -- who requires and sees whom ---------------------------------------------------------------------------------
+
+
+def test_a_requirement_that_nobody_provides_is_found_and_the_likely_one_named(lamps):
+    lamps.manifest("evening", "lamps:Evening", requires=["chandeleir", "xyzzy"])
+    likely, other = found(lamps)
+    assert likely == ("evening.toml", "[tag] requires", "nobody provides chandeleir; is chandelier meant?")
+    assert other[2].startswith("nobody provides xyzzy; there are: ")
+    assert "chandelier" in other[2]
+
+
+def test_the_stock_plugins_provide_as_well(lamps):
+    lamps.manifest("evening", "lamps:Evening", requires=["mocdevice"])
+    key, message = next((key, message) for _, key, message in found(lamps) if "visibility" in message)
+    assert key == "[tag] requires"
+    assert message.startswith("evening is not in the visibility of mocdevice: add it in ")
+    assert message.endswith("mocdevice.toml")
+
+
+@pytest.mark.parametrize(
+    ("class_name", "level"),
+    [("Chandelier", "unit"), ("Lamp", "device")],  # the same level, and a lower one that requires a higher
+)
+def test_a_requirement_of_no_lower_level_names_the_two_to_merge(lamps, class_name, level):
+    lamps.manifest("other", f"lamps:{class_name}", requires=["chandelier"])
+    lamps.manifest("chandelier", "lamps:Chandelier", visibility=["evening", "other"], requires=["lamp"])
+    ((path, key, message),) = found(lamps)
+    assert (path, key) == ("other.toml", "[tag] requires")
+    assert message.startswith(f"other ({level}) may not call chandelier (unit): ")
+    assert message.endswith("merge other and chandelier")
+
+
+def test_a_circle_is_found_once_with_its_full_path(lamps):
+    lamps.manifest("lamp", "lamps:Lamp", visibility=["chandelier"], requires=["evening"])
+    lamps.manifest("evening", "lamps:Evening", visibility=["lamp"], requires=["chandelier"])
+    circles = [message for _, _, message in found(lamps) if "requires itself" in message]
+    assert len(circles) == 1
+    name, _, path = circles[0].partition(" requires itself: ")
+    assert path in (
+        "lamp → evening → chandelier → lamp",
+        "evening → chandelier → lamp → evening",
+        "chandelier → lamp → evening → chandelier",
+    )
+    assert path.startswith(name)
+
+
+def test_a_plugin_that_requires_itself_is_found(lamps):
+    lamps.manifest("evening", "lamps:Evening", visibility=["*"], requires=["evening"])
+    assert found(lamps) == [("evening.toml", "[tag] requires", "evening requires itself: evening → evening")]
+
+
+def test_a_visibility_that_no_plugin_has_is_found(lamps):
+    lamps.manifest("evening", "lamps:Evening", visibility=["exploer", "command", "*", "lamp"])
+    assert found(lamps) == [("evening.toml", "[tag] visibility", "there is no plugin exploer; is explore meant?")]
+
+
+def test_two_that_want_an_unshared_plugin_are_worth_a_warning(lamps):
+    lamps.manifest("lamp", "lamps:Lamp", visibility=["*"], shared=False)
+    lamps.manifest("evening", "lamps:Evening", requires=["lamp"])
+    texts = [text for _, _, text in found(lamps)]
+    assert texts == [
+        "warning: lamp is not shared, and evening may hold it",
+        "warning: lamp is not shared, and chandelier may hold it",
+    ]
+
+
+def test_a_requirement_without_an_interface_is_worth_a_warning(lamps):
+    edit(lamps, "interface = LampInterface", "")
+    assert found(lamps) == [("chandelier.toml", "[tag] requires", "warning: lamp has no interface to call it by")]

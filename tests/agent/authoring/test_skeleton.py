@@ -1,0 +1,227 @@
+import subprocess
+import sys
+from itertools import product
+
+import pytest
+
+from robrain.agent.authoring.plugin_check import check_plugins
+from robrain.agent.authoring.skeleton import write_skeleton
+from robrain.agent.authoring.testing import PluginBench
+from robrain.agent.errors import PluginError, PluginInactive
+from robrain.agent.manifest import read_manifest
+from robrain.protocol.wire.errors import CallError, ErrorCode
+
+LEVELS = ("device", "unit", "skill", "behavior")
+KINDS = list(product(LEVELS, (False, True), (False, True)))
+"""Level, active, hidden: all that can be asked for."""
+
+
+# -- what is written --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("level", "active", "hidden"), KINDS)
+def test_a_skeleton_runs_as_it_was_asked_for(tmp_path, level, active, hidden):
+    source, manifest, test = write_skeleton("lamp", level, tmp_path, active=active, hidden=hidden)
+    assert [path.name for path in (source, manifest, test)] == ["lamp.py", "lamp.toml", "test_lamp.py"]
+    assert read_manifest(manifest).tag.visibility == ([] if hidden else ["command"])
+    with PluginBench(tmp_path / "lamp") as bench:
+        info = bench.info("lamp")
+        assert (info.level, info.state, info.why) == (level, "active", "")
+        assert info.period_s == (1.0 if active else None)
+        (function,) = info.functions
+        assert (function.name, function.signature) == ("hello", "(name: str = 'world') -> str")
+        assert bench.plugin("lamp").hello() == "hello world"
+        if hidden:
+            with pytest.raises(CallError) as refused:
+                bench.call("lamp", "hello")
+            assert refused.value.code is ErrorCode.FORBIDDEN
+        else:
+            assert bench.call("lamp", "hello", "Ada") == "hello Ada"
+
+
+def test_the_checker_has_nothing_to_say_of_a_skeleton(tmp_path):
+    for level, active, hidden in KINDS:
+        write_skeleton(f"{level}_{active:d}{hidden:d}", level, tmp_path, active=active, hidden=hidden)
+    assert check_plugins(tmp_path) == []
+
+
+def test_the_tests_of_skeletons_pass_and_are_as_the_linter_wants_them(tmp_path):
+    write_skeleton("lamp", "unit", tmp_path, active=True)
+    write_skeleton("line_follower", "behavior", tmp_path, hidden=True)
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-W", "error", "-p", "no:cacheprovider"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=500,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
+    assert "3 passed" in done.stdout
+    for words in (["check", "--select", "E,F,W,I,N,UP,B,D100,D101"], ["format", "--check"]):
+        ruff = [sys.executable, "-m", "ruff", *words, "--no-cache", "--isolated", "--line-length", "120", "."]
+        done = subprocess.run(ruff, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.parametrize(
+    ("name", "class_name"),
+    [
+        ("lamp", "Lamp"),
+        ("line_follower", "LineFollower"),
+        ("LineFollower", "LineFollower"),
+        ("unit", "UnitPlugin"),  # the base's own name
+        ("none", "NonePlugin"),  # a word of Python's own, once it is written as a class
+        ("_1", "Plugin1"),
+    ],
+)
+def test_a_class_is_named_after_its_plugin(tmp_path, name, class_name):
+    _, manifest, _ = write_skeleton(name, "unit", tmp_path)
+    assert read_manifest(manifest).class_path == f"{name}:{class_name}"
+    assert check_plugins(tmp_path) == []
+
+
+def test_the_folder_around_is_made_if_need_be(tmp_path):
+    paths = write_skeleton("lamp", "unit", tmp_path / "my" / "plugins")
+    assert all(path.parent == tmp_path / "my" / "plugins" / "lamp" for path in paths)
+
+
+# -- what is refused --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "level", "why"),
+    [
+        ("", "unit", "it is empty"),
+        ("2lamps", "unit", "expected a Python name"),
+        ("my-lamp", "unit", "expected a Python name"),  # a key, but no Python
+        ("my.lamp", "unit", "expected a Python name"),
+        ("class", "unit", "it is a word of Python's own"),
+        ("_", "unit", "expected a letter"),
+        ("lämp", "unit", "may not stand in a name"),  # Python, but no key
+        ("a/b", "unit", "/ may not stand in a name"),
+        ("x" * 64, "unit", "longer than 63"),
+        ("command", "unit", "stands for the outside"),
+        ("lamp", "gadget", "unknown level 'gadget': expected one of device, unit, skill, behavior"),
+        ("lamp", "", "unknown level ''"),
+    ],
+)
+def test_bad_names_and_levels_are_refused_in_words_and_nothing_is_written(tmp_path, name, level, why):
+    with pytest.raises(PluginError) as wrong:
+        write_skeleton(name, level, tmp_path)
+    assert why in str(wrong.value)
+    assert wrong.value.plugin == name
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("what", ["folder", "file"])
+def test_what_is_there_is_left_as_it_is(tmp_path, what):
+    there = tmp_path / "lamp"
+    if what == "folder":
+        there.mkdir()
+    else:
+        there.write_text("mine")
+    with pytest.raises(PluginError, match="is there already"):
+        write_skeleton("lamp", "unit", tmp_path)
+    assert list(tmp_path.rglob("*")) == [there]
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(PluginError, match=r"file/deep/lamp cannot be written"):
+        write_skeleton("lamp", "unit", tmp_path / "file" / "deep")
+
+
+# -- the bench of the skeletons' tests --------------------------------------------------------------------------
+
+COUNTER = """
+import msgspec
+from robrain.agent.plugin import Device, external
+
+
+class Counter(Device):
+    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        start: int = 0
+
+    period_s = 0.5
+
+    def init(self):
+        self.count = self.parameters.start
+        self.dice = self.env.rng.integers(0, 1000, 4).tolist()
+
+    def step(self):
+        self.count += 1
+
+    @external
+    def now_s(self) -> float:
+        return self.env.clock.now_ns() / 1e9
+
+    @external
+    def add(self, number: int, times: int = 1) -> int:
+        if number < 0:
+            raise ValueError("expected number >= 0")
+        return self.count + number * times
+"""
+
+
+@pytest.fixture
+def counter(tmp_path):
+    folder = tmp_path / "counter"
+    folder.mkdir()
+    (folder / "counter.py").write_text(COUNTER)
+    (folder / "counter.toml").write_text('[plugin]\nclass = "counter:Counter"\n')
+    return folder
+
+
+def test_time_passes_on_the_bench_only_when_it_is_run(counter):
+    with PluginBench(counter) as bench:
+        assert bench.call("counter", "now_s") == 0.0
+        bench.run(3.0)
+        assert bench.call("counter", "now_s") == 3.0
+        assert bench.plugin("counter").count in (6, 7)  # a first step at the start, or not
+
+
+def test_the_bench_takes_parameters_and_a_seed(counter):
+    with PluginBench(counter, parameters={"counter": {"start": 40}}, seed=1) as bench:
+        assert bench.call("counter", "add", 1, 2) == 42
+        dice = bench.plugin("counter").dice
+    with PluginBench(counter, seed=1) as bench:
+        assert bench.plugin("counter").dice == dice
+    with PluginBench(counter, seed=2) as bench:
+        assert bench.plugin("counter").dice != dice
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "why"),
+    [
+        (("one",), ErrorCode.BAD_ARGUMENTS, "number"),
+        ((-1,), ErrorCode.FAILED, "expected number >= 0"),
+    ],
+)
+def test_a_call_that_fails_says_why(counter, arguments, code, why):
+    with PluginBench(counter) as bench, pytest.raises(CallError, match=why) as failed:
+        bench.call("counter", "add", *arguments)
+    assert failed.value.code is code
+
+
+def test_a_plugin_that_does_not_start_is_told_with_why(counter):
+    (counter / "counter.toml").write_text('[plugin]\nclass = "counter:Counter"\n[parameters]\nstart = "a"\n')
+    with PluginBench(counter) as bench:
+        assert bench.info("counter").state == "faulted"
+        assert "[parameters] start: Expected `int`" in bench.info("counter").why
+        with pytest.raises(PluginInactive, match="Expected `int`"):
+            bench.plugin("counter")
+
+
+def test_the_bench_loads_what_is_named_and_the_stock_plugins_that_it_requires(counter):
+    with PluginBench(counter, load=["driver"]) as bench:
+        assert bench.info("mocdevice").state == "active"
+        with pytest.raises(KeyError):
+            bench.info("counter")
+
+
+def test_a_bench_that_cannot_start_leaves_nothing_open(counter):
+    with pytest.raises(PluginError, match="no plugin ghost"), PluginBench(counter, load=["ghost"]):
+        pass
+    with PluginBench(counter) as bench:
+        assert bench.call("counter", "add", 1) == 1

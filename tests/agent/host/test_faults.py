@@ -1,0 +1,264 @@
+"""Faults stay where they are: lockstep."""
+
+from itertools import pairwise
+
+import pytest
+
+from robrain.agent.lifecycle.transitions import Trigger
+from robrain.agent.plugin import PluginState
+from robrain.protocol.wire.errors import CallError, ErrorCode
+
+HOUSE = """
+    class BoilerInterface(Protocol):
+        heated: Event[int]
+        def heat(self, to: int) -> int: ...
+
+    BROKEN, STARTS = [], []
+
+    class Boiler(Device):
+        interface = BoilerInterface
+        heated = Event[int]()
+        period_s = 0.1
+        def init(self):
+            STARTS.append(self.env.clock.now_ns())
+            self.steps = 0
+        def activate(self):
+            if "activate" in BROKEN: raise OSError("no flame")
+        def step(self):
+            self.steps += 1
+            if "step" in BROKEN: raise RuntimeError("leak")
+            if "flood" in BROKEN:
+                for number in range(5000): self.heated.notify(number)
+        def heat(self, to):
+            if to < 0: raise ValueError("below zero")
+            self.heated.notify(to)
+            return to
+        @external("heat")
+        def heat_outside(self, to: int) -> int: return self.heat(to)
+
+    class Radiator(Unit):
+        interface = BoilerInterface
+        def init(self): self.diary = []
+        def activate(self):
+            self.boiler = self.env.use("boiler", BoilerInterface)
+            self.env.observe(self.boiler.heated, self.hear)
+            self.diary.append("activate")
+        def deactivate(self): self.diary.append("deactivate")
+        def hear(self, to):
+            if to == 13: raise KeyError(to)
+            self.diary.append(to)
+        @external
+        def heat(self, to: int) -> int: return self.boiler.heat(to)
+
+    class Comfort(Skill):
+        period_s = 0.02
+        def activate(self): self.radiator = self.env.use("radiator", BoilerInterface)
+        def step(self): self.radiator.heat(20)
+
+    class Clock(Device):
+        period_s = 0.02
+        steps = 0
+        def step(self): self.steps += 1
+
+    class Unfit(Device):
+        def activate(self): raise HardwareAbsent(self.env.plugin, "no clock there")
+"""
+
+
+@pytest.fixture
+def house(bench):
+    bench.code("house", HOUSE)
+
+    def start(**policy):
+        bench.manifest("boiler", "house:Boiler", visibility=["*", "command"], **policy)
+        bench.manifest("radiator", "house:Radiator", requires=["boiler"], visibility=["*", "command"])
+        bench.manifest("comfort", "house:Comfort", requires=["radiator"])
+        bench.manifest("clock", "house:Clock")
+        bench.manager = bench.start("comfort", "clock").manager
+        space = bench.plugin("boiler").init.__func__.__globals__
+        bench.broken, bench.starts = space["BROKEN"], space["STARTS"]
+        return bench
+
+    return start
+
+
+def states(bench):
+    return {name: info.state for name, info in bench.infos().items()}
+
+
+ALL_ACTIVE = dict.fromkeys(["boiler", "radiator", "comfort", "clock"], "active")
+
+
+def test_a_step_that_raises_puts_the_users_aside_and_the_rest_goes_on(house):
+    bench = house()
+    radiator, clock = bench.plugin("radiator"), bench.plugin("clock")
+    bench.broken.append("step")
+    bench.tick(10)
+    infos = bench.infos()
+    assert states(bench) == {"boiler": "faulted", "radiator": "inactive", "comfort": "inactive", "clock": "active"}
+    assert infos["boiler"].why == "RuntimeError: leak"
+    assert infos["radiator"].why == infos["comfort"].why == "requires boiler, which is faulted: RuntimeError: leak"
+    assert radiator.diary[-1] == "deactivate"
+    assert clock.steps == 10
+    for plugin, why in (
+        ("boiler", "boiler is faulted: RuntimeError: leak"),
+        ("radiator", "radiator is inactive: requires"),
+    ):
+        with pytest.raises(CallError, match=why) as refused:
+            bench.call(plugin, "heat", [1])
+        assert refused.value.code is ErrorCode.INACTIVE
+
+
+def test_a_plugin_that_was_put_aside_is_not_deactivated_again_when_the_robot_stops(house):
+    bench = house()
+    radiator = bench.plugin("radiator")
+    bench.broken.append("step")
+    bench.tick(10)
+    assert states(bench)["radiator"] == "inactive"
+    bench.hosts[-1].close()
+    assert radiator.diary.count("deactivate") == 1
+
+
+def test_an_observer_that_raises_is_faulted_and_its_notifier_is_not(house):
+    bench = house()
+    bench.call("boiler", "heat", [13])
+    bench.tick(2)
+    assert states(bench) == {"boiler": "active", "radiator": "faulted", "comfort": "inactive", "clock": "active"}
+    assert bench.infos()["radiator"].why == "KeyError: 13"
+
+
+def test_a_call_from_outside_that_raises_is_answered_and_faults_nobody(house):
+    bench = house()
+    for plugin in ("boiler", "radiator"):
+        with pytest.raises(CallError, match="ValueError: below zero") as failed:
+            bench.call(plugin, "heat", [-1])
+        assert failed.value.code is ErrorCode.FAILED
+    bench.tick(2)
+    assert states(bench) == ALL_ACTIVE
+
+
+def test_who_raises_because_of_an_indirect_requirement_is_put_aside_and_not_blamed(house):
+    bench = house()
+    bench.manager.get("boiler").fault(RuntimeError("leak"))
+    bench.manager.get("comfort").run_step()  # before the host has seen to it
+    assert states(bench)["comfort"] == "active"
+    bench.tick()
+    assert states(bench) == {"boiler": "faulted", "radiator": "inactive", "comfort": "inactive", "clock": "active"}
+
+
+def test_a_faulted_plugin_that_is_not_to_be_restarted_stays_so(house):
+    bench = house()
+    bench.broken.append("step")
+    bench.tick(5)
+    bench.broken.clear()
+    bench.tick(50, period_s=1.0)
+    assert states(bench)["boiler"] == "faulted"
+    assert bench.infos()["boiler"].restarts == 0
+
+
+def test_a_restart_starts_a_fresh_instance_and_its_users_again(house):
+    bench = house(restart="on-failure", backoff_s=0.5)
+    old, radiator = bench.plugin("boiler"), bench.plugin("radiator")
+    bench.broken.append("step")
+    bench.tick(5)
+    bench.broken.clear()
+    assert states(bench)["boiler"] == "faulted"
+    bench.tick(30)
+    assert states(bench) == ALL_ACTIVE
+    assert bench.infos()["boiler"].restarts == 1
+    assert bench.plugin("boiler") is not old
+    assert bench.plugin("boiler").steps > 0
+    assert bench.plugin("radiator") is radiator  # it was well: put aside, not dropped
+    assert [entry for entry in radiator.diary if isinstance(entry, str)] == ["activate", "deactivate", "activate"]
+    assert bench.call("radiator", "heat", [7]) == 7
+    bench.tick()
+    assert radiator.diary.count(7) == 1
+
+
+@pytest.mark.parametrize("where", ["step", "activate"])
+def test_the_wait_before_a_restart_doubles_up_to_the_limit(house, where):
+    bench = house(restart="on-failure", backoff_s=0.5, restart_limit=4)
+    bench.broken += ["step", where]
+    bench.tick(1200)
+    waits = [(later - earlier) / 1e9 for earlier, later in pairwise(bench.starts)]
+    assert waits == pytest.approx([0.5, 1.0, 2.0, 4.0], abs=0.1)
+    info = bench.infos()["boiler"]
+    assert (info.state, info.restarts) == ("faulted", 4)
+    assert states(bench)["clock"] == "active"
+    assert states(bench)["radiator"] in ("inactive", "faulted")
+
+
+def test_a_plugin_that_has_run_well_for_a_minute_is_forgiven(house):
+    bench = house(restart="on-failure", backoff_s=0.5, restart_limit=1)
+    for _ in range(3):
+        bench.broken.append("step")
+        bench.tick(6)
+        bench.broken.clear()
+        bench.tick(70, period_s=1.0)
+        assert states(bench) == ALL_ACTIVE
+    assert bench.infos()["boiler"].restarts == 3
+
+
+def test_nothing_is_restarted_in_a_halted_robot(house):
+    bench = house(restart="on-failure", backoff_s=0.1)
+    bench.manager.get("boiler").fault(RuntimeError("leak"))
+    bench.manager.halt()
+    bench.tick(50)
+    assert states(bench)["boiler"] == "faulted"
+    bench.manager.resume()
+    bench.tick(2)
+    assert states(bench) == ALL_ACTIVE
+
+
+def test_a_plugin_that_floods_its_observers_is_faulted(house):
+    bench = house()
+    bench.tick(60)
+    bench.broken.append("flood")
+    bench.tick(60)
+    info = bench.infos()["boiler"]
+    assert info.state == "faulted"
+    assert info.why.startswith("PluginError: boiler floods: ")
+    assert states(bench)["clock"] == "active"
+
+
+def test_a_few_lost_notifications_are_no_flood(house):
+    bench = house()
+    bench.tick(60)
+    for number in range(500):
+        bench.plugin("boiler").heated.notify(number)
+    bench.tick(120)
+    assert states(bench) == ALL_ACTIVE
+
+
+def test_every_state_is_told_with_why(house):
+    bench = house()
+    bench.manifest("unfit", "house:Unfit")
+    tag = bench.manager.get("clock")
+    seen = {}
+
+    def note(tag):
+        seen[tag.state] = tag.why
+
+    plain = type(tag)(tag.manifest, bench.manager.registry)
+    note(plain)
+    plain.load()
+    note(plain)
+    plain.apply(Trigger.CLOSE)
+    note(tag)
+    bench.manager.get("boiler").fault(RuntimeError("leak"))
+    bench.tick()
+    note(bench.manager.get("boiler"))
+    note(bench.manager.get("radiator"))
+    bench.manager.halt()
+    note(tag)
+    note(bench.manager.unload("clock")[0])
+    assert seen == {
+        PluginState.DISCOVERED: "",
+        PluginState.LOADED: "",
+        PluginState.ACTIVE: "",
+        PluginState.FAULTED: "RuntimeError: leak",
+        PluginState.INACTIVE: "requires boiler, which is faulted: RuntimeError: leak",
+        PluginState.HALTED: "emergency halt",
+        PluginState.UNLOADED: "it was unloaded",
+    }
+    assert set(seen) == set(PluginState)

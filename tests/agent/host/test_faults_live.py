@@ -1,0 +1,224 @@
+"""Faults stay where they are: live, where a plugin can hang."""
+
+import threading
+from types import SimpleNamespace
+
+import msgspec
+import pytest
+
+from robrain.agent.errors import PluginHung, PluginInactive
+from robrain.agent.host import live_drive
+from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.topics import ROBOT_STATE
+from tests.agent.live_robot import PATIENCE_S, LiveRobot, until
+
+HANG_S = 0.3
+"""Limit that a plugin is given once it hangs; before and after that it has all the time a busy machine takes."""
+
+MINE = """
+    import threading
+    HANG, HANG_CALL, IN_CALL, GO = (threading.Event() for _ in range(4))
+    STEPS, PRESSED = [], []
+
+    class DoorInterface(Protocol):
+        def press(self, who: str) -> None: ...
+        def push(self) -> str: ...
+
+    class Door(Device):
+        interface = DoorInterface
+        def press(self, who): PRESSED.append(who)
+        def push(self): return "open"
+
+    class Mule(Unit):
+        interface = DoorInterface
+        period_s = 0.01
+        broken = False
+        hung = False
+        def activate(self): self.door = self.env.use("door", DoorInterface)
+        def step(self):
+            STEPS.append((id(self), threading.get_ident()))
+            if self.broken: raise RuntimeError("broken")
+            if HANG.is_set() and not self.hung:
+                self.hung = True
+                GO.wait(600)
+                try:
+                    self.door.press("late")
+                except PluginUnloaded:
+                    PRESSED.append("refused")
+        @external
+        def push(self) -> str:
+            if HANG_CALL.is_set():
+                IN_CALL.set()
+                GO.wait(600)
+            return "pushed"
+
+    class Miner(Skill):
+        period_s = 0.01
+        pushing = False
+        pushed = 0
+        def activate(self): self.mule = self.env.use("mule", DoorInterface)
+        def step(self):
+            if self.pushing:
+                self.mule.push()
+                self.pushed += 1
+
+    class Watch(Device):
+        period_s = 0.01
+        steps = 0
+        def step(self): self.steps += 1
+"""
+
+
+def states(robot):
+    return {name: (info.state, info.why) for name, info in robot.infos().items()}
+
+
+@pytest.fixture
+def mine(bench):
+    opened = []
+
+    def start(**policy):
+        bench.code("mine", MINE)
+        bench.manifest("door", "mine:Door", visibility=["*"])
+        bench.manifest("mule", "mine:Mule", requires=["door"], visibility=["*", "command"], hang_s=PATIENCE_S, **policy)
+        bench.manifest("miner", "mine:Miner", requires=["mule"], hang_s=2 * PATIENCE_S)
+        bench.manifest("watch", "mine:Watch")
+        opened.append(LiveRobot(bench.place, ["miner", "watch"], space_of="door", threads="plugin-"))
+        assert opened[-1].ready.wait(PATIENCE_S)
+        return opened[-1]
+
+    yield start
+    for each in opened:
+        each.close()
+
+
+def hang(robot):
+    """Let the mule hang in its step, and take it for hung soon."""
+    robot.space["HANG"].set()
+    tag = robot.tag("mule")
+    until(lambda: tag.plugin.hung)
+    tag.turn.set_limit(HANG_S)
+
+
+def test_a_plugin_that_hangs_is_faulted_its_users_put_aside_and_the_rest_goes_on(mine):
+    robot = mine()
+    inbox = Inbox(every=True)
+    robot.operator.subscribe(inbox, ROBOT_STATE)
+    watch = robot.tag("watch").plugin
+    handle = robot.tag("miner").plugin.mule
+    hang(robot)
+    why = f"PluginHung: mule has not come back for {HANG_S} s"
+    until(lambda: states(robot)["mule"] == ("faulted", why))
+    until(lambda: states(robot)["miner"] == ("inactive", f"requires mule, which is faulted: {why}"))
+    steps, told = watch.steps, inbox.received
+    until(lambda: watch.steps > steps + 5 and inbox.received > told)
+    assert states(robot)["door"][0] == states(robot)["watch"][0] == "active"
+    with pytest.raises(PluginInactive, match="mule is faulted: PluginHung"):
+        handle.push()
+    with pytest.raises(CallError) as refused:
+        robot.call("mule", "push")
+    assert refused.value.code is ErrorCode.INACTIVE
+
+
+def test_callers_of_a_plugin_that_hangs_are_told_within_the_limit(mine):
+    robot = mine()
+    handle = robot.tag("miner").plugin.mule
+    hang(robot)
+    with pytest.raises(PluginInactive) as late:  # it waits for its turn, and so learns of it before or with the host
+        handle.push()
+    assert isinstance(late.value, PluginHung)
+    assert late.value.plugin == "mule"
+
+
+def test_who_is_stuck_in_a_call_to_what_hangs_is_put_aside_with_it_and_started_again(mine):
+    robot = mine(restart="on-failure", backoff_s=0.2)
+    miner, space = robot.tag("miner").plugin, robot.space
+    space["HANG_CALL"].set()
+    miner.pushing = True
+    assert space["IN_CALL"].wait(PATIENCE_S)
+    robot.tag("mule").turn.set_limit(HANG_S)
+    until(lambda: states(robot)["miner"][0] == "faulted")
+    assert not miner.pushed
+    assert states(robot)["miner"][1].startswith("requires mule, which is faulted: PluginHung: mule has not come back")
+    space["HANG_CALL"].clear()
+    until(lambda: states(robot)["mule"][0] == states(robot)["miner"][0] == "active")
+    fresh = robot.tag("miner").plugin
+    assert fresh is not miner
+    fresh.pushing = True
+    until(lambda: fresh.pushed > 2)
+    space["GO"].set()
+    until(lambda: miner.pushed == 1)
+    pushed = fresh.pushed
+    until(lambda: fresh.pushed > pushed + 3)
+    assert (miner.pushed, states(robot)["miner"][0]) == (1, "active")
+
+
+def test_a_restart_is_on_a_fresh_thread_and_the_late_return_has_no_effect(mine):
+    robot = mine(restart="on-failure", backoff_s=0.1)
+    old, space = robot.tag("mule").plugin, robot.space
+    hang(robot)
+    old_thread = space["STEPS"][-1][1]
+    until(lambda: robot.tag("mule").state == "faulted")
+    space["HANG"].clear()
+    until(lambda: states(robot)["mule"][0] == states(robot)["miner"][0] == "active")
+    fresh = robot.tag("mule").plugin
+    assert fresh is not old
+    assert robot.tag("mule").restarts == 1
+    until(lambda: space["STEPS"][-1][0] == id(fresh) and space["STEPS"][-1][1] != old_thread)
+    space["GO"].set()
+    until(lambda: space["PRESSED"])
+    assert space["PRESSED"] == ["refused"]
+    count = len([step for step in space["STEPS"] if step[0] == id(old)])
+    until(lambda: not any(thread.ident == old_thread for thread in threading.enumerate()))
+    assert len([step for step in space["STEPS"] if step[0] == id(old)]) == count
+    assert states(robot)["mule"][0] == "active"
+    assert msgspec.json.decode(robot.call("mule", "push")) == "pushed"
+
+
+def test_a_restart_after_a_raise_steps_again(mine):
+    robot = mine(restart="on-failure", backoff_s=0.05)
+    robot.tag("mule").plugin.broken = True
+    until(lambda: robot.tag("mule").restarts == 1 and states(robot)["mule"][0] == "active")
+    fresh = robot.tag("mule").plugin
+    until(lambda: [step for step in robot.space["STEPS"] if step[0] == id(fresh)])
+    until(lambda: states(robot)["miner"][0] == "active")
+
+
+class Wall:
+    """The time that plugins' threads go by, in the hands of the test."""
+
+    def __init__(self):
+        self.now_s = 100.0
+
+    def monotonic(self):
+        return self.now_s
+
+
+def test_a_plugin_loaded_later_steps_even_if_its_start_takes_long(mine, bench, monkeypatch):
+    robot, wall = mine(), Wall()
+    monkeypatch.setattr(live_drive, "time", SimpleNamespace(monotonic=wall.monotonic))
+    bench.code(
+        "late",
+        "import threading\nBEGUN, GO = threading.Event(), threading.Event()\n"
+        "class Late(Device):\n    period_s = 0.01\n    steps = 0\n"
+        "    def init(self):\n        BEGUN.set()\n        GO.wait(600)\n"
+        "    def step(self): self.steps += 1\n",
+    )
+    bench.manifest("late", "late:Late", start_s=PATIENCE_S)
+    load = threading.Thread(target=robot.host.manager.load, args=("late",))
+    load.start()
+    until(lambda: "late" in robot.host.manager.plugins)
+    begun, go = (robot.tag("late").plugin_class.init.__globals__[name] for name in ("BEGUN", "GO"))
+    assert begun.wait(PATIENCE_S)
+    until(lambda: any(thread.name == "plugin-late" for thread in threading.enumerate()))
+    wall.now_s += 5.0
+    go.set()
+    load.join(PATIENCE_S)
+    late = robot.tag("late").plugin
+    for steps in range(1, 5):
+        until(lambda steps=steps: late.steps == steps)
+        wall.now_s += 0.01
+    assert robot.tag("late").overruns == 0
+    robot.host.manager.unload("late")
+    until(lambda: not any(thread.name == "plugin-late" for thread in threading.enumerate()))

@@ -1,0 +1,189 @@
+"""The emergency halt in live: nothing that a plugin does delays it."""
+
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from robrain.agent.host import halt_desk
+from robrain.agent.host.agent_host import AgentHost
+from robrain.agent.host.live_drive import PluginThreads
+from robrain.agent.host.robot_file import RobotFile, RobotTable
+from robrain.agent.lifecycle.worker_pool import NotBack, WorkerPool
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive
+from robrain.protocol.wire.errors import CallError
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages import Halt, HaltAnswer, HostRequest
+from robrain.protocol.wire.session import open_session
+from robrain.protocol.wire.topics import HALT, ROBOT_CALL, ROBOT_HOST, ROBOT_STATE
+from tests.patient_endpoint import PatientEndpoint
+from tests.waiting import PATIENCE_S, until
+
+ROBOT = """
+    import threading
+
+    RELEASE = threading.Event()
+    INSIDE = threading.Event()
+    HALTED = []
+
+    class Wheels(Device):
+        driven_by = ""
+        def emergency_halt(self):
+            HALTED.append("wheels")
+            self.driven_by = ""
+        @external
+        def drive(self) -> None:
+            INSIDE.set()
+            RELEASE.wait(600)
+            self.driven_by = "a call that was under way"
+
+    class Hanging(Device):
+        def emergency_halt(self):
+            HALTED.append("hanging")
+            RELEASE.wait(600)
+
+    class Raising(Device):
+        def emergency_halt(self): raise OSError("the bus is gone")
+
+    class Above(Behavior):
+        def emergency_halt(self): HALTED.append("above")
+
+    class Deaf(Device):
+        @external
+        def wait(self) -> None:
+            RELEASE.wait(600)
+"""
+
+
+class Robot:
+    """A host in live, and an operator beside it."""
+
+    def __init__(self, place: Path, *load: str) -> None:
+        self.session = open_session(mode="peer", listen=["tcp/127.0.0.1:0"])
+        robot_file = RobotFile(robot=RobotTable("r1", places=[str(place)], load=list(load)))
+        self.host = AgentHost(robot_file, Path(), self.session, WallClock(), Drive.LIVE)
+        self.operator = PatientEndpoint(self.session, "default", WallClock(), Drive.LIVE, workers=8)
+        self.states = Inbox(every=True)
+        self.operator.subscribe(self.states, ROBOT_STATE)
+        self.threads = PluginThreads(self.host)
+        self.host.start()
+        self.threads.follow()
+        self.halts = self.operator.publisher(HALT)
+
+    @property
+    def code(self):
+        """The globals of the module that its plugins are in."""
+        plugin = next(tag.plugin for tag in self.host.manager.plugins.values())
+        return vars(sys.modules[type(plugin).__module__])
+
+    def close(self) -> None:
+        self.threads.stop()
+        self.host.close()
+        self.operator.close()
+        self.session.close()
+
+
+@pytest.fixture
+def start(bench, monkeypatch) -> Iterator[type[Robot]]:
+    monkeypatch.setattr(halt_desk, "LIMIT_S", 3.0)  # who does not hang is not late on a busy machine either
+    robots = []
+    bench.code("robot", ROBOT)
+    for name in ("wheels", "hanging", "raising", "above", "deaf"):
+        bench.manifest(name, f"robot:{name.capitalize()}", visibility=["command"], hang_s=PATIENCE_S)
+
+    def start(*load):
+        robots.append(Robot(bench.place, *load))
+        return robots[-1]
+
+    yield start
+    for robot in robots:
+        robot.code["RELEASE"].set()
+        robot.close()
+
+
+def ask(robot, verb, by="ann"):
+    reply = robot.operator.ask(ROBOT_HOST, HostRequest(by=by), robot="r1", verb=verb)
+    return msgspec.json.decode(reply, type=HaltAnswer)
+
+
+def test_plugins_that_hang_or_fail_while_they_are_halted_hold_up_no_other(start):
+    robot = start("hanging", "raising", "wheels", "above")
+    answer = ask(robot, "halt")
+    assert not robot.code["RELEASE"].is_set()  # it came while one of them was still stuck
+    assert set(answer.not_halted) == {"hanging", "raising"}
+    halted = robot.code["HALTED"]
+    assert set(halted[:-1]) == {"hanging", "wheels"}
+    assert halted[-1] == "above"
+
+
+def test_a_plugin_that_still_hangs_from_the_last_halt_is_not_entered_again(start):
+    robot = start("hanging", "wheels")
+    for _ in range(3):
+        assert ask(robot, "halt").not_halted == ["hanging"]
+    assert robot.code["HALTED"].count("hanging") == 1
+    assert robot.code["HALTED"].count("wheels") == 3
+
+
+def test_a_call_that_was_under_way_does_not_undo_a_halt(start):
+    robot = start("wheels")
+    code = robot.code
+    call = threading.Thread(
+        target=lambda: robot.operator.ask(
+            ROBOT_CALL, robot="r1", plugin="wheels", function="drive", timeout_s=PATIENCE_S
+        )
+    )
+    call.start()
+    assert code["INSIDE"].wait(PATIENCE_S)
+    ask(robot, "halt")
+    assert code["HALTED"] == ["wheels"]
+    code["RELEASE"].set()
+    call.join(PATIENCE_S)
+    until(lambda: code["HALTED"] == ["wheels", "wheels"])
+    until(lambda: robot.host.manager.get("wheels").plugin.driven_by == "")
+
+
+def test_the_robot_says_that_it_is_halted_without_a_step_of_its_host(start):
+    robot = start("wheels")
+    robot.halts.put(Halt(halted=True, by="ann"))
+    until(lambda: any(received.message.halted for received in robot.states.drain()))
+    robot.halts.put(Halt(halted=False, by="ann"))
+    until(lambda: any(not received.message.halted for received in robot.states.drain()))
+
+
+def test_a_robot_whose_every_answering_thread_is_stuck_is_halted_by_a_query_all_the_same(start):
+    robot = start("deaf", "wheels")
+
+    def wait():
+        with suppress(CallError):  # those that were not in the plugin yet are refused by the halt
+            request = HostRequest(text="call deaf wait()")
+            robot.operator.ask(ROBOT_HOST, request, robot="r1", verb="command", timeout_s=PATIENCE_S)
+
+    calls = [threading.Thread(target=wait) for _ in range(6)]
+    for call in calls:
+        call.start()
+    until(lambda: robot.host.manager.get("deaf").turn.owner is not None)
+    assert ask(robot, "halt").halted
+    assert all(call.is_alive() for call in calls)
+    robot.code["RELEASE"].set()
+    for call in calls:
+        call.join(PATIENCE_S)
+
+
+def test_a_worker_pool_tells_what_failed_and_what_is_late():
+    pool = WorkerPool("test", 1.0)
+    release = threading.Event()
+    calls = {"good": lambda: None, "bad": lambda: 1 / 0, "late": lambda: release.wait(600)}
+
+    def kinds():
+        return {name: type(error) for name, error in pool.run(calls).items()}
+
+    until(lambda: kinds() == {"bad": ZeroDivisionError, "late": NotBack})  # again where the machine was late itself
+    assert pool.run({"good": lambda: None}, PATIENCE_S) == {}
+    release.set()
+    pool.close()
+    until(lambda: not any(thread.name.startswith("test-") for thread in threading.enumerate()))

@@ -1,0 +1,248 @@
+"""The live drive of one robot, in a thread of the test's own process."""
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from robrain.agent.host import live_drive
+from robrain.agent.host.agent_host import AgentHost
+from robrain.agent.host.live_drive import run_agent
+from robrain.agent.host.robot_file import RobotFile, RobotTable
+from robrain.agent.lifecycle.managed_plugin import WAITS_S
+from robrain.agent.lifecycle.transitions import Step
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages import Halt
+from robrain.protocol.wire.session import open_session
+from robrain.protocol.wire.topics import HALT, ROBOT_ALIVE, ROBOT_CALL, ROBOT_PLUGINS, ROBOT_STATE
+from tests.patient_endpoint import PatientEndpoint
+from tests.waiting import PATIENCE_S, until
+
+ROBOT = """
+    import threading
+
+    RELEASE = threading.Event()
+
+    class CounterInterface(Protocol):
+        ticked: Event[int]
+
+    class Counter(Device):
+        interface = CounterInterface
+        period_s = 0.02
+        ticked = Event[int]()
+        steps = 0
+        halts = 0
+        def step(self):
+            self.steps += 1
+            self.thread = threading.current_thread().name
+            self.ticked.notify(self.steps)
+        def emergency_halt(self): self.halts += 1
+        @external
+        def count(self) -> int: return self.steps
+
+    class Listener(Unit):
+        heard = 0
+        def activate(self): self.env.observe(self.env.use("counter", CounterInterface).ticked, self.hear)
+        def hear(self, value):
+            self.heard = value
+            self.thread = threading.current_thread().name
+
+    class Slow(Device):
+        period_s = 0.005
+        steps = 0
+        def step(self):
+            self.steps += 1
+            self.env.rng.integers(0, 2)
+            threading.Event().wait(0.02)
+
+    class Stuck(Device):
+        period_s = 0.02
+        stuck = False
+        def step(self):
+            self.stuck = True
+            RELEASE.wait()
+
+    class Broken(Device):
+        period_s = 0.02
+        def step(self): raise RuntimeError("broken")
+"""
+CLASSES = {"counter": "Counter", "listener": "Listener", "slow": "Slow", "stuck": "Stuck", "broken": "Broken"}
+
+
+class LiveRobot:
+    """`run_agent` on a thread, and an operator beside it on the same session."""
+
+    def __init__(self, place: Path, *load: str) -> None:
+        self.session = open_session(mode="peer", listen=["tcp/127.0.0.1:0"])
+        robot_file = RobotFile(robot=RobotTable("r1", places=[str(place)], load=list(load)))
+        self.host = AgentHost(robot_file, Path(), self.session, WallClock(), Drive.LIVE)
+        self.operator = PatientEndpoint(self.session, "default", WallClock(), Drive.LIVE)
+        self._stopping, ready = threading.Event(), threading.Event()
+        self._errors: list[BaseException] = []
+        self._thread = threading.Thread(target=self._run, args=(ready.set,))
+        self._thread.start()
+        assert ready.wait(PATIENCE_S), self._errors
+
+    def _run(self, on_ready) -> None:
+        try:
+            run_agent(self.host, self._stopping.is_set, on_ready)
+        except BaseException as error:
+            self._errors.append(error)
+            raise
+
+    def plugin(self, name):
+        return self.host.manager.get(name).plugin
+
+    def infos(self):
+        infos = self.operator.ask(ROBOT_PLUGINS, robot="r1")
+        return {info.name: info for info in infos}
+
+    def stop(self) -> None:
+        self._stopping.set()
+        self._thread.join(PATIENCE_S)
+        assert not self._thread.is_alive()
+        assert self._errors == []
+
+    def close(self) -> None:
+        self.stop()
+        self.operator.close()
+        self.session.close()
+
+
+@pytest.fixture
+def start(bench) -> Iterator[type[LiveRobot]]:
+    robots = []
+    bench.code("robot", ROBOT)
+    for name, class_name in CLASSES.items():
+        requires = ["counter"] if name == "listener" else []
+        tag = {"visibility": ["*", "command"], "requires": requires, "hang_s": PATIENCE_S}
+        bench.manifest(name, f"robot:{class_name}", **tag)
+
+    def start(*load):
+        robots.append(LiveRobot(bench.place, *load))
+        return robots[-1]
+
+    yield start
+    for robot in robots:
+        robot.close()
+
+
+def test_steps_happen_on_a_thread_of_the_plugins_own(start):
+    robot = start("counter")
+    until(lambda: robot.plugin("counter").steps >= 5)
+    assert robot.plugin("counter").thread == "plugin-counter"
+    reply = robot.operator.ask(ROBOT_CALL, robot="r1", plugin="counter", function="count")
+    assert msgspec.json.decode(reply) >= 5
+
+
+def test_events_wake_the_observer_on_its_own_thread(start):
+    robot = start("listener")
+    until(lambda: robot.plugin("listener").heard >= 3)
+    assert robot.plugin("listener").thread == "plugin-listener"
+
+
+def test_steps_that_take_longer_than_their_period_are_counted(start):
+    robot = start("slow", "counter")
+    until(lambda: robot.infos()["slow"].overruns >= 3)
+    assert robot.infos()["slow"].overruns <= robot.plugin("slow").steps
+    assert robot.infos()["slow"].period_s == 0.005
+
+
+def test_a_plugin_that_raises_does_not_stop_the_others(start):
+    robot = start("broken", "counter")
+    until(lambda: robot.infos()["broken"].state == "faulted")
+    steps = robot.plugin("counter").steps
+    until(lambda: robot.plugin("counter").steps > steps + 3)
+
+
+def test_a_running_robot_tells_its_state_and_that_it_is_there(start):
+    robot = start("counter")
+    presence, inbox = robot.operator.watch(ROBOT_ALIVE), Inbox(every=True)
+    robot.operator.subscribe(inbox, ROBOT_STATE)
+    until(lambda: len(inbox) >= 3)
+    changes = []
+    until(lambda: changes.extend(presence.changes()) or changes)
+    robot.stop()
+    until(lambda: changes.extend(presence.changes()) or len(changes) > 1)
+    assert [(change.names["robot"], change.present) for change in changes] == [("r1", True), ("r1", False)]
+
+
+def test_closing_leaves_no_thread_behind(start):
+    before = set(threading.enumerate())
+    robot = start("counter", "listener", "slow")
+    robot.operator.ask(ROBOT_CALL, robot="r1", plugin="counter", function="count")
+    until(lambda: robot.plugin("counter").steps > 0)
+    names = {thread.name for thread in set(threading.enumerate()) - before}
+    assert {"plugin-counter", "plugin-listener", "plugin-slow", "halt-r1-1"} <= names
+    robot.stop()
+    until(lambda: not threads_since(before, "plugin-", "halt-", "robrain-"))  # none is waited for without a limit
+
+
+def threads_since(before, *names):
+    """Threads that were not there before and whose names begin so."""
+    return [thread.name for thread in set(threading.enumerate()) - before if thread.name.startswith(names)]
+
+
+def test_nothing_steps_after_the_end(start):
+    robot = start("counter")
+    counter = robot.plugin("counter")
+    until(lambda: counter.steps > 0)
+    robot.stop()
+    assert robot.host.manager.get("counter").state == "inactive"
+
+
+@pytest.fixture
+def stuck_robot(start, monkeypatch):
+    monkeypatch.setattr(live_drive, "JOIN_TIMEOUT_S", 0.5)
+    monkeypatch.setitem(WAITS_S, Step.ASK, 0.5)
+    robot = start("stuck", "counter")
+    stuck = robot.plugin("stuck")
+    until(lambda: stuck.stuck)
+    yield robot
+    stuck.step.__func__.__globals__["RELEASE"].set()
+    robot.stop()
+    until(lambda: not any(thread.name == "plugin-stuck" for thread in threading.enumerate()))
+
+
+def test_a_plugin_that_hangs_does_not_delay_an_emergency_halt(stuck_robot):
+    counter = stuck_robot.plugin("counter")
+    stuck_robot.operator.publisher(HALT).put(Halt(halted=True, by="operator"))
+    until(lambda: stuck_robot.infos()["counter"].state == "halted")
+    until(lambda: counter.halts >= 1)
+    assert stuck_robot.infos()["stuck"].state == "halted"
+
+
+def test_a_halt_is_heard_while_the_hosts_own_loop_hangs(start, monkeypatch):
+    robot = start("counter")
+    held, entered = threading.Event(), threading.Event()
+
+    def hang(_now_ns):
+        entered.set()
+        held.wait(PATIENCE_S)
+
+    monkeypatch.setattr(robot.host.desk, "check_lease", hang)
+    assert entered.wait(PATIENCE_S)
+    robot.operator.publisher(HALT).put(Halt(halted=True, by="operator"))
+    until(lambda: robot.infos()["counter"].state == "halted")
+    held.set()
+
+
+def test_a_plugin_that_hangs_is_left_behind_at_the_end(stuck_robot):
+    stuck_robot.stop()
+    states = {name: tag.state.value for name, tag in stuck_robot.host.manager.plugins.items()}
+    assert states == {"stuck": "faulted", "counter": "inactive"}
+
+
+def test_a_robot_that_cannot_start_closes_what_it_opened(bench):
+    before = set(threading.enumerate())
+    session = open_session(mode="peer", listen=["tcp/127.0.0.1:0"])
+    robot_file = RobotFile(robot=RobotTable("r1", places=[str(bench.place)], load=["ghost"]))
+    host = AgentHost(robot_file, Path(), session, WallClock(), Drive.LIVE)
+    with pytest.raises(Exception, match="no plugin ghost"):
+        run_agent(host, lambda: False, lambda: pytest.fail("it is not ready"))
+    session.close()
+    until(lambda: not threads_since(before, "plugin-"))

@@ -1,0 +1,81 @@
+import pytest
+
+from robrain.agent.errors import RobotFileError
+from robrain.agent.host.robot_file import read_robot_file
+
+GOOD = """
+[robot]
+name = "r1"
+team = "red"
+places = ["plugins"]
+load = ["driver"]
+
+[zenoh]
+connect = ["tcp/127.0.0.1:7447"]
+
+[parameters.driver]
+speed_m_s = 0.4
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    (tmp_path / "plugins").mkdir()
+
+    def write(text):
+        path = tmp_path / "robot.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def test_a_robot_file_says_what_the_agent_needs_to_know(write):
+    robot_file = read_robot_file(write(GOOD))
+    assert (robot_file.robot.name, robot_file.robot.team) == ("r1", "red")
+    assert robot_file.robot.places == ["plugins"]
+    assert robot_file.robot.load == ["driver"]
+    assert robot_file.zenoh.connect == ["tcp/127.0.0.1:7447"]
+    assert robot_file.parameters == {"driver": {"speed_m_s": 0.4}}
+
+
+def test_a_name_is_enough(write):
+    robot_file = read_robot_file(write('[robot]\nname = "r1"'))
+    assert (robot_file.robot.team, robot_file.robot.places, robot_file.robot.load) == ("default", [], None)
+    assert robot_file.zenoh.mode == "client"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ('name = "r1"', "", "robot: Object missing required field `name`"),  # no name
+        ("[robot]", "[rowboat]", "file: "),  # a slip of the pen in a table
+        ("team =", "taem =", "robot: Object contains unknown field `taem`"),  # and in a key
+        ('name = "r1"', "name = 1", "robot.name: Expected `str`, got `int`"),  # a number for a name
+        ('load = ["driver"]', 'load = "driver"', "robot.load: "),  # a word for a list
+        ('name = "r1"', 'name = "r/1"', "robot: bad robot name 'r/1': / may not"),  # a name that no key can hold
+        ('team = "red"', 'team = ""', "robot: bad team name '': it is empty"),  # and a team
+        ("tcp/127.0.0.1:7447", "127.0.0.1", "zenoh: '127.0.0.1' is not an endpoint"),  # no endpoint
+        ("[zenoh]", '[zenoh]\nmode = "clint"', "zenoh.mode: Invalid enum value 'clint'"),  # no mode
+        ("[parameters.driver]\nspeed_m_s = 0.4", "[parameters]\ndriver = 3", "parameters"),  # a number for a table
+        ('["plugins"]', '["plugs"]', "robot.places: expected a folder"),  # no folder
+        ("load =", "load = =", "is not TOML"),  # no TOML
+    ],
+)
+def test_a_wrong_robot_file_is_refused_naming_file_and_key(write, old, new, expected):
+    assert old in GOOD
+    path = write(GOOD.replace(old, new))
+    with pytest.raises(RobotFileError) as wrong:
+        read_robot_file(path)
+    assert str(wrong.value).startswith(f"{path}: ")
+    assert expected in str(wrong.value)
+
+
+def test_a_file_that_is_not_there_is_said_in_words(tmp_path):
+    with pytest.raises(RobotFileError, match=r"robot.toml: no such file; expected a ROBOT.toml"):
+        read_robot_file(tmp_path / "robot.toml")
+
+
+def test_a_folder_is_no_robot_file(tmp_path):
+    with pytest.raises(RobotFileError, match="cannot be read"):
+        read_robot_file(tmp_path)

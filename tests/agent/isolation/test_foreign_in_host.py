@@ -1,0 +1,263 @@
+"""Foreign plugins in a robot's host: its own plugins use them, and it relays calls from outside."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from robrain.agent.errors import AccessDenied
+from robrain.agent.host.agent_host import AgentHost
+from robrain.agent.host.robot_file import RobotFile, RobotTable
+from robrain.agent.manifest import COMMAND
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive
+from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.messages import HostRequest
+from robrain.protocol.wire.session import listening_at, open_session
+from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_FOREIGN_CALL, ROBOT_HOST, ROBOT_PLUGINS
+from tests.agent.conftest import Bench
+from tests.agent.isolation.test_foreign import Process, info
+from tests.patient_endpoint import PatientEndpoint
+from tests.waiting import until
+
+LAB = """
+    from tests.agent.isolation.test_foreign import GaugeInterface, WiderInterface
+
+    class Meter(Unit):
+        interface = GaugeInterface
+        wanted = GaugeInterface
+        period_s = 0.02
+        measuring = False
+        def activate(self): self.gauge = self.env.use("gauge", self.wanted)
+        def step(self):
+            if self.measuring: self.gauge.read()
+        def emergency_halt(self): self.gauge.read()
+        @external
+        def read(self) -> float: return 10 * self.gauge.read()
+        @external
+        def where(self, sensor: int) -> float: return self.gauge.place(sensor, offset_m=0.5).y_m
+
+    class Chip(Device):
+        def activate(self): self.gauge = self.env.use("gauge", GaugeInterface)
+
+    class Wide(Meter):
+        wanted = WiderInterface
+"""
+PLUGINS = {"meter": "Meter", "chip": "Chip", "wide": "Wide", "stranger": "Meter"}
+
+
+class Robot:
+    """A host in live, stepped by the test, and an operator beside it; foreign processes are clients of its session."""
+
+    def __init__(self, hub, place: Path, *load: str) -> None:
+        self.connect = listening_at(hub)
+        robot_file = RobotFile(robot=RobotTable("r1", team="t", places=[str(place)], load=list(load)))
+        self.host = AgentHost(robot_file, Path(), hub, WallClock(), Drive.LIVE)
+        self.operator = PatientEndpoint(hub, "t", WallClock(), Drive.LIVE)
+        self.processes: list[Process] = []
+        self.host.start()
+
+    def join(self, name="gauge", visibility=(COMMAND, "meter", "chip", "wide"), **told):
+        process = Process(self.connect, info(name=name, visibility=visibility, **told), name)
+        self.processes.append(process)
+        self.until(lambda: name in self.host.manager.registry.foreign)
+        return process
+
+    def leave(self, process):
+        self.processes.remove(process)
+        process.leave()
+        self.until(lambda: "gauge" not in self.host.manager.registry.foreign)
+
+    def until(self, condition):
+        until(condition, step=self.host.step)
+
+    def call(self, plugin, function, arguments=None):
+        return msgspec.json.decode(
+            self.operator.ask(ROBOT_CALL, arguments, robot="r1", plugin=plugin, function=function)
+        )
+
+    def command(self, text):
+        return msgspec.json.decode(self.operator.ask(ROBOT_HOST, HostRequest(text=text), robot="r1", verb="command"))
+
+    def tag(self, name):
+        return self.host.manager.get(name)
+
+    def close(self) -> None:
+        for process in self.processes:
+            process.leave()
+        self.operator.close()
+        self.host.close()
+
+
+@pytest.fixture(scope="module")
+def hub():
+    with open_session(mode="router", listen=["tcp/127.0.0.1:0"]) as session:
+        yield session
+
+
+@pytest.fixture
+def start(bench: Bench, hub) -> Iterator[Callable[..., Robot]]:
+    bench.code("lab", LAB)
+    for name, class_name in PLUGINS.items():
+        bench.manifest(name, f"lab:{class_name}", requires=["gauge"], visibility=[COMMAND])
+    bench.manifest("loner", "lab:Meter")
+    robots = []
+
+    def start(*load):
+        robots.append(Robot(hub, bench.place, *load))
+        return robots[-1]
+
+    yield start
+    for robot in robots:
+        robot.close()
+
+
+@pytest.fixture
+def robot(start):
+    return start()
+
+
+@pytest.fixture
+def gauge(robot):
+    return robot.join()
+
+
+@pytest.fixture
+def meter(robot, gauge):
+    robot.host.manager.load("meter")
+    return robot.tag("meter")
+
+
+# -- from inside ------------------------------------------------------------------------------------------------
+
+
+def test_a_plugin_of_the_robot_uses_a_foreign_one_like_its_own(robot, gauge, meter):
+    assert robot.call("meter", "read") == 15.0
+    assert robot.call("meter", "where", [2]) == 2.0
+    assert gauge.asked == [b"{}", b'{"sensor":2,"offset_m":0.5}']
+
+
+@pytest.mark.parametrize(
+    ("name", "level", "text"),
+    [
+        ("meter", "unit", r"meter \(unit\) may not call gauge \(unit\): calls go to lower levels only"),
+        ("meter", "behavior", r"meter \(unit\) may not call gauge \(behavior\)"),
+        ("chip", "device", r"chip \(device\) may not call gauge \(device\)"),
+        ("stranger", "device", "stranger is not in the visibility of gauge"),
+        ("wide", "device", "gauge offers no wipe, which WiderInterface wants"),
+        ("loner", "device", r"loner must name gauge in \[tag\] requires"),
+    ],
+)
+def test_who_may_not_use_it_is_not_loaded_and_told_why(robot, name, level, text):
+    process = robot.join(level=level)
+    with pytest.raises(AccessDenied, match=text) as denied:
+        robot.host.manager.load(name)
+    assert denied.value.plugin == "gauge"
+    assert name not in robot.host.manager.plugins
+    assert process.asked == []
+
+
+def test_a_plugin_that_needs_it_is_left_out_of_the_start_and_picked_up_when_it_is_there(start):
+    robot = start("meter")
+    assert robot.tag("meter").why == "no plugin gauge (meter → gauge); there are: meter"
+    robot.join()
+    robot.until(lambda: robot.tag("meter").state == "active")
+    assert robot.call("meter", "read") == 15.0
+
+
+def test_a_handle_on_one_that_has_gone_says_so_and_works_when_it_is_back(robot, gauge, meter):
+    robot.leave(gauge)
+    with pytest.raises(CallError, match="gauge has gone") as gone:
+        robot.call("meter", "read")
+    assert gone.value.code is ErrorCode.UNLOADED
+    robot.join()
+    assert robot.call("meter", "read") == 15.0
+
+
+def test_a_plugin_is_not_faulted_because_a_foreign_one_that_it_uses_has_gone(robot, gauge, meter):
+    meter.plugin.measuring = True
+    meter.run_step()
+    robot.leave(gauge)
+    meter.run_step()
+    assert meter.state == "active"
+
+
+def test_a_halted_robot_calls_no_foreign_plugin_from_inside(robot, gauge, meter):
+    robot.host.manager.halt()
+    assert gauge.asked == []
+
+
+# -- from outside -----------------------------------------------------------------------------------------------
+
+
+def test_the_host_lists_it_beside_its_own(robot, gauge, meter):
+    infos = robot.operator.ask(ROBOT_PLUGINS, robot="r1")
+    assert [(each.name, each.level, each.state) for each in infos] == [
+        ("meter", "unit", "active"),
+        ("gauge", "device", "active"),
+    ]
+
+
+def test_the_host_relays_calls_with_their_arguments_as_they_are(robot, gauge):
+    assert robot.call("gauge", "read") == 1.5
+    assert robot.call("gauge", "place", [3]) == {"x_m": 1.0, "y_m": 2.0}
+    assert robot.call("gauge", "place", {"sensor": 3}) == {"x_m": 1.0, "y_m": 2.0}
+    assert gauge.asked == [b"", b"[3]", b'{"sensor":3}']
+
+
+def test_the_host_relays_its_errors(robot):
+    robot.join(functions=["fail"])
+    with pytest.raises(CallError, match="not today") as caught:
+        robot.call("gauge", "fail")
+    assert (caught.value.code, caught.value.detail) == (ErrorCode.REFUSED, "rain")
+
+
+@pytest.mark.parametrize(
+    ("plugin", "function", "code"),
+    [
+        ("gauge", "wipe", ErrorCode.UNKNOWN_FUNCTION),
+        ("thermometer", "read", ErrorCode.UNKNOWN_PLUGIN),
+    ],
+)
+def test_what_is_not_there_is_not_asked_for(robot, gauge, plugin, function, code):
+    with pytest.raises(CallError) as refused:
+        robot.call(plugin, function)
+    assert refused.value.code is code
+    assert gauge.asked == []
+
+
+def test_one_that_is_not_open_to_the_outside_is_forbidden(robot):
+    process = robot.join(visibility=["meter"])
+    with pytest.raises(CallError, match="gauge is not open to the outside") as refused:
+        robot.call("gauge", "read")
+    assert refused.value.code is ErrorCode.FORBIDDEN
+    assert process.asked == []
+
+
+def test_a_halted_robot_relays_no_calls(robot, gauge):
+    robot.host.manager.halt()
+    with pytest.raises(CallError) as refused:
+        robot.call("gauge", "read")
+    assert refused.value.code is ErrorCode.HALTED
+    robot.host.manager.resume()
+    assert robot.call("gauge", "read") == 1.5
+    assert gauge.asked == [b""]
+
+
+def test_a_process_under_the_name_of_a_plugin_of_the_robot_is_neither_listed_nor_called(robot, gauge, meter):
+    impostor = robot.join("meter")
+    infos = robot.operator.ask(ROBOT_PLUGINS, robot="r1")
+    assert [(each.name, each.level) for each in infos] == [("meter", "unit"), ("gauge", "device")]
+    assert robot.call("meter", "read") == 15.0
+    assert impostor.asked == []
+
+
+def test_the_text_form_reaches_it_too(robot, gauge):
+    assert robot.command("list") == "gauge"
+    assert robot.command("call gauge read()") == "1.5"
+
+
+def test_whoever_asks_the_process_itself_is_checked_by_nobody(robot):
+    robot.join(visibility=[])
+    assert robot.operator.ask(ROBOT_FOREIGN_CALL, robot="r1", plugin="gauge", function="read") == b"1.5"

@@ -1,0 +1,482 @@
+"""Plugins in a process of their own are, for their robot, plugins like any other."""
+
+import logging
+import os
+import threading
+import time
+from typing import Protocol
+
+import msgspec
+import numpy as np
+import pytest
+
+from robrain.agent.access.external_function import external_functions
+from robrain.agent.errors import AccessDenied, HardwareAbsent, PluginBusy, PluginError
+from robrain.agent.event import Event
+from robrain.agent.isolation.isolated_plugin import IsolatedPlugin
+from robrain.agent.plugin import Level
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.wire.messages import BatteryState
+from robrain.protocol.wire.session import listening_at, open_session
+from robrain.protocol.wire.topics import ROBOT_FOREIGN_CALL
+from tests.agent.isolation.isolation_bench import IsolationBench, StandInEnvironment
+from tests.waiting import PATIENCE_S, until
+
+VISION = """
+class Blob(msgspec.Struct, frozen=True):
+    place: Point2D
+    pixels: int
+
+class VisionInterface(Protocol):
+    seen: Event[Blob]
+    threshold: float
+    def find(self, image: NDArray[np.uint8], least: int = 1) -> list[Blob]: ...
+    def process(self) -> int: ...
+
+class Vision(Unit):
+    '''Finds blobs.'''
+    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        threshold: float = 0.5
+        at: Point2D = Point2D(1.0, 2.0)
+    interface = VisionInterface
+    seen = Event[Blob]()
+    period_s = 0.25
+    steps = 0
+    def init(self): self.threshold = self.parameters.threshold
+    def step(self):
+        self.steps += 1
+        self.seen.notify(Blob(self.parameters.at, self.steps))
+    def find(self, image, least=1):
+        assert isinstance(image, np.ndarray) and image.dtype == np.uint8, image
+        pixels = int((image > 255 * self.threshold).sum())
+        return [Blob(self.parameters.at, pixels)] if pixels >= least else []
+    def process(self): return os.getpid()
+    @external
+    def count(self, of: str, times: int = 2) -> dict[str, int]:
+        '''Counts.'''
+        return {of: self.steps * times}
+"""
+
+
+class Blob(msgspec.Struct, frozen=True):
+    place: Point2D
+    pixels: int
+
+
+class RangerInterface(Protocol):
+    measured: Event[float]
+    reach_m: float
+
+    def measure(self, angle_rad: float, samples: int = 1) -> Point2D: ...
+
+
+class Ranger:
+    """A plugin of a lower level, in the robot's own process."""
+
+    measured = Event[float]()
+    reach_m = 4.0
+
+    def measure(self, angle_rad: float, samples: int = 1) -> Point2D:
+        if samples < 1:
+            raise ValueError("expected samples >= 1")
+        self.thread = threading.current_thread()
+        return Point2D(angle_rad, float(samples))
+
+
+RANGED = """
+from tests.agent.isolation.test_isolation import RangerInterface
+
+class Vision(Unit):
+    heard = ()
+    def activate(self):
+        self.ranger = self.env.use("ranger", RangerInterface)
+        self.env.observe(self.ranger.measured, self.hear)
+    def hear(self, value): self.heard = (*self.heard, value)
+"""
+
+
+@pytest.fixture
+def bench(tmp_path):
+    bench = IsolationBench(tmp_path)
+    yield bench
+    bench.close()
+
+
+def observed(bench, event):
+    """What is told of an event, in order."""
+    told = []
+    event.add(told.append, bench.env.mailbox)
+    return told
+
+
+def test_isolated_plugin_looks_like_the_real_one(bench):
+    vision = bench.make(VISION)
+    assert isinstance(vision, IsolatedPlugin)
+    kind = type(vision)
+    assert (kind.__name__, kind.__doc__, kind.level, kind.period_s) == ("Vision", "Finds blobs.", Level.UNIT, 0.25)
+    assert kind.interface.__name__ == "VisionInterface"
+    assert msgspec.structs.fields(kind.Parameters)[0].name == "threshold"
+    (count,) = external_functions(kind).values()
+    assert count.info.name == "count"
+    assert count.info.doc == "Counts."
+    assert "times" in count.info.signature
+
+
+def test_it_runs_in_another_process(bench):
+    vision = bench.start(VISION)
+    assert vision.process() == vision.pid
+    assert vision.pid != os.getpid()
+
+
+def test_functions_take_and_give_back_what_they_declare(bench):
+    vision = bench.start(VISION, parameters={"threshold": 0.1, "at": {"x_m": 3.0, "y_m": 4.0}})
+    image = np.zeros((4, 5), np.uint8)
+    assert vision.find(image) == []
+    image[1, 2:4] = 255
+    (blob,) = vision.find(image, least=2)
+    assert (blob.place, blob.pixels, type(blob).__name__) == (Point2D(3.0, 4.0), 2, "Blob")
+    assert vision.threshold == 0.1
+
+
+def test_external_functions_are_called_with_json(bench):
+    vision = bench.start(VISION)
+    vision.step()
+    function = external_functions(type(vision))["count"]
+    assert function.call(vision, b'["legs", 3]') == {"legs": 3}
+    with pytest.raises(CallError, match="times"):
+        function.call(vision, b'{"of": "legs", "times": "many"}')
+
+
+def test_steps_happen_in_it_and_its_events_are_told_here(bench):
+    vision = bench.start(VISION)
+    told = observed(bench, vision.seen)
+    vision.step()
+    vision.step()
+    bench.env.mailbox.deliver()
+    assert [(blob.place, blob.pixels) for blob in told] == [(Point2D(1.0, 2.0), 1), (Point2D(1.0, 2.0), 2)]
+
+
+def test_events_of_its_own_threads_are_told_as_well(bench):
+    vision = bench.make("""
+        class Vision(Unit):
+            ticked = Event[int]()
+            def init(self):
+                threading.Thread(target=lambda: self.ticked.notify(5), daemon=True).start()
+        """)
+    told = observed(bench, vision.ticked)
+    vision.init()
+    assert bench.env.arrived.wait(PATIENCE_S)
+    bench.env.mailbox.deliver()
+    assert told == [5]
+
+
+def test_period_may_be_set_when_it_starts(bench):
+    vision = bench.start("""
+        class Vision(Unit):
+            def init(self): self.period_s = 0.75
+        """)
+    assert vision.period_s == 0.75
+
+
+def test_calls_to_lower_plugins_come_back_here_on_the_callers_thread(bench):
+    ranger = bench.env.others["ranger"] = Ranger()
+    vision = bench.start(
+        RANGED
+        + """
+    @external
+    def look(self) -> Point2D: return self.ranger.measure(0.5, samples=3)
+    @external
+    def reach(self) -> float: return self.ranger.reach_m
+    """
+    )
+    assert vision.look() == Point2D(0.5, 3.0)
+    assert ranger.thread is threading.current_thread()
+    assert vision.reach() == 4.0
+    assert bench.env.asked == [("ranger", RangerInterface)]
+
+
+def test_calls_from_its_own_threads_come_back_here_too(bench):
+    bench.env.others["ranger"] = Ranger()
+    vision = bench.start(
+        RANGED
+        + """
+    looked = Event[Point2D]()
+    @external
+    def look_aside(self) -> None:
+        threading.Thread(target=lambda: self.looked.notify(self.ranger.measure(0.5))).start()
+    """
+    )
+    told = observed(bench, vision.looked)
+    vision.look_aside()
+    assert bench.env.arrived.wait(PATIENCE_S)
+    bench.env.mailbox.deliver()
+    assert told == [Point2D(0.5, 1.0)]
+
+
+def test_events_of_lower_plugins_reach_it_in_its_turn(bench):
+    ranger = bench.env.others["ranger"] = Ranger()
+    vision = bench.start(
+        RANGED
+        + """
+    @external
+    def all_heard(self) -> list[float]: return list(self.heard)
+    """
+    )
+    ranger.measured.notify(1.5)
+    ranger.measured.notify(2.5)
+    assert vision.all_heard() == []
+    bench.env.mailbox.deliver()
+    assert vision.all_heard() == [1.5, 2.5]
+
+
+def test_it_has_the_rights_of_its_plugin_and_no_more(bench):
+    with pytest.raises(AccessDenied, match="not in the visibility of ranger") as caught:
+        bench.start(RANGED)
+    assert caught.value.plugin == "ranger"
+    assert bench.plugins[0].pid is None
+
+
+def test_only_the_interface_is_offered_through_its_handles(bench):
+    bench.env.others["ranger"] = Ranger()
+    vision = bench.start(
+        RANGED
+        + """
+    @external
+    def pry(self) -> None: self.ranger.thread
+    """
+    )
+    with pytest.raises(AccessDenied, match="thread is not in RangerInterface"):
+        vision.pry()
+
+
+@pytest.mark.parametrize(
+    ("raised", "kind", "text"),
+    [
+        ("ValueError('seen nothing')", ValueError, "seen nothing"),
+        ("PluginBusy('lamp', 'r2')", PluginBusy, "lamp is held by r2"),
+        ("CallError(ErrorCode.REFUSED, 'not now')", CallError, "not now"),
+        ("Odd('odd')", PluginError, "Odd: odd"),  # a class that is not known here
+    ],
+)
+def test_what_it_raises_is_raised_here(bench, raised, kind, text):
+    vision = bench.start(f"""
+        from robrain.protocol.wire.errors import CallError, ErrorCode
+        class Odd(Exception): pass
+        class Vision(Unit):
+            @external
+            def fail(self) -> None: raise {raised}
+            @external
+            def works(self) -> bool: return True
+        """)
+    with pytest.raises(kind, match=text) as caught:
+        vision.fail()
+    assert "vision_0.py" in caught.value.__notes__[0]
+    if isinstance(caught.value, CallError):
+        assert caught.value.code is ErrorCode.REFUSED
+    if isinstance(caught.value, PluginBusy):
+        assert caught.value.holder == "r2"
+    assert vision.works()
+
+
+def test_an_unknown_error_of_a_lower_plugin_is_an_error_of_the_plugin_that_called_it(bench):
+    class OutOfReach(Exception):
+        pass
+
+    class BlindRanger(Ranger):
+        def measure(self, angle_rad: float, samples: int = 1) -> Point2D:
+            raise OutOfReach("nothing within 4 m")
+
+    bench.env.others["ranger"] = BlindRanger()
+    vision = bench.start(
+        RANGED
+        + """
+    @external
+    def look(self) -> Point2D: return self.ranger.measure(0.5)
+    """
+    )
+    with pytest.raises(PluginError, match="OutOfReach: nothing within 4 m") as caught:
+        vision.look()
+    assert caught.value.plugin == "vision"
+
+
+def test_absent_hardware_is_told_as_such(bench):
+    vision = bench.make("""
+        class Vision(Device):
+            def init(self): raise HardwareAbsent("vision", "no camera at /dev/video9")
+        """)
+    with pytest.raises(HardwareAbsent, match="no camera"):
+        vision.init()
+    assert vision.pid is None
+
+
+def test_arguments_of_the_wrong_type_are_refused_by_name(bench):
+    vision = bench.start(VISION)
+    with pytest.raises(TypeError, match="find: Expected `int`"):
+        vision.find(np.zeros(3, np.uint8), least="many")
+    with pytest.raises(TypeError, match="unexpected keyword argument 'most'"):
+        vision.find(np.zeros(3, np.uint8), most=1)
+
+
+def test_what_is_not_plain_data_is_refused_in_words(bench):
+    vision = bench.start(VISION)
+    with pytest.raises(TypeError, match="lock is not plain data"):
+        vision.find(threading.Lock())
+    assert vision.process() == vision.pid
+
+
+def test_random_numbers_are_those_of_the_same_plugin_in_process(bench):
+    drawn = list(StandInEnvironment().rng.integers(0, 1000, 5))
+    vision = bench.start("""
+        class Vision(Unit):
+            @external
+            def draw(self) -> list[int]: return [int(n) for n in self.env.rng.integers(0, 1000, 5)]
+        """)
+    assert vision.draw() == drawn
+
+
+def test_the_board_is_the_robots(bench):
+    bench.env.board.T_arena_odom = Pose2D(1.0, 2.0, 0.5)
+    vision = bench.start("""
+        from robrain.protocol.wire.messages import BatteryState
+        class Vision(Unit):
+            def activate(self):
+                self.env.board.battery = BatteryState(
+                    voltage_v=12.0, current_a=1.0, temperature_c=20.0, soc=0.5, remaining_j=5.0)
+                self.env.board.behavior = "looking"
+            @external
+            def frame(self) -> Pose2D: return self.env.board.T_arena_odom
+        """)
+    assert bench.env.board.behavior == "looking"
+    assert isinstance(bench.env.board.battery, BatteryState)
+    assert vision.frame() == Pose2D(1.0, 2.0, 0.5)
+
+
+def test_its_log_is_in_the_robots(bench, caplog):
+    caplog.set_level(logging.INFO)
+    bench.start("""
+        class Vision(Unit):
+            def init(self): logging.getLogger("lens").warning("dirt on the %s", "lens")
+        """)
+    assert ("lens", logging.WARNING, "vision: dirt on the lens") in caplog.record_tuples
+
+
+def test_it_knows_robot_time_and_its_own_name(bench):
+    vision = bench.start("""
+        class Vision(Unit):
+            @external
+            def about(self) -> list[str]: return [self.env.robot, self.env.plugin]
+            @external
+            def now(self) -> int: return self.env.clock.now_ns()
+        """)
+    assert vision.about() == ["r1", "vision"]
+    before_ns = time.time_ns()
+    assert before_ns <= vision.now() <= time.time_ns()
+
+
+@pytest.mark.parametrize(
+    ("wish", "text"),
+    [
+        ("self.env.wire.ask", "finds no way to the wire"),
+        ("self.env.tasks", "has no env.tasks"),
+        ("self.env.do_tasks(int, None, None)", "cannot do tasks"),
+        ("self.env.observe(Event(), print)", "can observe events of the plugins that it uses"),
+    ],
+)
+def test_what_it_cannot_have_is_refused_in_words(bench, wish, text):
+    vision = bench.start(f"""
+        class Vision(Unit):
+            @external
+            def wish(self) -> None: {wish}
+        """)
+    with pytest.raises(PluginError, match=text):
+        vision.wish()
+
+
+def test_in_lockstep_isolation_is_an_error_that_says_so(bench):
+    bench.env = StandInEnvironment(Drive.LOCKSTEP)
+    vision = bench.make(VISION)
+    with pytest.raises(PluginError, match="is for the live drive"):
+        vision.init()
+
+
+def test_types_that_cannot_pass_between_processes_are_found_before_the_start(bench):
+    with pytest.raises(PluginError, match="Vision cannot run in a process of its own"):
+        bench.make("""
+            class VisionInterface(Protocol):
+                def look(self, at: "Nowhere") -> None: ...
+            class Vision(Unit):
+                interface = VisionInterface
+            """)
+
+
+def test_calls_of_several_threads_take_turns(bench):
+    vision = bench.start("""
+        class Vision(Unit):
+            inside = 0
+            @external
+            def look(self) -> int:
+                self.inside += 1
+                time.sleep(0.002)
+                self.inside -= 1
+                return self.inside
+        """)
+    seen = []
+    threads = [threading.Thread(target=lambda: seen.extend(vision.look() for _ in range(20))) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(PATIENCE_S)
+    assert seen == [0] * 80
+
+
+@pytest.mark.parametrize(
+    ("end", "why"), [("deactivate", "the plugin is deactivated"), ("emergency_halt", "emergency halt")]
+)
+def test_actions_are_told_of_the_end(bench, end, why):
+    vision = bench.start("""
+        class Vision(Unit):
+            ended = Event[str]()
+            def activate(self): self.env.at_end(self.ended.notify)
+        """)
+    told = observed(bench, vision.ended)
+    getattr(vision, end)()
+    assert bench.env.arrived.wait(PATIENCE_S)
+    bench.env.mailbox.deliver()
+    assert told == [why]
+
+
+def ask_when_there(operator):
+    """What the plugin answers, as soon as it has come round between the processes that somebody answers."""
+    until(lambda: not is_nobody_there(operator))
+    return operator.ask(ROBOT_FOREIGN_CALL, robot="r1", plugin="vision", function="tell", timeout_s=PATIENCE_S)
+
+
+def is_nobody_there(operator):
+    try:
+        operator.ask(ROBOT_FOREIGN_CALL, robot="r1", plugin="vision", function="tell", timeout_s=PATIENCE_S)
+    except NobodyThere:
+        return True
+    return False
+
+
+def test_it_has_a_place_of_its_own_on_the_wire(bench):
+    with open_session(mode="router", listen=["tcp/127.0.0.1:0"]) as hub:
+        operator = Endpoint(hub, "default", WallClock(), Drive.LIVE)
+        bench.env = StandInEnvironment(connect=tuple(listening_at(hub)))
+        bench.env.others["ranger"] = Ranger()
+        vision = bench.start(
+            RANGED
+            + """
+    def init(self):
+        from robrain.protocol.wire.topics import ROBOT_FOREIGN_CALL
+        self.env.answer(ROBOT_FOREIGN_CALL, self.tell, robot=self.env.robot, plugin="vision", function="tell")
+    def tell(self, request): return msgspec.json.encode([os.getpid(), self.ranger.measure(0.5).x_m])
+    """
+        )
+        assert msgspec.json.decode(ask_when_there(operator)) == [vision.pid, 0.5]
+        vision.deactivate()
+        until(lambda: is_nobody_there(operator))  # the hub hears on a thread of its own that the process has left
+        operator.close()

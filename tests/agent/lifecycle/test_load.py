@@ -1,0 +1,350 @@
+"""Loading plugins into a robot that runs."""
+
+import gc
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from robrain.agent.errors import HostBusy, ManifestError, PluginError, PluginMissing
+from robrain.agent.lifecycle.instance import Instance
+from robrain.agent.lifecycle.transitions import Trigger
+from robrain.agent.plugin import Plugin
+from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.messages import HostRequest
+from robrain.protocol.wire.topics import ROBOT_HOST
+from tests.waiting import PATIENCE_S
+
+LAB = """
+    class LampInterface(Protocol):
+        switched: Event[int]
+        def switch(self, to: int) -> int: ...
+
+    class Lamp(Device):
+        interface = LampInterface
+        switched = Event[int]()
+        def switch(self, to):
+            self.switched.notify(to)
+            return to
+        @external
+        def name(self) -> str: return self.env.plugin
+
+    class Shade(Unit):
+        heard = 0
+        def activate(self):
+            self.lamp = self.env.use("lamp", LampInterface)
+            self.env.observe(self.lamp.switched, self.hear)
+        def hear(self, to): self.heard = to
+        @external
+        def dim(self, to: int) -> int: return self.lamp.switch(to)
+
+    class HalfWay(Shade):
+        def activate(self):
+            super().activate()
+            self.env.wire.answer(ROBOT_CALL, lambda _request: "half", robot="r1", plugin="half", function="way")
+            raise RuntimeError("half way")
+
+    class Room(Skill): pass
+
+    PRESENT = []
+    class Absent(Device):
+        interface = LampInterface
+        def activate(self):
+            if not PRESENT: raise HardwareAbsent(self.env.plugin, "nothing on the bus")
+        def switch(self, to): return to
+"""
+
+
+@pytest.fixture
+def lab(bench):
+    bench.code("lab", "from robrain.protocol.wire.topics import ROBOT_CALL\n" + LAB.replace("\n    ", "\n"))
+    bench.manifest("base", "lab:Room")
+    bench.manifest("lamp", "lab:Lamp", visibility=["*", "command"])
+    bench.manifest("shade", "lab:Shade", requires=["lamp"])
+    bench.manager = bench.start("base").manager
+    return bench
+
+
+def states(bench):
+    return {name: info.state for name, info in bench.infos().items()}
+
+
+# -- what is loaded ---------------------------------------------------------------------------------------------
+
+
+def test_a_plugin_is_loaded_by_name_with_what_it_requires(lab):
+    assert [tag.name for tag in lab.manager.load("shade")] == ["lamp", "shade"]
+    assert lab.call("shade", "dim", [3]) == 3
+    lab.tick()
+    assert lab.plugin("shade").heard == 3
+
+
+def test_a_plugin_is_loaded_by_the_path_of_its_manifest(lab, tmp_path_factory):
+    elsewhere = tmp_path_factory.mktemp("elsewhere")
+    (elsewhere / "extra.py").write_text((lab.place / "lab.py").read_text())
+    (elsewhere / "extra.toml").write_text('[plugin]\nclass = "extra:Lamp"\n')
+    assert [tag.name for tag in lab.manager.load(str(elsewhere / "extra.toml"))] == ["extra"]
+    assert lab.call("extra", "name") == "extra"
+
+
+def test_all_plugins_of_a_folder_are_loaded_in_the_order_that_they_require(lab, tmp_path_factory):
+    elsewhere = tmp_path_factory.mktemp("elsewhere")
+    (elsewhere / "extra.py").write_text((lab.place / "lab.py").read_text())
+    (elsewhere / "a_user.toml").write_text('[plugin]\nclass = "extra:Room"\n[tag]\nrequires = ["b_low"]\n')
+    (elsewhere / "b_low.toml").write_text('[plugin]\nclass = "extra:Lamp"\n')
+    assert [tag.name for tag in lab.manager.load(str(elsewhere))] == ["b_low", "a_user"]
+
+
+def test_a_name_in_a_place_goes_before_a_folder_of_that_name(lab, monkeypatch, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("cwd")
+    (folder / "lamp").mkdir()
+    monkeypatch.chdir(folder)
+    assert [tag.name for tag in lab.manager.load("lamp")] == ["lamp"]
+
+
+def test_the_same_class_may_be_loaded_under_two_names(lab):
+    lab.manifest("second", "lab:Lamp")
+    lab.manager.load("lamp")
+    lab.manager.load("second")
+    assert (lab.call("lamp", "name"), lab.call("second", "name")) == ("lamp", "second")
+    lab.manager.unload("lamp")
+    assert lab.call("second", "name") == "second"
+
+
+def test_what_was_edited_while_it_was_not_loaded_is_read_anew(lab):
+    lab.manifest("second", "lab:Lamp")
+    lab.manager.load("second")
+    lab.manager.load("lamp")
+    lab.manager.unload("lamp")
+    source = lab.place / "lab.py"
+    source.write_text(source.read_text().replace("return self.env.plugin", "return 'edited    '"))
+    lab.manager.load("lamp")
+    assert (lab.call("lamp", "name"), lab.call("second", "name")) == ("edited    ", "second")
+    lab.manager.load("shade")  # the interfaces of both are the same by name
+    assert lab.call("shade", "dim", [1]) == 1
+
+
+# -- what is refused --------------------------------------------------------------------------------------------
+
+
+def test_what_is_loaded_already_is_refused(lab):
+    lab.manager.load("lamp")
+    with pytest.raises(PluginError, match=r"lamp is loaded already, from .*lamp.toml: reload it, or unload it first"):
+        lab.manager.load("lamp")
+    assert states(lab) == {"base": "active", "lamp": "active"}
+
+
+@pytest.mark.parametrize("what", ["ghost", "", "/nowhere", "x" * 5000, "\0", "\ud800"], ids=len)
+def test_what_is_nowhere_is_refused(lab, what):
+    with pytest.raises(PluginMissing):
+        lab.manager.load(what)
+
+
+def test_a_folder_without_a_manifest_is_refused(lab, tmp_path_factory):
+    with pytest.raises(PluginMissing, match=r"expected a TOML file with a \[plugin\] table"):
+        lab.manager.load(str(tmp_path_factory.mktemp("empty")))
+
+
+def test_a_missing_requirement_is_named_with_the_whole_way_to_it(lab):
+    lab.manifest("a", "lab:Room", requires=["b"])
+    lab.manifest("b", "lab:Shade", requires=["lamp", "ghost"])
+    with pytest.raises(PluginMissing, match=r"b requires ghost, which is in no place \(a → b → ghost\)"):
+        lab.manager.load("a")
+    assert states(lab) == {"base": "active"}
+
+
+def test_a_cycle_is_named_with_its_whole_path(lab):
+    lab.manifest("a", "lab:Room", requires=["b"])
+    lab.manifest("b", "lab:Shade", requires=["a"])
+    with pytest.raises(PluginError, match="requires itself: a → b → a"):
+        lab.manager.load("a")
+    assert states(lab) == {"base": "active"}
+
+
+@pytest.mark.parametrize(
+    ("class_name", "levels"),
+    [
+        ("Room", r"a \(skill\) requires base \(skill\)"),  # the same level
+        ("Shade", r"a \(unit\) requires base \(skill\)"),  # a higher one
+    ],
+)
+def test_a_requirement_that_is_not_lower_is_refused_and_says_what_to_merge(lab, class_name, levels):
+    lab.manifest("a", f"lab:{class_name}", requires=["base"])
+    with pytest.raises(PluginError, match=f"{levels}: merge a and base"):
+        lab.manager.load("a")
+    assert states(lab) == {"base": "active"}
+
+
+def test_such_a_requirement_is_left_out_at_the_start_too(lab):
+    lab.manifest("a", "lab:Shade", requires=["base"])
+    lab.hosts.pop().close()
+    lab.start("a")
+    assert lab.infos()["a"].why == "a (unit) requires base (skill): merge a and base, calls go to lower levels only"
+    assert states(lab) == {"base": "active", "a": "faulted"}
+
+
+def test_a_load_while_another_is_under_way_is_refused(lab):
+    lab.code("slow", "import threading\nBEGUN, GO = threading.Event(), threading.Event()\nclass Slow(Device):\n"
+             "    def init(self):\n        BEGUN.set()\n        GO.wait(600)\n")  # fmt: skip
+    lab.manifest("slow", "slow:Slow")
+    before = set(sys.modules)
+    thread = threading.Thread(target=lab.manager.load, args=["slow"])
+    thread.start()
+    try:
+        while not (new := [name for name in set(sys.modules) - before if name.startswith("robrain_plugin_slow")]):
+            pass
+        module = sys.modules[new[0]]
+        while not hasattr(module, "GO"):
+            pass
+        assert module.BEGUN.wait(PATIENCE_S)
+        for attempt in (lab.manager.load, lab.manager.unload, lab.manager.reload):
+            with pytest.raises(HostBusy, match="r1 is busy with another load, unload or reload"):
+                attempt("lamp")
+        with pytest.raises(CallError) as refused:
+            lab.operator.ask(ROBOT_HOST, HostRequest(plugin="lamp"), robot="r1", verb="load")
+        assert refused.value.code is ErrorCode.BUSY
+        lab.tick()  # the robot itself goes on
+    finally:
+        module.GO.set()
+        thread.join()
+    assert states(lab)["slow"] == "active"
+
+
+# -- what a failing load leaves behind --------------------------------------------------------------------------
+
+
+def entities(bench):
+    wires = [wire for host in bench.hosts for wire in host._wires if not wire.is_closed]
+    return sum(len(wire._entities) for wire in wires)
+
+
+@pytest.mark.parametrize(
+    ("class_path", "why"),
+    [
+        ("lab:HalfWay", "half cannot be started: RuntimeError: half way"),
+        ("lab:Nowhere", "expected a Device, Unit, Skill or Behavior named Nowhere"),
+        ("nowhere:HalfWay", "cannot import nowhere"),
+    ],
+)
+def test_a_load_that_fails_leaves_nothing_behind(lab, class_path, why):
+    lab.manifest("lamp", "lab:Lamp", visibility=["*"], shared=False)
+    lab.manifest("half", class_path, requires=["lamp"])
+    before = entities(lab)
+    with pytest.raises(PluginError, match=why):
+        lab.manager.load("half")
+    assert states(lab) == {"base": "active"}
+    assert entities(lab) == before
+
+
+def test_what_fails_holds_and_observes_nothing_of_what_was_there_before(lab):
+    lab.manifest("lamp", "lab:Lamp", visibility=["*"], shared=False)
+    lab.manifest("half", "lab:HalfWay", requires=["lamp"])
+    lab.manager.load("lamp")
+    with pytest.raises(PluginError, match="half way"):
+        lab.manager.load("half")
+    assert lab.infos()["lamp"].holder == ""
+    assert lab.plugin("lamp").switched._observers == []
+    lab.manager.load("shade")
+    assert lab.infos()["lamp"].holder == "shade"
+
+
+def test_parameters_that_are_wrong_are_named(lab):
+    lab.manifest("odd", "lab:Lamp", {"brightness": 3})
+    with pytest.raises(ManifestError, match=r"odd.toml: \[parameters\]: .*brightness"):
+        lab.manager.load("odd")
+    assert states(lab) == {"base": "active"}
+
+
+# -- hardware that comes later ----------------------------------------------------------------------------------
+
+
+def test_absent_hardware_leaves_its_branch_out_until_a_later_load(lab):
+    lab.manifest("lamp", "lab:Absent", visibility=["*", "command"])
+    lab.manifest("shade", "lab:Dimmer", requires=["lamp"])
+    source = lab.place / "lab.py"
+    source.write_text(
+        source.read_text() + "\nclass Dimmer(Shade):\n"
+        "    def activate(self): self.lamp = self.env.use('lamp', LampInterface)\n"
+    )
+    lab.hosts.pop().close()
+    manager = lab.start("base", "shade").manager
+    infos = lab.infos()
+    assert (infos["lamp"].state, infos["lamp"].why) == ("faulted", "hardware absent: nothing on the bus")
+    assert infos["shade"].why == "requires lamp, which is left out: hardware absent: nothing on the bus"
+    with pytest.raises(PluginError, match="nothing on the bus"):
+        manager.load("lamp")
+    assert lab.infos() == infos  # still listed, with the reason
+    manager.get("lamp").plugin_class.activate.__globals__["PRESENT"].append(1)
+    assert [tag.name for tag in manager.load("lamp")] == ["lamp", "shade"]
+    assert lab.call("shade", "dim", [2]) == 2
+
+
+# -- no leak ----------------------------------------------------------------------------------------------------
+
+
+def rss_bytes():
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
+
+
+def census(bench):
+    gc.collect()
+    objects = gc.get_objects()
+    return {
+        "threads": threading.active_count(),
+        "entities": entities(bench),
+        "wires": len([wire for host in bench.hosts for wire in host._wires if not wire.is_closed]),
+        "plugins": sum(isinstance(each, Plugin) for each in objects),
+        "loaded": sum(isinstance(each, Instance) for each in objects),
+        "modules": len(sys.modules),
+    }
+
+
+@pytest.mark.parametrize("cycle", ["reload", "load and unload", "reload that fails"])
+def test_two_hundred_cycles_leave_no_threads_entities_objects_or_memory_behind(lab, cycle):
+    lab.manager.load("shade")
+    source = (lab.place / "lab.py").read_text()
+    if cycle == "reload that fails":
+        (lab.place / "lab.py").write_text(source.replace("self.lamp =", "self.missing.lamp ="))
+    settled, rss = {}, 0
+    for number in range(220):
+        if number == 20:
+            settled, rss = census(lab), rss_bytes()
+        if cycle == "reload":
+            lab.manager.reload("lamp")
+        elif cycle == "load and unload":
+            lab.manager.unload("lamp", cascade=True)
+            lab.manager.load("shade")
+        else:
+            with pytest.raises(PluginError, match="shade keeps running as it was"):
+                lab.manager.reload("shade")
+        if number % 20 == 0:
+            assert lab.call("shade", "dim", [number]) == number
+    assert census(lab) == settled
+    assert rss_bytes() - rss < 3_000_000
+
+
+def test_a_query_declared_with_activate_goes_with_deactivate(lab):
+    lab.code(
+        "asked",
+        "from robrain.protocol.wire.topics import ROBOT_CALL\nclass Asked(Device):\n"
+        "    def activate(self):\n"
+        "        self.env.answer(ROBOT_CALL, lambda _request: 1, robot='r1', plugin='x', function='y')\n",
+    )
+    lab.manifest("asked", "asked:Asked")
+    lab.manager.load("asked")
+    before = entities(lab)
+    tag = lab.manager.get("asked")
+    for _ in range(3):
+        tag.apply(Trigger.DEACTIVATE)
+        assert entities(lab) == before - 1
+        tag.activate()
+    assert entities(lab) == before
+
+
+def test_an_isolated_plugin_is_refused_in_lockstep_without_a_trial_start(lab):
+    lab.code("slow", "import time\ntime.sleep(2.0)\nclass Slow(Unit): pass")
+    path = lab.manifest("slow", "slow:Slow", isolation="process", start_s=0.1)
+    with pytest.raises(ManifestError, match='"process" is for the live drive'):
+        lab.hosts[-1].manager.load(str(path))
+    assert "slow" not in lab.infos() or "live drive" in lab.infos()["slow"].why

@@ -1,0 +1,320 @@
+"""Reloading plugins after an edit, while the robot runs."""
+
+import os
+import sys
+
+import pytest
+
+from robrain.agent.errors import ManifestError, PluginError, PluginInactive, PluginMissing
+from robrain.agent.lifecycle.replacement import Replacement
+from robrain.protocol.wire.topics import ROBOT_FOREIGN_CALL, ROBOT_MAP
+
+LAMP = """
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.topics import ROBOT_FOREIGN_CALL, ROBOT_MAP
+
+class LampInterface(Protocol):
+    switched: Event[int]
+    def switch(self, to: int) -> int: ...
+
+class Lamp(Device):
+    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        factor: int = 1
+    interface = LampInterface
+    switched = Event[int]()
+    def init(self):
+        self.early, self.late = Inbox(every=True), Inbox(every=True)
+        self.env.wire.subscribe(self.early, ROBOT_MAP)
+    def activate(self):
+        self.env.wire.subscribe(self.late, ROBOT_MAP)
+        names = {"robot": "r1", "plugin": "light", "function": "of"}
+        self.env.answer(ROBOT_FOREIGN_CALL, lambda _request: self.version().encode(), **names)
+    @external
+    def version(self) -> str: return "one"
+    def switch(self, to):
+        self.switched.notify(to * self.parameters.factor)
+        return to * self.parameters.factor
+"""
+SHADE = """
+class Shade(Unit):
+    interface = LampInterface
+    def init(self): self.heard = []
+    def activate(self):
+        self.lamp = self.env.use("lamp", LampInterface)
+        self.env.observe(self.lamp.switched, self.heard.append)
+    @external
+    def dim(self, to: int) -> int: return self.lamp.switch(to)
+"""
+
+
+@pytest.fixture
+def lab(bench):
+    bench.code("lamp", LAMP + SHADE)
+    bench.manifest("lamp", "lamp:Lamp", {"factor": 1}, visibility=["*", "command"], shared=False)
+    bench.manifest("shade", "lamp:Shade", requires=["lamp"])
+    bench.manager = bench.start("shade").manager
+    bench.maps = bench.operator.publisher(ROBOT_MAP, robot="r9")
+    return bench
+
+
+def edit(bench, old, new):
+    path = bench.place / "lamp.py"
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+def version(bench):
+    return bench.manager.get("lamp").live_plugin().version()
+
+
+def answered(bench):
+    return bench.operator.ask(ROBOT_FOREIGN_CALL, robot="r1", plugin="light", function="of").decode()
+
+
+def heard_maps(bench):
+    """How many of one put the two subscriptions of the lamp took in."""
+    lamp = bench.plugin("lamp")
+    lamp.early.drain_raw(), lamp.late.drain_raw()
+    bench.maps.put_bytes(b"{}")
+    return len(lamp.early.drain_raw()), len(lamp.late.drain_raw())
+
+
+def test_the_new_code_runs_with_the_parameters_of_the_edited_manifest(lab):
+    edit(lab, '"one"', '"two"')
+    lab.manifest("lamp", "lamp:Lamp", {"factor": 10}, visibility=["*", "command"], shared=False)
+    before = lab.plugin("lamp")
+    assert lab.manager.reload("lamp").state == "active"
+    assert lab.plugin("lamp") is not before
+    assert (version(lab), lab.call("shade", "dim", [3])) == ("two", 30)
+
+
+def test_edits_within_one_second_and_of_one_size_are_seen(lab):
+    path = lab.place / "lamp.py"
+    stat = path.stat()
+    for word in ("two", "six", "ten"):
+        edit(lab, f'"{version(lab)}"', f'"{word}"')
+        os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+        lab.manager.reload("lamp")
+        assert version(lab) == word
+
+
+@pytest.fixture
+def installed(bench, tmp_path_factory, monkeypatch):
+    """Two plugins of a class whose module lies beside no manifest, but where Python looks for modules."""
+    folder = tmp_path_factory.mktemp("installed")
+    bench.code("installed_lamp", LAMP)
+    (bench.place / "installed_lamp.py").rename(folder / "installed_lamp.py")
+    monkeypatch.syspath_prepend(folder)
+    bench.manifest("lamp", "installed_lamp:Lamp")
+    bench.manifest("second", "installed_lamp:Lamp")
+    bench.manager = bench.start("lamp", "second").manager
+    bench.source = folder / "installed_lamp.py"
+    yield bench
+    sys.modules.pop("installed_lamp", None)
+
+
+def test_plugins_of_one_installed_module_share_its_class_until_one_is_reloaded(installed):
+    assert type(installed.plugin("lamp")) is type(installed.plugin("second"))
+    installed.source.write_text(installed.source.read_text().replace('"one"', '"two"'))
+    installed.manager.reload("lamp")
+    assert (installed.plugin("lamp").version(), installed.plugin("second").version()) == ("two", "one")
+
+
+def test_handles_and_observers_follow_and_the_holder_stays(lab):
+    handle, switch = lab.plugin("shade").lamp, lab.plugin("shade").lamp.switch
+    edit(lab, "return to * self.parameters.factor", "return -to")
+    lab.manager.reload("lamp")
+    assert (handle.switch(3), switch(4)) == (-3, -4)
+    lab.tick()
+    assert lab.plugin("shade").heard == [3, 4]
+    assert lab.infos()["lamp"].holder == "shade"
+
+
+def test_a_user_that_is_reloaded_itself_uses_and_observes_once(lab):
+    for _ in range(3):
+        lab.manager.reload("shade")
+    assert lab.call("shade", "dim", [5]) == 5
+    lab.tick()
+    assert lab.plugin("shade").heard == [5]
+    assert lab.infos()["lamp"].holder == "shade"
+
+
+def test_what_was_notified_to_the_old_one_is_not_delivered_to_it_later(lab):
+    old = lab.plugin("shade")
+    lab.call("shade", "dim", [5])
+    lab.manager.reload("shade")
+    lab.tick()
+    assert (old.heard, lab.plugin("shade").heard) == ([], [])
+
+
+def test_subscriptions_and_answers_are_those_of_the_new_one_once_each(lab):
+    old = lab.plugin("lamp")
+    edit(lab, '"one"', '"two"')
+    lab.manager.reload("lamp")
+    assert heard_maps(lab) == (1, 1)
+    assert len(old.early) == len(old.late) == 0
+    assert answered(lab) == "two"
+
+
+def break_import(bench):
+    edit(bench, "class LampInterface", "import no_such_module\nclass LampInterface")
+
+
+def break_init(bench):
+    edit(bench, "self.early, self.late =", "self.missing.early =")
+
+
+def break_activate(bench):
+    edit(
+        bench,
+        "self.env.answer(ROBOT_FOREIGN_CALL",
+        "self.env.observe(self.switched, print)\n        self.missing(ROBOT_FOREIGN_CALL",
+    )
+
+
+def break_period(bench):
+    edit(bench, "interface = LampInterface\n    switched", "interface = LampInterface\n    period_s = 0\n    switched")
+
+
+def break_level(bench):
+    edit(bench, "class Lamp(Device)", "class Lamp(Unit)")
+
+
+def break_parameters(bench):
+    bench.manifest("lamp", "lamp:Lamp", {"factor": "ten"}, visibility=["*", "command"])
+
+
+def break_manifest(bench):
+    (bench.place / "lamp.toml").write_text("[plugin")
+
+
+def break_requires(bench):
+    bench.manifest("lamp", "lamp:Lamp", visibility=["*", "command"], requires=["ghost"])
+
+
+def break_cycle(bench):
+    bench.manifest("lamp", "lamp:Lamp", visibility=["*", "command"], requires=["shade"])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "why"),
+    [
+        (break_import, "cannot import lamp: No module named 'no_such_module'"),
+        (break_init, "lamp keeps running as it was: AttributeError: .*missing"),
+        (break_activate, "lamp keeps running as it was: AttributeError: .*missing"),
+        (break_period, "expected period_s > 0 or None, got 0"),
+        (break_level, r"shade \(unit\) requires lamp \(unit\): merge shade and lamp"),
+        (break_parameters, r"\[parameters\] factor: Expected `int`, got `str`"),
+        (break_manifest, "lamp.toml: is not TOML"),
+        (break_requires, "no plugin ghost; there are: lamp, shade"),
+        (break_cycle, r"lamp \(device\) requires shade \(unit\): merge lamp and shade"),
+    ],
+)
+def test_a_reload_that_fails_leaves_the_old_one_running(lab, spoil, why):
+    old = lab.plugin("lamp")
+    spoil(lab)
+    for _ in range(2):
+        with pytest.raises((PluginError, ManifestError), match=why.replace("lamp.toml: is", ".*is")):
+            lab.manager.reload("lamp")
+        assert lab.plugin("lamp") is old
+        assert {name: info.state for name, info in lab.infos().items()} == {"lamp": "active", "shade": "active"}
+        assert (version(lab), answered(lab), lab.call("shade", "dim", [3])) == ("one", "one", 3)
+        assert heard_maps(lab) == (1, 1)
+        lab.tick()
+        assert lab.plugin("shade").heard.pop() == 3
+        assert lab.infos()["lamp"].holder == "shade"
+        assert len(old.switched._observers) == 1
+    lab.code("lamp", LAMP + SHADE)
+    lab.manifest("lamp", "lamp:Lamp", {"factor": 2}, visibility=["*", "command"], shared=False)
+    lab.manager.reload("lamp")
+    assert lab.call("shade", "dim", [3]) == 6
+
+
+def test_a_plugin_that_raises_when_it_is_stopped_can_be_replaced(lab):
+    edit(
+        lab,
+        "def activate(self):\n        self.env.wire",
+        "def deactivate(self): raise RuntimeError('never')\n    def activate(self):\n        self.env.wire",
+    )
+    lab.manager.reload("lamp")
+    edit(lab, "raise RuntimeError('never')", "pass")
+    lab.manager.reload("lamp")
+    assert lab.call("shade", "dim", [3]) == 3
+    assert heard_maps(lab) == (1, 1)
+
+
+def test_a_plugin_whose_old_one_cannot_go_on_either_is_faulted(lab):
+    lab.plugin("lamp").activate = lambda: 1 / 0
+    break_activate(lab)
+    with pytest.raises(PluginError):
+        lab.manager.reload("lamp")
+    lab.tick()
+    infos = lab.infos()
+    assert (infos["lamp"].state, infos["lamp"].why) == ("faulted", "ZeroDivisionError: division by zero")
+    assert infos["shade"].state == "inactive"
+
+
+def test_a_faulted_plugin_runs_again_after_a_reload_and_so_do_its_users(lab):
+    lab.manager.get("lamp").fault(RuntimeError("broken"))
+    lab.tick()
+    assert {name: info.state for name, info in lab.infos().items()} == {"lamp": "faulted", "shade": "inactive"}
+    with pytest.raises(PluginError, match="shade requires lamp, which is faulted: RuntimeError: broken"):
+        lab.manager.reload("shade")
+    lab.manager.reload("lamp")
+    assert lab.call("shade", "dim", [3]) == 3
+    assert heard_maps(lab) == (1, 1)
+
+
+def test_a_plugin_that_has_just_faulted_may_be_reloaded_before_the_host_has_seen_to_it(lab):
+    lab.manager.get("lamp").fault(RuntimeError("broken"))
+    lab.manager.reload("lamp")
+    lab.tick(3)
+    assert lab.call("shade", "dim", [3]) == 3
+
+
+def test_a_passive_plugin_becomes_active_by_a_reload_and_passive_again(lab):
+    edit(
+        lab,
+        "switched = Event[int]()\n    def init",
+        "switched = Event[int]()\n    period_s = 0.02\n    steps = 0\n"
+        "    def step(self): self.steps += 1\n    def init",
+    )
+    lab.manager.reload("lamp")
+    lab.tick(3)
+    assert lab.plugin("lamp").steps == 3
+    edit(lab, "period_s = 0.02", "period_s = None")
+    lab.manager.reload("lamp")
+    lab.tick(3)
+    assert lab.plugin("lamp").steps == 0
+
+
+def test_what_is_not_there_cannot_be_reloaded(lab):
+    with pytest.raises(PluginMissing, match="no plugin ghost"):
+        lab.manager.reload("ghost")
+
+
+def test_a_plugin_reloaded_in_a_halted_robot_stays_halted(lab):
+    lab.manager.halt()
+    lab.manager.reload("lamp")
+    assert lab.infos()["lamp"].state == "halted"
+    with pytest.raises(PluginInactive, match="halted"):
+        version(lab)
+    lab.manager.resume()
+    assert version(lab) == "one"
+
+
+def test_replacement_that_is_given_up_while_it_is_made_leaves_the_old_one_in_its_place(lab):
+    tag = lab.manager.get("lamp")
+    old = tag.instance
+    replacement = Replacement(tag, tag.manifest, lambda *_: None, live=False)
+    tag.environment = None  # as if the new instance's were set already
+    finish = replacement.give_up("it hangs")
+    assert tag.environment is old.environment
+    assert tag.instance is old
+    assert finish() is None
+
+
+def test_plugin_begins_without_overruns_and_restarts(lab):
+    tag = lab.manager.get("lamp")
+    assert (tag.overruns, tag.restarts, tag.generation) == (0, 0, 0)

@@ -1,0 +1,216 @@
+"""The table of transitions: each pair of state and trigger is in it or refused; each way out gives all back once."""
+
+from collections import Counter
+from itertools import product
+
+import pytest
+
+from robrain.agent.errors import PluginError
+from robrain.agent.event import Event
+from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
+from robrain.agent.lifecycle.transitions import TRANSITIONS, Step, TransitionRefused, Trigger, transition
+from robrain.agent.manifest import read_manifest
+from robrain.agent.plugin import PluginState
+from robrain.protocol.model.task import Explore
+from robrain.protocol.wire.topics import ROBOT_FOREIGN_CALL
+
+BUZZER = """
+    from robrain.protocol.model.task import Explore
+    from robrain.protocol.wire.messages import TaskAnswer
+    from robrain.protocol.wire.topics import ROBOT_FOREIGN_CALL
+
+    class Interface(Protocol):
+        rung: Event[int]
+        def ring(self) -> int: ...
+
+    class Bell(Device):
+        interface = Interface
+        rung = Event[int]()
+        def ring(self): return 1
+
+    class Buzzer(Unit):
+        interface = Interface
+        rung = Event[int]()
+        period_s = 0.1
+        def init(self): self.log = []
+        def activate(self):
+            bell = self.env.use("bell", Interface)
+            self.env.observe(bell.rung, self.log.append)
+            self.env.do_tasks(Explore, lambda task: TaskAnswer(accepted=True), self.log.append)
+            self.env.at_end(self.log.append)
+            self.env.answer(ROBOT_FOREIGN_CALL, lambda request: b"1", robot="r1", plugin="b", function="f")
+        def deactivate(self): self.log.append("asked")
+        def ring(self): return 2
+"""
+
+RUNNING = (PluginState.ACTIVE, PluginState.HALTED)
+PAIRS = list(product(PluginState, Trigger))
+
+
+@pytest.fixture
+def house(bench):
+    bench.code("house", BUZZER)
+    bench.manifest("bell", "house:Bell", shared=False, visibility=["*", "command"])
+    bench.manifest("buzzer", "house:Buzzer", requires=["bell"], shared=False, visibility=["*", "command"])
+    bench.manager = bench.start("buzzer").manager
+    return bench
+
+
+def in_state(house, state):
+    """The buzzer, brought into a state by triggers alone."""
+    buzzer = house.manager.get("buzzer")
+    if state in (PluginState.DISCOVERED, PluginState.LOADED):
+        buzzer = ManagedPlugin(read_manifest(buzzer.manifest.path), house.manager.registry)
+        if state is PluginState.LOADED:
+            buzzer.load()
+    elif state is PluginState.HALTED:
+        buzzer.apply(Trigger.HALT, "emergency halt")
+    elif state is PluginState.INACTIVE:
+        buzzer.apply(Trigger.DEACTIVATE, "it rests")
+    elif state is PluginState.FAULTED:
+        buzzer.fault(RuntimeError("it is stuck"))
+    elif state is PluginState.UNLOADED:
+        buzzer.unload()
+    assert buzzer.state is state
+    return buzzer
+
+
+@pytest.mark.parametrize(("state", "trigger"), PAIRS, ids=lambda each: each.name)
+def test_every_pair_is_done_as_the_table_says_or_refused_in_words(house, state, trigger):
+    buzzer = in_state(house, state)
+    why = buzzer.why
+    if (state, trigger) not in TRANSITIONS:
+        with pytest.raises(TransitionRefused, match=f"^buzzer is {state}: it cannot be {trigger.value}$") as refused:
+            buzzer.apply(trigger, "told to")
+        assert (refused.value.plugin, refused.value.state, refused.value.trigger) == ("buzzer", state, trigger)
+        assert isinstance(refused.value, PluginError)
+        assert (buzzer.state, buzzer.why) == (state, why)
+        return
+    to, steps = transition("buzzer", state, trigger)
+    buzzer.apply(trigger, "told to")
+    assert buzzer.state is to
+    assert buzzer.why == (why if to is state and not steps else "told to")
+    if Step.DISCARD in steps or Step.LEAVE in steps:
+        assert buzzer.instance is None
+
+
+def test_each_state_is_reached_and_the_table_has_no_row_that_leads_nowhere():
+    assert {to for to, _ in TRANSITIONS.values()} == set(PluginState)
+    reached, before = {PluginState.DISCOVERED}, set()
+    while reached != before:
+        before = set(reached)
+        reached |= {to for (state, _), (to, _) in TRANSITIONS.items() if state in before}
+    assert reached == set(PluginState)
+
+
+def test_nothing_leads_out_of_unloaded():
+    assert {to for (state, _), (to, _) in TRANSITIONS.items() if state is PluginState.UNLOADED} == {
+        PluginState.UNLOADED
+    }
+
+
+def test_each_row_that_stops_a_plugin_gives_back_what_it_holds():
+    stopped = [
+        steps for (state, _), (to, steps) in TRANSITIONS.items() if state in RUNNING and to not in (state, *RUNNING)
+    ]
+    assert stopped
+    assert all(steps.count(Step.RELEASE) == 1 for steps in stopped)
+
+
+class Counts:
+    """How often each thing is given back."""
+
+    def __init__(self, house, monkeypatch):
+        self.seen: Counter[str] = Counter()
+        self._patch = monkeypatch
+        registry, buzzer = house.manager.registry, house.manager.get("buzzer")
+        self._count("observed event", house.manager.get("bell").plugin.rung, "remove")
+        self._count("task", registry.desk, "unregister", only=Explore)
+        self._count("lease", registry.leases, "drop", only="buzzer", when=lambda: registry.leases.holder("buzzer"))
+        wires = {"wire of activate": buzzer.environment.wire, "wire of init": buzzer.instance.wire}
+        for name, wire in wires.items():
+            self._count(name, wire, "close", when=lambda wire=wire: not wire.is_closed)
+
+    def _count(self, name, owner, function, *, only=None, when=lambda: True):
+        plain = getattr(owner, function)
+
+        def counted(*args):
+            self.seen[name] += (only is None or args == (only,)) and bool(when())
+            return plain(*args)
+
+        self._patch.setattr(owner, function, counted)
+
+
+def unload(house, buzzer):
+    house.manager.unload("buzzer")
+
+
+def fault(house, buzzer):
+    buzzer.fault(RuntimeError("it is stuck"))
+    house.tick()
+
+
+def fault_twice_and_unload(house, buzzer):
+    buzzer.fault(RuntimeError("it is stuck"))
+    buzzer.fault(RuntimeError("and again"))
+    house.tick()
+    house.manager.unload("buzzer")
+
+
+def fault_of_what_it_requires_and_unload(house, buzzer):
+    house.manager.get("bell").fault(RuntimeError("it is cracked"))
+    house.tick()
+    house.manager.unload("buzzer")
+
+
+def abandon(house, buzzer):
+    buzzer.apply(Trigger.ABANDON, "it hangs")
+    buzzer.apply(Trigger.ABANDON, "it hangs")
+
+
+def replace(house, buzzer):
+    house.manager.reload("buzzer")
+
+
+def close_the_host(house, buzzer):
+    house.hosts.pop().close()
+
+
+@pytest.mark.parametrize(
+    "end",
+    [unload, fault, fault_twice_and_unload, fault_of_what_it_requires_and_unload, abandon, replace, close_the_host],
+)
+def test_every_way_out_gives_each_thing_back_once(house, monkeypatch, end):
+    buzzer, bell = house.manager.get("buzzer"), house.manager.get("bell")
+    old, turn = buzzer.instance, buzzer.turn
+    assert bell.exclusive.inside == "buzzer"
+    buzzer.hold("ann", 30.0)
+    assert house.operator.ask(ROBOT_FOREIGN_CALL, robot="r1", plugin="b", function="f") == b"1"
+    counts = Counts(house, monkeypatch)
+    end(house, buzzer)
+    things = ["observed event", "task", "lease", "wire of activate", "wire of init"]
+    assert {thing: counts.seen[thing] for thing in things} == dict.fromkeys(things, 1)
+    assert old.environment.has_gone
+    assert turn.depth == 0
+    assert len([each for each in old.plugin.log if each != "asked"]) >= 1  # its actions were told of the end
+    assert old.plugin.log.count("asked") == (0 if end is abandon else 1)
+    if end is replace:
+        assert bell.exclusive.inside == "buzzer"
+        assert isinstance(buzzer.plugin.rung, Event)
+    else:
+        assert bell.exclusive.inside == ""
+        assert buzzer.instance is None
+
+
+def test_a_plugin_that_fails_to_stop_gives_everything_back_and_the_error_is_told(house, monkeypatch):
+    buzzer = house.manager.get("buzzer")
+    counts = Counts(house, monkeypatch)
+
+    def fail():
+        raise RuntimeError("it does not stop")
+
+    buzzer.plugin.deactivate = fail
+    with pytest.raises(RuntimeError, match="it does not stop"):
+        buzzer.unload()
+    assert (buzzer.state, buzzer.why) == (PluginState.UNLOADED, "it was unloaded")
+    assert [counts.seen[each] for each in ("observed event", "task", "wire of activate", "wire of init")] == [1] * 4
