@@ -1,6 +1,6 @@
 """The documents say what the code does.
 
-docs/topics.md is generated; after a change of the topics: `python -m tests.test_docs > docs/topics.md`.
+docs/reference/topics.md is generated; after a change of the topics: `python -m tests.test_docs > docs/reference/topics.md`.
 """
 
 import re
@@ -23,12 +23,12 @@ from robrain.protocol.wire.topic import JSON, Delivery, Query, Token, Topic
 from robrain.protocol.wire.topics import PUBLISHED, ROBOT_CALL, TOPICS
 
 ROOT = Path(__file__).parent.parent
-TOPICS_PAGE = ROOT / "docs" / "topics.md"
+TOPICS_PAGE = ROOT / "docs" / "reference" / "topics.md"
 
 INTRODUCTION = """\
 # Topics
 
-Generated from `protocol/wire/topics.py` by `python -m tests.test_docs > docs/topics.md`; do not edit.
+Generated from `protocol/wire/topics.py` by `python -m tests.test_docs > docs/reference/topics.md`; do not edit.
 
 Keys stand below `robrain/{team}/`. A *topic* is published, a *query* is answered, a *token* says that its owner is
 there. *latest*: only the last sample of a key counts; *every*: each counts, none is sent again; *lossless*: in live,
@@ -90,7 +90,7 @@ def messages_table() -> str:
 
 
 def topics_page() -> str:
-    """The whole of docs/topics.md."""
+    """The whole of docs/reference/topics.md."""
     about = "Fields in italics have a default. Their meaning is in `protocol/wire/messages.py`."
     parts = (
         INTRODUCTION,
@@ -136,12 +136,12 @@ def _delivery(topic: Topic) -> str:
 
 
 def test_topics_page_is_what_the_table_says() -> None:
-    assert TOPICS_PAGE.read_text(encoding="utf-8") == topics_page(), "python -m tests.test_docs > docs/topics.md"
+    assert TOPICS_PAGE.read_text(encoding="utf-8") == topics_page(), "python -m tests.test_docs > docs/reference/topics.md"
 
 
 @pytest.mark.parametrize("message", database().messages, ids=lambda message: message.name)
 def test_conventions_have_each_can_frame(message) -> None:
-    rows = [re.split(r" *\| *", line) for line in _lines("docs/conventions.md") if line.startswith("| 0x")]
+    rows = [re.split(r" *\| *", line) for line in _lines("docs/reference/conventions.md") if line.startswith("| 0x")]
     row = next(row for row in rows if row[2] == message.name)
     assert int(row[1], 16) == message.frame_id
     assert int(row[3]) == message.length

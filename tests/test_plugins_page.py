@@ -1,4 +1,4 @@
-"""docs/plugins.md: its plugins run as they stand there, and its table is that of the manifest."""
+"""docs/how-to/plugins.md: its plugins run as they stand there, and its table is that of the manifest."""
 
 import re
 from pathlib import Path
@@ -9,7 +9,7 @@ from robrain.agent.manifest import TagTable
 from robrain.agent.plugin_check import check_plugins
 from robrain.agent.testing import PluginBench
 
-PAGE = (Path(__file__).parent.parent / "docs" / "plugins.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parent.parent / "docs" / "how-to" / "plugins.md").read_text(encoding="utf-8")
 
 
 def write_files(folder):

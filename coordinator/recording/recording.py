@@ -42,7 +42,7 @@ class Told(NamedTuple):
 class Recording:
     """One recorded run. Nothing is kept open, and nothing is read before it is asked for.
 
-    Topics are named as in the table of topics (`docs/topics.md`): `robot_state`, `task_event`.
+    Topics are named as in the table of topics (`docs/reference/topics.md`): `robot_state`, `task_event`.
 
     Args:
         path: an MCAP file, also one whose end is missing.
