@@ -1,0 +1,12 @@
+"""Write all generated pages."""
+
+import sys
+
+from tests.reference_pages.pages import DOCS, PAGES
+
+for name, page in PAGES.items():
+    path = DOCS / name
+    old = path.read_text(encoding="utf-8") if path.exists() else ""
+    new = page()
+    path.write_text(new, encoding="utf-8")
+    sys.stdout.write(f"docs/{name}: {'unchanged' if new == old else 'written'}\n")
