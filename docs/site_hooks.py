@@ -22,6 +22,9 @@ GUESTS = {
 """Pages outside docs/ by their path, and where they stand on the site."""
 FOLDERS = {"docs/decisions": "explanation/decisions.md"}
 LINK = re.compile(r"(?<!!)\[(?P<text>[^\]\n]*)\]\((?P<target>[^)\s]+)\)")
+FILE_NAME = re.compile(r"[\w/-]+(\.md)?")
+CELL = re.compile(r"<td[^>]*>.*?</td>", re.DOTALL)
+LONG_CODE = re.compile(r"(?<=<code>)[^<]{24,}(?=</code>)")
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -37,6 +40,11 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     uri = page.file.src_uri
     folder = posixpath.dirname(homes.get(uri, f"docs/{uri}"))
     return LINK.sub(lambda link: site_link(link, folder, posixpath.dirname(uri)), markdown)
+
+
+def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """The page, in whose tables long names may break at their joints."""
+    return CELL.sub(lambda cell: LONG_CODE.sub(lambda code: re.sub(r"::|[/_,]", r"\g<0><wbr>", code[0]), cell[0]), html)
 
 
 def site_link(link: re.Match[str], folder: str, site_folder: str) -> str:
@@ -57,6 +65,14 @@ def site_link(link: re.Match[str], folder: str, site_folder: str) -> str:
         uri = path.removeprefix("docs/")
     if uri is not None:
         to = posixpath.relpath(uri, site_folder or ".")
-        return f"[{link['text']}]({to}{'#' + anchor if anchor else ''})"
+        is_file_name = FILE_NAME.fullmatch(link["text"]) and path.endswith(link["text"])
+        text = title_of(path, uri) if is_file_name else link["text"]
+        return f"[{text}]({to}{'#' + anchor if anchor else ''})"
     text = link["text"].strip("`")
     return f"`{path}`" if text in path else f"{text} (`{path}`)"
+
+
+def title_of(path: str, uri: str) -> str:
+    """The heading of a page."""
+    file = ROOT / path if path in GUESTS else ROOT / "docs" / uri
+    return file.read_text(encoding="utf-8").partition("\n")[0].removeprefix("# ")
