@@ -75,7 +75,7 @@ class FloorDrawing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             self._check_inside(f"{key}.to_m", *wall.to_m)
             if wall.from_m == wall.to_m:
                 raise MapError(
-                    f"expected {key}.to_m apart from from_m, got {list(wall.to_m)} for both", key=f"{key}.to_m"
+                    f"expected {key}.to_m different from from_m, got {list(wall.to_m)} for both", key=f"{key}.to_m"
                 )
         for index, block in enumerate(self.blocks):
             key = f"blocks[{index}]"

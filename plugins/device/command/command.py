@@ -30,7 +30,5 @@ class Command(Device):
     def _door(self) -> OutsideDoor:
         door = self.env.outside
         if door is None:
-            raise CallError(
-                ErrorCode.FORBIDDEN, f"{self.env.plugin}: only the plugin named command is let to the others"
-            )
+            raise CallError(ErrorCode.FORBIDDEN, f"{self.env.plugin}: only the plugin named command may use the others")
         return door

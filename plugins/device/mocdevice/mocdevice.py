@@ -244,7 +244,7 @@ class MocDevice(Device):
         if state is BusState.OFF:
             raise BusFault(self.env.plugin, "the computer's CAN controller is bus off")
         if state is BusState.PASSIVE:
-            logger.warning("%s: the CAN bus is error passive: is anybody there to acknowledge?", self.env.robot)
+            logger.warning("%s: the CAN bus is error passive: does another node acknowledge frames?", self.env.robot)
 
     def _read_status(self, frame: can.Message) -> None:
         try:

@@ -45,9 +45,9 @@ SLOW_M_S = 0.05
 SPARE_M = 0.04
 """So much of the stop distance may be used up before it brakes hard."""
 POINTS_MAX = 100_000
-NO_ODOMETRY = "the wheel encoders have said nothing"
-IN_THE_WAY = "something has stood in the way"
-TOO_NARROW = "the way has been too narrow"
+NO_ODOMETRY = "no data from the wheel encoders"
+IN_THE_WAY = "an obstacle has blocked the path"
+TOO_NARROW = "the path has been too narrow"
 
 
 class Driver(Unit):

@@ -31,7 +31,7 @@ class InteractiveShell(Unit):
             return
         if self.env.wire.drive is Drive.LOCKSTEP:
             raise PluginError(
-                self.env.plugin, f"{self.env.plugin} is for the live drive: a lockstep run has one thread"
+                self.env.plugin, f"{self.env.plugin} runs only in the live drive: a lockstep run has one thread"
             )
         try:
             self._terminal = Terminal(self.parameters.terminal, f"{self.env.robot}> ", command.execute)

@@ -303,7 +303,7 @@ class SNwExploration(Unit):
     def _wanted(self, mote: str) -> MoteRecord:
         record = self._record(_number_of(mote))
         if record is None:
-            raise ValueError(f"expected one of the {self.parameters.max_motes} motes that are known, got {mote!r}")
+            raise ValueError(f"expected one of the {self.parameters.max_motes} known motes, got {mote!r}")
         return record
 
     def _record(self, number: int) -> MoteRecord | None:

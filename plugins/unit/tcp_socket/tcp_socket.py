@@ -50,7 +50,7 @@ class TcpSocket(Unit):
         if self.env.wire.drive is Drive.LOCKSTEP:
             raise PluginError(
                 self.env.plugin,
-                f"{self.env.plugin} is for the live drive: a lockstep run has one thread, and no clients of its own",
+                f"{self.env.plugin} runs only in the live drive: a lockstep run has one thread and no clients",
             )
         try:
             self._server = LineServer(
