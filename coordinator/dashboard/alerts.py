@@ -69,7 +69,7 @@ def _of_robot(robot: RobotView, now_s: float) -> list[Alert]:
         Alert(Level.BAD, robot.name, f"{fault.plugin} does not run: {last_line(fault.why)}") for fault in state.faulted
     ]
     if state.lost:
-        found.append(Alert(Level.BAD, robot.name, f"does not know where it is: {state.lost}"))
+        found.append(Alert(Level.BAD, robot.name, f"is lost: {state.lost}"))
     battery = state.battery
     if battery is not None and battery.implausible:
         found.append(Alert(Level.WARN, robot.name, f"its battery's figures are not believed: {battery.implausible}"))

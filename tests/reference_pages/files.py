@@ -59,10 +59,13 @@ def planning_page() -> str:
 def file_sections(root: Struct) -> list[str]:
     """A section for each table of a file, as they stand in its structs."""
     tables = list(_tables(root))
-    homes = {struct: f"[`{name}`](#{_anchor(name)})" for name, struct in tables}
+    links = {_anchor(name): f"[`{name}`](#{_anchor(name)})" for name, _ in tables}
     sections = []
     for name, struct in tables:
-        fields = struct_table(struct, {other: home for other, home in homes.items() if other is not struct})
+        keys = {
+            field.encode_name: f"{name.strip('[]')}.{field.encode_name}" for field in msgspec.structs.fields(struct)
+        }
+        fields = struct_table(struct, {key: links.get(_anchor(path), "") for key, path in keys.items()})
         about = summary(struct)
         if struct is PlanningPolicy:
             about, fields = "See [planning files](planning.md).", ""

@@ -18,12 +18,12 @@ PLAIN = {float: "number", int: "integer", str: "text", bool: "true or false"}
 COUNTS = {2: "two", 3: "three", 4: "four"}
 
 
-def struct_table(struct: Struct, homes: dict[Any, str] | None = None) -> str:
+def struct_table(struct: Struct, links: dict[str, str] | None = None) -> str:
     """The fields of a struct: key, type, default and meaning; then the values of its enums, each with its meaning.
 
     Args:
         struct: whose fields are the keys.
-        homes: other structs by the words that lead to their own tables.
+        links: by key, a link to the table that it holds.
 
     """
     hints = get_type_hints(struct, include_extras=True)
@@ -31,7 +31,7 @@ def struct_table(struct: Struct, homes: dict[Any, str] | None = None) -> str:
     rows = [
         (
             f"`{field.encode_name}`",
-            type_words(hints[field.name], homes or {}),
+            type_words(hints[field.name], (links or {}).get(field.encode_name, "")),
             _default(field),
             meanings.get(field.name, ""),
         )
@@ -66,28 +66,26 @@ def summary(owner: type) -> str:
     return about[:1].upper() + about[1:]
 
 
-def type_words(hint: Any, homes: dict[Any, str]) -> str:
-    """A type as a reader of TOML says it, with its range."""
+def type_words(hint: Any, link: str = "") -> str:
+    """A type in the words of TOML, with its range; `link` stands for a struct in it."""
     origin, inner = get_origin(hint), get_args(hint)
     if origin is Annotated:
-        return type_words(inner[0], homes) + _range(inner[1:])
-    if hint in homes:
-        return homes[hint]
+        return type_words(inner[0], link) + _range(inner[1:])
     if hint in PLAIN:
         return PLAIN[hint]
     if origin in (Union, UnionType):
-        return " or ".join(type_words(one, homes) for one in inner if one is not NoneType)
+        return " or ".join(type_words(one, link) for one in inner if one is not NoneType)
     if origin is Literal:
         return _choices(inner)
     if origin is tuple and inner[-1] is not Ellipsis:
-        kinds = {type_words(one, homes) for one in inner}
+        kinds = {type_words(one, link) for one in inner}
         return f"{COUNTS[len(inner)]} {kinds.pop()}s" if len(kinds) == 1 else "list"
     if origin in (list, tuple):
-        return f"list of {_plural(type_words(inner[0], homes))}"
+        return f"list of {_plural(type_words(inner[0], link))}"
     if isinstance(hint, type) and issubclass(hint, enum.Enum):
         return _choices([one.value for one in hint])
     if isinstance(hint, type) and issubclass(hint, msgspec.Struct):
-        return "table of " + ", ".join(f"`{field}`" for field in hint.__struct_fields__)
+        return link or "table of " + ", ".join(f"`{field}`" for field in hint.__struct_fields__)
     return "table" if origin is dict else "any"
 
 
@@ -113,7 +111,8 @@ def _default(field: msgspec.structs.FieldInfo) -> str:
     if field.required:
         return "required"
     value = field.default if field.default is not msgspec.NODEFAULT else field.default_factory()
-    if value is None or isinstance(value, msgspec.Struct) or value in ((), [], {}):
+    is_table = isinstance(value, msgspec.Struct) and not any(one.required for one in msgspec.structs.fields(value))
+    if value is None or is_table or value in ((), [], {}):
         return "–"
     return f"`{toml_value(value)}`"
 
