@@ -7,7 +7,7 @@ from robrain.protocol.wire.errors import CallError, ErrorCode
 
 
 class Command(Device):
-    """Executes the text form, such as `call driver stop()`, for plugins that talk to the outside."""
+    """Executes the text form, such as `call driver stop()`, for plugins that serve the outside."""
 
     interface = CommandInterface
 

@@ -16,7 +16,7 @@ class InteractiveShell(Unit):
         """Which terminal."""
 
         enabled: bool = False
-        """An agent mostly runs as a service, without a terminal."""
+        """Off by default: an agent usually runs as a service, without a terminal."""
         terminal: str = "/dev/tty"
         """Device of the terminal; the one that the agent was started from, or a serial line as `/dev/ttyS0`."""
 
