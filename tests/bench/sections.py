@@ -42,8 +42,8 @@ SECTIONS = {
     ),
     "motes": Section(
         "Motes",
-        "Lockstep runs in the built-in depot; the limit of a visit is a mote that sends all the time and repeats nothing "
-        "unnecessarily, with the same shadowing.",
+        "Lockstep runs in the built-in depot; the limit of a visit is a mote that sends all the time and repeats "
+        "nothing unnecessarily, with the same shadowing.",
         "tests.bench.motes:measure",
     ),
     "localisation": Section(
