@@ -1,5 +1,6 @@
 """The documentation site builds without a broken link, and needs nothing from elsewhere."""
 
+import html
 import os
 import re
 import subprocess
@@ -57,6 +58,14 @@ def test_links_that_leave_docs_lead_to_pages_or_become_paths(site: Path) -> None
     assert "<code>agent/action.py</code>" in page
     assert "../../agent" not in page
     assert '"docs/' not in (site / "explanation" / "architecture.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.system
+def test_tutorial_shows_the_example_that_it_explains(site: Path) -> None:
+    page = (site / "tutorial" / "your-own-task-script.html").read_text(encoding="utf-8")
+    first = (ROOT / "examples" / "02_submit_tasks.py").read_text(encoding="utf-8").partition('"""')[2][:40]
+    assert first in html.unescape(page)
+    assert "8<--" not in html.unescape(page)
 
 
 @pytest.mark.system
