@@ -12,7 +12,7 @@ STANDS_BELOW_M_S = 0.05
 
 
 class ChargerSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[[chargers]]`: one charger. Raises ValueError where it is built with an impossible figure."""
+    """`[[chargers]]`: one charger. Raises ValueError for impossible values."""
 
     place_m: tuple[float, float]
     """Place of a docked robot's centre, arena frame."""

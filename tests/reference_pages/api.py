@@ -1,9 +1,11 @@
 """The pages of the Python interface: mkdocstrings fills them from the docstrings when the site is built."""
 
 import ast
+import inspect
 from pathlib import Path
 
 import robrain
+from robrain.agent import errors
 from tests.reference_pages.markdown import page
 
 PYTHON = """\
@@ -28,7 +30,6 @@ PLUGIN_NAMES = {
     ],
     "Events and long actions": ["robrain.agent.event.Event", "robrain.agent.action.ActionDesk"],
     "Task behaviors": ["robrain.plugins.behavior.errand.Errand"],
-    "Errors": ["robrain.agent.errors"],
     "Tests": ["robrain.agent.testing.PluginBench"],
 }
 
@@ -47,6 +48,9 @@ def plugin_api_page() -> str:
     parts = []
     for heading, names in PLUGIN_NAMES.items():
         parts += [f"## {heading}", *(f"::: {name}" for name in names)]
+    _, _, tree = (errors.__doc__ or "").partition("\n\n")
+    raised = [name for name, one in vars(errors).items() if inspect.isclass(one) and one.__module__ == errors.__name__]
+    parts += ["## Errors", f"```text\n{tree.strip()}\n```", *(f"::: {errors.__name__}.{name}" for name in raised)]
     return page("Python: plugins", PLUGIN, *parts)
 
 
