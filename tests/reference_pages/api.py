@@ -6,6 +6,12 @@ from pathlib import Path
 
 import robrain
 from robrain.agent import errors
+from robrain.agent.action import ActionDesk
+from robrain.agent.environment import Environment
+from robrain.agent.event import Event
+from robrain.agent.plugin import Plugin, external
+from robrain.agent.testing import PluginBench
+from robrain.plugins.behavior.errand import Errand
 from tests.reference_pages.markdown import page
 
 PYTHON = """\
@@ -15,31 +21,32 @@ PLUGIN = """\
 What authors of plugins import; [Write plugins](../how-to/plugins.md) shows it at work.
 """
 GROUPS = {
-    "Scenarios and runs": "robrain.sim",
-    "Scripts and teams": "robrain.deploy",
-    "Tasks and geometry": "robrain.protocol",
-    "Planning": "robrain.coordinator.planning",
-    "Recordings": "robrain.coordinator.recording",
+    "Scenarios and runs": "robrain.sim.",
+    "Scripts and teams": ("robrain.client.", "robrain.deploy."),
+    "Tasks, geometry and errors": "robrain.protocol.",
+    "Planning": "robrain.coordinator.planning.",
+    "Recordings": "robrain.coordinator.recording.",
+    "Plugins": "robrain.agent.",
 }
-"""Headings of the page of `robrain`, and the packages whose names stand below them."""
+"""Headings of the page of `robrain`, and where the names below them live."""
 PLUGIN_NAMES = {
-    "Plugins": [
-        "robrain.agent.plugin.Plugin",
-        "robrain.agent.plugin.external",
-        "robrain.agent.environment.Environment",
-    ],
-    "Events and long actions": ["robrain.agent.event.Event", "robrain.agent.action.ActionDesk"],
-    "Task behaviors": ["robrain.plugins.behavior.errand.Errand"],
-    "Tests": ["robrain.agent.testing.PluginBench"],
+    "Plugins": [Plugin, external, Environment],
+    "Events and long actions": [Event, ActionDesk],
+    "Task behaviors": [Errand],
+    "Tests": [PluginBench],
 }
 
 
 def python_page() -> str:
-    """The whole of docs/reference/python.md."""
+    """The whole of docs/reference/python.md (ValueError for a name that is in no group)."""
+    names = {f"{home}.{name}" for name, home in homes().items()}
     parts = []
-    for heading, package in GROUPS.items():
-        names = [f"{home}.{name}" for name, home in homes().items() if f"{home}.".startswith(f"{package}.")]
-        parts += [f"## {heading}", *(f"::: {name}" for name in names)]
+    for heading, packages in GROUPS.items():
+        found = sorted(name for name in names if name.startswith(packages))
+        parts += [f"## {heading}", *(f"::: {name}" for name in found)] if found else []
+        names -= set(found)
+    if names:
+        raise ValueError(f"expected a group of GROUPS for each name that robrain exports, got none for {sorted(names)}")
     return page("Python: robrain", PYTHON, *parts)
 
 
@@ -47,7 +54,7 @@ def plugin_api_page() -> str:
     """The whole of docs/reference/plugin-api.md."""
     parts = []
     for heading, names in PLUGIN_NAMES.items():
-        parts += [f"## {heading}", *(f"::: {name}" for name in names)]
+        parts += [f"## {heading}", *(f"::: {one.__module__}.{one.__qualname__}" for one in names)]
     _, _, tree = (errors.__doc__ or "").partition("\n\n")
     raised = [name for name, one in vars(errors).items() if inspect.isclass(one) and one.__module__ == errors.__name__]
     parts += ["## Errors", f"```text\n{tree.strip()}\n```", *(f"::: {errors.__name__}.{name}" for name in raised)]
