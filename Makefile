@@ -8,7 +8,7 @@ WORKERS := $(shell $(PYTHON) -c "import os; print(min(os.cpu_count() or 1, 4) + 
 unexport PYTHONDONTWRITEBYTECODE
 export CARGO_TARGET_DIR ?= $(CURDIR)/.cache/rust-target
 
-.PHONY: demo test browser kernels test-rust check bench figures soak mutants format install clean
+.PHONY: demo test browser kernels test-rust check docs reference bench figures soak mutants format install clean
 
 demo: install ## a team explores, seen in the browser, recorded
 	@$(BIN)/robrain demo $(ARGS)
@@ -18,7 +18,7 @@ install: $(STAMP)
 $(STAMP): pyproject.toml constraints.txt
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@echo "installing robrain into $(VENV) (once, for a minute or more)"
-	@$(BIN)/python -m pip install --disable-pip-version-check -c constraints.txt -e '.[all,dev]'
+	@$(BIN)/python -m pip install --disable-pip-version-check -c constraints.txt -e '.[all,dev,docs]'
 	@touch $@
 
 test: install browser kernels ## side by side on up to four cores, each file of tests in one process (ARGS="-n 0 tests/agent" for less)
@@ -49,6 +49,12 @@ check: install
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+docs: install ## the documentation site in site/, with all links checked; open site/index.html
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
+
+reference: install ## the pages of docs/ that are written from the code
+	$(BIN)/python -m tests.reference_pages
+
 format: install
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
@@ -67,4 +73,4 @@ mutants: install ## break the code on purpose, 400 times, and list what no test 
 	$(BIN)/python -m tests.mutation $(ARGS)
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) build dist site *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

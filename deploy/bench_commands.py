@@ -7,11 +7,11 @@ from typing import Annotated
 import typer
 
 BENCHES = {
-    "allocation": "who does what: gaps to exact optima, times of first plans, public routing instances",
-    "responses": "from an event to the wheels: a live team of processes on loopback",
-    "agents": "a thousand simulated agents at 10 Hz, and what they cost a coordinator",
+    "allocation": "task allocation: gaps to exact optima, times of first plans, public routing instances",
+    "responses": "response times from an event to the wheels, of a live team of processes on loopback",
+    "agents": "cost of a thousand simulated agents at 10 Hz for a coordinator",
     "mapping": "accuracy of maps and positions: teams explore map files in lockstep",
-    "joining": "robots that do not know where they are: time and errors of their joining the team's map",
+    "joining": "robots with unknown places: time and errors of joining the team's map",
     "live": "accuracy of the map of a live team whose agents are stopped at random times",
     "log": "accuracy of a trajectory: a public lidar log through localisation and mapper",
 }
@@ -19,32 +19,32 @@ BENCHES = {
 
 bench_app = typer.Typer(
     name="bench",
-    help="Measure, and show each figure beside the bound that it is to keep.",
+    help="Run benchmarks; each figure is shown beside its bound.",
     rich_markup_mode=None,
 )
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
 MapsOption = Annotated[
-    str | None, typer.Option(help="Names or paths of maps, or built-in scenarios, with commas; default is all.")
+    str | None, typer.Option(help="Names or paths of maps, or built-in scenarios, separated by commas; default: all.")
 ]
-RobotsOption = Annotated[str, typer.Option(help="Numbers of robots: 1,4 or 1-4.")]
-SeedsOption = Annotated[str, typer.Option(help="Seeds: 1,2 or 1-8.")]
+RobotsOption = Annotated[str, typer.Option(help="Numbers of robots, such as 1,4 or 1-4.")]
+SeedsOption = Annotated[str, typer.Option(help="Seeds, such as 1,2 or 1-8.")]
 WheelsOption = Annotated[str, typer.Option(help="exact, slipping (also 1 % off), or both.")]
-JobsOption = Annotated[int, typer.Option(help="Number of runs at a time, each in a process of its own.")]
+JobsOption = Annotated[int, typer.Option(help="Number of parallel runs, each in a process of its own.")]
 TimeLimitOption = Annotated[float, typer.Option(help="Simulated seconds after which a run ends.")]
 MapFolderOption = Annotated[
-    Path | None, typer.Option(help="Folder of the maps that are not part of the project; default ../shared/maps.")
+    Path | None, typer.Option(help="Folder of the maps that are not part of the project; default: ../shared/maps.")
 ]
 JsonFileOption = Annotated[Path | None, typer.Option("--json", help="Write runs and figures to this file.")]
-SecondsOption = Annotated[float, typer.Option(help="With --instance: seconds of a core to think.")]
+SecondsOption = Annotated[float, typer.Option(help="With --instance: seconds of CPU time for the search.")]
 
 
 @bench_app.callback(invoke_without_command=True)
 def benches(
     context: typer.Context,
-    names: Annotated[bool, typer.Option("--list", help="Say which benchmarks there are.")] = False,
+    names: Annotated[bool, typer.Option("--list", help="List the benchmarks.")] = False,
 ) -> None:
-    """Measure, and show each figure beside the bound that it is to keep."""
+    """Run benchmarks; each figure is shown beside its bound."""
     if names:
         for name, what in BENCHES.items():
             sys.stdout.write(f"{name:<12}{what}\n")
@@ -58,11 +58,14 @@ def allocation(
         Path | None, typer.Option(help="Solve this public instance instead: VRPLIB .vrp, or Solomon .txt.")
     ] = None,
     best: Annotated[
-        float | None, typer.Option(help="Its best known value; default is the Cost of the .sol file beside it.")
+        float | None,
+        typer.Option(help="With --instance: best known value; default: the Cost of the .sol file beside it."),
     ] = None,
     seconds: SecondsOption = 5.0,
     seed: Annotated[int, typer.Option(help="With --instance: seed of the search.")] = 0,
-    sizes: Annotated[int, typer.Option(help="Without: so many sizes of 5 × 50, 20 × 200, 100 × 1000.")] = 3,
+    sizes: Annotated[
+        int, typer.Option(help="Without --instance: how many of the sizes 5 × 50, 20 × 200, 100 × 1000.")
+    ] = 3,
     as_json: JsonOption = False,
 ) -> None:
     """Measure the allocators."""
@@ -83,7 +86,7 @@ def allocation(
 
 @bench_app.command(help=BENCHES["responses"])
 def responses(
-    rounds: Annotated[int, typer.Option(help="How often each event is caused; a second or two each.")] = 100,
+    rounds: Annotated[int, typer.Option(help="Repetitions of each event; one or two seconds each.")] = 100,
     as_json: JsonOption = False,
 ) -> None:
     """Measure response times."""
@@ -96,8 +99,8 @@ def responses(
 
 @bench_app.command(help=BENCHES["agents"])
 def agents(
-    robots: Annotated[int, typer.Option(help="How many agents.")] = 1000,
-    minutes: Annotated[float, typer.Option(help="For how long they are watched.")] = 1.0,
+    robots: Annotated[int, typer.Option(help="Number of agents.")] = 1000,
+    minutes: Annotated[float, typer.Option(help="Duration of the measurement.")] = 1.0,
     as_json: JsonOption = False,
 ) -> None:
     """Measure what many agents cost."""
@@ -118,7 +121,7 @@ def mapping(
     seeds: SeedsOption = "1-3",
     wheels: WheelsOption = "exact,slipping",
     conditions: Annotated[
-        str, typer.Option(help="usual, glass (and mirrors), late (messages, agents that pause), or several.")
+        str, typer.Option(help="usual, glass (and mirrors), late (messages, paused agents), or several.")
     ] = "usual",
     jobs: JobsOption = 1,
     time_limit_s: TimeLimitOption = 240.0,
@@ -158,7 +161,7 @@ def live(
         str, typer.Option("--map", help="Path of a map.yaml, or a built-in scenario.")
     ] = "examples/maps/clinic.yaml",
     robots: Annotated[int, typer.Option(help="Number of robots.")] = 4,
-    seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of all random numbers.")] = 1,
     minutes: Annotated[float, typer.Option(help="Duration of each of the two runs.")] = 15.0,
     as_json: JsonOption = False,
 ) -> None:
@@ -181,11 +184,12 @@ def live(
 def log(
     log_file: Annotated[Path, typer.Argument(metavar="LOG", help="The log; it is not part of robrain.")],
     relations: Annotated[
-        Path | None, typer.Option(help="File of lines t1 t2 x y z roll pitch yaw, known of pairs of the log's poses.")
+        Path | None,
+        typer.Option(help="File of lines t1 t2 x y z roll pitch yaw: known relations between poses of the log."),
     ] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
     map_file: Annotated[
-        Path | None, typer.Option("--map", help="Write the map as files of ROS's map_server, OUT.yaml and OUT.pgm.")
+        Path | None, typer.Option("--map", help="Write the map in ROS map_server format, OUT.yaml and OUT.pgm.")
     ] = None,
     robot_file: Annotated[
         Path | None,

@@ -149,10 +149,10 @@ def _watch(team: LiveTeam, inbox: Inbox, stops: Stops, begin_s: float, lasts_s: 
         if ended:
             raise ChildFailed(f"{ended[0].name} ended; it said: {' '.join(ended[0].lines) or 'nothing'}")
         if truth is None and now_s > begin_s + PATIENCE_S:
-            raise ChildFailed(f"the arena tells no truth within {PATIENCE_S:g} s")
+            raise ChildFailed(f"the arena published no ground truth within {PATIENCE_S:g} s")
         time.sleep(LOOK_S)
     if truth is None or not off_percent:
-        raise ChildFailed("the arena told nothing of the map's accuracy")
+        raise ChildFailed("the arena published nothing about the map's accuracy")
     return LiveRun(off_percent, truth, stops.stops, stops.stopped_s)
 
 

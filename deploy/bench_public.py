@@ -156,13 +156,13 @@ def _note(plan: Plan, over: int, capacity: float) -> str:
 
 def _instance(path: Path, found: dict[str, Any], decimals: int) -> PublicInstance:
     if "edge_weight" not in found:
-        raise ValueError("EDGE_WEIGHT_TYPE: expected ways, got none")
+        raise ValueError("EDGE_WEIGHT_TYPE: expected distances, got none")
     depots = np.atleast_1d(found.get("depot", np.array([0])))
     if len(depots) != 1 or int(depots[0]) != 0:
         raise ValueError(f"DEPOT_SECTION: expected one depot, node 1, got {[int(node) + 1 for node in depots]}")
     for key in ("backhaul", "vehicles_depot", "vehicles_allowed_clients", "release_time"):
         if key in found:
-            raise ValueError(f"{key.upper()}_SECTION: the allocators' model has no such thing")
+            raise ValueError(f"{key.upper()}_SECTION: not supported by the allocators' model")
     ways = _rounded(np.asarray(found["edge_weight"], dtype=np.float64), decimals)
     count = len(ways)
     windows = np.asarray(found.get("time_window", np.tile([0.0, math.inf], (count, 1))), dtype=np.float64)

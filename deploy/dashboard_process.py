@@ -41,7 +41,7 @@ class StartingPage:
         if self._child.exit_status is not None or time.monotonic() > self._begun_s + START_TIMEOUT_S:
             self._child.ask_to_stop()
             self._child.wait()
-            said = next((line for line in reversed(self._child.lines) if line.strip()), "it said nothing")
+            said = next((line for line in reversed(self._child.lines) if line.strip()), "it printed nothing")
             raise ChildFailed(f"the dashboard did not start: {said.removeprefix('robrain: ')}")
         return ""
 

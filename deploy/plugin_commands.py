@@ -24,7 +24,7 @@ PLAIN_WIDTH = 200
 
 plugin_app = typer.Typer(
     name="plugin",
-    help="See, load, unload and reload the plugins of a robot; write and check new ones.",
+    help="List, load, unload and reload the plugins of a robot; write and check new ones.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -39,7 +39,7 @@ def list_plugins(
     team: TeamOption = DEFAULT_TEAM,
     as_json: Annotated[bool, typer.Option("--json", help="Print a JSON array on stdout and nothing else.")] = False,
 ) -> None:
-    """Say which plugins a robot has, in which state and why."""
+    """List a robot's plugins with state and reason."""
     import msgspec
 
     from robrain.protocol.wire.topics import ROBOT_PLUGINS
@@ -54,11 +54,13 @@ def list_plugins(
 @plugin_app.command()
 def load(
     robot: RobotArgument,
-    plugin: Annotated[str, typer.Argument(help="A name in the robot's places, or a folder or manifest to load from.")],
+    plugin: Annotated[
+        str, typer.Argument(help="A name in the robot's plugin folders, or the path of a folder or manifest.")
+    ],
     connect: ConnectOption = None,
     team: TeamOption = DEFAULT_TEAM,
 ) -> None:
-    """Load a plugin into a robot that runs, with what it requires."""
+    """Load a plugin, and those that it requires, into a running robot."""
     from robrain.protocol.wire.messages import HostRequest
 
     _tell(_run_host(connect, team, robot, "load", HostRequest(plugin=_name_or_path(plugin), by=_asker())))
@@ -68,7 +70,7 @@ def load(
 def unload(
     robot: RobotArgument,
     plugin: PluginArgument,
-    cascade: Annotated[bool, typer.Option("--cascade", help="Those that require it as well.")] = False,
+    cascade: Annotated[bool, typer.Option("--cascade", help="Also unload the plugins that require it.")] = False,
     connect: ConnectOption = None,
     team: TeamOption = DEFAULT_TEAM,
 ) -> None:
@@ -83,7 +85,7 @@ def unload(
 def reload(
     robot: RobotArgument, plugin: PluginArgument, connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM
 ) -> None:
-    """Load a plugin anew after an edit; if that fails, the old one keeps running."""
+    """Load a plugin again after an edit; if that fails, the old one keeps running."""
     from robrain.protocol.wire.messages import HostRequest
 
     request = HostRequest(plugin=check_name("plugin", plugin), by=_asker())
@@ -92,11 +94,11 @@ def reload(
 
 @plugin_app.command()
 def new(
-    name: Annotated[str, typer.Argument(help="Name of the plugin; a Python name.")],
+    name: Annotated[str, typer.Argument(help="Name of the plugin, a valid Python identifier.")],
     level: Annotated[str, typer.Option(help="device, unit, skill or behavior.")],
-    active: Annotated[bool, typer.Option("--active", help="With a period and a step.")] = False,
-    hidden: Annotated[bool, typer.Option("--hidden", help="Closed to callers outside the robot.")] = False,
-    folder: Annotated[Path, typer.Option("--dir", help="Where the plugin's own folder is made.")] = Path(),
+    active: Annotated[bool, typer.Option("--active", help="Active: with a period and a step.")] = False,
+    hidden: Annotated[bool, typer.Option("--hidden", help="Not callable from outside the robot.")] = False,
+    folder: Annotated[Path, typer.Option("--dir", help="Folder in which the plugin's own folder is created.")] = Path(),
 ) -> None:
     """Write the skeleton of a plugin: class, manifest and a test that passes."""
     from robrain.agent.authoring.skeleton import write_skeleton
@@ -109,7 +111,7 @@ def new(
 def check(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder with plugins.")],
 ) -> None:
-    """Find the mistakes in a folder of plugins before a robot does; exit status 1 if there are any."""
+    """Find mistakes in a folder of plugins without a robot; exit status 1 if there are any."""
     from robrain.agent.authoring.plugin_check import check_plugins
     from robrain.agent.manifest import find_manifests
     from robrain.deploy.errors import UsageError

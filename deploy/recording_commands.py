@@ -24,16 +24,16 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object 
 @recording_app.command()
 def record(
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="MCAP file to write; default is runs/TEAM-N.mcap.")
+        Path | None, typer.Option("--output", "-o", help="MCAP file to write; default: runs/TEAM-N.mcap.")
     ] = None,
     connect: ConnectOption = None,
     team: TeamOption = DEFAULT_TEAM,
-    split_mb: Annotated[float | None, typer.Option(help="Go on in a next file after so many megabytes.")] = None,
-    split_s: Annotated[float | None, typer.Option(help="Go on in a next file after so many seconds.")] = None,
-    visual: Annotated[bool, typer.Option(help="Write what Foxglove, Lichtblick and Rerun draw, too.")] = True,
+    split_mb: Annotated[float | None, typer.Option(help="Continue in a new file after this many megabytes.")] = None,
+    split_s: Annotated[float | None, typer.Option(help="Continue in a new file after this many seconds.")] = None,
+    visual: Annotated[bool, typer.Option(help="Also write channels that Foxglove, Lichtblick and Rerun draw.")] = True,
     as_json: JsonOption = False,
 ) -> None:
-    """Record a live team until Ctrl-C; wait for it if it is not there yet."""
+    """Record a live team until Ctrl-C; wait for the team if it is not running yet."""
     from robrain.coordinator.recording.recording_file import check_writable
     from robrain.deploy.errors import UsageError
     from robrain.deploy.live_process import LiveStop, live_endpoint, open_when_there
@@ -71,7 +71,7 @@ def foxglove(
     team: TeamOption = DEFAULT_TEAM,
     port: Annotated[int, typer.Option(help="Port on 127.0.0.1; 0 takes a free one.")] = 8765,
 ) -> None:
-    """Show a live team in Foxglove or Lichtblick: a WebSocket on 127.0.0.1 to open there."""
+    """Serve a live team to Foxglove or Lichtblick, by a WebSocket on 127.0.0.1."""
     from robrain.deploy.live_process import LiveStop, client_session, live_endpoint, tell
     from robrain.deploy.recording_live import serve_foxglove
 
@@ -85,11 +85,11 @@ def foxglove(
 def info(
     recording: RecordingArgument,
     every_key: Annotated[
-        bool, typer.Option("--every-key", help="A line for each of the many keys of a topic.")
+        bool, typer.Option("--every-key", help="Print one line per key, also for topics with many keys.")
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Say what is in a recording: where it comes from, rates and gaps of each key."""
+    """Describe a recording: its origin, and rates and gaps of each key."""
     from robrain.coordinator.recording.contents import read_contents
     from robrain.deploy.recording_display import progress, show_contents
 
@@ -103,7 +103,7 @@ def info(
 
 @recording_app.command()
 def check(recording: RecordingArgument, as_json: JsonOption = False) -> None:
-    """Check a recording: messages as their schemas say, stamps that grow, no numbers missing. Exit status 1 if not."""
+    """Check a recording: valid messages, growing stamps, no missing numbers. Exit status 1 if a check fails."""
     from robrain.coordinator.recording.checking import check_recording
     from robrain.deploy.recording_display import progress, show_verdict
 
@@ -120,10 +120,10 @@ def check(recording: RecordingArgument, as_json: JsonOption = False) -> None:
 @recording_app.command()
 def diff(
     first: Annotated[Path, typer.Argument(help="A recording.")],
-    second: Annotated[Path, typer.Argument(help="Another.")],
+    second: Annotated[Path, typer.Argument(help="The other recording.")],
     as_json: JsonOption = False,
 ) -> None:
-    """Name the first message in which two runs differ. Exit status 1 if they do."""
+    """Print the first message in which two runs differ. Exit status 1 if they differ."""
     from robrain.coordinator.recording.comparing import first_difference
     from robrain.deploy.recording_display import progress, show_difference
 
@@ -141,11 +141,12 @@ def diff(
 def recover(
     recording: RecordingArgument,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="File to write; default is NAME_recovered.mcap beside it.")
+        Path | None,
+        typer.Option("--output", "-o", help="File to write; default: NAME_recovered.mcap in the same folder."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Make a whole file of a recording whose end is missing or that is damaged."""
+    """Write a complete file from a recording that is damaged or whose end is missing."""
     from robrain.coordinator.recording.recovering import recover as recover_recording
     from robrain.deploy.recording_display import progress, show_recovery
 
@@ -162,11 +163,12 @@ def recover(
 def report(
     recordings: Annotated[list[Path], typer.Argument(help="A recording, or several to compare.")],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder to write to; default is NAME_report beside the first.")
+        Path | None,
+        typer.Option("--output", "-o", help="Folder to write to; default: NAME_report beside the first recording."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Make a page of figures of a run, or compare several: explored, tracks, tasks, energy, batteries, faults."""
+    """Write a page of plots of a run, or compare several: explored share, tracks, tasks, energy, batteries, faults."""
     from robrain.coordinator.recording.report import write_report
     from robrain.deploy.recording_display import progress, show_report
 
@@ -185,22 +187,22 @@ def export(
     form: Annotated[
         str | None,
         typer.Option(
-            "--to", help="csv (default) or parquet (a file for each topic), html (a page that plays it), foxglove."
+            "--to", help="csv (default) or parquet (one file per topic), html (a page that plays the run), foxglove."
         ),
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Folder (csv, parquet) or file to write; default is beside it."),
+        typer.Option("--output", "-o", help="Folder (csv, parquet) or file to write; default: beside the recording."),
     ] = None,
     with_map: Annotated[
         bool, typer.Option("--map", help="Write the team's map instead, as ROS map_server files (.yaml, .pgm).")
     ] = False,
     at_s: Annotated[
-        float | None, typer.Option("--at", help="With --map: seconds since the start; default is the end.")
+        float | None, typer.Option("--at", help="With --map: seconds since the start; default: the end.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write a recording for other tools: tables, a page that plays it, its map, or what Foxglove and others draw."""
+    """Export a recording for other tools: tables, a page that plays it, its map, or channels that Foxglove draws."""
     from robrain.deploy.errors import UsageError
     from robrain.deploy.exporting import export_map, export_recording
     from robrain.deploy.recording_display import progress, show_files

@@ -129,7 +129,7 @@ def show_difference(first: Path, second: Path, difference: Difference | None, sa
     """Where two runs differ first."""
     console = _console()
     if difference is None:
-        console.print(f"the same: {same} messages", soft_wrap=True)
+        console.print(f"equal: {same} messages", soft_wrap=True)
         return
     what = f"{difference.what} {difference.path}" if difference.path else difference.what
     where = f"at {difference.time_s:.3f} s, on {said(difference.key)}, in its {said(what)}"
@@ -143,7 +143,7 @@ def show_recovery(recovery: Recovery) -> None:
     console = _console()
     console.print(
         f"{said(recovery.path)}: {recovery.messages} messages, {_bytes(recovery.bytes)}; "
-        f"{recovery.damaged_chunks} damaged chunks left out, {recovery.unread_bytes} bytes at the end not readable",
+        f"{recovery.damaged_chunks} damaged chunks left out, {recovery.unread_bytes} bytes at the end unreadable",
         soft_wrap=True,
     )
 

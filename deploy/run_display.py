@@ -65,7 +65,7 @@ def run_display(until_explored: float, *, quiet: bool = False) -> Iterator[RunDi
 def show_result(result: RunResult) -> None:
     """Print the summary of a run."""
     why = {
-        "explored": "explored as far as asked",
+        "explored": "target reached",
         "nothing_left": "nothing left that a robot could reach",
         "time_limit": "time limit",
         "interrupted": "interrupted",

@@ -45,7 +45,7 @@ def run_scenario(scenario: Scenario, options: RunOptions) -> RunResult:
     above_zero("--time-limit", options.time_limit_s)
     speed = options.speed if options.speed is not None else WATCHING_SPEED if options.dashboard else 0.0
     if speed < 0:
-        raise UsageError(f"--speed {speed:g}: expected 0 (as fast as it goes) or more")
+        raise UsageError(f"--speed {speed:g}: expected 0 (as fast as possible) or more")
     target = until if until is not None else scenario.until_explored
     url = ""
     with Children() as children:

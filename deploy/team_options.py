@@ -7,7 +7,7 @@ import typer
 
 ConnectOption = Annotated[
     str | None,
-    typer.Option(help="Endpoint of the team, tcp/HOST:PORT; default is $ROBRAIN_CONNECT, else this machine's hub."),
+    typer.Option(help="Endpoint of the team, tcp/HOST:PORT; default: $ROBRAIN_CONNECT, else this machine's hub."),
 ]
 TeamOption = Annotated[str, typer.Option(help="Name of the team.")]
 RobotArgument = Annotated[str, typer.Argument(help="Name of a running robot.")]

@@ -237,7 +237,7 @@ class _Watch:
 def _bound(hub: zenoh.Session) -> str:
     found = [endpoint for endpoint in listening_at(hub) if endpoint.startswith("tcp/")]
     if not found:
-        raise WireError("the hub listens nowhere: expected a tcp/ endpoint")
+        raise WireError("the hub has no tcp/ endpoint to listen on")
     return found[0]
 
 

@@ -71,10 +71,10 @@ class PlainLines:
         self._before: dict[str, str] = {}
 
     def hub(self, endpoint: str, taken: str) -> None:
-        """Print where the hub listens, and how other commands find it."""
+        """Print where the hub listens, and how found by other commands."""
         _warn_of_taken(endpoint, taken)
         found = f"other commands: --connect {endpoint}"
-        print_line(f"hub: {endpoint}  ({'other commands find it' if endpoint == hub_endpoint() else found})")
+        print_line(f"hub: {endpoint}  ({'found by other commands' if endpoint == hub_endpoint() else found})")
 
     def dashboard(self, url: str) -> None:
         """Print where the page is."""
@@ -130,7 +130,7 @@ def up_display(*, as_json: bool) -> Iterator[UpDisplay]:
 
 def _warn_of_taken(endpoint: str, taken: str) -> None:
     if taken:
-        say(f"{taken} is taken: the hub of this team is at {endpoint}, other commands need --connect {endpoint}")
+        say(f"{taken} is in use: the hub of this team is at {endpoint}, other commands need --connect {endpoint}")
 
 
 def _team_table(status: TeamStatus) -> Group:

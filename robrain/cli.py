@@ -58,17 +58,19 @@ app.add_typer(recording_app)
 app.add_typer(bench_app, name="bench")
 
 ScenarioArgument = Annotated[str | None, typer.Argument(help="A built-in name (depot) or a scenario .toml file.")]
-MapOption = Annotated[Path | None, typer.Option("--map", help="A map.yaml in the ROS map_server format, instead.")]
+MapOption = Annotated[
+    Path | None, typer.Option("--map", help="A map.yaml in the ROS map_server format instead of a scenario.")
+]
 RobotsOption = Annotated[int | None, typer.Option(help="Number of robots.")]
 MotesOption = Annotated[int | None, typer.Option(help="Number of sensor motes.")]
-SeedOption = Annotated[int | None, typer.Option(help="Seed of everything random.")]
-UntilOption = Annotated[str | None, typer.Option(help="Stop when so much is explored: explored=0.95.")]
-TimeLimitOption = Annotated[float | None, typer.Option(help="Stop after so many simulated seconds.")]
+SeedOption = Annotated[int | None, typer.Option(help="Seed of all random numbers.")]
+UntilOption = Annotated[str | None, typer.Option(help="Stop when this share is explored, such as explored=0.95.")]
+TimeLimitOption = Annotated[float | None, typer.Option(help="Stop after this many simulated seconds.")]
 RecordOption = Annotated[Path | None, typer.Option(help="Record to this new MCAP file.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
-ListenOption = Annotated[str | None, typer.Option(help="Endpoint to listen on, tcp/127.0.0.1:7447.")]
+ListenOption = Annotated[str | None, typer.Option(help="Endpoint to listen on, such as tcp/127.0.0.1:7447.")]
 JournalOption = Annotated[
-    Path | None, typer.Option(help="File of the tasks; default is TEAM.journal here. With `up`: none is kept.")
+    Path | None, typer.Option(help="File for the tasks; default: TEAM.journal in this folder. With `up`: none is kept.")
 ]
 PortOption = Annotated[int | None, typer.Option("--port", help="Port of the dashboard's page; 0 takes a free one.")]
 
@@ -83,14 +85,15 @@ def run(
     until: UntilOption = None,
     time_limit: TimeLimitOption = None,
     speed: Annotated[
-        float | None, typer.Option(help="Times real time; 0 is as fast as it goes. Default: 0, with dashboard 5.")
+        float | None,
+        typer.Option(help="Factor of real time; 0 is as fast as possible. Default: 0, with the dashboard 5."),
     ] = None,
     record: RecordOption = None,
     dashboard: Annotated[bool, typer.Option(help="Show the run in a browser page on 127.0.0.1.")] = False,
     port: PortOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Run a scenario in lockstep: repeatable, and as fast as it goes."""
+    """Run a scenario in lockstep: repeatable, and as fast as possible."""
     from robrain.deploy.options import choose_scenario, new_recording
     from robrain.deploy.running import RunOptions, run_scenario
 
@@ -111,12 +114,12 @@ def run(
 def demo(
     headless: Annotated[bool, typer.Option(help="Without the dashboard, for servers.")] = False,
     speed: Annotated[
-        float | None, typer.Option(help="Times real time; 0 is as fast as it goes. Default: 1, headless 0.")
+        float | None, typer.Option(help="Factor of real time; 0 is as fast as possible. Default: 1, headless 0.")
     ] = None,
     seed: SeedOption = None,
     port: PortOption = None,
 ) -> None:
-    """A team explores the built-in depot, for a minute: seen in the browser, recorded in runs/."""
+    """Let a team explore the built-in depot for a minute, shown in the browser and recorded in runs/."""
     from robrain.deploy.options import choose_scenario, next_recording
     from robrain.deploy.running import RunOptions, run_scenario
 
@@ -144,15 +147,16 @@ def up(
     dashboard: Annotated[bool, typer.Option(help="Show the team in a browser page on 127.0.0.1.")] = True,
     port: PortOption = None,
     listen: Annotated[
-        str | None, typer.Option(help="Endpoint of the team's hub; default is where commands of this machine look.")
+        str | None,
+        typer.Option(help="Endpoint of the team's hub; default: where commands on this machine look for a team."),
     ] = None,
     journal: JournalOption = None,
     team: TeamOption = DEFAULT_TEAM,
     as_json: Annotated[
-        bool, typer.Option("--json", help="Print a JSON object a line: hub, dashboard, forwarders, and the result.")
+        bool, typer.Option("--json", help="Print one JSON object per line: hub, dashboard, forwarders, and the result.")
     ] = False,
 ) -> None:
-    """Bring a team up as separate processes in real time: arena, coordinator, one agent a robot."""
+    """Start a team as separate processes in real time: arena, coordinator, one agent per robot."""
     from robrain.deploy.live_process import LiveStop
     from robrain.deploy.options import above_zero, choose_scenario, new_recording, until_explored
     from robrain.deploy.up import UpOptions, run_up
@@ -207,9 +211,9 @@ def arena(
 def agent(
     robot: Annotated[Path, typer.Argument(help="The robot's ROBOT.toml.")],
     connect: ConnectOption = None,
-    team: Annotated[str | None, typer.Option(help="Name of the team; default is the file's.")] = None,
+    team: Annotated[str | None, typer.Option(help="Name of the team; default: the one in the file.")] = None,
 ) -> None:
-    """Run one robot: its plugins, and its place on the wire."""
+    """Run the agent of one robot: it hosts the robot's plugins."""
     from robrain.deploy.agent_process import agent_command
 
     agent_command(robot, connect, team)
@@ -222,13 +226,13 @@ def coordinator(
     team: TeamOption = DEFAULT_TEAM,
     journal: JournalOption = None,
     objective: Annotated[
-        Objective | None, typer.Option(help="What plans are to be good at; default is the file's, or energy.")
+        Objective | None, typer.Option(help="Planning objective; default: that of the planning file, or energy.")
     ] = None,
     planning: Annotated[
-        Path | None, typer.Option(help="TOML file whose [planning] table says how plans are made; a scenario will do.")
+        Path | None, typer.Option(help="TOML file with a [planning] table, such as a scenario.")
     ] = None,
 ) -> None:
-    """Coordinate a team: merge its maps, hand out its tasks, and go on where the journal ends."""
+    """Coordinate a team: merge its maps, assign its tasks, and continue from the journal."""
     from robrain.deploy.live_commands import coordinator_command
     from robrain.deploy.live_process import place_of
 
@@ -240,7 +244,7 @@ def dashboard(
     connect: ConnectOption = None,
     team: TeamOption = DEFAULT_TEAM,
     port: PortOption = None,
-    replay: Annotated[Path | None, typer.Option(help="Show this recording instead of a team.")] = None,
+    replay: Annotated[Path | None, typer.Option(help="Show this recording instead of a live team.")] = None,
 ) -> None:
     """Show a team, or a recording, in a browser page on 127.0.0.1."""
     from robrain.deploy.live_commands import dashboard_command
@@ -251,23 +255,23 @@ def dashboard(
 @app.command()
 def replay(
     recording: Annotated[Path, typer.Argument(help="An MCAP file that robrain recorded.")],
-    speed: Annotated[float, typer.Option(help="Times the recorded speed.")] = 1.0,
-    start: Annotated[float, typer.Option(help="Begin so many seconds after the first message.")] = 0.0,
+    speed: Annotated[float, typer.Option(help="Factor of the recorded speed.")] = 1.0,
+    start: Annotated[float, typer.Option(help="Begin this many seconds after the first message.")] = 0.0,
     dashboard: Annotated[
         bool,
-        typer.Option(help="Show it in a browser page on 127.0.0.1; or put it back on the wire for other programs."),
+        typer.Option(help="Show it in a browser page on 127.0.0.1, or publish it on the wire for other programs."),
     ] = True,
     port: PortOption = None,
-    loop: Annotated[bool, typer.Option("--loop", help="On the wire: begin again at the end.")] = False,
+    loop: Annotated[bool, typer.Option("--loop", help="On the wire: start again at the end.")] = False,
     paused: Annotated[
-        bool, typer.Option("--paused", help="On the wire: begin paused; a key or a query goes on.")
+        bool, typer.Option("--paused", help="On the wire: start paused; a key or a query continues.")
     ] = False,
     connect: ConnectOption = None,
     team: Annotated[
-        str, typer.Option(help="On the wire: team that the messages are replayed as.")
+        str, typer.Option(help="On the wire: name of the team that publishes the messages.")
     ] = DEFAULT_REPLAY_TEAM,
 ) -> None:
-    """Show a recording in a browser page, or put it back on the wire."""
+    """Show a recording in a browser page, or publish it on the wire."""
     from robrain.deploy.live_commands import replay_on_wire, show_recording
     from robrain.deploy.replaying import check_replay
     from robrain.protocol.wire.hub import given_endpoints
@@ -286,8 +290,8 @@ def replay(
     replay_on_wire(recording, speed, loop=loop, connect=where, team=team, start_s=start, paused=paused)
 
 
-RobotOption = Annotated[str | None, typer.Option(help="This robot only; default is the whole team.")]
-ByOption = Annotated[str | None, typer.Option(help="Who says so; default is operator:$USER.")]
+RobotOption = Annotated[str | None, typer.Option(help="This robot only; default: the whole team.")]
+ByOption = Annotated[str | None, typer.Option(help="Name of the person or program that asks; default: operator:$USER.")]
 
 
 @app.command()
@@ -296,9 +300,9 @@ def halt(
     team: TeamOption = DEFAULT_TEAM,
     robot: RobotOption = None,
     by: ByOption = None,
-    reason: Annotated[str, typer.Option(help="Why.")] = "",
+    reason: Annotated[str, typer.Option(help="Reason, for the log.")] = "",
 ) -> None:
-    """Emergency halt: stop all robots, and say who has not stopped."""
+    """Emergency halt: stop all robots, and list those that have not stopped."""
     from robrain.deploy.halt_command import halt_command
 
     if failed := halt_command(connect, check_name("team", team), robot, by, reason):
@@ -309,7 +313,7 @@ def halt(
 def resume(
     connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, robot: RobotOption = None, by: ByOption = None
 ) -> None:
-    """End an emergency halt; who halted may, and operators."""
+    """End an emergency halt; allowed to the one that halted, and to operators."""
     from robrain.deploy.halt_command import resume_command
 
     if failed := resume_command(connect, check_name("team", team), robot, by):
@@ -322,7 +326,7 @@ def shell(
     connect: ConnectOption = None,
     team: TeamOption = DEFAULT_TEAM,
 ) -> None:
-    """Talk to a robot's plugins: call driver stop(), list, help driver."""
+    """Call a robot's plugins interactively: call driver stop(), list, help driver."""
     from robrain.deploy.live_process import client_session, live_endpoint
     from robrain.deploy.shell import run_shell
 
@@ -339,7 +343,7 @@ def call(
     plugin: Annotated[str, typer.Argument(help="Name of the plugin.")],
     function: Annotated[str, typer.Argument(help="Name of the function.")],
     arguments: Annotated[
-        list[str] | None, typer.Argument(help="Each VALUE or NAME=VALUE; or one JSON array or object.")
+        list[str] | None, typer.Argument(help="Arguments as VALUE or NAME=VALUE, or one JSON array or object.")
     ] = None,
     connect: ConnectOption = None,
     team: TeamOption = DEFAULT_TEAM,
@@ -355,7 +359,7 @@ def call(
 
 @app.command()
 def status(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False) -> None:
-    """Say who of a team is there."""
+    """List the members of a team that are present."""
     from robrain.deploy.team_found import show_status, status_of
 
     found = status_of(connect, check_name("team", team))

@@ -50,15 +50,16 @@ FADE_PER_M = 0.07
 
 
 class CameraSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a camera can do; all chosen. Raises ValueError where it is built for values that are none."""
+    """`[robot.camera]`: what a camera can do; all values are chosen. Raises ValueError for impossible values."""
 
     width: int = 160
+    """Width in pixels."""
     height: int = 120
-    """Pixels."""
+    """Height in pixels."""
     view_rad: float = 1.2
     """Horizontal angle of view."""
     height_m: float = 0.3
-    """Above the floor."""
+    """Height above the floor."""
     range_m: float = 20.0
     noise_levels: float = 1.0
     """Standard deviation of a pixel's brightness, of 255."""

@@ -12,16 +12,16 @@ STANDS_BELOW_M_S = 0.05
 
 
 class ChargerSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One charger: an entry of `[[chargers]]`. Raises ValueError where it is built with an impossible figure."""
+    """`[[chargers]]`: one charger. Raises ValueError for impossible values."""
 
     place_m: tuple[float, float]
-    """Where a robot's centre has to be, arena frame."""
+    """Place of a docked robot's centre, arena frame."""
     yaw_rad: float | None = None
-    """Where a robot that comes to dock should face; the contacts themselves do not care."""
+    """Direction that a docking robot should face; the contacts work in any direction."""
     power_w: float = 40.0
-    """What it gives at the most, the robot's own consumption included. Chosen: two hours' charge within the hour."""
+    """Greatest power, including the robot's own consumption. Chosen: an hour charges for two hours."""
     reach_m: float = 0.25
-    """How far from its place a robot still touches the contacts."""
+    """Greatest distance from the place at which a robot touches the contacts."""
 
     def __post_init__(self) -> None:
         if not all(math.isfinite(value) for value in (*self.place_m, self.yaw_rad or 0.0)):

@@ -34,7 +34,7 @@ class PauseSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """Pauses at random times; the default is none. Raises ValueError for impossible values."""
 
     per_minute: float = 0.0
-    """Mean number of pauses that begin in a minute outside pauses."""
+    """Mean number of pauses that begin per minute outside pauses."""
     duration_s: tuple[float, float] = (0.2, 1.0)
     """Shortest and longest duration."""
 

@@ -28,33 +28,35 @@ class FaultKind(StrEnum):
     """What breaks."""
 
     CAN_CUT = "can_cut"
-    """Nothing passes on the CAN bus any more, and nobody is told."""
+    """The CAN bus is cut: no frame passes, without an error."""
     CAN_SHORTED = "can_shorted"
-    """The same, and the controllers go bus off."""
+    """The CAN bus is shorted: no frame passes, and the controllers go bus off."""
     MOTORS_FAIL = "motors_fail"
-    """The motor controller's power stage fails, which it tells in its status."""
+    """The motor controller's power stage fails, and its status says so."""
     LIDAR_FREEZES = "lidar_freezes"
-    """The lidar sends its last turn again and again."""
+    """The lidar repeats its last turn."""
     BATTERY_LIES = "battery_lies"
-    """The battery manager says that the battery is full and at rest."""
+    """The battery manager reports a full battery at rest."""
     MOTE_BASE_FLOODS = "mote_base_floods"
-    """The base station of the mote network hands in thousands of packets a second."""
+    """The base station delivers thousands of packets a second."""
     CARRIED_OFF = "carried_off"
-    """Somebody picks the robot up and puts it down at `place_m`, without a turn of its wheels."""
+    """The robot is picked up and put down at `place_m`; its wheels do not turn."""
 
 
 class FaultSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One `[[faults]]` of a scenario. Raises ValueError where its times are not in order."""
+    """`[[faults]]`: a robot's hardware fails at a given time. Raises ValueError where its times are not in order."""
 
     robot: str
+    """Name of the robot, such as `r1`."""
     kind: FaultKind
     at_s: float
+    """Simulated time at which it begins."""
     until_s: float | None = None
-    """When it is whole again; never if absent."""
+    """Simulated time at which it ends; never if absent."""
     place_m: tuple[float, float] | None = None
-    """Where a robot that is carried off is put down: x and y, arena frame."""
+    """`carried_off`: where the robot is put down, x and y in the arena frame."""
     yaw_rad: float = 0.0
-    """Its yaw there."""
+    """`carried_off`: the robot's yaw there."""
 
     def __post_init__(self) -> None:
         is_carried = self.kind is FaultKind.CARRIED_OFF

@@ -21,12 +21,12 @@ OWN_SHARE = 0.5
 
 
 class Levels(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One quantity. Raises ValueError where the noise is negative."""
+    """Values of one quantity. Raises ValueError where the noise is negative."""
 
     base: float
-    """Away from all plumes."""
+    """Value away from all plumes."""
     plume: float
-    """What the middle of a plume adds."""
+    """What is added at the centre of a plume."""
     noise: float
     """Standard deviation of one reading."""
 
@@ -36,16 +36,17 @@ class Levels(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 
 class FieldSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The table `[field]` of a scenario.
+    """`[field]`: the quantities that motes measure, and plumes that move over the floor.
 
     Raises ValueError where there are too many plumes, or a width or speed without sense.
     """
 
     plumes: int = 3
+    """Number of plumes."""
     width_m: float = 3.0
     """Standard deviation of a plume's shape."""
     wind_m_s: float = 0.05
-    """How fast plumes are carried along; where to is drawn."""
+    """Speed of the plumes; the direction is drawn from the seed."""
     temperature: Levels = Levels(base=20.0, plume=9.0, noise=0.1)
     """°C"""
     light: Levels = Levels(base=200.0, plume=300.0, noise=5.0)

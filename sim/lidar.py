@@ -17,12 +17,14 @@ NEAREST_OUTLIER_M = 0.05
 
 
 class LidarSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a lidar can do. Raises ValueError where it is built for values that are none."""
+    """`[robot.lidar]`: what a lidar can do. Raises ValueError for impossible values."""
 
     rays: int = 180
-    """Spread evenly over the full circle; the first looks backwards (−π in the robot's frame)."""
+    """Beams per turn, spread evenly over the full circle; the first points backwards (−π in the robot's frame)."""
     rate_hz: float = 5.0
+    """Turns per second."""
     range_max_m: float = 6.0
+    """Greatest measured range."""
     noise_m: float = 0.01
     """Standard deviation of a range."""
     dropout: float = 0.0

@@ -55,23 +55,24 @@ class MoteSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """
 
     period_s: float = 4.0
-    """How often a mote senses, until a robot tells it otherwise."""
+    """Time between two readings, until a robot sets another."""
     jitter_s: float = 0.2
-    """Random back-off before it sends: uniform, either way."""
+    """Random back-off before it sends: uniform from minus to plus this."""
     listen_s: float = 0.2
-    """It listens for so long after each packet that it has sent."""
+    """Time for which it listens after each packet that it has sent."""
     check_s: float = 0.0
-    """Low-power listening (B-MAC, Polastre et al., SenSys 2004): it looks so often whether somebody sends, with a
-    preamble that is as long; 0 for never."""
+    """Low-power listening (B-MAC, Polastre et al., SenSys 2004): interval at which it checks the channel, and length of
+    the preamble; 0 for never."""
     drift_ppm: float = 30.0
     """Standard deviation of the clocks' rates, parts per million."""
     log_readings: int = 1024
-    """Readings that are kept until they are acknowledged; then the oldest is lost."""
+    """Number of unacknowledged readings that are kept; beyond it the oldest is lost."""
     capacity_mah: float = 2500.0
+    """Capacity of its batteries."""
     used_at_start_max: float = 0.5
-    """The batteries' used share at the start is drawn between 0 and this."""
+    """The used share of the batteries at the start is drawn between 0 and this."""
     quantities: tuple[Literal["temperature", "light", "humidity"], ...] = ("temperature",)
-    """What is sensed: the first mote the first of these, and so on in turn."""
+    """Quantities that the motes measure, in turn: the first mote the first of these."""
 
     def __post_init__(self) -> None:
         if not PERIOD_MIN_S <= self.period_s <= PERIOD_MAX_S:

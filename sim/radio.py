@@ -39,7 +39,7 @@ Floats = npt.NDArray[np.float64]
 
 
 class RadioModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, dict=True):
-    """Terms of the radio: the table `[radio]` of a scenario.
+    """`[radio]`: path loss and shadowing between motes and base stations.
 
     Raises ValueError where an exponent or length is not above 0, a deviation is negative or a share not in 0 to 1.
     """
@@ -47,9 +47,11 @@ class RadioModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     transmit_dbm: float = -20.0
     """Power of motes and of base stations; one of the CC1000's levels, see `mote_power`."""
     loss_at_1_m_db: float = 40.0
+    """Path loss at a distance of 1 m."""
     exponent: float = 3.0
+    """Path-loss exponent."""
     shadowing_db: float = 4.0
-    """Standard deviation of what path loss leaves open, over places and packets together."""
+    """Standard deviation of the shadowing, over places and packets together."""
     static_share: float = 0.7
     """Share of that variance which belongs to the place: walls and furniture. The rest is drawn for each packet."""
     correlation_m: float = 3.0

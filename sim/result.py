@@ -33,7 +33,7 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """Why the run ended: `explored`, `nothing_left`, `time_limit` or `interrupted`."""
     sim_time_s: float
     wall_time_s: float
-    """Of the run itself; what was spent before the first tick is `setup_time_s`."""
+    """Wall time of the run itself; time before the first tick is `setup_time_s`."""
     setup_time_s: float
     real_time_factor: float
     explored_fraction: float
@@ -48,13 +48,13 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     energy_j: float
     collisions: int
     wall_overlap_m: float
-    """How deep a robot's footprint ever was inside a wall, at the resolution of the map."""
+    """Greatest depth of a robot's footprint inside a wall, at the resolution of the map."""
     per_robot: list[RobotResult]
     messages: int
-    """Messages that the recorder heard."""
+    """Messages that the recorder received."""
     outside_messages: int
-    """How many of them came from other processes; 0 in a run that can be repeated."""
+    """Messages from other processes; 0 in a run that can be repeated."""
     mote_readings: int
     recording: str | None
     digest: str
-    """SHA-256 over every recorded message; says so if some came from outside."""
+    """SHA-256 over every recorded message; ends in `+outside:N` if some came from other processes."""

@@ -13,13 +13,14 @@ from robrain.sim.wheels import WheelSpec
 
 
 class RobotHardware(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What the robots of a scenario are built of: its table `[robot]`.
+    """`[robot]`: hardware of every robot of the scenario.
 
     Raises ValueError where it is built with a radius that is not above 0.
     """
 
     base: OmniBase = OmniBase()
     radius_m: float = 0.2
+    """Radius of the robot's footprint, a disc."""
     battery: BatterySpec = BatterySpec()
     power: PowerModel = PowerModel()
     lidar: LidarSpec = LidarSpec()

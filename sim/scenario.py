@@ -40,7 +40,7 @@ MAX_SEED = (1 << 63) - 1
 
 
 class Progress(NamedTuple):
-    """How far a run has come; told about ten times a second of wall time."""
+    """Progress of a run, reported about ten times per second of wall time."""
 
     sim_time_s: float
     wall_time_s: float
@@ -57,20 +57,20 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     robots: int = 4
     motes: int = 0
     near: Point2D | None = None
-    """The robots start about here; where there is most room if None."""
+    """Point around which the robots start; where there is most room if None."""
     starts: Starts = Starts.TOGETHER
     """Together or scattered over the floor."""
     starts_known: bool = True
     """Whether robots are told where they start. If not, only the first robot is: its start defines the arena frame."""
     hardware: RobotHardware = RobotHardware()
-    """What each robot is built of."""
+    """Hardware of each robot."""
     network: SensorNetwork = SensorNetwork()
-    """What the motes and their radio are, and what they sense."""
+    """The motes, their radio, and the quantities that they measure."""
     chargers: tuple[ChargerSpec, ...] = ()
     planning: PlanningPolicy = PlanningPolicy()
-    """What the coordinator's plans are for, and how they are made."""
+    """Objective and parameters of the coordinator's plans."""
     faults: tuple[FaultSpec, ...] = ()
-    """What breaks, and when."""
+    """Hardware faults and their times."""
     surfaces: SurfaceSpec = SurfaceSpec()
     """Glass and mirrors among the walls."""
     disturbance: DisturbanceSpec = DisturbanceSpec()
@@ -79,7 +79,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     until_explored: float = 0.98
     time_limit_s: float = 900.0
     toml: str = ""
-    """The text that it was read from."""
+    """TOML text that the scenario was read from."""
 
     def __post_init__(self) -> None:
         whole = {"robots": (1, MAX_ROBOTS), "motes": (0, MAX_MOTES), "seed": (0, MAX_SEED)}
@@ -205,14 +205,14 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         Args:
             until_explored: stop when this share of the reachable floor is known; the scenario's own if None.
             time_limit_s: stop after this much simulated time; the scenario's own if None.
-            speed: simulated seconds a second; 0 for as fast as it goes.
+            speed: simulated seconds per second; 0 for as fast as possible.
             record: MCAP file to write.
             listen: loopback endpoint on which other processes may join, such as `tcp/127.0.0.1:0`.
-            on_progress: told now and then how far the run has come.
-            on_open: told the endpoints that are listened on, before the first tick.
+            on_progress: called with the progress of the run.
+            on_open: called with the endpoints of `listen`, before the first tick.
 
         Raises:
-            RobrainError: in one sentence, what cannot be run.
+            RobrainError: the scenario cannot be run; the text says why.
 
         """
         until = self.until_explored if until_explored is None else until_explored

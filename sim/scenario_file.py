@@ -26,12 +26,16 @@ MAX_MOTES = 10000
 
 
 class ScenarioTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """`[scenario]`."""
+    """`[scenario]`: name and end of a run."""
 
     name: str
+    """Name in results and recordings."""
     seed: int = 1
+    """Seed of all random numbers."""
     until_explored: float = 0.98
+    """Share of the reachable floor at which the run ends."""
     time_limit_s: float = 900.0
+    """Simulated time at which the run ends at the latest."""
 
     def __post_init__(self) -> None:
         if self.seed < 0:
@@ -50,12 +54,14 @@ class MapTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class TeamTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """`[team]`."""
+    """`[team]`: the robots and their starts."""
 
     robots: int = 4
+    """Number of robots, named `r1`, `r2` …"""
     near_m: tuple[float, float] | None = None
-    """The robots start about here; where there is most room if absent."""
+    """Point around which the robots start; if absent, where there is most room."""
     starts: Starts = Starts.TOGETHER
+    """How the robots are placed at the start."""
     starts_known: bool = True
     """Whether robots are told where they start. If not, only the first robot is: its start defines the arena frame."""
 
@@ -67,9 +73,10 @@ class TeamTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class MotesTable(MoteSpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[motes]`: how many, and what they are."""
+    """`[motes]`: number and kind of the sensor motes."""
 
     count: int = 0
+    """Number of motes, named `m1`, `m2` …"""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -31,15 +31,15 @@ _RNG_OF_SURFACES = 2
 
 
 class SurfaceSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[surfaces]`: shares of the walls that are glass or mirrors; the default is none.
+    """`[surfaces]`: walls of glass and mirrors; the default is none.
 
     Shares are by length, of straight walls along the axes. Raises ValueError for impossible values.
     """
 
     glass_share: float = 0.0
-    """Share of the walls at most PANE_M thick that is glass."""
+    """Share of the thin walls (at most 0.45 m) that is glass."""
     mirror_share: float = 0.0
-    """Share of the sides of walls that is a mirror."""
+    """Share of the sides of walls that are mirrors."""
     stretch_m: float = 3.0
     """Length of a stretch of glass or mirror, metres."""
     echo_rad: float = 0.2

@@ -20,17 +20,17 @@ DRAWS = 256
 
 
 class WheelSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How far off the wheels of a scenario's robots are; the default is not at all.
+    """`[robot.wheels]`: errors of the wheels; the default is none.
 
-    Raises ValueError where it is built with values that are none.
+    Raises ValueError for impossible values.
     """
 
     radius_sigma: float = 0.0
-    """Each wheel's radius is off by this share of it: standard deviation, drawn once for each wheel."""
+    """Relative error of each wheel's radius: standard deviation, drawn once for each wheel."""
     base_sigma: float = 0.0
-    """The distance of the wheels from the centre, the same way, drawn once for each robot."""
+    """Relative error of the wheels' distance from the centre: standard deviation, drawn once for each robot."""
     slip: float = 0.0
-    """Share of each wheel's turn that does not become way."""
+    """Share of each wheel's turn that does not move the robot."""
     slip_sigma_m_per_sqrt_m: float = 0.0
     """Random slip along a wheel's tread: standard deviation of its way, in metres, after a metre of it."""
     lateral_slip: float = 0.0

@@ -1,7 +1,4 @@
-"""The documents say what the code does.
-
-docs/topics.md is generated; after a change of the topics: `robrain wire --format markdown > docs/topics.md`.
-"""
+"""The documents say what the code does."""
 
 import re
 from pathlib import Path
@@ -15,28 +12,23 @@ from robrain.agent.manifest import find_manifests, read_manifest
 from robrain.protocol.can.frames import database
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.schema.page import wire_page
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ROBOT_CALL
+from robrain.sim.scenario import Scenario
 
 ROOT = Path(__file__).parent.parent
-TOPICS_PAGE = ROOT / "docs" / "topics.md"
-
-
-def test_topics_page_is_what_the_table_says() -> None:
-    assert TOPICS_PAGE.read_text(encoding="utf-8") == wire_page(), "robrain wire --format markdown > docs/topics.md"
 
 
 @pytest.mark.parametrize("message", database().messages, ids=lambda message: message.name)
 def test_conventions_have_each_can_frame(message) -> None:
-    rows = [re.split(r" *\| *", line) for line in _lines("docs/conventions.md") if line.startswith("| 0x")]
+    rows = [re.split(r" *\| *", line) for line in _lines("docs/reference/conventions.md") if line.startswith("| 0x")]
     row = next(row for row in rows if row[2] == message.name)
     assert int(row[1], 16) == message.frame_id
     assert int(row[3]) == message.length
 
 
-def test_plugin_of_the_contributing_page_runs(tmp_path: Path) -> None:
-    page = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+def test_plugin_of_the_tutorial_runs(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "tutorial" / "your-own-plugin.md").read_text(encoding="utf-8")
     for language, name in (("python", "greeter.py"), ("toml", "greeter.toml")):
         block = re.search(rf"^```{language}\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
         assert block is not None
@@ -56,7 +48,20 @@ def test_plugin_of_the_contributing_page_runs(tmp_path: Path) -> None:
             host.close()
             operator.close()
     assert msgspec.json.decode(said) == "hello Ada, up for 3 s"
-    assert said.decode() in page
+    assert msgspec.json.decode(said) in page
+
+
+def test_scenario_of_the_tutorial_runs_as_printed(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "tutorial" / "your-own-scenario.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"^```toml\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+    (printed,) = re.findall(r"^```text\n(.*?)\n```$", page, re.DOTALL | re.MULTILINE)
+    (tmp_path / "two_rooms.toml").write_text(text, encoding="utf-8")
+    result = Scenario.from_file(tmp_path / "two_rooms.toml").run()
+    assert printed.startswith(f"{result.explored_fraction:.1%} explored in 00:{result.sim_time_s:.0f} ")
+    narrow = text.replace("to_m = [5.0, 2.2]", "to_m = [5.0, 3.15]")
+    assert narrow != text
+    (tmp_path / "narrow.toml").write_text(narrow, encoding="utf-8")
+    assert Scenario.from_file(tmp_path / "narrow.toml").run().floor_left
 
 
 @pytest.mark.parametrize("record", sorted((ROOT / "docs" / "decisions").glob("*.md")), ids=lambda path: path.stem)

@@ -17,7 +17,7 @@ import robrain
 ROOT = Path(__file__).parent.parent
 FOLDERS = ("agent", "coordinator", "deploy", "plugins", "protocol", "sim")
 MAX_LINES = 500
-GENERATED = ("docs/topics.md",)
+GENERATED = ("docs/reference/topics.md",)
 """As long as the table that it is printed from."""
 WITHOUT_CIRCLES = ("agent", "deploy", "plugins", "protocol", "sim")
 """Packages in which no module may import itself by way of others."""

@@ -1,4 +1,4 @@
-"""docs/paper.md names what there is."""
+"""docs/explanation/paper.md names what there is."""
 
 import ast
 import re
@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-PAGE = ROOT / "docs" / "paper.md"
+PAGE = ROOT / "docs" / "explanation" / "paper.md"
 SPAN = re.compile(r"`([^`]+)`")
 NOT_YET = "not yet"
 STATEMENTS = (

@@ -1,15 +1,12 @@
-"""docs/plugins.md: its plugins run as they stand there, and its table is that of the manifest."""
+"""docs/how-to/plugins.md: its plugins run as they stand there."""
 
 import re
 from pathlib import Path
 
-import msgspec
-
 from robrain.agent.authoring.plugin_check import check_plugins
 from robrain.agent.authoring.testing import PluginBench
-from robrain.agent.manifest import TagTable
 
-PAGE = (Path(__file__).parent.parent / "docs" / "plugins.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parent.parent / "docs" / "how-to" / "plugins.md").read_text(encoding="utf-8")
 
 
 def write_files(folder):
@@ -27,10 +24,3 @@ def test_the_plugins_of_the_page_run(tmp_path):
         assert bench.call("thermostat", "want", 5) == "5 °C"
         bench.run(2.0)
         assert not bench.host.manager.get("thermostat").plugin.is_on
-
-
-def test_the_table_of_the_page_names_each_key_of_the_tag_with_its_default():
-    for field in msgspec.structs.fields(TagTable):
-        assert f"`{field.name}`" in PAGE or f"[tag] {field.name}`" in PAGE
-        if isinstance(field.default, (int, float)) and not isinstance(field.default, bool):
-            assert re.search(rf"`{field.name}`.*\b{re.escape(str(field.default))}\b", PAGE), field.name

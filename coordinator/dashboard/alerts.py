@@ -72,7 +72,7 @@ def _of_robot(robot: RobotView, now_s: float) -> list[Alert]:
     if isinstance(state.refused, list):
         found += _of_refusals(robot.name, state.refused)
     if state.lost:
-        found.append(Alert(Level.BAD, robot.name, f"does not know where it is: {state.lost}"))
+        found.append(Alert(Level.BAD, robot.name, f"is lost: {state.lost}"))
     battery = state.battery
     if battery is not None and battery.implausible:
         found.append(Alert(Level.WARN, robot.name, f"its battery's figures are not believed: {battery.implausible}"))

@@ -106,7 +106,7 @@ class HandDrive:
                 self._held.clear()
                 self._tell(f'<span class="rb-bad">✕ {text(robot)}: {text(answer.error)}</span>')
             else:
-                self._tell(f"▶ {text(robot)} is driven" if pushes else f"■ {text(robot)} stands")
+                self._tell(f"▶ {text(robot)} is driving" if pushes else f"■ {text(robot)} stopped")
 
         asked = msgspec.json.encode(velocity)
         self._page.context.ask(ROBOT_CALL, asked, take, timeout_s=1.0, robot=robot, plugin=PLUGIN, function=FUNCTION)

@@ -187,7 +187,7 @@ def _findings(vitals: Vitals) -> list[Finding]:
         grade = Grade.BAD if vitals.worst_sigma_m >= ASTRAY_M else Grade.WARN
         found.append(Finding(grade, f"{vitals.worst_sigma_robot}: position ± {vitals.worst_sigma_m:.1f} m"))
     if vitals.silent_robot:
-        found.append(Finding(Grade.BAD, f"{vitals.silent_robot}: {vitals.silent_error_m:.1f} m off, does not know it"))
+        found.append(Finding(Grade.BAD, f"{vitals.silent_robot}: {vitals.silent_error_m:.1f} m off, not reported"))
     if vitals.share_off > MAP_OFF:
         doubled = f", {vitals.doubled_walls_m:.0f} m of walls doubled" if vitals.doubled_walls_m >= 0.5 else ""
         found.append(Finding(map_grade(vitals.share_off), f"{100 * vitals.share_off:.1f} % of the map wrong{doubled}"))

@@ -109,9 +109,9 @@ def _accuracy_tiles(view: TeamView, now_s: float) -> list[str]:
             position = f"± {vitals.worst_sigma_m:.2f} m"
         return [
             tile("Lidar on map", "map-agreement", agrees, kind),
-            tile("Least", "map-agreement-robot", text(vitals.least_agreement_robot, 20) or NONE),
+            tile("Lowest", "map-agreement-robot", text(vitals.least_agreement_robot, 20) or NONE),
             tile("Position", "position", position),
-            tile("Least sure", "position-robot", text(vitals.worst_sigma_robot, 20) or NONE),
+            tile("Least certain", "position-robot", text(vitals.worst_sigma_robot, 20) or NONE),
         ]
     wrong = doubled = error = NONE
     kind = ""
@@ -123,10 +123,10 @@ def _accuracy_tiles(view: TeamView, now_s: float) -> list[str]:
         error = f"{max(errors_m):.2f} m"
     silent_s = sum(each.silent_divergence_s for each in told)
     return [
-        tile("Map wrong", "map-off", wrong, kind),
-        tile("Walls doubled", "map-doubled", doubled),
+        tile("Map error", "map-off", wrong, kind),
+        tile("Doubled walls", "map-doubled", doubled),
         tile("Worst error", "position-error", error),
-        tile("Silently off", "silently-off", f"{silent_s:.1f} s", "bad" if silent_s > 0 else ""),
+        tile("Silent divergence", "silently-off", f"{silent_s:.1f} s", "bad" if silent_s > 0 else ""),
     ]
 
 
@@ -181,7 +181,7 @@ def _banners(view: TeamView) -> str:
         by = f" by {text(view.halt.by)}" if view.halt is not None and view.halt.by else ""
         reason = f": {text(view.halt.reason)}" if view.halt is not None and view.halt.reason else ""
         stopped = sum(robot.halted for robot in view.robots.values())
-        told = f"{stopped} of {len(view.robots)} robots say that they are halted"
+        told = f"{stopped} of {len(view.robots)} robots report that they are halted"
         banners.append(banner("halt-state", f"EMERGENCY HALT{by}{reason}.<br>{told}."))
         if not view.is_replay:
             banners.append(_narrow_halt(view))

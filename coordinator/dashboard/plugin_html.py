@@ -49,7 +49,7 @@ def robot_card_html(view: TeamView, robot: RobotView, now_s: float) -> str:
     )
     tiles = [
         tile("Battery", "card-battery", battery, kind),
-        tile("Lasts", "card-endurance", lasts),
+        tile("Time left", "card-endurance", lasts),
         tile("Speed", "card-speed", speed),
         tile("x, y (m)", f"robot-{name}-place", place),
         tile("Behavior", "card-behavior", text(state.behavior, 20) or NONE if state is not None else NONE),
@@ -80,8 +80,8 @@ def _accuracy_tiles(robot: RobotView) -> list[str]:
             tile("Largest error", "card-largest", NONE if told.max_error_m is None else f"{told.max_error_m:.2f} m"),
             tile("NEES", "card-nees", NONE if told.nees is None else f"{told.nees:.1f}"),
             tile("NEES in 95 %", "card-nees-in-band", in_band),
-            tile("Was lost", "card-lost", f"{told.lost_s:.1f} s"),
-            tile("Silently off", "card-silent", f"{silent_s:.1f} s", "bad" if silent_s > 0 else ""),
+            tile("Time lost", "card-lost", f"{told.lost_s:.1f} s"),
+            tile("Silent divergence", "card-silent", f"{silent_s:.1f} s", "bad" if silent_s > 0 else ""),
         ]
     return tiles
 

@@ -139,7 +139,7 @@ class ReplayIndex:
             lost = Condition.ASTRAY if message.lost else Condition.UP
             if self._conditions.get(name, Condition.UP) is not lost:
                 self._conditions[name] = lost
-                said = f"does not know where it is: {message.lost}" if message.lost else "knows where it is again"
+                said = f"is lost: {message.lost}" if message.lost else "is no longer lost"
                 self._add(time_s, "fault", f"{name} {said}")
 
     def _add(self, time_s: float, kind: str, said: str) -> None:

@@ -61,7 +61,7 @@ class TaskTab:
         with gui.add_folder("Queue"):
             self._queue = gui.add_html("")
         with gui.add_folder("Plan"):
-            self._objective = gui.add_dropdown("Plan for", tuple(Objective), visible=live)
+            self._objective = gui.add_dropdown("Objective", tuple(Objective), visible=live)
             self._objective.on_update(self._choose_objective)
             self._planning = gui.add_html("")
             self._gantt = gui.add_html("")
@@ -136,7 +136,7 @@ class TaskTab:
         def take(answer: Answer[TaskRecord]) -> None:
             self._page.tell(f"Cancel {task}", answer.error or "done", color="red" if answer.error else "green")
 
-        request = TaskRequest(id=task, by=BY, why="called off on the dashboard")
+        request = TaskRequest(id=task, by=BY, why="cancelled on the dashboard")
         self._page.context.ask(TASK_CANCEL, request, take)
 
     def ask_why(self, task: str) -> None:
@@ -182,7 +182,7 @@ class TaskTab:
         request = ObjectiveRequest(objective=Objective(event.target.value), by=BY)
 
         def take(answer: Answer[PlanningStatus]) -> None:
-            said = answer.error or f"from now on for {request.objective}"
+            said = answer.error or f"objective from now on: {request.objective}"
             self._page.tell("Planning", said, color="red" if answer.error else "green")
 
         self._page.post(lambda: self._page.context.ask(COORDINATOR_OBJECTIVE, request, take))

@@ -108,7 +108,7 @@ def read_what_can_be_read(path: Path) -> Salvaged:
             try:
                 migrate(connection, path)
             except sqlite3.DatabaseError as error:
-                logger.warning("%s: not brought to the schema of today: %s", path, error)
+                logger.warning("%s: not upgraded to the present schema: %s", path, error)
             return _read(connection)
         finally:
             connection.close()

@@ -66,7 +66,7 @@ def migrate(connection: sqlite3.Connection, path: Path | None, migrations: tuple
     (version,) = connection.execute("PRAGMA user_version").fetchone()
     (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
     if application != APPLICATION_ID and (tables or version or application):
-        raise JournalError(path, "is a database, but no journal of robrain; give another file with --journal")
+        raise JournalError(path, "is a database, but not a journal of robrain; give another file with --journal")
     if version > len(migrations):
         text = f"was written by a newer robrain (schema {version}, this one knows {len(migrations)}); use that one"
         raise JournalError(path, text)

@@ -31,7 +31,7 @@ def write_map(
     player = Player(recording)
     try:
         if at_s is not None and not 0.0 <= at_s <= player.duration_s:
-            raise RecordingError(recording, f"--at {at_s:g}: expected 0 to {player.duration_s:.2f} s, as long as it is")
+            raise RecordingError(recording, f"--at {at_s:g}: expected 0 to {player.duration_s:.2f} s, its duration")
         grid = player.map_at(player.duration_s if at_s is None else at_s)
     finally:
         player.close()

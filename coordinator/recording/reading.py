@@ -102,7 +102,7 @@ def read_provenance(path: Path) -> Provenance:
         return Provenance.from_parts(metadata[RUN_METADATA], attachments, metadata.get(MANIFESTS_METADATA))
     except (KeyError, ValueError) as error:
         raise RecordingError(
-            path, f"{path} does not say which run it is of: give a recording made by `robrain`"
+            path, f"{path} has no information about its run: give a recording made by `robrain`"
         ) from error
 
 
@@ -251,7 +251,7 @@ def damage_told(path: Path) -> Iterator[None]:
         raise RecordingError(path, f"{path} is a folder: give the path of a recording in it") from error
     except OSError as error:
         raise RecordingError(
-            path, f"cannot read {path}: {error.strerror or error}; check the path and who may read it"
+            path, f"cannot read {path}: {error.strerror or error}; check the path and its permissions"
         ) from error
     except DAMAGE as error:
         raise RecordingError(

@@ -72,8 +72,8 @@ class RecorderTelling:
 
     def _hangs(self, lasted_s: float) -> None:
         if lasted_s < 2 * SLOW_S:  # once in the log, again and again on the wire
-            logger.warning("recording waits for the disk, since %.1f s", lasted_s)
-        self._say(f"the disk has taken nothing for {lasted_s:.1f} s")
+            logger.warning("recording has been waiting for the disk for %.1f s", lasted_s)
+        self._say(f"the disk has accepted nothing for {lasted_s:.1f} s")
 
     def _say(self, why: str) -> None:
         with self._lock:

@@ -42,7 +42,7 @@ class Told(NamedTuple):
 class Recording:
     """One recorded run. Nothing is kept open, and nothing is read before it is asked for.
 
-    Topics are named as in the table of topics (`docs/topics.md`): `robot_state`, `task_event`.
+    Topics are named as in the table of topics (`docs/reference/topics.md`): `robot_state`, `task_event`.
 
     Args:
         path: an MCAP file, also one whose end is missing.
@@ -54,10 +54,10 @@ class Recording:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.info = recording_info(path)
-        """Length, messages of each key, versions, digest."""
+        """Duration, messages of each key, versions, digest."""
         found = {parsed[0].name for key in self.info.counts if (parsed := topic_of(key)) is not None}
         self.topics = [topic.name for topic in PUBLISHED if topic.name in found]
-        """Names of the topics that it has messages of."""
+        """Names of the topics with messages."""
 
     @property
     def provenance(self) -> Provenance:
@@ -65,7 +65,7 @@ class Recording:
         return read_provenance(self.path)
 
     def messages(self, topic: str, **names: str) -> Iterator[Told]:
-        """The messages of one topic, decoded, in order; those that do not decode are left out.
+        """The messages of one topic, decoded, in order; messages that do not decode are left out.
 
         Args:
             topic: name of the topic.
@@ -88,7 +88,7 @@ class Recording:
             yield Told(t_s, parsed, decoded)
 
     def table(self, topic: str) -> "pd.DataFrame":
-        """The messages of one topic as a table: a row each, nested fields with dots in their names.
+        """The messages of one topic as a table: a row each, nested fields have dots in their names.
 
         `t_s` is the time since the first message, `wire_key` the key. Lists and free JSON are JSON text.
 

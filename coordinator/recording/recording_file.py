@@ -286,7 +286,7 @@ def object_schema(topic: Topic[Any]) -> bytes:
 def check_writable(path: Path) -> None:
     """Raise RecordingError if no recording can be written to this path."""
     if path.suffix != SUFFIX:
-        raise RecordingError(path, f"cannot record to {path}: a recording's name ends in {SUFFIX}, give one that does")
+        raise RecordingError(path, f"cannot record to {path}: give a file name that ends in {SUFFIX}")
     if path.is_dir():
         raise RecordingError(path, f"cannot record to {path}: it is a folder; give the name of a file in it")
     if path.exists() and not path.is_file():

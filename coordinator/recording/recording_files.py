@@ -165,7 +165,7 @@ class RecordingFiles:
         self.paths.append(following.path)
         if before.why:
             missing = self._closed_lost.total()
-            logger.warning("recording goes on in %s; %d messages before it are missing", following.path, missing)
+            logger.warning("recording continues in %s; %d messages before it are missing", following.path, missing)
         return True
 
     def _free_number(self, number: int) -> int:

@@ -217,7 +217,7 @@ class Errand(Behavior, ABC):
 
     @external
     def doing(self) -> str:
-        """Id of the task that the robot is at; empty if it is none of this kind."""
+        """Id of the current task; empty if there is none of this kind."""
         run = self.run
         return "" if run is None else str(run.task.id)
 

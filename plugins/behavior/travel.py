@@ -47,23 +47,25 @@ class TravelParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """When a place counts as reached, and how long the robot bears with obstacles; a base for a behavior's own."""
 
     arrived_m: float = 0.3
+    """Distance at which a place counts as reached."""
     replan_s: float = 2.0
+    """Interval of planning the path again."""
     replan_blocked_s: float = 0.5
-    """As long as something stands in the way, or others hold the robot up, another way is looked for this often."""
+    """Interval of searching for another path while an obstacle or another robot blocks this one."""
     patience_s: float = 3.0
-    """After standing before an obstacle this long the robot gives up."""
+    """Time before an obstacle after which the robot gives up."""
     mate_margin_m: float = 0.15
-    """Kept from mates that stand, beyond both radii."""
+    """Distance kept from standing robots, beyond both radii."""
     mate_near_m: float = 8.0
-    """Mates that are, or are bound, within this distance are reckoned with."""
+    """Robots that are, or are going, within this distance are considered."""
     speed_m_s: float = 0.6
-    """The driver's, by which meetings are foreseen."""
+    """Speed of the driver, to predict meetings."""
     detour_m: float = 3.0
-    """A way that is longer by this is taken rather than to wait for somebody to pass."""
+    """Longest detour that is preferred to waiting for another robot."""
     ageing_s: float = 20.0
-    """After waiting for others this long the robot's claim counts for one more."""
+    """Each such time of waiting raises the robot's claim by one."""
     mate_patience_s: float = 30.0
-    """After waiting for others this long at one stretch the robot gives up."""
+    """Time of waiting for other robots, without a break, after which the robot gives up."""
 
     def __post_init__(self) -> None:
         for name in TravelParameters.__struct_fields__:
@@ -141,7 +143,7 @@ class Travel:
 
     @property
     def mate_near_m(self) -> float:
-        """Mates that are, or are bound, within this distance are reckoned with."""
+        """Robots that are, or are going, within this distance are considered."""
         return self._parameters.mate_near_m
 
     @property

@@ -58,9 +58,7 @@ class DivergenceWatch:
             return ""
         refused = sum(each >= self._gate for each in self._nis)
         if refused > self.spec.refused_max * self.spec.window:
-            return (
-                f"{refused} of the last {self.spec.window} signals of motes cannot be right where the robot seems to be"
-            )
+            return f"{refused} of the last {self.spec.window} signals of motes contradict the estimated pose"
         if self.mean_nis > self.spec.nis_max:
             return (
                 f"signals of motes are off by {self.mean_nis:.1f} times the variance expected, "

@@ -41,11 +41,11 @@ class PowerPrior(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     yaw_sd: float = 0.7
     acceleration_sd: float = 3.0
     residual_w2_s: float = 4.0
-    """Variance of the integral of what the terms do not explain, for each second."""
+    """Variance per second of the integral of the unexplained power."""
     memory_s: float = 300.0
     """Time constant of forgetting."""
     standing_drift_w: float = 1.0
-    """By so much the standing power wanders within an hour: computers get other work to do."""
+    """Drift of the standing power within an hour, a standard deviation: the computer's load changes."""
     pace_m_s: float = 0.5
     turn_rate_rad_s: float = 1.2
 

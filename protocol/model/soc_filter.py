@@ -49,7 +49,7 @@ class PackModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """
 
     capacity_wh: float = 20.0
-    """Rated."""
+    """Rated capacity."""
     curve_soc: tuple[float, ...] = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
     curve_v: tuple[float, ...] = (
         *(10.6, 12.7, 14.07, 14.7, 14.84, 14.9, 14.99, 15.08, 15.2),
@@ -57,7 +57,7 @@ class PackModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     )
     """Open-circuit voltage at these states of charge, rising."""
     curve_sd_v: float = 0.03
-    """How far a pack's curve may lie off."""
+    """Standard deviation of a pack's curve."""
     curve_wander_s: float = 1800.0
     resistance_ohm: float = 0.13
     resistance_sd: float = 0.05
@@ -65,20 +65,20 @@ class PackModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """Resistance of the RC pair, as a share of the other."""
     relaxation_s: float = 90.0
     health: float = 0.93
-    """Of a pack of unknown age."""
+    """Capacity of a pack of unknown age, as a share of the rated one."""
     health_sd: float = 0.06
     voltage_sd_v: float = 0.02
-    """Of one measurement, with what the circuit misses."""
+    """Standard deviation of one measurement, including errors of the circuit model."""
     missed_sd: float = 0.012
-    """Of the state of charge: what the circuit cannot tell, such as how evenly the charge is spread in the cells."""
+    """Standard deviation of the state of charge by effects outside the model, such as uneven charge in the cells."""
     current_sd: float = 0.01
-    """Relative, of the counted charge."""
+    """Relative standard deviation of the integrated charge."""
     cut_off_v: float = 12.0
-    """At the terminals; what is below it cannot be used."""
+    """Voltage at the terminals below which the charge cannot be used."""
     drive_current_a: float = 1.2
-    """What the robot must be able to draw to the end."""
+    """Current that the robot must be able to draw to the end."""
     rate_loss_s: float = 60.0
-    """Charge that a load leaves behind at the end, for each ampere: a datasheet's capacities at two rates tell it.
+    """Charge that a load leaves unused at the end, per ampere: from a datasheet's capacities at two rates.
     Half of it is taken for its standard deviation."""
 
     def __post_init__(self) -> None:

@@ -33,13 +33,13 @@ TAPER = 0.05
 
 
 class GaugeSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How wrongly the battery manager measures. Raises ValueError where it is built with a negative one."""
+    """Measurement errors of the battery manager. Raises ValueError where it is built with a negative one."""
 
     voltage_noise_v: float = 0.008
     voltage_offset_v: float = 0.005
     """Standard deviation; drawn once for each robot, like the other offsets."""
     voltage_step_v: float = 0.004
-    """Of its analogue-to-digital converter: 12 bits over 16.4 V."""
+    """Step of its analogue-to-digital converter: 12 bits over 16.4 V."""
     current_noise_a: float = 0.01
     current_offset_a: float = 0.003
     current_gain: float = 0.005
@@ -54,37 +54,37 @@ class GaugeSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 class BatterySpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One battery: `[robot.battery]`. Raises ValueError where it is built with an impossible figure."""
+    """`[robot.battery]`: a pack of four lithium-ion cells. Raises ValueError for impossible values."""
 
     capacity_wh: float = 20.0
-    """Rated, when new: at the cells, from full to empty, very slowly."""
+    """Rated capacity when new: at the cells, from full to empty, discharged very slowly."""
     soc_at_start: float = 1.0
     capacity_fade: float = 0.0
-    """Share of the rated capacity that age has taken."""
+    """Share of the rated capacity lost by age."""
     resistance_growth: float = 0.0
-    """Share by which age has raised the resistances."""
+    """Share by which the resistances have grown by age."""
     resistance_ohm: float = 0.10
     """At 25 °C, when new."""
     relaxation_ohm: float = 0.04
     relaxation_s: float = 30.0
-    """The RC pair."""
+    """Time constant of the RC pair."""
     available_share: float = 0.9
-    """Of the charge, in the well that the load draws from: KiBaM's c."""
+    """Share of the charge in the well that the load draws from: KiBaM's c."""
     flow_per_s: float = 1.0 / 600.0
     """Rate at which the wells level out at 25 °C: KiBaM's k′."""
     hysteresis_v: float = 0.008
     """Half the distance between the curves of charging and discharging."""
     curve_shift_v: float = 0.0
-    """By which this pack's curve lies above the published one."""
+    """Offset of this pack's curve from the published one."""
     ambient_c: float = 22.0
     heat_capacity_j_per_k: float = 400.0
     heat_loss_w_per_k: float = 0.3
     cut_off_v: float = 12.0
-    """At the terminals; below it the protection opens."""
+    """Voltage at the terminals below which the protection opens."""
     charge_v: float = 16.4
-    """At the terminals; the charger holds it (constant voltage)."""
+    """Voltage at the terminals at which the charger holds (constant voltage)."""
     charge_a: float = 1.5
-    """More is never charged (constant current)."""
+    """Greatest charging current (constant current)."""
     gauge: GaugeSpec = GaugeSpec()
 
     def __post_init__(self) -> None:

@@ -21,23 +21,23 @@ class PowerModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     compute_w: float = 6.0
     """The on-board computer."""
     burst_w: float = 0.0
-    """More than that while the computer has a burst of work; bursts come at random."""
+    """Additional power while the computer has a burst of work; bursts come at random."""
     burst_s: float = 4.0
     """Mean length of a burst."""
     between_bursts_s: float = 12.0
-    """Mean time between two."""
+    """Mean time between two bursts."""
     moving_w: float = 0.3
-    """Motor drivers while anything moves."""
+    """Motor drivers, while anything moves."""
     speed_w_per_m_s: float = 7.5
-    """Rolling, at each m/s, without payload."""
+    """Rolling, per m/s, without payload."""
     speed2_w_per_m2_s2: float = 0.0
-    """What grows with the square of the speed: copper and eddy losses."""
+    """Copper and eddy losses, which grow with the square of the speed."""
     yaw_w_per_rad_s: float = 1.2
-    """Turning, at each rad/s, without payload."""
+    """Turning, per rad/s, without payload."""
     payload_kg: float = 0.0
-    """Carried; counts for rolling, turning and speeding up."""
+    """Carried mass; it adds to rolling, turning and acceleration."""
     drive_efficiency: float = 0.6
-    """Share of the motors' power that becomes kinetic energy when the robot speeds up; none comes back."""
+    """Share of the motors' power that becomes kinetic energy on acceleration; none is recovered."""
 
     def __post_init__(self) -> None:
         for name in self.__struct_fields__:

@@ -37,15 +37,15 @@ class RangeSensorSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     """What the ring can do. Raises ValueError where it is built with values that are none."""
 
     angles_rad: tuple[float, ...] = RING_ANGLES_RAD
-    """Where the sensors look, robot's frame, counter-clockwise; none is a robot without the node."""
+    """Directions of the sensors, robot's frame, counter-clockwise; empty for a robot without a ring."""
     rate_hz: float = 10.0
     range_max_m: float = 2.0
     cone_rad: float = math.radians(25.0)
-    """Full width."""
+    """Full width of a sensor's cone."""
     noise_m: float = 0.01
     """Standard deviation of a range."""
     dropout: float = 0.02
-    """Share of measurements that hear nothing whatever is there."""
+    """Share of measurements without an echo, whatever is there."""
 
     def __post_init__(self) -> None:
         if len(self.angles_rad) > SENSORS_MAX:

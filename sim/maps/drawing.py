@@ -21,39 +21,49 @@ _SLACK_M = 1e-9
 
 
 class Wall(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A straight wall, thickness_m wide about its segment and half of that beyond either end, so that corners close."""
+    """A straight wall: a thick segment, longer by half its thickness at both ends, so that corners close."""
 
     from_m: tuple[float, float]
+    """One end: x and y."""
     to_m: tuple[float, float]
+    """The other end."""
     thickness_m: float = 0.15
 
 
 class Block(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A shelf or a machine: a rectangle along the axes from its corner with the lowest x and y."""
+    """A shelf or a machine: a rectangle along the axes."""
 
     x_m: float
+    """Lowest x."""
     y_m: float
+    """Lowest y."""
     width_m: float
+    """Extent along x."""
     height_m: float
+    """Extent along y."""
 
 
 class Pillar(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A disc about (x_m, y_m)."""
+    """A disc."""
 
     x_m: float
+    """x of its centre."""
     y_m: float
+    """y of its centre."""
     radius_m: float
 
 
 class FloorDrawing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A floor of size_m (width along x, height along y) and what stands on it.
+    """A floor plan drawn with walls, blocks and pillars; the outer walls are added.
 
     Raises MapError, whose `.key` names the key, where a length is not above 0, a shape lies outside the floor, or the
     floor has more than MAX_CELLS cells.
     """
 
     size_m: tuple[float, float]
+    """Width along x and height along y."""
     resolution_m: float = 0.05
+    """Side of a cell."""
     walls: tuple[Wall, ...] = ()
     blocks: tuple[Block, ...] = ()
     pillars: tuple[Pillar, ...] = ()
@@ -75,7 +85,7 @@ class FloorDrawing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             self._check_inside(f"{key}.to_m", *wall.to_m)
             if wall.from_m == wall.to_m:
                 raise MapError(
-                    f"expected {key}.to_m apart from from_m, got {list(wall.to_m)} for both", key=f"{key}.to_m"
+                    f"expected {key}.to_m different from from_m, got {list(wall.to_m)} for both", key=f"{key}.to_m"
                 )
         for index, block in enumerate(self.blocks):
             key = f"blocks[{index}]"

@@ -26,7 +26,7 @@ _STEPS = (
 
 
 class Starts(StrEnum):
-    """How a team's robots are placed to each other when a run begins."""
+    """How a team's robots are placed relative to each other when a run begins."""
 
     TOGETHER = "together"
     SCATTERED = "scattered"

@@ -20,7 +20,7 @@ class Section(NamedTuple):
 SECTIONS = {
     "exploration": Section(
         "Exploration",
-        "Lockstep runs on the map of `examples/maps`; what a robot costs in calls, over 8 simulated seconds.",
+        "Lockstep runs on the map of `examples/maps`; the cost of a robot in calls, over 8 simulated seconds.",
         "tests.bench.exploration:measure",
     ),
     "real_maps": Section(
@@ -30,7 +30,7 @@ SECTIONS = {
     ),
     "motion": Section(
         "Motion on CAN",
-        "True errors, by the arena. Squares as in UMBmark (Borenstein and Feng 1996), 8 seeds, both ways round.",
+        "True errors, by the arena. Squares as in UMBmark (Borenstein and Feng 1996), 8 seeds, in both directions.",
         "tests.bench.motion:measure",
     ),
     "energy": Section(
@@ -42,38 +42,38 @@ SECTIONS = {
     ),
     "motes": Section(
         "Motes",
-        "Lockstep runs in the built-in depot; a visit's bound is a mote that speaks all the time and repeats nothing "
-        "without need, over the same shadows.",
+        "Lockstep runs in the built-in depot; the limit of a visit is a mote that sends all the time and repeats "
+        "nothing unnecessarily, with the same shadowing.",
         "tests.bench.motes:measure",
     ),
     "localisation": Section(
         "Localisation",
         "20 × 20 m, 8 motes, 4 dB, 5 minutes, 50 seeds. NEES is 2 if the covariance is right. A run is lost in silence "
-        "if the truth lies outside the 99.999 % ellipse for 10 s on end and nothing is said. *Fresh seeds* took no "
-        "part in choosing parameters; *the filter alone* knows the radio's true parameters.",
+        "if the truth lies outside the 99.999 % ellipse for 10 s on end without a report. *Fresh seeds* were not used "
+        "for choosing parameters; *the filter alone* knows the radio's true parameters.",
         "tests.bench.localisation:measure",
     ),
     "mapping": Section(
         "Mapping",
         "Floors of `examples/maps`, wheels that slip and are 1 % off, 1 % dropouts, seeds 1 and 2: 4 robots on clinic "
-        "and warehouse, for 150 s, also with late messages and agents that pause; robots with unknown starts, and "
+        "and warehouse, for 150 s, also with late messages and paused agents; robots with unknown starts, and "
         "robots that are carried off, 3 in the clinic. `robrain bench mapping` and `bench joining` run more.",
         "tests.bench.mapping:measure",
     ),
     "behaviors": Section(
         "Behaviors",
-        "One robot in lockstep. The wheels that slip lose a twentieth of each turn, 2 cm at random with each metre.",
+        "One robot in lockstep. Slipping wheels lose a twentieth of each turn, and 2 cm at random per metre.",
         "tests.bench.behaviors:measure",
     ),
     "planning": Section(
         "Planning",
-        "Real robots in lockstep in the depot, three sets of 12 tasks at once after it is explored; shares are means "
+        "Whole robots in lockstep in the explored depot, three sets of 12 tasks submitted at once; shares are means "
         "over the sets.",
         "tests.bench.planning:measure",
     ),
     "charging": Section(
         "Chargers",
-        "Real robots with batteries of some minutes, in lockstep.",
+        "Whole robots with batteries for some minutes, in lockstep.",
         "tests.bench.charging:measure",
     ),
     "allocation": Section(
@@ -90,7 +90,7 @@ SECTIONS = {
     ),
     "robot_cost": Section(
         "What a robot costs",
-        "CPU for each robot and simulated second: eight robots exploring the depot, all stock plugins, 15 s after a "
+        "CPU per robot and simulated second: eight robots exploring the depot, all stock plugins, 15 s after a "
         "start of 3 s. The whole is that of an untouched run; the parts come from an equal run with timers.",
         "tests.bench.robot_cost:measure",
     ),
@@ -98,7 +98,7 @@ SECTIONS = {
     "tasks": Section("Tasks", "Wall time of one core.", "tests.bench.tasks:measure"),
     "live_planning": Section(
         "Plans beside the live coordinator",
-        "Processes of their own on loopback, against the same work on a thread.",
+        "Separate processes on loopback, compared with the same work on a thread.",
         "tests.bench.live_planning:measure",
     ),
     "recording": Section("Recordings", "CPU time.", "tests.bench.recording:measure"),

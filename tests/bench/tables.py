@@ -104,7 +104,7 @@ def misses(results: Results, known: Known) -> str:
 
 def pages() -> list[Path]:
     """The pages with blocks."""
-    return sorted(path for path in PAGES.glob("*.md") if MARKER.search(path.read_text(encoding="utf-8")))
+    return sorted(path for path in PAGES.rglob("*.md") if MARKER.search(path.read_text(encoding="utf-8")))
 
 
 def _value_and_bound(figure: Figure) -> tuple[str, str]:

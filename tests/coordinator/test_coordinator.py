@@ -128,7 +128,7 @@ def test_a_gap_that_a_robot_does_not_fit_through_is_remembered_where_it_stands(t
     robot = team.robot("r1", 5.8)
     team.corridor()
     team.run(1.0)
-    robot.end(TaskState.FAILED, "the way has been too narrow", gap_m=0.36)
+    robot.end(TaskState.FAILED, "the path has been too narrow", gap_m=0.36)
     team.run(0.5)
     (gap,) = team.coordinator.explorer._narrow.gaps
     assert (gap.place, gap.gap_m) == (Point2D(robot.pose.x_m, robot.pose.y_m), 0.36)

@@ -68,7 +68,7 @@ def with_robots(condition: Condition) -> Vitals:
         (
             replace(WELL, silent_robot="r2", silent_error_m=1.24),
             Grade.BAD,
-            ("r2: 1.2 m off, does not know it",),
+            ("r2: 1.2 m off, not reported",),
         ),
         (replace(WELL, least_agreement=AGREES, least_agreement_robot="r3"), Grade.GOOD, ()),
         (
@@ -179,7 +179,7 @@ def test_map_and_silent_robots_are_judged_by_the_truth_where_it_is_told() -> Non
     assert words_of(view) == []  # what robots say of their own scans does not count then
     far = PoseAccuracy(error_m=2.5, silent_for_s=3.0)
     tell(view, ARENA_TRUTH, truth_of(("r1", off), ("r2", far), ("r3", None), off=60))
-    assert words_of(view) == ["r2: 2.5 m off, does not know it", "6.0 % of the map wrong, 6 m of walls doubled"]
+    assert words_of(view) == ["r2: 2.5 m off, not reported", "6.0 % of the map wrong, 6 m of walls doubled"]
     assert 'class="rb-bad">▲</i>' in strip_html(view, 0.0)
     assert words_of(view, 60.0) == ["6.0 % of the map wrong, 6 m of walls doubled"]  # nobody in contact
 

@@ -171,7 +171,7 @@ def test_halt_is_told_with_how_many_obey() -> None:
     tell(view, ROBOT_STATE, RobotState(robot="r2"), robot="r2")
     tell(view, HALT, Halt(halted=True, by="dashboard", reason="smoke"))
     told = Page(strip_html(view, 0.0)).values["halt-state"]
-    assert told == "EMERGENCY HALT by dashboard: smoke.1 of 2 robots say that they are halted."
+    assert told == "EMERGENCY HALT by dashboard: smoke.1 of 2 robots report that they are halted."
 
 
 def test_lost_link_is_told_before_all_else() -> None:

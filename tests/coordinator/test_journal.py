@@ -154,7 +154,7 @@ def test_a_database_of_something_else_is_left_as_it_is(path: Path) -> None:
         connection.execute("CREATE TABLE photos (name)")
     connection.close()
     before = path.read_bytes()
-    with pytest.raises(JournalError, match="no journal of robrain"):
+    with pytest.raises(JournalError, match="not a journal of robrain"):
         Journal(path)
     assert path.read_bytes()[100:] == before[100:]
     assert list(path.parent.glob("*damaged*")) == []

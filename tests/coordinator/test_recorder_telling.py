@@ -113,8 +113,8 @@ def test_a_disk_that_hangs_is_told_again_and_again_and_logged_once(
     assert watch.period_s == 1.0
     for lasted_s in (1.5, 2.0, 3.0):
         watch.tell(lasted_s)
-    assert live.said == [f"the disk has taken nothing for {lasted_s} s" for lasted_s in (1.5, 2.0, 3.0)]
-    assert [record.getMessage() for record in caplog.records] == ["recording waits for the disk, since 1.5 s"]
+    assert live.said == [f"the disk has accepted nothing for {lasted_s} s" for lasted_s in (1.5, 2.0, 3.0)]
+    assert [record.getMessage() for record in caplog.records] == ["recording has been waiting for the disk for 1.5 s"]
 
 
 def test_the_watch_follows_each_step_and_ends_with_the_recorder(live: Recorder) -> None:

@@ -104,7 +104,7 @@ def test_solution_without_a_cost_is_named(written):
     [
         ("", "DEPOT_SECTION\n2\n-1", "DEPOT_SECTION: expected one depot"),  # another node than the first
         ("", "DEPOT_SECTION\n1\n2\n-1", "DEPOT_SECTION: expected one depot"),  # two of them
-        ("", "BACKHAUL_SECTION\n2\n-1", "BACKHAUL_SECTION: the allocators' model has no such thing"),
+        ("", "BACKHAUL_SECTION\n2\n-1", "BACKHAUL_SECTION: not supported by the allocators' model"),
         ("VEHICLES : none", "", "none"),  # not a number
     ],
 )

@@ -188,7 +188,7 @@ def test_a_robot_whose_wheels_have_never_spoken_stands(stage, frames, motion):
     commands = frames(bus, "WheelCommand")
     assert commands
     assert all(speed == 0.0 for frame in commands for speed in wheel_speeds(frame))
-    assert one.call("driver", "blocked_why") == "the wheel encoders have said nothing"
+    assert one.call("driver", "blocked_why") == "no data from the wheel encoders"
 
 
 def test_an_empty_path_is_no_way_to_go(stage, room):

@@ -160,7 +160,7 @@ def test_an_action_whose_way_stays_blocked_fails_without_touching_anything(stage
     one.host("localisation", driver={"patience_s": 2.0})
     one.run(0.4)
     action = one.call("driver", "drive", 4.0)
-    assert end_of(one, action, 20.0) == ("failed", "something has stood in the way for 2 s")
+    assert end_of(one, action, 20.0) == ("failed", "an obstacle has blocked the path for 2 s")
     assert one.truth().collisions == 0
     assert one.call("driver", "motion") == Motion.STANDING
 

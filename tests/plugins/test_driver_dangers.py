@@ -59,7 +59,7 @@ def test_bump_stops_the_wheels_at_once_whoever_drives(robot, start):
     robot.step(5)
     assert robot.commands() == [STILL] * 5
     assert robot.plugin.motion() is Motion.BLOCKED
-    assert robot.plugin.blocked_why() == "something has stood in the way"
+    assert robot.plugin.blocked_why() == "an obstacle has blocked the path"
 
 
 @pytest.mark.parametrize("start", [ahead, by_hand], ids=["path", "hand"])
@@ -261,7 +261,7 @@ def test_robot_that_turns_stands_when_the_wheels_say_nothing_and_starts_again_fr
     robot.wheels.fresh = False
     robot.step(3)
     assert robot.commands() == [STILL] * 3
-    assert robot.plugin.blocked_why() == "the wheel encoders have said nothing"
+    assert robot.plugin.blocked_why() == "no data from the wheel encoders"
     robot.wheels.fresh = True
     robot.step()
     assert 0.0 < robot.wheels.twist.yaw_rad_s <= 20.0 * PERIOD_S**2 + 1e-9
@@ -270,7 +270,7 @@ def test_robot_that_turns_stands_when_the_wheels_say_nothing_and_starts_again_fr
 
 
 BLIND = {
-    "encoders": ("the wheel encoders have said nothing", lambda robot: setattr(robot.wheels, "fresh", False)),
+    "encoders": ("no data from the wheel encoders", lambda robot: setattr(robot.wheels, "fresh", False)),
     "lidar": ("there has been no fresh scan", lambda robot: setattr(robot.lidar, "speaks", False)),
 }
 
@@ -326,7 +326,7 @@ def test_action_fails_when_its_way_has_been_blocked_for_longer_than_the_patience
     assert robot.plugin.blocked_s() == pytest.approx(1.2)
     robot.step()
     assert [(end.outcome, end.why) for end in robot.ends] == [
-        (Outcome.FAILED, "the wheel encoders have said nothing for 1.2 s")
+        (Outcome.FAILED, "no data from the wheel encoders for 1.2 s")
     ]
     assert (robot.plugin.motion(), robot.plugin.blocked_s()) == (Motion.STANDING, 0.0)
     assert robot.commands()[-1] == "stop"

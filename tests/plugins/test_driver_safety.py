@@ -110,7 +110,7 @@ def test_what_only_the_range_sensors_hear_is_stopped_at(stage, room):
     one.run(0.4)
     one.call("driver", "drive", 4.0)
     one.run(6.0)
-    assert one.call("driver", "blocked_why") == "something has stood in the way"
+    assert one.call("driver", "blocked_why") == "an obstacle has blocked the path"
     assert one.truth().collisions == 0
     assert 0.03 < 3.0 - 0.2 - one.truth().pose.x_m < 0.25
 

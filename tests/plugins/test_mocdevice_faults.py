@@ -140,7 +140,7 @@ def test_no_command_is_given_on_a_bus_that_has_not_spoken_again(robot, frames):
     robot.call("driver", "drive", 1.0)
     robot.run(0.2)
     assert robot.call("driver", "motion") == Motion.BLOCKED
-    assert robot.call("driver", "blocked_why") == "the wheel encoders have said nothing"
+    assert robot.call("driver", "blocked_why") == "no data from the wheel encoders"
     assert frames(bus, "WheelCommand") == []
 
 

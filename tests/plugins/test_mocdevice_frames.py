@@ -252,7 +252,7 @@ def test_bus_off_is_a_fault_and_error_passive_is_a_warning(device, caplog):
     device.bus.arrived.append(error_frame(BusState.WARNING))
     device.step()
     assert [record.message for record in caplog.records] == [
-        "r1: the CAN bus is error passive: is anybody there to acknowledge?"
+        "r1: the CAN bus is error passive: does another node acknowledge frames?"
     ]
     device.bus.arrived.append(error_frame(BusState.OFF))
     with pytest.raises(BusFault, match="bus off"):

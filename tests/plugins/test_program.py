@@ -121,7 +121,7 @@ def test_lines_that_are_too_long_are_left_out_and_cost_no_memory(start, caplog):
     bench = start(code, max_line_bytes=1000)
     bench.until(lambda: bench.told == ["short"])
     assert bench.plugin.state().lines_left_out == 1
-    assert "a line of more than 1000 bytes is left out" in caplog.text
+    assert "ignored a line of more than 1000 bytes" in caplog.text
 
 
 def test_the_last_line_counts_without_an_end(start):
@@ -270,7 +270,7 @@ def test_a_missing_folder_is_absent_hardware(tmp_path):
 
 def test_in_lockstep_it_says_that_it_keeps_no_step():
     bench = Bench(Drive.LOCKSTEP, command=["cat"])
-    with pytest.raises(Exception, match="programs are for the live drive"):
+    with pytest.raises(Exception, match="programs run only in the live drive"):
         bench.start()
 
 

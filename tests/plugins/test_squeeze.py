@@ -101,7 +101,7 @@ def test_before_a_gap_that_is_too_narrow_the_robot_stands_and_tells_its_width(st
     one.run(15.0)
     assert one.pose.x_m < 1.6
     assert one.driver.motion() is Motion.BLOCKED
-    assert one.driver.blocked_why() == "the way has been too narrow"
+    assert one.driver.blocked_why() == "the path has been too narrow"
     assert one.driver.gap_m() == pytest.approx(gap_m, abs=0.03)
     assert one.driver.squeezes()
     assert one.collisions == 0

@@ -218,7 +218,7 @@ def test_in_lockstep_it_says_why_it_does_not_listen(stage):
     one.host("tcp_socket", tcp_socket={"enabled": True})
     info = one.infos()["tcp_socket"]
     assert info.state == "faulted"
-    assert "for the live drive" in info.why
+    assert "only in the live drive" in info.why
 
 
 def test_it_asks_for_no_more_than_a_robot_gives_in_lockstep(stage):

@@ -96,7 +96,7 @@ def test_a_watch_tells_too_large_and_too_often_refused_apart():
     large, refused = DivergenceWatch(WatchSpec(), 10.83), DivergenceWatch(WatchSpec(), 10.83)
     assert "times the variance" in [large.heard(4.0) for _ in range(32)][-1]
     whys = [refused.heard(50.0 if number % 3 == 0 else 0.5) for number in range(32)]
-    assert "cannot be right" in whys[-1]
+    assert "contradict the estimated pose" in whys[-1]
     assert refused.refused == 11
 
 

@@ -238,7 +238,7 @@ def test_disturbances_without_sense_are_refused_with_file_and_key(table, line, s
 
 
 def test_scenario_of_the_documentation_is_one():
-    page = (Path(__file__).parents[2] / "docs" / "imperfections.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "how-to" / "imperfect-sensors.md").read_text(encoding="utf-8")
     (text,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
     tables = parse_scenario(text, "hard.toml")
     assert tables.disturbance.can.is_on
@@ -249,7 +249,7 @@ def test_scenario_of_the_documentation_is_one():
 
 
 def test_scenario_of_the_documentation_runs_and_repeats(tmp_path):
-    page = (Path(__file__).parents[2] / "docs" / "imperfections.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "how-to" / "imperfect-sensors.md").read_text(encoding="utf-8")
     (text,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
     maps = Path(__file__).parents[2] / "examples" / "maps"
     (tmp_path / "hard.toml").write_text(text.replace("office_ring.yaml", str(maps / "office_ring.yaml")))

@@ -120,7 +120,7 @@ def test_task_is_called_off_by_its_button(page: Page, team: LiveTeam) -> None:
     click_on(page, f"[data-rb='cancel {task}']")
     expect(page.get_by_test_id(f"task-{task}-state")).to_have_text("⊘ cancelled")
     expect(page.locator(f"[data-rb='cancel {task}']")).to_have_count(0)
-    expect(page.locator("table[data-testid='tasks']")).to_contain_text("called off on the dashboard")
+    expect(page.locator("table[data-testid='tasks']")).to_contain_text("cancelled on the dashboard")
 
 
 def test_hung_browser_holds_up_neither_robots_nor_coordinator(page: Page, team: LiveTeam) -> None:
@@ -149,7 +149,7 @@ def test_robot_that_does_not_acknowledge_a_halt_is_named_until_it_does(page: Pag
         expect(page.get_by_test_id("stopped")).to_have_text("r1")
         expect(page.get_by_test_id("not-stopped")).to_have_text("r2")
         expect(page.get_by_test_id("robot-r2-contact")).to_have_text(re.compile("^(◐ silent|✕ lost)"))
-        expect(page.get_by_test_id("halt-state")).to_contain_text("1 of 2 robots say that they are halted")
+        expect(page.get_by_test_id("halt-state")).to_contain_text("1 of 2 robots report that they are halted")
         keep(page, "dashboard-not-acknowledged")
         # Its wheels stand all the same: the firmware hears no more commands.
         team.come_to_a_stand(STANDS_S, STOPPED_M)
@@ -248,10 +248,10 @@ def _robot_is_driven_by_a_held_key(page: Page, team: LiveTeam) -> None:
     expect(page.get_by_test_id("teleop")).to_contain_text("Armed")
     before_rad = team.robots()[robot].pose.yaw_rad
     page.keyboard.down("a")
-    expect(page.get_by_test_id("teleop")).to_contain_text(f"{robot} is driven")
+    expect(page.get_by_test_id("teleop")).to_contain_text(f"{robot} is driving")
     wait_for(lambda: _turned_rad(team, robot, before_rad), lambda turned: turned > 0.3, "the robot's turning left")
     page.keyboard.up("a")
-    expect(page.get_by_test_id("teleop")).to_contain_text(f"{robot} stands")
+    expect(page.get_by_test_id("teleop")).to_contain_text(f"{robot} stopped")
     page.get_by_role("checkbox", name="Armed").uncheck()
 
 

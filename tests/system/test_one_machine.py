@@ -110,7 +110,7 @@ def test_up_tells_hub_page_and_forwarders_as_lines_of_json_while_it_runs(command
         assert sorted(one["event"] for one in told) == ["dashboard", "hub", "serial_forwarder"]
         assert first["event"] == "hub"
         assert first["endpoint"] != commands.hub.endpoint
-        assert f"{commands.hub.endpoint} is taken" in process.stderr.readline()
+        assert f"{commands.hub.endpoint} is in use" in process.stderr.readline()
         by_event = {one["event"]: one for one in told}
         assert by_event["dashboard"]["url"].startswith("http://127.0.0.1:")
         assert by_event["serial_forwarder"]["robot"] == "r1"

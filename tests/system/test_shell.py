@@ -250,5 +250,5 @@ def test_a_terminal_that_is_not_there_is_absent_hardware():
 
 
 def test_the_shell_is_for_the_live_drive():
-    with pytest.raises(PluginError, match="for the live drive"):
+    with pytest.raises(PluginError, match="only in the live drive"):
         shell(Drive.LOCKSTEP, enabled=True).activate()

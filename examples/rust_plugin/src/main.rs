@@ -16,7 +16,7 @@ use zenoh::{Config, Wait};
 
 type Fatal = Box<dyn std::error::Error + Send + Sync>;
 
-/// An error of the wire: its code is one of those in docs/topics.md's errors, its text is for a person.
+/// An error of the wire: its code is one of those in docs/reference/topics.md's errors, its text is for a person.
 struct CallError {
     code: &'static str,
     message: String,

@@ -15,7 +15,7 @@ PACKETS = 64
 
 
 class CollectBehavior(Errand):
-    """Fetches what a mote has stored."""
+    """Fetches the readings that a mote has stored."""
 
     kind = Collect
 

@@ -44,9 +44,9 @@ class ExploreBehavior(Behavior):
         """When a frontier counts as explored."""
 
         seen_radius_m: float = 0.5
-        """A goal is done when no frontier is left within this distance of it."""
+        """A goal is reached when no frontier remains within this distance of it."""
         alone_s: float = 3.0
-        """With no word from a coordinator for this long the robot chooses for itself."""
+        """After this time without a message from a coordinator the robot chooses frontiers itself."""
 
     period_s = 0.2
     parameters: Parameters
@@ -81,7 +81,7 @@ class ExploreBehavior(Behavior):
 
     @external
     def goal(self) -> Point2D | None:
-        """The frontier that the robot is after; null if none."""
+        """The frontier that the robot drives to; null if none."""
         return None if self._task is None else self._task.goal
 
     def step(self) -> None:

@@ -22,7 +22,7 @@ RETRY_S = 30.0
 
 
 class IdleBehavior(Behavior):
-    """Stands; with a home, returns there."""
+    """Stands, or returns to its home if it has one."""
 
     class Parameters(TravelParameters, frozen=True, forbid_unknown_fields=True):
         """Where to wait, and when to go there."""
@@ -63,14 +63,14 @@ class IdleBehavior(Behavior):
 
     @external
     def wait_at(self, x_m: float, y_m: float) -> None:
-        """Have the robot wait there whenever it has nothing to do, arena frame."""
+        """Set the place where the robot waits when it has nothing to do, arena frame."""
         if not (math.isfinite(x_m) and math.isfinite(y_m)):
             raise CallError(ErrorCode.BAD_ARGUMENTS, f"expected a finite place, got {x_m}, {y_m}")
         self._home = Point2D(x_m, y_m)
 
     @external
     def idle_s(self) -> float:
-        """For how long the robot has had nothing to do, not counting the way home; 0 if it has."""
+        """Time without anything to do, without the way home; 0 while the robot has something to do."""
         return 0.0 if self._since_ns is None else to_seconds(self.env.clock.now_ns() - self._since_ns)
 
     def step(self) -> None:

@@ -34,13 +34,13 @@ class RoomChange(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class MonitorBehavior(Errand):
-    """Watches a room."""
+    """Looks around at intervals and reports changes."""
 
     class Parameters(TravelParameters, frozen=True, forbid_unknown_fields=True):
         """When a picture counts as changed; chosen."""
 
         settle_s: float = 0.4
-        """Having turned, the robot stands for so long before it looks."""
+        """Time for which the robot stands after a turn before it takes a picture."""
         changed_share: float = 0.002
         view_rad: float = VIEW_RAD
         """The camera's horizontal angle of view."""

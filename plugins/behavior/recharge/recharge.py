@@ -36,16 +36,16 @@ QUEUE_S = 180.0
 
 
 class RechargeBehavior(Errand):
-    """Charges the robot."""
+    """Docks at a charger and charges the robot."""
 
     class Parameters(TravelParameters, frozen=True, forbid_unknown_fields=True):
         """When the robot goes to charge of its own accord, and how long it stays; chosen."""
 
         reserve_s: float = 60.0
-        """Beside the way home, it keeps what standing for so long takes."""
+        """Energy kept beyond the way home, as time of standing."""
         until_soc: float = 0.95
         no_power_s: float = 10.0
-        """A charger that has given nothing for so long gives nothing."""
+        """A charger without current for this long counts as useless."""
 
         def __post_init__(self) -> None:
             super().__post_init__()

@@ -22,18 +22,18 @@ BALANCE_DB = 3.0
 
 
 class RelayBehavior(Errand):
-    """Holds one link or two."""
+    """Keeps a radio link to a mote, a robot, or both."""
 
     class Parameters(TravelParameters, frozen=True, forbid_unknown_fields=True):
         """How the robot moves for the link's sake; chosen."""
 
         step_m: float = 0.7
         stray_m: float = 3.0
-        """It stays this near to the task's place."""
+        """Greatest distance from the task's place."""
         adjust_s: float = 6.0
-        """After a move the new link is listened to for so long."""
+        """Time for which the new link is measured after a move."""
         silent_s: float = 15.0
-        """Who has not been heard for so long has no link."""
+        """Time of silence after which a link counts as lost."""
 
         def __post_init__(self) -> None:
             super().__post_init__()

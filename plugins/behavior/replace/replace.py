@@ -11,7 +11,7 @@ from robrain.protocol.wire.topics import MOTE_READING
 
 
 class ReplaceBehavior(Errand):
-    """Takes over a mote's duty."""
+    """Takes the place of a mote: measures and publishes in its name."""
 
     kind = Replace
 

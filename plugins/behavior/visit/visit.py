@@ -5,7 +5,7 @@ from robrain.protocol.model.task import Visit
 
 
 class VisitBehavior(Errand):
-    """Goes to a place."""
+    """Drives to a place and stays there."""
 
     kind = Visit
 

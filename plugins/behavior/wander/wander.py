@@ -27,9 +27,9 @@ class WanderBehavior(Behavior):
         """Chosen."""
 
         leg_m: float = 3.0
-        """The longest way in one direction."""
+        """Longest path in one direction."""
         clear_m: float = 0.6
-        """A leg ends so far before what is ahead."""
+        """Distance before an obstacle at which a leg ends."""
 
         def __post_init__(self) -> None:
             for name in self.__struct_fields__:
@@ -60,7 +60,7 @@ class WanderBehavior(Behavior):
 
     @external
     def start(self, duration_s: float = 60.0) -> bool:
-        """Wander for so long; False if the robot has a task, or is at something that cannot wait."""
+        """Wander for this time; False if the robot has a task or something else to finish."""
         if not 0 < duration_s < math.inf:
             raise CallError(ErrorCode.BAD_ARGUMENTS, f"expected duration_s > 0, got {duration_s}")
         if not self.env.tasks.occupy(self.env.plugin):
@@ -73,7 +73,7 @@ class WanderBehavior(Behavior):
 
     @external
     def stop(self) -> None:
-        """Wander no more."""
+        """Stop wandering."""
         self._end()
 
     @external

@@ -15,7 +15,7 @@ GAP_S = 2.0
 
 
 class Bm2(Device):
-    """Reads what the battery manager measures, and adds it up."""
+    """Reads the battery manager's measurements and integrates charge and energy."""
 
     class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """python-can's interface and channel."""
@@ -23,7 +23,7 @@ class Bm2(Device):
         interface: str = "zenoh"
         channel: str = "can0"
         options: dict[str, Any] = {}
-        """What else the interface takes."""
+        """Other options of the interface."""
 
     interface = Bm2Interface
     period_s = 0.2
@@ -66,7 +66,7 @@ class Bm2(Device):
 
     @external
     def rejected(self) -> int:
-        """Frames that were not believed: wrong length or checksum."""
+        """Frames that were rejected: wrong length or checksum."""
         return self._rejected
 
     def _take(self, stamp_ns: int, signals: dict[str, float]) -> None:

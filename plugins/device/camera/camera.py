@@ -25,7 +25,7 @@ class PictureInfo(msgspec.Struct, frozen=True):
 
 
 class CameraDevice(Device):
-    """One camera, level, looking ahead. Costs nothing while nobody asks."""
+    """One camera, level, looking ahead. It works only on request."""
 
     class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """`interface` is one of `zenoh` (the simulator), `file` and `v4l`; what `channel` means depends on it."""
@@ -35,7 +35,7 @@ class CameraDevice(Device):
         """file: a PNG, or a folder of them, in order of their names; v4l: the number of the video device."""
         timeout_s: float = 1.0
         view_rad: float = 1.2
-        """Horizontal angle of view; chosen for the simulator, set what is fitted."""
+        """Horizontal angle of view; chosen for the simulator, set that of your camera."""
 
         def __post_init__(self) -> None:
             if not self.timeout_s > 0:
@@ -68,7 +68,7 @@ class CameraDevice(Device):
 
     @external
     def look(self) -> PictureInfo:
-        """Take a picture and tell its size, to see whether the camera works."""
+        """Take a picture and return its size, to test the camera."""
         picture = self.snapshot()
         return PictureInfo(picture.width, picture.height, len(picture.png), picture.stamp_ns)
 

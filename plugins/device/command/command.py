@@ -7,7 +7,7 @@ from robrain.protocol.wire.errors import CallError, ErrorCode
 
 
 class Command(Device):
-    """Executes the text form, such as `call driver stop()`, for plugins that talk to the outside."""
+    """Executes the text form, such as `call driver stop()`, for plugins that serve the outside."""
 
     interface = CommandInterface
 
@@ -30,7 +30,5 @@ class Command(Device):
     def _door(self) -> CommandDoor:
         door = self.env.outside
         if door is None:
-            raise CallError(
-                ErrorCode.FORBIDDEN, f"{self.env.plugin}: only the plugin named command is let to the others"
-            )
+            raise CallError(ErrorCode.FORBIDDEN, f"{self.env.plugin}: only the plugin named command may use the others")
         return door

@@ -56,11 +56,11 @@ class MocDevice(Device):
         interface: str = "zenoh"
         channel: str = "can0"
         options: dict[str, Any] = {}
-        """What else python-can's interface takes, such as `bitrate` or `port`."""
+        """Other options of python-can's interface, such as `bitrate` or `port`."""
         radius_m: float = 0.20
         base: OmniBase = OmniBase()
         silent_s: float = 0.4
-        """Without an encoder frame for so long, the bus counts as cut; they come every 20 ms."""
+        """Time without an encoder frame after which the bus counts as cut; frames come every 20 ms."""
         stamped_at: StampedAt | None = None
         """Meaning of the interface's time stamps; None is `sending` for `zenoh` and `arrival` for all others."""
 
@@ -139,7 +139,7 @@ class MocDevice(Device):
 
     @external
     def is_fresh(self) -> bool:
-        """Whether the wheel encoders speak."""
+        """Whether the wheel encoders send data."""
         return self._heard_ns is not None and self.env.clock.now_ns() - self._heard_ns <= self._silent_ns
 
     def pose(self) -> Pose2D:
@@ -174,7 +174,7 @@ class MocDevice(Device):
 
     @external
     def status(self) -> ControllerStatus | None:
-        """The controller's last word on itself; null before the first."""
+        """Last status of the motor controller; null before the first."""
         return self._status
 
     # -- the bus --------------------------------------------------------------------------------------------
@@ -244,7 +244,7 @@ class MocDevice(Device):
         if state is BusState.OFF:
             raise BusFault(self.env.plugin, "the computer's CAN controller is bus off")
         if state is BusState.PASSIVE:
-            logger.warning("%s: the CAN bus is error passive: is anybody there to acknowledge?", self.env.robot)
+            logger.warning("%s: the CAN bus is error passive: does another node acknowledge frames?", self.env.robot)
 
     def _read_status(self, frame: can.Message) -> None:
         try:

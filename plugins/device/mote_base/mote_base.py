@@ -50,7 +50,7 @@ class LineHealth(msgspec.Struct, frozen=True):
 
 
 class MoteBase(Device):
-    """Hands on each packet that the radio hears, and sends what it is given.
+    """Passes on each packet that the radio receives, and sends packets.
 
     A base station that floods, or whose line is lost, is told to the team by `trouble`. The robot listens to as many
     packets a second as the manifest allows, and seeks the line again; a flood that does not end is a fault. So is a
@@ -66,7 +66,7 @@ class MoteBase(Device):
         device: str = "/dev/ttyUSB0"
         baud: int = 57_600
         address: int = 0
-        """Of the base station on the air; source of what the robot sends."""
+        """Address of the base station on the air, the source of the robot's packets."""
         inbox_packets: int = 256
         flood_packets_s: int = 200
         flood_fault_s: float = 5.0
@@ -140,7 +140,7 @@ class MoteBase(Device):
 
     @external
     def counters(self) -> PacketCounters:
-        """Packets heard and sent, and what was wrong with those that were not handed on."""
+        """Packets received and sent, and reasons for those that were not passed on."""
         link = self._link
         return PacketCounters(
             packets=self._packets,
@@ -156,7 +156,7 @@ class MoteBase(Device):
 
     @external
     def health(self) -> LineHealth:
-        """Whether the line is there, and if not, since when and when it is sought next."""
+        """State of the connection; if it is lost, since when, and the time of the next attempt."""
         if not self._told_down:
             return LineHealth(is_up=True, why_down="", down_s=0.0, tries=0, next_try_s=0.0)
         now_ns = self.env.clock.now_ns()

@@ -18,7 +18,7 @@ class RangeRing(msgspec.Struct, frozen=True):
     ranges_m: tuple[float, ...]
     range_max_m: float
     mounted_m: float
-    """How far from the robot's centre the sensors sit."""
+    """Distance of the sensors from the robot's centre."""
 
 
 class Bump(msgspec.Struct, frozen=True):
@@ -41,5 +41,5 @@ class RangeSensorsInterface(Protocol):
         ...
 
     def pressed_rad(self) -> tuple[float, ...]:
-        """Where the hull is touched now, robot's frame."""
+        """Directions of the contacts that are pressed now, robot's frame."""
         ...

@@ -40,7 +40,7 @@ class RangeCounters(msgspec.Struct, frozen=True):
 
 
 class RangeSensorsDevice(Device):
-    """Hands on each measurement of the ring, and each change of the bump contacts."""
+    """Passes on each measurement of the ring and each change of the bump contacts."""
 
     class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """`interface`, `channel` and `options` as for mocdevice. No data sheet was found: the values are chosen."""
@@ -49,12 +49,12 @@ class RangeSensorsDevice(Device):
         channel: str = "can0"
         options: dict[str, Any] = {}
         angles_rad: tuple[float, ...] = RING_ANGLES_RAD
-        """Where the sensors look, robot's frame, in the order of the frames' signals."""
+        """Directions of the sensors, robot's frame, in the order of the frames' signals."""
         range_max_m: float = 2.0
         mounted_m: float = 0.20
-        """How far from the robot's centre the sensors sit."""
+        """Distance of the sensors from the robot's centre."""
         silent_s: float = 1.0
-        """Without a frame for so long, a node that has spoken counts as gone; it speaks ten times a second."""
+        """Time without a frame after which the node counts as gone; it sends ten frames a second."""
 
         def __post_init__(self) -> None:
             if not 1 <= len(self.angles_rad) <= SENSORS_MAX:
@@ -117,12 +117,12 @@ class RangeSensorsDevice(Device):
 
     @external
     def pressed_rad(self) -> tuple[float, ...]:
-        """Where the hull is touched now, robot's frame."""
+        """Directions of the contacts that are pressed now, robot's frame."""
         return self._pressed_rad
 
     @external
     def counters(self) -> RangeCounters:
-        """The node's frames that were believed, rejected (length or checksum) and lost (gaps in their counters)."""
+        """The node's frames: accepted, rejected (length or checksum) and lost (gaps in their counters)."""
         return RangeCounters(self._believed, self._rejected, sum(watch.lost for watch in self._sequences.values()))
 
     def _listen(self, bus: can.BusABC) -> None:

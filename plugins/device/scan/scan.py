@@ -26,13 +26,13 @@ class LidarFault(PluginError):
 
 
 class ScanDevice(Device):
-    """Hands on each turn of the lidar."""
+    """Passes on each turn of the lidar."""
 
     class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """When a lidar counts as gone."""
 
         silent_s: float = 3.0
-        """Without a turn for so long; the stock lidar turns five times a second."""
+        """Time without a turn after which the lidar faults; the stock lidar turns five times a second."""
 
         def __post_init__(self) -> None:
             if not self.silent_s > 0:
@@ -87,7 +87,7 @@ class ScanDevice(Device):
 
     @external
     def nearest_m(self) -> float | None:
-        """Distance to the nearest thing in sight; null if there is none, and before the first scan."""
+        """Distance to the nearest object in sight; null if there is none, and before the first scan."""
         if self._latest is None:
             return None
         nearest_m = float(self._latest.ranges_m.min(initial=self._latest.range_max_m))

@@ -13,7 +13,7 @@ from robrain.protocol.wire.topics import ARENA_SENSE
 
 
 class SensorBoard(Device):
-    """Measures at the robot's place. Costs nothing while nobody asks."""
+    """Measures at the robot's place, on request."""
 
     class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """`interface` is `zenoh`, the simulator."""

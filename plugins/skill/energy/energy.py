@@ -12,7 +12,7 @@ from robrain.protocol.model.power_learner import PowerPrior
 
 
 class Energy(Skill):
-    """Knows what the robot draws, by what it does."""
+    """Learns the robot's power model and predicts the energy of work."""
 
     class Parameters(PowerPrior, frozen=True, kw_only=True, forbid_unknown_fields=True):
         """What is believed before anything is measured, and what is never measured."""
@@ -20,7 +20,7 @@ class Energy(Skill):
         packet_j: float = 0.0008
         """One packet of 36 bytes by a Mica2 at full power: 26.9 mA at 3 V (CPU and sending) for 10 ms."""
         relative_sd: float = 0.03
-        """Of the cost of a way: detours and swerving. Chosen; learned from outcomes."""
+        """Relative standard deviation of a path's cost: detours and swerving. Chosen; learned from outcomes."""
 
     interface = EnergyInterface
     period_s = 0.2
@@ -50,12 +50,12 @@ class Energy(Skill):
 
     @external
     def estimate(self, work: Work) -> EnergyEstimate:
-        """What this work will cost: mean and standard deviation, joules, and how long it takes."""
+        """Expected cost of this work: mean and standard deviation in joules, and its duration."""
         return estimate(self._current_model(), work)
 
     @external
     def usable_j(self) -> float:
-        """Lower 95 % bound of what the battery gives before it cuts off; 0 while the battery is unknown."""
+        """Lower 95 % bound of the energy before the cut-off; 0 while the battery is unknown."""
         state = self._battery.state()
         return state.remaining_low_j if state is not None else 0.0
 
@@ -66,7 +66,7 @@ class Energy(Skill):
 
     @external
     def model(self) -> EnergyModel:
-        """All that was learned, as the robot tells it in its state."""
+        """The learned model, as in the robot's state."""
         return self._current_model()
 
     def outcome(self, work: Work, cost_j: float) -> None:

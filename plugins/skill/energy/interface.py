@@ -15,7 +15,7 @@ class EnergyInterface(Protocol):
         ...
 
     def usable_j(self) -> float:
-        """Lower 95 % bound of what the battery gives before it cuts off; 0 while the battery is unknown."""
+        """Lower 95 % bound of the energy before the cut-off; 0 while the battery is unknown."""
         ...
 
     def outcome(self, work: Work, cost_j: float) -> None:

@@ -15,7 +15,7 @@ MAX_CHARGERS = 256
 
 
 class Home(Skill):
-    """Remembers where the robot can charge."""
+    """Knows the chargers and the robot's start."""
 
     class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """The chargers that the robot knows from the beginning."""
@@ -36,23 +36,23 @@ class Home(Skill):
 
     @external
     def chargers(self) -> list[ChargerPlace]:
-        """All chargers that are known."""
+        """All known chargers."""
         return list(self._chargers)
 
     @external
     def learn(self, charger: ChargerPlace) -> None:
-        """Know one more charger."""
+        """Add a charger."""
         is_new = all(math.hypot(charger.x_m - known.x_m, charger.y_m - known.y_m) >= SAME_M for known in self._chargers)
         if is_new and len(self._chargers) < MAX_CHARGERS:
             self._chargers.append(charger)
 
     @external
     def start(self) -> Point2D | None:
-        """Where the robot started: the origin of its dead reckoning."""
+        """Start of the robot: the origin of its dead reckoning."""
         T_arena_odom = self.env.board.T_arena_odom
         return None if T_arena_odom is None else Point2D(T_arena_odom.x_m, T_arena_odom.y_m)
 
     @external
     def ask(self, why: str) -> None:
-        """Say that the robot should go home."""
+        """Ask the robot to go home, with a reason."""
         self.asked.notify(why)

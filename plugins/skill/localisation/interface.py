@@ -20,7 +20,7 @@ class Divergence(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LocalisationHealth(msgspec.Struct, frozen=True, kw_only=True):
-    """How much the estimate is worth, and what it rests on."""
+    """Quality of the estimate, and the sources that it rests on."""
 
     lost: str
     """Why it is not to be believed; empty while it is."""

@@ -53,7 +53,7 @@ class OdometryErrors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Localisation(Skill):
-    """Tells the team where the robot is, how sure that is, and when it does not know any more."""
+    """Estimates the robot's pose in the arena with its uncertainty, and detects that it is lost."""
 
     class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Where the robot starts, arena frame, and what it is corrected by. Values that are no place are chosen."""
@@ -62,19 +62,19 @@ class Localisation(Skill):
         y_m: float = 0.0
         yaw_rad: float = 0.0
         start_known: bool = True
-        """Whether the robot starts there; if not, it is lost until motes or the team's map have found it."""
+        """Whether the start is known; if not, the robot is lost until motes or the team's map have found it."""
         start_sigma_m: float = 0.02
         start_sigma_rad: float = 0.01
         motes: bool = True
-        """Whether to use the signals of motes that know their place; needs the plugin mote_ranges."""
+        """Whether to use signals of motes at known places; needs the plugin mote_ranges."""
         scan_matching: bool = True
-        """Whether to lay scans on the map; needs the plugin mapper."""
+        """Whether to match scans with the map; needs the plugin mapper."""
         scan_period_s: float = 0.2
-        """Seconds between two matches of a robot that stands."""
+        """Seconds between two matches of a standing robot."""
         scan_way_m: float = 0.03
-        """Metres of path between two matches of a robot that moves; turns count as in `protocol/model/localiser.py`."""
+        """Metres of path between two matches of a moving robot; turns count as in `protocol/model/localiser.py`."""
         wall_slack_cells: float = 0.0
-        """Offsets of a scan below this many cells of the map are taken for none: more for a base whose odometry is
+        """Offsets of a scan below this many cells of the map count as zero: raise it for a base whose odometry is
         better than the map's cells, as an exact one is."""
         errors: OdometryErrors = OdometryErrors()
         path_loss: PathLoss = PathLoss()
@@ -180,7 +180,7 @@ class Localisation(Skill):
 
     @external
     def health(self) -> LocalisationHealth:
-        """How much the estimate is worth, and what it rests on."""
+        """Quality of the estimate, and the sources that it rests on."""
         localiser = self._localiser
         scale, curve, turn = localiser.filter.biases
         return LocalisationHealth(

@@ -55,7 +55,7 @@ NOBODY = np.empty((0, 3))
 
 
 class Mapper(Skill):
-    """Maps what the lidar sees, tells the team what changed, and takes in what the team tells."""
+    """Maps the lidar's scans, publishes changes, and merges those of other robots."""
 
     class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """The team's grid; each robot of a team must have the same."""
@@ -161,13 +161,13 @@ class Mapper(Skill):
 
     @external
     def known_area_m2(self) -> float:
-        """Area of the floor and walls that are known."""
+        """Known area of floor and walls."""
         grid = self._atlas.grid
         return grid.known_count * grid.geometry.resolution_m**2
 
     @external
     def counters(self) -> MapperCounters:
-        """What became of scans and patches so far."""
+        """Counters of scans and patches."""
         return MapperCounters(
             scans=self._taken,
             scans_left_out=self._left_out,

@@ -10,7 +10,7 @@ from robrain.protocol.model.rssi_ranging import RssiSample
 
 
 class MoteRanges(Skill):
-    """Puts what was measured on the board."""
+    """Writes the signal strengths of motes to the board."""
 
     def init(self) -> None:
         self._dropped = 0
@@ -20,7 +20,7 @@ class MoteRanges(Skill):
 
     @external
     def dropped(self) -> int:
-        """Signals that localisation was too slow for."""
+        """Signals dropped because localisation was too slow."""
         return self._dropped
 
     def _take(self, measured: RssiMeasurement) -> None:

@@ -20,7 +20,7 @@ from robrain.protocol.model.right_of_way import Track
 
 
 class Planner(Skill):
-    """Plans paths for a round robot, whose radius the driver tells."""
+    """Plans paths for a round robot; the driver gives its radius."""
 
     class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """How paths are. All values are chosen."""
@@ -28,7 +28,7 @@ class Planner(Skill):
         margin_m: float = PREFERRED_MARGIN_M
         """Distance kept from obstacles beyond the robot's radius, except on narrow paths."""
         snap_m: float = 0.8
-        """How far a path's ends may be from where the robot is and where it is to go, if it cannot stand there."""
+        """Greatest distance of a path's ends from the robot and from the goal, if the robot cannot stand there."""
         unknown: Literal["avoid", "dear", "free"] = "avoid"
         """Unknown floor: not driven on; at `unknown_cost` times the cost of known floor; or as if it were known."""
         unknown_cost: float = 4.0

@@ -15,17 +15,17 @@ CHARGING_BELOW_A = -0.05
 
 
 class Battery(Unit):
-    """Tells what is left, and warns when it is little or cannot be known."""
+    """Estimates the remaining energy, and warns when it is low or unknown."""
 
     class Parameters(PackModel, frozen=True, kw_only=True, forbid_unknown_fields=True):
         """The pack's datasheet, when to warn, and what is not believed. Chosen; set those of your battery."""
 
         soc_at_start: float | None = None
-        """Taken from the voltage if there is none."""
+        """Estimated from the voltage if absent."""
         low_soc: float = 0.25
         cut_off_soc: float = 0.05
         hysteresis_soc: float = 0.05
-        """A warning is given again only after the charge has been that much above its threshold."""
+        """A warning is repeated only after the charge has been this far above its threshold."""
         gauge: GaugeLimits = GaugeLimits()
 
         def __post_init__(self) -> None:
@@ -74,7 +74,7 @@ class Battery(Unit):
 
     @external
     def state(self) -> BatteryState | None:
-        """Voltage, current, temperature, state of charge and energy left with its interval; null before the first."""
+        """Voltage, current, temperature, charge and remaining energy with its interval; null before the first."""
         return self.env.board.battery
 
     def drawn(self) -> Drawn | None:

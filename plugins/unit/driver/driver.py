@@ -45,9 +45,9 @@ SLOW_M_S = 0.05
 SPARE_M = 0.04
 """So much of the stop distance may be used up before it brakes hard."""
 POINTS_MAX = 100_000
-NO_ODOMETRY = "the wheel encoders have said nothing"
-IN_THE_WAY = "something has stood in the way"
-TOO_NARROW = "the way has been too narrow"
+NO_ODOMETRY = "no data from the wheel encoders"
+IN_THE_WAY = "an obstacle has blocked the path"
+TOO_NARROW = "the path has been too narrow"
 
 
 class Driver(Unit):
@@ -57,17 +57,19 @@ class Driver(Unit):
         """Limits of the motion. Values are chosen for a robot in the style of the Robertino."""
 
         speed_m_s: float = 0.6
+        """Greatest speed."""
         turn_rate_rad_s: float = 1.5
+        """Greatest turn rate."""
         acceleration_m_s2: float = 0.8
         jerk_m_s3: float = 4.0
         turn_acceleration_rad_s2: float = 3.0
         turn_jerk_rad_s3: float = 20.0
         braking_m_s2: float = 1.2
-        """For what turns up too near to stop smoothly; the floor holds a little more."""
+        """Braking for obstacles too near for a smooth stop; the wheels' grip allows a little more."""
         stop_distance_m: float = 0.12
         """The robot's edge stays this far from what it sees ahead."""
         patience_s: float = 10.0
-        """An action fails when something has stood in its way for so long."""
+        """Time behind an obstacle after which an action fails."""
         odometry: OdometryNoise = OdometryNoise(
             sigma_m_per_sqrt_m=0.01, sigma_rad_per_sqrt_m=0.005, sigma_rad_per_sqrt_rad=0.01
         )
@@ -145,7 +147,7 @@ class Driver(Unit):
 
     @external
     def drive_path(self, points: Annotated[list[Point2D], Meta(max_length=POINTS_MAX)]) -> str:
-        """Drive along these points, frame odom, to the last one; the action's id."""
+        """Drive along these points, frame odom, to the last one; returns the action's id."""
         if not points:
             raise CallError(ErrorCode.BAD_ARGUMENTS, "drive_path: expected at least one point, got none")
         _check_range("drive_path", *(number for point in points for number in (point.x_m, point.y_m)))
@@ -174,7 +176,7 @@ class Driver(Unit):
 
     @external
     def drive(self, distance_m: Metres) -> str:
-        """Drive straight ahead, or back if negative, without turning; the action's id."""
+        """Drive straight ahead, or back if negative, without turning; returns the action's id."""
         _check_range("drive", distance_m)
         pose = self._moc.pose()
         goal = Point2D(pose.x_m + distance_m * math.cos(pose.yaw_rad), pose.y_m + distance_m * math.sin(pose.yaw_rad))
@@ -182,13 +184,13 @@ class Driver(Unit):
 
     @external
     def go_to(self, x_m: Metres, y_m: Metres, yaw_rad: Radians) -> str:
-        """Drive straight to a pose, frame odom, turning on the way; the action's id."""
+        """Drive straight to a pose, frame odom, turning on the way; returns the action's id."""
         _check_range("go_to", x_m, y_m, yaw_rad)
         return self._start_path("go_to", Path([Point2D(x_m, y_m)], PLACED_M, wrap_angle_rad(yaw_rad), TURNED_RAD))
 
     @external
     def turn(self, angle_rad: Radians) -> str:
-        """Turn on the spot, to the left if positive, also by more than a full turn; the action's id."""
+        """Turn on the spot, to the left if positive, also by more than a full turn; returns the action's id."""
         _check_range("turn", angle_rad)
         pose = self._moc.pose()
         action = self._actions.start("turn")
@@ -203,7 +205,7 @@ class Driver(Unit):
 
     @external
     def cancel(self, action: str) -> bool:
-        """Stand still if this action is running; False if it is not."""
+        """Cancel this action and stand still; False if it is not running."""
         if not self._actions.cancel(action):
             return False
         self._stand()
@@ -217,7 +219,7 @@ class Driver(Unit):
 
     @external
     def motion(self) -> Motion:
-        """What the driver is at."""
+        """Present motion of the driver."""
         return self._motion
 
     def blocked_s(self) -> float:
@@ -228,7 +230,7 @@ class Driver(Unit):
 
     @external
     def blocked_why(self) -> str:
-        """What keeps the robot from going on; nothing if it is not blocked."""
+        """Reason why the robot cannot continue; empty if it is not blocked."""
         return self._why if self._motion is Motion.BLOCKED else ""
 
     def squeezes(self) -> bool:
@@ -259,17 +261,17 @@ class Driver(Unit):
 
     @external
     def odometry_noise(self) -> OdometryNoise:
-        """How uncertain `pose` grows with the way; from the manifest."""
+        """Growth of the uncertainty of `pose` with distance, from the manifest."""
         return self.parameters.odometry
 
     @external
     def bus_counters(self) -> Counters:
-        """What the motor controller's device has seen on its bus; held by the driver, it cannot be asked itself."""
+        """Counters of the motor controller's device, which the driver holds exclusively."""
         return self._moc.counters()
 
     @external
     def controller_status(self) -> ControllerStatus | None:
-        """The motor controller's last word on itself; null before the first."""
+        """Last status of the motor controller; null before the first."""
         return self._moc.status()
 
     def radius_m(self) -> float:

@@ -12,7 +12,7 @@ from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 
 
 class Motion(StrEnum):
-    """What the driver is at."""
+    """Present motion of the driver."""
 
     STANDING = "standing"
     DRIVING = "driving"
@@ -54,7 +54,7 @@ class DriverInterface(Protocol):
         ...
 
     def drive(self, distance_m: float) -> str:
-        """Drive straight ahead, or back if negative, without turning; the action's id."""
+        """Drive straight ahead, or back if negative, without turning; returns the action's id."""
         ...
 
     def go_to(self, x_m: float, y_m: float, yaw_rad: float) -> str:
@@ -66,14 +66,14 @@ class DriverInterface(Protocol):
         ...
 
     def cancel(self, action: str) -> bool:
-        """Stand still if this action is running; False if it is not."""
+        """Cancel this action and stand still; False if it is not running."""
         ...
 
     def stop(self) -> None:
         """Stand still."""
 
     def motion(self) -> Motion:
-        """What the driver is at."""
+        """Present motion of the driver."""
         ...
 
     def blocked_s(self) -> float:
@@ -81,7 +81,7 @@ class DriverInterface(Protocol):
         ...
 
     def blocked_why(self) -> str:
-        """What keeps the robot from going on; nothing if it is not blocked."""
+        """Reason why the robot cannot continue; empty if it is not blocked."""
         ...
 
     def squeezes(self) -> bool:
@@ -112,7 +112,7 @@ class DriverInterface(Protocol):
         ...
 
     def odometry_noise(self) -> OdometryNoise:
-        """How uncertain `pose` grows with the way; from the manifest."""
+        """Growth of the uncertainty of `pose` with distance, from the manifest."""
         ...
 
     def radius_m(self) -> float:

@@ -16,7 +16,7 @@ class InteractiveShell(Unit):
         """Which terminal."""
 
         enabled: bool = False
-        """An agent mostly runs as a service, without a terminal."""
+        """Off by default: an agent usually runs as a service, without a terminal."""
         terminal: str = "/dev/tty"
         """Device of the terminal; the one that the agent was started from, or a serial line as `/dev/ttyS0`."""
 
@@ -31,7 +31,7 @@ class InteractiveShell(Unit):
             return
         if self.env.wire.drive is Drive.LOCKSTEP:
             raise PluginError(
-                self.env.plugin, f"{self.env.plugin} is for the live drive: a lockstep run has one thread"
+                self.env.plugin, f"{self.env.plugin} runs only in the live drive: a lockstep run has one thread"
             )
         try:
             self._terminal = Terminal(self.parameters.terminal, f"{self.env.robot}> ", command.execute)

@@ -26,5 +26,5 @@ class ObstacleDistanceInterface(Protocol):
     """Distances when asked for."""
 
     def view(self, sectors: int = 12) -> ObstacleView:
-        """The nearest obstacle in each of so many sectors, by the sensors that are fresh."""
+        """The nearest obstacle in each of this many sectors, by sensors with recent data."""
         ...

@@ -23,7 +23,7 @@ HERE = Pose2D(0.0, 0.0, 0.0)
 
 
 class ObstacleDistance(Unit):
-    """Tells what is near."""
+    """Finds the nearest obstacle in each direction."""
 
     class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """The robot's hull."""
@@ -43,7 +43,7 @@ class ObstacleDistance(Unit):
 
     @external
     def view(self, sectors: int = 12) -> ObstacleView:
-        """The nearest obstacle in each of so many sectors, by the sensors that are fresh."""
+        """The nearest obstacle in each of this many sectors, by sensors with recent data."""
         if not 1 <= sectors <= SECTORS_MAX:
             raise CallError(ErrorCode.BAD_ARGUMENTS, f"view: expected 1 to {SECTORS_MAX} sectors, got {sectors}")
         now_ns = self.env.clock.now_ns()

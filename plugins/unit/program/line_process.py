@@ -178,7 +178,7 @@ class LineProcess:
 
     def _note_too_long(self) -> None:
         self.left_out += 1
-        logger.warning("%s: a line of more than %d bytes is left out", self._plugin, self._max_line_bytes)
+        logger.warning("%s: ignored a line of more than %d bytes", self._plugin, self._max_line_bytes)
 
 
 class Lines:

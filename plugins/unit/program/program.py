@@ -83,7 +83,7 @@ class Program(Unit):
 
     def init(self) -> None:
         if self.env.wire.drive is Drive.LOCKSTEP:
-            raise PluginError(self.env.plugin, f"{self.env.plugin}: programs are for the live drive: they keep no step")
+            raise PluginError(self.env.plugin, f"{self.env.plugin}: programs run only in the live drive")
         self._process: LineProcess | None = None
         self._again_s: float | None = None
         self._restarts = 0
@@ -221,7 +221,7 @@ class Program(Unit):
         try:
             is_taken = process.write(line, self.parameters.time_limit_s)
         except OSError as error:
-            raise ProgramEnded(self.env.plugin, f"{self.env.plugin} does not listen any more: {error}") from error
+            raise ProgramEnded(self.env.plugin, f"{self.env.plugin} no longer accepts input: {error}") from error
         if not is_taken:
             raise self._late(process, "take a line")
 
@@ -241,7 +241,7 @@ class Program(Unit):
             try:
                 msgspec.json.decode(line.encode(errors="replace"), type=msgspec.Raw)
             except msgspec.DecodeError:
-                logger.warning("%s: a line that is no JSON is left out: %.200s", self.env.plugin, line)
+                logger.warning("%s: ignored a line that is not JSON: %.200s", self.env.plugin, line)
                 return False
         self.said.notify(line)
         return True

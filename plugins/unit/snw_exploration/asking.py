@@ -29,13 +29,13 @@ class AskingParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     request_patience_s: float = 1.5
     repeat_after_s: float = 0.12
     listens_s: float = 0.2
-    """A mote listens for so long after a packet."""
+    """Time for which a mote listens after a packet."""
     answer_gap_s: float = 0.04
-    """Between two packets of an answer."""
+    """Time between two packets of an answer."""
     weak_dbm: float = -82.0
-    """Below this a link is weak."""
+    """Signal strength below which a link counts as weak."""
     weak_copies: int = 3
-    """A request on a weak link is said so often."""
+    """Copies of a request on a weak link."""
 
 
 class Asking:

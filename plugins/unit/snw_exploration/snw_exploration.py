@@ -36,7 +36,7 @@ QUANTITIES = {int(quantity): quantity.wire_name for quantity in Quantity}
 
 
 class SnwCounters(msgspec.Struct, frozen=True):
-    """What came of the packets heard."""
+    """Counters of the packets received."""
 
     readings: int
     """Put on the wire."""
@@ -54,7 +54,7 @@ class SnwCounters(msgspec.Struct, frozen=True):
 
 
 class SNwExploration(Unit):
-    """Collects readings from the motes in reach, puts each on the team's wire once, and tells motes what is wanted.
+    """Collects readings from motes in range, publishes each once, and sends motes requests and duties.
 
     A mote listens only for a moment after it has sent: whatever is to be said to it is said when it is heard. Once
     another robot has been there, it also says a beacon at intervals, so that base stations know how they hear each
@@ -70,9 +70,9 @@ class SNwExploration(Unit):
         acknowledge_every: int = 8
         duty_tries: int = 20
         beacon_s: float = 1.0
-        """Between two beacons; the team is told at every second one whom the robot hears."""
+        """Time between two beacons; with every second one the robot publishes which motes and robots it hears."""
         link_fresh_s: float = 5.0
-        """Who has not been heard for so long, or for three of a mote's periods, is not told of any more."""
+        """Time of silence, or three periods of a mote, after which a link is no longer published."""
 
         def __post_init__(self) -> None:
             for name in self.__struct_fields__:
@@ -122,7 +122,7 @@ class SNwExploration(Unit):
 
     @external
     def heard(self) -> list[HeardMote]:
-        """The motes that this robot has heard, in order of their numbers."""
+        """The motes that this robot has heard, by number."""
         rows = (self._records[number].as_heard() for number in sorted(self._records))
         return [row for row in rows if row is not None]
 
@@ -133,7 +133,7 @@ class SNwExploration(Unit):
 
     @external
     def request_stored(self, mote: str) -> None:
-        """Ask a mote for the readings that are missing, as soon as it is heard again.
+        """Request missing readings from a mote as soon as it is heard again.
 
         Raises:
             ValueError: that is no mote's name.
@@ -143,7 +143,7 @@ class SNwExploration(Unit):
 
     @external
     def set_duty(self, mote: str, period_s: float) -> None:
-        """Tell a mote how often to sense, as soon as it is heard again.
+        """Set a mote's period of measuring as soon as it is heard again.
 
         Raises:
             ValueError: that is no mote's name, or no period that a mote can have.
@@ -154,7 +154,7 @@ class SNwExploration(Unit):
 
     @external
     def counters(self) -> SnwCounters:
-        """What came of the packets heard."""
+        """Counters of the packets received."""
         return SnwCounters(
             readings=self._readings,
             repeated=self._repeated,
@@ -303,7 +303,7 @@ class SNwExploration(Unit):
     def _wanted(self, mote: str) -> MoteRecord:
         record = self._record(_number_of(mote))
         if record is None:
-            raise ValueError(f"expected one of the {self.parameters.max_motes} motes that are known, got {mote!r}")
+            raise ValueError(f"expected one of the {self.parameters.max_motes} known motes, got {mote!r}")
         return record
 
     def _record(self, number: int) -> MoteRecord | None:

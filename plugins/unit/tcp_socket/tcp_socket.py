@@ -16,19 +16,19 @@ MAX_PORT = 65535
 
 
 class TcpSocket(Unit):
-    """Lets programs call the robot over TCP, in lines of text. Whoever reaches the port may call."""
+    """Lets programs call the robot over TCP, in lines of text. There is no log-in."""
 
     class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Where to listen, and to how many."""
 
         enabled: bool = False
-        """There is no log-in, so an agent listens only if it is told to."""
+        """Off by default, because there is no log-in."""
         host: str = "127.0.0.1"
         port: int = 0
-        """0 takes a free one, which `port()` and the log tell."""
+        """0 takes a free port, which `port()` returns and the log names."""
         max_clients: int = 32
         idle_s: float = 600.0
-        """A client that says nothing for so long is cut off."""
+        """Time of silence after which a client is disconnected."""
 
         def __post_init__(self) -> None:
             if not 0 <= self.port <= MAX_PORT:
@@ -50,7 +50,7 @@ class TcpSocket(Unit):
         if self.env.wire.drive is Drive.LOCKSTEP:
             raise PluginError(
                 self.env.plugin,
-                f"{self.env.plugin} is for the live drive: a lockstep run has one thread, and no clients of its own",
+                f"{self.env.plugin} runs only in the live drive: a lockstep run has one thread and no clients",
             )
         try:
             self._server = LineServer(
@@ -72,13 +72,13 @@ class TcpSocket(Unit):
     @external
     @unlocked
     def port(self) -> int:
-        """The port that is listened on; 0 if none is."""
+        """Port of the server; 0 if there is none."""
         server = self._server
         return server.port if server is not None else 0
 
     @external
     @unlocked
     def clients(self) -> int:
-        """How many clients are connected."""
+        """Number of connected clients."""
         server = self._server
         return server.clients if server is not None else 0

@@ -20,19 +20,19 @@ MATES_MAX = 4096
 
 
 class Teammates(Unit):
-    """Knows where the other robots are, and where they go."""
+    """Tracks places and paths of the other robots."""
 
     class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """When a mate counts as lost, and for how long. All are chosen."""
 
         fresh_s: float = 2.0
-        """Who has not been heard for so long is lost: an obstacle where it was last seen."""
+        """Time of silence after which a robot is lost: an obstacle at its last place."""
         remember_s: float = 60.0
-        """A lost one is forgotten after this; if it is still there, the lidar has put it into the map by then."""
+        """Time after which a lost robot is forgotten; by then the lidar has mapped it if it is still there."""
         stalled_s: float = 4.0
-        """Who is under way, waits for nobody and has not moved for so long is an obstacle as well."""
+        """Time without motion after which a driving robot that waits for no other is an obstacle as well."""
         speed_m_s: float = 0.6
-        """Taken for a mate that does not say how fast it goes."""
+        """Speed assumed for a robot that does not publish one."""
 
         def __post_init__(self) -> None:
             for name in self.__struct_fields__:

@@ -1,0 +1,69 @@
+"""The pages of the Python interface: mkdocstrings fills them from the docstrings when the site is built."""
+
+import ast
+import inspect
+from pathlib import Path
+
+import robrain
+from robrain.agent import errors
+from robrain.agent.action import ActionDesk
+from robrain.agent.authoring.testing import PluginBench
+from robrain.agent.environment import Environment
+from robrain.agent.event import Event
+from robrain.agent.plugin import Plugin, external
+from robrain.plugins.behavior.errand import Errand
+from tests.reference_pages.markdown import page
+
+PYTHON = """\
+What `robrain` exports. Names are imported at first use: a robot does not need the simulator or the dashboard.
+"""
+PLUGIN = """\
+What authors of plugins import; [Write plugins](../how-to/plugins.md) shows it at work.
+"""
+GROUPS = {
+    "Scenarios and runs": "robrain.sim.",
+    "Scripts and teams": ("robrain.client.", "robrain.deploy."),
+    "Tasks, geometry and errors": "robrain.protocol.",
+    "Planning": "robrain.coordinator.planning.",
+    "Recordings": "robrain.coordinator.recording.",
+    "Plugins": "robrain.agent.",
+}
+"""Headings of the page of `robrain`, and where the names below them live."""
+PLUGIN_NAMES = {
+    "Plugins": [Plugin, external, Environment],
+    "Events and long actions": [Event, ActionDesk],
+    "Task behaviors": [Errand],
+    "Tests": [PluginBench],
+}
+
+
+def python_page() -> str:
+    """The whole of docs/reference/python.md (ValueError for a name that is in no group)."""
+    names = {f"{home}.{name}" for name, home in homes().items()}
+    parts = []
+    for heading, packages in GROUPS.items():
+        found = sorted(name for name in names if name.startswith(packages))
+        parts += [f"## {heading}", *(f"::: {name}" for name in found)] if found else []
+        names -= set(found)
+    if names:
+        raise ValueError(f"expected a group of GROUPS for each name that robrain exports, got none for {sorted(names)}")
+    return page("Python: robrain", PYTHON, *parts)
+
+
+def plugin_api_page() -> str:
+    """The whole of docs/reference/plugin-api.md."""
+    parts = []
+    for heading, names in PLUGIN_NAMES.items():
+        parts += [f"## {heading}", *(f"::: {one.__module__}.{one.__qualname__}" for one in names)]
+    _, _, tree = (errors.__doc__ or "").partition("\n\n")
+    raised = [name for name, one in vars(errors).items() if inspect.isclass(one) and one.__module__ == errors.__name__]
+    parts += ["## Errors", f"```text\n{tree.strip()}\n```", *(f"::: {errors.__name__}.{name}" for name in raised)]
+    return page("Python: plugins", PLUGIN, *parts)
+
+
+def homes() -> dict[str, str]:
+    """Modules of the exported names, as the package's imports for type checkers say."""
+    tree = ast.parse(Path(robrain.__file__).read_text(encoding="utf-8"))
+    imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    found = {alias.name: str(node.module) for node in imports for alias in node.names}
+    return {name: found[name] for name in robrain.__all__}

@@ -1,0 +1,39 @@
+"""The page of the commands, from the options that they declare."""
+
+from typing import Any
+
+import typer
+
+from robrain.cli import app
+from tests.reference_pages.markdown import page, table
+
+INTRODUCTION = """\
+Every command prints results on stdout, progress and warnings on stderr. An error is one sentence with exit status 2;
+Ctrl-C ends with 130. `robrain COMMAND --help` prints the same as this page. Pages of their own: [robrain
+task](commands-task.md), [robrain plugin](commands-plugin.md) and [robrain bench](commands-bench.md).
+"""
+
+
+def commands_page(group: str | None = None) -> str:
+    """The page of a group of commands, such as `task`; without one, of all commands that are in no group."""
+    program = typer.main.get_command(app)
+    commands = program if group is None else program.commands[group]
+    name = "robrain" if group is None else f"robrain {group}"
+    found = {name: commands} if group is not None else {}
+    found |= {f"{name} {child}": one for child, one in commands.commands.items() if not hasattr(one, "commands")}
+    return page(
+        "Commands" if group is None else f"Commands: {name}",
+        INTRODUCTION if group is None else "",
+        *(_section(*one) for one in found.items()),
+    )
+
+
+def _section(name: str, command: Any) -> str:
+    """One command; its type is click's, or that of the copy of click that typer brings."""
+    context = command.make_context(name, [], resilient_parsing=True)
+    usage = " ".join([name, *command.collect_usage_pieces(context)])
+    records = [one.get_help_record(context) for one in command.params]
+    rows = [(f"`{' '.join(option.split())}`", meaning) for option, meaning in filter(None, records)]
+    arguments = table(("option", "meaning"), rows) if rows else ""
+    about = (command.help or "").strip()
+    return f"## `{name}` {{#{name.replace(' ', '-')}}}\n\n{about}\n\n```text\n{usage}\n```\n\n{arguments}"

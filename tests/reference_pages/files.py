@@ -1,0 +1,98 @@
+"""Pages of the files that robrain reads: scenarios, robot files, manifests and planning policies."""
+
+from collections.abc import Iterator
+from types import UnionType
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+import msgspec
+
+from robrain.agent.host.robot_file import RobotFile
+from robrain.agent.manifest import ManifestTables
+from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.sim.scenario_file import ScenarioTables, builtin_names
+from tests.reference_pages.markdown import page
+from tests.reference_pages.struct_tables import Struct, struct_table, summary
+
+SCENARIOS = """\
+A scenario is a TOML file that describes a floor, a team and its motes: `robrain run FILE.toml`, or `Scenario.from_file`
+in a script. `[scenario]` is required, and either `[floor]`, a drawing, or `[map]`, a map in the ROS map_server format.
+All other tables are optional. An unknown key is an error that names file and key. Lengths are in metres and angles in
+radians, in the arena frame. Built in are {builtin}.
+"""
+ROBOT_FILES = """\
+`robrain agent ROBOT.toml` runs one robot. Only `[robot] name` is required; `[parameters.PLUGIN]` overrides the
+parameters in a plugin's manifest. `robrain arena --robot-files FOLDER` writes a file for each simulated robot.
+"""
+MANIFESTS = """\
+A manifest is the TOML file beside a plugin's class; the file's name is the plugin's name. [Write
+plugins](../how-to/plugins.md) shows how the keys work together, robrain's own plugins are on the pages
+[devices](stock-devices.md), [units](stock-units.md), [skills](stock-skills.md) and [behaviors](stock-behaviors.md).
+"""
+PLANNING = """\
+The table `[planning]` of a scenario, or of a file given to `robrain coordinator --planning FILE.toml`. [Tune
+planning](../how-to/tune-planning.md) says when to change what, [Planning](../explanation/planning.md) how plans are
+made.
+"""
+
+
+def scenarios_page() -> str:
+    """The whole of docs/reference/scenarios.md."""
+    builtin = " and ".join(f"`{name}`" for name in builtin_names())
+    return page("Scenario files", SCENARIOS.format(builtin=builtin), *file_sections(ScenarioTables))
+
+
+def robot_files_page() -> str:
+    """The whole of docs/reference/robot-files.md."""
+    return page("Robot files", ROBOT_FILES, *file_sections(RobotFile))
+
+
+def manifests_page() -> str:
+    """The whole of docs/reference/manifests.md."""
+    return page("Manifests", MANIFESTS, *file_sections(ManifestTables))
+
+
+def planning_page() -> str:
+    """The whole of docs/reference/planning.md."""
+    return page("Planning files", PLANNING, struct_table(PlanningPolicy))
+
+
+def file_sections(root: Struct) -> list[str]:
+    """A section for each table of a file, as they stand in its structs."""
+    tables = list(_tables(root))
+    links = {_anchor(name): f"[`{name}`](#{_anchor(name)})" for name, _ in tables}
+    sections = []
+    for name, struct in tables:
+        keys = {
+            field.encode_name: f"{name.strip('[]')}.{field.encode_name}" for field in msgspec.structs.fields(struct)
+        }
+        fields = struct_table(struct, {key: links.get(_anchor(path), "") for key, path in keys.items()})
+        about = summary(struct)
+        if struct is PlanningPolicy:
+            about, fields = "See [planning files](planning.md).", ""
+        sections.append(f"## `{name}` {{#{_anchor(name)}}}\n\n{about}\n\n{fields}")
+    return sections
+
+
+def _tables(struct: Struct, prefix: str = "") -> Iterator[tuple[str, Struct]]:
+    """Tables of a file by their names in brackets, those within others after them."""
+    for field in msgspec.structs.fields(struct):
+        inner, many = _struct_of(get_type_hints(struct)[field.name])
+        if inner is not None:
+            path = f"{prefix}{field.encode_name}"
+            yield (f"[[{path}]]" if many else f"[{path}]"), inner
+            yield from _tables(inner, f"{path}.")
+
+
+def _struct_of(hint: Any) -> tuple[Struct | None, bool]:
+    """The struct that a field holds, and whether it holds many."""
+    if isinstance(hint, type) and issubclass(hint, msgspec.Struct):
+        return hint, False
+    many = get_origin(hint) in (list, tuple)
+    if many or get_origin(hint) in (Union, UnionType):
+        found = [one for one in (_struct_of(inner)[0] for inner in get_args(hint)) if one is not None]
+        return (found[0] if found else None), many
+    return None, False
+
+
+def _anchor(name: str) -> str:
+    return name.strip("[]").replace(".", "-").replace("_", "-")
