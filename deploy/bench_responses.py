@@ -15,11 +15,11 @@ import can
 import msgspec
 import numpy as np
 
+from robrain.client.team import Team
 from robrain.deploy.bench_figure import Figure, at_most, timing
 from robrain.deploy.bench_live_team import live_room
 from robrain.deploy.errors import ChildFailed
 from robrain.deploy.live_process import live_endpoint
-from robrain.deploy.task_client import TaskClient
 from robrain.protocol.can.frames import BadFrame, codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.geometry import Point2D
@@ -155,7 +155,7 @@ def measure(rounds: int = ROUNDS) -> Iterator[Figure]:
             _await_explored(wire)
             yield from _figures("external call `driver drive(0.3)`", _calls(wire, wheels, rounds))
             yield from _figures("external call `wander start()`, a behavior", _wanders(wire, wheels, rounds))
-            with TaskClient(team.endpoint, team=team.team, by="bench") as tasks:
+            with Team.connect(team.endpoint, team=team.team, by="bench") as tasks:
                 yield from _figures("a task is submitted to a team that stands", _submits(tasks, wheels, rounds))
                 took_s = _successions(wire, tasks, wheels, max(rounds // 3, 1))
                 yield from _figures("a task is done, and the next waited for it", took_s, SUCCESSION)
@@ -190,7 +190,7 @@ def _wanders(wire: Endpoint, wheels: Wheels, rounds: int) -> Iterator[tuple[floa
         _call(wire, "wander", "stop", [])
 
 
-def _submits(tasks: TaskClient, wheels: Wheels, rounds: int) -> Iterator[tuple[float, float]]:
+def _submits(tasks: Team, wheels: Wheels, rounds: int) -> Iterator[tuple[float, float]]:
     pause = np.random.default_rng(3)
     for number in range(rounds):
         task = Visit(id=f"go-{number}", place=PLACES[number % 2])
@@ -198,7 +198,7 @@ def _submits(tasks: TaskClient, wheels: Wheels, rounds: int) -> Iterator[tuple[f
         tasks.cancel(task.id)
 
 
-def _successions(wire: Endpoint, tasks: TaskClient, wheels: Wheels, rounds: int) -> Iterator[tuple[float, float]]:
+def _successions(wire: Endpoint, tasks: Team, wheels: Wheels, rounds: int) -> Iterator[tuple[float, float]]:
     """From the robot's word that a task is done, and from its stop, to the first wheel command of the next."""
     states = Inbox(every=True)
     wire.subscribe(states, ROBOT_STATE, robot=ROBOT)
@@ -210,7 +210,7 @@ def _successions(wire: Endpoint, tasks: TaskClient, wheels: Wheels, rounds: int)
         yield _start_after(states, wheels, f"step-{number}")
 
 
-def _next_tasks(wire: Endpoint, tasks: TaskClient, wheels: Wheels, rounds: int) -> Iterator[tuple[float, float]]:
+def _next_tasks(wire: Endpoint, tasks: Team, wheels: Wheels, rounds: int) -> Iterator[tuple[float, float]]:
     """The same, for tasks that wait for nothing: each is submitted while the robot is on its way to the one before."""
     states = Inbox(every=True)
     wire.subscribe(states, ROBOT_STATE, robot=ROBOT)

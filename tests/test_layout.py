@@ -14,7 +14,7 @@ import pytest
 import robrain
 
 ROOT = Path(__file__).parent.parent
-FOLDERS = ("agent", "coordinator", "deploy", "plugins", "protocol", "sim")
+FOLDERS = ("agent", "client", "coordinator", "deploy", "plugins", "protocol", "sim")
 MAX_LINES = 500
 SETUPTOOLS_WITH_LICENSE_EXPRESSIONS = 77
 

@@ -1,13 +1,12 @@
-"""Which members of a team are present, for `robrain status` and for errors that list them."""
+"""Which members of a team are present, and the errors that list them."""
 
 import time
 
 import msgspec
 
-from robrain.deploy.live_process import client_session, live_endpoint, tell
-from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import NobodyThere
-from robrain.protocol.wire.hub import team_endpoints, wrong_team
+from robrain.protocol.wire.hub import wrong_team
 from robrain.protocol.wire.topic import Token
 from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
 
@@ -19,25 +18,12 @@ ANSWER_TIMEOUT_S = 10.0
 
 
 class TeamFound(msgspec.Struct, frozen=True, kw_only=True):
-    """Who of a team is there."""
+    """The members of a team that are present."""
 
     team: str
     coordinator: bool
     robots: list[str]
-
-
-def status_of(connect: str | None, team: str) -> TeamFound:
-    """The members of a team that are present.
-
-    Raises:
-        NobodyThere: nobody is; the text lists the teams that have members present.
-
-    """
-    with client_session(connect) as session, live_endpoint(session, team) as wire:
-        found = team_found(wire)
-        if not found.robots and not found.coordinator:
-            raise wrong_team(f"nobody of team {team} is at {', '.join(team_endpoints(connect))}", session)
-    return found
+    """Names, sorted."""
 
 
 def team_found(wire: Endpoint) -> TeamFound:
@@ -46,7 +32,8 @@ def team_found(wire: Endpoint) -> TeamFound:
     while True:
         robots = sorted(names["robot"] for names in _tokens(wire, ROBOT_ALIVE))
         found = TeamFound(team=wire.team, coordinator=bool(_tokens(wire, COORDINATOR_ALIVE)), robots=robots)
-        if (found.robots and found.coordinator) or time.monotonic() > until_s:
+        is_complete = (found.robots and found.coordinator) or wire.drive is Drive.LOCKSTEP
+        if is_complete or time.monotonic() > until_s:
             return found
         time.sleep(ASK_AGAIN_S)
 
@@ -67,10 +54,3 @@ def no_robot(wire: Endpoint, robot: str, what: str) -> NobodyThere:
     if not found.robots and not found.coordinator:
         return wrong_team(text, wire.session)
     return NobodyThere(f"{text}; there are: {', '.join(found.robots) or 'none'}")
-
-
-def show_status(found: TeamFound) -> None:
-    """Print which members of a team are present."""
-    tell(f"team {found.team}: coordinator {'up' if found.coordinator else 'not there'}")
-    for name in found.robots:
-        tell(f"  {name} up")
