@@ -2,9 +2,10 @@
 
 from collections.abc import Callable
 
-from robrain.client.members import no_robot
+from robrain.client.members import no_robot, team_found
 from robrain.client.transport import Transport
 from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import NobodyThere
 from robrain.protocol.wire.hub import wrong_team
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import check_name
@@ -39,6 +40,8 @@ class Standing:
         check_name("robot", name)
         self._hear_until(lambda: name in self._robots)
         if name not in self._robots:
+            if name in team_found(self._wire).robots:
+                raise NobodyThere(f"{name} has sent no state yet: let some time pass")
             raise no_robot(self._wire, name, "states")
         return self._robots[name]
 
@@ -46,7 +49,7 @@ class Standing:
         """The last summary of the coordinator (NobodyThere if none came)."""
         self._hear_until(lambda: self._team is not None)
         if self._team is None:
-            raise wrong_team(f"no coordinator of team {self._wire.team} has told of it", self._wire.session)
+            raise wrong_team(f"no coordinator of team {self._wire.team} has sent a summary yet", self._wire.session)
         return self._team
 
     def _hear_until(self, is_there: Callable[[], bool]) -> None:

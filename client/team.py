@@ -35,6 +35,7 @@ from robrain.protocol.model.objective import Objective
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.task import Task
 from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.messages import (

@@ -1,18 +1,19 @@
-"""For tests of plugins: a real robot host in lockstep, with a clock that the test moves.
+"""For tests of plugins.
 
-import pytest
-from robrain.testing import PluginBench
+`PluginBench` runs plugins on a real robot host in lockstep, with a clock that the test moves. `ForeignBench` runs a
+plugin that is a process of its own, in whatever language, on a live hub of its own.
 
 @pytest.fixture
 def bench():
     with PluginBench(Path(__file__).parent) as bench:
         yield bench
 
-def test_lamp_is_bright(bench):
+def test_lamp_is_bright_after_two_seconds(bench):
     bench.run(2.0)
     assert bench.call("lamp", "brightness") == 3
 """
 
+from robrain.agent.foreign_bench import ForeignBench
 from robrain.agent.testing import PluginBench
 
-__all__ = ["PluginBench"]
+__all__ = ["ForeignBench", "PluginBench"]

@@ -30,6 +30,7 @@ EXCEPTIONS: dict[str, str] = {}
 
 CLOCKS = {
     "agent/crew.py": "starts and halts plugins side by side, in live",
+    "agent/foreign_bench.py": "tests a process of its own, in live",
     "agent/isolation/peer.py": "a plugin in a process of its own, refused in lockstep",
     "agent/live.py": "the live drive",
     "client/live_transport.py": "the live drive's client",
