@@ -1,13 +1,15 @@
 """docs/plugins.md: its plugins run as they stand there, and its table is that of the manifest."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import msgspec
 
 from robrain.agent.manifest import TagTable
 from robrain.agent.plugin_check import check_plugins
-from robrain.agent.testing import PluginBench
+from robrain.testing import PluginBench
 
 PAGE = (Path(__file__).parent.parent / "docs" / "plugins.md").read_text(encoding="utf-8")
 
@@ -27,6 +29,31 @@ def test_the_plugins_of_the_page_run(tmp_path):
         assert bench.call("thermostat", "want", 5) == "5 °C"
         bench.run(2.0)
         assert not bench.host.manager.get("thermostat").plugin.is_on
+
+
+def test_the_tests_of_the_page_pass(tmp_path):
+    write_files(tmp_path)
+    words = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "-W",
+        "error",
+        str(tmp_path / "test_heat.py"),
+    ]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert "2 passed" in done.stdout, done.stdout
+
+
+def test_the_table_of_the_bench_names_each_of_its_members():
+    public = {name for name in (*vars(PluginBench), *PluginBench.__annotations__) if not name.startswith("_")}
+    with PluginBench() as bench:
+        public |= {name for name in vars(bench) if not name.startswith("_")}
+    for name in public:
+        assert re.search(rf"^\|.*`{name}\b", PAGE, re.MULTILINE), name
 
 
 def test_the_table_of_the_page_names_each_key_of_the_tag_with_its_default():
