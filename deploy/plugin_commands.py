@@ -38,7 +38,7 @@ def list_plugins(
     """Say which plugins a robot has, in which state and why."""
     import msgspec
 
-    with _client(connect, team) as client:
+    with _client(connect, team, robot) as client:
         infos = client.plugins(robot)
     if as_json:
         sys.stdout.write(msgspec.json.encode(infos).decode() + "\n")
@@ -55,7 +55,7 @@ def load(
 ) -> None:
     """Load a plugin into a robot that runs, with what it requires."""
     wanted = _name_or_path(plugin)
-    with _client(connect, team) as client:
+    with _client(connect, team, robot) as client:
         _tell(client.load(robot, wanted))
 
 
@@ -69,7 +69,7 @@ def unload(
 ) -> None:
     """Unload a plugin; refused while others require it."""
     check_name("plugin", plugin)
-    with _client(connect, team) as client:
+    with _client(connect, team, robot) as client:
         _tell(client.unload(robot, plugin, cascade=cascade))
 
 
@@ -79,7 +79,7 @@ def reload(
 ) -> None:
     """Load a plugin anew after an edit; if that fails, the old one keeps running."""
     check_name("plugin", plugin)
-    with _client(connect, team) as client:
+    with _client(connect, team, robot) as client:
         _tell(client.reload(robot, plugin))
 
 
@@ -121,9 +121,10 @@ def check(
         raise typer.Exit(EXIT_MISTAKES)
 
 
-def _client(connect: str | None, team: str) -> "Team":
+def _client(connect: str | None, team: str, robot: str) -> "Team":
     from robrain.client.team import Team
 
+    check_name("robot", robot)
     return Team.connect(connect, team=team)
 
 

@@ -125,7 +125,7 @@ class Manager(RuleBasedStateMachine):
 
     def _ask(self, verb, name, **fields):
         try:
-            reply = self.bench.operator.ask(ROBOT_HOST, HostRequest(plugin=name, **fields), robot="r1", verb=verb)
+            reply = self.bench.wire.ask(ROBOT_HOST, HostRequest(plugin=name, **fields), robot="r1", verb=verb)
         except CallError as refused:
             self._check(refused.message != "", f"{verb} of {name} is refused without a word")
         else:
@@ -168,7 +168,7 @@ class Manager(RuleBasedStateMachine):
     def call(self, name):
         tag = self.manager.tags.get(name)
         try:
-            reply = self.bench.operator.ask(ROBOT_CALL, robot="r1", plugin=name, function="ping")
+            reply = self.bench.wire.ask(ROBOT_CALL, robot="r1", plugin=name, function="ping")
         except NobodyThere:
             pytest.fail("a query was not answered")
         except CallError as refused:
@@ -240,7 +240,7 @@ class Manager(RuleBasedStateMachine):
     def the_host_tells_of_all_of_them(self):
         if hasattr(self, "manager"):
             assert list(self.bench.infos()) == list(self.manager.tags)
-            assert self.bench.operator.ask(ROBOT_PLUGINS, robot="r1")
+            assert self.bench.wire.ask(ROBOT_PLUGINS, robot="r1")
 
 
 @pytest.mark.timeout(WATCHDOG_S + 10)

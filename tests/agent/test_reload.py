@@ -52,7 +52,7 @@ def lab(bench):
     bench.manifest("lamp", "lamp:Lamp", {"factor": 1}, visibility=["*", "command"], shared=False)
     bench.manifest("shade", "lamp:Shade", requires=["lamp"])
     bench.manager = bench.start("shade").manager
-    bench.maps = bench.operator.publisher(ROBOT_MAP, robot="r9")
+    bench.maps = bench.wire.publisher(ROBOT_MAP, robot="r9")
     return bench
 
 
@@ -68,7 +68,7 @@ def version(bench):
 
 
 def whole_map(bench):
-    return bench.operator.ask(ROBOT_MAP_WHOLE, robot="r1")
+    return bench.wire.ask(ROBOT_MAP_WHOLE, robot="r1")
 
 
 def heard_maps(bench):
