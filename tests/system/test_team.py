@@ -190,6 +190,13 @@ def test_a_refused_task_takes_no_id(team: Team) -> None:
         team.cancel(task)
 
 
+def test_a_place_is_a_place_whatever_its_kind_calls_it(team: Team) -> None:
+    record = team.submit("explore", place=(2.0, 1.0), earliest_s=900.0)
+    assert record.task.goal == Point2D(2.0, 1.0)
+    assert record.task.id.startswith("explore-")
+    team.cancel(record)
+
+
 def test_unknown_tasks_are_errors(team: Team) -> None:
     for ask in (team.get, team.why, team.cancel, team.wait):
         with pytest.raises(CallError, match="there is no task nobody-asked"):
