@@ -94,7 +94,7 @@ class Coordinator:
         self.motes = MoteDesk(wire, self.tasks, self.roster, lifecycle.reasons)
         self._following = Following(self.planning, lifecycle, self.tasks)
         self._charge_desk = ChargeDesk(wire, self.planning, self.tasks, self.roster)
-        self._together = Together(self.planning, lifecycle, self.tasks, self.roster, self.team_map, self._new_number)
+        self._together = Together(self.planning, lifecycle, self.tasks, self.roster, self.team_map, self._new_id)
         self._wire = wire
         self._inbox = Inbox(capacity=16384)
         self._guard = RecordGuard(wire.refusals, (JournalUnwritable,))
@@ -147,9 +147,13 @@ class Coordinator:
             self._summary_due_ns = now_ns + SUMMARY_PERIOD_NS
             stage("summary", lambda: self._tell_summary(now_ns), otherwise=None)
 
-    def _new_number(self) -> int:
-        self._own_tasks += 1
-        return self._own_tasks
+    def _new_id(self, kind: str) -> str:
+        """An id for a task of the coordinator's own; whoever asked for a task may have named it alike."""
+        while True:
+            self._own_tasks += 1
+            task_id = f"{kind}-{self._own_tasks}"
+            if self.tasks.find(task_id) is None:
+                return task_id
 
     def close(self) -> None:
         """End what runs beside `step`; the wire and the journal are their owners' to close."""
@@ -264,7 +268,7 @@ class Coordinator:
         pauses = self.lifecycle.shunning.robots
         free = [robot for robot in self._idle(up) if not pauses.why(robot.name, now_ns)]
         for robot, charger, to_soc in self._charge_desk.choose(free, now_ns):
-            name = f"recharge-{self._new_number()}"
+            name = self._new_id("recharge")
             task = Recharge(id=name, place=charger.place, yaw_rad=charger.yaw_rad, until_soc=to_soc)
             self._offer_own(task, robot, now_ns)
 
@@ -296,7 +300,7 @@ class Coordinator:
             self._busy_ns = now_ns
 
         def explore(choice: Choice) -> None:
-            task = Explore(id=f"explore-{self._new_number()}", goal=choice.place)
+            task = Explore(id=self._new_id("explore"), goal=choice.place)
             self._offer_own(task, choice.robot, now_ns, choice.way_m)
 
         self._guard.records(choices, explore, attrgetter("robot"), "frontier")

@@ -12,22 +12,21 @@ from collections.abc import Callable, Iterator
 from functools import partial
 
 import can
-import msgspec
 import numpy as np
 
+from robrain.client.team import Team
 from robrain.deploy.bench_figure import Figure, at_most, timing
 from robrain.deploy.bench_live_team import live_room
 from robrain.deploy.errors import ChildFailed
 from robrain.deploy.live_process import live_endpoint
-from robrain.deploy.task_client import TaskClient
 from robrain.protocol.can.frames import BadFrame, codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.task import TaskState
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import RobotState
-from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_CALL, ROBOT_STATE
+from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_STATE
 
 ROBOT = "r1"
 BOUND_MS = 50.0
@@ -153,13 +152,13 @@ def measure(rounds: int = ROUNDS) -> Iterator[Figure]:
         wheels = Wheels(ZenohBus(f"{ROBOT}/can0", session=team.hub, team=team.team))
         try:
             _await_explored(wire)
-            yield from _figures("external call `driver drive(0.3)`", _calls(wire, wheels, rounds))
-            yield from _figures("external call `wander start()`, a behavior", _wanders(wire, wheels, rounds))
-            with TaskClient(team.endpoint, team=team.team, by="bench") as tasks:
-                yield from _figures("a task is submitted to a team that stands", _submits(tasks, wheels, rounds))
-                took_s = _successions(wire, tasks, wheels, max(rounds // 3, 1))
+            with Team.connect(team.endpoint, team=team.team, by="bench") as client:
+                yield from _figures("external call `driver drive(0.3)`", _calls(client, wheels, rounds))
+                yield from _figures("external call `wander start()`, a behavior", _wanders(client, wheels, rounds))
+                yield from _figures("a task is submitted to a team that stands", _submits(client, wheels, rounds))
+                took_s = _successions(wire, client, wheels, max(rounds // 3, 1))
                 yield from _figures("a task is done, and the next waited for it", took_s, SUCCESSION)
-                took_s = _next_tasks(wire, tasks, wheels, max(rounds // 3, 1))
+                took_s = _next_tasks(wire, client, wheels, max(rounds // 3, 1))
                 yield from _figures("a task is done, and the robot holds the next", took_s, HELD)
         finally:
             wheels.close()
@@ -175,50 +174,50 @@ def _await_explored(wire: Endpoint) -> None:
         time.sleep(0.1)
 
 
-def _calls(wire: Endpoint, wheels: Wheels, rounds: int) -> Iterator[tuple[float, float]]:
+def _calls(client: Team, wheels: Wheels, rounds: int) -> Iterator[tuple[float, float]]:
     pause = np.random.default_rng(1)
     for number in range(rounds):
         way_m = 0.3 if number % 2 else -0.3
-        yield _react(wheels, pause, partial(_call, wire, "driver", "drive", [way_m]))
-        _call(wire, "driver", "stop", [])
+        yield _react(wheels, pause, partial(client.call, ROBOT, "driver", "drive", way_m))
+        client.call(ROBOT, "driver", "stop")
 
 
-def _wanders(wire: Endpoint, wheels: Wheels, rounds: int) -> Iterator[tuple[float, float]]:
+def _wanders(client: Team, wheels: Wheels, rounds: int) -> Iterator[tuple[float, float]]:
     pause = np.random.default_rng(2)
     for _ in range(rounds):
-        yield _react(wheels, pause, partial(_call, wire, "wander", "start", [30.0]))
-        _call(wire, "wander", "stop", [])
+        yield _react(wheels, pause, partial(client.call, ROBOT, "wander", "start", 30.0))
+        client.call(ROBOT, "wander", "stop")
 
 
-def _submits(tasks: TaskClient, wheels: Wheels, rounds: int) -> Iterator[tuple[float, float]]:
+def _submits(client: Team, wheels: Wheels, rounds: int) -> Iterator[tuple[float, float]]:
     pause = np.random.default_rng(3)
     for number in range(rounds):
-        task = Visit(id=f"go-{number}", place=PLACES[number % 2])
-        yield _react(wheels, pause, partial(tasks.submit, task))
-        tasks.cancel(task.id)
+        task = f"go-{number}"
+        yield _react(wheels, pause, partial(client.submit, "visit", id=task, place=PLACES[number % 2]))
+        client.cancel(task)
 
 
-def _successions(wire: Endpoint, tasks: TaskClient, wheels: Wheels, rounds: int) -> Iterator[tuple[float, float]]:
+def _successions(wire: Endpoint, client: Team, wheels: Wheels, rounds: int) -> Iterator[tuple[float, float]]:
     """From the robot's word that a task is done, and from its stop, to the first wheel command of the next."""
     states = Inbox(every=True)
     wire.subscribe(states, ROBOT_STATE, robot=ROBOT)
     wheels.stand()
     for number in range(rounds + 1):  # in this order: by itself the plan would have all of one place done first
         after = (f"step-{number - 1}",) if number else ()
-        tasks.submit(Visit(id=f"step-{number}", place=STEPS[number % 2], after=after))
+        client.submit("visit", id=f"step-{number}", place=STEPS[number % 2], after=after)
     for number in range(rounds):
         yield _start_after(states, wheels, f"step-{number}")
 
 
-def _next_tasks(wire: Endpoint, tasks: TaskClient, wheels: Wheels, rounds: int) -> Iterator[tuple[float, float]]:
+def _next_tasks(wire: Endpoint, client: Team, wheels: Wheels, rounds: int) -> Iterator[tuple[float, float]]:
     """The same, for tasks that wait for nothing: each is submitted while the robot is on its way to the one before."""
     states = Inbox(every=True)
     wire.subscribe(states, ROBOT_STATE, robot=ROBOT)
     wheels.stand()
-    tasks.submit(Visit(id="next-0", place=STEPS[0]))
+    client.submit("visit", id="next-0", place=STEPS[0])
     for number in range(rounds):
         _await(states, f"next-{number}", TaskState.RUNNING)
-        tasks.submit(Visit(id=f"next-{number + 1}", place=STEPS[(number + 1) % 2]))
+        client.submit("visit", id=f"next-{number + 1}", place=STEPS[(number + 1) % 2])
         yield _start_after(states, wheels, f"next-{number}")
 
 
@@ -250,10 +249,6 @@ def _react(wheels: Wheels, pause: np.random.Generator, event: Callable[[], objec
     event()
     commanded_s, turned_s = wheels.turn()
     return commanded_s - began_s, turned_s - began_s
-
-
-def _call(wire: Endpoint, plugin: str, function: str, arguments: list[float]) -> bytes:
-    return wire.ask(ROBOT_CALL, msgspec.json.encode(arguments), robot=ROBOT, plugin=plugin, function=function)
 
 
 def _figures(event: str, took_s: Iterator[tuple[float, float]], names: tuple[str, str] = MOTION) -> Iterator[Figure]:

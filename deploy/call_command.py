@@ -6,17 +6,10 @@ import msgspec
 
 from robrain.agent.host.text_command import Call, parse_call
 from robrain.agent.text_form import parse_argument, parse_value, print_value
+from robrain.client.team import Team
 from robrain.deploy.errors import UsageError
-from robrain.deploy.live_process import client_session, live_endpoint
-from robrain.deploy.team_found import no_robot
-from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.errors import NobodyThere
 from robrain.protocol.wire.keys import check_name
-from robrain.protocol.wire.messages import HostRequest
 from robrain.protocol.wire.safe_text import safe_json
-from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_HOST
-
-TIMEOUT_S = 10.0
 
 
 def call_command(
@@ -49,33 +42,22 @@ def call_command(
     if text and as_json:
         call = parse_call(text)
         function, given = call.function, _plain_values(call)
-    with client_session(connect) as session, live_endpoint(session, team) as wire:
-        try:
-            if given is None:
-                return _by_text(wire, robot, text)
-            return _by_json(wire, robot, plugin, function, given, as_json=as_json)
-        except NobodyThere as error:
-            raise no_robot(wire, robot, "calls") from error
-
-
-def _by_text(wire: Endpoint, robot: str, text: str) -> str:
-    reply = wire.ask(ROBOT_HOST, HostRequest(text=text), timeout_s=TIMEOUT_S, robot=robot, verb="command")
-    return msgspec.json.decode(reply, type=str)
-
-
-def _by_json(wire: Endpoint, robot: str, plugin: str, function: str, given: object, *, as_json: bool) -> str:
-    check_name("function", function)
-    asked = msgspec.json.encode(given)
-    reply = wire.ask(ROBOT_CALL, asked, timeout_s=TIMEOUT_S, robot=robot, plugin=plugin, function=function)
+    with Team.connect(connect, team=team) as client:
+        if given is None:
+            return client.command(robot, text)
+        check_name("function", function)
+        if isinstance(given, dict):
+            result = client.call(robot, plugin, function, named=given)
+        else:
+            result = client.call(robot, plugin, function, *given)
     if as_json:
-        return safe_json(reply)
-    result = msgspec.json.decode(reply)
+        return safe_json(msgspec.json.encode(result))
     return "" if result is None else print_value(result)
 
 
-def _json_of(word: str) -> object:
+def _json_of(word: str) -> list[Any] | dict[str, Any]:
     try:
-        return msgspec.json.decode(word)
+        return msgspec.json.decode(word, type=list[Any] | dict[str, Any])
     except (msgspec.DecodeError, RecursionError) as error:
         raise UsageError(f"arguments {word}: expected a JSON array or object: {error}") from error
 

@@ -10,11 +10,12 @@ from typing import NamedTuple
 
 import zenoh
 
+from robrain.client.live_transport import open_client_session
 from robrain.deploy.errors import UsageError
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import NobodyThere, PortTaken
-from robrain.protocol.wire.hub import given_endpoints, hub_endpoint, may_answer, nobody_answers, team_endpoints
+from robrain.protocol.wire.hub import given_endpoints, hub_endpoint, may_answer
 from robrain.protocol.wire.session import check_endpoint, open_session
 
 PARENT_VARIABLE = "ROBRAIN_PARENT"
@@ -54,12 +55,7 @@ def client_session(connect: str | None) -> Iterator[zenoh.Session]:
         WireError: an endpoint is invalid.
 
     """
-    where = team_endpoints(connect)
-    try:
-        session = open_session(mode="client", connect=where)
-    except NobodyThere as error:
-        raise NobodyThere(nobody_answers(where)) from error
-    with closing(session):
+    with closing(open_client_session(connect)) as session:
         yield session
 
 

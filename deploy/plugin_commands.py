@@ -1,9 +1,8 @@
 """`robrain plugin`: see, load, unload and reload the plugins of a robot that runs; write and check new ones."""
 
-import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,12 +11,9 @@ from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
 from robrain.protocol.wire.safe_text import safe_text
 
 if TYPE_CHECKING:
-    from robrain.protocol.wire.messages import HostRequest, PluginInfo
-    from robrain.protocol.wire.topic import Query
+    from robrain.client.team import Team
+    from robrain.protocol.wire.messages import PluginInfo
 
-LIST_TIMEOUT_S = 5.0
-WORK_TIMEOUT_S = 60.0
-"""Loading imports code, which may compile some of itself."""
 EXIT_MISTAKES = 1
 PLAIN_WIDTH = 200
 """Columns of the table where the output is no terminal."""
@@ -42,9 +38,8 @@ def list_plugins(
     """List a robot's plugins with state and reason."""
     import msgspec
 
-    from robrain.protocol.wire.topics import ROBOT_PLUGINS
-
-    infos = _ask(connect, team, robot, ROBOT_PLUGINS, timeout_s=LIST_TIMEOUT_S)
+    with _client(connect, team, robot) as client:
+        infos = client.plugins(robot)
     if as_json:
         sys.stdout.write(msgspec.json.encode(infos).decode() + "\n")
     else:
@@ -61,9 +56,9 @@ def load(
     team: TeamOption = DEFAULT_TEAM,
 ) -> None:
     """Load a plugin, and those that it requires, into a running robot."""
-    from robrain.protocol.wire.messages import HostRequest
-
-    _tell(_run_host(connect, team, robot, "load", HostRequest(plugin=_name_or_path(plugin), by=_asker())))
+    wanted = _name_or_path(plugin)
+    with _client(connect, team, robot) as client:
+        _tell(client.load(robot, wanted))
 
 
 @plugin_app.command()
@@ -75,10 +70,9 @@ def unload(
     team: TeamOption = DEFAULT_TEAM,
 ) -> None:
     """Unload a plugin; refused while others require it."""
-    from robrain.protocol.wire.messages import HostRequest
-
-    request = HostRequest(plugin=check_name("plugin", plugin), cascade=cascade, by=_asker())
-    _tell(_run_host(connect, team, robot, "unload", request))
+    check_name("plugin", plugin)
+    with _client(connect, team, robot) as client:
+        _tell(client.unload(robot, plugin, cascade=cascade))
 
 
 @plugin_app.command()
@@ -86,10 +80,9 @@ def reload(
     robot: RobotArgument, plugin: PluginArgument, connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM
 ) -> None:
     """Load a plugin again after an edit; if that fails, the old one keeps running."""
-    from robrain.protocol.wire.messages import HostRequest
-
-    request = HostRequest(plugin=check_name("plugin", plugin), by=_asker())
-    _tell(_run_host(connect, team, robot, "reload", request))
+    check_name("plugin", plugin)
+    with _client(connect, team, robot) as client:
+        _tell(client.reload(robot, plugin))
 
 
 @plugin_app.command()
@@ -130,50 +123,11 @@ def check(
         raise typer.Exit(EXIT_MISTAKES)
 
 
-def _run_host(connect: str | None, team: str, robot: str, verb: str, request: "HostRequest") -> "list[PluginInfo]":
-    from robrain.protocol.wire.topics import ROBOT_HOST
-
-    return _ask(connect, team, robot, ROBOT_HOST, request, timeout_s=WORK_TIMEOUT_S, verb=verb)
-
-
-def _ask(
-    connect: str | None,
-    team: str,
-    robot: str,
-    topic: "Query[Any, Any]",
-    request: Any = None,
-    *,
-    timeout_s: float,
-    **names: str,
-) -> "list[PluginInfo]":
-    """Ask a robot for plugins.
-
-    Raises:
-        NobodyThere: the robot is not there; names those that are.
-        WireError: its answer makes no sense.
-        CallError: it refuses; the text says why.
-
-    """
-    import msgspec
-
-    from robrain.deploy.live_process import client_session, live_endpoint
-    from robrain.deploy.team_found import no_robot
-    from robrain.protocol.wire.errors import NobodyThere, WireError
-    from robrain.protocol.wire.messages import PluginInfo
+def _client(connect: str | None, team: str, robot: str) -> "Team":
+    from robrain.client.team import Team
 
     check_name("robot", robot)
-    check_name("team", team)
-    with client_session(connect) as session, live_endpoint(session, team) as wire:
-        try:
-            reply = wire.ask(topic, request, timeout_s=timeout_s, robot=robot, **names)
-        except NobodyThere as error:
-            raise no_robot(wire, robot, topic.name) from error
-    if not isinstance(reply, bytes):
-        return list(reply)
-    try:
-        return msgspec.json.decode(reply, type=list[PluginInfo])
-    except msgspec.DecodeError as error:
-        raise WireError(f"{robot} answered {topic.name} with something else than plugins: {error}") from error
+    return Team.connect(connect, team=team)
 
 
 def _name_or_path(text: str) -> str:
@@ -188,10 +142,6 @@ def _name_or_path(text: str) -> str:
     if len(path.parts) > 1 or path.suffix == ".toml":
         raise UsageError(f"{text}: no such folder or manifest here; one on the robot's machine must begin with /")
     return check_name("plugin", text)
-
-
-def _asker() -> str:
-    return os.environ.get("USER", "")
 
 
 def _show(infos: "list[PluginInfo]") -> None:

@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-import msgspec
 from prompt_toolkit import PromptSession
 from prompt_toolkit.auto_suggest import AutoSuggestFromHistory
 from prompt_toolkit.completion import CompleteEvent, Completer, Completion
@@ -15,14 +14,11 @@ from prompt_toolkit.history import FileHistory, History, InMemoryHistory
 
 from robrain.agent.host.command_door import answer_question, usage, visible_to_command
 from robrain.agent.host.text_command import Question, parse_command
+from robrain.client.team import Team
 from robrain.deploy.live_process import tell
-from robrain.deploy.team_found import no_robot
-from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.errors import CallError, NobodyThere, RobrainError
-from robrain.protocol.wire.messages import FunctionInfo, HostRequest, PluginInfo
-from robrain.protocol.wire.topics import ROBOT_HOST, ROBOT_PLUGINS
+from robrain.protocol.wire.errors import CallError, RobrainError
+from robrain.protocol.wire.messages import FunctionInfo, PluginInfo
 
-COMMAND_TIMEOUT_S = 10.0
 ENDS = ("exit", "quit")
 VERBS = ("call", "help", "list", "exit")
 
@@ -31,13 +27,13 @@ class RemoteCommands:
     """One robot, as the shell talks to it.
 
     Args:
-        wire: a place on the team's wire.
+        team: the robot's team.
         robot: its name.
 
     """
 
-    def __init__(self, wire: Endpoint, robot: str) -> None:
-        self._wire = wire
+    def __init__(self, team: Team, robot: str) -> None:
+        self._team = team
         self._robot = robot
         self.plugins: list[PluginInfo] = []
         """Those that are open to the outside, as they were when last asked for."""
@@ -49,8 +45,7 @@ class RemoteCommands:
             RobrainError: it does not answer.
 
         """
-        infos = self._wire.ask(ROBOT_PLUGINS, timeout_s=COMMAND_TIMEOUT_S, robot=self._robot)
-        self.plugins = visible_to_command(infos)
+        self.plugins = visible_to_command(self._team.plugins(self._robot))
 
     def answer(self, text: str) -> str:
         """Execute one command; calls are executed by the robot, `list` and `help` answered from its plugins.
@@ -63,9 +58,7 @@ class RemoteCommands:
         if isinstance(command, Question):
             self.refresh()
             return answer_question(command, self.plugins)
-        request = HostRequest(text=text)
-        reply = self._wire.ask(ROBOT_HOST, request, timeout_s=COMMAND_TIMEOUT_S, robot=self._robot, verb="command")
-        return msgspec.json.decode(reply, type=str)
+        return self._team.command(self._robot, text)
 
 
 class RobotCompleter(Completer):
@@ -114,11 +107,11 @@ def parameters_of(function: FunctionInfo) -> list[tuple[str, str]]:
     return [(name, str(one.get("type", ""))) for name, one in schema.get("properties", {}).items()]
 
 
-def run_shell(wire: Endpoint, robot: str, *, interactive: bool) -> int:
+def run_shell(team: Team, robot: str, *, interactive: bool) -> int:
     """Talk to a robot in the text form until the input ends.
 
     Args:
-        wire: a place on the team's wire.
+        team: the robot's team.
         robot: its name.
         interactive: a person types, at a terminal; if not, commands are the lines of stdin.
 
@@ -129,11 +122,8 @@ def run_shell(wire: Endpoint, robot: str, *, interactive: bool) -> int:
         RobrainError: the robot does not answer at all.
 
     """
-    commands = RemoteCommands(wire, robot)
-    try:
-        commands.refresh()
-    except NobodyThere as error:
-        raise no_robot(wire, robot, "for its plugins") from error
+    commands = RemoteCommands(team, robot)
+    commands.refresh()
     return _talk(commands, robot) if interactive else _read(commands)
 
 

@@ -8,10 +8,10 @@ import typer
 
 from robrain.deploy.task_terminal import (
     JsonOption,
+    connect_team,
     line_of,
     print_json,
     say,
-    task_client,
 )
 from robrain.deploy.team_options import ConnectOption, TeamOption
 from robrain.protocol.wire.keys import DEFAULT_TEAM
@@ -64,13 +64,13 @@ def add(
     as_json: JsonOption = False,
 ) -> None:
     """Ask for a task, or for those in a file. Refused at once if it can never be done."""
+    from robrain.client.submission import submission_of
     from robrain.deploy.errors import UsageError
-    from robrain.deploy.task_words import point, submission_of, submissions_in
+    from robrain.deploy.task_files import TaskWords, point, tasks_in
     from robrain.protocol.wire.errors import CallError
 
-    place = "goal" if what == "explore" else "place"
     fields: dict[str, Any] = {
-        place: point("--at", at) if at is not None else None,
+        "place": point("--at", at) if at is not None else None,
         "id": task_id,
         "priority": priority,
         "deadline_in_s": deadline,
@@ -91,16 +91,15 @@ def add(
     if Path(what).suffix in (".toml", ".json"):
         if given:
             raise UsageError(f"{what}: a file says all about its tasks itself; leave the options out")
-        submissions = submissions_in(Path(what))
+        tasks = tasks_in(Path(what))
     else:
-        submissions = [submission_of(what, given, typed=OPTIONS)]
+        submission_of(what, {"id": what, **given}, typed=OPTIONS)  # what is wrong is said before anybody is asked
+        tasks = [TaskWords(what, given)]
     records, refused = [], []
-    with task_client(connect, team) as client:
-        for asked in submissions:
+    with connect_team(connect, team) as client:
+        for kind, fields in tasks:
             try:
-                records.append(
-                    client.submit(asked.task, earliest_in_s=asked.earliest_in_s, deadline_in_s=asked.deadline_in_s)
-                )
+                records.append(client.submit(kind, id=fields.pop("id", None), parameters=fields))
             except CallError as error:
                 refused.append(str(error))
     if as_json:

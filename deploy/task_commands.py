@@ -8,11 +8,11 @@ from robrain.deploy.task_adding import add
 from robrain.deploy.task_terminal import (
     IdArgument,
     JsonOption,
+    connect_team,
     line_of,
     print_json,
     say,
     show_table,
-    task_client,
     words_of,
 )
 from robrain.deploy.team_options import ConnectOption, TeamOption
@@ -48,12 +48,11 @@ def list_tasks(
     as_json: JsonOption = False,
 ) -> None:
     """Say which tasks there are and how they stand."""
-    from robrain.deploy.task_client import open_states
     from robrain.protocol.wire.task_messages import TaskFilter
 
-    states = [_state(text) for text in state or []] or (open_states() if only_open else [])
+    states = [_state(text) for text in state or []] or (_open_states() if only_open else [])
     wanted = TaskFilter(states=states, kinds=kind or [], robot=robot, by=by, own=everything, limit=limit)
-    with task_client(connect, team) as client:
+    with connect_team(connect, team) as client:
         records = client.list(wanted)
     if as_json:
         print_json(records)
@@ -68,7 +67,7 @@ def show(
     """Say all there is to say of one task."""
     import msgspec
 
-    with task_client(connect, team) as client:
+    with connect_team(connect, team) as client:
         record = client.get(task_id)
     if as_json:
         print_json(record)
@@ -90,7 +89,7 @@ def cancel(
     as_json: JsonOption = False,
 ) -> None:
     """Call a task off; a robot that is at it is told to stop."""
-    with task_client(connect, team) as client:
+    with connect_team(connect, team) as client:
         record = client.cancel(task_id, reason)
     if as_json:
         print_json(record)
@@ -108,15 +107,14 @@ def watch(
 ) -> None:
     """Print each change of tasks until they end; exit status 1 if one of them was not done."""
     from robrain.deploy.errors import UsageError
-    from robrain.deploy.task_client import open_states
     from robrain.protocol.model.task import TaskState
     from robrain.protocol.wire.task_messages import TaskFilter
 
     not_done = 0
-    with task_client(connect, team) as client:
+    with connect_team(connect, team) as client:
         wanted = list(task_ids or [])
         if not wanted:
-            wanted = [record.task.id for record in client.list(TaskFilter(states=open_states()))]
+            wanted = [record.task.id for record in client.list(TaskFilter(states=_open_states()))]
         if not wanted:
             return
         try:
@@ -137,7 +135,7 @@ def why(
     task_id: IdArgument, connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False
 ) -> None:
     """Say why a task stands as it does: what it waits for, what each robot would need, what happened so far."""
-    with task_client(connect, team) as client:
+    with connect_team(connect, team) as client:
         found = client.why(task_id)
     if as_json:
         print_json(found)
@@ -164,8 +162,8 @@ def objective(
     as_json: JsonOption = False,
 ) -> None:
     """Say what the team's plans are to be good at, or have them be good at something else."""
-    with task_client(connect, team) as client:
-        found = client.planning(chosen)
+    with connect_team(connect, team) as client:
+        found = client.planning() if chosen is None else client.set_objective(chosen)
     if as_json:
         print_json(found)
         return
@@ -175,8 +173,8 @@ def objective(
 @task_app.command()
 def charges(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False) -> None:
     """Say who charges where and until when, and who waits for that."""
-    with task_client(connect, team) as client:
-        found = client.planning(None)
+    with connect_team(connect, team) as client:
+        found = client.planning()
     if as_json:
         print_json(found.charges)
         return
@@ -185,6 +183,12 @@ def charges(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_j
         words = "charges" if one.is_there else "goes to charge" if one.has_set_out else "is to charge"
         behind = f": {one.why}" if one.why else ""
         say(f"{one.robot}: {words} at {at}, {one.soc:.0%} to {one.to_soc:.0%}{behind}")
+
+
+def _open_states() -> "list[TaskState]":
+    from robrain.protocol.model.task import TaskState
+
+    return [state for state in TaskState if not state.ended]
 
 
 def _state(text: str) -> "TaskState":

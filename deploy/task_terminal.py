@@ -1,23 +1,22 @@
 """How `robrain task` asks and answers: the options that its commands share, and what they print."""
 
-import os
 import sys
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 if TYPE_CHECKING:
-    from robrain.deploy.task_client import TaskClient
+    from robrain.client.team import Team
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else.")]
 IdArgument = Annotated[str, typer.Argument(metavar="ID", help="Name of the task.")]
 
 
-def task_client(connect: str | None, team: str) -> "TaskClient":
-    """A client of the team's tasks; use it in a `with` block."""
-    from robrain.deploy.task_client import TaskClient
+def connect_team(connect: str | None, team: str) -> "Team":
+    """The team; use it in a `with` block."""
+    from robrain.client.team import Team
 
-    return TaskClient(connect, team=team, by=os.environ.get("USER", ""))
+    return Team.connect(connect, team=team)
 
 
 def line_of(record: Any) -> str:

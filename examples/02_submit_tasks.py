@@ -1,14 +1,14 @@
 """Tasks for a team: where, how urgent, by when. The coordinator decides who goes, and says why."""
 
-from robrain import Inspect, LockstepTeam, Point2D, Scenario, Visit
+from robrain import Scenario
 
-with LockstepTeam(Scenario.builtin("arena_small").replace(robots=2, seed=3)) as team:
+with Scenario.builtin("arena_small").replace(robots=2).team(seed=3) as team:
     team.run_for(1.0)  # the robots start, and look around
-    team.submit(Visit(id="door", place=Point2D(4.2, 3.0), service_s=2.0))
-    team.submit(Visit(id="corner", place=Point2D(1.0, 1.0), priority=5.0))
-    team.submit(Inspect(id="picture", place=Point2D(6.0, 3.0), look_at=Point2D(7.5, 5.0)), deadline_in_s=60.0)
+    team.submit("visit", id="door", place=(4.2, 3.0), service_s=2.0)
+    team.submit("visit", id="corner", place=(1.0, 1.0), priority=5.0)
+    team.submit("inspect", id="picture", place=(6.0, 3.0), deadline_s=60.0, parameters={"look_at": (7.5, 5.0)})
 
-    for record in team.wait("door", "corner", "picture"):
+    for record in team.wait_all(["door", "corner", "picture"]):
         result = record.result
         print(f"{record.task.id:8}{record.state} by {record.robot}: {result['way_m']} m, {result['energy_j']} J")
 

@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from robrain import LockstepTeam, Scenario
+from robrain import Scenario
 
 FOLDER = Path(__file__).with_name("03_your_own_plugin")
 
-with LockstepTeam(Scenario.builtin("arena_small").replace(robots=1)) as team:
+with Scenario.builtin("arena_small").replace(robots=1).team() as team:
     team.run_for(5.0)
     for info in team.load("r1", FOLDER):
         functions = ", ".join(function.name for function in info.functions)

@@ -1,14 +1,14 @@
 """Energy: a robot with a small battery patrols; when it could not come home any more, it charges and goes on."""
 
-from robrain import BatterySpec, ChargerSpec, LockstepTeam, Point2D, RobotHardware, Scenario, Visit
+from robrain import BatterySpec, ChargerSpec, RobotHardware, Scenario
 
-POSTS = [Point2D(1.0, 1.0), Point2D(4.2, 3.0), Point2D(3.6, 4.8), Point2D(6.0, 3.0)]
+POSTS = [(1.0, 1.0), (4.2, 3.0), (3.6, 4.8), (6.0, 3.0)]
 battery = BatterySpec(capacity_wh=2.5, soc_at_start=0.6)  # some minutes
 scenario = Scenario.builtin("arena_small").replace(
     robots=1, motes=0, seed=2, hardware=RobotHardware(battery=battery), chargers=(ChargerSpec(place_m=(0.6, 5.2)),)
 )
 
-with LockstepTeam(scenario) as team:
+with scenario.team() as team:
     team.run_for(30.0)  # it explores the floor
     told = ""
     rounds, charges = 0, 0
@@ -19,7 +19,7 @@ with LockstepTeam(scenario) as team:
         if all(record.state.ended for record in team.list()):
             rounds += 1
             for number, post in enumerate(POSTS):
-                team.submit(Visit(id=f"round-{rounds}-post-{number}", place=post, service_s=5.0))
+                team.submit("visit", id=f"round-{rounds}-post-{number}", place=post, service_s=5.0)
         state = team.state("r1")
         before, told = told, state.behavior
         if told != before and "recharge" in (told, before) and state.battery is not None:

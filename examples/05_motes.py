@@ -2,19 +2,20 @@
 
 from collections import Counter
 
-from robrain import Collect, LockstepTeam, Monitor, Scenario, Sense
+from robrain import Scenario
 
-with LockstepTeam(Scenario.builtin("arena_small").replace(robots=2, motes=6, seed=4)) as team:
-    motes = {mote.name: mote.place for mote in team.lockstep.world.motes}
-    team.run_for(30.0)
-    heard = Counter(reading.mote for reading in team.readings)
-    print(f"after {team.now_s:.0f} s {len(heard)} of {len(motes)} motes were heard, {sum(heard.values())} readings")
+with Scenario.builtin("arena_small").replace(robots=2, motes=6).team(seed=4) as team:
+    readings = list(team.readings(30.0))
+    heard = Counter(reading.mote for reading in readings)
+    print(f"after {team.now_s:.0f} s {len(heard)} of 6 motes were heard, {len(readings)} readings")
+    places = {reading.mote: reading.place for reading in readings}
 
-    team.submit(Collect(id="mule", place=motes["m3"], mote="m3"))
-    team.submit(Sense(id="warmth", place=motes["m1"], quantity="temperature_c"))
-    team.submit(Sense(id="light", place=motes["m1"], quantity="light_lx"))
-    team.submit(Monitor(id="watch", place=motes["m2"], duration_s=20.0, interval_s=2.0, quantity="temperature_c"))
-    for record in team.wait("mule", "warmth", "light", "watch"):
+    team.submit("collect", id="mule", place=places["m3"], parameters={"mote": "m3"})
+    team.submit("sense", id="warmth", place=places["m1"], parameters={"quantity": "temperature_c"})
+    team.submit("sense", id="light", place=places["m1"], parameters={"quantity": "light_lx"})
+    rounds = {"duration_s": 20.0, "interval_s": 2.0, "quantity": "temperature_c"}
+    team.submit("monitor", id="watch", place=places["m2"], parameters=rounds)
+    for record in team.wait_all(["mule", "warmth", "light", "watch"]):
         print(f"{record.task.id}: {record.state} by {record.robot}: {record.result}")
 
     for task in ("warmth", "light"):

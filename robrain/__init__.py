@@ -4,14 +4,28 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from robrain.agent.action import ActionDesk, ActionEnd, ActionProgress, Outcome
+    from robrain.agent.environment import Environment
+    from robrain.agent.errors import (
+        AccessDenied,
+        HardwareAbsent,
+        PluginBusy,
+        PluginError,
+        PluginInactive,
+        PluginMissing,
+    )
+    from robrain.agent.event import Event
+    from robrain.agent.plugin import Behavior, Device, Level, Plugin, Skill, Unit, external, unlocked
+    from robrain.client.errors import BadTask
+    from robrain.client.halting import HaltReport
+    from robrain.client.team import Team
     from robrain.coordinator.planning.policy import Method, PlanningPolicy
     from robrain.coordinator.recording.recording import Recording, load
-    from robrain.deploy.lockstep_team import LockstepTeam
-    from robrain.deploy.task_client import TaskClient
-    from robrain.protocol.model.geometry import Point2D
+    from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
     from robrain.protocol.model.objective import Objective
     from robrain.protocol.model.task import (
         Collect,
+        Explore,
         Inspect,
         Monitor,
         Recharge,
@@ -21,67 +35,149 @@ if TYPE_CHECKING:
         TaskState,
         Visit,
     )
+    from robrain.protocol.wire.errors import BadName, CallError, ErrorCode, NobodyThere, RobrainError, WireError
+    from robrain.protocol.wire.messages import MoteReading, PluginInfo, RobotState, TaskEvent, TeamState
+    from robrain.protocol.wire.plan_messages import PlanningStatus
+    from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord, TaskWhy
     from robrain.sim.chargers import ChargerSpec
+    from robrain.sim.disturbance import DisturbanceSpec, PauseSpec
+    from robrain.sim.errors import ScenarioError
     from robrain.sim.firmware.battery import BatterySpec
+    from robrain.sim.maps.drawing import Block, FloorDrawing, Pillar, Wall, rasterise
     from robrain.sim.result import RunResult
     from robrain.sim.robot_hardware import RobotHardware
     from robrain.sim.scenario import Progress, Scenario
+    from robrain.sim.surfaces import SurfaceSpec
 
 __all__ = [
+    "AccessDenied",
+    "ActionDesk",
+    "ActionEnd",
+    "ActionProgress",
+    "BadName",
+    "BadTask",
     "BatterySpec",
+    "Behavior",
+    "Block",
+    "CallError",
     "ChargerSpec",
     "Collect",
+    "Device",
+    "DisturbanceSpec",
+    "Environment",
+    "ErrorCode",
+    "Event",
+    "Explore",
+    "FloorDrawing",
+    "HaltReport",
+    "HardwareAbsent",
     "Inspect",
-    "LockstepTeam",
+    "Level",
     "Method",
     "Monitor",
+    "MoteReading",
+    "NobodyThere",
     "Objective",
+    "Outcome",
+    "PauseSpec",
+    "Pillar",
     "PlanningPolicy",
+    "PlanningStatus",
+    "Plugin",
+    "PluginBusy",
+    "PluginError",
+    "PluginInactive",
+    "PluginInfo",
+    "PluginMissing",
     "Point2D",
+    "Pose2D",
     "Progress",
     "Recharge",
     "Recording",
     "Relay",
     "Replace",
     "RobotHardware",
+    "RobotState",
+    "RobrainError",
     "RunResult",
     "Scenario",
+    "ScenarioError",
     "Sense",
-    "TaskClient",
+    "Skill",
+    "SurfaceSpec",
+    "TaskEvent",
+    "TaskFilter",
+    "TaskRecord",
     "TaskState",
+    "TaskWhy",
+    "Team",
+    "TeamState",
+    "Twist2D",
+    "Unit",
     "Visit",
+    "Wall",
+    "WireError",
+    "external",
     "load",
+    "rasterise",
+    "unlocked",
 ]
 
 # Imported on first use: a robot has the plain install, without the simulator.
-_HOMES = {
-    "BatterySpec": "robrain.sim.firmware.battery",
-    "ChargerSpec": "robrain.sim.chargers",
-    "Collect": "robrain.protocol.model.task",
-    "Inspect": "robrain.protocol.model.task",
-    "LockstepTeam": "robrain.deploy.lockstep_team",
-    "Method": "robrain.coordinator.planning.policy",
-    "Monitor": "robrain.protocol.model.task",
-    "Objective": "robrain.protocol.model.objective",
-    "PlanningPolicy": "robrain.coordinator.planning.policy",
-    "Point2D": "robrain.protocol.model.geometry",
-    "Progress": "robrain.sim.scenario",
-    "Recharge": "robrain.protocol.model.task",
-    "Recording": "robrain.coordinator.recording.recording",
-    "Relay": "robrain.protocol.model.task",
-    "Replace": "robrain.protocol.model.task",
-    "RobotHardware": "robrain.sim.robot_hardware",
-    "RunResult": "robrain.sim.result",
-    "Scenario": "robrain.sim.scenario",
-    "Sense": "robrain.protocol.model.task",
-    "TaskClient": "robrain.deploy.task_client",
-    "TaskState": "robrain.protocol.model.task",
-    "Visit": "robrain.protocol.model.task",
-    "load": "robrain.coordinator.recording.recording",
+_NAMES = {
+    "robrain.agent.action": ("ActionDesk", "ActionEnd", "ActionProgress", "Outcome"),
+    "robrain.agent.environment": ("Environment",),
+    "robrain.agent.errors": (
+        "AccessDenied",
+        "HardwareAbsent",
+        "PluginBusy",
+        "PluginError",
+        "PluginInactive",
+        "PluginMissing",
+    ),
+    "robrain.agent.event": ("Event",),
+    "robrain.agent.plugin": ("Behavior", "Device", "Level", "Plugin", "Skill", "Unit", "external", "unlocked"),
+    "robrain.client.errors": ("BadTask",),
+    "robrain.client.halting": ("HaltReport",),
+    "robrain.client.team": ("Team",),
+    "robrain.coordinator.planning.policy": ("Method", "PlanningPolicy"),
+    "robrain.coordinator.recording.recording": ("Recording", "load"),
+    "robrain.protocol.model.geometry": ("Point2D", "Pose2D", "Twist2D"),
+    "robrain.protocol.model.objective": ("Objective",),
+    "robrain.protocol.model.task": (
+        "Collect",
+        "Explore",
+        "Inspect",
+        "Monitor",
+        "Recharge",
+        "Relay",
+        "Replace",
+        "Sense",
+        "TaskState",
+        "Visit",
+    ),
+    "robrain.protocol.wire.errors": ("BadName", "CallError", "ErrorCode", "NobodyThere", "RobrainError", "WireError"),
+    "robrain.protocol.wire.messages": ("MoteReading", "PluginInfo", "RobotState", "TaskEvent", "TeamState"),
+    "robrain.protocol.wire.plan_messages": ("PlanningStatus",),
+    "robrain.protocol.wire.task_messages": ("TaskFilter", "TaskRecord", "TaskWhy"),
+    "robrain.sim.chargers": ("ChargerSpec",),
+    "robrain.sim.disturbance": ("DisturbanceSpec", "PauseSpec"),
+    "robrain.sim.errors": ("ScenarioError",),
+    "robrain.sim.firmware.battery": ("BatterySpec",),
+    "robrain.sim.maps.drawing": ("Block", "FloorDrawing", "Pillar", "Wall", "rasterise"),
+    "robrain.sim.result": ("RunResult",),
+    "robrain.sim.robot_hardware": ("RobotHardware",),
+    "robrain.sim.scenario": ("Progress", "Scenario"),
+    "robrain.sim.surfaces": ("SurfaceSpec",),
 }
+_HOMES = {name: home for home, names in _NAMES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module 'robrain' has no attribute {name!r}")
     return getattr(importlib.import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *__all__]

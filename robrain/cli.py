@@ -327,12 +327,12 @@ def shell(
     team: TeamOption = DEFAULT_TEAM,
 ) -> None:
     """Call a robot's plugins interactively: call driver stop(), list, help driver."""
-    from robrain.deploy.live_process import client_session, live_endpoint
+    from robrain.client.team import Team
     from robrain.deploy.shell import run_shell
 
     check_name("robot", robot)
-    with client_session(connect) as session, live_endpoint(session, check_name("team", team)) as wire:
-        failed = run_shell(wire, robot, interactive=sys.stdin.isatty())
+    with Team.connect(connect, team=team) as client:
+        failed = run_shell(client, robot, interactive=sys.stdin.isatty())
     if failed:
         raise typer.Exit(failed)
 
@@ -360,7 +360,7 @@ def call(
 @app.command()
 def status(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False) -> None:
     """List the members of a team that are present."""
-    from robrain.deploy.team_found import show_status, status_of
+    from robrain.deploy.status_command import show_status, status_of
 
     found = status_of(connect, check_name("team", team))
     if as_json:

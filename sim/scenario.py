@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, Self
 
 import msgspec
 
+from robrain.client.team import Team
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.warm_up import warm_up
@@ -23,6 +24,7 @@ from robrain.sim.disturbance import DisturbanceSpec
 from robrain.sim.errors import ScenarioError
 from robrain.sim.fault_injection import FaultSpec
 from robrain.sim.lockstep import LockstepRun
+from robrain.sim.lockstep_transport import LockstepTransport
 from robrain.sim.maps.drawing import FloorDrawing, rasterise
 from robrain.sim.maps.errors import MapError
 from robrain.sim.maps.floor_plan import FloorPlan
@@ -189,6 +191,25 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             starts_known=self.starts_known,
         )
 
+    def team(self, *, seed: int | None = None, record: Path | str | None = None, by: str = "script") -> Team:
+        """The scenario's team in lockstep, for a script; close it, or use it in a `with` block.
+
+        Equal seeds and equal calls give equal runs. Time passes only within the methods of `Team` that wait.
+
+        Args:
+            seed: of everything random; the scenario's own if None.
+            record: MCAP file to write.
+            by: who asks, for the records.
+
+        Raises:
+            RobrainError: in one sentence, what cannot be simulated or opened.
+
+        """
+        scenario = self if seed is None else self.replace(seed=seed)
+        world = scenario.world()
+        warm_up()
+        return Team(LockstepTransport(scenario._open(world, record)), by=by)
+
     def run(
         self,
         *,
@@ -221,15 +242,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         world = self.world()
         warm_up()
         with StopOnInterrupt() as interrupt:  # else an interrupt could leave something half-opened, and never closed
-            run = LockstepRun(
-                world,
-                record=Path(record) if record is not None else None,
-                scenario=self.name,
-                scenario_toml=self.toml,
-                listen=listen,
-                planning=self.planning,
-                should_stop=lambda: interrupt.requested,
-            )
+            run = self._open(world, record, listen, lambda: interrupt.requested)
         try:
             if interrupt.requested:
                 raise KeyboardInterrupt
@@ -279,6 +292,23 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             mote_readings=run.mote_readings,
             recording=str(summary.path) if summary.path is not None else None,
             digest=summary.digest,
+        )
+
+    def _open(
+        self,
+        world: World,
+        record: Path | str | None,
+        listen: str | None = None,
+        should_stop: Callable[[], bool] = lambda: False,
+    ) -> LockstepRun:
+        return LockstepRun(
+            world,
+            record=Path(record) if record is not None else None,
+            scenario=self.name,
+            scenario_toml=self.toml,
+            listen=listen,
+            planning=self.planning,
+            should_stop=should_stop,
         )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-FOLDERS = ("agent", "coordinator", "plugins", "protocol", "sim")
+FOLDERS = ("agent", "client", "coordinator", "plugins", "protocol", "sim")
 LOOKS_ON = ("coordinator/dashboard",)
 """Only draws messages; the only recorded messages that it sends are a person's clicks."""
 
@@ -32,6 +32,9 @@ CLOCKS = {
     "agent/lifecycle/worker_pool.py": "starts and halts plugins side by side, in live",
     "agent/isolation/peer.py": "a plugin in a process of its own, refused in lockstep",
     "agent/host/live_drive.py": "the live drive",
+    "agent/authoring/foreign_bench.py": "tests a process of its own, in live",
+    "client/live_transport.py": "the live drive's client",
+    "client/members.py": "waits for tokens on their way, in live",
     "coordinator/live.py": "the live drive",
     "coordinator/planning/live_planner.py": "the live drive's planner",
     "coordinator/planning/planner_child.py": "the live drive's planner",

@@ -32,7 +32,7 @@ SAYS = {
         r"r1: would take \S+ % of its energy; m1 takes",
     ],
     "06_together": [r"fetch +done by r\d", r"bring +done by r\d", r"lift +done by two robots"],
-    "07_objectives": [r"energy: \d+ J, \d+ s", r"makespan: \d+ J, \d+ s", r"visit-5 to r1: \d+ J"],
+    "07_objectives": [r"energy: \d+ J, \d+ s", r"makespan: \d+ J, \d+ s", r"visit-6 to r1: \d+ J"],
 }
 """What each prints, as patterns."""
 

@@ -1,10 +1,12 @@
 """The project is laid out as ARCHITECTURE.md says, as a tree and as a wheel."""
 
 import ast
+import itertools
 import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -13,9 +15,11 @@ from zipfile import ZipFile
 import pytest
 
 import robrain
+from robrain import testing
+from robrain.agent.authoring.skeleton import write_skeleton
 
 ROOT = Path(__file__).parent.parent
-FOLDERS = ("agent", "coordinator", "deploy", "plugins", "protocol", "sim")
+FOLDERS = ("agent", "client", "coordinator", "deploy", "plugins", "protocol", "sim")
 MAX_LINES = 500
 GENERATED = ("docs/reference/topics.md",)
 """As long as the table that it is printed from."""
@@ -141,6 +145,48 @@ def test_all_is_sorted_and_what_is_exported() -> None:
     assert robrain.__all__ == sorted(homes)
     for name, home in homes.items():
         assert getattr(robrain, name).__module__ == home
+
+
+def test_testing_exports_what_it_imports() -> None:
+    assert testing.__all__ == sorted(testing.__all__)
+    assert {name for name in vars(testing) if not name.startswith("_")} == set(testing.__all__)
+
+
+def test_every_public_name_is_listed() -> None:
+    assert set(robrain.__all__) <= set(dir(robrain))
+
+
+def _robrain_imports(source: str) -> Iterator[str]:
+    for node in ast.walk(ast.parse(source)):
+        names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+        if isinstance(node, ast.ImportFrom):
+            names = [str(node.module)]
+        yield from (name for name in names if name.partition(".")[0] == "robrain")
+
+
+PUBLIC = {"robrain", "robrain.testing"}
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "examples").rglob("*.py")), ids=_name_of)
+def test_examples_import_public_names_alone(path: Path) -> None:
+    assert set(_robrain_imports(path.read_text(encoding="utf-8"))) <= PUBLIC
+
+
+def test_skeleton_of_a_plugin_imports_public_names_alone(tmp_path: Path) -> None:
+    for hidden, active in itertools.product((False, True), repeat=2):
+        folder = tmp_path / f"{hidden}{active}"
+        for path in write_skeleton("lamp", "unit", folder, active=active, hidden=hidden):
+            if path.suffix == ".py":
+                assert set(_robrain_imports(path.read_text(encoding="utf-8"))) <= PUBLIC
+    assert {name for path in folder.rglob("*.py") for name in _robrain_imports(path.read_text())} == PUBLIC
+
+
+@pytest.mark.parametrize(
+    "page", [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")], ids=_name_of
+)
+def test_pages_import_public_names_alone(page: Path) -> None:
+    for source in re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
+        assert set(_robrain_imports(source)) <= PUBLIC
 
 
 def test_name_that_is_not_exported_is_an_attribute_error() -> None:

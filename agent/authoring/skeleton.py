@@ -15,7 +15,7 @@ TAKEN_CLASS_NAMES = {"Plugin", *(level.name.title() for level in Level)}
 CLASS = Template('''\
 """What is $name for? Say it here."""
 
-from robrain.agent.plugin import $base, external
+from robrain import $base, external
 
 
 class $class_name($base):
@@ -52,7 +52,7 @@ TEST = Template('''\
 
 from pathlib import Path
 
-from robrain.agent.authoring.testing import PluginBench
+from robrain.testing import PluginBench
 
 
 def test_${name}_says_hello() -> None:

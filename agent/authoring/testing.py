@@ -13,6 +13,7 @@ from types import TracebackType
 from typing import Any, Self
 
 import msgspec
+import zenoh
 
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
@@ -26,6 +27,51 @@ from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_PLUGINS
 
 ROBOT = "r1"
 TICK_S = 0.02
+
+
+class HostBench:
+    """Robots' hosts in lockstep, moved tick by tick. What tests of one plugin need is `PluginBench`.
+
+    Args:
+        session: of all of them; not closed by the bench.
+        team: name of their team.
+
+    """
+
+    def __init__(self, session: zenoh.Session, team: str = DEFAULT_TEAM) -> None:
+        self.session = session
+        self.clock = VirtualClock()
+        self.wire = Endpoint(session, team, self.clock, Drive.LOCKSTEP)
+        """Another endpoint on the robots' wire, to subscribe and to ask."""
+        self.hosts: list[AgentHost] = []
+
+    def add(self, robot_file: RobotFile, *, seed: int = 0) -> AgentHost:
+        """A host for a robot, not yet started."""
+        host = AgentHost(robot_file, Path(), self.session, self.clock, Drive.LOCKSTEP, seed=seed)
+        self.hosts.append(host)
+        return host
+
+    def tick(self, count: int = 1, period_s: float = TICK_S) -> None:
+        """Move time on, and let each host take its step."""
+        for _ in range(count):
+            self.clock.advance_to(self.clock.now_ns() + to_ns(period_s))
+            for host in self.hosts:
+                host.step()
+
+    def call(self, plugin: str, function: str, *arguments: Any, robot: str = ROBOT) -> Any:
+        """Call an external function over the wire; the result as JSON has it (CallError if it is refused or fails)."""
+        asked = msgspec.json.encode(arguments)
+        return msgspec.json.decode(self.wire.ask(ROBOT_CALL, asked, robot=robot, plugin=plugin, function=function))
+
+    def infos(self, robot: str = ROBOT) -> dict[str, PluginInfo]:
+        """What a robot tells of its plugins over the wire, by name."""
+        return {info.name: info for info in self.wire.ask(ROBOT_PLUGINS, robot=robot)}
+
+    def close(self) -> None:
+        """Close the hosts, and leave the wire."""
+        for host in self.hosts:
+            host.close()
+        self.wire.close()
 
 
 class PluginBench:
@@ -53,19 +99,20 @@ class PluginBench:
         )
         self._seed = seed
         self._open = contextlib.ExitStack()
-        self.clock = VirtualClock()
+        self._bench: HostBench
+        self.clock: VirtualClock
+        """The robot's clock."""
         self.host: AgentHost
         """The robot's host, to look at from inside."""
         self.wire: Endpoint
-        """Somebody else's place on the same wire, to subscribe and to ask."""
+        """Another endpoint on the same wire, to subscribe and to ask."""
 
     def __enter__(self) -> Self:
         with contextlib.ExitStack() as opening:
-            session = opening.enter_context(open_lockstep_session())
-            self.wire = Endpoint(session, DEFAULT_TEAM, self.clock, Drive.LOCKSTEP)
-            opening.callback(self.wire.close)
-            self.host = AgentHost(self._robot_file, Path(), session, self.clock, Drive.LOCKSTEP, seed=self._seed)
-            opening.callback(self.host.close)
+            self._bench = HostBench(opening.enter_context(open_lockstep_session()))
+            opening.callback(self._bench.close)
+            self.clock, self.wire = self._bench.clock, self._bench.wire
+            self.host = self._bench.add(self._robot_file, seed=self._seed)
             self.host.start()
             self._open = opening.pop_all()
         return self
@@ -77,9 +124,7 @@ class PluginBench:
 
     def run(self, seconds: float) -> None:
         """Let that much of the robot's time pass, in ticks of 20 ms."""
-        for _ in range(round(seconds / TICK_S)):
-            self.clock.advance_to(self.clock.now_ns() + to_ns(TICK_S))
-            self.host.step()
+        self._bench.tick(round(seconds / TICK_S))
 
     def call(self, plugin: str, function: str, *arguments: Any) -> Any:
         """Call an external function over the wire; the result as JSON has it.
@@ -88,8 +133,7 @@ class PluginBench:
             CallError: the call was refused, or the plugin raised; the text says why.
 
         """
-        reply = self.wire.ask(ROBOT_CALL, msgspec.json.encode(arguments), robot=ROBOT, plugin=plugin, function=function)
-        return msgspec.json.decode(reply)
+        return self._bench.call(plugin, function, *arguments)
 
     def info(self, plugin: str) -> PluginInfo:
         """What the robot tells of a plugin: its state, and why.
@@ -98,7 +142,7 @@ class PluginBench:
             KeyError: the robot has no such plugin.
 
         """
-        return {info.name: info for info in self.wire.ask(ROBOT_PLUGINS, robot=ROBOT)}[plugin]
+        return self._bench.infos()[plugin]
 
     def plugin(self, name: str) -> Any:
         """The plugin itself, while it is active, for what is not open to the outside.

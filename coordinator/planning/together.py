@@ -46,7 +46,7 @@ class Together:
         book: of the tasks.
         roster: the robots that there are.
         team_map: what is known of the floor.
-        new_number: a number that no task of the coordinator's own has.
+        new_id: makes an id of a kind that no task has.
 
     """
 
@@ -57,14 +57,14 @@ class Together:
         book: TaskBook,
         roster: Roster,
         team_map: TeamMap,
-        new_number: Callable[[], int],
+        new_id: Callable[[str], str],
     ) -> None:
         self._planning = planning
         self._lifecycle = lifecycle
         self._book = book
         self._roster = roster
         self._map = team_map
-        self._new_number = new_number
+        self._new_id = new_id
         self._groups: dict[str, _Group] = {}
         for record in book.open:
             if record.task.robots > 1 and not record.own and record.state is not TaskState.QUEUED:
@@ -158,9 +158,6 @@ class Together:
 
     def _add(self, task: Task, task_id: str) -> str:
         return self._book.add(task, by=task_id, own=True).task.id
-
-    def _new_id(self, kind: str) -> str:
-        return f"{kind}-{self._new_number()}"
 
     def _own_share(self, task: Task, spot: Point2D) -> Task:
         at = {"goal": spot} if isinstance(task, Explore) else {"place": spot}

@@ -1,6 +1,6 @@
 """A plugin of your own: how far has the robot come?"""
 
-from robrain.agent.plugin import Unit, external
+from robrain import Unit, external
 
 
 class Trip(Unit):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy import ndimage
 
-from robrain.sim.maps.drawing import Block, FloorDrawing, Pillar, Wall, rasterise
+from robrain import Block, FloorDrawing, Pillar, Wall, rasterise
 
 FOLDER = Path(__file__).parent
 RESOLUTION_M = 0.05

@@ -10,14 +10,12 @@ import msgspec
 import pytest
 import zenoh
 
+from robrain.agent.authoring.testing import HostBench
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.plugin import Plugin
-from robrain.protocol.wire.clock import VirtualClock, to_ns
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages import PluginInfo
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_PLUGINS
+from robrain.protocol.wire.topics import ROBOT_CALL
 
 PRELUDE = """
 from typing import Protocol
@@ -28,15 +26,12 @@ from robrain.agent.plugin import Behavior, Device, Skill, Unit, external
 """
 
 
-class Bench:
+class Bench(HostBench):
     """A folder with plugins, and the robots that run them."""
 
     def __init__(self, place: Path, session: zenoh.Session) -> None:
+        super().__init__(session)
         self.place = place
-        self.session = session
-        self.clock = VirtualClock()
-        self.operator = Endpoint(session, "default", self.clock, Drive.LOCKSTEP)
-        self.hosts: list[AgentHost] = []
 
     def code(self, module: str, source: str) -> None:
         """Write `module`.py; plugin bases and the like are imported already."""
@@ -56,10 +51,7 @@ class Bench:
     ) -> AgentHost:
         """A robot that loads these plugins, not yet started."""
         table = RobotTable(robot, places=[str(self.place)], load=list(load))
-        robot_file = RobotFile(robot=table, parameters=parameters or {})
-        host = AgentHost(robot_file, Path(), self.session, self.clock, Drive.LOCKSTEP, seed=seed)
-        self.hosts.append(host)
-        return host
+        return self.add(RobotFile(robot=table, parameters=parameters or {}), seed=seed)
 
     def start(self, *load: str, **options: Any) -> AgentHost:
         """A robot that loads these plugins, started."""
@@ -67,33 +59,16 @@ class Bench:
         host.start()
         return host
 
-    def tick(self, count: int = 1, period_s: float = 0.02) -> None:
-        """Move time on."""
-        for _ in range(count):
-            self.clock.advance_to(self.clock.now_ns() + to_ns(period_s))
-            for host in self.hosts:
-                host.step()
-
     def call(self, plugin: str, function: str, arguments: Any = None, robot: str = "r1") -> Any:
-        """An external call over the wire; the decoded result."""
-        reply = self.operator.ask(ROBOT_CALL, arguments, robot=robot, plugin=plugin, function=function)
+        """An external call with arguments as one array or object; the decoded result."""
+        reply = self.wire.ask(ROBOT_CALL, arguments, robot=robot, plugin=plugin, function=function)
         return msgspec.json.decode(reply)
-
-    def infos(self, robot: str = "r1") -> dict[str, PluginInfo]:
-        """What the robot tells of its plugins over the wire, by name."""
-        infos = self.operator.ask(ROBOT_PLUGINS, robot=robot)
-        return {info.name: info for info in infos}
 
     def plugin(self, name: str) -> Any:
         """The instance of the last robot's plugin, looked at from inside."""
         plugin = self.hosts[-1].manager.get(name).plugin
         assert isinstance(plugin, Plugin)
         return plugin
-
-    def close(self) -> None:
-        for host in self.hosts:
-            host.close()
-        self.operator.close()
 
 
 def _as_toml(tables: dict[str, dict[str, Any]]) -> str:

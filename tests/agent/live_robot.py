@@ -33,7 +33,7 @@ class LiveRobot:
         self.session = open_lockstep_session()
         robot_file = RobotFile(robot=RobotTable("r1", places=[str(place)], load=list(load)))
         self.host = AgentHost(robot_file, place, self.session, WallClock(), Drive.LIVE)
-        self.operator = PatientEndpoint(self.session, "default", WallClock(), Drive.LIVE)
+        self.wire = PatientEndpoint(self.session, "default", WallClock(), Drive.LIVE)
         self._stopping, self.ready = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=run_agent, args=(self.host, self._stopping.is_set, self.ready.set))
         self._thread.start()
@@ -48,11 +48,11 @@ class LiveRobot:
         return self.host.manager.get(plugin)
 
     def infos(self) -> dict[str, PluginInfo]:
-        infos = self.operator.ask(ROBOT_PLUGINS, robot="r1")
+        infos = self.wire.ask(ROBOT_PLUGINS, robot="r1")
         return {info.name: info for info in infos}
 
     def call(self, plugin: str, function: str) -> Any:
-        return self.operator.ask(ROBOT_CALL, robot="r1", plugin=plugin, function=function)
+        return self.wire.ask(ROBOT_CALL, robot="r1", plugin=plugin, function=function)
 
     def close(self) -> None:
         """End the robot, and see that it leaves no thread behind."""
@@ -60,6 +60,6 @@ class LiveRobot:
         self._stopping.set()
         self._thread.join(PATIENCE_S)
         assert not self._thread.is_alive()
-        self.operator.close()
+        self.wire.close()
         self.session.close()
         until(lambda: not any(thread.name.startswith(self._threads) for thread in threading.enumerate()))

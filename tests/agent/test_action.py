@@ -52,7 +52,7 @@ def oven(bench, *, several=False):
     bench.code("oven", OVEN.format(several=several))
     bench.manifest("oven", "oven:Oven")
     bench.inbox = Inbox()
-    bench.operator.subscribe(bench.inbox, ROBOT_EVENT)
+    bench.wire.subscribe(bench.inbox, ROBOT_EVENT)
     bench.start("oven")
     return bench
 
@@ -136,7 +136,7 @@ def test_what_runs_ends_as_cancelled_when_the_plugin_faults(bench):
 def test_what_runs_ends_as_cancelled_in_an_emergency_halt_and_does_not_go_on_after_it(bench):
     oven(bench)
     action = bench.call("oven", "bake", [100])
-    halts = bench.operator.publisher(HALT)
+    halts = bench.wire.publisher(HALT)
     halts.put(Halt(halted=True, by="ann"))
     bench.tick(1)
     assert ends(bench) == [(action, "cancelled", "emergency halt")]

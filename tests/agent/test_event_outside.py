@@ -39,7 +39,7 @@ def bell(bench):
     bench.code("bell", BELL)
     bench.manifest("bell", "bell:Bell")
     bench.inbox = Inbox()
-    bench.operator.subscribe(bench.inbox, ROBOT_EVENT)
+    bench.wire.subscribe(bench.inbox, ROBOT_EVENT)
     bench.start("bell")
     return bench
 

@@ -351,15 +351,15 @@ def seeker(bench):
     bench.code("seeker", SEEKER)
     bench.manifest("seeker", "seeker:Seeker")
     bench.start("seeker")
-    bench.coordinator = bench.operator.publisher(COORDINATOR_STATE)
+    bench.coordinator = bench.wire.publisher(COORDINATOR_STATE)
     return bench
 
 
 def test_end_and_beginning_are_told_in_one_message_in_the_step_of_the_end(seeker):
-    seeker.operator.ask(ROBOT_OFFER, offer("t1", 1), robot="r1")
-    seeker.operator.ask(ROBOT_OFFER, offer("t2", 2, after="t1"), robot="r1")
+    seeker.wire.ask(ROBOT_OFFER, offer("t1", 1), robot="r1")
+    seeker.wire.ask(ROBOT_OFFER, offer("t2", 2, after="t1"), robot="r1")
     states = Inbox(every=True)
-    seeker.operator.subscribe(states, ROBOT_STATE)
+    seeker.wire.subscribe(states, ROBOT_STATE)
     seeker.tick(6)
     last = states.drain()[-1].message
     assert (last.task.id, last.next_task.id, last.task_before) == ("t1", "t2", None)
@@ -372,8 +372,8 @@ def test_end_and_beginning_are_told_in_one_message_in_the_step_of_the_end(seeker
 
 
 def test_a_robot_whose_coordinator_falls_silent_does_not_go_on_to_the_next(seeker):
-    seeker.operator.ask(ROBOT_OFFER, offer("t1", 1, lease_s=1.0), robot="r1")
-    seeker.operator.ask(ROBOT_OFFER, offer("t2", 2, after="t1", lease_s=1.0), robot="r1")
+    seeker.wire.ask(ROBOT_OFFER, offer("t1", 1, lease_s=1.0), robot="r1")
+    seeker.wire.ask(ROBOT_OFFER, offer("t2", 2, after="t1", lease_s=1.0), robot="r1")
     for _ in range(20):
         seeker.coordinator.put(TeamState(robots=[]))
         seeker.tick(5)

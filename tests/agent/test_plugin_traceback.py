@@ -72,8 +72,8 @@ def test_a_fault_is_listed_with_its_line_and_traceback(bench, lamp):
 
 def test_a_fault_is_told_to_the_team_with_its_line_and_in_the_log_with_its_traceback(bench, lamp):
     states, log = Inbox(every=True), Inbox(every=True)
-    bench.operator.subscribe(states, ROBOT_STATE)
-    bench.operator.subscribe(log, ROBOT_LOG)
+    bench.wire.subscribe(states, ROBOT_STATE)
+    bench.wire.subscribe(log, ROBOT_LOG)
     bench.start("lamp")
     bench.plugin("lamp").broken = True
     bench.tick(12)
@@ -113,7 +113,7 @@ def test_the_text_form_answers_with_the_traceback_as_well(bench, lamp):
     bench.start("lamp")
     request = HostRequest(text="call lamp dim(0)")
     with pytest.raises(CallError) as raised:
-        bench.operator.ask(ROBOT_HOST, request, robot="r1", verb="command")
+        bench.wire.ask(ROBOT_HOST, request, robot="r1", verb="command")
     assert 'File "lamp/helper.py", line 2, in divide' in raised.value.detail
 
 
@@ -134,7 +134,7 @@ def test_a_load_that_fails_answers_with_the_line_and_traceback_and_logs_them(ben
     source = lamp / "lamp.py"
     source.write_text(source.read_text().replace(old, new))
     with pytest.raises(CallError) as raised:
-        bench.operator.ask(ROBOT_HOST, HostRequest(plugin="lamp"), robot="r1", verb="load")
+        bench.wire.ask(ROBOT_HOST, HostRequest(plugin="lamp"), robot="r1", verb="load")
     file, _, line = where.partition(" ")[0].partition(":")
     assert f'File "{file}", line {line}' in raised.value.detail
     assert str(lamp.parent) not in raised.value.detail

@@ -320,17 +320,17 @@ def seeker(bench):
     bench.manifest("seeker", "seeker:Seeker")
     bench.manifest("bystander", "seeker:Bystander")
     bench.start("seeker", "bystander")
-    bench.coordinator = bench.operator.publisher(COORDINATOR_STATE)
+    bench.coordinator = bench.wire.publisher(COORDINATOR_STATE)
     return bench
 
 
 def send(bench, topic, message):
-    return bench.operator.ask(topic, message, robot="r1")
+    return bench.wire.ask(topic, message, robot="r1")
 
 
 def status(bench):
     inbox = Inbox()
-    bench.operator.subscribe(inbox, ROBOT_STATE)
+    bench.wire.subscribe(inbox, ROBOT_STATE)
     bench.tick(6)
     return inbox.drain()[-1].message.task
 

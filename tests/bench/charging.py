@@ -14,11 +14,7 @@ from rich.console import Console
 from robrain.coordinator.planning.policy import Charging, PlanningPolicy
 from robrain.deploy.bench_figure import WIDTH, Figure, above, at_least, at_most, deterministic, show_figures
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import TaskState, Visit
-from robrain.protocol.model.warm_up import warm_up
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord, TaskSubmission
-from robrain.protocol.wire.topics import TASK_LIST, TASK_SUBMIT
+from robrain.protocol.model.task import TaskState
 from robrain.sim.chargers import ChargerSpec
 from robrain.sim.firmware.battery import BatterySpec
 from robrain.sim.lockstep import LockstepRun
@@ -41,7 +37,6 @@ SERVICE_S = 30.0
 EXPLORED = 0.93
 EXPLORE_LIMIT_S = 60.0
 LONGEST_S = 900.0
-LOOK_TICKS = 10
 CUT_OFF_SOC = 0.02
 
 
@@ -78,7 +73,6 @@ def measure(seeds: tuple[int, ...] = SEEDS) -> list[Figure]:
 
 
 def _run_case(case: tuple[int, int, Charging]) -> Outcome:
-    warm_up()
     return run_tasks(*case)
 
 
@@ -87,35 +81,29 @@ def run_tasks(seed: int, chargers: int, charging: Charging) -> Outcome:
     scenario = Scenario.builtin(FLOOR).replace(
         robots=ROBOTS,
         motes=0,
-        seed=seed,
+        planning=PlanningPolicy(charging=charging),
         chargers=tuple(ChargerSpec(place_m=place, power_w=CHARGER_W) for place in DOCKS[:chargers]),
         hardware=RobotHardware(battery=BatterySpec(capacity_wh=SMALL_WH, soc_at_start=SOC_AT_START, charge_a=CHARGE_A)),
     )
-    run = LockstepRun(scenario.world(), planning=PlanningPolicy(charging=charging))
-    asker = Endpoint(run.session, "default", run.clock, Drive.LOCKSTEP)
-    try:
+    with scenario.team(seed=seed, by="bench") as team:
+        run = team.transport.run
         while run.explored_fraction < EXPLORED and run.sim_time_s < EXPLORE_LIMIT_S:
             run.tick()
         begun_s = run.sim_time_s
         for number, place in enumerate(_places(run, seed)):
-            task = Visit(id=f"t{number}", place=place, service_s=SERVICE_S)
-            asker.ask(TASK_SUBMIT, TaskSubmission(task=task, by="bench"))
-        records: list[TaskRecord] = []
+            team.submit("visit", id=f"t{number}", place=place, service_s=SERVICE_S)
         least_soc, charged, docked = 1.0, 0, set[int]()
-        while run.sim_time_s - begun_s < LONGEST_S:
-            for _ in range(LOOK_TICKS):
-                run.tick()
+
+        def ended() -> bool:
+            nonlocal least_soc, charged, docked
             least_soc = min([least_soc, *(one.board.battery.soc for one in run.hosts if one.board.battery is not None)])
             now = {robot for robot in run.arena.chargers.docked if robot is not None}
             charged, docked = charged + len(now - docked), now
-            records = asker.ask(TASK_LIST, TaskFilter())
-            if all(record.state.ended for record in records):
-                break
-        done = sum(record.state is TaskState.DONE for record in records)
+            return all(record.state.ended for record in team.list())
+
+        team.run_for(LONGEST_S, until=ended)
+        done = sum(record.state is TaskState.DONE for record in team.list())
         return Outcome(run.sim_time_s - begun_s, done, least_soc, charged)
-    finally:
-        asker.close()
-        run.close()
 
 
 def _places(run: LockstepRun, seed: int) -> list[Point2D]:

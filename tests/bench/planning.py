@@ -16,11 +16,7 @@ from robrain.coordinator.planning.policy import Method, PlanningPolicy
 from robrain.deploy.bench_figure import WIDTH, Figure, at_least, below, deterministic, show_figures
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.objective import Objective
-from robrain.protocol.model.task import TaskState, Visit
-from robrain.protocol.model.warm_up import warm_up
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord, TaskSubmission
-from robrain.protocol.wire.topics import TASK_LIST, TASK_SUBMIT
+from robrain.protocol.model.task import TaskState
 from robrain.sim.lockstep import LockstepRun
 from robrain.sim.maps.placement import scatter_points
 from robrain.sim.scenario import Scenario
@@ -33,7 +29,6 @@ EXPLORED = 0.93
 EXPLORE_LIMIT_S = 120.0
 LONGEST_S = 600.0
 CLEARANCE_M = 0.5
-LOOK_TICKS = 10
 STANDING_W = 8.0
 """What each robot draws whatever it does; no plan changes that, but a short one ends it sooner."""
 MEASURES = {
@@ -87,38 +82,26 @@ def measure(seeds: tuple[int, ...] = SEEDS) -> list[Figure]:
 
 
 def _run_case(case: tuple[int, PlanningPolicy]) -> Outcome:
-    warm_up()
     return run_tasks(*case)
 
 
 def run_tasks(seed: int, policy: PlanningPolicy, floor: str = FLOOR, record: Path | None = None) -> Outcome:
     """Explore, then do a set of tasks that only the seed decides."""
-    scenario = Scenario.builtin(floor).replace(robots=ROBOTS, motes=0, seed=seed)
-    run = LockstepRun(scenario.world(), planning=policy, record=record)
-    asker = Endpoint(run.session, "default", run.clock, Drive.LOCKSTEP)
-    try:
+    scenario = Scenario.builtin(floor).replace(robots=ROBOTS, motes=0, planning=policy)
+    with scenario.team(seed=seed, record=record, by="bench") as team:
+        run = team.transport.run
         while run.explored_fraction < EXPLORED and run.sim_time_s < EXPLORE_LIMIT_S:
             run.tick()
         places = known_places(run, np.random.default_rng([seed, 77]), 3 * TASKS, 1.0)[:TASKS]
         begun_s = run.sim_time_s
         energy_j, distance_m = _spent(run)
         for number, place in enumerate(places):
-            task = Visit(id=f"t{number}", place=place, service_s=2.0)
-            asker.ask(TASK_SUBMIT, TaskSubmission(task=task, by="bench"))
-        records: list[TaskRecord] = []
-        while run.sim_time_s - begun_s < LONGEST_S:
-            for _ in range(LOOK_TICKS):
-                run.tick()
-            records = asker.ask(TASK_LIST, TaskFilter())
-            if all(record.state.ended for record in records):
-                break
+            team.submit("visit", id=f"t{number}", place=place, service_s=2.0)
+        team.run_for(LONGEST_S, until=lambda: all(record.state.ended for record in team.list()))
         spent_j, gone_m = _spent(run)
-        done = sum(record.state is TaskState.DONE for record in records)
+        done = sum(record.state is TaskState.DONE for record in team.list())
         took_s, took_j = run.sim_time_s - begun_s, spent_j - energy_j
         return Outcome(took_j, took_j - ROBOTS * STANDING_W * took_s, gone_m - distance_m, took_s, done)
-    finally:
-        asker.close()
-        run.close()
 
 
 def known_places(run: LockstepRun, rng: np.random.Generator, count: int, spacing_m: float) -> list[Point2D]:

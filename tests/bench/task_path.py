@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from types import FrameType
 from typing import Any
 
-from robrain import LockstepTeam, Point2D, Scenario, Visit
+from robrain import Point2D, Scenario, Visit
 from robrain.deploy.bench_figure import Bound, Figure, deterministic
 from robrain.plugins.device.mocdevice.mocdevice import MocDevice
 
@@ -61,8 +61,9 @@ def measure() -> Iterator[Figure]:
 
 
 def _entered(*, has_task: bool) -> Functions:
-    with LockstepTeam(Scenario.builtin("arena_small").replace(robots=1, motes=0, seed=1)) as team:
-        team.run_for(300.0, lambda: team.lockstep.nothing_left)
+    with Scenario.builtin("arena_small").replace(robots=1, motes=0, seed=1).team() as team:
+        run = team.transport.run
+        team.run_for(300.0, lambda: run.nothing_left)
         team.run_for(SETTLE_S)
         trace = Trace()
         sys.setprofile(trace)
@@ -70,7 +71,7 @@ def _entered(*, has_task: bool) -> Functions:
             if has_task:
                 team.submit(VISIT)
             for _ in range(TASK_TICKS if has_task else IDLE_TICKS):
-                team.lockstep.tick()
+                run.tick()
                 if trace.drives:
                     break
         finally:

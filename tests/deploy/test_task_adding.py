@@ -5,10 +5,11 @@ from contextlib import nullcontext
 import pytest
 from typer.testing import CliRunner
 
+from robrain.client.submission import submission_of
 from robrain.deploy import task_adding, task_commands
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.objective import Objective
-from robrain.protocol.model.task import Relay, TaskState
+from robrain.protocol.model.task import TaskState
 from robrain.protocol.wire.plan_messages import PlannedCharge, PlanningStatus
 from robrain.protocol.wire.task_messages import TaskRecord
 
@@ -26,11 +27,11 @@ class Client:
     def __init__(self):
         self.submitted = []
 
-    def submit(self, task, **_times):
-        self.submitted.append(task)
-        return TaskRecord(task=task, state=TaskState.QUEUED)
+    def submit(self, kind, *, id, parameters):
+        self.submitted.append((kind, id, parameters))
+        return TaskRecord(task=submission_of(kind, {"id": id, **parameters}).task, state=TaskState.QUEUED)
 
-    def planning(self, _objective):
+    def planning(self):
         return PlanningStatus(objective=Objective.ENERGY, method="optimal", charges=CHARGES)
 
 
@@ -38,7 +39,7 @@ class Client:
 def client(monkeypatch):
     asked = Client()
     for module in (task_adding, task_commands):
-        monkeypatch.setattr(module, "task_client", lambda _connect, _team: nullcontext(asked))
+        monkeypatch.setattr(module, "connect_team", lambda _connect, _team: nullcontext(asked))
     return asked
 
 
@@ -49,7 +50,7 @@ def run(*words):
 def test_the_next_robot_of_a_chain_is_an_option_of_relay(client):
     found = run("add", "relay", "--at", "3,4", "--duration", "60", "--robot", "r2", "--id", "chain")
     assert found.stdout == "chain: queued\n"
-    assert client.submitted == [Relay(id="chain", place=Point2D(3.0, 4.0), duration_s=60.0, robot="r2")]
+    assert client.submitted == [("relay", "chain", {"place": [3.0, 4.0], "duration_s": 60.0, "robot": "r2"})]
 
 
 def test_the_schedule_of_the_chargers_is_printed_one_robot_a_line(client):

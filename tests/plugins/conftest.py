@@ -1,12 +1,11 @@
-import json
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import zenoh
 
+from robrain.agent.authoring.testing import HostBench
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.protocol.can.frames import codec
@@ -14,11 +13,16 @@ from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.task import Explore
 from robrain.protocol.model.warm_up import warm_up
-from robrain.protocol.wire.arena_messages import Scan
-from robrain.protocol.wire.clock import VirtualClock, to_ns
-from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import Halt, PluginInfo, RobotState, TaskAnswer, TaskOffer, TeamState
+from robrain.protocol.wire.messages import (
+    Halt,
+    RobotState,
+    Scan,
+    TaskAnswer,
+    TaskOffer,
+    TeamState,
+)
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (
@@ -26,9 +30,7 @@ from robrain.protocol.wire.topics import (
     ARENA_SCAN,
     COORDINATOR_STATE,
     HALT,
-    ROBOT_CALL,
     ROBOT_OFFER,
-    ROBOT_PLUGINS,
     ROBOT_STATE,
 )
 from robrain.sim.arena import Arena, ArenaRobot
@@ -42,16 +44,13 @@ TEAM = "test"
 COORDINATOR_PERIOD_TICKS = 25
 
 
-class Stage:
+class Stage(HostBench):
     """Robots' hosts in lockstep; with a floor plan the robots also have bodies in an arena."""
 
     def __init__(self, session: zenoh.Session, plan: FloorPlan | None = None, **starts: Pose2D) -> None:
-        self.session = session
-        self.clock = VirtualClock()
+        super().__init__(session, TEAM)
         self.plan = plan
-        self.hosts: list[AgentHost] = []
         self.coordinator_speaks = False
-        self.wire = Endpoint(session, TEAM, self.clock, Drive.LOCKSTEP)
         self.arena: Arena | None = None
         self._starts = starts
         self._ticks = 0
@@ -80,8 +79,7 @@ class Stage:
             }
             parameters = {name: known[name] for name in known if {name, "explore"} & set(load)} | parameters
         robot_file = RobotFile(robot=RobotTable(robot, TEAM, load=list(load)), parameters=parameters)
-        host = AgentHost(robot_file, Path(), self.session, self.clock, Drive.LOCKSTEP)
-        self.hosts.append(host)
+        host = self.add(robot_file)
         if start:
             host.start()
         return host
@@ -160,15 +158,6 @@ class Stage:
         self.publisher(HALT).put(Halt(halted=halted, by="test"))
 
     # -- asking a robot ---------------------------------------------------------------------------------------
-
-    def call(self, plugin: str, function: str, *arguments: Any, robot: str = "r1") -> Any:
-        """An external call over the wire."""
-        reply = self.wire.ask(ROBOT_CALL, list(arguments), robot=robot, plugin=plugin, function=function)
-        return json.loads(reply)
-
-    def infos(self, robot: str = "r1") -> dict[str, PluginInfo]:
-        infos = self.wire.ask(ROBOT_PLUGINS, robot=robot)
-        return {info.name: info for info in infos}
 
     def offer(
         self, goal: Point2D, *, task: str = "t1", epoch: int = 1, lease_s: float = 60.0, robot: str = "r1"

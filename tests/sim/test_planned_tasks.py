@@ -6,12 +6,7 @@ import pytest
 
 from robrain.coordinator.planning.policy import Method, PlanningPolicy
 from robrain.coordinator.planning.replaying import replay_decisions
-from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import TaskState, Visit
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.task_messages import TaskRequest, TaskSubmission
-from robrain.protocol.wire.topics import TASK_GET, TASK_SUBMIT
-from robrain.sim.lockstep import LockstepRun
+from robrain.protocol.model.task import TaskState
 from robrain.sim.scenario import Scenario
 from tests.bench.planning import TASKS, Outcome, run_tasks
 
@@ -47,21 +42,10 @@ def test_the_recorded_run_decides_the_same_again(planned: Outcome, recording: Pa
 
 
 def test_simulated_robots_do_a_task_together() -> None:
-    run = LockstepRun(Scenario.builtin(FLOOR).replace(robots=2, motes=0, seed=5).world())
-    asker = Endpoint(run.session, "default", run.clock, Drive.LOCKSTEP)
-    try:
-        while run.sim_time_s < 12.0:
-            run.tick()
-        task = Visit(id="lift", place=Point2D(2.0, 2.6), robots=2, service_s=3.0)
-        asker.ask(TASK_SUBMIT, TaskSubmission(task=task))
-        state = TaskState.QUEUED
-        while not state.ended and run.sim_time_s < 120.0:
-            run.tick()
-            record = asker.ask(TASK_GET, TaskRequest(id="lift"))
-            state = record.state
-    finally:
-        asker.close()
-        run.close()
-    assert state is TaskState.DONE, record.why
+    with Scenario.builtin(FLOOR).replace(robots=2, motes=0).team(seed=5) as team:
+        team.run_for(12.0)
+        lift = team.submit("visit", place=(2.0, 2.6), robots=2, service_s=3.0)
+        record = team.wait(lift, timeout_s=108.0)
+    assert record.state is TaskState.DONE, record.why
     assert record.result["robots"] == ["r1", "r2"]
     assert record.result["energy_j"] > 0

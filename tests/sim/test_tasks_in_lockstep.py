@@ -6,10 +6,7 @@ import pytest
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import TaskState, Visit
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.task_messages import TaskRecord, TaskRequest, TaskSubmission
-from robrain.protocol.wire.topics import TASK_GET, TASK_SUBMIT
-from robrain.sim.lockstep import LockstepRun
+from robrain.protocol.wire.task_messages import TaskRecord
 from robrain.sim.scenario import Scenario
 
 TASKS = [Visit(id="a", place=Point2D(2.0, 1.0)), Visit(id="b", place=Point2D(4.2, 3.0), after=("a",))]
@@ -22,25 +19,11 @@ class Outcome(NamedTuple):
 
 
 def outcome(seed: int) -> Outcome:
-    run = LockstepRun(Scenario.builtin("arena_small").replace(robots=2, motes=0, seed=seed).world())
-    asker = Endpoint(run.session, "default", run.clock, Drive.LOCKSTEP)
-    try:
-        for _ in range(50):
-            run.tick()
-        for task in TASKS:
-            asker.ask(TASK_SUBMIT, TaskSubmission(task=task, by="test", deadline_in_s=LONGEST_S))
-
-        def records() -> list[TaskRecord]:
-            return [asker.ask(TASK_GET, TaskRequest(id=task.id)) for task in TASKS]
-
-        while not all(record.state.ended for record in records()):
-            run.tick()
-        ended = records()
-    finally:
-        asker.close()
-        summary = run.close()
-    assert summary is not None
-    return Outcome(ended, summary.digest)
+    with Scenario.builtin("arena_small").replace(robots=2, motes=0).team(seed=seed, by="test") as team:
+        team.run_for(1.0)
+        records = team.wait_all([team.submit(task, deadline_s=LONGEST_S) for task in TASKS])
+    assert team.transport.summary is not None
+    return Outcome(records, team.transport.summary.digest)
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from collections import Counter
 
 import pytest
 
-from robrain import LockstepTeam, Point2D, Scenario, Visit
+from robrain import Scenario
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.task_desk import TaskDesk
 from robrain.coordinator.coordinator import Coordinator
@@ -28,11 +28,11 @@ SHARES = {"offer": 1.0, "run_step": 0.02, "step": 0.2, "append": 0.02, "_reply":
 
 
 def digest() -> str:
-    with LockstepTeam(Scenario.builtin("depot").replace(robots=2, seed=3)) as team:
-        team.submit(Visit(id="look", place=Point2D(3.0, 8.0)))
+    with Scenario.builtin("depot").replace(robots=2).team(seed=3) as team:
+        team.submit("visit", id="look", place=(3.0, 8.0))
         team.run_for(SECONDS)
-    assert team.summary is not None
-    return team.summary.digest
+    assert team.transport.summary is not None
+    return team.transport.summary.digest
 
 
 def test_random_pauses_in_handlers_steps_and_callbacks_leave_the_digest_as_it_is(

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from robrain import Inspect, LockstepTeam, Point2D, Scenario, Visit
+from robrain import Point2D, Scenario
 from robrain.coordinator.allocation.optimal import OptimalAllocator
 from robrain.protocol.model import localiser
 from robrain.protocol.model.geometry import Pose2D
@@ -74,12 +74,11 @@ if __name__ == "__main__":
     watch(Camera, "picture")
     watch(RadioModel, "mean_rssi_dbm_of")
     watch(OptimalAllocator, "plan")
-    with LockstepTeam(Scenario.builtin("arena_small").replace(robots=2, motes=6, seed=4)) as team:
-        team.submit(Inspect(id="picture", place=Point2D(4.0, 3.0)))
-        for number, place in enumerate((Point2D(1.0, 1.0), Point2D(3.5, 5.0), Point2D(6.0, 3.0))):
-            team.submit(Visit(id=f"visit-{number}", place=place))
+    with Scenario.builtin("arena_small").replace(robots=2, motes=6).team(seed=4) as team:
+        team.submit("inspect", id="picture", place=(4.0, 3.0))
+        for number, place in enumerate(((1.0, 1.0), (3.5, 5.0), (6.0, 3.0))):
+            team.submit("visit", id=f"visit-{number}", place=place)
         team.run_for(BEFORE_S)
-        team.lockstep.hosts[0].manager.get("localisation").plugin._localiser.lose("it is to be found again")
+        team.transport.run.hosts[0].manager.get("localisation").plugin._localiser.lose("it is to be found again")
         team.run_for(AFTER_S)
-    assert team.summary is not None
-    sys.stdout.write(json.dumps({"digest": team.summary.digest, "found": found_by_motes(), "met": MET}))
+    sys.stdout.write(json.dumps({"digest": team.transport.summary.digest, "found": found_by_motes(), "met": MET}))

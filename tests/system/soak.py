@@ -22,10 +22,10 @@ from typing import Any
 
 import zenoh
 
+from robrain import Team
 from robrain.coordinator.journal.journal import Journal
-from robrain.deploy.task_client import TaskClient
-from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.task import TaskState
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, NobodyThere
@@ -155,16 +155,16 @@ class Submitter(threading.Thread):
 
     def run(self) -> None:
         number = 0
-        with TaskClient(self._endpoint, by="soak", patience_s=60.0) as client:
+        with Team.connect(self._endpoint, by="soak", patience_s=60.0) as client:
             while not self.stopping.wait(0.05):
                 try:
                     states = [state for state in TaskState if not state.ended]
                     if len(client.list(TaskFilter(states=states))) >= OPEN_TASKS:
                         continue
                     number += 1
-                    place = Point2D(*self._draw.choice(PLACES))
+                    place = self._draw.choice(PLACES)
                     after = (self.accepted[-1],) if self.accepted and self._draw.random() < 0.2 else ()
-                    client.submit(Visit(id=f"soak-{number}", place=place, after=after))
+                    client.submit("visit", id=f"soak-{number}", place=place, after=after)
                     self.accepted.append(f"soak-{number}")
                 except CallError as error:  # what it waits for may just have failed
                     self.refused.append(str(error))
@@ -204,7 +204,7 @@ def soak(folder: Path, victim: str, kills: int, seed: int, robots: int = 2) -> d
             submitter.stopping.set()
             submitter.join(120)
             ends_s = time.monotonic() + END_S
-            with TaskClient(endpoint, patience_s=60.0) as client:
+            with Team.connect(endpoint, patience_s=60.0) as client:
                 left = list(submitter.accepted)
                 while left and time.monotonic() < ends_s:
                     ears.hear()

@@ -11,9 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from robrain import TaskClient
-from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain import Team
+from robrain.protocol.model.task import TaskState
 from robrain.protocol.wire.task_messages import TaskChange, TaskRecord
 from tests.waiting import PATIENCE_S, until
 
@@ -46,8 +45,8 @@ def test_a_robot_whose_process_is_stopped_loses_its_task_and_is_told_to_stop_whe
         commands.line_with(agent, f"agent: {name} is up")
     coordinator = commands.start("coordinator", "--connect", endpoint)
     commands.line_with(coordinator, "coordinator: of team default")
-    with TaskClient(endpoint, patience_s=PATIENCE_S) as client:
-        client.submit(Visit(id="t1", place=Point2D(4.0, 5.3), service_s=12.0))
+    with Team.connect(endpoint, patience_s=PATIENCE_S) as client:
+        client.submit("visit", id="t1", place=(4.0, 5.3), service_s=12.0)
         running = until(lambda: _running(client), "nobody begins the task")
         stopped, before = running.robot, client.why("t1").changes[-1].number
         os.kill(agents[stopped].pid, signal.SIGSTOP)
@@ -65,12 +64,12 @@ def test_a_robot_whose_process_is_stopped_loses_its_task_and_is_told_to_stop_whe
         assert _states(client).count(TaskState.DONE) == 1
 
 
-def _running(client: TaskClient) -> TaskRecord | None:
+def _running(client: Team) -> TaskRecord | None:
     record = client.get("t1")
     return record if record.state is TaskState.RUNNING else None
 
 
-def _lost_and_freed(client: TaskClient, before: int) -> tuple[TaskChange, TaskChange] | None:
+def _lost_and_freed(client: Team, before: int) -> tuple[TaskChange, TaskChange] | None:
     """The silence in which the task was given back; on a busy machine a robot may be silent before, and come back."""
     changes = [change for change in client.why("t1").changes if change.number > before]
     for lost, freed in itertools.pairwise(changes):
@@ -79,5 +78,5 @@ def _lost_and_freed(client: TaskClient, before: int) -> tuple[TaskChange, TaskCh
     return None
 
 
-def _states(client: TaskClient) -> list[TaskState]:
+def _states(client: Team) -> list[TaskState]:
     return [change.state for change in client.why("t1").changes]

@@ -157,7 +157,7 @@ def test_every_command_in_the_readme_exists() -> None:
 
 
 def _imported() -> Iterator[tuple[str, str]]:
-    for folder in ("agent", "coordinator", "deploy", "plugins", "protocol", "robrain", "sim"):
+    for folder in ("agent", "client", "coordinator", "deploy", "plugins", "protocol", "robrain", "sim"):
         paths = (ROOT / folder).glob("*.py") if folder == "robrain" else (ROOT / folder).rglob("*.py")
         for path in paths:
             for node in ast.walk(ast.parse(path.read_text())):

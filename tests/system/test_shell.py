@@ -13,6 +13,7 @@ from prompt_toolkit.document import Document
 from prompt_toolkit.input import create_pipe_input
 from prompt_toolkit.output import DummyOutput
 
+from robrain import Team
 from robrain.agent.access.external_function import external_functions
 from robrain.agent.errors import HardwareAbsent, PluginError
 from robrain.agent.plugin import Unit, external
@@ -22,7 +23,7 @@ from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.messages import PluginInfo
-from robrain.protocol.wire.session import open_session
+from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import ROBOT_HOST, ROBOT_PLUGINS
 from tests.waiting import PATIENCE_S, until
 
@@ -54,11 +55,10 @@ PLUGINS = [info("driver"), info("drill"), info("hidden", visible=False)]
 
 
 @pytest.fixture(scope="module")
-def wire():
-    """A robot's host, played, and a place on its wire."""
+def team():
+    """A client of a robot's team; the robot's host is played."""
     with open_session(mode="router", listen=["tcp/127.0.0.1:0"]) as session:
         robot = Endpoint(session, "default", WallClock(), Drive.LIVE)
-        person = Endpoint(session, "default", WallClock(), Drive.LIVE)
         robot.answer(ROBOT_PLUGINS, lambda request: PLUGINS, robot="r1")
 
         def command(request):
@@ -70,18 +70,18 @@ def wire():
             return f"did {text}"
 
         robot.answer(ROBOT_HOST, command, robot="r1", verb="command")
-        yield person
-        person.close()
+        with Team.connect(listening_at(session)[0]) as person:
+            yield person
         robot.close()
 
 
-def read(monkeypatch, wire, data):
+def read(monkeypatch, team, data):
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(data)))
-    return run_shell(wire, "r1", interactive=False)
+    return run_shell(team, "r1", interactive=False)
 
 
-def test_lines_of_stdin_are_executed_and_answered(wire, monkeypatch, capsys):
-    status = read(monkeypatch, wire, b"call driver drive(1.0)\n\ncall driver stop()\nlist\n")
+def test_lines_of_stdin_are_executed_and_answered(team, monkeypatch, capsys):
+    status = read(monkeypatch, team, b"call driver drive(1.0)\n\ncall driver stop()\nlist\n")
     assert status == 0
     assert capsys.readouterr().out == "did call driver drive(1.0)\ndriver drill\n"
 
@@ -95,15 +95,15 @@ def test_lines_of_stdin_are_executed_and_answered(wire, monkeypatch, capsys):
         (b"\xff", "error bad_arguments: "),
     ],
 )
-def test_a_line_that_fails_makes_the_exit_status_1_and_the_rest_goes_on(wire, monkeypatch, capsys, line, answer):
-    assert read(monkeypatch, wire, line + b"\ncall driver drive(1.0)") == 1
+def test_a_line_that_fails_makes_the_exit_status_1_and_the_rest_goes_on(team, monkeypatch, capsys, line, answer):
+    assert read(monkeypatch, team, line + b"\ncall driver drive(1.0)") == 1
     first, last = capsys.readouterr().out.splitlines()
     assert first.startswith(answer)
     assert last == "did call driver drive(1.0)"
 
 
-def test_help_comes_from_signatures_and_docstrings(wire, monkeypatch, capsys):
-    assert read(monkeypatch, wire, b"help driver\n") == 0
+def test_help_comes_from_signatures_and_docstrings(team, monkeypatch, capsys):
+    assert read(monkeypatch, team, b"help driver\n") == 0
     assert capsys.readouterr().out.splitlines() == [
         "driver (unit, active)  Drives.",
         "  drive(distance_m: float, speed_m_s: float = 0.5) -> bool  Drive straight ahead.",
@@ -111,16 +111,16 @@ def test_help_comes_from_signatures_and_docstrings(wire, monkeypatch, capsys):
     ]
 
 
-def test_a_robot_that_is_not_there_is_said_at_once(wire):
+def test_a_robot_that_is_not_there_is_said_at_once(team):
     with pytest.raises(NobodyThere):
-        run_shell(wire, "r2", interactive=False)
+        run_shell(team, "r2", interactive=False)
 
 
-def test_a_person_types_commands_which_are_remembered(wire, monkeypatch, tmp_path, capsys):
+def test_a_person_types_commands_which_are_remembered(team, monkeypatch, tmp_path, capsys):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     with create_pipe_input() as keys, create_app_session(input=keys, output=DummyOutput()):
         keys.send_text("call driver drive(2)\r\rfly\rexit\r")
-        assert run_shell(wire, "r1", interactive=True) == 0
+        assert run_shell(team, "r1", interactive=True) == 0
     out = capsys.readouterr().out.splitlines()
     assert out[0] == "r1: 2 plugins; `help` tells what can be called, `exit` or Ctrl-D ends"
     assert out[1] == "did call driver drive(2)"
@@ -129,8 +129,8 @@ def test_a_person_types_commands_which_are_remembered(wire, monkeypatch, tmp_pat
     assert "+call driver drive(2)" in history_path().read_text()
 
 
-def test_completions_replace_what_was_begun_and_say_what_they_are(wire):
-    commands = RemoteCommands(wire, "r1")
+def test_completions_replace_what_was_begun_and_say_what_they_are(team):
+    commands = RemoteCommands(team, "r1")
     commands.refresh()
     document = Document("call driver dr")
     (found,) = RobotCompleter(commands).get_completions(document, CompleteEvent())
@@ -159,8 +159,8 @@ def test_completions_replace_what_was_begun_and_say_what_they_are(wire):
         ("nonsense ", []),
     ],
 )
-def test_what_may_come_next_is_offered(wire, typed, offered):
-    commands = RemoteCommands(wire, "r1")
+def test_what_may_come_next_is_offered(team, typed, offered):
+    commands = RemoteCommands(team, "r1")
     commands.refresh()
     found = completions(typed, commands.plugins)
     assert [text for text, _, _ in found] == offered

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from robrain import TaskClient
-from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain import Team
+from robrain.protocol.model.task import TaskState
 from robrain.protocol.wire.errors import CallError, NobodyThere
 from tests.waiting import PATIENCE_S, until
 
@@ -96,15 +95,15 @@ def test_tasks_of_a_file_are_done_in_their_order_and_one_is_cancelled(team: Live
     added = team.task("add", "tasks.toml")
     assert (added.returncode, added.stdout) == (0, "a: queued\nb: queued\nc: queued\n"), added.stderr
     assert "c: cancelled: cancelled by ann: too late" in team.task("cancel", "c", "--reason", "too late").stdout
-    with TaskClient(team.endpoint, by="client", patience_s=PATIENCE_S) as client:
+    with Team.connect(team.endpoint, by="client", patience_s=PATIENCE_S) as client:
         assert client.wait("b", timeout_s=PATIENCE_S).state is TaskState.DONE
         ends = {name: client.why(name).changes[-1].stamp_ns for name in ("a", "b")}
         assert ends["a"] < ends["b"]
         with pytest.raises(CallError, match="task b has ended already"):
             client.cancel("b")
         with pytest.raises(CallError, match="outside of the map"):
-            client.submit(Visit(id="far", place=Point2D(1000.0, 0.0)))
-        client.submit(Visit(id="late", place=Point2D(2.0, 1.0)), earliest_in_s=600.0)
+            client.submit("visit", id="far", place=(1000.0, 0.0))
+        client.submit("visit", id="late", place=(2.0, 1.0), earliest_s=600.0)
         with pytest.raises(TimeoutError, match=r"not ended after 0\.5 s: late"):
             client.wait("late", timeout_s=0.5)
     assert team.task("watch", "c").returncode == 1  # it was not done
@@ -143,7 +142,7 @@ def test_without_a_coordinator_a_client_gives_up_with_a_sentence(commands) -> No
     arena = commands.start("arena", "arena_small", "--robots", "1", "--listen", "tcp/127.0.0.1:0")
     endpoint = commands.line_with(arena, "arena: arena_small at ").split(" at ")[1].split(",")[0]
     with (
-        TaskClient(endpoint, patience_s=0.5) as client,
+        Team.connect(endpoint, patience_s=0.5) as client,
         pytest.raises(NobodyThere, match="no coordinator of team default answers; `robrain up` brings a team up"),
     ):
         client.list()

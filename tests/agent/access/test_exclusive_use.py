@@ -42,13 +42,11 @@ def lab(bench):
 
 
 def ask(lab, verb, plugin="arm", **fields):
-    return msgspec.json.decode(
-        lab.operator.ask(ROBOT_HOST, HostRequest(plugin=plugin, **fields), robot="r1", verb=verb)
-    )
+    return msgspec.json.decode(lab.wire.ask(ROBOT_HOST, HostRequest(plugin=plugin, **fields), robot="r1", verb=verb))
 
 
 def reach(lab, by=""):
-    reply = lab.operator.ask(ROBOT_CALL, by=by, robot="r1", plugin="arm", function="reach")
+    reply = lab.wire.ask(ROBOT_CALL, by=by, robot="r1", plugin="arm", function="reach")
     return msgspec.json.decode(reply)
 
 

@@ -230,6 +230,6 @@ def test_the_same_class_may_be_loaded_under_two_names(bench):
 
 
 def test_the_reply_is_plain_json_on_the_wire(more):
-    reply = more.operator.ask(ROBOT_CALL, [1, 2], robot="r1", plugin="more", function="add")
+    reply = more.wire.ask(ROBOT_CALL, [1, 2], robot="r1", plugin="more", function="add")
     assert reply == b"3"
     assert msgspec.json.decode(reply) == 3

@@ -128,7 +128,7 @@ def test_a_plugin_that_gives_itself_another_name_stays_who_it_is(lab, env):
 
 def test_events_leave_the_robot_in_the_name_of_the_plugin_whatever_it_calls_itself(lab):
     heard = Inbox(every=True)
-    lab.operator.subscribe(heard, ROBOT_EVENT)
+    lab.wire.subscribe(heard, ROBOT_EVENT)
     lab.hosts[-1].manager.load("friend")
     friend = lab.plugin("friend")
     friend.env.plugin = "switch"
@@ -141,7 +141,7 @@ def test_a_name_that_is_in_use_is_not_given_to_a_second_plugin(lab, tmp_path):
     forged = elsewhere / "lamp.toml"
     forged.write_bytes((lab.place / "stranger.toml").read_bytes())
     with pytest.raises(CallError, match="lamp is loaded already"):
-        lab.operator.ask(ROBOT_HOST, HostRequest(plugin=str(forged)), robot="r1", verb="load")
+        lab.wire.ask(ROBOT_HOST, HostRequest(plugin=str(forged)), robot="r1", verb="load")
 
 
 # -- nothing that a plugin is given leads to a tag or to another plugin -----------------------------------------
@@ -263,7 +263,7 @@ def test_an_interface_of_the_same_name_offers_no_more_than_the_plugins_own(lab, 
 
 def test_who_observes_an_event_cannot_notify_it(lab, handle):
     heard = Inbox(every=True)
-    lab.operator.subscribe(heard, ROBOT_EVENT)
+    lab.wire.subscribe(heard, ROBOT_EVENT)
     with pytest.raises(AttributeError):
         handle.pressed.notify(7)
     assert heard.drain() == []
@@ -271,7 +271,7 @@ def test_who_observes_an_event_cannot_notify_it(lab, handle):
 
 def test_who_observes_an_event_cannot_have_it_leave_the_robot_in_its_own_name(lab, env, handle):
     heard = Inbox(every=True)
-    lab.operator.subscribe(heard, ROBOT_EVENT)
+    lab.wire.subscribe(heard, ROBOT_EVENT)
     with pytest.raises(AttributeError):
         env.begin({"mine": handle.pressed})
     lab.plugin("lamp").pressed.notify(7)
@@ -326,7 +326,7 @@ def test_one_python_process_is_one_trust_domain_and_who_means_to_forge_its_name_
 
 def test_on_the_wire_a_name_is_what_the_asker_says(lab, env):
     request = HostRequest(plugin="switch", by="ann", lease_s=1.0)
-    lab.operator.ask(ROBOT_HOST, request, robot="r1", verb="hold")
+    lab.wire.ask(ROBOT_HOST, request, robot="r1", verb="hold")
     with pytest.raises(CallError) as refused:
         env.wire.ask(ROBOT_CALL, robot="r1", plugin="switch", function="press")
     assert refused.value.code is ErrorCode.BUSY
@@ -335,7 +335,7 @@ def test_on_the_wire_a_name_is_what_the_asker_says(lab, env):
 
 def test_on_the_wire_an_event_is_whose_its_sender_says(lab, env):
     heard = Inbox(every=True)
-    lab.operator.subscribe(heard, ROBOT_EVENT)
+    lab.wire.subscribe(heard, ROBOT_EVENT)
     forged = env.wire.publisher(ROBOT_EVENT, robot="r1", plugin="lamp", event="pressed")
     forged.put(messages.Event(robot="r1", plugin="lamp", event="pressed"))
     assert [received.message.plugin for received in heard.drain()] == ["lamp"]
@@ -414,13 +414,13 @@ class IsolatedLab:
         robot_file = RobotFile(robot=RobotTable("r1", places=[str(place)], load=["stranger", "friend"]))
         self.host = AgentHost(robot_file, Path(), self.session, WallClock(), Drive.LIVE)
         self.host.start()
-        self.operator = PatientEndpoint(self.session, "default", WallClock(), Drive.LIVE)
+        self.wire = PatientEndpoint(self.session, "default", WallClock(), Drive.LIVE)
 
     def call(self, function):
-        return msgspec.json.decode(self.operator.ask(ROBOT_CALL, robot="r1", plugin="stranger", function=function))
+        return msgspec.json.decode(self.wire.ask(ROBOT_CALL, robot="r1", plugin="stranger", function=function))
 
     def close(self) -> None:
-        self.operator.close()
+        self.wire.close()
         self.host.close()
         self.session.close()
 

@@ -70,7 +70,7 @@ def robot(bench):
     bench.code("unfinished", "import no_such_module")
     bench.manifest("unfinished", "unfinished:Unfinished")
     bench.start("a_roam", "arm", "unfinished")
-    bench.halts = bench.operator.publisher(HALT)
+    bench.halts = bench.wire.publisher(HALT)
     bench.tick()
     diary(bench).clear()
     return bench
@@ -155,12 +155,12 @@ def test_the_end_of_a_halt_does_not_wake_the_faulted(robot):
 
 def test_a_halted_robot_says_so_and_takes_no_tasks(robot):
     inbox = Inbox()
-    robot.operator.subscribe(inbox, ROBOT_STATE)
+    robot.wire.subscribe(inbox, ROBOT_STATE)
     halt(robot, halted=True)
     robot.tick(6)
     assert inbox.drain()[-1].message.halted
     offer = TaskOffer(task=Explore(id="t", goal=Point2D(0.0, 0.0)), epoch=1, lease_s=1.0)
-    assert "the robot is halted" in robot.operator.ask(ROBOT_OFFER, offer, robot="r1").why
+    assert "the robot is halted" in robot.wire.ask(ROBOT_OFFER, offer, robot="r1").why
 
 
 # -- who may end it -----------------------------------------------------------------------------------------
@@ -178,7 +178,7 @@ def is_halted(bench):
 @pytest.fixture
 def log(robot):
     inbox = Inbox()
-    robot.operator.subscribe(inbox, ROBOT_LOG)
+    robot.wire.subscribe(inbox, ROBOT_LOG)
     return lambda: [(record.message.level, record.message.source, record.message.text) for record in inbox.drain()]
 
 
@@ -222,7 +222,7 @@ def test_a_halt_and_its_end_are_logged_with_who_and_why(robot, log):
 
 
 def ask(bench, verb, by, reason=""):
-    reply = bench.operator.ask(ROBOT_HOST, HostRequest(by=by, text=reason), robot="r1", verb=verb)
+    reply = bench.wire.ask(ROBOT_HOST, HostRequest(by=by, text=reason), robot="r1", verb=verb)
     return msgspec.json.decode(reply, type=HaltAnswer)
 
 
@@ -245,7 +245,7 @@ def test_a_robot_that_may_not_be_resumed_says_why(robot):
 def test_a_robot_names_the_plugins_that_did_not_stop(robot):
     assert ask(robot, "halt", "ann").not_halted == ["arm"]
     inbox = Inbox()
-    robot.operator.subscribe(inbox, ROBOT_STATE)
+    robot.wire.subscribe(inbox, ROBOT_STATE)
     robot.tick(6)
     state = inbox.drain()[-1].message
     assert (state.halted, state.not_halted, state.has_stopped) == (True, ["arm"], False)
@@ -257,7 +257,7 @@ def test_a_robot_names_the_plugins_that_did_not_stop(robot):
 def test_a_robot_says_at_once_that_it_is_halted(robot):
     robot.tick(6)
     inbox = Inbox(every=True)
-    robot.operator.subscribe(inbox, ROBOT_STATE)
+    robot.wire.subscribe(inbox, ROBOT_STATE)
     said = []
     for _ in range(5):  # one of them is the state that is due anyway
         halt(robot, halted=True)
@@ -271,7 +271,7 @@ def team_state(stamp_ns, *, halted=True, by=("ann",)):
 
 @pytest.fixture
 def summaries(robot):
-    return robot.operator.publisher(COORDINATOR_STATE)
+    return robot.wire.publisher(COORDINATOR_STATE)
 
 
 def test_a_robot_that_missed_a_halt_learns_of_it_from_the_coordinator(robot, summaries):
@@ -299,7 +299,7 @@ def test_the_coordinators_summary_resumes_nobody(robot, summaries):
 
 def test_a_robot_that_starts_during_a_halt_of_its_team_is_halted_before_its_first_step(robot):
     status = HaltStatus(halted=True, by=["ann"], stamp_ns=7)
-    robot.operator.answer(COORDINATOR_HALT, lambda _request: status)
+    robot.wire.answer(COORDINATOR_HALT, lambda _request: status)
     robot.start("wheels", robot="r2")
     assert robot.infos("r2")["wheels"].state == "halted"
     steps = diary(robot).count("step wheels")

@@ -104,7 +104,7 @@ def hang(robot):
 def test_a_plugin_that_hangs_is_faulted_its_users_put_aside_and_the_rest_goes_on(mine):
     robot = mine()
     inbox = Inbox(every=True)
-    robot.operator.subscribe(inbox, ROBOT_STATE)
+    robot.wire.subscribe(inbox, ROBOT_STATE)
     watch = robot.tag("watch").plugin
     handle = robot.tag("miner").plugin.mule
     hang(robot)

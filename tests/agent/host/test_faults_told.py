@@ -19,8 +19,8 @@ def test_a_fault_and_its_end_are_told_to_the_team(bench):
     bench.manifest("lidar", "eyes:Lidar", restart="on-failure", backoff_s=1.0)
     bench.manifest("camera", "eyes:Camera")
     states, log = Inbox(every=True), Inbox(every=True)
-    bench.operator.subscribe(states, ROBOT_STATE)
-    bench.operator.subscribe(log, ROBOT_LOG)
+    bench.wire.subscribe(states, ROBOT_STATE)
+    bench.wire.subscribe(log, ROBOT_LOG)
     bench.start("lidar", "camera")
 
     def told():

@@ -67,13 +67,13 @@ class Robot:
         self.session = open_session(mode="peer", listen=["tcp/127.0.0.1:0"])
         robot_file = RobotFile(robot=RobotTable("r1", places=[str(place)], load=list(load)))
         self.host = AgentHost(robot_file, Path(), self.session, WallClock(), Drive.LIVE)
-        self.operator = PatientEndpoint(self.session, "default", WallClock(), Drive.LIVE, workers=8)
+        self.wire = PatientEndpoint(self.session, "default", WallClock(), Drive.LIVE, workers=8)
         self.states = Inbox(every=True)
-        self.operator.subscribe(self.states, ROBOT_STATE)
+        self.wire.subscribe(self.states, ROBOT_STATE)
         self.threads = PluginThreads(self.host)
         self.host.start()
         self.threads.follow()
-        self.halts = self.operator.publisher(HALT)
+        self.halts = self.wire.publisher(HALT)
 
     @property
     def code(self):
@@ -84,7 +84,7 @@ class Robot:
     def close(self) -> None:
         self.threads.stop()
         self.host.close()
-        self.operator.close()
+        self.wire.close()
         self.session.close()
 
 
@@ -107,7 +107,7 @@ def start(bench, monkeypatch) -> Iterator[type[Robot]]:
 
 
 def ask(robot, verb, by="ann"):
-    reply = robot.operator.ask(ROBOT_HOST, HostRequest(by=by), robot="r1", verb=verb)
+    reply = robot.wire.ask(ROBOT_HOST, HostRequest(by=by), robot="r1", verb=verb)
     return msgspec.json.decode(reply, type=HaltAnswer)
 
 
@@ -133,9 +133,7 @@ def test_a_call_that_was_under_way_does_not_undo_a_halt(start):
     robot = start("wheels")
     code = robot.code
     call = threading.Thread(
-        target=lambda: robot.operator.ask(
-            ROBOT_CALL, robot="r1", plugin="wheels", function="drive", timeout_s=PATIENCE_S
-        )
+        target=lambda: robot.wire.ask(ROBOT_CALL, robot="r1", plugin="wheels", function="drive", timeout_s=PATIENCE_S)
     )
     call.start()
     assert code["INSIDE"].wait(PATIENCE_S)
@@ -161,7 +159,7 @@ def test_a_robot_whose_every_answering_thread_is_stuck_is_halted_by_a_query_all_
     def wait():
         with suppress(CallError):  # those that were not in the plugin yet are refused by the halt
             request = HostRequest(text="call deaf wait()")
-            robot.operator.ask(ROBOT_HOST, request, robot="r1", verb="command", timeout_s=PATIENCE_S)
+            robot.wire.ask(ROBOT_HOST, request, robot="r1", verb="command", timeout_s=PATIENCE_S)
 
     calls = [threading.Thread(target=wait) for _ in range(6)]
     for call in calls:

@@ -111,7 +111,7 @@ def test_a_plugin_that_raises_is_faulted_with_the_reason_and_the_others_go_on(di
 
 
 def test_a_robot_is_there_from_its_start_until_it_closes(dice):
-    presence = dice.operator.watch(ROBOT_ALIVE)
+    presence = dice.wire.watch(ROBOT_ALIVE)
     host = dice.host("dice")
     assert presence.changes() == []
     host.start()
@@ -119,12 +119,12 @@ def test_a_robot_is_there_from_its_start_until_it_closes(dice):
     host.close()
     assert [(change.names["robot"], change.present) for change in presence.changes()] == [("r1", False)]
     with pytest.raises(NobodyThere):
-        dice.operator.ask(ROBOT_PLUGINS, robot="r1")
+        dice.wire.ask(ROBOT_PLUGINS, robot="r1")
 
 
 def test_what_plugins_write_on_the_board_is_told_ten_times_a_second(dice):
     inbox = Inbox(every=True)
-    dice.operator.subscribe(inbox, ROBOT_STATE)
+    dice.wire.subscribe(inbox, ROBOT_STATE)
     dice.start("writer")
     dice.tick(50)  # one second
     messages = [received.message for received in inbox.drain()]
@@ -139,13 +139,13 @@ def test_what_plugins_write_on_the_board_is_told_ten_times_a_second(dice):
 def test_an_offer_that_is_none_is_refused_as_bad_arguments(dice, payload):
     dice.start("dice")
     with pytest.raises(CallError, match="expected a TaskOffer") as refused:
-        dice.operator.ask(ROBOT_OFFER, payload, robot="r1")
+        dice.wire.ask(ROBOT_OFFER, payload, robot="r1")
     assert refused.value.code is ErrorCode.BAD_ARGUMENTS
 
 
 def test_the_list_of_plugins_is_in_start_order(dice):
     dice.start("writer", "dice")
-    names = [info.name for info in dice.operator.ask(ROBOT_PLUGINS, robot="r1")]
+    names = [info.name for info in dice.wire.ask(ROBOT_PLUGINS, robot="r1")]
     assert names == ["dice", "writer"]
 
 

@@ -94,7 +94,7 @@ def lab(bench):
     bench.manifest("lamp", "lab:Lamp")
     bench.start("lamp")
     bench.states = Inbox(every=True)
-    bench.operator.subscribe(bench.states, ROBOT_STATE)
+    bench.wire.subscribe(bench.states, ROBOT_STATE)
     return bench
 
 

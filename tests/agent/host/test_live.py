@@ -80,7 +80,7 @@ class LiveRobot:
         self.session = open_session(mode="peer", listen=["tcp/127.0.0.1:0"])
         robot_file = RobotFile(robot=RobotTable("r1", places=[str(place)], load=list(load)))
         self.host = AgentHost(robot_file, Path(), self.session, WallClock(), Drive.LIVE)
-        self.operator = PatientEndpoint(self.session, "default", WallClock(), Drive.LIVE)
+        self.wire = PatientEndpoint(self.session, "default", WallClock(), Drive.LIVE)
         self._stopping, ready = threading.Event(), threading.Event()
         self._errors: list[BaseException] = []
         self._thread = threading.Thread(target=self._run, args=(ready.set,))
@@ -98,7 +98,7 @@ class LiveRobot:
         return self.host.manager.get(name).plugin
 
     def infos(self):
-        infos = self.operator.ask(ROBOT_PLUGINS, robot="r1")
+        infos = self.wire.ask(ROBOT_PLUGINS, robot="r1")
         return {info.name: info for info in infos}
 
     def stop(self) -> None:
@@ -109,7 +109,7 @@ class LiveRobot:
 
     def close(self) -> None:
         self.stop()
-        self.operator.close()
+        self.wire.close()
         self.session.close()
 
 
@@ -135,7 +135,7 @@ def test_steps_happen_on_a_thread_of_the_plugins_own(start):
     robot = start("counter")
     until(lambda: robot.plugin("counter").steps >= 5)
     assert robot.plugin("counter").thread == "plugin-counter"
-    reply = robot.operator.ask(ROBOT_CALL, robot="r1", plugin="counter", function="count")
+    reply = robot.wire.ask(ROBOT_CALL, robot="r1", plugin="counter", function="count")
     assert msgspec.json.decode(reply) >= 5
 
 
@@ -161,8 +161,8 @@ def test_a_plugin_that_raises_does_not_stop_the_others(start):
 
 def test_a_running_robot_tells_its_state_and_that_it_is_there(start):
     robot = start("counter")
-    presence, inbox = robot.operator.watch(ROBOT_ALIVE), Inbox(every=True)
-    robot.operator.subscribe(inbox, ROBOT_STATE)
+    presence, inbox = robot.wire.watch(ROBOT_ALIVE), Inbox(every=True)
+    robot.wire.subscribe(inbox, ROBOT_STATE)
     until(lambda: len(inbox) >= 3)
     changes = []
     until(lambda: changes.extend(presence.changes()) or changes)
@@ -174,7 +174,7 @@ def test_a_running_robot_tells_its_state_and_that_it_is_there(start):
 def test_closing_leaves_no_thread_behind(start):
     before = set(threading.enumerate())
     robot = start("counter", "listener", "slow")
-    robot.operator.ask(ROBOT_CALL, robot="r1", plugin="counter", function="count")
+    robot.wire.ask(ROBOT_CALL, robot="r1", plugin="counter", function="count")
     until(lambda: robot.plugin("counter").steps > 0)
     names = {thread.name for thread in set(threading.enumerate()) - before}
     assert {"plugin-counter", "plugin-listener", "plugin-slow", "halt-r1-1"} <= names
@@ -210,7 +210,7 @@ def stuck_robot(start, monkeypatch):
 
 def test_a_plugin_that_hangs_does_not_delay_an_emergency_halt(stuck_robot):
     counter = stuck_robot.plugin("counter")
-    stuck_robot.operator.publisher(HALT).put(Halt(halted=True, by="operator"))
+    stuck_robot.wire.publisher(HALT).put(Halt(halted=True, by="operator"))
     until(lambda: stuck_robot.infos()["counter"].state == "halted")
     until(lambda: counter.halts >= 1)
     assert stuck_robot.infos()["stuck"].state == "halted"
@@ -226,7 +226,7 @@ def test_a_halt_is_heard_while_the_hosts_own_loop_hangs(start, monkeypatch):
 
     monkeypatch.setattr(robot.host.desk, "check_lease", hang)
     assert entered.wait(PATIENCE_S)
-    robot.operator.publisher(HALT).put(Halt(halted=True, by="operator"))
+    robot.wire.publisher(HALT).put(Halt(halted=True, by="operator"))
     until(lambda: robot.infos()["counter"].state == "halted")
     held.set()
 

@@ -126,7 +126,7 @@ class Manager(RuleBasedStateMachine):
 
     def _ask(self, verb, name, **fields):
         try:
-            reply = self.bench.operator.ask(ROBOT_HOST, HostRequest(plugin=name, **fields), robot="r1", verb=verb)
+            reply = self.bench.wire.ask(ROBOT_HOST, HostRequest(plugin=name, **fields), robot="r1", verb=verb)
         except CallError as refused:
             self._check(refused.message != "", f"{verb} of {name} is refused without a word")
         else:
@@ -169,7 +169,7 @@ class Manager(RuleBasedStateMachine):
     def call(self, name):
         tag = self.manager.plugins.get(name)
         try:
-            reply = self.bench.operator.ask(ROBOT_CALL, robot="r1", plugin=name, function="ping")
+            reply = self.bench.wire.ask(ROBOT_CALL, robot="r1", plugin=name, function="ping")
         except NobodyThere:
             pytest.fail("a query was not answered")
         except CallError as refused:
@@ -251,7 +251,7 @@ class Manager(RuleBasedStateMachine):
     def the_host_tells_of_all_of_them(self):
         if hasattr(self, "manager"):
             assert list(self.bench.infos()) == list(self.manager.plugins)
-            assert len(self.bench.operator.ask(ROBOT_PLUGINS, robot="r1")) == len(self.manager.plugins)
+            assert len(self.bench.wire.ask(ROBOT_PLUGINS, robot="r1")) == len(self.manager.plugins)
 
 
 @pytest.mark.timeout(WATCHDOG_S + 10)

@@ -54,7 +54,7 @@ class Robot:
         self.connect = listening_at(hub)
         robot_file = RobotFile(robot=RobotTable("r1", team="t", places=[str(place)], load=list(load)))
         self.host = AgentHost(robot_file, Path(), hub, WallClock(), Drive.LIVE)
-        self.operator = PatientEndpoint(hub, "t", WallClock(), Drive.LIVE)
+        self.wire = PatientEndpoint(hub, "t", WallClock(), Drive.LIVE)
         self.processes: list[Process] = []
         self.host.start()
 
@@ -73,12 +73,10 @@ class Robot:
         until(condition, step=self.host.step)
 
     def call(self, plugin, function, arguments=None):
-        return msgspec.json.decode(
-            self.operator.ask(ROBOT_CALL, arguments, robot="r1", plugin=plugin, function=function)
-        )
+        return msgspec.json.decode(self.wire.ask(ROBOT_CALL, arguments, robot="r1", plugin=plugin, function=function))
 
     def command(self, text):
-        return msgspec.json.decode(self.operator.ask(ROBOT_HOST, HostRequest(text=text), robot="r1", verb="command"))
+        return msgspec.json.decode(self.wire.ask(ROBOT_HOST, HostRequest(text=text), robot="r1", verb="command"))
 
     def tag(self, name):
         return self.host.manager.get(name)
@@ -86,7 +84,7 @@ class Robot:
     def close(self) -> None:
         for process in self.processes:
             process.leave()
-        self.operator.close()
+        self.wire.close()
         self.host.close()
 
 
@@ -192,7 +190,7 @@ def test_a_halted_robot_calls_no_foreign_plugin_from_inside(robot, gauge, meter)
 
 
 def test_the_host_lists_it_beside_its_own(robot, gauge, meter):
-    infos = robot.operator.ask(ROBOT_PLUGINS, robot="r1")
+    infos = robot.wire.ask(ROBOT_PLUGINS, robot="r1")
     assert [(each.name, each.level, each.state) for each in infos] == [
         ("meter", "unit", "active"),
         ("gauge", "device", "active"),
@@ -247,7 +245,7 @@ def test_a_halted_robot_relays_no_calls(robot, gauge):
 
 def test_a_process_under_the_name_of_a_plugin_of_the_robot_is_neither_listed_nor_called(robot, gauge, meter):
     impostor = robot.join("meter")
-    infos = robot.operator.ask(ROBOT_PLUGINS, robot="r1")
+    infos = robot.wire.ask(ROBOT_PLUGINS, robot="r1")
     assert [(each.name, each.level) for each in infos] == [("meter", "unit"), ("gauge", "device")]
     assert robot.call("meter", "read") == 15.0
     assert impostor.asked == []
@@ -260,4 +258,4 @@ def test_the_text_form_reaches_it_too(robot, gauge):
 
 def test_whoever_asks_the_process_itself_is_checked_by_nobody(robot):
     robot.join(visibility=[])
-    assert robot.operator.ask(ROBOT_FOREIGN_CALL, robot="r1", plugin="gauge", function="read") == b"1.5"
+    assert robot.wire.ask(ROBOT_FOREIGN_CALL, robot="r1", plugin="gauge", function="read") == b"1.5"

@@ -202,7 +202,7 @@ def test_a_load_while_another_is_under_way_is_refused(lab):
             with pytest.raises(HostBusy, match="r1 is busy with another load, unload or reload"):
                 attempt("lamp")
         with pytest.raises(CallError) as refused:
-            lab.operator.ask(ROBOT_HOST, HostRequest(plugin="lamp"), robot="r1", verb="load")
+            lab.wire.ask(ROBOT_HOST, HostRequest(plugin="lamp"), robot="r1", verb="load")
         assert refused.value.code is ErrorCode.BUSY
         lab.tick()  # the robot itself goes on
     finally:

@@ -44,7 +44,7 @@ def load(bench, disk):
     host.start()
 
     def ask(path: Path | str) -> bytes:
-        return bench.operator.ask(ROBOT_HOST, HostRequest(plugin=str(path)), robot="r1", verb="load")
+        return bench.wire.ask(ROBOT_HOST, HostRequest(plugin=str(path)), robot="r1", verb="load")
 
     return ask
 

@@ -53,7 +53,7 @@ def lab(bench):
     bench.manifest("lamp", "lamp:Lamp", {"factor": 1}, visibility=["*", "command"], shared=False)
     bench.manifest("shade", "lamp:Shade", requires=["lamp"])
     bench.manager = bench.start("shade").manager
-    bench.maps = bench.operator.publisher(ROBOT_MAP, robot="r9")
+    bench.maps = bench.wire.publisher(ROBOT_MAP, robot="r9")
     return bench
 
 
@@ -69,7 +69,7 @@ def version(bench):
 
 
 def answered(bench):
-    return bench.operator.ask(ROBOT_FOREIGN_CALL, robot="r1", plugin="light", function="of").decode()
+    return bench.wire.ask(ROBOT_FOREIGN_CALL, robot="r1", plugin="light", function="of").decode()
 
 
 def heard_maps(bench):

@@ -64,7 +64,7 @@ class LiveShop(LiveRobot):
     """A robot with a bell and a guard, into which a shop is loaded."""
 
     def ask(self, verb, plugin):
-        return self.operator.ask(ROBOT_HOST, HostRequest(plugin=plugin), robot="r1", verb=verb, timeout_s=PATIENCE_S)
+        return self.wire.ask(ROBOT_HOST, HostRequest(plugin=plugin), robot="r1", verb=verb, timeout_s=PATIENCE_S)
 
     def which(self):
         return self.call("shop", "which")
@@ -177,7 +177,7 @@ def test_an_old_instance_that_hangs_while_it_is_replaced_is_faulted(shop):
 def test_a_restart_that_hangs_does_not_silence_the_robot(shop):
     robot = shop(restart="on-failure", backoff_s=0.01, restart_limit=1)
     states = Inbox(every=True)
-    robot.operator.subscribe(states, ROBOT_STATE)
+    robot.wire.subscribe(states, ROBOT_STATE)
     robot.space["WHERE"].add("guard")
     guard = robot.tag("guard")
     guard.plugin.fails = True
@@ -233,6 +233,6 @@ def test_a_plugin_that_exits_is_faulted_and_the_robot_does_not_end(shop):
     robot.ask("load", "shop")
     for _ in range(3):  # the answering threads do not end either
         with pytest.raises(CallError, match="SystemExit: bye") as refused:
-            robot.operator.ask(ROBOT_CALL, ["bye"], robot="r1", plugin="shop", function="leave")
+            robot.wire.ask(ROBOT_CALL, ["bye"], robot="r1", plugin="shop", function="leave")
         assert refused.value.code is ErrorCode.FAILED
     assert robot.which() == b"1"

@@ -53,7 +53,7 @@ def test_what_others_require_is_not_unloaded_and_they_are_named(stack):
     assert no.value.users == ["top", "middle"]
     assert {info.state for info in stack.infos().values()} == {"active"}
     with pytest.raises(CallError) as refused:
-        stack.operator.ask(ROBOT_HOST, HostRequest(plugin="low"), robot="r1", verb="unload")
+        stack.wire.ask(ROBOT_HOST, HostRequest(plugin="low"), robot="r1", verb="unload")
     assert refused.value.code is ErrorCode.REFUSED
 
 
@@ -83,7 +83,7 @@ def test_a_call_from_outside_to_what_was_unloaded_is_answered(stack):
     tag = stack.manager.get("middle")
     stack.manager.unload("middle")
     with pytest.raises(CallError, match="no plugin middle; there are: ") as refused:
-        stack.operator.ask(ROBOT_CALL, robot="r1", plugin="middle", function="ping")
+        stack.wire.ask(ROBOT_CALL, robot="r1", plugin="middle", function="ping")
     assert refused.value.code is ErrorCode.UNKNOWN_PLUGIN
     with pytest.raises(CallError) as late:  # it was on its way already
         tag.call_external("ping", b"")

@@ -1,0 +1,1 @@
+"""The Python client of a team: `Team`, over a live or a lockstep transport."""

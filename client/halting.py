@@ -1,0 +1,165 @@
+"""Emergency halts of a team or one robot, their end, and which robots have obeyed. They need no coordinator."""
+
+import msgspec
+
+from robrain.client.members import no_robot
+from robrain.client.transport import Transport
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.errors import CallError, NobodyThere
+from robrain.protocol.wire.hub import wrong_team
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages import Halt, HaltAnswer, HostRequest, RobotState, TeamState
+from robrain.protocol.wire.publisher import Publisher
+from robrain.protocol.wire.topics import COORDINATOR_ALIVE, COORDINATOR_STATE, ROBOT_ALIVE, ROBOT_HOST, ROBOT_STATE
+
+WAIT_S = 2.0
+"""How long robots have to confirm."""
+REPEAT_S = 0.2
+"""A message may be lost: a halt is sent again while a robot has not confirmed that it stopped."""
+POLL_S = 0.01
+
+
+class HaltReport(msgspec.Struct, frozen=True, kw_only=True):
+    """What became of a halt, or of its end."""
+
+    halted: bool
+    """True for a halt, False for its end."""
+    by: str
+    """Who gave it."""
+    confirmed: tuple[str, ...]
+    """Robots that have stopped, or resumed; sorted."""
+    unconfirmed: dict[str, str]
+    """Every other robot of the team, and in words what is known of it; sorted."""
+
+
+def order_robot(wire: Endpoint, robot: str, wanted: Halt) -> HaltReport:
+    """Halt or resume one robot, by a query that it answers once it has stopped.
+
+    Raises:
+        NobodyThere: the robot is not there; the text lists those that are.
+
+    """
+    why = _ask(wire, robot, wanted)
+    if why is None:
+        raise no_robot(wire, robot, "halts")
+    return _report(wanted, {robot: why})
+
+
+class TeamOrder:
+    """A halt of all robots, or its end.
+
+    It is sent before anything else is done, and sent again until all robots have confirmed.
+
+    Args:
+        transport: to the team.
+        publisher: of the topic `halt`.
+        wire: a new endpoint, for what the robots reply.
+        wanted: what is sent.
+
+    """
+
+    def __init__(self, transport: Transport, publisher: Publisher, wire: Endpoint, wanted: Halt) -> None:
+        publisher.put(wanted)
+        self._transport = transport
+        self._publisher = publisher
+        self._wire = wire
+        self._wanted = wanted
+        self._states, self._summaries = Inbox(every=True), Inbox()
+        self._latest: dict[str, RobotState] = {}
+        self._robots: set[str] = set()
+        self._lost: dict[str, str] = {}
+        wire.subscribe(self._states, ROBOT_STATE)
+        wire.subscribe(self._summaries, COORDINATOR_STATE)
+        self._presence = wire.watch(ROBOT_ALIVE)
+        self._coordinators = wire.watch(COORDINATOR_ALIVE)
+
+    def report(self) -> HaltReport:
+        """Wait until the robots have confirmed, 2 s at the most.
+
+        Raises:
+            NobodyThere: there is no robot. The halt was sent all the same.
+
+        """
+        transport = self._transport
+        began_s = transport.elapsed_s()
+        repeat_s = began_s + REPEAT_S
+        while (now_s := transport.elapsed_s()) < began_s + WAIT_S:
+            transport.pass_time(POLL_S)
+            coordinator_is_silent = self._hear()
+            if now_s >= began_s + transport.gather_s and not coordinator_is_silent:
+                if not self._disobedient() and self._robots:
+                    break
+                if not self._wanted.halted:  # who refuses does not change its mind: it is asked why
+                    break
+            if now_s >= repeat_s and self._wanted.halted and (self._disobedient() or not self._robots):
+                self._publisher.put(self._wanted)
+                repeat_s += REPEAT_S
+        if not self._robots:
+            text = f"no robot of team {self._wire.team} is there; the message was sent anyway"
+            raise wrong_team(text, self._wire.session)
+        return _report(self._wanted, {name: self._why(name) for name in self._robots})
+
+    def _hear(self) -> bool:
+        """Take in what has come; whether there is a coordinator that has not said yet which robots it knows."""
+        self._robots |= {change.names["robot"] for change in self._presence.changes() if change.present}
+        for received in self._states.drain():
+            self._latest[received.message.robot] = received.message
+            self._robots.add(received.message.robot)
+        for received in self._summaries.drain():
+            summary = received.message
+            assert isinstance(summary, TeamState)
+            self._lost = {robot.name: robot.why for robot in summary.robots if not robot.up}
+            self._robots |= {robot.name for robot in summary.robots}
+        self._coordinators.changes()
+        return bool(self._coordinators.present) and not self._summaries.received
+
+    def _obeys(self, name: str) -> bool:
+        state = self._latest.get(name)
+        if state is None:
+            return False
+        return state.has_stopped if self._wanted.halted else not state.halted
+
+    def _disobedient(self) -> list[str]:
+        return [name for name in self._robots if not self._obeys(name)]
+
+    def _why(self, name: str) -> str:
+        if self._obeys(name):
+            return ""
+        state = self._latest.get(name)
+        if state is None:
+            return self._lost.get(name) or "it says nothing"
+        if self._wanted.halted and not state.halted:
+            return "it does not say that it has stopped"
+        if self._wanted.halted:
+            return _not_stopped(state.not_halted)
+        why = _ask(self._wire, name, self._wanted)
+        return "it is not there" if why is None else why or "it does not say that it has resumed"
+
+
+def _ask(wire: Endpoint, robot: str, wanted: Halt) -> str | None:
+    """Have one robot halt or resume; why it did not, empty if it did, None if it is not there."""
+    verb = "halt" if wanted.halted else "resume"
+    request = HostRequest(by=wanted.by, text=wanted.reason)
+    try:
+        reply = wire.ask(ROBOT_HOST, request, timeout_s=WAIT_S, robot=robot, verb=verb)
+        answer = msgspec.json.decode(reply, type=HaltAnswer)
+    except NobodyThere:
+        return None
+    except (CallError, msgspec.DecodeError) as error:
+        return str(error)
+    if answer.halted is not wanted.halted:
+        return "it says that it has not"
+    return _not_stopped(answer.not_halted) if answer.halted and answer.not_halted else ""
+
+
+def _not_stopped(plugins: list[str]) -> str:
+    return f"plugins that did not stop: {', '.join(plugins)}"
+
+
+def _report(wanted: Halt, outcomes: dict[str, str]) -> HaltReport:
+    return HaltReport(
+        halted=wanted.halted,
+        by=wanted.by,
+        confirmed=tuple(sorted(name for name, why in outcomes.items() if not why)),
+        unconfirmed={name: why for name, why in sorted(outcomes.items()) if why},
+    )

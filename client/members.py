@@ -1,0 +1,56 @@
+"""Which members of a team are present, and the errors that list them."""
+
+import time
+
+import msgspec
+
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import NobodyThere
+from robrain.protocol.wire.hub import wrong_team
+from robrain.protocol.wire.topic import Token
+from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
+
+GATHER_S = 0.5
+"""How long to look again for missing members: a token may take this long to reach its hub."""
+ASK_AGAIN_S = 0.1
+ANSWER_TIMEOUT_S = 10.0
+"""Time limit for a hub's answer, which is immediate unless its machine is overloaded."""
+
+
+class TeamFound(msgspec.Struct, frozen=True, kw_only=True):
+    """The members of a team that are present."""
+
+    team: str
+    coordinator: bool
+    robots: list[str]
+    """Names, sorted."""
+
+
+def team_found(wire: Endpoint) -> TeamFound:
+    """The present members of the endpoint's team."""
+    until_s = time.monotonic() + GATHER_S
+    while True:
+        robots = sorted(names["robot"] for names in _tokens(wire, ROBOT_ALIVE))
+        found = TeamFound(team=wire.team, coordinator=bool(_tokens(wire, COORDINATOR_ALIVE)), robots=robots)
+        is_complete = (found.robots and found.coordinator) or wire.drive is Drive.LOCKSTEP
+        if is_complete or time.monotonic() > until_s:
+            return found
+        time.sleep(ASK_AGAIN_S)
+
+
+def _tokens(wire: Endpoint, topic: Token) -> list[dict[str, str]]:
+    """The names in all of a topic's tokens that the hub has now."""
+    replies = wire.session.liveliness().get(topic.selector(wire.team), timeout=ANSWER_TIMEOUT_S)
+    found = [topic.parse(str(reply.ok.key_expr)) for reply in replies if reply.ok is not None]
+    return [names for names in found if names is not None]
+
+
+def no_robot(wire: Endpoint, robot: str, what: str) -> NobodyThere:
+    """The error for a robot that did not answer `what`; it lists the robots present, or else the teams."""
+    found = team_found(wire)
+    if robot in found.robots:
+        return NobodyThere(f"{robot} does not answer {what}: is its robrain older than this one?")
+    text = f"no robot {robot} in team {wire.team}"
+    if not found.robots and not found.coordinator:
+        return wrong_team(text, wire.session)
+    return NobodyThere(f"{text}; there are: {', '.join(found.robots) or 'none'}")

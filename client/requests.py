@@ -1,0 +1,118 @@
+"""Queries to a team: to its coordinator, which may be away for a moment, and to its robots."""
+
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+import msgspec
+
+from robrain.client.members import no_robot
+from robrain.client.transport import Transport
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere, WireError
+from robrain.protocol.wire.hub import teams_there, wrong_team
+from robrain.protocol.wire.messages import HostRequest
+from robrain.protocol.wire.topic import Q, Query, R
+from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_HOST
+
+T = TypeVar("T")
+
+ASK_TIMEOUT_S = 2.0
+AGAIN_S = 0.25
+ROBOT_TIMEOUT_S = 10.0
+HOST_TIMEOUTS_S = {"load": 60.0, "unload": 60.0, "reload": 60.0}
+"""Of the verbs that take longer: to load a plugin is to import code, which may compile some of itself."""
+_NOT_NOW = (ErrorCode.TIMEOUT, ErrorCode.UNLOADED, ErrorCode.BUSY)
+
+
+class Requests:
+    """Asks, and repeats where that is safe.
+
+    Args:
+        transport: to the team.
+        wire: the client's endpoint.
+
+    """
+
+    def __init__(self, transport: Transport, wire: Endpoint) -> None:
+        self._transport = transport
+        self._wire = wire
+
+    def coordinator(self, topic: Query[Q, R], request: Q | None) -> R:
+        """Ask the coordinator, again and again while it is away, until the transport's patience is over.
+
+        Raises:
+            CallError: it refuses.
+            NobodyThere: no coordinator answers.
+
+        """
+        transport = self._transport
+        gives_up_s = transport.elapsed_s() + transport.patience_s
+        while True:
+            try:
+                return self._wire.ask(topic, request, timeout_s=ASK_TIMEOUT_S)
+            except NobodyThere as error:
+                if transport.elapsed_s() >= gives_up_s:
+                    raise self._no_coordinator() from error
+            except CallError as error:
+                if error.code not in _NOT_NOW or transport.elapsed_s() >= gives_up_s:
+                    raise
+            transport.pass_time(AGAIN_S)
+
+    def robot(self, topic: Query[Q, R], request: Q | None, robot: str) -> R:
+        """Ask a robot.
+
+        Raises:
+            CallError: it refuses.
+            NobodyThere: it is not there; the text lists those that are.
+
+        """
+        try:
+            return self._wire.ask(topic, request, timeout_s=ROBOT_TIMEOUT_S, robot=robot)
+        except NobodyThere as error:
+            raise no_robot(self._wire, robot, topic.name) from error
+
+    def call(
+        self,
+        robot: str,
+        plugin: str,
+        function: str,
+        arguments: Mapping[str, object] | tuple[object, ...],
+        *,
+        timeout_s: float,
+        by: str,
+    ) -> Any:
+        """Call an external function of a robot's plugin; its result as JSON has it. Errors as those of `robot`."""
+        asked = msgspec.json.encode(arguments)
+        names = {"robot": robot, "plugin": plugin, "function": function}
+        try:
+            reply = self._wire.ask(ROBOT_CALL, asked, timeout_s=timeout_s, by=by, **names)
+        except NobodyThere as error:
+            raise no_robot(self._wire, robot, "calls") from error
+        return _decoded(reply, Any, robot)
+
+    def host(self, robot: str, verb: str, request: HostRequest, kind: type[T]) -> T:
+        """Have a robot's host do something; its answer. Errors as those of `robot`.
+
+        Raises:
+            WireError: its answer is none of that kind.
+
+        """
+        timeout_s = HOST_TIMEOUTS_S.get(verb, ROBOT_TIMEOUT_S)
+        try:
+            reply = self._wire.ask(ROBOT_HOST, request, timeout_s=timeout_s, robot=robot, verb=verb)
+        except NobodyThere as error:
+            raise no_robot(self._wire, robot, verb) from error
+        return _decoded(reply, kind, robot)
+
+    def _no_coordinator(self) -> NobodyThere:
+        text = f"no coordinator of team {self._wire.team} answers"
+        if self._wire.team in teams_there(self._wire.session):
+            return NobodyThere(f"{text}; `robrain coordinator` starts one")
+        return wrong_team(text, self._wire.session)
+
+
+def _decoded(reply: bytes, kind: type[T], robot: str) -> T:
+    try:
+        return msgspec.json.decode(reply, type=kind)
+    except msgspec.DecodeError as error:
+        raise WireError(f"{robot} answered with something else than was asked for: {error}") from error

@@ -1,0 +1,461 @@
+"""A team of robots, from a script: one class for a live team and for a simulated one.
+
+team = robrain.Team.connect("tcp/10.0.0.5:7447")       # live; without an endpoint, this machine's hub
+team = robrain.Scenario.builtin("depot").team(seed=3)  # in lockstep, in this process
+
+with team:
+    task = team.submit("visit", place=(3, 4), deadline_s=120)
+    print(team.wait(task).state, team.why(task).now)
+
+Both have the same methods with the same meaning. Live, time passes by itself. In lockstep it passes only within methods
+that wait: `wait`, `wait_all`, `run_for`, `events`, `readings`, `halt` and `resume`.
+"""
+
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Self, overload
+
+import msgspec
+
+from robrain.client.errors import BadTask
+from robrain.client.fresh_ids import FreshIds
+from robrain.client.halting import HaltReport, TeamOrder, order_robot
+from robrain.client.listening import Listening
+from robrain.client.live_transport import PATIENCE_S, LiveTransport
+from robrain.client.members import team_found
+from robrain.client.requests import ROBOT_TIMEOUT_S, Requests
+from robrain.client.standing import Standing
+from robrain.client.submission import submission_of
+from robrain.client.task_stream import TaskStream
+from robrain.client.transport import Transport
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.halt_latch import NAME_LENGTH, REASON_LENGTH
+from robrain.protocol.model.objective import Objective
+from robrain.protocol.model.ranges import cut
+from robrain.protocol.model.task import Task
+from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.wire.errors import CallError
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.keys import DEFAULT_TEAM
+from robrain.protocol.wire.messages import (
+    Halt,
+    HostRequest,
+    MoteReading,
+    PluginInfo,
+    RobotState,
+    TaskEvent,
+    TeamState,
+)
+from robrain.protocol.wire.plan_messages import ObjectiveRequest, PlanningStatus
+from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
+from robrain.protocol.wire.topics import (
+    COORDINATOR_OBJECTIVE,
+    COORDINATOR_PLANNING,
+    HALT,
+    MOTE_READING,
+    ROBOT_PLUGINS,
+    TASK_CANCEL,
+    TASK_GET,
+    TASK_LIST,
+    TASK_SUBMIT,
+    TASK_WHY,
+)
+
+# `list` is also what a team is asked for its tasks by.
+Names = list[str]
+PluginInfos = list[PluginInfo]
+TaskRecords = list[TaskRecord]
+TaskName = str | TaskRecord
+"""A task by its id, or by any record of it."""
+
+LOOK_S = 0.2
+POLL_S = 0.02
+TASK_TIMEOUT_S = 600.0
+
+
+class Team:
+    """A team to talk to; use it in a `with` block.
+
+    While a live coordinator is away, as while it restarts, each query to it is repeated until it is answered or the
+    transport's patience is over. That is safe: a task's id makes a submission count once, however often it arrives.
+
+    Args:
+        transport: to the team; the `Team` closes it.
+        by: who asks, for the records of tasks and halts, and as the holder of plugins.
+
+    """
+
+    def __init__(self, transport: Transport, *, by: str) -> None:
+        self.transport = transport
+        self.by = by
+        self._listening = Listening(transport)
+        self._wire = self._listening.open()
+        self._requests = Requests(transport, self._wire)
+        self._halts = self._wire.publisher(HALT)  # a halt then need not wait for its declaration
+        self._standing = Standing(transport, self._wire)
+        self._fresh_ids = FreshIds(self._known_ids, self._is_known)
+        self._held: set[tuple[str, str]] = set()
+
+    @classmethod
+    def connect(
+        cls, endpoint: str | None = None, *, team: str = DEFAULT_TEAM, by: str = "", patience_s: float = PATIENCE_S
+    ) -> Self:
+        """Talk to a live team.
+
+        Args:
+            endpoint: of the team, `tcp/HOST:PORT`; None uses $ROBRAIN_CONNECT, else this machine's hub.
+            team: its name.
+            by: who asks; $USER if empty.
+            patience_s: how long to ask a coordinator again that does not answer, as while it restarts.
+
+        Raises:
+            NobodyThere: nothing answers at the endpoint.
+            WireError: the endpoint is invalid.
+            BadName: the team's name is invalid.
+
+        """
+        who = by or os.environ.get("USER", "") or "script"
+        return cls(LiveTransport(endpoint, team=team, patience_s=patience_s), by=who)
+
+    # -- time -------------------------------------------------------------------------------------------------
+
+    @property
+    def now_s(self) -> float:
+        """Seconds on the team's clock: since the start of the run in lockstep, since 1970 live."""
+        return to_seconds(self.transport.clock.now_ns())
+
+    def run_for(self, seconds: float, until: Callable[[], bool] | None = None) -> bool:
+        """Let time pass.
+
+        Args:
+            seconds: this much at the most.
+            until: looked at every 0.2 s; time stands still, or the wait is over, as soon as it holds.
+
+        Returns:
+            Whether `until` held in time; True without one.
+
+        """
+        transport = self.transport
+        ends_s = transport.elapsed_s() + seconds
+        while (left_s := ends_s - transport.elapsed_s()) > 1e-9:
+            transport.pass_time(left_s if until is None else min(left_s, LOOK_S))
+            if until is not None and until():
+                return True
+        return until is None or until()
+
+    # -- tasks ------------------------------------------------------------------------------------------------
+
+    def submit(
+        self,
+        task: str | Task,
+        *,
+        id: str | None = None,
+        place: Point2D | Sequence[float] | None = None,
+        priority: float | None = None,
+        earliest_s: float | None = None,
+        deadline_s: float | None = None,
+        service_s: float | None = None,
+        needs: Sequence[str] = (),
+        after: Sequence[TaskName] = (),
+        robots: int | None = None,
+        parameters: Mapping[str, Any] | None = None,
+    ) -> TaskRecord:
+        """Have a task done; the same task with the same id again has the same answer.
+
+        Args:
+            task: a kind, such as `visit`, with the arguments below; or a whole task, with none of them but the times.
+            id: the task's name; None for a new one, such as `visit-3`.
+            place: where, x and y, metres, arena frame.
+            priority: reward for doing it; 1 if not given.
+            earliest_s: it must not begin before, seconds from its acceptance.
+            deadline_s: it must be done by then, seconds from its acceptance.
+            service_s: expected time at its place.
+            needs: plugins that a robot must have for it.
+            after: tasks that must be done before.
+            robots: number of robots that must work on it at the same time; 1 if not given.
+            parameters: further fields of that kind, named as in the messages, such as `{"look_at": (5, 1)}`.
+
+        Raises:
+            BadTask: there is no such kind, or a field is missing or invalid.
+            CallError: the task is refused; the text says why.
+            NobodyThere: no coordinator answers.
+
+        """
+        optional = {
+            "place": place,
+            "priority": priority,
+            "service_s": service_s,
+            "needs": tuple(needs) or None,
+            "after": tuple(map(_id_of, after)) or None,
+            "robots": robots,
+        }
+        given = {name: value for name, value in optional.items() if value is not None}
+        if not isinstance(task, str):
+            if given or id is not None or parameters:
+                names = ", ".join(sorted([*given, *(["id"] if id is not None else []), *(parameters or {})]))
+                raise BadTask(f"task {task.id} is whole already: leave out {names}")
+            asked = TaskSubmission(task=task, by=self.by, earliest_in_s=earliest_s, deadline_in_s=deadline_s)
+            return self._requests.coordinator(TASK_SUBMIT, asked)
+        times = {"earliest_in_s": earliest_s, "deadline_in_s": deadline_s}
+        given |= {name: value for name, value in times.items() if value is not None}
+        if twice := sorted({*given, "id"} & (parameters or {}).keys()):
+            raise BadTask(f"a task to {task}: give {', '.join(twice)} as an argument, not among the parameters")
+        given |= parameters or {}
+
+        asked = msgspec.structs.replace(submission_of(task, {**given, "id": task if id is None else id}), by=self.by)
+        if id is not None:
+            return self._requests.coordinator(TASK_SUBMIT, asked)
+
+        def submit(task_id: str) -> TaskRecord:
+            named = msgspec.structs.replace(asked.task, id=task_id)
+            return self._requests.coordinator(TASK_SUBMIT, msgspec.structs.replace(asked, task=named))
+
+        return self._fresh_ids.submit(task, submit, self.by)
+
+    def cancel(self, task: TaskName, why: str = "") -> TaskRecord:
+        """End a task unfinished; its robot is told to stop (CallError if it has ended otherwise)."""
+        return self._requests.coordinator(TASK_CANCEL, TaskRequest(id=_id_of(task), by=self.by, why=why))
+
+    def get(self, task: TaskName) -> TaskRecord:
+        """How a task stands (CallError if there is none of that id)."""
+        return self._requests.coordinator(TASK_GET, TaskRequest(id=_id_of(task)))
+
+    def why(self, task: TaskName) -> TaskWhy:
+        """Why a task stands as it does, and how each robot stood to it (CallError if there is none of that id)."""
+        return self._requests.coordinator(TASK_WHY, TaskRequest(id=_id_of(task)))
+
+    def list(self, wanted: TaskFilter | None = None) -> TaskRecords:
+        """The tasks that match, in the order in which they were accepted."""
+        return self._requests.coordinator(TASK_LIST, wanted or TaskFilter())
+
+    def wait(self, task: TaskName, *, timeout_s: float | None = TASK_TIMEOUT_S) -> TaskRecord:
+        """Wait until a task has ended (TimeoutError if it has not in time), and return how."""
+        return self.wait_all([task], timeout_s=timeout_s)[0]
+
+    def wait_all(self, tasks: Iterable[TaskName], *, timeout_s: float | None = TASK_TIMEOUT_S) -> TaskRecords:
+        """Wait until all of some tasks have ended (TimeoutError if they have not in time), and return how."""
+        wanted = [_id_of(task) for task in tasks]
+        if wanted:
+            for _ in self.events(wanted, timeout_s=timeout_s):
+                pass
+        return [self.get(task) for task in wanted]
+
+    def events(self, tasks: Iterable[TaskName] = (), *, timeout_s: float | None = None) -> Iterator[TaskEvent]:
+        """Each change of some tasks, beginning with how they stand, until all of them have ended.
+
+        A change that happens while the coordinator cannot be heard may be missed; how a task ends never is.
+
+        Args:
+            tasks: which; without any, all tasks, without end.
+            timeout_s: how long to go on at most; None is for ever.
+
+        Raises:
+            CallError: there is no task of an id.
+            NobodyThere: no coordinator answers.
+            TimeoutError: they have not all ended in time.
+
+        """
+        wire = self._listening.open()
+        stream = TaskStream(self.transport, wire, self.get, list(dict.fromkeys(map(_id_of, tasks))))
+        return self._listening.until_done(wire, stream.events(timeout_s))
+
+    # -- planning ---------------------------------------------------------------------------------------------
+
+    def planning(self) -> PlanningStatus:
+        """How the team's tasks are planned."""
+        return self._requests.coordinator(COORDINATOR_PLANNING, None)
+
+    def set_objective(self, objective: Objective) -> PlanningStatus:
+        """Change what the team's plans are optimised for, from now on."""
+        return self._requests.coordinator(COORDINATOR_OBJECTIVE, ObjectiveRequest(objective=objective, by=self.by))
+
+    # -- robots -----------------------------------------------------------------------------------------------
+
+    @property
+    def robots(self) -> Names:
+        """Names of the robots that are present, sorted."""
+        return team_found(self._wire).robots
+
+    @overload
+    def state(self) -> TeamState: ...
+    @overload
+    def state(self, robot: str) -> RobotState: ...
+    def state(self, robot: str | None = None) -> TeamState | RobotState:
+        """The last state that a robot has sent; without a robot, the coordinator's last summary of the team.
+
+        `stamp_ns` says when it was sent. The first time, a live team is listened to for 2 s at the most.
+
+        Raises:
+            NobodyThere: nothing was heard of it; of a robot that is not present, the text lists those that are.
+
+        """
+        if robot is None:
+            return self._standing.team()
+        return self._standing.robot(robot)
+
+    def readings(self, seconds: float, *, mote: str = "") -> Iterator[MoteReading]:
+        """What robots and gateways bring in from motes, in order of arrival, for so long.
+
+        Args:
+            seconds: how long to listen.
+            mote: of this mote only.
+
+        """
+        wire, inbox = self._listening.open(), Inbox(4096)
+        wire.subscribe(inbox, MOTE_READING, **({"mote": mote} if mote else {}))
+        return self._listening.until_done(wire, self._readings(inbox, seconds))
+
+    def call(
+        self,
+        robot: str,
+        plugin: str,
+        function: str,
+        *arguments: object,
+        named: Mapping[str, object] | None = None,
+        timeout_s: float = ROBOT_TIMEOUT_S,
+    ) -> Any:
+        """Call an external function of a robot's plugin.
+
+        Args:
+            robot: name of the robot.
+            plugin: name of the plugin.
+            function: its external name.
+            arguments: by position.
+            named: arguments by name, in place of those by position.
+            timeout_s: time limit for the result.
+
+        Returns:
+            The result, as JSON has it.
+
+        Raises:
+            CallError: the call is refused, or the plugin fails; the text says why.
+            NobodyThere: the robot is not there; the text lists those that are.
+            ValueError: arguments are given by position and by name.
+
+        """
+        if arguments and named is not None:
+            raise ValueError("expected arguments by position or by name, got both")
+        by = self.by if (robot, plugin) in self._held else ""
+        given = arguments if named is None else named
+        return self._requests.call(robot, plugin, function, given, timeout_s=timeout_s, by=by)
+
+    def command(self, robot: str, text: str) -> str:
+        """Have a robot execute a call in its text form, such as `call driver drive(0.5)`; the result as text."""
+        return self._requests.host(robot, "command", HostRequest(text=text, by=self.by), str)
+
+    def hold(self, robot: str, plugin: str, *, lease_s: float = 5.0) -> None:
+        """Have an exclusive plugin for oneself, for at most 60 s; again in time to have it longer.
+
+        Nobody else can call it meanwhile, plugins of the robot included.
+
+        Raises:
+            CallError: somebody else has it (`busy`), or there is no such plugin.
+
+        """
+        self._requests.host(robot, "hold", HostRequest(plugin=plugin, by=self.by, lease_s=lease_s), Any)
+        self._held.add((robot, plugin))
+
+    def release(self, robot: str, plugin: str) -> bool:
+        """Give back a plugin that was held; False if it was not, or no longer."""
+        self._held.discard((robot, plugin))
+        return self._requests.host(robot, "release", HostRequest(plugin=plugin, by=self.by), bool)
+
+    def plugins(self, robot: str) -> PluginInfos:
+        """The plugins of a robot: their states, functions, and why they do not run."""
+        return self._requests.robot(ROBOT_PLUGINS, None, robot)
+
+    def load(self, robot: str, plugin: str | Path) -> PluginInfos:
+        """Load a plugin into a robot that is running, with what it requires.
+
+        Args:
+            robot: name of the robot.
+            plugin: a plugin in the robot's places, by name; a folder or manifest on the robot's machine, by its
+                absolute path; or a `Path` on this machine, if the robot is on the same.
+
+        Raises:
+            CallError: it cannot be loaded; the text says why.
+
+        """
+        if isinstance(plugin, Path):
+            plugin = str(plugin.resolve())
+            self.transport.open_folder(robot, Path(plugin))
+        return self._requests.host(robot, "load", HostRequest(plugin=plugin, by=self.by), PluginInfos)
+
+    def unload(self, robot: str, plugin: str, *, cascade: bool = False) -> PluginInfos:
+        """Unload a plugin, and with `cascade` those that require it (CallError if others do, without)."""
+        request = HostRequest(plugin=plugin, cascade=cascade, by=self.by)
+        return self._requests.host(robot, "unload", request, PluginInfos)
+
+    def reload(self, robot: str, plugin: str) -> PluginInfos:
+        """Load a plugin anew after an edit; if that fails (CallError), the old one keeps running."""
+        return self._requests.host(robot, "reload", HostRequest(plugin=plugin, by=self.by), PluginInfos)
+
+    # -- emergency halt ---------------------------------------------------------------------------------------
+
+    def halt(self, robot: str | None = None, *, reason: str = "", by: str | None = None) -> HaltReport:
+        """Emergency halt of all robots, or of one. It is sent at once; then robots have 2 s to confirm it.
+
+        Args:
+            robot: halt only this one.
+            reason: for the logs; truncated, as a halt message must be small.
+            by: who halts, in place of the team's `by`. That name may end the halt, and any `operator…`.
+
+        Returns:
+            Which robots have confirmed that they stopped, and what is known of the others.
+
+        Raises:
+            NobodyThere: there is no robot, or not that one. A halt of all was sent all the same.
+
+        """
+        return self._order(robot, halted=True, reason=reason, by=by)
+
+    def resume(self, robot: str | None = None, *, by: str | None = None) -> HaltReport:
+        """End a halt of all robots, or of one; see `halt`. Those that stay halted are reported with the reason."""
+        return self._order(robot, halted=False, reason="", by=by)
+
+    def _order(self, robot: str | None, *, halted: bool, reason: str, by: str | None) -> HaltReport:
+        who = cut(self.by if by is None else by, NAME_LENGTH)
+        wanted = Halt(halted=halted, by=who, reason=cut(reason, REASON_LENGTH))
+        if robot is not None:
+            return order_robot(self._wire, robot, wanted)
+        wire = self._listening.open()
+        try:
+            return TeamOrder(self.transport, self._halts, wire, wanted).report()
+        finally:
+            self._listening.end(wire)
+
+    # -- the end ----------------------------------------------------------------------------------------------
+
+    def close(self) -> None:
+        """Leave the team; a team in lockstep ends."""
+        try:
+            self._listening.close()
+        finally:
+            self.transport.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _known_ids(self, kind: str) -> Names:
+        return [record.task.id for record in self.list(TaskFilter(kinds=[kind], own=True))]
+
+    def _is_known(self, task_id: str) -> bool:
+        try:
+            self.get(task_id)
+        except CallError:
+            return False
+        return True
+
+    def _readings(self, inbox: Inbox, seconds: float) -> Iterator[MoteReading]:
+        ends_s = self.transport.elapsed_s() + seconds
+        while (left_s := ends_s - self.transport.elapsed_s()) > 1e-9:
+            self.transport.pass_time(min(left_s, POLL_S))
+            yield from [received.message for received in inbox.drain()]
+
+
+def _id_of(task: TaskName) -> str:
+    return task if isinstance(task, str) else task.task.id
