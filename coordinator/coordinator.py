@@ -24,11 +24,11 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import Explore, Recharge, TaskState, place_of
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.idle_reasons import IdleReason, PlanPending, TaskSoon, TeamHalted
 from robrain.protocol.wire.inbox import Inbox, Received
 from robrain.protocol.wire.map_messages import MapPatch
 from robrain.protocol.wire.messages import FrontierSummary, RobotState, TaskEvent, TaskStatus, TeamState
 from robrain.protocol.wire.publisher import Publisher
+from robrain.protocol.wire.reasons.idle import IdleReason, PlanPending, TaskSoon, TeamHalted
 from robrain.protocol.wire.record_guard import RecordGuard
 from robrain.protocol.wire.refusals import RefusalCode
 from robrain.protocol.wire.task_messages import TaskRecord

@@ -2,34 +2,35 @@ import msgspec
 import pytest
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire import idle_reasons
-from robrain.protocol.wire.idle_reasons import IdleReason, words
+from robrain.protocol.wire.reasons import idle
+from robrain.protocol.wire.reasons.idle import IdleReason
+from robrain.protocol.wire.reasons.words import words
 
 EXAMPLES = [
-    (idle_reasons.NothingUnknown(), "idle because nothing unknown is left"),
+    (idle.NothingUnknown(), "idle because nothing unknown is left"),
     (
-        idle_reasons.NoWay(frontiers=1, needed_m=0.44),
+        idle.NoWay(frontiers=1, needed_m=0.44),
         "idle because no way of at least 0.44 m leads to the border of the known floor",
     ),
     (
-        idle_reasons.TooNarrow(frontiers=3, needed_m=0.44, gap_m=0.391, place=Point2D(4.0, -1.5)),
+        idle.TooNarrow(frontiers=3, needed_m=0.44, gap_m=0.391, place=Point2D(4.0, -1.5)),
         (
             "idle because the way to the 3 borders of the known floor is 0.39 m wide at x 4.0, y -1.5 "
             "and the robot needs 0.44 m"
         ),
     ),
     (
-        idle_reasons.TriedInVain(frontiers=2),
+        idle.TriedInVain(frontiers=2),
         "idle because it has just tried in vain to get to the 2 borders of the known floor",
     ),
     (
-        idle_reasons.OthersExplore(frontiers=2),
+        idle.OthersExplore(frontiers=2),
         "idle because other robots go to the 2 borders of the known floor",
     ),
-    (idle_reasons.PlanPending(), "idle because tasks are being planned"),
-    (idle_reasons.TaskSoon(), "idle because its next task begins soon"),
-    (idle_reasons.TeamHalted(), "idle because the team is halted"),
-    (idle_reasons.PlaceUnknown(), "idle because its position is unknown"),
+    (idle.PlanPending(), "idle because tasks are being planned"),
+    (idle.TaskSoon(), "idle because its next task begins soon"),
+    (idle.TeamHalted(), "idle because the team is halted"),
+    (idle.PlaceUnknown(), "idle because its position is unknown"),
 ]
 
 
@@ -44,7 +45,7 @@ def test_every_reason_has_an_example():
 
 
 def test_a_reason_names_itself_by_a_code():
-    assert msgspec.json.decode(msgspec.json.encode(idle_reasons.NoWay(frontiers=3, needed_m=0.44))) == {
+    assert msgspec.json.decode(msgspec.json.encode(idle.NoWay(frontiers=3, needed_m=0.44))) == {
         "code": "no_way",
         "frontiers": 3,
         "needed_m": 0.44,
