@@ -46,6 +46,7 @@ from robrain.protocol.wire.messages import (
     TaskOffer,
     TaskWithdrawal,
 )
+from robrain.protocol.wire.reasons.offers import RobotHalted
 from robrain.protocol.wire.topics import (
     COORDINATOR_STATE,
     ROBOT_ALIVE,
@@ -335,7 +336,7 @@ class AgentHost:
 
     def _offer(self, request: Request[TaskOffer]) -> TaskAnswer:
         if self.manager.halted:
-            return TaskAnswer(accepted=False, why="the robot is halted")
+            return TaskAnswer.refused(RobotHalted())
         return self.desk.offer(request.asked, self.clock.now_ns())
 
     def _withdraw(self, request: Request[TaskWithdrawal]) -> TaskAnswer:

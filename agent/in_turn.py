@@ -5,10 +5,12 @@ from typing import TYPE_CHECKING, Any
 from robrain.agent.errors import FOREIGN_ERRORS, PluginError
 from robrain.agent.plugin_state import PluginState
 from robrain.agent.task_desk import Accept, LetGo
+from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.task import Task
 from robrain.protocol.wire.endpoint import Handler, Request
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages import TaskAnswer
+from robrain.protocol.wire.reasons.offers import PluginOut
 
 if TYPE_CHECKING:
     from robrain.agent.environment import Environment
@@ -22,11 +24,11 @@ def in_turn(tag: "PluginTag", accept: Accept, let_go: LetGo) -> tuple[Accept, Le
         try:
             with tag.turn:
                 if tag.state is not PluginState.ACTIVE:
-                    return TaskAnswer(accepted=False, why=f"{tag.name} is {tag.state}")
+                    return TaskAnswer.refused(PluginOut(tag.name, tag.state))
                 return accept(task)
         except FOREIGN_ERRORS as error:  # foreign plugin code
             tag.blame(error)
-            return TaskAnswer(accepted=False, why=f"{tag.name} is {tag.state}: {tag.why or error}")
+            return TaskAnswer.refused(PluginOut(tag.name, tag.state, cut(tag.why or str(error))))
 
     def let_go_in_turn(why: str) -> None:
         try:

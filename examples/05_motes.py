@@ -20,5 +20,5 @@ with LockstepTeam(Scenario.builtin("arena_small").replace(robots=2, motes=6, see
     for task in ("warmth", "light"):
         print(f"who is to do {task}?")
         for verdict in team.why(task).robots:
-            if "from the place" not in verdict.why_not:
+            if not isinstance(verdict.reason, FarFromPlace):
                 print(f"  {verdict.robot}: {'chosen' if verdict.chosen else verdict.why_not}")

@@ -9,7 +9,7 @@ from robrain.protocol.model.task import Explore, Recharge, place_of
 from robrain.protocol.wire.messages import RobotState
 from robrain.protocol.wire.plan_messages import TaskDecision
 from robrain.protocol.wire.reasons.plans import NothingElse, ToCharge
-from robrain.protocol.wire.reasons.words import words
+from robrain.protocol.wire.reasons.words import told
 from robrain.protocol.wire.task_messages import RobotVerdict
 
 DETOUR = 1.5
@@ -40,7 +40,7 @@ def own_decision(
     time_s = policy.time_margin * found.duration_s
     verdict = RobotVerdict(robot=state.robot, chosen=True, energy_j=round(found.mean_j, 3), time_s=round(time_s, 3))
     reason = ToCharge(task.until_soc) if isinstance(task, Recharge) else NothingElse()
-    return TaskDecision(task=task.id, plan=plan, robots=(state.robot,), start_in_s=0.0, why=words(reason),
+    return TaskDecision(task=task.id, plan=plan, robots=(state.robot,), start_in_s=0.0, why=told(reason),
                         reason=reason, bids=(verdict,))  # fmt: skip
 
 

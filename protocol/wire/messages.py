@@ -37,7 +37,7 @@ from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.protocol.wire.reasons.offers import OfferRefusal
 from robrain.protocol.wire.reasons.robots import Unavailable
 from robrain.protocol.wire.reasons.tasks import TaskReason
-from robrain.protocol.wire.reasons.words import words
+from robrain.protocol.wire.reasons.words import told
 from robrain.protocol.wire.refusals import Refusal
 
 Result = Annotated[dict[str, Any], Meta(max_length=64)]
@@ -275,7 +275,7 @@ class TaskAnswer(msgspec.Struct, frozen=True, kw_only=True):
     @classmethod
     def refused(cls, reason: OfferRefusal, epoch: int | msgspec.UnsetType = msgspec.UNSET) -> "TaskAnswer":
         """The answer no."""
-        return cls(accepted=False, why=words(reason), reason=reason, epoch=epoch)
+        return cls(accepted=False, why=told(reason), reason=reason, epoch=epoch)
 
 
 class TaskEvent(Message, frozen=True, kw_only=True):

@@ -48,6 +48,14 @@ class NotAtTask(Reason, frozen=True, tag="not_at_task"):
     task: Name
 
 
+class Occupied(Reason, frozen=True, tag="occupied"):
+    """A behavior does something of its own accord that must not be interrupted."""
+
+    plugin: Name
+    why: Text
+    """In its own words."""
+
+
 class PluginOut(Reason, frozen=True, tag="plugin_out"):
     """The behavior that does tasks of this kind does not run."""
 
@@ -55,6 +63,14 @@ class PluginOut(Reason, frozen=True, tag="plugin_out"):
     state: Name
     why: Text = ""
     """What its fault says."""
+
+
+class PositionLost(Reason, frozen=True, tag="position_lost"):
+    """The robot does not know where it is."""
+
+    robot: Name
+    why: Text
+    """What its localisation says."""
 
 
 class RobotHalted(Reason, frozen=True, tag="robot_halted"):
@@ -69,7 +85,9 @@ OfferRefusal = (
     | NoBehavior
     | NoPath
     | NotAtTask
+    | Occupied
     | PluginOut
+    | PositionLost
     | RobotHalted
     | Said
 )  # fmt: skip

@@ -182,6 +182,8 @@ def words(reason: AnyReason) -> str:
             return "it has nothing else to do"
         case idle.NothingUnknown():
             return "idle because nothing unknown is left"
+        case offers.Occupied(why=why):
+            return why
         case plans.OnlyThese(robots=names):
             return f"{_and(names)} can, and nobody else"
         case idle.OthersExplore(frontiers=count):
@@ -202,6 +204,8 @@ def words(reason: AnyReason) -> str:
             return "idle because tasks are being planned"
         case offers.PluginOut(plugin=plugin, state=name, why=why):
             return f"{plugin} is {name}{why and f': {why}'}"
+        case offers.PositionLost(robot=robot, why=why):
+            return f"{robot} does not know where it is: {why}"
         case robots.PositionUnknown(why=why):
             return f"does not know where it is{why and f': {why}'}"
         case robots.Refused(because=refusal):
