@@ -3,6 +3,7 @@
 from collections import Counter
 
 from robrain import Collect, LockstepTeam, Monitor, Scenario, Sense
+from robrain.protocol.wire.reasons.robots import FarFromPlace
 
 with LockstepTeam(Scenario.builtin("arena_small").replace(robots=2, motes=6, seed=4)) as team:
     motes = {mote.name: mote.place for mote in team.lockstep.world.motes}
