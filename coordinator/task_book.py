@@ -166,7 +166,7 @@ class TaskBook:
             state = TaskState.FAILED if failed else TaskState.CANCELLED
             return self._change(record, state, reason, robot=record.robot, attempts=attempts)
         if failed:
-            out = reason if isinstance(reason, RobotOut) else RobotOut(record.robot, Failed(told(reason)))
+            out = reason if isinstance(reason, RobotOut) else RobotOut(record.robot, Failed(cut(told(reason))))
             reason = msgspec.structs.replace(out, attempt=attempts, attempts=ATTEMPTS)
         return self._change(record, TaskState.QUEUED, reason, attempts=attempts)
 

@@ -19,6 +19,7 @@ from robrain.coordinator.roster import Robot, Roster
 from robrain.coordinator.shunning import Shunning
 from robrain.coordinator.task_book import TaskBook
 from robrain.coordinator.task_reasons import TaskReasons
+from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.task import TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
@@ -77,10 +78,10 @@ class TaskLifecycle:
         with self.as_far_as_written(now_ns):
             record = self._book.note_status(robot, status)
         if record is not None and status.state is TaskState.FAILED:
-            self._shunning.note(record.task.id, robot, Failed(status.why), now_ns)
+            self._shunning.note(record.task.id, robot, Failed(cut(status.why)), now_ns)
         elif record is not None and status.state is TaskState.CANCELLED and self._was_held(record):
             # When its turn came, it was refused.
-            self._shun_refused(status.id, robot, status.reason or Said(status.why), now_ns)
+            self._shun_refused(status.id, robot, status.reason or Said(cut(status.why)), now_ns)
         return record
 
     def _was_held(self, record: TaskRecord) -> bool:
@@ -111,11 +112,11 @@ class TaskLifecycle:
                 self._book.move(task_id, TaskState.RUNNING)
             return False
         if not is_reached:
-            unreachable = Unreachable(answer.why)
+            unreachable = Unreachable(cut(answer.why))
             pauses.unreached(robot, unreachable, now_ns)
             self._book.give_back(task_id, RobotOut(robot, unreachable))
             return True
-        refusal = answer.reason or Said(answer.why)
+        refusal = answer.reason or Said(cut(answer.why))
         self._book.give_back(task_id, RobotOut(robot, Refused(refusal)))
         if isinstance(answer.epoch, int) and self._catch_up(robot, answer.epoch, now_ns):
             return True  # the epoch was refused, not the task
@@ -262,7 +263,7 @@ class TaskLifecycle:
         refusal: OfferRefusal | None = None
         for answered in self._offers.answered():
             if self._take_answer(answered, now_ns) and answered.record is record:
-                refusal = answered.answer.reason or Said(answered.answer.why or "it does not say why")
+                refusal = answered.answer.reason or Said(cut(answered.answer.why) or "it does not say why")
         return refusal
 
     def withdraw_strays(self, now_ns: int) -> None:

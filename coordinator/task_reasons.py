@@ -33,7 +33,7 @@ from robrain.protocol.wire.reasons.words import told
 from robrain.protocol.wire.task_messages import RobotVerdict, TaskRecord, TaskWhy
 
 KEPT_VERDICTS = 1000
-TOLD_MAX = 32
+TOLD_MAX = 8
 """Number of robots that a reason names."""
 
 

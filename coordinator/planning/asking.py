@@ -12,6 +12,7 @@ from robrain.coordinator.planning.situation import ChargerWays, Member, Situatio
 from robrain.coordinator.planning.ways import Ways
 from robrain.protocol.model.clearance import PREFERRED_MARGIN_M
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.task import TaskState, place_of
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.reasons.reason import Said
@@ -121,7 +122,7 @@ def _chosen(situation: Situation, policy: PlanningPolicy) -> tuple[list[TaskReco
     }
     for record in free:
         if record.state is not TaskState.QUEUED:
-            waiting[record.task.id] = record.reason or Said(record.why)
+            waiting[record.task.id] = record.reason or Said(cut(record.why))
     for record in queued[policy.tasks_max :]:
         waiting[record.task.id] = Outranked(policy.tasks_max)
     queued = queued[: policy.tasks_max]

@@ -9,7 +9,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from robrain.protocol.model.ranges import Name, Text
+from robrain.protocol.model.ranges import Name, Text, cut
 
 Members = Annotated[tuple[Name, ...], Meta(max_length=1000)]
 """Names of robots."""
@@ -28,5 +28,5 @@ class Said(Reason, frozen=True, tag="said"):
 
 
 def said(text: str) -> Said | None:
-    """The text as a reason; None if it is empty."""
-    return Said(text) if text else None
+    """The text as a reason, cut to `WHY_MAX` characters; None if it is empty."""
+    return Said(cut(text)) if text else None
