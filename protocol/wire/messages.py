@@ -33,11 +33,7 @@ from robrain.protocol.model.ranges import (
     Text,
 )
 from robrain.protocol.model.task import Task, TaskState
-from robrain.protocol.wire.reasons.idle import IdleReason
-from robrain.protocol.wire.reasons.offers import OfferRefusal
-from robrain.protocol.wire.reasons.robots import Unavailable
-from robrain.protocol.wire.reasons.tasks import TaskReason
-from robrain.protocol.wire.reasons.words import told
+from robrain.protocol.wire.reasons import IdleReason, OfferRefusal, TaskReason, Unavailable, told
 from robrain.protocol.wire.refusals import Refusal
 
 Result = Annotated[dict[str, Any], Meta(max_length=64)]
@@ -266,9 +262,8 @@ class TaskAnswer(msgspec.Struct, frozen=True, kw_only=True):
 
     accepted: bool
     why: Text = ""
-    """Why not, in words."""
     reason: OfferRefusal | None = None
-    """The same as a value; None if there are only words."""
+    """`why` as a value; None if there are only words."""
     epoch: Epoch | msgspec.UnsetType = msgspec.UNSET
     """The latest epoch the robot has accepted; only set when it refuses an older one."""
 
@@ -286,13 +281,12 @@ class TaskEvent(Message, frozen=True, kw_only=True):
     robot: Name = ""
     epoch: Epoch = 0
     why: Text = ""
-    """The reason in words."""
     result: Result = {}
     """As in the robot's `TaskStatus`."""
     change: Count = 0
     """Number of the change in the coordinator's journal; a repeated number is the same change, sent again."""
     reason: TaskReason | None = None
-    """Why it changed; None if there was no reason, or only its words are known."""
+    """`why` as a value; None if there was no reason, or only its words are known."""
 
 
 class RobotSummary(msgspec.Struct, frozen=True, kw_only=True):
