@@ -22,6 +22,7 @@ from robrain.coordinator.journal.mending import read_reason, read_record
 from robrain.coordinator.journal.salvage import (
     CHANGE_COLUMNS,
     TASK_COLUMNS,
+    Malformed,
     Salvaged,
     anew_path,
     is_damage,
@@ -293,7 +294,7 @@ class Journal:
             connection.execute("COMMIT")
             (verdict,) = connection.execute("PRAGMA quick_check(1)").fetchone()
             if verdict != "ok":
-                raise sqlite3.DatabaseError(f"malformed: {verdict}")
+                raise Malformed(verdict)
             connection.execute("SELECT ceiling FROM epoch").fetchone()[0]
         except sqlite3.OperationalError as error:
             connection.close()
@@ -304,7 +305,7 @@ class Journal:
         except (sqlite3.Error, TypeError) as error:
             connection.close()
             if isinstance(error, TypeError):  # the row of the epochs has gone
-                raise sqlite3.DatabaseError("malformed: it has lost its epochs") from error
+                raise Malformed("it has lost its epochs") from error
             raise
         except JournalError:
             connection.close()
