@@ -100,7 +100,7 @@ class TaskReasons:
         judged = verdicts(record, robots, lambda one, robot: self._ruled_out(one, robot, now_ns))
         found = self.planning.decision(record.task.id)
         bids = {} if found is None else {bid.robot: bid for bid in found[1].bids}
-        told = others
+        stands = others
         for one in judged:
             bid = bids.get(one.robot)
             if bid is not None and one.reason is None:
@@ -114,8 +114,8 @@ class TaskReasons:
                 )
             if chosen:
                 one = msgspec.structs.replace(one, chosen=one.robot in chosen)
-            told.append(one)
-        return told
+            stands.append(one)
+        return stands
 
     def able_but_out(self, record: TaskRecord, now_ns: int) -> bool:
         """Whether a robot could do the task, were it not for what keeps it from everything now."""
@@ -234,10 +234,10 @@ def _as_it_went(record: TaskRecord, judged: list[RobotVerdict]) -> list[RobotVer
     if not whose:
         return judged
     known = {one.robot for one in judged}
-    told = [*judged, *(RobotVerdict(robot=name) for name in sorted(whose - known))]
+    all_judged = [*judged, *(RobotVerdict(robot=name) for name in sorted(whose - known))]
     return [
         msgspec.structs.replace(one, chosen=True, why_not="", reason=None)
         if one.robot in whose
         else msgspec.structs.replace(one, chosen=False)
-        for one in told
+        for one in all_judged
     ]

@@ -37,12 +37,12 @@ class ChargeTelling:
         self, turns: tuple[Turn, ...], seekers: dict[str, Seeker], has_set_out: set[str], now_ns: int
     ) -> dict[str, WaitsForCharger | None]:
         """Tell the schedule, if it is another; why each robot waits that has not set out, if that is known."""
-        told = tuple(_planned(turn, seekers[turn.robot], turn.robot in has_set_out, now_ns) for turn in turns)
-        self._planning.charges = told
-        if not _is_the_same(self._said, told, now_ns):
-            self._said = told
-            self._say.put(ChargeSchedule(charges=told))
-        return {one.robot: one.reason for one in told if not one.has_set_out}
+        charges = tuple(_planned(turn, seekers[turn.robot], turn.robot in has_set_out, now_ns) for turn in turns)
+        self._planning.charges = charges
+        if not _is_the_same(self._said, charges, now_ns):
+            self._said = charges
+            self._say.put(ChargeSchedule(charges=charges))
+        return {one.robot: one.reason for one in charges if not one.has_set_out}
 
     def tasks(self, now_ns: int) -> None:
         """Tell of each queued task that it waits for its robot to charge; and when it does not any more."""
@@ -50,12 +50,12 @@ class ChargeTelling:
             if record.own or record.state is not TaskState.QUEUED:
                 continue
             robot = self._planning.waits_for_charge(record.task.id)
-            told = record.reason.robot if isinstance(record.reason, WaitsForCharge) else ""
-            if robot and told != robot:
+            waits_for = record.reason.robot if isinstance(record.reason, WaitsForCharge) else ""
+            if robot and robot != waits_for:
                 after = self._planning.after_charge[robot]
                 in_s = max(0.0, to_seconds(after.free_ns - now_ns))
                 self._book.move(record.task.id, TaskState.QUEUED, WaitsForCharge(robot, after.soc, round(in_s, 3)))
-            elif not robot and told and record.task.id not in self._planning.left_out:
+            elif not robot and waits_for and record.task.id not in self._planning.left_out:
                 self._book.move(record.task.id, TaskState.QUEUED)
 
 
