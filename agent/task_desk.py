@@ -17,9 +17,11 @@ import msgspec
 
 from robrain.agent.errors import FOREIGN_ERRORS
 from robrain.protocol.model.ranges import cut
-from robrain.protocol.model.task import Recharge, TaskState
+from robrain.protocol.model.task import Recharge, TaskState, kind_of
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.messages import TaskAnswer, TaskOffer, TaskStatus, TaskWithdrawal
+from robrain.protocol.wire.reasons.offers import EpochAhead, EpochOld, NoBehavior, NotAtTask, Occupied, OfferRefusal
+from robrain.protocol.wire.reasons.reason import Said
 
 Accept = Callable[[Any], TaskAnswer]
 """Takes a task of the kind that it was registered for."""
@@ -186,23 +188,23 @@ class TaskDesk:
         if offer.epoch < newest:
             return _too_old(offer.epoch, newest)
         if offer.epoch > now_ns // NS_PER_MS + EPOCH_AHEAD_MAX:
-            why = f"epoch {offer.epoch} is more than a day ahead of the robot's clock"
-            return TaskAnswer(accepted=False, why=why)
+            return TaskAnswer.refused(EpochAhead(offer.epoch))
         for known in (status, held.status if held is not None else None):
             if known is not None and (known.id, known.epoch) == (offer.task.id, offer.epoch):
                 return TaskAnswer(accepted=True)
         if not offer.after:
             return self._begin_as_asked(offer, now_ns)
         if status is None or status.id != offer.after or status.state is TaskState.CANCELLED:
-            return TaskAnswer(accepted=False, why=f"is not at {offer.after}")
+            return TaskAnswer.refused(NotAtTask(offer.after))
         if status.state.ended:
             return self._begin_as_asked(offer, now_ns)
-        why = self._why_not(offer)
-        if not why:
-            waiting = TaskStatus(id=offer.task.id, epoch=offer.epoch, state=TaskState.OFFERED)
-            self._held = _Held(offer, waiting, now_ns)
-            self.coordinator_heard_ns = now_ns
-        return TaskAnswer(accepted=not why, why=why)
+        reason = self._why_not(offer)
+        if reason is not None:
+            return TaskAnswer.refused(reason)
+        waiting = TaskStatus(id=offer.task.id, epoch=offer.epoch, state=TaskState.OFFERED)
+        self._held = _Held(offer, waiting, now_ns)
+        self.coordinator_heard_ns = now_ns
+        return TaskAnswer(accepted=True)
 
     def go_on(self, now_ns: int) -> bool:
         """Begin what is held if the task before it has ended; whether it was begun."""
@@ -213,19 +215,19 @@ class TaskDesk:
         try:
             answer = self._begin(held.offer)  # does not renew the lease: the robot has heard nothing
         except FOREIGN_ERRORS as error:  # foreign plugin code
-            answer = TaskAnswer(accepted=False, why=cut(str(error)))
+            answer = TaskAnswer.refused(Said(cut(str(error))))
         if not answer.accepted:
             self._before = ended
-            self._status = TaskStatus(
-                id=held.status.id, epoch=held.status.epoch, state=TaskState.CANCELLED, why=answer.why
+            self._status = msgspec.structs.replace(
+                held.status, state=TaskState.CANCELLED, why=answer.why, reason=answer.reason
             )
         return answer.accepted
 
-    def _why_not(self, offer: TaskOffer) -> str:
+    def _why_not(self, offer: TaskOffer) -> OfferRefusal | None:
         own = self._own
         if own is not None and own.firm and not isinstance(offer.task, Recharge):
-            return own.firm
-        return "" if type(offer.task) in self._executors else f"no behavior does {type(offer.task).__name__} tasks"
+            return Occupied(own.name, own.firm)
+        return None if type(offer.task) in self._executors else NoBehavior(kind_of(offer.task))
 
     def _begin_as_asked(self, offer: TaskOffer, now_ns: int) -> TaskAnswer:
         answer = self._begin(offer)
@@ -234,9 +236,9 @@ class TaskDesk:
         return answer
 
     def _begin(self, offer: TaskOffer) -> TaskAnswer:
-        why = self._why_not(offer)
-        if why:
-            return TaskAnswer(accepted=False, why=why)
+        reason = self._why_not(offer)
+        if reason is not None:
+            return TaskAnswer.refused(reason)
         executor = self._executors[type(offer.task)]
         lease_ns = to_ns(offer.lease_s)  # before any change below, as it may raise
         before = (self.status, self._current)
@@ -350,4 +352,4 @@ class TaskDesk:
 
 
 def _too_old(epoch: int, newest: int) -> TaskAnswer:
-    return TaskAnswer(accepted=False, why=f"epoch {epoch} is older than {newest}", epoch=newest)
+    return TaskAnswer.refused(EpochOld(epoch, newest), newest)

@@ -13,6 +13,16 @@ from robrain.protocol.model.task import Task, TaskState, kind_of, place_of
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.errors import BadName
 from robrain.protocol.wire.keys import check_name
+from robrain.protocol.wire.reasons.reason import said
+from robrain.protocol.wire.reasons.tasks import (
+    AfterEnded,
+    DeadlinePassed,
+    NobodyHasAll,
+    Standing,
+    TeamLacks,
+    TooFewRobots,
+)
+from robrain.protocol.wire.reasons.words import told
 from robrain.protocol.wire.task_messages import TaskRecord, TaskSubmission
 
 if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
@@ -56,7 +66,7 @@ def why_impossible(
     plugins: Mapping[str, Iterable[str] | None],
     others: Mapping[str, TaskRecord],
 ) -> str:
-    """Why a task can never be done; empty if it may be.
+    """Why a task can never be done, in words for whoever asks for it; empty if it may be.
 
     Args:
         task: a new one.
@@ -70,8 +80,8 @@ def why_impossible(
         _why_bad_name(task.id)
         or _why_late(task, now_ns)
         or _why_no_place(task, grid)
-        or why_nobody_can(task, plugins)
-        or _why_waits_in_vain(task, others)
+        or told(why_nobody_can(task, plugins) or why_dependency_ended(task, others))
+        or _why_waits_for_itself(task, others)
     )
 
 
@@ -80,31 +90,37 @@ def needed_plugins(task: Task) -> tuple[str, ...]:
     return (kind_of(task), *task.needs)
 
 
-def why_nobody_can(task: Task, plugins: Mapping[str, Iterable[str] | None]) -> str:
-    """Why no robot of the team has what it takes; empty if one has, or may have."""
+def why_nobody_can(
+    task: Task, plugins: Mapping[str, Iterable[str] | None]
+) -> TeamLacks | NobodyHasAll | TooFewRobots | None:
+    """Why no robot of the team has what it takes; None if one has, or may have."""
     if not plugins or any(names is None for names in plugins.values()):
-        return ""
+        return None
     needed = needed_plugins(task)
     if task.robots > 1:
         needed = tuple(dict.fromkeys((*needed, GATHERING)))
         able = sum(names is not None and set(needed) <= set(names) for names in plugins.values())
         if 0 < able < task.robots or len(plugins) < task.robots:
-            return f"it needs {task.robots} robots at once that have {', '.join(needed)}, and the team has {able}"
+            return TooFewRobots(task.robots, needed, able)
     if any(names is not None and set(needed) <= set(names) for names in plugins.values()):
-        return ""
+        return None
     missing = [name for name in needed if not any(name in (names or ()) for names in plugins.values())]
-    if missing:
-        return f"no robot of the team has {' or '.join(missing)}"
-    return f"no robot of the team has all of {', '.join(needed)}"
+    return TeamLacks(tuple(missing)) if missing else NobodyHasAll(needed)
 
 
-def why_dependency_ended(task: Task, others: Mapping[str, TaskRecord]) -> str:
-    """Why what a task waits for will never be done; empty if it may be."""
+def why_dependency_ended(task: Task, others: Mapping[str, TaskRecord]) -> AfterEnded | None:
+    """Why what a task waits for will never be done; None if it may be."""
     for name in task.after:
         other = others.get(name)
         if other is not None and other.state.ended and other.state is not TaskState.DONE:
-            return f"{name}, which it waits for, was not done: {other.state}{f', {other.why}' if other.why else ''}"
-    return ""
+            because = other.reason.because if isinstance(other.reason, AfterEnded) else other.reason
+            return AfterEnded(name, other.state, because or said(other.why))
+    return None
+
+
+def standing_reason(record: TaskRecord) -> Standing | None:
+    """A record's reason, or its words if that is all; None if there is none, or if it holds another task's."""
+    return said(record.why) if isinstance(record.reason, AfterEnded | DeadlinePassed | None) else record.reason
 
 
 def _why_bad_name(task_id: str) -> str:
@@ -142,9 +158,7 @@ def _why_no_place(task: Task, grid: "OccupancyGrid | None") -> str:
     return ""
 
 
-def _why_waits_in_vain(task: Task, others: Mapping[str, TaskRecord]) -> str:
-    if why := why_dependency_ended(task, others):
-        return why
+def _why_waits_for_itself(task: Task, others: Mapping[str, TaskRecord]) -> str:
     came_from: dict[str, str] = {}
     waiting = [(name, task.id) for name in task.after]
     while waiting:

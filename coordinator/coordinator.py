@@ -26,12 +26,12 @@ from robrain.protocol.model.task import Explore, Recharge, TaskState, place_of
 from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.idle_reasons import IdleReason, PlanPending, TaskSoon, TeamHalted
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.map_messages import MapPatch
 from robrain.protocol.wire.messages import FrontierSummary, RobotState, TaskStatus, TeamState
+from robrain.protocol.wire.reasons.idle import IdleReason, PlanPending, TaskSoon, TeamHalted
 from robrain.protocol.wire.record_guard import RecordGuard
-from robrain.protocol.wire.refusals import RefusalCode, told
+from robrain.protocol.wire.refusals import RefusalCode, most_refused
 from robrain.protocol.wire.task_messages import TaskRecord
 from robrain.protocol.wire.topics import (
     COORDINATOR_ALIVE,
@@ -328,6 +328,6 @@ class Coordinator:
                 tasks_done=self.tasks.done_count,
                 messages=self._inbox.received,
                 halt=self.halts.status(now_ns),
-                refused=told(self._wire.refusals),
+                refused=most_refused(self._wire.refusals),
             )
         )

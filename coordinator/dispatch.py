@@ -9,10 +9,11 @@ from collections.abc import Callable, Sequence
 
 from robrain.coordinator.roster import Robot
 from robrain.protocol.model.task import Task, place_of
+from robrain.protocol.wire.reasons.robots import AnotherNearer, PositionUnknown, RobotReason
 from robrain.protocol.wire.task_messages import RobotVerdict, TaskRecord
 
-WhyNot = Callable[[TaskRecord, Robot], str]
-"""Why a task cannot go to a robot now; empty if it can."""
+WhyNot = Callable[[TaskRecord, Robot], RobotReason | None]
+"""Why a task cannot go to a robot now; None if it can."""
 
 
 def dispatch(ready: Sequence[TaskRecord], idle: Sequence[Robot], why_not: WhyNot) -> list[tuple[str, str]]:
@@ -35,7 +36,7 @@ def dispatch(ready: Sequence[TaskRecord], idle: Sequence[Robot], why_not: WhyNot
         able = [
             (distance_m, name)
             for name, robot in left.items()
-            if (distance_m := _distance_m(record.task, robot)) is not None and not why_not(record, robot)
+            if (distance_m := _distance_m(record.task, robot)) is not None and why_not(record, robot) is None
         ]
         if able:
             chosen = min(able)[1]
@@ -50,13 +51,13 @@ def verdicts(record: TaskRecord, robots: Sequence[Robot], why_not: WhyNot, chose
     for robot in robots:
         distance_m = _distance_m(record.task, robot)
         is_chosen = robot.name == chosen
-        why = "" if is_chosen else why_not(record, robot)
-        if not why and distance_m is None:
-            why = "does not know where it is"
-        if not why and chosen and not is_chosen:
-            why = f"{chosen} is nearer"
+        reason = None if is_chosen else why_not(record, robot)
+        if reason is None and distance_m is None:
+            reason = PositionUnknown()
+        if reason is None and chosen and not is_chosen:
+            reason = AnotherNearer(chosen)
         rounded_m = None if distance_m is None else round(distance_m, 2)
-        found.append(RobotVerdict(robot=robot.name, chosen=is_chosen, why_not=why, distance_m=rounded_m))
+        found.append(RobotVerdict.judged(robot.name, reason, chosen=is_chosen, distance_m=rounded_m))
     return found
 
 

@@ -4,6 +4,7 @@ from robrain.coordinator.roster import Roster
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.messages import MoteReading
+from robrain.protocol.wire.reasons.robots import CarrierOut, MoteSilent, RobotReason
 
 MEMBER_PREFIX = "mote:"
 """What the robot of a task is called that a mote does; no robot's name can begin so."""
@@ -48,15 +49,15 @@ class Mote:
         """Since when nothing new of it has come."""
         return to_seconds(now_ns - self.heard_ns)
 
-    def why_out_of_reach(self, roster: Roster, now_ns: int) -> str:
-        """Why it cannot be counted on to be heard; empty if it can."""
+    def why_out_of_reach(self, roster: Roster, now_ns: int) -> RobotReason | None:
+        """Why it cannot be counted on to be heard; None if it can."""
         silent_s = self.silent_s(now_ns)
         if silent_s > max(SILENT_S, PERIODS * self.period_s):
-            return f"was last heard {silent_s:.0f} s ago"
+            return MoteSilent(round(silent_s, 3))
         via = roster.robots.get(self.latest.via)
-        if via is not None and not via.is_up(now_ns):  # who is no robot is a gateway: its readings are its sign of life
-            return f"{via.name}, which heard it, is not there: {via.why_not_up(now_ns)}"
-        return ""
+        # Who is no robot is a gateway: its readings are its sign of life.
+        out = via.why_not_up(now_ns) if via is not None else None
+        return None if via is None or out is None else CarrierOut(via.name, out)
 
 
 class MoteTable:

@@ -24,6 +24,17 @@ from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import MoteDuty, MoteReading
 from robrain.protocol.wire.publisher import Publisher
+from robrain.protocol.wire.reasons.robots import (
+    BatteryTooSmall,
+    Dearer,
+    FarFromPlace,
+    LacksPlugins,
+    RobotReason,
+    SensesOther,
+    SpeaksSeldom,
+    ToldNothing,
+)
+from robrain.protocol.wire.reasons.tasks import DeadlinePassed, MoteUnknown, RobotOut
 from robrain.protocol.wire.record_guard import RecordGuard
 from robrain.protocol.wire.task_messages import RobotVerdict, TaskRecord
 from robrain.protocol.wire.topics import MOTE_DUTY, MOTE_READING
@@ -150,21 +161,21 @@ class MoteDesk:
     def _follow(self, record: TaskRecord, now_ns: int) -> bool:
         errand = self._errands.get(record.task.id)
         if errand is None:  # of a coordinator before this one
-            self._book.give_back(record.task.id, "the coordinator began anew, and no mote is at it")
+            self._book.give_back(record.task.id, MoteUnknown())
             return True
         if errand.values and now_ns >= errand.until_ns:
-            self._book.move(record.task.id, TaskState.DONE, "", errand.result)
+            self._book.move(record.task.id, TaskState.DONE, result=errand.result)
             return False
         deadline_ns = record.task.deadline_ns
         if deadline_ns is not None and now_ns > deadline_ns:
-            self._book.move(record.task.id, TaskState.FAILED, "its deadline has passed")
+            self._book.move(record.task.id, TaskState.FAILED, DeadlinePassed())
             return False
         silent_s = to_seconds(now_ns - errand.last_ns)
         if silent_s <= errand.patience_s:
             return False
-        why = f"told nothing in {silent_s:.0f} s"
-        self._reasons.shun(record.task.id, record.robot, why, now_ns)
-        self._book.give_back(record.task.id, f"{errand.mote.name} {why}")
+        reason = ToldNothing(round(silent_s, 3))
+        self._reasons.shun(record.task.id, record.robot, reason, now_ns)
+        self._book.give_back(record.task.id, RobotOut(errand.mote.name, reason))
         return True
 
     def _is_at_it(self, task_id: str) -> bool:
@@ -174,7 +185,7 @@ class MoteDesk:
     # -- deciding -------------------------------------------------------------------------------------------
 
     def _give_out(self, record: TaskRecord, now_ns: int) -> None:
-        if self._reasons.waits(record, now_ns):
+        if self._reasons.waits(record, now_ns) is not None:
             return
         task = record.task
         verdicts, mote = self.judge(record, now_ns)
@@ -190,14 +201,14 @@ class MoteDesk:
     def judge(self, record: TaskRecord, now_ns: int) -> tuple[list[RobotVerdict], Mote | None]:
         """How each mote and robot stands to a task, and the mote that does it.
 
-        It is None if no mote can, or if a robot costs the network less. The words say what share of its energy the
-        task would take each: see `motes_energy`.
+        It is None if no mote can, or if a robot costs the network less. The reasons have the share of its energy that
+        the task would take each: see `motes_energy`.
         """
         motes = {mote.name: self._why_not(record, mote, now_ns) for mote in self._candidates(record)}
         shares = {
             name: mote_share(_readings(record, self.table.motes[name]), self.table.motes[name].latest.voltage_v)
-            for name, why in motes.items()
-            if not why
+            for name, reason in motes.items()
+            if reason is None
         }
         best = min(shares, key=lambda name: (shares[name], name), default=None)
         robots = {robot: (share, energy_j) for robot, share, energy_j in self._robots(record, now_ns)}
@@ -206,13 +217,14 @@ class MoteDesk:
         winner = best if is_mote else cheapest
         least = shares[best] if is_mote and best is not None else robots[cheapest][0] if cheapest is not None else 0.0
         told = []
-        for name, why in sorted(motes.items()):
-            words = why or ("" if name == winner else _dearer(shares[name], winner, least))
-            energy_j = None if why else _readings(record, self.table.motes[name]) * reading_j()
-            told.append(RobotVerdict(robot=name, chosen=name == winner, why_not=words, energy_j=energy_j))
+        for name, reason in sorted(motes.items(), key=lambda one: one[0]):
+            energy_j = None if reason is not None else _readings(record, self.table.motes[name]) * reading_j()
+            if reason is None and winner is not None and name != winner:
+                reason = Dearer(shares[name], winner, least)
+            told.append(RobotVerdict.judged(name, reason, chosen=name == winner, energy_j=energy_j))
         for name, (share, cost_j) in sorted(robots.items()):
-            words = "" if name == winner else _dearer(share, winner, least)
-            told.append(RobotVerdict(robot=name, chosen=False, why_not=words, energy_j=cost_j))
+            dearer = None if winner is None or name == winner else Dearer(share, winner, least)
+            told.append(RobotVerdict.judged(name, dearer, energy_j=cost_j))
         return told, self.table.motes[best] if is_mote and best is not None else None
 
     def verdicts(self, record: TaskRecord, now_ns: int) -> list[RobotVerdict]:
@@ -229,22 +241,22 @@ class MoteDesk:
         assert isinstance(record.task, Sense | Monitor)
         return self.table.near(record.task.place, JUDGED)
 
-    def _why_not(self, record: TaskRecord, mote: Mote, now_ns: int) -> str:
+    def _why_not(self, record: TaskRecord, mote: Mote, now_ns: int) -> RobotReason | None:
         task = record.task
         assert isinstance(task, Sense | Monitor)
         if task.needs:
-            return f"has no {' and no '.join(task.needs)}"
+            return LacksPlugins(task.needs)
         away_m = 0.0 if mote.place is None else _away_m(task, mote)
         if away_m > NEAR_M and not getattr(task, "mote", ""):
-            return f"is {away_m:.1f} m from the place"
+            return FarFromPlace(round(away_m, 3))
         if mote.latest.quantity != task.quantity:
-            return f"senses {mote.latest.quantity}, not {task.quantity}"
+            return SensesOther(mote.latest.quantity, task.quantity)
         if isinstance(task, Sense) and mote.period_s > task.timeout_s:
-            return f"speaks each {mote.period_s:g} s, and {task.timeout_s:g} s is all that is waited"
-        if why := mote.why_out_of_reach(self._roster, now_ns):
-            return why
+            return SpeaksSeldom(mote.period_s, task.timeout_s)
+        if (out := mote.why_out_of_reach(self._roster, now_ns)) is not None:
+            return out
         if mote_share(_readings(record, mote), mote.latest.voltage_v) >= 1.0:
-            return "its battery does not last for it"
+            return BatteryTooSmall()
         return self._reasons.shunned(task.id, f"{MEMBER_PREFIX}{mote.name}", now_ns)
 
     def _robots(self, record: TaskRecord, now_ns: int) -> Iterator[tuple[str, float, float | None]]:
@@ -253,7 +265,7 @@ class MoteDesk:
         stay_s = task.duration_s if isinstance(task, Monitor) else OWN_STAY_S
         for robot in self._roster.up(now_ns):
             state = robot.state
-            if state is None or self._reasons.not_for(record, robot, now_ns):
+            if state is None or self._reasons.not_for(record, robot, now_ns) is not None:
                 continue
             known = state.energy is not None and state.pose is not None
             way_m = state.pose.distance_m(task.place) if state.pose is not None else 0.0
@@ -293,11 +305,3 @@ def _away_m(task: Sense | Monitor, mote: Mote) -> float:
     place = mote.place
     assert place is not None
     return float(((place.x_m - task.place.x_m) ** 2 + (place.y_m - task.place.y_m) ** 2) ** 0.5)
-
-
-def _dearer(share: float, winner: str | None, least: float) -> str:
-    return f"would take {_percent(share)} of its energy; {winner} takes {_percent(least)} of its own"
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.2g} %"

@@ -23,6 +23,8 @@ from robrain.coordinator.roster import LOST_AFTER_S, Robot
 from robrain.protocol.model.task import TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages import TaskStatus
+from robrain.protocol.wire.reasons.robots import NotHeard
+from robrain.protocol.wire.reasons.tasks import ContactBack, Forgotten, LeaseRanOut, NeverTaken, TaskReason
 from robrain.protocol.wire.task_messages import TaskRecord
 
 LEASE_S = 1.5
@@ -39,7 +41,7 @@ class Move(NamedTuple):
 
     state: TaskState
     """QUEUED: given back."""
-    why: str
+    reason: TaskReason | None = None
 
 
 def reconcile(record: TaskRecord, robot: Robot | None, now_ns: int, since_ns: int) -> Move | None:
@@ -62,20 +64,20 @@ def reconcile(record: TaskRecord, robot: Robot | None, now_ns: int, since_ns: in
             return None if status.state.ended or status.state is TaskState.OFFERED else _confirmed(record)
         if record.state is TaskState.OFFERED:
             waits = held_ns <= to_ns(FREE_AFTER_S)
-            return None if waits else Move(TaskState.QUEUED, f"{name} never said that it took it")
-        return Move(TaskState.QUEUED, f"{name} knows nothing of it") if held_ns > to_ns(FORGOTTEN_S) else None
+            return None if waits else Move(TaskState.QUEUED, NeverTaken(name))
+        return Move(TaskState.QUEUED, Forgotten(name)) if held_ns > to_ns(FORGOTTEN_S) else None
     if silent_ns > to_ns(FREE_AFTER_S) and (record.state is not TaskState.OFFERED or held_ns > to_ns(FREE_AFTER_S)):
-        return Move(TaskState.QUEUED, f"{name} is silent, and the lease ran out")
+        return Move(TaskState.QUEUED, LeaseRanOut(name))
     # A coordinator that begins anew has to have listened for a while before it can miss anybody.
     if record.state is not TaskState.RUNNING or now_ns - since_ns <= to_ns(LOST_AFTER_S):
         return None
-    return Move(TaskState.LOST_CONTACT, "nothing heard yet" if robot is None else robot.why_not_up(now_ns))
+    return Move(TaskState.LOST_CONTACT, NotHeard() if robot is None else robot.why_not_up(now_ns))
 
 
 def _confirmed(record: TaskRecord) -> Move | None:
     if record.state is TaskState.OFFERED:
-        return Move(TaskState.RUNNING, "")
-    return Move(TaskState.RUNNING, "it is back") if record.state is TaskState.LOST_CONTACT else None
+        return Move(TaskState.RUNNING)
+    return Move(TaskState.RUNNING, ContactBack()) if record.state is TaskState.LOST_CONTACT else None
 
 
 def strays(robot: Robot, records: Sequence[TaskRecord]) -> list[TaskStatus]:

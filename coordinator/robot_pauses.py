@@ -7,6 +7,8 @@ follow each unanswered offer at once with another task of its own.
 from typing import NamedTuple
 
 from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.reasons.offers import OfferRefusal
+from robrain.protocol.wire.reasons.robots import RefusedOften, RobotReason, Unreachable
 
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 8.0
 """Each pause is twice as long as the one before (chosen)."""
@@ -17,7 +19,7 @@ REFUSALS_FREE = 3
 class _Pause(NamedTuple):
     until_ns: int
     pause_s: float
-    why: str
+    reason: RobotReason
 
 
 class RobotPauses:
@@ -28,16 +30,16 @@ class RobotPauses:
         self._tired: dict[str, _Pause] = {}
         self._refusals: dict[str, int] = {}
 
-    def unreached(self, robot: str, why: str, now_ns: int) -> None:
+    def unreached(self, robot: str, reason: Unreachable, now_ns: int) -> None:
         """Record that an offer did not reach a robot."""
-        _lengthen(self._unreached, robot, f"could not be asked: {why}", now_ns)
+        _lengthen(self._unreached, robot, reason, now_ns)
 
-    def refused(self, robot: str, why: str, now_ns: int) -> None:
+    def refused(self, robot: str, refusal: OfferRefusal, now_ns: int) -> None:
         """Record that a robot refused one of the coordinator's own tasks."""
         self._unreached.pop(robot, None)
         self._refusals[robot] = self._refusals.get(robot, 0) + 1
         if self._refusals[robot] > REFUSALS_FREE:
-            _lengthen(self._tired, robot, f"refused {self._refusals[robot]} times: {why}", now_ns)
+            _lengthen(self._tired, robot, RefusedOften(self._refusals[robot], refusal), now_ns)
 
     def answered(self, robot: str) -> None:
         """Record that a robot refused a submitted task: it can be reached."""
@@ -48,21 +50,21 @@ class RobotPauses:
         for kept in (self._unreached, self._tired, self._refusals):
             kept.pop(robot, None)
 
-    def why_unreached(self, robot: str, now_ns: int) -> str:
-        """Why a robot must not be offered anything now; empty if it may."""
+    def why_unreached(self, robot: str, now_ns: int) -> RobotReason | None:
+        """Why a robot must not be offered anything now; None if it may."""
         return _why(self._unreached, robot, now_ns)
 
-    def why(self, robot: str, now_ns: int) -> str:
-        """Why a robot must not be offered one of the coordinator's own tasks now; empty if it may."""
+    def why(self, robot: str, now_ns: int) -> RobotReason | None:
+        """Why a robot must not be offered one of the coordinator's own tasks now; None if it may."""
         return _why(self._unreached, robot, now_ns) or _why(self._tired, robot, now_ns)
 
 
-def _lengthen(pauses: dict[str, _Pause], robot: str, why: str, now_ns: int) -> None:
+def _lengthen(pauses: dict[str, _Pause], robot: str, reason: RobotReason, now_ns: int) -> None:
     before = pauses.get(robot)
     pause_s = FIRST_PAUSE_S if before is None else min(2.0 * before.pause_s, LONGEST_PAUSE_S)
-    pauses[robot] = _Pause(now_ns + to_ns(pause_s), pause_s, why)
+    pauses[robot] = _Pause(now_ns + to_ns(pause_s), pause_s, reason)
 
 
-def _why(pauses: dict[str, _Pause], robot: str, now_ns: int) -> str:
+def _why(pauses: dict[str, _Pause], robot: str, now_ns: int) -> RobotReason | None:
     pause = pauses.get(robot)
-    return pause.why if pause is not None and now_ns < pause.until_ns else ""
+    return pause.reason if pause is not None and now_ns < pause.until_ns else None

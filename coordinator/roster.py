@@ -3,9 +3,11 @@
 from collections.abc import Mapping
 
 from robrain.protocol.wire.clock import to_ns, to_seconds
-from robrain.protocol.wire.idle_reasons import IdleReason, words
 from robrain.protocol.wire.messages import RobotState, RobotSummary
 from robrain.protocol.wire.presence import Change
+from robrain.protocol.wire.reasons.idle import IdleReason
+from robrain.protocol.wire.reasons.robots import Gone, LostContact, NotHeard, Unavailable
+from robrain.protocol.wire.reasons.words import told
 
 ROBOTS_MAX = 4096
 """Maximum number of robots ever seen; further ones are rejected."""
@@ -37,13 +39,13 @@ class Robot:
         """Whether it can be counted on."""
         return self.has_token and self.age_s(now_ns) <= LOST_AFTER_S
 
-    def why_not_up(self, now_ns: int) -> str:
-        """In words; empty if it is up."""
+    def why_not_up(self, now_ns: int) -> Unavailable | None:
+        """Why it cannot be counted on; None if it can."""
         if self.is_up(now_ns):
-            return ""
+            return None
         if self.heard_ns is None:
-            return "nothing heard yet"
-        return f"lost contact {self.age_s(now_ns):.1f} s ago" if self.has_token else "gone"
+            return NotHeard()
+        return LostContact(round(self.age_s(now_ns), 3)) if self.has_token else Gone()
 
 
 class Roster:
@@ -118,7 +120,7 @@ class Roster:
         reasons = idle or {}
         summaries = []
         for robot in self._by_name:
-            state, reason = robot.state, reasons.get(robot.name)
+            state, reason, out = robot.state, reasons.get(robot.name), robot.why_not_up(now_ns)
             summaries.append(
                 RobotSummary(
                     name=robot.name,
@@ -128,8 +130,9 @@ class Roster:
                     soc=state.battery.soc if state is not None and state.battery is not None else None,
                     behavior=state.behavior if state is not None else "",
                     task=state.task.id if state is not None and state.task and not state.task.state.ended else "",
-                    why=robot.why_not_up(now_ns) or ("" if reason is None else words(reason)),
+                    why=told(out or reason),
                     idle=reason,
+                    out=out,
                     faulted=state.faulted if state is not None else [],
                 )
             )

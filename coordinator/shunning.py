@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 from robrain.coordinator.robot_pauses import RobotPauses
-from robrain.protocol.model.ranges import cut
 from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.reasons.robots import RobotReason
 
 FIRST_PAUSE_S = 2.0
 LONGEST_PAUSE_S = 60.0
@@ -19,7 +19,7 @@ class _Shunned(NamedTuple):
     until_ns: int
     pause_s: float
     times: int
-    why: str
+    reason: RobotReason
 
 
 class Shunning:
@@ -30,27 +30,27 @@ class Shunning:
         self.robots = RobotPauses()
         """Robots that are offered nothing for a while, or none of the coordinator's own tasks."""
 
-    def note(self, task_id: str, robot: str, why: str, now_ns: int) -> None:
+    def note(self, task_id: str, robot: str, reason: RobotReason, now_ns: int) -> None:
         """A robot refused a task or failed at it."""
-        why = cut(why)
         before = self._shunned.pop((task_id, robot), None)
         pause_s = FIRST_PAUSE_S if before is None else min(2.0 * before.pause_s, LONGEST_PAUSE_S)
         times = 1 if before is None else before.times + 1
-        self._shunned[task_id, robot] = _Shunned(now_ns + to_ns(pause_s), pause_s, times, why)
+        self._shunned[task_id, robot] = _Shunned(now_ns + to_ns(pause_s), pause_s, times, reason)
         if len(self._shunned) > KEPT:
             del self._shunned[next(iter(self._shunned))]
 
-    def why(self, task_id: str, robot: str, now_ns: int) -> str:
-        """Why a robot is not to be offered a task now; empty if it may be."""
+    def why(self, task_id: str, robot: str, now_ns: int) -> RobotReason | None:
+        """Why a robot is not to be offered a task now; None if it may be."""
         shunned = self._shunned.get((task_id, robot))
-        why = shunned.why if shunned is not None and now_ns < shunned.until_ns else ""
-        return why or self.robots.why_unreached(robot, now_ns)
+        if shunned is not None and now_ns < shunned.until_ns:
+            return shunned.reason
+        return self.robots.why_unreached(robot, now_ns)
 
-    def pauses(self, now_ns: int) -> dict[tuple[str, str], str]:
+    def pauses(self, now_ns: int) -> dict[tuple[str, str], RobotReason]:
         """Which task is not to be offered to which robot now, and why."""
-        return {pair: shunned.why for pair, shunned in self._shunned.items() if now_ns < shunned.until_ns}
+        return {pair: shunned.reason for pair, shunned in self._shunned.items() if now_ns < shunned.until_ns}
 
-    def last_word(self, task_id: str, robot: str) -> str:
-        """What a robot said that is not asked again; empty if it may be."""
+    def last_word(self, task_id: str, robot: str) -> RobotReason | None:
+        """What a robot said that is not asked again; None if it may be."""
         shunned = self._shunned.get((task_id, robot))
-        return shunned.why if shunned is not None and shunned.times >= REFUSALS_MAX else ""
+        return shunned.reason if shunned is not None and shunned.times >= REFUSALS_MAX else None

@@ -11,10 +11,14 @@ from typing import Any
 import msgspec
 
 from robrain.coordinator.journal.journal import Journal
-from robrain.protocol.model.ranges import TEXT_MAX, cut
+from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.task import Task, TaskState
 from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.messages import TaskEvent, TaskStatus
+from robrain.protocol.wire.reasons.reason import said
+from robrain.protocol.wire.reasons.robots import Failed, Refused
+from robrain.protocol.wire.reasons.tasks import DoneBefore, RobotOut, TaskReason, Unreadable
+from robrain.protocol.wire.reasons.words import told
 from robrain.protocol.wire.task_messages import TaskRecord
 
 ATTEMPTS = 3
@@ -98,7 +102,7 @@ class TaskBook:
         """Fail the open tasks that the journal could read only in part."""
         for task_id, why in self.journal.wrong.items():
             if task_id in self._open:
-                self.move(task_id, TaskState.FAILED, f"it cannot be carried out as requested: {why}")
+                self.move(task_id, TaskState.FAILED, Unreadable(cut(why)))
         self.journal.wrong.clear()
 
     def tell_again(self, count: int) -> None:
@@ -125,32 +129,34 @@ class TaskBook:
         record = TaskRecord(task=task, state=TaskState.QUEUED, changed_ns=now_ns, submitted_ns=now_ns, by=by, own=own)
         return self._take(self.journal.accept(record, asked))
 
-    def offered(self, task_id: str, robot: str, why: str = "") -> TaskRecord:
+    def offered(self, task_id: str, robot: str, reason: TaskReason | None = None) -> TaskRecord:
         """A task is about to be offered, also to a robot that is still at another; the record has a new epoch."""
         epoch = self.journal.new_epoch(self._first_epoch + 1)
-        return self._change(self._open[task_id], TaskState.OFFERED, why, robot=robot, epoch=epoch)
+        return self._change(self._open[task_id], TaskState.OFFERED, reason, robot=robot, epoch=epoch)
 
-    def begin_together(self, task_id: str, why: str) -> TaskRecord:
+    def begin_together(self, task_id: str, reason: TaskReason) -> TaskRecord:
         """Several robots set out for a task at once; it is nobody's alone."""
         epoch = self.journal.new_epoch(self._first_epoch + 1)
-        self._change(self._open[task_id], TaskState.OFFERED, why, epoch=epoch)
-        return self._change(self._open[task_id], TaskState.RUNNING, why)
+        self._change(self._open[task_id], TaskState.OFFERED, reason, epoch=epoch)
+        return self._change(self._open[task_id], TaskState.RUNNING, reason)
 
     def outbid(self, epoch: int) -> None:
         """Use greater epochs than this one, which a robot accepted from another sender, from now on."""
         self.journal.new_epoch(epoch + 1)
 
-    def move(self, task_id: str, state: TaskState, why: str = "", result: dict[str, Any] | None = None) -> TaskRecord:
+    def move(
+        self, task_id: str, state: TaskState, reason: TaskReason | None = None, result: dict[str, Any] | None = None
+    ) -> TaskRecord:
         """A task goes on to another state."""
         record = self._open[task_id]
-        return self._change(record, state, why, robot=record.robot, result=result or record.result)
+        return self._change(record, state, reason, robot=record.robot, result=result or record.result)
 
-    def give_back(self, task_id: str, why: str, *, failed: bool = False) -> TaskRecord:
+    def give_back(self, task_id: str, reason: TaskReason | None, *, failed: bool = False) -> TaskRecord:
         """Its robot does not do it: it is queued again, or ends if it is the coordinator's own.
 
         Args:
             task_id: of an open task.
-            why: the robot's reason.
+            reason: why.
             failed: the robot tried; after 3 of these the task has failed.
 
         """
@@ -158,10 +164,11 @@ class TaskBook:
         attempts = record.attempts + failed
         if record.own or attempts >= ATTEMPTS:
             state = TaskState.FAILED if failed else TaskState.CANCELLED
-            return self._change(record, state, why, robot=record.robot, attempts=attempts)
+            return self._change(record, state, reason, robot=record.robot, attempts=attempts)
         if failed:
-            why = f"{record.robot} failed: {why}; attempt {attempts} of {ATTEMPTS}"
-        return self._change(record, TaskState.QUEUED, why, attempts=attempts)
+            out = reason if isinstance(reason, RobotOut) else RobotOut(record.robot, Failed(cut(told(reason))))
+            reason = msgspec.structs.replace(out, attempt=attempts, attempts=ATTEMPTS)
+        return self._change(record, TaskState.QUEUED, reason, attempts=attempts)
 
     def note_status(self, robot: str, status: TaskStatus) -> TaskRecord | None:
         """What a robot says of a task; its word counts only for how the task ended.
@@ -179,20 +186,24 @@ class TaskBook:
             done = status.state is TaskState.DONE
             if not done or not self.journal.was_offered(status.id, robot, status.epoch):
                 return None
-            why = f"{robot} had done it before it was given to another" if record.robot else status.why
-            self._change(record, TaskState.DONE, why, robot=robot, epoch=status.epoch, result=status.result)
+            reason = DoneBefore(robot) if record.robot else said(status.why)
+            self._change(record, TaskState.DONE, reason, robot=robot, epoch=status.epoch, result=status.result)
         elif status.state is TaskState.DONE:
-            self.move(status.id, TaskState.DONE, status.why, status.result)
+            self.move(status.id, TaskState.DONE, said(status.why), status.result)
         else:
-            self.give_back(status.id, status.why, failed=status.state is TaskState.FAILED)
+            refusal = None if status.reason is None else RobotOut(robot, Refused(status.reason))
+            self.give_back(status.id, refusal or said(status.why), failed=status.state is TaskState.FAILED)
         return record
 
-    def _change(self, record: TaskRecord, state: TaskState, why: str = "", **fields: Any) -> TaskRecord:
+    def _change(
+        self, record: TaskRecord, state: TaskState, reason: TaskReason | None = None, **fields: Any
+    ) -> TaskRecord:
         if state not in LEGAL[record.state]:
             raise ValueError(f"task {record.task.id}: {state} cannot follow {record.state}")
         fields = {"robot": "", **fields}  # a task that nobody is named for is nobody's
-        why = cut(why, TEXT_MAX)
-        changed = msgspec.structs.replace(record, state=state, why=why, changed_ns=self._clock.now_ns(), **fields)
+        changed = msgspec.structs.replace(
+            record, state=state, why=told(reason), reason=reason, changed_ns=self._clock.now_ns(), **fields
+        )
         return self._take(self.journal.change(changed))
 
     def _take(self, record: TaskRecord) -> TaskRecord:

@@ -8,7 +8,7 @@ import logging
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
-from robrain.coordinator.admission import why_dependency_ended
+from robrain.coordinator.admission import standing_reason, why_dependency_ended
 from robrain.coordinator.capabilities import Capabilities
 from robrain.coordinator.dispatch import dispatch, verdicts
 from robrain.coordinator.journal.errors import JournalUnwritable
@@ -19,10 +19,15 @@ from robrain.coordinator.roster import Robot, Roster
 from robrain.coordinator.shunning import Shunning
 from robrain.coordinator.task_book import TaskBook
 from robrain.coordinator.task_reasons import TaskReasons
+from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.task import TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.messages import TaskStatus, TaskWithdrawal
+from robrain.protocol.wire.reasons.offers import OfferRefusal
+from robrain.protocol.wire.reasons.reason import Said
+from robrain.protocol.wire.reasons.robots import Failed, Refused, RobotReason, Unreachable
+from robrain.protocol.wire.reasons.tasks import DeadlinePassed, IsNext, NotOffered, RobotOut, TaskReason
 from robrain.protocol.wire.record_guard import RecordGuard
 from robrain.protocol.wire.refusals import RefusalCode
 from robrain.protocol.wire.task_messages import TaskRecord
@@ -73,9 +78,10 @@ class TaskLifecycle:
         with self.as_far_as_written(now_ns):
             record = self._book.note_status(robot, status)
         if record is not None and status.state is TaskState.FAILED:
-            self._shunning.note(record.task.id, robot, f"failed: {status.why}", now_ns)
+            self._shunning.note(record.task.id, robot, Failed(cut(status.why)), now_ns)
         elif record is not None and status.state is TaskState.CANCELLED and self._was_held(record):
-            self._shun_refused(status.id, robot, status.why, now_ns)  # when its turn came, it was refused
+            # When its turn came, it was refused.
+            self._shun_refused(status.id, robot, status.reason or Said(cut(status.why)), now_ns)
         return record
 
     def _was_held(self, record: TaskRecord) -> bool:
@@ -106,18 +112,20 @@ class TaskLifecycle:
                 self._book.move(task_id, TaskState.RUNNING)
             return False
         if not is_reached:
-            pauses.unreached(robot, answer.why, now_ns)
-            self._book.give_back(task_id, f"{robot} could not be asked: {answer.why}")
+            unreachable = Unreachable(cut(answer.why))
+            pauses.unreached(robot, unreachable, now_ns)
+            self._book.give_back(task_id, RobotOut(robot, unreachable))
             return True
-        self._book.give_back(task_id, f"{robot} refused: {answer.why}")
+        refusal = answer.reason or Said(cut(answer.why))
+        self._book.give_back(task_id, RobotOut(robot, Refused(refusal)))
         if isinstance(answer.epoch, int) and self._catch_up(robot, answer.epoch, now_ns):
             return True  # the epoch was refused, not the task
         if record.own:
-            pauses.refused(robot, answer.why, now_ns)
+            pauses.refused(robot, refusal, now_ns)
         else:
             pauses.answered(robot)
         if not after:  # what is refused for later is asked again when the robot is free
-            self._shun_refused(task_id, robot, answer.why, now_ns)
+            self._shun_refused(task_id, robot, refusal, now_ns)
         if record.own:
             self.on_refused(record, robot, now_ns)
         return True
@@ -140,11 +148,11 @@ class TaskLifecycle:
         self._refusals.note(ROBOT_OFFER.name, robot, RefusalCode.OLD_EPOCH, why)
         return outbids
 
-    def _shun_refused(self, task_id: str, robot: str, why: str, now_ns: int) -> None:
-        self._shunning.note(task_id, robot, f"refused: {why}", now_ns)
+    def _shun_refused(self, task_id: str, robot: str, refusal: OfferRefusal, now_ns: int) -> None:
+        self._shunning.note(task_id, robot, Refused(refusal), now_ns)
         record = self._book.find(task_id)
-        if record is not None and not record.state.ended and (words := self.reasons.hopeless(record, now_ns)):
-            self._book.move(task_id, TaskState.FAILED, f"nobody does it: {words}")
+        if record is not None and not record.state.ended and (hopeless := self.reasons.hopeless(record, now_ns)):
+            self._book.move(task_id, TaskState.FAILED, hopeless)
 
     # -- deciding -------------------------------------------------------------------------------------------
 
@@ -162,10 +170,10 @@ class TaskLifecycle:
             if record.robot:
                 move = reconcile(record, self._roster.robots.get(record.robot), now_ns, self._since_ns)
                 if move is not None and move.state is TaskState.QUEUED:
-                    self._book.give_back(task_id, move.why)
+                    self._book.give_back(task_id, move.reason)
                     freed = True
                 elif move is not None:
-                    self._book.move(task_id, move.state, move.why)
+                    self._book.move(task_id, move.state, move.reason)
             elif end := self._why_over(record, now_ns, others_changed=others_changed):
                 self._book.move(task_id, *end)
 
@@ -173,18 +181,19 @@ class TaskLifecycle:
             self._guard.records(self._book.open, settle, _task_id, "task")
         return freed
 
-    def _why_over(self, record: TaskRecord, now_ns: int, *, others_changed: bool) -> tuple[TaskState, str] | None:
+    def _why_over(
+        self, record: TaskRecord, now_ns: int, *, others_changed: bool
+    ) -> tuple[TaskState, TaskReason] | None:
         task = record.task
         if record.own:  # it is offered in the step that makes it, or never
-            return TaskState.CANCELLED, record.why or "it was offered to nobody"
+            return TaskState.CANCELLED, record.reason or NotOffered()
         if task.deadline_ns is not None and now_ns > task.deadline_ns:
-            why = f"its deadline has passed{f'; {record.why}' if record.why else ''}"
-            return TaskState.FAILED, why
+            return TaskState.FAILED, DeadlinePassed(standing_reason(record))
         if not others_changed or not task.after:
             return None
         others = {name: found for name in task.after if (found := self._book.find(name)) is not None}
-        why = why_dependency_ended(task, others)
-        return (TaskState.CANCELLED, why) if why else None
+        ended = why_dependency_ended(task, others)
+        return None if ended is None else (TaskState.CANCELLED, ended)
 
     def dispatch(self, idle: list[Robot], now_ns: int) -> None:
         """Offer ready tasks to robots.
@@ -195,12 +204,12 @@ class TaskLifecycle:
 
         """
         reasons = self.reasons
-        ready = [record for record in self._book.open if not reasons.waits(record, now_ns)]
+        ready = [record for record in self._book.open if reasons.waits(record, now_ns) is None]
         if not ready:
             return
         robots = [self._roster.robots[name] for name in sorted(self._roster.robots)]
 
-        def why_not(record: TaskRecord, robot: Robot) -> str:
+        def why_not(record: TaskRecord, robot: Robot) -> RobotReason | None:
             return reasons.not_for(record, robot, now_ns)
 
         with self.as_far_as_written(now_ns):
@@ -213,13 +222,13 @@ class TaskLifecycle:
     def tell_nobody_can(self, now_ns: int) -> None:
         """Tell of ready tasks that no robot of the team has what they take."""
         with self.as_far_as_written(now_ns):
-            self._tell_nobody_can([record for record in self._book.open if not self.reasons.waits(record, now_ns)])
+            self._tell_nobody_can([record for record in self._book.open if self.reasons.waits(record, now_ns) is None])
 
     def _tell_nobody_can(self, ready: list[TaskRecord]) -> None:
         for record in ready:
-            why = self.reasons.nobody_can(record)
-            if why and why != record.why:  # told once, and as often as it changes
-                self._book.move(record.task.id, TaskState.QUEUED, why)
+            reason = self.reasons.nobody_can(record)
+            if reason is not None and reason != record.reason:  # told once, and as often as it changes
+                self._book.move(record.task.id, TaskState.QUEUED, reason)
 
     def note_decision(self, task_id: str, robots: Sequence[str], now_ns: int) -> None:
         """A task is about to be offered to robots: how each robot stands to it is kept for those who ask."""
@@ -231,7 +240,7 @@ class TaskLifecycle:
         """Whether a robot can be offered something for after the task that it is at: once for each."""
         return self._ahead.get(robot, ("", ""))[0] != at
 
-    def offer(self, task_id: str, robot: str, now_ns: int, *, after: str = "") -> str:
+    def offer(self, task_id: str, robot: str, now_ns: int, *, after: str = "") -> OfferRefusal | None:
         """Offer a queued task to a robot. Refused, it is queued again, or ends if it is the coordinator's own.
 
         Args:
@@ -247,15 +256,15 @@ class TaskLifecycle:
             JournalUnwritable: a step of it is not in the journal; what the robot says later counts.
 
         """
-        record = self._book.offered(task_id, robot, f"it is next, after {after}" if after else "")
+        record = self._book.offered(task_id, robot, IsNext(after) if after else None)
         if after:
             self._ahead[robot] = (after, task_id)
         self._offers.offer(record, after)
-        refused = ""
+        refusal: OfferRefusal | None = None
         for answered in self._offers.answered():
             if self._take_answer(answered, now_ns) and answered.record is record:
-                refused = answered.answer.why or "it does not say why"
-        return refused
+                refusal = answered.answer.reason or Said(cut(answered.answer.why) or "it does not say why")
+        return refusal
 
     def withdraw_strays(self, now_ns: int) -> None:
         """Tell robots that are at a task, or hold one, which the book has closed, or given to another, to stop."""

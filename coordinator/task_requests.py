@@ -13,6 +13,7 @@ from robrain.protocol.model.task import Task, TaskState
 from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.reasons.tasks import Cancelled
 from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
 from robrain.protocol.wire.topics import TASK_CANCEL, TASK_GET, TASK_LIST, TASK_SUBMIT, TASK_WHY
 
@@ -101,9 +102,8 @@ class TaskRequests:
         if record.state.ended:
             raise CallError(ErrorCode.REFUSED, f"task {asked.id} has ended already: it is {record.state}", record.state)
         by = asked.by or request.by
-        why = ": ".join(text for text in (f"cancelled by {by}" if by else "cancelled", asked.why) if text)
         try:
-            record = self._book.move(asked.id, TaskState.CANCELLED, why)
+            record = self._book.move(asked.id, TaskState.CANCELLED, Cancelled(by, asked.why))
         except JournalUnwritable as error:
             raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {error}", str(error)) from error
         self.news = True  # its robot is told to stop in this very step

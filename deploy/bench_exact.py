@@ -45,7 +45,7 @@ def exact_plan(problem: Problem, objective: Objective = Objective.ENERGY, limit_
         for index, job in enumerate(problem.jobs):
             arcs.append((index + 1, index + 1, ~mine[index]))
             model.add_implication(idle, ~mine[index])
-            if not job.needs <= worker.offers:
+            if not job.admits(worker):
                 model.add(mine[index] == 0)
             first = model.new_bool_var("")
             arcs.append((0, index + 1, first))

@@ -20,6 +20,7 @@ from robrain.coordinator.allocation.plan import Plan
 from robrain.coordinator.allocation.problem import Job, Problem, Worker
 from robrain.coordinator.allocation.validate import validate
 from robrain.deploy.errors import InstanceError
+from robrain.protocol.wire.reasons.words import told
 
 DECIMALS = {"solomon": 1, "vrplib": 0}
 """How published values count a way: cut after the first decimal (Solomon's set, as in Kohl and others, 2-Path Cuts for
@@ -150,7 +151,8 @@ def _note(plan: Plan, over: int, capacity: float) -> str:
             " not comparable"
         )
     if plan.unassigned:
-        return f"{len(plan.unassigned)} customers are left out, {plan.unassigned[0].job}: {plan.unassigned[0].why}"
+        first = plan.unassigned[0]
+        return f"{len(plan.unassigned)} customers are left out, {first.job}: {told(first.reason)}"
     return ""
 
 

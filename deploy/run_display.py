@@ -11,7 +11,8 @@ from rich.text import Text
 from robrain.deploy.own_program import own_program
 from robrain.deploy.terminal import both_at_a_terminal, clock_of, console, print_line, results, say
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
-from robrain.protocol.wire.idle_reasons import NothingUnknown, words
+from robrain.protocol.wire.reasons.idle import NothingUnknown
+from robrain.protocol.wire.reasons.words import words
 from robrain.sim.floor_left import GapTooNarrow
 from robrain.sim.result import RunResult
 from robrain.sim.scenario import Progress as RunProgress

@@ -25,6 +25,7 @@ from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import WireError
 from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.reasons.words import told
 from robrain.protocol.wire.session import listening_at
 from robrain.protocol.wire.topics import ARENA_TRUTH, COORDINATOR_ALIVE, ROBOT_ALIVE, ROBOT_STATE
 from robrain.sim.manifests import manifest_texts
@@ -212,7 +213,7 @@ class _Watch:
                 halted = robot.state is not None and robot.state.halted
                 robots.append((name, "halted" if halted else robot.state.behavior if robot.state else "up"))
             else:
-                robots.append((name, robot.why_not_up(now_ns)))
+                robots.append((name, told(robot.why_not_up(now_ns))))
         exited = [
             (child.name, status, next((line for line in reversed(list(child.lines)) if line.strip()), ""))
             for child in self._children.all

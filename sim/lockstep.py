@@ -18,9 +18,9 @@ from robrain.protocol.wire.arena_messages import ArenaTruth, OutsideInput
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.collector import CalmCollector
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.idle_reasons import IdleReason
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM
+from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, COORDINATOR_STATE, MOTE_READING
 from robrain.sim.arena import TICK_S

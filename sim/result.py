@@ -4,7 +4,7 @@ import msgspec
 
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.idle_reasons import IdleReason
+from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.sim.floor_left import FloorLeft
 
 

@@ -12,10 +12,12 @@ from robrain.agent.manifest import COMMAND
 from robrain.agent.plugin import Plugin, PluginState
 from robrain.agent.plugin_traceback import log_error
 from robrain.agent.task_desk import Accept, LetGo
+from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.task import Task
 from robrain.protocol.wire.endpoint import Handler, Request
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages import TaskAnswer
+from robrain.protocol.wire.reasons.offers import PluginOut
 
 logger = logging.getLogger(__name__)
 
@@ -74,11 +76,11 @@ def task_handlers(plugin: Callee, accept: Accept, let_go: LetGo) -> tuple[Accept
         try:
             with plugin.turn:
                 if plugin.state is not PluginState.ACTIVE:
-                    return TaskAnswer(accepted=False, why=f"{plugin.name} is {plugin.state}")
+                    return TaskAnswer.refused(PluginOut(plugin.name, plugin.state))
                 return accept(task)
         except FOREIGN_ERRORS as error:  # foreign plugin code
             plugin.blame(error)
-            return TaskAnswer(accepted=False, why=f"{plugin.name} is {plugin.state}: {plugin.why or error}")
+            return TaskAnswer.refused(PluginOut(plugin.name, plugin.state, cut(plugin.why or str(error))))
 
     def let_go_in_turn(why: str) -> None:
         try:

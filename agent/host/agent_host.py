@@ -46,7 +46,8 @@ from robrain.protocol.wire.messages import (
     TaskOffer,
     TaskWithdrawal,
 )
-from robrain.protocol.wire.refusals import Refusals, told
+from robrain.protocol.wire.reasons.offers import RobotHalted
+from robrain.protocol.wire.refusals import Refusals, most_refused
 from robrain.protocol.wire.topics import (
     COORDINATOR_STATE,
     ROBOT_ALIVE,
@@ -242,7 +243,7 @@ class AgentHost:
                 frame=board.frame,
                 map_agreement=board.map_agreement,
                 loaded=self._loaded(),
-                refused=told(self._refusals),
+                refused=most_refused(self._refusals),
                 faulted=[PluginFault(plugin=name, why=cut(why)) for name, why in self._faulted.items()],
             )
             self._state.put(self.halting.mark(self._told))
@@ -340,7 +341,7 @@ class AgentHost:
 
     def _offer(self, request: Request[TaskOffer]) -> TaskAnswer:
         if self.manager.halted:
-            return TaskAnswer(accepted=False, why="the robot is halted")
+            return TaskAnswer.refused(RobotHalted())
         return self.desk.offer(request.asked, self.clock.now_ns())
 
     def _withdraw(self, request: Request[TaskWithdrawal]) -> TaskAnswer:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.coordinator.allocation.problem import Problem
+from robrain.protocol.wire.reasons.plans import HolderLacks, HolderLacksEnergy, HolderLate
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -48,7 +49,7 @@ class VisitArrays(NamedTuple):
     latest_s: Floats
     """Latest start."""
     allowed: NDArray[np.bool_]
-    """(W, V) the worker offers what is needed."""
+    """(W, V) the worker has what is needed and may be given the job."""
 
     def chosen(self, rows: Indices) -> "VisitArrays":
         """Some of them; copies."""
@@ -71,7 +72,7 @@ class ProblemArrays(NamedTuple):
     visits: VisitArrays
     pinned: tuple[tuple[int, ...], ...]
     """For each worker the jobs that it is at."""
-    refused: dict[int, str]
+    refused: dict[int, HolderLacks | HolderLacksEnergy | HolderLate]
     """Jobs that became no visit because their robot cannot finish them, with why."""
 
 
@@ -94,11 +95,13 @@ def make_arrays(problem: Problem) -> ProblemArrays:
     running = {index for index, job in enumerate(problem.jobs) if job.pinned_to}
     jobs = [index for index, job in enumerate(problem.jobs) if index not in running for _ in range(job.robots)]
     chosen = [problem.jobs[index] for index in jobs]
-    kinds = {job.needs for job in chosen}
-    able = {needs: np.array([needs <= worker.offers for worker in problem.workers], np.bool_) for needs in kinds}
     allowed = np.zeros((len(problem.workers), len(jobs)), np.bool_)
+    able: dict[tuple[frozenset[str], frozenset[str], bool], NDArray[np.bool_]] = {}
     for column, job in enumerate(chosen):
-        allowed[:, column] = able[job.needs]
+        kind = (job.needs, job.forbidden_workers, job.ready_only)
+        if kind not in able:
+            able[kind] = np.array([job.admits(worker) for worker in problem.workers], np.bool_)
+        allowed[:, column] = able[kind]
     visits = VisitArrays(
         np.array(jobs, np.int64),
         np.array([job.place for job in chosen], np.int64),
@@ -125,10 +128,12 @@ def nearest_ends(problem: Problem, worker_index: int) -> tuple[Floats, Floats, I
     return energy[rows, best], problem.time_s[worker.profile][rows, ends[best]], ends[best]
 
 
-def _finish_what_is_running(problem: Problem, team: TeamArrays) -> tuple[tuple[tuple[int, ...], ...], dict[int, str]]:
+def _finish_what_is_running(
+    problem: Problem, team: TeamArrays
+) -> tuple[tuple[tuple[int, ...], ...], dict[int, HolderLacks | HolderLacksEnergy | HolderLate]]:
     """Move each worker to the end of what it is at; `team` is changed in place."""
     pinned: list[list[int]] = [[] for _ in problem.workers]
-    refused: dict[int, str] = {}
+    refused: dict[int, HolderLacks | HolderLacksEnergy | HolderLate] = {}
     for index, job in enumerate(problem.jobs):
         if not job.pinned_to:
             continue
@@ -140,11 +145,11 @@ def _finish_what_is_running(problem: Problem, team: TeamArrays) -> tuple[tuple[t
         wait_j = team.wait_w[at] * (start_s - arrive_s) if math.isfinite(arrive_s) else 0.0
         left_j = team.usable_j[at] - team.energy_j[way] - wait_j - job.service_j
         if not job.needs <= problem.workers[at].offers:
-            refused[index] = f"{job.pinned_to} is at it and lacks {', '.join(sorted(job.needs))}"
+            refused[index] = HolderLacks(job.pinned_to, tuple(sorted(job.needs)))
         elif end_s > job.latest_s or end_s + team.end_s[at, job.place] > problem.horizon_s:
-            refused[index] = f"{job.pinned_to} is at it and cannot end it in time"
+            refused[index] = HolderLate(job.pinned_to)
         elif not left_j >= team.end_j[at, job.place]:
-            refused[index] = f"{job.pinned_to} is at it and has not the energy to end it"
+            refused[index] = HolderLacksEnergy(job.pinned_to)
         else:
             team.start[at], team.ready_s[at], team.usable_j[at] = job.place, end_s, left_j
             pinned[at].append(index)

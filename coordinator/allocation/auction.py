@@ -6,6 +6,8 @@ into the robot's route costs (MiniSum), or when the robot would be back (MiniMax
 round are tried and the best plan is kept; an auction is quick enough for that.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from robrain.coordinator.allocation.arrays import ProblemArrays, make_arrays
@@ -24,6 +26,7 @@ from robrain.coordinator.allocation.problem import Objective, Problem
 from robrain.coordinator.allocation.refusal import reasons
 from robrain.coordinator.allocation.repair import keep
 from robrain.coordinator.allocation.schedule import make_plan
+from robrain.protocol.wire.reasons.plans import LeftOut
 
 FEW_PAIRS = 2000
 """Up to so many robots × jobs all three auctions are held; beyond, one, so that the first plan is there at once."""
@@ -66,7 +69,7 @@ class AuctionAllocator:
 
     def hold(
         self, problem: Problem, rule: int, choice: int, rng: np.random.Generator | None = None
-    ) -> tuple[Plan, dict[str, str]]:
+    ) -> tuple[Plan, dict[str, LeftOut | None]]:
         """One auction: a plan without reasons, and the reasons that are known. Chance only touches coupled jobs."""
         arrays = make_arrays(problem)
         routes = empty_routes(arrays.team, arrays.visits)
@@ -126,7 +129,7 @@ def plan_of(problem: Problem, arrays: ProblemArrays, routes: Routes, objective: 
     return plan
 
 
-def _by_id(problem: Problem, why: dict[int, str]) -> dict[str, str]:
+def _by_id(problem: Problem, why: Mapping[int, LeftOut | None]) -> dict[str, LeftOut | None]:
     return {problem.jobs[index].id: reason for index, reason in why.items()}
 
 

@@ -26,6 +26,7 @@ from robrain.coordinator.allocation.insertion import (
 )
 from robrain.coordinator.allocation.plan import Plan
 from robrain.coordinator.allocation.problem import Problem
+from robrain.protocol.wire.reasons.plans import AfterUndone, LeftOut, NotTogether, WaitsForItself
 
 NOISE = (0.6, 1.4)
 """What bids are multiplied by where chance is wanted; chosen."""
@@ -52,13 +53,13 @@ def place_coupled(
     open_visits: NDArray[np.bool_],
     rule: int,
     rng: np.random.Generator | None = None,
-) -> dict[int, str]:
+) -> dict[int, LeftOut | None]:
     """Put the coupled jobs into empty routes and narrow their windows, both in place.
 
     With a generator the order among those that could be placed next is drawn, and bids are made a little more or less.
 
     Returns:
-        For each of them that nobody does, why. All of them are no longer open.
+        For each of them that nobody does, why, or None if no robot alone can do it. All of them are no longer open.
 
     """
     waiting = coupled_jobs(problem)
@@ -68,7 +69,7 @@ def place_coupled(
             visits_of[int(job)].append(visit)
             open_visits[visit] = False
     ends_s = _pinned_ends(problem, arrays)
-    why: dict[int, str] = {}
+    why: dict[int, LeftOut | None] = {}
     undecided = [index for index in waiting if visits_of[index]]
     why.update({index: arrays.refused[index] for index in waiting if index in arrays.refused})
     worth_j = _chain_worth(problem, waiting)
@@ -82,13 +83,13 @@ def place_coupled(
             )
         ]
         if not ready:
-            why.update(dict.fromkeys(undecided, "it waits for itself"))
+            why.update(dict.fromkeys(undecided, WaitsForItself()))
             break
         index = ready[0] if rng is None else ready[int(rng.integers(len(ready)))]
         undecided.remove(index)
         missing = [name for name in problem.predecessors(problem.jobs[index]) if problem.job_index[name] in why]
         if missing:
-            why[index] = f"it comes after {missing[0]}, which nobody does"
+            why[index] = AfterUndone(missing[0])
             continue
         visits = visits_of[index]
         before_s = max(
@@ -98,7 +99,7 @@ def place_coupled(
         end_s = _place(arrays, routes, visits, rule, worth_j[index], rng, is_waited_for=bool(waiting[index]))
         if end_s is None:
             wanted = len(visits)
-            why[index] = f"no {wanted} robots can be at it at once" if wanted > 1 else ""
+            why[index] = NotTogether(wanted) if wanted > 1 else None
         else:
             ends_s[index] = end_s
     return why

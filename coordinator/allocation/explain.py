@@ -10,7 +10,9 @@ from robrain.coordinator.allocation.coupling import coupled_jobs, windows_of
 from robrain.coordinator.allocation.insertion import Routes, refresh, remove
 from robrain.coordinator.allocation.plan import Plan, Stop
 from robrain.coordinator.allocation.problem import Job, Problem
-from robrain.coordinator.allocation.refusal import FITS, in_words, judge, routes_of
+from robrain.coordinator.allocation.refusal import FITS, judge, routes_of, why_not
+from robrain.protocol.wire.reasons.plans import BestTogether, Cheapest, Chosen, IsAtIt, LeftOut, OnlyThese
+from robrain.protocol.wire.reasons.robots import RobotReason
 
 
 class Option(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -23,8 +25,8 @@ class Option(msgspec.Struct, frozen=True, omit_defaults=True):
     """By how much later it is at its charger for it."""
     start_s: float | None = None
     """When it would start with it."""
-    why_not: str = ""
-    """Why it is out."""
+    why_not: RobotReason | None = None
+    """Why it is out; None if it is not."""
 
 
 class Decision(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -34,8 +36,8 @@ class Decision(msgspec.Struct, frozen=True, omit_defaults=True):
     robots: tuple[str, ...] = ()
     """Who does it; empty if nobody."""
     start_s: float | None = None
-    why: str = ""
-    """Why nobody does it, or in one sentence why it is these."""
+    reason: Chosen | LeftOut | None = None
+    """Why it is these robots, or why nobody does it."""
     options: tuple[Option, ...] = ()
     """One for each robot, in the problem's order."""
 
@@ -61,7 +63,7 @@ def explain(problem: Problem, plan: Plan, jobs: Iterable[str] | None = None) -> 
     for route in plan.routes:
         for stop in route.stops:
             stops.setdefault(stop.job, []).append((route.worker, stop))
-    why = {one.job: one.why for one in plan.unassigned}
+    left_out = {one.job: one.reason for one in plan.unassigned}
     decisions = []
     for name in [job.id for job in problem.jobs] if jobs is None else jobs:
         index = problem.job_index[name]
@@ -69,7 +71,7 @@ def explain(problem: Problem, plan: Plan, jobs: Iterable[str] | None = None) -> 
         robots = tuple(worker for worker, _ in done_by)
         if job.pinned_to:
             start_s = done_by[0][1].start_s if done_by else None
-            decisions.append(Decision(name, robots, start_s, why.get(name, f"{job.pinned_to} is at it")))
+            decisions.append(Decision(name, robots, start_s, left_out.get(name) or IsAtIt(job.pinned_to)))
             continue
         taken = _take_out(problem, arrays, routes, index)
         options = tuple(
@@ -79,7 +81,7 @@ def explain(problem: Problem, plan: Plan, jobs: Iterable[str] | None = None) -> 
             routes.order[worker, : len(order)] = order
             routes.length[worker] = len(order)
             refresh(arrays.team, arrays.visits, routes, worker)
-        reason = why.get(name, "") if not robots else _why_these(robots, options)
+        reason = _why_these(robots, options) if robots else left_out.get(name)
         decisions.append(Decision(name, robots, done_by[0][1].start_s if done_by else None, reason, options))
     return decisions
 
@@ -111,18 +113,17 @@ def _option(problem: Problem, arrays: ProblemArrays, routes: Routes, index: int,
     worker = problem.workers[index]
     judged = judge(arrays, routes, index, visit)
     if judged.code != FITS:
-        return Option(worker.name, why_not=in_words(judged, worker, job, problem.horizon_s))
+        return Option(worker.name, why_not=why_not(judged, worker, job, problem.horizon_s))
     return Option(worker.name, round(judged.more_j, 3), round(judged.more_s, 3), round(judged.start_s, 3))
 
 
-def _why_these(robots: Sequence[str], options: Sequence[Option]) -> str:
+def _why_these(robots: tuple[str, ...], options: Sequence[Option]) -> Chosen:
     """Whether they are the cheapest, and if not that the plan as a whole is."""
     costs = sorted((option.energy_j, option.worker) for option in options if option.energy_j is not None)
     cheapest = {worker for _, worker in costs[: len(robots)]}
-    names = " and ".join(robots)
     if set(robots) <= cheapest:
         others = [cost for cost, worker in costs if worker not in robots]
         if not others or not math.isfinite(others[0]):
-            return f"{names} can, and nobody else"
-        return f"{names} takes least; the next would take {others[0]:.0f} J"
-    return f"{names} does not take least for it alone, but the plan as a whole is better so"
+            return OnlyThese(robots)
+        return Cheapest(robots, others[0])
+    return BestTogether(robots)

@@ -5,6 +5,7 @@ import math
 import msgspec
 
 from robrain.coordinator.allocation.problem import Objective
+from robrain.protocol.wire.reasons.plans import LeftOut
 
 
 class Stop(msgspec.Struct, frozen=True):
@@ -41,7 +42,8 @@ class Unassigned(msgspec.Struct, frozen=True):
     """A job that nobody does, and why."""
 
     job: str
-    why: str
+    reason: LeftOut | None = None
+    """None until `refusal.reasons` has found it."""
 
 
 class Plan(msgspec.Struct, frozen=True, kw_only=True):

@@ -17,7 +17,7 @@ LARGEST = 1e25
 """Upper bound of joules and of seconds; sums and products of them stay finite."""
 
 
-class Job(msgspec.Struct, frozen=True, kw_only=True):
+class Job(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Something to be done at a place. Raises ValueError where it is built with what makes no sense."""
 
     id: str
@@ -39,6 +39,10 @@ class Job(msgspec.Struct, frozen=True, kw_only=True):
     """So many must be at it at once, from its start to its end."""
     pinned_to: str = ""
     """The robot that is already at it: it does it first, and nobody else does."""
+    forbidden_workers: frozenset[str] = frozenset()
+    """Robots that are not to be given it."""
+    ready_only: bool = False
+    """Whether only robots that are ready now, with `ready_s` 0, are to be given it."""
 
     def __post_init__(self) -> None:
         for name in ("prize_j", "service_s", "service_j", "earliest_s"):
@@ -52,6 +56,11 @@ class Job(msgspec.Struct, frozen=True, kw_only=True):
             raise ValueError(
                 f"job {self.id}: expected one robot for a job that {self.pinned_to} is at, got {self.robots}"
             )
+
+    def admits(self, worker: "Worker") -> bool:
+        """Whether a worker has what the job needs and may be given it."""
+        may = worker.name not in self.forbidden_workers and not (self.ready_only and worker.ready_s > 0)
+        return may and self.needs <= worker.offers
 
 
 class Worker(msgspec.Struct, frozen=True, kw_only=True):

@@ -1,4 +1,4 @@
-"""Why a robot cannot, or should not, do a job: in numbers by a kernel, in words by `Judgement.reason`."""
+"""Why a robot cannot, or should not, do a job: in numbers by a kernel, as a reason by `why_not`."""
 
 import math
 from collections.abc import Mapping
@@ -11,10 +11,32 @@ from robrain.coordinator.allocation.arrays import ProblemArrays, TeamArrays, Vis
 from robrain.coordinator.allocation.insertion import BY_ENERGY, Routes, empty_routes, insertion_at, refresh
 from robrain.coordinator.allocation.plan import Plan, Unassigned
 from robrain.coordinator.allocation.problem import Job, Problem, Worker
+from robrain.protocol.wire.reasons.plans import (
+    AfterUndone,
+    LeftOut,
+    NearestOut,
+    NobodyAllowed,
+    NobodyHas,
+    NoRobots,
+    NotTogetherForIt,
+    NotWorthIt,
+)
+from robrain.protocol.wire.reasons.robots import (
+    BelowReserve,
+    Crowded,
+    Forbidden,
+    LacksEnergy,
+    LacksPlugins,
+    NotReady,
+    NoWayAndBack,
+    RobotReason,
+    TooLate,
+    TooLateHome,
+)
 
 FITS, LACKS, NO_WAY, TOO_LATE, CROWDED, NO_ENERGY = range(6)
-"""A job fits into a route; the robot lacks something; there is no way; it is there too late even if it goes at once; it
-would be in time but something else would then be too late; the energy does not suffice."""
+"""A job fits into a route; the robot lacks something or may not; there is no way; it is there too late even if it goes
+at once; it would be in time but something else would then be too late; the energy does not suffice."""
 
 
 class Judgement(NamedTuple):
@@ -80,27 +102,32 @@ def judge(arrays: ProblemArrays, routes: Routes, worker: int, visit: int) -> Jud
     return Judgement(*judge_visit(arrays.team, arrays.visits, routes, worker, visit))
 
 
-def in_words(judgement: Judgement, worker: Worker, job: Job, horizon_s: float) -> str:
-    """Why the worker is out; empty if it is not."""
+def why_not(judgement: Judgement, worker: Worker, job: Job, horizon_s: float) -> RobotReason | None:
+    """Why the worker is out; None if it is not."""
     match judgement.code:
         case code if code == FITS:
-            return ""
+            return None
         case code if code == LACKS:
-            return f"no {', no '.join(sorted(job.needs - worker.offers))}"
+            if missing := sorted(job.needs - worker.offers):
+                return LacksPlugins(tuple(missing))
+            return Forbidden() if worker.name in job.forbidden_workers else NotReady()
         case code if code == NO_WAY:
-            return "no way there and to a charger"
+            return NoWayAndBack()
         case code if code == TOO_LATE:
             if judgement.start_s + job.service_s > job.latest_s:
-                return f"cannot be there before {judgement.start_s:.0f} s, must end it by {job.latest_s:.0f} s"
-            return f"cannot be there before {judgement.start_s:.0f} s and at a charger by {horizon_s:.0f} s"
+                return TooLate(_figure(judgement.start_s), _figure(job.latest_s))
+            return TooLateHome(_figure(judgement.start_s), _figure(horizon_s) if horizon_s < math.inf else None)
         case code if code == CROWDED:
-            return "another of its jobs would be too late"
+            return Crowded()
     if worker.capacity_j > 0:
         left = max(0.0, (judgement.left_j + worker.reserve_j) / worker.capacity_j)
-        reserve = worker.reserve_j / worker.capacity_j
-        digits = 0 if round(100 * left) < round(100 * reserve) else 2
-        return f"would leave {100 * left:.{digits}f} % < {100 * reserve:.{digits}f} % reserve"
-    return f"lacks {-judgement.left_j:.0f} J"
+        return BelowReserve(_figure(left), _figure(worker.reserve_j / worker.capacity_j))
+    return LacksEnergy(_figure(-judgement.left_j))
+
+
+def _figure(value: float) -> float:
+    """Within the range of `Quantity`, and short."""
+    return min(1e15, round(value, 6))
 
 
 @njit(cache=True, nogil=True)
@@ -118,45 +145,45 @@ def _nearest_to_it(team: TeamArrays, visits: VisitArrays, routes: Routes, visit:
     return best
 
 
-def reasons(problem: Problem, arrays: ProblemArrays, plan: Plan, why: Mapping[str, str]) -> Plan:
-    """The plan with one sentence for each job that nobody does.
+def reasons(problem: Problem, arrays: ProblemArrays, plan: Plan, known: Mapping[str, LeftOut | None]) -> Plan:
+    """The plan with a reason for each job that nobody does.
 
-    A robot that could do it, but at more than its prize, is named; otherwise the robot that came nearest to it. `why`
-    has what is known already; it is not said of a job that the plan does.
+    A robot that could do it, but at more than its prize, is named; otherwise the robot that came nearest to it.
+    `known` has the reasons that are known already; those of jobs that the plan does do not count.
     """
     routes = routes_of(problem, arrays, plan)
     visit_of = {int(index): visit for visit, index in enumerate(arrays.visits.job)}
     done = {stop.job for route in plan.routes for stop in route.stops}
-    told = []
+    found = []
     for one in plan.unassigned:
         index = problem.job_index[one.job]
         job = problem.jobs[index]
         missing = next((name for name in problem.predecessors(job) if name not in done), "")
         if index in arrays.refused:
-            reason = arrays.refused[index]
-        elif missing and one.job not in why:
-            reason = f"it comes after {missing}, which nobody does"
-        elif why.get(one.job):
-            reason = why[one.job]
+            reason: LeftOut = arrays.refused[index]
+        elif missing and one.job not in known:
+            reason = AfterUndone(missing)
         else:
-            reason = _reason(problem, arrays, routes, job, visit_of[index])
-        told.append(Unassigned(one.job, reason))
-    return msgspec.structs.replace(plan, unassigned=tuple(told))
+            reason = known.get(one.job) or _reason(problem, arrays, routes, job, visit_of[index])
+        found.append(Unassigned(one.job, reason))
+    return msgspec.structs.replace(plan, unassigned=tuple(found))
 
 
-def _reason(problem: Problem, arrays: ProblemArrays, routes: Routes, job: Job, visit: int) -> str:
+def _reason(problem: Problem, arrays: ProblemArrays, routes: Routes, job: Job, visit: int) -> LeftOut:
     if not problem.workers:
-        return "there are no robots"
+        return NoRobots()
     nearest = int(_nearest_to_it(arrays.team, arrays.visits, routes, visit))
     worker = problem.workers[nearest]
     best = judge(arrays, routes, nearest, visit)
-    if best.code == FITS and job.robots > 1:
-        return f"no {job.robots} robots can be at it at once for what it is worth"
-    if best.code == FITS:
-        return f"it is worth {job.prize_j:.0f} J and would take {worker.name}, the cheapest, {best.more_j:.0f} J"
     if best.code == LACKS:
-        return f"no robot has {' and '.join(sorted(job.needs))}"
-    return f"{worker.name}, which comes nearest: {in_words(best, worker, job, problem.horizon_s)}"
+        has_plugins = any(job.needs <= other.offers for other in problem.workers)
+        return NobodyAllowed() if has_plugins else NobodyHas(tuple(sorted(job.needs)))
+    out = why_not(best, worker, job, problem.horizon_s)
+    if out is not None:
+        return NearestOut(worker.name, out)
+    if job.robots > 1:
+        return NotTogetherForIt(job.robots)
+    return NotWorthIt(_figure(job.prize_j), worker.name, _figure(best.more_j))
 
 
 def routes_of(problem: Problem, arrays: ProblemArrays, plan: Plan) -> Routes:

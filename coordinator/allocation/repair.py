@@ -48,7 +48,7 @@ def repaired(problem: Problem, orders: Sequence[Sequence[str]], objective: Objec
 
 def _may(problem: Problem, worker: Worker, name: str) -> bool:
     job = problem.jobs[problem.job_index[name]]
-    return not job.pinned_to and job.needs <= worker.offers
+    return not job.pinned_to and job.admits(worker)
 
 
 def _drop_incomplete(problem: Problem, orders: list[list[str]]) -> None:

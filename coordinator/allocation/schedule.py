@@ -35,7 +35,7 @@ def make_plan(problem: Problem, orders: Sequence[Sequence[str]], objective: Obje
     return Plan(
         objective=objective,
         routes=routes,
-        unassigned=tuple(Unassigned(job.id, "") for job in left_out),
+        unassigned=tuple(Unassigned(job.id) for job in left_out),
         cost_j=math.fsum(route.energy_j for route in routes),
         lost_prize_j=math.fsum(job.prize_j for job in left_out),
         makespan_s=max((route.end_s for route in routes if route.stops), default=0.0),

@@ -23,7 +23,7 @@ seeds, 40 % of the jobs with a need), no different at 60 × 600.
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,30 @@ MOST_CELLS = 1e7
 """Of all distance matrices together, 80 MB; beyond, needs become loads."""
 FOREVER = 2**44
 """A time that nobody reaches, in units."""
+
+
+class _Load(NamedTuple):
+    """A constraint as a dimension of loads: its jobs load one unit, for which its workers have room."""
+
+    jobs: frozenset[str]
+    workers: frozenset[int]
+
+
+def _loads(problem: Problem) -> list[_Load]:
+    jobs, workers = problem.jobs, list(enumerate(problem.workers))
+    loads = [
+        _Load(
+            frozenset(job.id for job in jobs if need in job.needs),
+            frozenset(index for index, worker in workers if need in worker.offers),
+        )
+        for need in sorted({need for job in jobs for need in job.needs})
+    ]
+    for names in sorted({tuple(sorted(job.forbidden_workers)) for job in jobs if job.forbidden_workers}):
+        forbidding = frozenset(job.id for job in jobs if job.forbidden_workers == set(names))
+        loads.append(_Load(forbidding, frozenset(index for index, worker in workers if worker.name not in names)))
+    if hurried := frozenset(job.id for job in jobs if job.ready_only):
+        loads.append(_Load(hurried, frozenset(index for index, worker in workers if not worker.ready_s > 0)))
+    return loads
 
 
 class VrpModel:
@@ -71,13 +95,11 @@ class VrpModel:
         rows = [(int(arrays.team.profile[worker]), visits.allowed[worker].tobytes()) for worker in self._workers]
         kinds = sorted(set(rows))
         is_by_ways = len(kinds) * (self._count + len(self._workers)) ** 2 <= MOST_CELLS
-        self._needs = [] if is_by_ways else sorted({need for job in problem.jobs for need in job.needs})
-        """Those that are loads."""
+        self._loads = [] if is_by_ways else _loads(problem)
         if not is_by_ways:
             rows = [(profile, b"") for profile, _ in rows]
             kinds = sorted(set(rows))
         self._kind_of = dict(zip(self._workers, map(kinds.index, rows), strict=True))
-        self._offers = [worker.offers for worker in problem.workers]
         self._end_sets = sorted({(int(arrays.team.profile[w]), *problem.workers[w].ends) for w in self._workers})
         self._end_of = [self._end_index(problem, worker) for worker in range(len(problem.workers))]
         self._units_per_j, self._units_per_s = self._scales(visits)
@@ -103,7 +125,7 @@ class VrpModel:
 
     def orders(self, solution: Solution) -> list[list[int]]:
         """Visits in order, for each worker."""
-        orders: list[list[int]] = [[] for _ in self._offers]
+        orders: list[list[int]] = [[] for _ in self._end_of]
         for route in solution.routes():
             visits = [activity.idx for activity in route if activity.is_client()]
             orders[self._workers[route.vehicle_type()]] = visits
@@ -140,7 +162,7 @@ class VrpModel:
         for kind in range(len(set(self._kind_of.values()))):
             of_kind = [worker for worker in self._workers if self._kind_of[worker] == kind]
             profile = int(team.profile[of_kind[0]])
-            allowed = np.ones(count, np.bool_) if self._needs else visits.allowed[of_kind[0]]
+            allowed = np.ones(count, np.bool_) if self._loads else visits.allowed[of_kind[0]]
             end_j = np.zeros((len(places), len(self._end_sets)))
             end_s = np.zeros_like(end_j)
             for worker in of_kind:
@@ -172,7 +194,7 @@ class VrpModel:
             budget = self._budgets[index] - math.ceil(left_j * self._units_per_j)
             vehicles.append(
                 VehicleType(
-                    capacity=[self._count if need in self._offers[worker] else 0 for need in self._needs],
+                    capacity=[self._count if worker in load.workers else 0 for load in self._loads],
                     start_depot=index,
                     end_depot=starts + self._end_of[worker],
                     tw_early=min(ready, end_units),
@@ -202,7 +224,7 @@ class VrpModel:
             clients.append(
                 Client(
                     location=visit,
-                    delivery=[int(need in job.needs) for need in self._needs],
+                    delivery=[int(job.id in load.jobs) for load in self._loads],
                     # Two robots of a team job never are one and the same, if being at it takes time.
                     service_duration=max(service, 1) if job.robots > 1 else service,
                     tw_early=early,

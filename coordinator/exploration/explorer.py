@@ -21,7 +21,7 @@ from robrain.coordinator.team_map import TeamMap
 from robrain.protocol.model.clearance import PREFERRED_MARGIN_M, least_gap_m
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.idle_reasons import (
+from robrain.protocol.wire.reasons.idle import (
     IdleReason,
     NothingUnknown,
     NoWay,

@@ -18,10 +18,11 @@ from pathlib import Path
 import msgspec
 
 from robrain.coordinator.journal.errors import JournalError, JournalLocked, JournalUnwritable
-from robrain.coordinator.journal.mending import read_record
+from robrain.coordinator.journal.mending import read_reason, read_record
 from robrain.coordinator.journal.salvage import (
     CHANGE_COLUMNS,
     TASK_COLUMNS,
+    Malformed,
     Salvaged,
     anew_path,
     is_damage,
@@ -170,11 +171,13 @@ class Journal:
     def history(self, task_id: str, limit: int = 100) -> list[TaskChange]:
         """The last changes of a task, oldest first."""
         rows = self._db.execute(
-            "SELECT number, stamp_ns, state, robot, epoch, why FROM change WHERE task = ? ORDER BY number DESC LIMIT ?",
-            (task_id, limit),
+            f"SELECT number, {CHANGE_COLUMNS} FROM change WHERE task = ? ORDER BY number DESC LIMIT ?", (task_id, limit)
         ).fetchall()
-        names = ("number", "stamp_ns", "state", "robot", "epoch", "why")
-        return [msgspec.convert(dict(zip(names, row, strict=True)), TaskChange) for row in reversed(rows)]
+        return [
+            TaskChange(number=number, stamp_ns=stamp_ns, state=TaskState(state), robot=robot, epoch=epoch, why=why,
+                       reason=read_reason(reason))
+            for number, _, stamp_ns, state, robot, epoch, why, reason in reversed(rows)
+        ]  # fmt: skip
 
     def was_offered(self, task_id: str, robot: str, epoch: int) -> bool:
         """Whether this task was ever offered to that robot with that epoch."""
@@ -213,10 +216,10 @@ class Journal:
     # -- within ---------------------------------------------------------------------------------------------
 
     def _write(self, record: TaskRecord) -> TaskRecord:
-        task_id = record.task.id
+        task_id, reason = record.task.id, msgspec.json.encode(record.reason).decode()
         cursor = self._db.execute(
-            "INSERT INTO change (task, stamp_ns, state, robot, epoch, why) VALUES (?, ?, ?, ?, ?, ?)",
-            (task_id, record.changed_ns, record.state, record.robot, record.epoch, record.why),
+            f"INSERT INTO change ({CHANGE_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?)",
+            (task_id, record.changed_ns, record.state, record.robot, record.epoch, record.why, reason),
         )
         written = msgspec.structs.replace(record, change=cursor.lastrowid or 0)
         self._db.execute(
@@ -291,7 +294,7 @@ class Journal:
             connection.execute("COMMIT")
             (verdict,) = connection.execute("PRAGMA quick_check(1)").fetchone()
             if verdict != "ok":
-                raise sqlite3.DatabaseError(f"malformed: {verdict}")
+                raise Malformed(verdict)
             connection.execute("SELECT ceiling FROM epoch").fetchone()[0]
         except sqlite3.OperationalError as error:
             connection.close()
@@ -302,7 +305,7 @@ class Journal:
         except (sqlite3.Error, TypeError) as error:
             connection.close()
             if isinstance(error, TypeError):  # the row of the epochs has gone
-                raise sqlite3.DatabaseError("malformed: it has lost its epochs") from error
+                raise Malformed("it has lost its epochs") from error
             raise
         except JournalError:
             connection.close()
@@ -328,7 +331,7 @@ def _write_anew(salvaged: Salvaged, path: Path) -> None:
             change,
         ) in salvaged.changes.items():  # of two ends of one task, which only damage can make, the first
             values = (number, *change)
-            connection.execute(f"INSERT OR IGNORE INTO change ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?)", values)
+            connection.execute(f"INSERT OR IGNORE INTO change ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)", values)
         connection.execute("COMMIT")
     finally:
         connection.close()

@@ -1,14 +1,19 @@
-"""Reads journal records with values that are out of range by now: invalid fields get their defaults."""
+"""Reads journal records with values that are out of range by now: invalid fields get their defaults.
+
+A reason with an unknown code, from a newer robrain, is left out: its words are there all the same.
+"""
 
 import re
 from typing import Any
 
 import msgspec
 
+from robrain.protocol.wire.reasons.tasks import TaskReason
 from robrain.protocol.wire.task_messages import TaskRecord
 
 FIELDS_MAX = 16
 """Maximum number of invalid fields per task."""
+_REASON: msgspec.json.Decoder[TaskReason | None] = msgspec.json.Decoder(TaskReason | None)
 _PATH = re.compile(r" - at `\$\.([\w.]+)`$")
 
 
@@ -27,6 +32,12 @@ def read_record(text: str) -> tuple[TaskRecord, str]:
     except msgspec.ValidationError as error:
         why, last = str(error), error
     whole = msgspec.json.decode(text)
+    if isinstance(whole, dict) and whole.get("reason") is not None and not _is_reason(whole["reason"]):
+        del whole["reason"]
+        try:
+            return msgspec.convert(whole, TaskRecord), ""
+        except msgspec.ValidationError as error:
+            why, last = str(error), error
     for _ in range(FIELDS_MAX):
         found = _PATH.search(str(last))
         if found is None or "required" in str(last) or not _drop(whole, found[1].split(".")):
@@ -36,6 +47,22 @@ def read_record(text: str) -> tuple[TaskRecord, str]:
         except msgspec.ValidationError as error:
             last = error
     raise last
+
+
+def read_reason(text: str) -> TaskReason | None:
+    """A reason as the journal has it; None if there is none, or if it cannot be read."""
+    try:
+        return _REASON.decode(text)
+    except msgspec.DecodeError:
+        return None
+
+
+def _is_reason(value: Any) -> bool:
+    try:
+        msgspec.convert(value, TaskReason)
+    except msgspec.ValidationError:
+        return False
+    return True
 
 
 def _drop(whole: Any, path: list[str]) -> bool:

@@ -20,7 +20,7 @@ MISSES_MAX = 5000
 """So many numbers in a row without a row that can be read: there is nothing more (chosen). Only where the highest
 number itself cannot be read."""
 TASK_COLUMNS = "id, state, robot, record, kind, own, asked"
-CHANGE_COLUMNS = "task, stamp_ns, state, robot, epoch, why"
+CHANGE_COLUMNS = "task, stamp_ns, state, robot, epoch, why, reason"
 
 
 class Salvaged(NamedTuple):
@@ -46,13 +46,17 @@ class Salvaged(NamedTuple):
         return text
 
 
+class Malformed(sqlite3.DatabaseError):
+    """A check of a journal's own has found that the file is damaged."""
+
+
 def is_damage(error: sqlite3.DatabaseError) -> bool:
     """Whether an error speaks of a broken file, and not of a full disk, a lock or missing rights."""
+    if isinstance(error, Malformed):
+        return True
     code = getattr(error, "sqlite_errorcode", None)
-    if code is None:
-        return str(error).startswith("malformed")
     # SQLITE_ERROR: a table or column that should be there is not.
-    return code & 0xFF in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR)
+    return code is not None and code & 0xFF in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR)
 
 
 def anew_path(path: Path) -> Path:

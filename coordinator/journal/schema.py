@@ -49,6 +49,8 @@ MIGRATIONS: tuple[str, ...] = (
         asked = json_object('task', json_extract(record, '$.task'));
     CREATE INDEX open_task ON task (number) WHERE state NOT IN {ENDED};
     """,
+    # 3: reasons as values, in JSON, beside their words; of older changes only the words are known.
+    "ALTER TABLE change ADD COLUMN reason TEXT NOT NULL DEFAULT 'null';",
 )
 
 VERSION = len(MIGRATIONS)

@@ -1,5 +1,6 @@
 """From the team at one moment to the question that the allocators are asked."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from robrain.coordinator.admission import GATHERING, needed_plugins
@@ -11,8 +12,11 @@ from robrain.coordinator.planning.situation import ChargerWays, Member, Situatio
 from robrain.coordinator.planning.ways import Ways
 from robrain.protocol.model.clearance import PREFERRED_MARGIN_M
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.task import TaskState, place_of
 from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.wire.reasons.reason import Said
+from robrain.protocol.wire.reasons.tasks import AfterUnplanned, HolderOut, Outranked, TaskReason
 from robrain.protocol.wire.task_messages import TaskRecord
 
 
@@ -20,7 +24,7 @@ class Asked(NamedTuple):
     """A question, and what could not be part of it."""
 
     question: Question
-    waiting: dict[str, str]
+    waiting: dict[str, TaskReason]
     """Tasks that no plan can have yet, and why."""
     charger_ways: dict[str, ChargerWays]
     """Of each robot that is free."""
@@ -30,8 +34,7 @@ def ask(situation: Situation, ways: Ways, policy: PlanningPolicy) -> Asked:
     """The question.
 
     A task that a robot is at is pinned to it; one that it is about to end is taken for done, and the robot for free
-    there and now. A robot that explores counts as free. A task that is not to be offered to some robot now needs a
-    leave that all others have.
+    there and now. A robot that explores counts as free.
     """
     chosen, waiting = _chosen(situation, policy)
     names = sorted(situation.members)
@@ -52,20 +55,24 @@ def ask(situation: Situation, ways: Ways, policy: PlanningPolicy) -> Asked:
     length_m = ways.lengths_m(list(goals), starts)
 
     prize_j = max([policy.prize_j, *(2.0 * mean.capacity_j for mean in means)])
-    jobs = [_job(record, goals[place_of(record.task)], situation, prize_j, standing_w) for record in chosen]
-    paused = {task for task, _ in situation.pauses}
+    paused: dict[str, set[str]] = {}
+    for task, robot in situation.pauses:
+        paused.setdefault(task, set()).add(robot)
+    jobs = [
+        _job(record, goals[place_of(record.task)], situation, prize_j, standing_w, paused.get(record.task.id, ()))
+        for record in chosen
+    ]
     everything = frozenset().union(*(job.needs for job in jobs))
     workers = []
     for index, (name, member, mean) in enumerate(zip(names, members, means, strict=True)):
         offers = everything if member.offers is None else member.offers
-        leaves = {leave(task) for task in paused if (task, name) not in situation.pauses}
         workers.append(
             Worker(
                 name=name,
                 start=len(goals) + index,
                 ends=tuple(goals[end] for end in _ends(member)),
                 usable_j=mean.usable_j,
-                offers=(offers | leaves) & everything,
+                offers=offers & everything,
                 ready_s=max(0.0, to_seconds(member.free_ns - situation.now_ns)) if member.free_ns else 0.0,
                 profile=kinds[index],
                 wait_w=mean.standing_w,
@@ -91,11 +98,6 @@ def ask(situation: Situation, ways: Ways, policy: PlanningPolicy) -> Asked:
     return Asked(question, waiting, charger_ways)
 
 
-def leave(task_id: str) -> str:
-    """What a robot needs for a task that is not to be offered to some other now; no plugin is named so."""
-    return f"leave to do {task_id}"
-
-
 def needed_m(situation: Situation) -> float:
     """Preferred clearance of the largest robot."""
     return PREFERRED_MARGIN_M + greatest_radius_m(situation)
@@ -106,7 +108,7 @@ def greatest_radius_m(situation: Situation) -> float:
     return max((member.state.radius_m for member in situation.members.values()), default=0.0)
 
 
-def _chosen(situation: Situation, policy: PlanningPolicy) -> tuple[list[TaskRecord], dict[str, str]]:
+def _chosen(situation: Situation, policy: PlanningPolicy) -> tuple[list[TaskRecord], dict[str, TaskReason]]:
     """The most urgent tasks, those that robots are at first; and why the others cannot be in a plan."""
     there = situation.members
     at_work = [record for record in situation.records if record.robot]
@@ -115,11 +117,14 @@ def _chosen(situation: Situation, policy: PlanningPolicy) -> tuple[list[TaskReco
     running.sort(key=lambda record: record.task.id in situation.held)  # what a robot holds comes after what it is at
     free = [record for record in situation.records if not record.robot]
     queued = sorted((record for record in free if record.state is TaskState.QUEUED), key=urgency)
-    waiting = {record.task.id: f"{record.robot} is at it, and is not to be counted on" for record in at_work
-               if record.robot not in there}  # fmt: skip
-    waiting |= {record.task.id: record.why for record in free if record.state is not TaskState.QUEUED}
+    waiting: dict[str, TaskReason] = {
+        record.task.id: HolderOut(record.robot) for record in at_work if record.robot not in there
+    }
+    for record in free:
+        if record.state is not TaskState.QUEUED:
+            waiting[record.task.id] = record.reason or Said(cut(record.why))
     for record in queued[policy.tasks_max :]:
-        waiting[record.task.id] = f"there are {policy.tasks_max} tasks that are more urgent"
+        waiting[record.task.id] = Outranked(policy.tasks_max)
     queued = queued[: policy.tasks_max]
     known = {record.task.id for record in [*running, *queued]}
     while True:
@@ -134,10 +139,12 @@ def _chosen(situation: Situation, policy: PlanningPolicy) -> tuple[list[TaskReco
             return running + [record for record in queued if record.task.id in known], waiting
         for task_id, other in late.items():
             known.discard(task_id)
-            waiting[task_id] = f"{other}, which it waits for, is not planned"
+            waiting[task_id] = AfterUnplanned(other)
 
 
-def _job(record: TaskRecord, place: int, situation: Situation, prize_j: float, standing_w: float) -> Job:
+def _job(
+    record: TaskRecord, place: int, situation: Situation, prize_j: float, standing_w: float, paused: Iterable[str]
+) -> Job:
     task = record.task
     takes_s = service_s(task)
     pinned = record.robot
@@ -146,8 +153,6 @@ def _job(record: TaskRecord, place: int, situation: Situation, prize_j: float, s
     needs = set() if pinned else set(needed_plugins(task))
     if task.robots > 1:
         needs.add(GATHERING)
-    if not pinned and any(name == task.id for name, _ in situation.pauses):
-        needs.add(leave(task.id))
     ending_s = {one.task: one.in_s for one in situation.ending.values()}
     earliest_s = max(
         0.0, to_seconds(task.earliest_ns - situation.now_ns), *(ending_s.get(name, 0.0) for name in task.after)
@@ -167,6 +172,7 @@ def _job(record: TaskRecord, place: int, situation: Situation, prize_j: float, s
         else tuple(name for name in task.after if name not in situation.ended and name not in ending_s),
         robots=1 if pinned else task.robots,
         pinned_to=pinned,
+        forbidden_workers=frozenset() if pinned else frozenset(paused),
     )
 
 

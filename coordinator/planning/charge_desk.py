@@ -4,7 +4,7 @@ It also says how those who charge will be when they have, so that plans count on
 brought enough while another robot waits.
 """
 
-import re
+from collections.abc import Mapping
 
 from robrain.coordinator.planning.charge_schedule import Demand, Seeker, Turn, is_same_charger, schedule_charges
 from robrain.coordinator.planning.charge_telling import ChargeTelling
@@ -20,13 +20,14 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import Recharge, TaskState, place_of
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.reasons.plans import ChargerWait, HolderLacksEnergy, LeftOut, NearestOut
+from robrain.protocol.wire.reasons.robots import BelowReserve, LacksEnergy
+from robrain.protocol.wire.reasons.tasks import ChargedEnough
 
 AGAIN_NS = to_ns(30.0)
 """A robot that refused to charge, or failed at it, is not sent again for so long (chosen)."""
 EARLY_S = 5.0
 """A robot sets out so much before it must: on its way it may have to stop (chosen)."""
-FOR_ENERGY = re.compile(r"reserve|lacks \d+ J|not the energy")
-"""How the allocators say that a robot has too little energy for a task."""
 
 
 class ChargeDesk:
@@ -41,8 +42,8 @@ class ChargeDesk:
     """
 
     def __init__(self, wire: Endpoint, planning: Planning, book: TaskBook, roster: Roster) -> None:
-        self.waiting: dict[str, str] = {}
-        """Robots that should charge and have not set out, and why."""
+        self.waiting: Mapping[str, ChargerWait | None] = {}
+        """Robots that should charge and have not set out, and what they wait for, if it is known."""
         self._planning = planning
         self._book = book
         self._roster = roster
@@ -100,7 +101,7 @@ class ChargeDesk:
     def _is_short(self) -> bool:
         """Whether tasks wait for energy: nobody has it, or only who charges will."""
         planning, book, robots = self._planning, self._book, self._roster.robots
-        if any(FOR_ENERGY.search(left.why) for left in planning.left_out.values()):
+        if any(is_for_energy(left.reason) for left in planning.left_out.values()):
             return True
         return any(
             name in robots and is_charging(robots[name], book.of_robot(name)) and planning.has_route(name)
@@ -127,8 +128,8 @@ class ChargeDesk:
                 continue
             if turn.to_soc < at.task.until_soc and one.soc >= turn.to_soc:
                 self._watch.cut_short.add(turn.robot)
-                why = f"{turn.robot} has charged to {one.soc:.0%}, enough for now: {next_one[turn.robot]} waits"
-                self._book.move(at.task.id, TaskState.CANCELLED, why)
+                reason = ChargedEnough(turn.robot, one.soc, next_one[turn.robot])
+                self._book.move(at.task.id, TaskState.CANCELLED, reason)
 
     # -- in turns, for comparison -------------------------------------------------------------------------------
 
@@ -159,3 +160,14 @@ class ChargeDesk:
                 place = nearest(Point2D(state.pose.x_m, state.pose.y_m), self._planning.chargers.of.get(robot.name, ()))
                 taken += [place] if place is not None else []
         return taken
+
+
+def is_for_energy(reason: LeftOut) -> bool:
+    """Whether a task is left out because robots have too little energy for it.
+
+    >>> is_for_energy(NearestOut("r1", LacksEnergy(missing_j=12.0)))
+    True
+    """
+    if isinstance(reason, NearestOut):
+        return isinstance(reason.because, BelowReserve | LacksEnergy)
+    return isinstance(reason, HolderLacksEnergy)

@@ -1,7 +1,5 @@
 """Tells who charges where and when, and which tasks wait for that."""
 
-import re
-
 from robrain.coordinator.planning.charge_schedule import Seeker, Turn
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.task_book import TaskBook
@@ -9,12 +7,14 @@ from robrain.protocol.model.task import TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.plan_messages import ChargeSchedule, PlannedCharge
+from robrain.protocol.wire.reasons.plans import WaitsForCharger
+from robrain.protocol.wire.reasons.tasks import WaitsForCharge
+from robrain.protocol.wire.reasons.words import told
 from robrain.protocol.wire.topics import COORDINATOR_CHARGES
 
 MOVED_NS, MOVED_SHARE = to_ns(10.0), 0.1
 """The schedule is told again when the end of a charge has moved by more than both, of the time until then, or anything
 else has changed (chosen)."""
-FOR_CHARGE = re.compile(r"waits until .* has charged")
 
 
 class ChargeTelling:
@@ -35,14 +35,14 @@ class ChargeTelling:
 
     def schedule(
         self, turns: tuple[Turn, ...], seekers: dict[str, Seeker], has_set_out: set[str], now_ns: int
-    ) -> dict[str, str]:
-        """Tell the schedule, if it is another; why each robot waits that has not set out."""
-        told = tuple(_planned(turn, seekers[turn.robot], turn.robot in has_set_out, now_ns) for turn in turns)
-        self._planning.charges = told
-        if not _is_the_same(self._said, told, now_ns):
-            self._said = told
-            self._say.put(ChargeSchedule(charges=told))
-        return {one.robot: one.why for one in told if not one.has_set_out}
+    ) -> dict[str, WaitsForCharger | None]:
+        """Tell the schedule, if it is another; why each robot waits that has not set out, if that is known."""
+        charges = tuple(_planned(turn, seekers[turn.robot], turn.robot in has_set_out, now_ns) for turn in turns)
+        self._planning.charges = charges
+        if not _is_the_same(self._said, charges, now_ns):
+            self._said = charges
+            self._say.put(ChargeSchedule(charges=charges))
+        return {one.robot: one.reason for one in charges if not one.has_set_out}
 
     def tasks(self, now_ns: int) -> None:
         """Tell of each queued task that it waits for its robot to charge; and when it does not any more."""
@@ -50,21 +50,19 @@ class ChargeTelling:
             if record.own or record.state is not TaskState.QUEUED:
                 continue
             robot = self._planning.waits_for_charge(record.task.id)
-            words = f"waits until {robot} has charged"
-            if robot and not record.why.startswith(words):
+            waits_for = record.reason.robot if isinstance(record.reason, WaitsForCharge) else ""
+            if robot and robot != waits_for:
                 after = self._planning.after_charge[robot]
                 in_s = max(0.0, to_seconds(after.free_ns - now_ns))
-                why = f"{words} to {after.soc:.0%}, in about {in_s:.0f} s"
-                self._book.move(record.task.id, TaskState.QUEUED, why)
-            elif not robot and FOR_CHARGE.match(record.why) and record.task.id not in self._planning.left_out:
+                self._book.move(record.task.id, TaskState.QUEUED, WaitsForCharge(robot, after.soc, round(in_s, 3)))
+            elif not robot and waits_for and record.task.id not in self._planning.left_out:
                 self._book.move(record.task.id, TaskState.QUEUED)
 
 
 def _planned(turn: Turn, one: Seeker, has_set_out: bool, now_ns: int) -> PlannedCharge:
-    why = ""
+    reason = None
     if turn.behind and not one.is_there:
-        place = f"({turn.charger.x_m:.1f}, {turn.charger.y_m:.1f})"
-        why = f"waits for the charger at {place}, free in {turn.free_s:.0f} s: {turn.behind} has it before"
+        reason = WaitsForCharger(turn.charger, round(turn.free_s, 3), turn.behind)
     return PlannedCharge(
         robot=turn.robot,
         charger=turn.charger,
@@ -76,7 +74,8 @@ def _planned(turn: Turn, one: Seeker, has_set_out: bool, now_ns: int) -> Planned
         behind=turn.behind,
         has_set_out=has_set_out,
         is_there=one.is_there,
-        why=why,
+        why=told(reason),
+        reason=reason,
     )
 
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from robrain.coordinator.planning.chargers import Charger
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.wire.reasons.plans import ChargersTaken
 
 SAME_M = 0.6
 """Chargers nearer to each other than this are one to two robots; a robot so near to one is at it (chosen)."""
@@ -40,7 +41,7 @@ class Charge(NamedTuple):
 
 def assign_chargers(
     idle: Sequence[Idle], taken: Iterable[Point2D], below: float
-) -> tuple[list[Charge], dict[str, str]]:
+) -> tuple[list[Charge], dict[str, ChargersTaken]]:
     """Send robots to chargers.
 
     Args:
@@ -54,14 +55,13 @@ def assign_chargers(
     """
     used = list(taken)
     charges: list[Charge] = []
-    waiting: dict[str, str] = {}
+    waiting: dict[str, ChargersTaken] = {}
     for robot in sorted(idle, key=lambda one: (one.soc, one.name)):
         if robot.soc >= below or not robot.chargers:
             continue
         free = [charger for charger in robot.chargers if not any(_near(charger.place, place) for place in used)]
         if not free:
-            count = len(robot.chargers)
-            waiting[robot.name] = f"waits for a charger: {count} of {count} are taken"
+            waiting[robot.name] = ChargersTaken(len(robot.chargers))
             continue
         chosen = min(free, key=lambda charger: _order(robot.place, charger.place))
         used.append(chosen.place)

@@ -14,6 +14,7 @@ from robrain.coordinator.planning.ways import Ways
 from robrain.protocol.model.clearance import mapped_clearance_m
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.wire.plan_messages import PlanProblem
+from robrain.protocol.wire.reasons.tasks import CannotBePlanned, TaskReason
 
 logger = logging.getLogger(__name__)
 
@@ -42,15 +43,15 @@ class Drafting:
         draft.asked.waiting.update(wrong)
         return draft
 
-    def _find_wrong(self, situation: Situation, policy: PlanningPolicy) -> dict[str, str]:
-        wrong = {}
+    def _find_wrong(self, situation: Situation, policy: PlanningPolicy) -> dict[str, TaskReason]:
+        wrong: dict[str, TaskReason] = {}
         for record in situation.records:
             alone = msgspec.structs.replace(situation, records=(record,), orders={})
             try:
                 self._draft(alone, policy)
             except Exception as error:  # see `draft`
                 logger.exception("task %s cannot be planned", record.task.id)
-                wrong[record.task.id] = cut(f"it cannot be planned: {type(error).__name__}: {error}")
+                wrong[record.task.id] = CannotBePlanned(cut(f"{type(error).__name__}: {error}"))
         return wrong
 
     def _draft(self, situation: Situation, policy: PlanningPolicy) -> "Draft":

@@ -66,8 +66,8 @@ def _better(problem: Problem, plan: Plan, worker: int, order: tuple[str, ...]) -
         or validate(problem, found)
     ):
         return None
-    why = {one.job: one.why for one in plan.unassigned}
-    unassigned = tuple(Unassigned(one.job, why[one.job]) for one in found.unassigned)
+    reasons = {one.job: one.reason for one in plan.unassigned}
+    unassigned = tuple(Unassigned(one.job, reasons[one.job]) for one in found.unassigned)
     return msgspec.structs.replace(found, unassigned=unassigned)
 
 

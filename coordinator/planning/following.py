@@ -1,12 +1,13 @@
 """From the plan to the robots: what is due is offered, what is left out is told, and fails if that goes on."""
 
-import re
 from typing import TYPE_CHECKING
 
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.task_book import TaskBook
 from robrain.protocol.model.task import TaskState
 from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.reasons.plans import LeftOut, NearestOut
+from robrain.protocol.wire.reasons.tasks import GaveUp, NeededFor, TaskReason
 
 if TYPE_CHECKING:
     from robrain.coordinator.task_lifecycle import TaskLifecycle
@@ -15,7 +16,6 @@ OFFERS_MAX = 16
 """In one step: each is written down first, and the team is not to wait for the coordinator meanwhile."""
 TELL_NS = to_ns(5.0)
 """How often what is left out is looked at while the plan stays the same."""
-NUMBER = re.compile(r"\d+(\.\d+)?")
 
 
 class Following:
@@ -52,7 +52,7 @@ class Following:
                     continue
                 at = book.of_robot(robot)
                 if at is not None and not after:
-                    book.move(at.task.id, TaskState.CANCELLED, f"{robot} is needed for {task_id}")
+                    book.move(at.task.id, TaskState.CANCELLED, NeededFor(robot, task_id))
                 lifecycle.note_decision(task_id, [robot], now_ns)
                 lifecycle.offer(task_id, robot, now_ns, after=after)
                 record = book.find(task_id)
@@ -61,7 +61,7 @@ class Following:
         return False
 
     def _tell_left_out(self, now_ns: int) -> None:
-        """Tell once why a task is left out, and again when the reason is another than but for its figures."""
+        """Tell once why a task is left out, and again when the reason has another code."""
         if self._planning.number == self._told_number and now_ns < self._tell_ns:
             return
         self._told_number, self._tell_ns = self._planning.number, now_ns + TELL_NS
@@ -72,15 +72,18 @@ class Following:
             record = self._book.find(task_id)
             if record is None or record.state is not TaskState.QUEUED:
                 continue
-            if task_id in paused or reasons.nobody_can(record):
+            if task_id in paused or reasons.nobody_can(record) is not None:
                 continue  # that is told already, and says more
             if is_anybody_out and reasons.able_but_out(record, now_ns):
                 continue  # it may yet be done
             if record.task.deadline_ns is None and now_ns - left.since_ns > to_ns(self._planning.policy.give_up_s):
-                self._book.move(task_id, TaskState.FAILED, f"nobody can do it: {left.why}")
-            elif _kind(record.why) != _kind(left.why):
-                self._book.move(task_id, TaskState.QUEUED, left.why)
+                self._book.move(task_id, TaskState.FAILED, GaveUp(left.reason))
+            elif not _is_alike(record.reason, left.reason):
+                self._book.move(task_id, TaskState.QUEUED, left.reason)
 
 
-def _kind(why: str) -> str:
-    return NUMBER.sub("", why)
+def _is_alike(told: TaskReason | None, reason: LeftOut) -> bool:
+    """Whether two reasons have one code, and so have those within them: figures and names may differ."""
+    if isinstance(told, NearestOut) and isinstance(reason, NearestOut):
+        return type(told.because) is type(reason.because)
+    return type(told) is type(reason)

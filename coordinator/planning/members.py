@@ -2,14 +2,15 @@
 
 from robrain.coordinator.roster import Robot
 from robrain.protocol.model.task import Recharge
+from robrain.protocol.wire.reasons.robots import Charging, Halted, HeadsHome, PositionUnknown, RobotReason, SentToCharge
 from robrain.protocol.wire.task_messages import TaskRecord
 
 HOMEWARD = frozenset({"recharge", "go home"})
 """Behaviors, as a robot tells them, that it does not leave for any task when it began them of its own accord."""
 
 
-def why_out(robot: Robot, at: TaskRecord | None, now_ns: int) -> str:
-    """Why a robot is no part of plans now; empty if it is.
+def why_out(robot: Robot, at: TaskRecord | None, now_ns: int) -> RobotReason | None:
+    """Why a robot is no part of plans now; None if it is.
 
     Args:
         robot: as the roster knows it.
@@ -17,21 +18,21 @@ def why_out(robot: Robot, at: TaskRecord | None, now_ns: int) -> str:
         now_ns: the time.
 
     """
-    if not robot.is_up(now_ns):
-        return robot.why_not_up(now_ns)
+    if (unavailable := robot.why_not_up(now_ns)) is not None:
+        return unavailable
     state = robot.state
     if state is None or state.pose is None:
-        return "does not know where it is"
+        return PositionUnknown()
     if state.halted:
-        return "is halted"
+        return Halted()
     if at is not None and isinstance(at.task, Recharge):
-        return f"is to charge: {at.task.id}"
+        return SentToCharge(at.task.id)
     is_busy = state.task is not None and not state.task.state.ended
     if state.behavior in HOMEWARD and not is_busy:
-        return "charges" if state.battery is not None and state.battery.charging else "goes home to charge"
+        return Charging() if state.battery is not None and state.battery.charging else HeadsHome()
     if at is None and state.lost:
-        return f"does not know where it is: {state.lost}"
-    return ""
+        return PositionUnknown(state.lost)
+    return None
 
 
 def is_charging(robot: Robot, at: TaskRecord | None) -> bool:

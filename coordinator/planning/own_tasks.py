@@ -8,6 +8,8 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import Explore, Recharge, place_of
 from robrain.protocol.wire.messages import RobotState
 from robrain.protocol.wire.plan_messages import TaskDecision
+from robrain.protocol.wire.reasons.plans import NothingElse, ToCharge
+from robrain.protocol.wire.reasons.words import told
 from robrain.protocol.wire.task_messages import RobotVerdict
 
 DETOUR = 1.5
@@ -37,10 +39,9 @@ def own_decision(
     found = estimate(state.energy, Work(path_m=way_m, wait_s=DOCK_S if isinstance(task, Recharge) else 0.0))
     time_s = policy.time_margin * found.duration_s
     verdict = RobotVerdict(robot=state.robot, chosen=True, energy_j=round(found.mean_j, 3), time_s=round(time_s, 3))
-    why = "it has nothing else to do"
-    if isinstance(task, Recharge):
-        why = f"it is to charge to {task.until_soc:.0%}"
-    return TaskDecision(task=task.id, plan=plan, robots=(state.robot,), start_in_s=0.0, why=why, bids=(verdict,))
+    reason = ToCharge(task.until_soc) if isinstance(task, Recharge) else NothingElse()
+    return TaskDecision(task=task.id, plan=plan, robots=(state.robot,), start_in_s=0.0, why=told(reason),
+                        reason=reason, bids=(verdict,))  # fmt: skip
 
 
 def _away_m(one: Point2D, other: Point2D) -> float:

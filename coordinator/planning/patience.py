@@ -15,9 +15,6 @@ from robrain.coordinator.allocation.problem import Problem
 from robrain.coordinator.allocation.refusal import reasons
 from robrain.coordinator.allocation.repair import repaired
 
-NOW = "time before it has charged"
-"""What a job needs that somebody can do who is ready; no plugin is named so."""
-
 
 def for_the_ready(problem: Problem) -> Problem:
     """The problem in which only those get jobs who are ready; as it is if all are, or nobody is.
@@ -26,7 +23,7 @@ def for_the_ready(problem: Problem) -> Problem:
         problem: workers with `ready_s` above 0 are those who charge.
 
     """
-    return _needing_now(problem, {job.id for job in problem.jobs if not job.pinned_to})
+    return _for_ready_only(problem, {job.id for job in problem.jobs if not job.pinned_to})
 
 
 def with_those_who_charge(
@@ -48,7 +45,7 @@ def with_those_who_charge(
     if not late:
         return problem, plan
     done = {job for route in plan.routes for job in route.jobs}
-    shared = _needing_now(problem, {job.id for job in problem.jobs if not job.pinned_to and job.id in done})
+    shared = _for_ready_only(problem, {job.id for job in problem.jobs if not job.pinned_to and job.id in done})
     left = tuple(job for job in problem.jobs if job.pinned_to in late or not (job.pinned_to or job.id in done))
     if all(job.pinned_to for job in left):
         return shared, plan
@@ -60,8 +57,8 @@ def with_those_who_charge(
     both = repaired(shared, [of_late.get(route.worker, route.jobs) for route in plan.routes], plan.objective)
     if both is None or both.rank > plan.rank:
         return shared, plan
-    why = {one.job: one.why for one in plan.unassigned} | {one.job: one.why for one in found.unassigned}
-    return shared, reasons(shared, make_arrays(shared), both, why)
+    known = {one.job: one.reason for one in (*plan.unassigned, *found.unassigned)}
+    return shared, reasons(shared, make_arrays(shared), both, known)
 
 
 def _late(problem: Problem) -> list[str]:
@@ -69,20 +66,11 @@ def _late(problem: Problem) -> list[str]:
     return late if len(late) < len(problem.workers) else []
 
 
-def _needing_now(problem: Problem, jobs: set[str]) -> Problem:
-    late = set(_late(problem))
-    if not late or not jobs:
+def _for_ready_only(problem: Problem, names: set[str]) -> Problem:
+    if not names or not _late(problem):
         return problem
-    return msgspec.structs.replace(
-        problem,
-        jobs=tuple(
-            msgspec.structs.replace(job, needs=job.needs | {NOW}) if job.id in jobs else job for job in problem.jobs
-        ),
-        workers=tuple(
-            worker if worker.name in late else msgspec.structs.replace(worker, offers=worker.offers | {NOW})
-            for worker in problem.workers
-        ),
-    )
+    jobs = (msgspec.structs.replace(job, ready_only=True) if job.id in names else job for job in problem.jobs)
+    return msgspec.structs.replace(problem, jobs=tuple(jobs))
 
 
 def _in_this_order(worker: str, jobs: Sequence[str]) -> Route:

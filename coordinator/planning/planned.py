@@ -9,8 +9,10 @@ import msgspec
 from robrain.coordinator.allocation.plan import Plan
 from robrain.coordinator.allocation.problem import Problem
 from robrain.coordinator.planning.situation import ChargerWays, Orders, Situation
-from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.wire.plan_messages import PlanProblem, TaskDecision
+from robrain.protocol.wire.reasons.plans import LeftOut
+from robrain.protocol.wire.reasons.tasks import TaskReason
+from robrain.protocol.wire.reasons.words import told
 from robrain.protocol.wire.task_messages import RobotVerdict
 
 if TYPE_CHECKING:
@@ -38,9 +40,9 @@ class Planned(msgspec.Struct, frozen=True, kw_only=True):
     problem: PlanProblem
     steps: dict[str, tuple[Step, ...]]
     """Of each robot; those that it was at are not in it."""
-    left_out: dict[str, str]
+    left_out: dict[str, LeftOut]
     """Tasks that nobody does, and why."""
-    waiting: dict[str, str]
+    waiting: dict[str, TaskReason]
     """Tasks that could be no part of the plan, and why."""
     decisions: list[TaskDecision]
     """Those that are new."""
@@ -73,7 +75,11 @@ def planned(
                 leave_s = max(stop.arrive_s, earliest_s[stop.job]) - way_s
                 found.append(Step(stop.job, _at(situation, leave_s), way_s, _at(situation, stop.start_s)))
         steps[route.worker] = tuple(found)
-    left_out = {one.job: cut(one.why) for one in plan.unassigned if one.job not in pinned}
+    left_out: dict[str, LeftOut] = {}
+    for one in plan.unassigned:
+        if one.job not in pinned:
+            assert one.reason is not None  # an allocator's plan has one for each
+            left_out[one.job] = one.reason
     robots: dict[str, list[str]] = {}
     for route in plan.routes:
         for job in route.jobs:
@@ -101,18 +107,19 @@ def _told(decision: "Decision", situation: Situation, number: int) -> TaskDecisi
         plan=number,
         robots=decision.robots,
         start_in_s=None if decision.start_s is None else round(decision.start_s, 2),
-        why=cut(decision.why, TEXT_MAX),
+        why=told(decision.reason),
+        reason=decision.reason,
         bids=tuple(_bids(decision, situation)),
     )
 
 
 def _bids(decision: "Decision", situation: Situation) -> Iterable[RobotVerdict]:
     for option in decision.options:
-        why_not = situation.pauses.get((decision.job, option.worker), "") or option.why_not
-        yield RobotVerdict(
-            robot=option.worker,
+        why_not = situation.pauses.get((decision.job, option.worker)) or option.why_not
+        yield RobotVerdict.judged(
+            option.worker,
+            why_not,
             chosen=option.worker in decision.robots,
-            why_not=cut(why_not, TEXT_MAX),
             energy_j=None if why_not else option.energy_j,
             time_s=None if why_not else option.time_s,
         )

@@ -33,6 +33,9 @@ from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
 from robrain.protocol.wire.messages import RobotState
 from robrain.protocol.wire.plan_messages import ObjectiveRequest, PlannedCharge, PlanningStatus, TaskDecision
+from robrain.protocol.wire.reasons.plans import LeftOut
+from robrain.protocol.wire.reasons.robots import RobotReason, WithOthers
+from robrain.protocol.wire.reasons.tasks import NoPlan, PlanLeavesOut, TaskReason, ToBegin
 from robrain.protocol.wire.task_messages import TaskRecord
 from robrain.protocol.wire.topics import COORDINATOR_OBJECTIVE, COORDINATOR_PLANNING, TASK_DECISION, TASK_PROBLEM
 
@@ -54,10 +57,10 @@ class Due(NamedTuple):
     """The task that the robot is to end first; empty if it is to begin at once."""
 
 
-class LeftOut(NamedTuple):
+class Unplanned(NamedTuple):
     """A task that nobody is to do."""
 
-    why: str
+    reason: LeftOut
     since_ns: int
 
 
@@ -72,7 +75,7 @@ class Planning:
         shunning: what they refused or failed at.
         team_map: what is known of the floor.
         policy: what plans are for.
-        waits: why a task cannot be offered to anybody yet, given the way to it in seconds; empty if it can.
+        waits: why a task cannot be offered to anybody yet, given the way to it in seconds; None if it can.
 
     """
 
@@ -85,7 +88,7 @@ class Planning:
         shunning: Shunning,
         team_map: TeamMap,
         policy: PlanningPolicy,
-        waits: Callable[[TaskRecord, int, float], str],
+        waits: Callable[[TaskRecord, int, float], TaskReason | None],
     ) -> None:
         self.policy = policy
         self.chargers = KnownChargers(wire, capabilities.plugins)
@@ -93,11 +96,11 @@ class Planning:
         """How robots that charge, or go to, will be when they have. Whoever sends them there keeps it."""
         self.charges: tuple[PlannedCharge, ...] = ()
         """Who charges where and when, kept by the same."""
-        self.held: dict[str, str] = {}
-        """Robots that are at a task with others, and what they are at."""
-        self.left_out: dict[str, LeftOut] = {}
+        self.held: dict[str, WithOthers] = {}
+        """Robots that are at a task with others."""
+        self.left_out: dict[str, Unplanned] = {}
         """Tasks that nobody is to do by the plan, why, and since when."""
-        self.waiting: dict[str, str] = {}
+        self.waiting: dict[str, TaskReason] = {}
         """Tasks that could be no part of the plan, and why."""
         self._clock = wire.clock
         self._book = book
@@ -195,7 +198,7 @@ class Planning:
             held=self._watch.held(records),
             ending=self._watch.ending(members),
             members=members,
-            pauses={pair: why for pair, why in pauses.items() if pair[0] in open_ids},
+            pauses={pair: reason for pair, reason in pauses.items() if pair[0] in open_ids},
             served_s=self._watch.served_s(records, now_ns),
             floor=self._watch.floor(now_ns, wanted=bool(self.left_out)),
             orders=self._orders(),
@@ -219,8 +222,8 @@ class Planning:
                     kept.pop(next(iter(kept)))
             self.waiting = plan.waiting
             self.left_out = {
-                task: LeftOut(why, self.left_out[task].since_ns if task in self.left_out else now_ns)
-                for task, why in plan.left_out.items()
+                task: Unplanned(reason, self.left_out[task].since_ns if task in self.left_out else now_ns)
+                for task, reason in plan.left_out.items()
             }
         return bool(made)
 
@@ -234,15 +237,17 @@ class Planning:
             robot, bound = self._roster.robots.get(name), self._book.bound_to(name)
             left_s = math.inf if robot is None else free_in_s(robot, bound)
             step = self._next(name) if left_s < math.inf else None
-            if step is None or robot is None or self.why_out(robot, now_ns):
+            if step is None or robot is None or self.why_out(robot, now_ns) is not None:
                 continue
             record = self._book.find(step.task)
-            if record is None or record.task.robots > 1 or self._waits(record, now_ns, left_s + step.way_s):
+            if record is None or record.task.robots > 1:
+                continue
+            if self._waits(record, now_ns, left_s + step.way_s) is not None:
                 continue
             after = "" if not bound or bound[0].own else bound[0].task.id
             if after and left_s > LATEST_S and self._plan.problem.asked_ns < self._ending_ns.get(name, 0):
                 continue  # the plan is being made anew for this
-            if not self._shunning.why(step.task, name, now_ns):
+            if self._shunning.why(step.task, name, now_ns) is None:
                 yield Due(step.task, name, after)
 
     def ends_soon(self, before: RobotState | None, state: RobotState, now_ns: int) -> None:
@@ -262,11 +267,13 @@ class Planning:
         for name in sorted(self._plan.steps) if self._plan is not None else ():
             step, robot, at = self._next(name), self._roster.robots.get(name), self._book.of_robot(name)
             is_free = at is None or (at.own and isinstance(at.task, Explore))
-            if step is not None and robot is not None and is_free and not self.why_out(robot, now_ns):
+            if step is not None and robot is not None and is_free and self.why_out(robot, now_ns) is None:
                 robots.setdefault(step.task, []).append(name)
         for task_id, names in robots.items():
             record = self._book.find(task_id)
-            if record is not None and len(names) == record.task.robots > 1 and not self._waits(record, now_ns, 0.0):
+            if record is None or not len(names) == record.task.robots > 1:
+                continue
+            if self._waits(record, now_ns, 0.0) is None:
                 yield task_id, names
 
     def begun(self, task_id: str, robot: str) -> None:
@@ -322,35 +329,35 @@ class Planning:
         """When a task was last decided on, and how."""
         return self._decisions.get(task_id)
 
-    def why_out(self, robot: Robot, now_ns: int) -> str:
-        """Why a robot is no part of plans now; empty if it is."""
-        out = why_out(robot, self._book.of_robot(robot.name), now_ns)
-        return out or self.held.get(robot.name, "")
+    def why_out(self, robot: Robot, now_ns: int) -> RobotReason | None:
+        """Why a robot is no part of plans now; None if it is."""
+        return why_out(robot, self._book.of_robot(robot.name), now_ns) or self.held.get(robot.name)
 
     @property
     def number(self) -> int:
         """Of the plan that is followed; 0 if there is none."""
         return 0 if self._plan is None else self._plan.problem.plan
 
-    def words(self, task_id: str, now_ns: int) -> str:
-        """What the plan has for a queued task; empty if it knows nothing of it."""
+    def standing(self, task_id: str, now_ns: int) -> TaskReason | None:
+        """What the plan has for a queued task; None if it knows nothing of it."""
         if task_id in self.left_out:
-            return f"the plan leaves it out: {self.left_out[task_id].why}"
+            return PlanLeavesOut(self.left_out[task_id].reason)
         if task_id in self.waiting:
             return self.waiting[task_id]
         for robot, steps in self._plan.steps.items() if self._plan is not None else ():
             for step in steps:
                 if step.task == task_id:
-                    when = f"in {max(0.0, to_seconds(step.start_ns - now_ns)):.0f} s"
                     after = self.after_charge.get(robot)
-                    charged = f", when it has charged to {after.soc:.0%}" if after is not None else ""
-                    return f"{robot} is to begin it {when}{charged}"
+                    in_s = max(0.0, to_seconds(step.start_ns - now_ns))
+                    return ToBegin(robot, in_s, None if after is None else after.soc)
         why = self._planner.why_failed
-        return f"no plan can be made: {cut(why)}" if why else ""
+        return NoPlan(cut(why)) if why else None
 
     def anybody_out(self, now_ns: int) -> bool:
         """Whether a robot of the team is no part of plans now."""
-        return any(robot.has_token and self.why_out(robot, now_ns) for robot in self._roster.robots.values())
+        return any(
+            robot.has_token and self.why_out(robot, now_ns) is not None for robot in self._roster.robots.values()
+        )
 
     def status(self) -> PlanningStatus:
         """How plans are made."""

@@ -9,6 +9,7 @@ from robrain.coordinator.planning.floor import Floor
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import Collect, Inspect, Monitor, Relay, Replace, Sense, Task
 from robrain.protocol.wire.messages import RobotState
+from robrain.protocol.wire.reasons.robots import RobotReason
 from robrain.protocol.wire.task_messages import TaskRecord
 
 HANDLING_S = 1.0
@@ -71,7 +72,7 @@ class Situation(msgspec.Struct, frozen=True, kw_only=True):
     ending: dict[str, Ending] = {}
     """Of robots that are about to end a task; what they do next is planned from there."""
     members: dict[str, Member]
-    pauses: dict[tuple[str, str], str]
+    pauses: dict[tuple[str, str], RobotReason]
     """Which task is not to be offered to which robot now, and why."""
     served_s: dict[str, float]
     """How long its robot has been at the place of a running task."""

@@ -91,7 +91,9 @@ class Thinking:
             return best
         if _gain(kept, best) >= self._gain_min:
             return best
-        return reasons(self._problem, make_arrays(self._problem), kept, {one.job: one.why for one in best.unassigned})
+        return reasons(
+            self._problem, make_arrays(self._problem), kept, {one.job: one.reason for one in best.unassigned}
+        )
 
     def _changes_hands(self, plan: Plan) -> bool:
         was = {task: robot for robot, tasks in self._orders.items() for task in tasks}

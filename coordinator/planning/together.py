@@ -18,7 +18,10 @@ from robrain.coordinator.task_book import TaskBook
 from robrain.coordinator.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team_map import TeamMap
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.task import Explore, Task, TaskState, Visit, place_of
+from robrain.protocol.wire.reasons.robots import PartFailed, PartUndone, Refused, RobotReason, WithOthers
+from robrain.protocol.wire.reasons.tasks import Gather, NeededFor, PartsUntold, RobotOut, TaskReason, WholeIs
 from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord
 
 PARTS_MAX = 1000
@@ -91,10 +94,10 @@ class Together:
         for robot in robots:
             at = self._book.of_robot(robot)
             if at is not None and isinstance(at.task, Explore):
-                self._book.move(at.task.id, TaskState.CANCELLED, f"{robot} is needed for {task_id}")
+                self._book.move(at.task.id, TaskState.CANCELLED, NeededFor(robot, task_id))
         self._lifecycle.note_decision(task_id, robots, now_ns)
         spots = self._spots(record.task, robots)
-        self._book.begin_together(task_id, f"{' and '.join(robots)} gather for it")
+        self._book.begin_together(task_id, Gather(tuple(robots)))
         gathering = tuple(
             self._add(Visit(id=self._new_id(GATHER), place=spot, priority=record.task.priority), task_id)
             for spot in spots
@@ -105,19 +108,19 @@ class Together:
     def _go_on(self, task_id: str, now_ns: int) -> None:
         group, record = self._groups[task_id], self._book.find(task_id)
         if record is None or record.state is not TaskState.RUNNING:  # it was called off, or it is too late for it
-            self._call_off(task_id, "" if record is None else f"{task_id} is {record.state}")
+            self._call_off(task_id, None if record is None else WholeIs(task_id, record.state))
             return
         if not group.robots:
             del self._groups[task_id]
-            self._book.give_back(task_id, "the coordinator began anew before all had been told")
+            self._book.give_back(task_id, PartsUntold())
             return
         parts = [self._book.find(part) for part in group.doing or group.gathering]
         for robot, part in zip(group.robots, parts, strict=True):
             if part is None or (part.state.ended and part.state is not TaskState.DONE):
                 has_failed = part is not None and part.state is TaskState.FAILED
                 told = part.why if part is not None else "nothing is known of it"
-                why = f"{'failed at' if has_failed else 'does not do'} its part: {told}"
-                self._fail(task_id, robot, why, now_ns, failed=has_failed)
+                reason = PartFailed(cut(told)) if has_failed else PartUndone(cut(told))
+                self._fail(task_id, robot, reason, now_ns, failed=has_failed)
                 return
         done = [part for part in parts if part is not None and part.state is TaskState.DONE]
         if len(done) < len(parts):
@@ -126,7 +129,7 @@ class Together:
             del self._groups[task_id]
             energy_j = sum(float(part.result.get("energy_j", 0.0)) for part in done)
             result = {"robots": list(group.robots), "energy_j": round(energy_j, 1)}
-            self._book.move(task_id, TaskState.DONE, "", result)
+            self._book.move(task_id, TaskState.DONE, result=result)
             return
         doing = tuple(self._add(self._own_share(record.task, spot), task_id) for spot in group.spots)
         self._groups[task_id] = group._replace(doing=doing)
@@ -134,25 +137,25 @@ class Together:
 
     def _offer(self, task_id: str, robots: Sequence[str], parts: Sequence[str], now_ns: int) -> None:
         for robot, part in zip(robots, parts, strict=True):
-            why = self._lifecycle.offer(part, robot, now_ns)
-            if why:
-                self._fail(task_id, robot, f"refused: {why}", now_ns, failed=False)
+            refusal = self._lifecycle.offer(part, robot, now_ns)
+            if refusal is not None:
+                self._fail(task_id, robot, Refused(refusal), now_ns, failed=False)
                 return
 
-    def _fail(self, task_id: str, robot: str, why: str, now_ns: int, *, failed: bool) -> None:
+    def _fail(self, task_id: str, robot: str, reason: RobotReason, now_ns: int, *, failed: bool) -> None:
         """A robot does not do its part: all come free, for a new plan that leaves it out for a while."""
-        self._lifecycle.shunning.note(task_id, robot, why, now_ns)
-        self._call_off(task_id, f"{robot} {why}")
-        record = self._book.give_back(task_id, f"{robot} {why}", failed=failed)
-        if not record.state.ended and (words := self._lifecycle.reasons.hopeless(record, now_ns)):
-            self._book.move(task_id, TaskState.FAILED, f"nobody does it: {words}")
+        self._lifecycle.shunning.note(task_id, robot, reason, now_ns)
+        self._call_off(task_id, RobotOut(robot, reason))
+        record = self._book.give_back(task_id, RobotOut(robot, reason), failed=failed)
+        if not record.state.ended and (hopeless := self._lifecycle.reasons.hopeless(record, now_ns)):
+            self._book.move(task_id, TaskState.FAILED, hopeless)
 
-    def _call_off(self, task_id: str, why: str) -> None:
+    def _call_off(self, task_id: str, reason: TaskReason | None) -> None:
         group = self._groups.pop(task_id)
         for part in (*group.gathering, *group.doing):
             found = self._book.find(part)
             if found is not None and not found.state.ended:
-                self._book.move(part, TaskState.CANCELLED, why)
+                self._book.move(part, TaskState.CANCELLED, reason)
 
     # -- parts ----------------------------------------------------------------------------------------------
 
@@ -198,6 +201,5 @@ class Together:
         held = {}
         for task_id, group in self._groups.items():
             for robot in group.robots:
-                others = " and ".join(name for name in group.robots if name != robot)
-                held[robot] = f"is at {task_id} with {others}"
+                held[robot] = WithOthers(task_id, tuple(name for name in group.robots if name != robot))
         self._planning.held = held

@@ -17,6 +17,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import TaskState, place_of
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.messages import RobotState
+from robrain.protocol.wire.reasons.robots import RobotReason
 from robrain.protocol.wire.task_messages import TaskRecord
 
 AT_PLACE_M = 1.0
@@ -36,7 +37,7 @@ class TeamWatch:
         capabilities: what they can do.
         team_map: what is known of the floor.
         chargers: what the robots know of them.
-        why_out: why a robot is no part of plans now; empty if it is.
+        why_out: why a robot is no part of plans now; None if it is.
         after_charge: how robots that charge will be when they have, as `Planning` is told.
 
     """
@@ -48,7 +49,7 @@ class TeamWatch:
         capabilities: Capabilities,
         team_map: TeamMap,
         chargers: KnownChargers,
-        why_out: Callable[[Robot, int], str],
+        why_out: Callable[[Robot, int], RobotReason | None],
         after_charge: Mapping[str, AfterCharge],
     ) -> None:
         self.is_blocked = False
@@ -82,7 +83,7 @@ class TeamWatch:
         members = {}
         for name, state in self._up(now_ns).items():
             free_ns = 0
-            if self._why_out(self._roster.robots[name], now_ns):
+            if self._why_out(self._roster.robots[name], now_ns) is not None:
                 after = self._after_charge.get(name)
                 if after is None or not is_charging(self._roster.robots[name], self._book.of_robot(name)):
                     continue

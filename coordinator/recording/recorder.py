@@ -20,7 +20,7 @@ from robrain.coordinator.recording.recording_files import RecordingFiles, SplitA
 from robrain.protocol.wire.border import Border
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import LostMessages, RecorderState
-from robrain.protocol.wire.refusals import Refusal, Refusals, told
+from robrain.protocol.wire.refusals import Refusal, Refusals, most_refused
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, PUBLISHED, RECORDER_STATE, ROBOT_MAP, ROBOT_MAP_WHOLE
 
@@ -247,7 +247,7 @@ class Recorder:
             messages=self._messages,
             bytes=self._file.size_bytes,
             lost=[LostMessages(topic, messages) for topic, messages in sorted(lost.items())],
-            refused=told(self._refusals, REFUSED_KINDS),
+            refused=most_refused(self._refusals, REFUSED_KINDS),
             waiting=len(self._inbox),
             why="; ".join(words),
             closed=self._summary is not None,

@@ -17,6 +17,8 @@ from robrain.plugins.skill.energy.interface import EnergyInterface, Work
 from robrain.plugins.skill.home.interface import ChargerPlace, HomeInterface
 from robrain.plugins.skill.planner.interface import PlannerInterface
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.wire.reasons.offers import NeedsEnergy
+from robrain.protocol.wire.reasons.words import told
 
 CONFIDENCE = 0.95
 NEAREST = 3
@@ -42,13 +44,18 @@ class Verdict(msgspec.Struct, frozen=True):
         return self.usable_j >= self.needed_j
 
     @property
+    def reason(self) -> NeedsEnergy:
+        """What speaks against it where it is not affordable."""
+        return NeedsEnergy(round(self.needed_j, 3), round(self.usable_j, 3))
+
+    @property
     def words(self) -> str:
-        """The numbers in words.
+        """The same in words.
 
         >>> Verdict(5200.4, 4800.0, 60.0).words
         'needs 5200 J of 4800 J usable'
         """
-        return f"needs {self.needed_j:.0f} J of {self.usable_j:.0f} J usable"
+        return told(self.reason)
 
 
 class Budget:

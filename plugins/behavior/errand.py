@@ -32,6 +32,7 @@ from robrain.protocol.model.task import PlacedTask, TaskState, kind_of
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.messages import BatteryState, TaskAnswer
+from robrain.protocol.wire.reasons.offers import NeedsTime, NoPath, OfferRefusal
 
 STEP_S = 0.25
 CHECK_NS = to_ns(2.0)
@@ -281,33 +282,33 @@ class Errand(Behavior, ABC):
 
     def accept(self, task: Any) -> TaskAnswer:
         """Take a task on, or say why not; the way begins in the errand's own turn."""
-        if self.travel.lost:
-            return TaskAnswer(accepted=False, why=self.travel.lost)
+        if (lost := self.travel.position_lost) is not None:
+            return TaskAnswer.refused(lost)
         goal = self.place(task)
         path = self.travel.plan(goal)
         if path is None:
-            return TaskAnswer(accepted=False, why="no way there")
+            return TaskAnswer.refused(NoPath())
         pose = self.travel.pose()
         way_m = length_m([Point2D(pose.x_m, pose.y_m), *path])
         _, home_m = self.budget.way_home(path[-1] if path else goal)
         run = Run(task, lambda: self.play(task, goal), goal, way_m, home_m)
-        why = self.why_not(run)
-        if why:
-            return TaskAnswer(accepted=False, why=why)
+        reason = self.why_not(run)
+        if reason is not None:
+            return TaskAnswer.refused(reason)
         self.drop()
         self.take_on(run)
         return TaskAnswer(accepted=True)
 
-    def why_not(self, run: Run) -> str:
-        """Why a task cannot be taken on, before it is begun; empty if it can."""
+    def why_not(self, run: Run) -> OfferRefusal | None:
+        """Why a task cannot be taken on, before it is begun; None if it can."""
         verdict = self.budget.judge(self._left(run), run.home_m)
         if not verdict.is_affordable:
-            return verdict.words
+            return verdict.reason
         deadline_ns = run.task.deadline_ns
         if deadline_ns is not None and self._now_ns() + to_ns(verdict.duration_s) > deadline_ns:
             left_s = to_seconds(deadline_ns - self._now_ns())
-            return f"needs {verdict.duration_s:.0f} s, and the deadline is in {left_s:.0f} s"
-        return ""
+            return NeedsTime(round(verdict.duration_s, 3), round(left_s, 3))
+        return None
 
     def ended_own(self, state: TaskState, why: str) -> None:
         """What it did of its own accord has ended."""

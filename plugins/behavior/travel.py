@@ -24,6 +24,8 @@ from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.right_of_way import LONGEST_M, LOOK_AHEAD_M, STEP_M, Release
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages import PlannedPath
+from robrain.protocol.wire.reasons.offers import PositionLost
+from robrain.protocol.wire.reasons.words import told
 from robrain.protocol.wire.topics import ROBOT_PATH
 
 REQUIRES = ("driver", "teammates", "localisation", "mapper", "planner")
@@ -148,9 +150,14 @@ class Travel:
 
     @property
     def lost(self) -> str:
-        """Why the robot must not drive to places of the arena: it does not know where it is. Empty if it does."""
+        """Why the robot must not drive to places of the arena, in words; empty if it may."""
+        return told(self.position_lost) if self._env.board.lost else ""
+
+    @property
+    def position_lost(self) -> PositionLost | None:
+        """The same as a reason: the robot does not know where it is. None if it does."""
         why = self._env.board.lost
-        return f"{self._env.robot} does not know where it is: {why}" if why else ""
+        return PositionLost(self._env.robot, why) if why else None
 
     def find_itself(self, *, for_task: bool = False) -> bool:
         """Drive about slowly while the robot is lost, bound for nowhere; False once that has been in vain.

@@ -31,7 +31,7 @@ from robrain.protocol.model.ranges import (
     Text,
 )
 from robrain.protocol.model.task import Task, TaskState
-from robrain.protocol.wire.idle_reasons import IdleReason
+from robrain.protocol.wire.reasons import IdleReason, OfferRefusal, TaskReason, Unavailable, told
 from robrain.protocol.wire.refusals import Refused
 
 Result = Annotated[dict[str, Any], Meta(max_length=64)]
@@ -89,6 +89,8 @@ class TaskStatus(msgspec.Struct, frozen=True, kw_only=True):
     """Result of a task that has ended: a few numbers, the key of an image; `energy_j` is the energy it took."""
     left_s: Seconds | None = None
     """Estimated time until it ends; None if unknown, and once the task has ended."""
+    reason: OfferRefusal | None = None
+    """Of a task that was held and then refused: the reason that `why` puts in words; None if there are only words."""
 
 
 class PluginFault(msgspec.Struct, frozen=True, kw_only=True):
@@ -285,8 +287,15 @@ class TaskAnswer(msgspec.Struct, frozen=True, kw_only=True):
 
     accepted: bool
     why: Text = ""
+    reason: OfferRefusal | None = None
+    """`why` as a value; None if there are only words."""
     epoch: Epoch | msgspec.UnsetType = msgspec.UNSET
     """The latest epoch the robot has accepted; only set when it refuses an older one."""
+
+    @classmethod
+    def refused(cls, reason: OfferRefusal, epoch: int | msgspec.UnsetType = msgspec.UNSET) -> "TaskAnswer":
+        """The answer no."""
+        return cls(accepted=False, why=told(reason), reason=reason, epoch=epoch)
 
 
 class TaskEvent(Message, frozen=True, kw_only=True):
@@ -301,6 +310,8 @@ class TaskEvent(Message, frozen=True, kw_only=True):
     """As in the robot's `TaskStatus`."""
     change: Count = 0
     """Number of the change in the coordinator's journal; a repeated number is the same change, sent again."""
+    reason: TaskReason | None = None
+    """`why` as a value; None if there was no reason, or only its words are known."""
 
 
 class RobotSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -322,6 +333,8 @@ class RobotSummary(msgspec.Struct, frozen=True, kw_only=True):
     """Its plugins that do not run."""
     idle: IdleReason | None = None
     """Why it has nothing to do; None if it has a task or is not available."""
+    out: Unavailable | None = None
+    """Why it is not available; None if it is."""
 
 
 class FrontierSummary(msgspec.Struct, frozen=True, kw_only=True):

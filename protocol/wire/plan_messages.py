@@ -12,6 +12,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.objective import Objective
 from robrain.protocol.model.ranges import Charge, Count, Name, Quantity, Seconds, Stamp, Text
 from robrain.protocol.wire.messages import Message
+from robrain.protocol.wire.reasons.plans import Chosen, LeftOut, WaitsForCharger
 from robrain.protocol.wire.task_messages import RobotVerdict
 
 Most = Meta(max_length=100_000)
@@ -30,7 +31,9 @@ class TaskDecision(Message, frozen=True, kw_only=True):
     start_in_s: Quantity | None = None
     """When it is to begin, seconds after the plan was made."""
     why: Text = ""
-    """Why these robots, or why none."""
+    """Why these robots, or why none, in words."""
+    reason: Chosen | LeftOut | None = None
+    """The same as a value."""
     bids: Annotated[tuple[RobotVerdict, ...], Most] = ()
     """What it would take each robot on top of the rest of its route, or the reason that it is out; by name."""
 
@@ -94,6 +97,8 @@ class PlannedCharge(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tru
     """It stands at the charger."""
     why: Text = ""
     """What it waits for, in words; empty if it does not wait."""
+    reason: WaitsForCharger | None = None
+    """The same as a value."""
 
 
 class ChargeSchedule(Message, frozen=True, kw_only=True):

@@ -144,6 +144,6 @@ Refused = Annotated[list[Refusal], Meta(max_length=1000)] | msgspec.UnsetType
 """What a component has refused, largest count first; absent if nothing."""
 
 
-def told(refusals: Refusals, most: int = SHOWN) -> Refused:
+def most_refused(refusals: Refusals, most: int = SHOWN) -> Refused:
     """What a component says of its refusals in a message: the `most` frequent ones."""
     return refusals.counts(most) or msgspec.UNSET

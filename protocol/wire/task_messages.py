@@ -11,6 +11,9 @@ from msgspec import Meta
 from robrain.protocol.model.ranges import Count, Epoch, Name, Quantity, Seconds, Stamp, Text
 from robrain.protocol.model.task import Task, TaskState
 from robrain.protocol.wire.messages import Result, TaskEvent
+from robrain.protocol.wire.reasons.robots import RobotReason
+from robrain.protocol.wire.reasons.tasks import TaskReason
+from robrain.protocol.wire.reasons.words import told
 
 Limit = Annotated[int, Meta(ge=-1_000_000, le=1_000_000)]
 
@@ -37,6 +40,7 @@ class TaskRecord(msgspec.Struct, frozen=True, kw_only=True):
     epoch: Epoch = 0
     """Of the last offer."""
     why: Text = ""
+    """Why it stands so, in words."""
     result: Result = {}
     """As its robot reported it at the end."""
     changed_ns: Stamp = 0
@@ -51,6 +55,8 @@ class TaskRecord(msgspec.Struct, frozen=True, kw_only=True):
     """Whether the coordinator created it: such a task is not retried."""
     attempts: Count = 0
     """Number of robots that have failed at it."""
+    reason: TaskReason | None = None
+    """Why it stands so; None if there is no reason, or only its words are known, as from an older journal."""
 
     @property
     def event(self) -> TaskEvent:
@@ -64,6 +70,7 @@ class TaskRecord(msgspec.Struct, frozen=True, kw_only=True):
             why=self.why,
             result=self.result,
             change=self.change,
+            reason=self.reason,
         )
 
 
@@ -101,6 +108,8 @@ class TaskChange(msgspec.Struct, frozen=True, kw_only=True):
     robot: Name = ""
     epoch: Epoch = 0
     why: Text = ""
+    """The reason in words."""
+    reason: TaskReason | None = None
 
 
 class RobotVerdict(msgspec.Struct, frozen=True, kw_only=True):
@@ -110,11 +119,29 @@ class RobotVerdict(msgspec.Struct, frozen=True, kw_only=True):
     chosen: bool = False
     """Whether it has the task."""
     why_not: Text = ""
-    """Why it does not get the task; empty if it could."""
+    """Why it does not get the task, in words; empty if it could."""
+    reason: RobotReason | None = None
+    """The same as a value."""
     distance_m: Quantity | None = None
     """Straight-line distance to the task; null if unknown."""
     energy_j: Quantity | None = None
     time_s: Quantity | None = None
+
+    @classmethod
+    def judged(
+        cls,
+        robot: str,
+        reason: RobotReason | None = None,
+        *,
+        chosen: bool = False,
+        distance_m: float | None = None,
+        energy_j: float | None = None,
+        time_s: float | None = None,
+    ) -> "RobotVerdict":
+        """A verdict whose words are those of its reason."""
+        why_not = told(reason)
+        return cls(robot=robot, chosen=chosen, why_not=why_not, reason=reason,
+                   distance_m=distance_m, energy_j=energy_j, time_s=time_s)  # fmt: skip
 
 
 class TaskWhy(msgspec.Struct, frozen=True, kw_only=True):
@@ -124,6 +151,8 @@ class TaskWhy(msgspec.Struct, frozen=True, kw_only=True):
     """The task and how it stands."""
     now: Text
     """In one sentence."""
+    reason: TaskReason | None = None
+    """What that sentence says beside the task's state."""
     robots: Annotated[list[RobotVerdict], Meta(max_length=100_000)] = []
     """As judged last, sorted by name."""
     decided_ns: Stamp = 0

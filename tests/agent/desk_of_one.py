@@ -3,9 +3,10 @@
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import Explore
 from robrain.protocol.wire.messages import TaskAnswer, TaskOffer
+from robrain.protocol.wire.reasons.reason import Said
 
 GOAL = Point2D(1.0, 2.0)
-YES, NO = TaskAnswer(accepted=True), TaskAnswer(accepted=False, why="no way there")
+YES, NO = TaskAnswer(accepted=True), TaskAnswer.refused(Said("no way there"))
 
 
 def offer(task_id="t1", epoch=1, after="", lease_s=5.0):

@@ -10,6 +10,8 @@ from robrain.protocol.model.task import Explore, TaskState, Visit
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import TaskAnswer, TaskOffer, TaskStatus, TaskWithdrawal, TeamState
+from robrain.protocol.wire.reasons.offers import EpochOld, NoBehavior, NotAtTask
+from robrain.protocol.wire.reasons.reason import Said
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_OFFER, ROBOT_STATE
 from tests.agent.desk_of_one import GOAL, NO, YES, Explorer, offer
 
@@ -80,15 +82,15 @@ def test_what_comes_when_the_one_before_has_just_ended_is_begun(desk, explorer):
 
 
 def test_what_is_for_after_a_task_that_the_robot_is_not_at_is_refused(desk, explorer):
-    assert hold(desk, after="t0") == TaskAnswer(accepted=False, why="is not at t0")
+    assert hold(desk, after="t0") == TaskAnswer.refused(NotAtTask("t0"))
     desk.halted()
-    assert hold(desk) == TaskAnswer(accepted=False, why="is not at t1")
-    assert TaskDesk().offer(offer(after="t0"), 0) == TaskAnswer(accepted=False, why="is not at t0")
+    assert hold(desk) == TaskAnswer.refused(NotAtTask("t1"))
+    assert TaskDesk().offer(offer(after="t0"), 0) == TaskAnswer.refused(NotAtTask("t0"))
 
 
 def test_what_no_behavior_does_is_not_held(desk, explorer):
     visit = TaskOffer(task=Visit(id="v", place=GOAL), epoch=2, lease_s=5.0, after="t1")
-    assert desk.offer(visit, 0) == TaskAnswer(accepted=False, why="no behavior does Visit tasks")
+    assert desk.offer(visit, 0) == TaskAnswer.refused(NoBehavior("visit"))
 
 
 @pytest.mark.parametrize("answer", [NO, RuntimeError("no way there")])
@@ -98,7 +100,9 @@ def test_a_held_task_that_is_refused_when_its_turn_comes_is_cancelled_with_why(d
     explorer.answer = answer
     assert not desk.go_on(0)
     task, held, before = desk.facts
-    assert task == TaskStatus(id="t2", epoch=2, state=TaskState.CANCELLED, why="no way there")
+    assert task == TaskStatus(
+        id="t2", epoch=2, state=TaskState.CANCELLED, why="no way there", reason=Said("no way there")
+    )
     assert (held, before.id, before.state) == (None, "t1", TaskState.DONE)
     explorer.answer = YES
     assert desk.offer(offer("t3", 2), 0) == YES  # an epoch that was never begun is none that was accepted
@@ -115,7 +119,7 @@ def test_the_running_task_can_be_withdrawn_with_its_own_epoch_and_the_next_is_be
 def test_the_held_task_can_be_withdrawn_and_the_running_one_goes_on(desk, explorer):
     hold(desk)
     stale = desk.withdraw(TaskWithdrawal(id="t2", epoch=1))
-    assert stale == TaskAnswer(accepted=False, why="epoch 1 is older than 2", epoch=2)
+    assert stale == TaskAnswer.refused(EpochOld(1, 2), epoch=2)
     assert desk.withdraw(TaskWithdrawal(id="t2", epoch=2)) == YES
     assert desk.facts.next_task is None
     assert desk.facts.task.state is TaskState.RUNNING
@@ -125,7 +129,7 @@ def test_the_held_task_can_be_withdrawn_and_the_running_one_goes_on(desk, explor
 
 def test_a_newer_task_takes_the_place_of_the_one_that_is_held_and_an_older_does_not(desk, explorer):
     hold(desk, "t2", 4)
-    assert hold(desk, "t3", 3) == TaskAnswer(accepted=False, why="epoch 3 is older than 4", epoch=4)
+    assert hold(desk, "t3", 3) == TaskAnswer.refused(EpochOld(3, 4), epoch=4)
     assert hold(desk, "t3", 5) == YES
     assert desk.facts.next_task.id == "t3"
 
@@ -242,7 +246,7 @@ class DeskWithNext(RuleBasedStateMachine):
         elif (task_id, epoch) in known:
             assert answered.accepted
         elif after and (self.task is None or self.task[0] != after or self.task[2] is TaskState.CANCELLED):
-            assert answered.why == f"is not at {after}"
+            assert answered.reason == NotAtTask(after)
         elif after and self.runs:
             assert answered.accepted
             self.held, self.heard_ns = (task_id, epoch), self.now_ns

@@ -13,6 +13,7 @@ from robrain.protocol.model.task import Explore, Recharge, TaskState, Visit
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import TaskAnswer, TaskOffer, TaskWithdrawal, TeamState
+from robrain.protocol.wire.reasons.offers import EpochAhead, EpochOld, NoBehavior, Occupied
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_OFFER, ROBOT_STATE, ROBOT_WITHDRAW
 from tests.agent.desk_of_one import GOAL, NO, YES, Explorer, offer
 
@@ -42,7 +43,7 @@ def test_the_same_offer_twice_is_accepted_twice_and_started_once(desk, explorer)
 def test_an_offer_of_an_older_epoch_is_refused_in_words(desk, explorer):
     desk.offer(offer(epoch=5), 0)
     answer = desk.offer(offer("t2", epoch=4), 0)
-    assert answer == TaskAnswer(accepted=False, why="epoch 4 is older than 5", epoch=5)
+    assert answer == TaskAnswer.refused(EpochOld(4, 5), epoch=5)
     assert explorer.started == ["t1"]
     assert desk.status.id == "t1"
 
@@ -54,7 +55,7 @@ DAY_MS = 24 * 3600 * 1000
 def test_an_epoch_that_no_coordinator_gives_is_refused_and_locks_nobody_out(desk, explorer, epoch):
     answer = desk.offer(offer("forged", epoch=epoch), to_ns(5.0))
     assert not answer.accepted
-    assert "ahead of the robot's clock" in answer.why
+    assert isinstance(answer.reason, EpochAhead)
     assert desk.offer(offer("t1", epoch=1), to_ns(5.0)).accepted
     assert explorer.started == ["t1"]
 
@@ -111,7 +112,7 @@ def test_a_behavior_that_raises_over_an_offer_has_not_taken_it(desk, explorer):
 
 
 def test_a_task_that_no_behavior_does_is_refused_in_words(desk):
-    assert desk.offer(offer(), 0) == TaskAnswer(accepted=False, why="no behavior does Explore tasks")
+    assert desk.offer(offer(), 0) == TaskAnswer.refused(NoBehavior("explore"))
     assert desk.status is None
 
 
@@ -154,7 +155,7 @@ def test_a_withdrawn_task_is_let_go_with_the_reason(desk, explorer):
 def test_a_withdrawal_of_an_older_epoch_is_refused_in_words(desk, explorer):
     desk.offer(offer(epoch=5), 0)
     answer = desk.withdraw(TaskWithdrawal(id="t1", epoch=4))
-    assert answer == TaskAnswer(accepted=False, why="epoch 4 is older than 5", epoch=5)
+    assert answer == TaskAnswer.refused(EpochOld(4, 5), epoch=5)
     assert desk.status.state is TaskState.RUNNING
     assert explorer.let_go_of == []
 
@@ -232,7 +233,7 @@ class Desk(RuleBasedStateMachine):
         answered = self.desk.offer(offer(task_id, epoch, lease_s=lease_s), self.now_ns)
         if epoch < self.highest_epoch:
             assert not answered.accepted
-            assert "older" in answered.why
+            assert isinstance(answered.reason, EpochOld)
         elif repeated:
             assert answered.accepted
         else:
@@ -440,7 +441,7 @@ def test_what_is_firm_gives_way_to_nothing_but_recharging(desk, explorer):
     desk.register(Recharge, lambda task: recharged.append(task.id) or YES, lambda why: None)
     assert desk.occupy("recharge", firm="r1 goes home: needs 9 J of 8 J usable")
     assert not desk.occupy("wander")
-    assert desk.offer(offer(), 0) == TaskAnswer(accepted=False, why="r1 goes home: needs 9 J of 8 J usable")
+    assert desk.offer(offer(), 0) == TaskAnswer.refused(Occupied("recharge", "r1 goes home: needs 9 J of 8 J usable"))
     assert desk.occupies("recharge")
     home = TaskOffer(task=Recharge(id="c1", place=GOAL), epoch=3, lease_s=5.0)
     assert desk.offer(home, 0) == YES

@@ -6,6 +6,7 @@ from robrain.agent.task_desk import RESULT_BYTES_MAX, TaskDesk
 from robrain.protocol.model.task import Recharge, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages import TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.wire.reasons.offers import EpochOld, Occupied
 from tests.agent.desk_of_one import GOAL, NO, YES, Explorer, offer
 
 SILENT = "the coordinator is silent, the lease ran out"
@@ -140,7 +141,7 @@ def test_epoch_as_new_as_the_last_one_is_new_enough(desk, explorer, epoch, is_ta
 def test_epoch_of_what_is_held_fences_offers_but_not_the_withdrawal_of_what_runs(desk, explorer):
     desk.offer(offer(epoch=3), 0)
     desk.offer(held(epoch=7), 0)
-    assert desk.offer(offer("t3", epoch=6), 0) == TaskAnswer(accepted=False, why="epoch 6 is older than 7", epoch=7)
+    assert desk.offer(offer("t3", epoch=6), 0) == TaskAnswer.refused(EpochOld(6, 7), epoch=7)
     assert not desk.withdraw(TaskWithdrawal(id="t2", epoch=6)).accepted
     assert desk.withdraw(TaskWithdrawal(id="t1", epoch=3)).accepted
     assert desk.withdraw(TaskWithdrawal(id="t2", epoch=7)) == YES
@@ -206,7 +207,7 @@ def test_behavior_that_is_firm_keeps_others_and_tasks_out_but_for_charging(desk,
     assert not desk.occupies("idle")
     assert not desk.occupy("idle")
     assert desk.occupy("recharge", firm="is on its way to charge")
-    assert desk.offer(offer(), 0) == TaskAnswer(accepted=False, why="is on its way to charge")
+    assert desk.offer(offer(), 0) == TaskAnswer.refused(Occupied("recharge", "is on its way to charge"))
     desk.vacate("idle")
     assert desk.occupies("recharge")
     assert desk.offer(TaskOffer(task=Recharge(id="c1", place=GOAL), epoch=1, lease_s=5.0), 0).accepted

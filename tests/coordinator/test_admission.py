@@ -1,5 +1,7 @@
 """What can never be done is refused at once, with the reason; what may be possible is not."""
 
+import itertools
+
 import msgspec
 import numpy as np
 import pytest
@@ -9,6 +11,8 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, GridGeometry, OccupancyGrid
 from robrain.protocol.model.task import Explore, TaskState, Visit
 from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.reasons.reason import Said
+from robrain.protocol.wire.reasons.tasks import AfterEnded
 from robrain.protocol.wire.task_messages import TaskRecord, TaskSubmission
 
 NOW_NS = to_ns(1000.0)
@@ -80,8 +84,18 @@ def test_a_task_that_waits_for_one_that_was_not_done_is_refused(state: TaskState
     other = known("t0", state, told="the way is blocked")
     said = f"t0, which it waits for, was not done: {state}, the way is blocked"
     assert why(visit(after=("t0",)), others=[other]) == said
-    assert why_dependency_ended(visit(after=("t0",)), {"t0": other}) == said
+    ended = AfterEnded("t0", state, Said("the way is blocked"))
+    assert why_dependency_ended(visit(after=("t0",)), {"t0": other}) == ended
     assert why(visit(after=("t0",)), others=[known("t0", TaskState.DONE)]) == ""
+
+
+def test_of_a_chain_of_tasks_that_wait_the_reason_of_the_first_is_kept() -> None:
+    blocked = Said("the way is blocked")
+    chain = {"a": msgspec.structs.replace(known("a", TaskState.FAILED, told="the way is blocked"), reason=blocked)}
+    for before, name in itertools.pairwise("abcd"):
+        reason = why_dependency_ended(visit(after=(before,)), chain)
+        chain[name] = msgspec.structs.replace(known(name, TaskState.CANCELLED), reason=reason)
+    assert chain["d"].reason == AfterEnded("c", TaskState.CANCELLED, blocked)
 
 
 def test_a_circle_of_tasks_that_wait_for_each_other_is_refused() -> None:

@@ -14,7 +14,7 @@ from robrain.protocol.model.occupancy_grid import FREE, GridGeometry, PatchCells
 from robrain.protocol.model.task import TaskState, Visit
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.idle_reasons import PlanPending, TaskSoon
+from robrain.protocol.wire.reasons.idle import PlanPending, TaskSoon
 from robrain.protocol.wire.refusals import RefusalCode
 from robrain.protocol.wire.task_messages import TaskRequest
 from robrain.protocol.wire.topics import (

@@ -7,6 +7,15 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.task import TaskState, Visit
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages import RobotState
+from robrain.protocol.wire.reasons.offers import NoPath
+from robrain.protocol.wire.reasons.robots import (
+    AnotherNearer,
+    Halted,
+    LacksPlugins,
+    PositionUnknown,
+    Refused,
+    RobotReason,
+)
 from robrain.protocol.wire.task_messages import RobotVerdict, TaskRecord
 
 
@@ -21,26 +30,26 @@ def robot(name: str, x_m: float | None) -> Robot:
     return made
 
 
-def free(_task, _robot) -> str:
-    return ""
+def free(_task, _robot) -> None:
+    return None
 
 
 def test_the_nearest_robot_gets_the_task_and_the_others_hear_why_not() -> None:
     robots = [robot("r1", 0.0), robot("r2", 4.0), robot("r3", None), robot("r4", 4.5)]
     wanted = task("t1", 5.0)
 
-    def why_not(_task: TaskRecord, one: Robot) -> str:
-        return "has no camera" if one.name == "r4" else ""
+    def why_not(_task: TaskRecord, one: Robot) -> RobotReason | None:
+        return LacksPlugins(("camera",)) if one.name == "r4" else None
 
     assert dispatch([wanted], robots, why_not) == [("t1", "r2")]
     assert verdicts(wanted, robots, why_not, "r2") == [
-        RobotVerdict(robot="r1", why_not="r2 is nearer", distance_m=5.0),
+        RobotVerdict(robot="r1", why_not="r2 is nearer", reason=AnotherNearer("r2"), distance_m=5.0),
         RobotVerdict(robot="r2", chosen=True, distance_m=1.0),
-        RobotVerdict(robot="r3", why_not="does not know where it is"),
-        RobotVerdict(robot="r4", why_not="has no camera", distance_m=0.5),
+        RobotVerdict(robot="r3", why_not="does not know where it is", reason=PositionUnknown()),
+        RobotVerdict(robot="r4", why_not="has no camera", reason=LacksPlugins(("camera",)), distance_m=0.5),
     ]
-    assert [verdict.why_not for verdict in verdicts(wanted, robots, why_not)] == [
-        "", "", "does not know where it is", "has no camera",
+    assert [verdict.reason for verdict in verdicts(wanted, robots, why_not)] == [
+        None, None, PositionUnknown(), LacksPlugins(("camera",)),
     ]  # fmt: skip
 
 
@@ -64,7 +73,7 @@ def test_no_robot_gets_two_tasks_and_no_task_two_robots() -> None:
 
 def test_a_task_that_nobody_idle_can_do_does_not_hold_up_the_next() -> None:
     ready = [task("dear", 0.0, priority=9.0), task("plain", 0.0)]
-    found = dispatch(ready, [robot("r1", 0.0)], lambda one, _robot: "no" if one.task.id == "dear" else "")
+    found = dispatch(ready, [robot("r1", 0.0)], lambda one, _robot: Halted() if one.task.id == "dear" else None)
     assert found == [("plain", "r1")]
 
 
@@ -76,20 +85,20 @@ def test_who_refused_is_asked_again_after_growing_pauses() -> None:
     shunning = Shunning()
     now_ns, pauses = 0, []
     for _ in range(8):
-        shunning.note("t1", "r1", "refused: no way there", now_ns)
+        shunning.note("t1", "r1", Refused(NoPath()), now_ns)
         pause_s = FIRST_PAUSE_S
         while shunning.why("t1", "r1", now_ns + to_ns(pause_s)):
             pause_s += 1.0
         pauses.append(pause_s)
         now_ns += to_ns(pause_s)
     assert pauses == [2.0, 4.0, 8.0, 16.0, 32.0, LONGEST_PAUSE_S, LONGEST_PAUSE_S, LONGEST_PAUSE_S]
-    assert shunning.why("t1", "r2", 0) == ""
-    assert shunning.why("t2", "r1", 0) == ""
+    assert shunning.why("t1", "r2", 0) is None
+    assert shunning.why("t2", "r1", 0) is None
 
 
 def test_refusals_are_not_remembered_without_end() -> None:
     shunning = Shunning()
     for number in range(KEPT + 10):
-        shunning.note(f"t{number}", "r1", "no", 0)
+        shunning.note(f"t{number}", "r1", Refused(NoPath()), 0)
     assert len(shunning._shunned) == KEPT
-    assert shunning.why(f"t{KEPT + 9}", "r1", 0) == "no"
+    assert shunning.why(f"t{KEPT + 9}", "r1", 0) == Refused(NoPath())

@@ -9,7 +9,9 @@ from robrain.coordinator.team_map import TeamMap
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, GridGeometry, PatchCells
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.idle_reasons import (
+from robrain.protocol.wire.map_patch import to_message
+from robrain.protocol.wire.messages import RobotState
+from robrain.protocol.wire.reasons.idle import (
     NothingUnknown,
     NoWay,
     OthersExplore,
@@ -17,8 +19,6 @@ from robrain.protocol.wire.idle_reasons import (
     TooNarrow,
     TriedInVain,
 )
-from robrain.protocol.wire.map_patch import to_message
-from robrain.protocol.wire.messages import RobotState
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 100, 60)
 

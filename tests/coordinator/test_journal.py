@@ -12,6 +12,9 @@ from robrain.coordinator.journal.journal import EPOCH_BLOCK, Journal
 from robrain.coordinator.journal.schema import MIGRATIONS, VERSION, migrate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import Explore, TaskState, Visit
+from robrain.protocol.wire.reasons.offers import NoPath
+from robrain.protocol.wire.reasons.robots import Halted, Refused
+from robrain.protocol.wire.reasons.tasks import RobotOut
 from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord
 
 ASKED = b'{"task":{"type":"visit"}}'
@@ -210,7 +213,8 @@ def test_a_journal_of_the_first_schema_goes_on(path: Path) -> None:
     assert [record.task.id for record in journal.select(TaskFilter(kinds=["visit"]))] == ["t1"]
     assert [record.task.id for record in journal.select(TaskFilter())] == ["t1"]  # the other is an own one
     assert msgspec.json.decode(journal.asked("t1"))["task"]["id"] == "t1"
-    assert [line.why for line in journal.history("t1")] == ["", "there"]
+    assert [(line.why, line.reason) for line in journal.history("t1")] == [("", None), ("there", None)]
+    assert (journal.find("t1").why, journal.find("t1").reason) == ("", None)
     assert journal.new_epoch() == 43
     assert journal.accept(queued("t2")).change == 3
     assert journal.told == []
@@ -261,3 +265,29 @@ def test_on_a_full_disk_nothing_is_half_written_and_what_is_there_stays(path: Pa
     assert again.find("t1").state is TaskState.DONE
     assert again.told == []
     again.close()
+
+
+def test_a_reason_is_kept_with_its_words(path: Path) -> None:
+    journal = Journal(path)
+    reason = RobotOut("r1", Refused(NoPath()))
+    change(journal, journal.accept(queued("t1")), TaskState.QUEUED, why="r1 refused: no way there", reason=reason)
+    journal.close()
+    journal = Journal(path)
+    assert journal.find("t1").reason == reason
+    assert [line.reason for line in journal.history("t1")] == [None, reason]
+
+
+def test_of_a_reason_that_only_a_newer_robrain_knows_the_words_are_read(path: Path) -> None:
+    journal = Journal(path)
+    change(journal, journal.accept(queued("t1")), TaskState.QUEUED, why="r1 waits", reason=RobotOut("r1", Halted()))
+    journal.close()
+    connection = sqlite3.connect(path)
+    connection.execute("UPDATE task SET record = replace(record, 'robot_out', 'robot_naps')")
+    connection.execute("UPDATE change SET reason = replace(reason, 'robot_out', 'robot_naps')")
+    connection.commit()
+    connection.close()
+    journal = Journal(path)
+    (record,) = journal.open_records()
+    assert (record.task.id, record.why, record.reason) == ("t1", "r1 waits", None)
+    assert [(line.why, line.reason) for line in journal.history("t1")] == [("", None), ("r1 waits", None)]
+    assert journal.wrong == {}

@@ -22,6 +22,8 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import TaskState, Visit
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.messages import TaskEvent, TaskStatus
+from robrain.protocol.wire.reasons.robots import LostContact
+from robrain.protocol.wire.reasons.tasks import Cancelled, Forgotten, IsNext, LeaseRanOut
 from robrain.protocol.wire.task_messages import TaskFilter
 
 ROBOTS = ("r1", "r2", "r3")
@@ -161,7 +163,7 @@ class World:
             return
         if last is None or (last.id, last.epoch) != (at.task.id, at.epoch) or last.state.ended:
             return
-        epoch = self.book.offered(task_id, robot, f"it is next, after {at.task.id}").epoch
+        epoch = self.book.offered(task_id, robot, IsNext(at.task.id)).epoch
         self.held[robot] = TaskStatus(id=task_id, epoch=epoch, state=TaskState.OFFERED)  # the offer reaches it
 
     def work(self, robot: str, state: TaskState) -> None:
@@ -193,7 +195,7 @@ class World:
             if record.state is TaskState.OFFERED and same:
                 self.book.move(record.task.id, TaskState.RUNNING)
             elif record.robot and not same:
-                self.book.give_back(record.task.id, "it knows nothing of it")
+                self.book.give_back(record.task.id, Forgotten("r1"))
 
     def withdraw(self, robot: str) -> None:
         """What a robot is at or holds, and the book has for another or for nobody, is taken back from it."""
@@ -207,13 +209,13 @@ class World:
     def lose(self, task_id: str) -> None:
         record = self.book.find(task_id)
         if record is not None and record.state is TaskState.RUNNING:
-            self.book.move(task_id, TaskState.LOST_CONTACT, "silent")
-            self.book.give_back(task_id, "the lease ran out")
+            self.book.move(task_id, TaskState.LOST_CONTACT, LostContact(1.5))
+            self.book.give_back(task_id, LeaseRanOut("r1"))
 
     def cancel(self, task_id: str) -> None:
         record = self.book.find(task_id)
         if record is not None and not record.state.ended:
-            self.book.move(task_id, TaskState.CANCELLED, "no longer wanted")
+            self.book.move(task_id, TaskState.CANCELLED, Cancelled("ann"))
 
     # -- what must hold --------------------------------------------------------------------------------------
 

@@ -18,6 +18,9 @@ from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import RobotState, TaskAnswer, TaskStatus, TaskWithdrawal
 from robrain.protocol.wire.presence import Change
+from robrain.protocol.wire.reasons.reason import Said
+from robrain.protocol.wire.reasons.robots import Failed, Refused
+from robrain.protocol.wire.reasons.tasks import LeaseRanOut, NeverTaken, NobodyDoes, RobotOut
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.task_messages import TaskRecord
 
@@ -93,8 +96,8 @@ def desk(session: zenoh.Session) -> Iterator[Desk]:
 def test_answer_that_comes_later_begins_the_task_or_queues_it_again(desk: Desk) -> None:
     desk.add("t1")
     desk.add("t2")
-    assert desk.tasks.offer("t1", "r1", NOW_NS) == ""
-    assert desk.tasks.offer("t2", "r2", NOW_NS) == ""
+    assert desk.tasks.offer("t1", "r1", NOW_NS) is None
+    assert desk.tasks.offer("t2", "r2", NOW_NS) is None
     assert (desk.stands("t1"), desk.stands("t2")) == ((TaskState.OFFERED, "r1"), (TaskState.OFFERED, "r2"))
     assert desk.tasks.hear_answers(NOW_NS) is False
     desk.mail.answer(0, YES)
@@ -103,7 +106,7 @@ def test_answer_that_comes_later_begins_the_task_or_queues_it_again(desk: Desk) 
     assert desk.tasks.hear_answers(NOW_NS) is True
     assert (desk.stands("t1"), desk.stands("t2")) == ((TaskState.RUNNING, "r1"), (TaskState.QUEUED, ""))
     assert desk.book.find("t2").why == "r2 refused: no way there"
-    assert desk.tasks.shunning.why("t2", "r2", NOW_NS) == "refused: no way there"
+    assert desk.tasks.shunning.why("t2", "r2", NOW_NS) == Refused(Said("no way there"))
 
 
 @pytest.mark.parametrize("answer", [YES, NO])
@@ -111,14 +114,14 @@ def test_answer_that_comes_later_begins_the_task_or_queues_it_again(desk: Desk) 
 def test_late_answer_to_an_old_offer_changes_nothing_of_the_new_one(desk: Desk, answer: TaskAnswer, robot: str) -> None:
     desk.add()
     desk.tasks.offer("t1", "r1", NOW_NS)
-    desk.book.give_back("t1", "r1 never said that it took it")
+    desk.book.give_back("t1", NeverTaken("r1"))
     desk.tasks.offer("t1", robot, NOW_NS)
     old, new = (record.epoch for record, _ in desk.mail.asked)
     assert old < new
     desk.mail.answer(0, answer)
     assert desk.tasks.hear_answers(NOW_NS) is False
     assert desk.stands() == (TaskState.OFFERED, robot)
-    assert desk.tasks.shunning.why("t1", "r1", NOW_NS) == ""
+    assert desk.tasks.shunning.why("t1", "r1", NOW_NS) is None
     desk.mail.answer(1, YES)
     desk.tasks.hear_answers(NOW_NS)
     assert desk.stands() == (TaskState.RUNNING, robot)
@@ -131,7 +134,7 @@ def test_answer_to_an_offer_that_does_not_stand_any_more_changes_nothing(
 ) -> None:
     desk.add()
     desk.tasks.offer("t1", "r1", NOW_NS)
-    desk.book.move("t1", state, "so it went") if state is not TaskState.QUEUED else desk.book.give_back("t1", "so")
+    desk.book.move("t1", state) if state is not TaskState.QUEUED else desk.book.give_back("t1", None)
     before = desk.book.find("t1")
     desk.mail.answer(0, answer)
     assert desk.tasks.hear_answers(NOW_NS) is False
@@ -159,7 +162,7 @@ def test_offer_for_later_stays_offered_when_it_is_accepted_and_is_not_shunned_wh
     desk.mail.answer(1, NO)
     assert desk.tasks.hear_answers(NOW_NS) is True
     assert (desk.stands("t1"), desk.stands("t2")) == ((TaskState.OFFERED, "r1"), (TaskState.QUEUED, ""))
-    assert desk.tasks.shunning.why("t2", "r1", NOW_NS) == ""
+    assert desk.tasks.shunning.why("t2", "r1", NOW_NS) is None
     assert [after for _, after in desk.mail.asked] == ["t0", "t0"]
     assert desk.book.find("t1").why == "it is next, after t0"
 
@@ -185,7 +188,8 @@ def test_task_that_every_robot_has_refused_for_good_has_failed(desk: Desk) -> No
             desk.mail.answer(-1, NO)
             desk.tasks.hear_answers(now_ns)
     assert desk.stands()[0] is TaskState.FAILED
-    assert desk.book.find("t1").why.startswith("nobody does it: ")
+    out = Refused(Said("no way there"))
+    assert desk.book.find("t1").reason == NobodyDoes((RobotOut("r1", out), RobotOut("r2", out)))
 
 
 def test_offer_that_is_answered_at_once_says_why_it_was_refused(desk: Desk) -> None:
@@ -193,7 +197,7 @@ def test_offer_that_is_answered_at_once_says_why_it_was_refused(desk: Desk) -> N
     desk.add("t2")
     desk.tasks.offer("t1", "r1", NOW_NS)
     desk.mail.answer(0, NO)
-    assert desk.tasks.offer("t2", "r2", NOW_NS) == ""  # it was the other that was refused
+    assert desk.tasks.offer("t2", "r2", NOW_NS) is None  # it was the other that was refused
     assert desk.stands("t1") == (TaskState.QUEUED, "")
     at_once = desk.mail.offer
     for why, told in (("no way there", "no way there"), ("", "it does not say why")):
@@ -203,7 +207,7 @@ def test_offer_that_is_answered_at_once_says_why_it_was_refused(desk: Desk) -> N
             desk.mail.answer(-1, TaskAnswer(accepted=False, why=why))
 
         desk.mail.offer = refuse
-        assert desk.tasks.offer("t1", "r1", NOW_NS) == told
+        assert desk.tasks.offer("t1", "r1", NOW_NS) == Said(told)
 
 
 def test_task_of_the_coordinators_own_that_is_refused_ends_and_is_told_and_anothers_is_not(desk: Desk) -> None:
@@ -228,7 +232,7 @@ def at(task_id: str, epoch: int, state: TaskState = TaskState.RUNNING) -> TaskSt
 def test_robot_that_is_at_a_task_with_an_old_epoch_is_told_to_stop_with_that_epoch(desk: Desk) -> None:
     desk.add()
     desk.tasks.offer("t1", "r1", NOW_NS)
-    desk.book.give_back("t1", "r1 is silent")
+    desk.book.give_back("t1", LeaseRanOut("r1"))
     desk.tasks.offer("t1", "r2", NOW_NS)
     first, second = (record.epoch for record, _ in desk.mail.asked)
     desk.say("r1", at("t1", first))
@@ -265,7 +269,7 @@ def test_held_task_that_was_called_off_is_withdrawn_with_the_reason(desk: Desk) 
     desk.add("t2")
     desk.tasks.offer("t2", "r1", NOW_NS, after="t1")
     epoch = desk.mail.asked[0][0].epoch
-    desk.book.move("t2", TaskState.CANCELLED, "ann does not want it")
+    desk.book.move("t2", TaskState.CANCELLED, Said("ann does not want it"))
     desk.say("r1", None, at("t2", epoch, TaskState.OFFERED))
     desk.tasks.withdraw_strays(NOW_NS)
     assert desk.mail.withdrawn == [("r1", TaskWithdrawal(id="t2", epoch=epoch, why="ann does not want it"))]
@@ -301,7 +305,7 @@ def test_task_whose_dependency_has_ended_otherwise_is_called_off(desk: Desk) -> 
     desk.book.add(Visit(id="t2", place=Point2D(0.0, 0.0), after=["t1"]))
     desk.tasks.settle(NOW_NS)
     assert desk.stands("t2")[0] is TaskState.QUEUED
-    desk.book.move("t1", TaskState.FAILED, "blocked")
+    desk.book.move("t1", TaskState.FAILED, Said("blocked"))
     desk.tasks.settle(NOW_NS)
     assert desk.stands("t2")[0] is TaskState.CANCELLED
 
@@ -320,7 +324,7 @@ def test_silent_robot_gives_its_task_back_and_settle_says_that_one_came_free(des
 
 
 def test_robot_that_failed_is_not_asked_again_at_once_and_one_that_was_told_to_stop_is(desk: Desk) -> None:
-    for index, (state, why) in enumerate(((TaskState.FAILED, "failed: blocked"), (TaskState.CANCELLED, ""))):
+    for index, (state, why) in enumerate(((TaskState.FAILED, Failed("blocked")), (TaskState.CANCELLED, None))):
         task_id = f"t{index}"
         desk.add(task_id)
         desk.tasks.offer(task_id, "r1", NOW_NS)
@@ -337,7 +341,7 @@ def test_held_task_that_is_refused_when_its_turn_comes_is_not_asked_again_at_onc
     desk.tasks.offer("t2", "r1", NOW_NS, after="t1")
     status = TaskStatus(id="t2", epoch=desk.mail.asked[0][0].epoch, state=TaskState.CANCELLED, why="no way")
     desk.tasks.hear("r1", status, NOW_NS)
-    assert desk.tasks.shunning.why("t2", "r1", NOW_NS) == "refused: no way"
+    assert desk.tasks.shunning.why("t2", "r1", NOW_NS) == Refused(Said("no way"))
 
 
 def test_journal_that_cannot_be_written_is_complained_of_every_ten_seconds(

@@ -5,6 +5,7 @@ from robrain.protocol.model.task import TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages import BatteryState, RobotState, TaskStatus
 from robrain.protocol.wire.presence import Change
+from robrain.protocol.wire.reasons.robots import Gone, LostContact, NotHeard
 
 BATTERY = BatteryState(voltage_v=12.0, current_a=1.0, temperature_c=20.0, soc=0.5, remaining_j=100.0)
 
@@ -30,7 +31,7 @@ def test_a_robot_with_a_token_that_speaks_is_up():
     comes(roster, "r1")
     says(roster, "r1", 1.0)
     assert names_up(roster, 1.5) == ["r1"]
-    assert roster.robots["r1"].why_not_up(to_ns(1.5)) == ""
+    assert roster.robots["r1"].why_not_up(to_ns(1.5)) is None
 
 
 def test_robots_are_told_by_name():
@@ -55,7 +56,7 @@ def test_a_token_alone_is_no_robot_to_count_on():
     comes(roster, "r1")
     assert names_up(roster, 0.0) == []
     (summary,) = roster.summaries(0)
-    assert (summary.up, summary.why, summary.age_s) == (False, "nothing heard yet", 1e6)
+    assert (summary.up, summary.out, summary.why, summary.age_s) == (False, NotHeard(), "nothing heard yet", 1e6)
 
 
 def test_a_robot_that_falls_silent_is_not_counted_on_though_its_token_is_there():
@@ -64,7 +65,7 @@ def test_a_robot_that_falls_silent_is_not_counted_on_though_its_token_is_there()
     says(roster, "r1", 1.0)
     assert names_up(roster, 1.0 + LOST_AFTER_S) == ["r1"]
     assert names_up(roster, 1.1 + LOST_AFTER_S) == []
-    assert roster.robots["r1"].why_not_up(to_ns(3.5)) == "lost contact 2.5 s ago"
+    assert roster.robots["r1"].why_not_up(to_ns(3.5)) == LostContact(2.5)
     says(roster, "r1", 4.0)
     assert names_up(roster, 4.0) == ["r1"]
 
@@ -75,7 +76,8 @@ def test_a_robot_whose_token_went_is_gone():
     says(roster, "r1", 1.0)
     goes(roster, "r1")
     assert names_up(roster, 1.0) == []
-    assert roster.summaries(to_ns(1.0))[0].why == "gone"
+    (summary,) = roster.summaries(to_ns(1.0))
+    assert (summary.out, summary.why) == (Gone(), "gone")
 
 
 def test_a_summary_says_what_the_robot_last_said():
@@ -84,7 +86,7 @@ def test_a_summary_says_what_the_robot_last_said():
     task = TaskStatus(id="explore-1", epoch=4, state=TaskState.RUNNING)
     says(roster, "r1", 2.0, battery=BATTERY, behavior="explore", task=task, halted=True)
     (summary,) = roster.summaries(to_ns(2.25))
-    assert (summary.up, summary.age_s, summary.halted) == (True, 0.25, True)
+    assert (summary.up, summary.out, summary.age_s, summary.halted) == (True, None, 0.25, True)
     assert (summary.soc, summary.behavior, summary.task) == (0.5, "explore", "explore-1")
 
 

@@ -12,6 +12,9 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import Explore, TaskState, Visit
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.messages import TaskStatus
+from robrain.protocol.wire.reasons.reason import Said
+from robrain.protocol.wire.reasons.robots import LostContact
+from robrain.protocol.wire.reasons.tasks import Cancelled, LeaseRanOut
 
 GOAL = Point2D(1.0, 2.0)
 ROBOTS = st.sampled_from(["r1", "r2"])
@@ -67,18 +70,18 @@ class BookMachine(RuleBasedStateMachine):
         if record is not None and record.state in (TaskState.OFFERED, TaskState.LOST_CONTACT):
             self.book.move(task_id, TaskState.RUNNING)
         elif record is not None and record.state is TaskState.RUNNING and lost:
-            self.book.move(task_id, TaskState.LOST_CONTACT, "silent")
+            self.book.move(task_id, TaskState.LOST_CONTACT, LostContact(1.5))
 
     @rule(task_id=tasks)
     def lease_runs_out(self, task_id):
         record = self.state_of(task_id)
         if record is not None and record.robot:
-            self.book.give_back(task_id, "the lease ran out")
+            self.book.give_back(task_id, LeaseRanOut("r1"))
 
     @rule(task_id=consumes(tasks))
     def cancel(self, task_id):
         if self.state_of(task_id) is not None:
-            self.book.move(task_id, TaskState.CANCELLED, "no longer wanted")
+            self.book.move(task_id, TaskState.CANCELLED, Cancelled("ann"))
 
     @precondition(lambda self: self.count)
     @rule(
@@ -117,6 +120,7 @@ class BookMachine(RuleBasedStateMachine):
         for event in self.told[-3:]:
             lines = {line.number: line for line in self.book.journal.history(event.task.id)}
             assert (lines[event.change].state, lines[event.change].why) == (event.state, event.why)
+            assert lines[event.change].reason == event.reason
 
     @invariant()
     def epochs_only_grow(self):
@@ -155,7 +159,7 @@ TestBookMachine.settings = settings(max_examples=40, stateful_step_count=30, dea
 def test_each_change_is_told_with_robot_epoch_and_why():
     one, told = book()
     running(one, own=True)
-    one.move("t1", TaskState.FAILED, "the way is blocked")
+    one.move("t1", TaskState.FAILED, Said("the way is blocked"))
     assert [(event.state, event.robot, event.epoch, event.why, event.change) for event in told] == [
         (TaskState.QUEUED, "", 0, "", 1),
         (TaskState.OFFERED, "r1", 101, "", 2),
@@ -208,7 +212,7 @@ def test_another_robot_an_epoch_never_given_and_an_unknown_task_count_for_nothin
 def test_what_a_robot_has_done_counts_though_its_task_was_given_back(taken):
     one, told = book()
     epoch = running(one).epoch
-    one.give_back("t1", "the lease ran out")
+    one.give_back("t1", LeaseRanOut("r1"))
     if taken:
         one.offered("t1", "r2")
         one.move("t1", TaskState.RUNNING)
@@ -224,7 +228,7 @@ def test_what_a_robot_has_done_counts_though_its_task_was_given_back(taken):
 def test_a_robot_cannot_bring_its_task_into_any_other_state_than_an_end(said):
     one, told = book()
     record = running(one)
-    one.move("t1", TaskState.LOST_CONTACT, "silent")
+    one.move("t1", TaskState.LOST_CONTACT, LostContact(1.5))
     before = len(told)
     assert one.note_status("r1", TaskStatus(id="t1", epoch=record.epoch, state=said)) is None
     assert (len(told), one.open[0].state) == (before, TaskState.LOST_CONTACT)

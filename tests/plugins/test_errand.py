@@ -7,6 +7,7 @@ import pytest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import Explore, TaskState, Visit
 from robrain.protocol.wire.messages import Halt
+from robrain.protocol.wire.reasons.offers import NeedsEnergy, NeedsTime, NoPath
 from robrain.protocol.wire.topics import HALT, ROBOT_PATH, ROBOT_STATE
 from tests.plugins.errands import START, Build, Errands, open_errands
 
@@ -114,7 +115,7 @@ def test_a_visit_to_where_the_robot_is_takes_no_way(errands):
 
 def test_a_place_that_cannot_be_reached_is_refused(errands):
     run = errands("visit")
-    assert run.offer(Visit(id="v", place=WALLED)).why == "no way there"
+    assert run.offer(Visit(id="v", place=WALLED)).reason == NoPath()
     assert run.hosts["r1"].desk.status is None
 
 
@@ -176,9 +177,8 @@ def test_a_deadline_that_cannot_be_kept_is_refused_with_the_seconds(errands):
     run = errands("visit")
     answer = run.offer(Visit(id="v", place=FAR, service_s=30.0, deadline_ns=run.clock.now_ns() + 20_000_000_000))
     assert not answer.accepted
-    needed_s = float(answer.why.split()[1])
-    assert 34.0 < needed_s < 45.0
-    assert answer.why.endswith("s, and the deadline is in 20 s")
+    assert 34.0 < answer.reason.needed_s < 45.0
+    assert answer.reason == NeedsTime(answer.reason.needed_s, left_s=20.0)
 
 
 # -- energy ---------------------------------------------------------------------------------------------------------
@@ -189,8 +189,8 @@ def test_a_task_that_would_not_leave_the_way_home_is_refused_with_the_joules(err
     usable(run, 300.0)
     answer = run.offer(Visit(id="v", place=FAR, service_s=60.0))
     assert not answer.accepted
-    assert answer.why.endswith("J of 300 J usable")
-    needed_j = float(answer.why.split()[1])
+    needed_j = answer.reason.needed_j
+    assert answer.reason == NeedsEnergy(needed_j, usable_j=300.0)
     assert needed_j > 300.0
     usable(run, needed_j + 1.0)
     assert run.offer(Visit(id="v", place=FAR, service_s=60.0)).accepted
@@ -201,14 +201,14 @@ def test_the_way_home_counts_and_a_charger_nearby_makes_it_short(errands):
     for x_m in (0.8, 4.6):
         run = errands("visit", parameters={"home": {"chargers": [{"x_m": x_m, "y_m": 3.0}]}})
         usable(run, 1.0)
-        needed_j.append(float(run.offer(Visit(id="v", place=FAR)).why.split()[1]))
+        needed_j.append(run.offer(Visit(id="v", place=FAR)).reason.needed_j)
     assert needed_j[0] > needed_j[1] * 1.3
 
 
 def test_a_robot_that_does_not_know_its_battery_takes_nothing_on(errands):
     run = errands("visit")
     usable(run, 0.0)
-    assert run.offer(Visit(id="v", place=START_PLACE)).why.endswith("of 0 J usable")
+    assert run.offer(Visit(id="v", place=START_PLACE)).reason.usable_j == 0.0
 
 
 def test_a_task_that_turns_out_dearer_is_given_back_and_the_robot_is_sent_home(errands):

@@ -10,6 +10,7 @@ from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN
 from robrain.protocol.model.task import TaskState
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages import TaskWithdrawal
+from robrain.protocol.wire.reasons.offers import EpochOld, NoPath
 from robrain.protocol.wire.topics import ROBOT_OFFER, ROBOT_PATH, ROBOT_STATE, ROBOT_WITHDRAW
 
 TWO_ROOMS = (10.0, 4.0, (4.9, 0.0, 5.1, 1.4), (4.9, 2.6, 5.1, 4.0))
@@ -126,7 +127,7 @@ def test_a_goal_with_absurd_numbers_is_refused_and_the_robot_goes_on(explorer, x
 def test_the_farthest_goal_that_can_be_said_is_refused_in_words(explorer, goal):
     one, host = explorer
     answer = one.offer(goal)
-    assert (answer.accepted, answer.why) == (False, "no way there")
+    assert (answer.accepted, answer.reason) == (False, NoPath())
     assert host.manager.get("explore").state is PluginState.ACTIVE
 
 
@@ -136,7 +137,7 @@ def test_an_offer_of_an_older_epoch_is_refused(explorer):
     assert one.offer(goal, task="new", epoch=5).accepted
     answer = one.offer(goal, task="old", epoch=4)
     assert not answer.accepted
-    assert "epoch 4 is older than 5" in answer.why
+    assert answer.reason == EpochOld(4, 5)
     assert status(host).id == "new"
 
 

@@ -6,6 +6,7 @@ Changed bytes break both: think first.
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.objective import Objective
 from robrain.protocol.wire import plan_messages
+from robrain.protocol.wire.reasons import plans, robots
 from robrain.protocol.wire.task_messages import RobotVerdict
 
 EXAMPLES = [
@@ -17,9 +18,10 @@ EXAMPLES = [
         robots=("r1",),
         start_in_s=4.5,
         why="r1 takes least; the next would take 80 J",
+        reason=plans.Cheapest(("r1",), next_j=80.0),
         bids=(
             RobotVerdict(robot="r1", chosen=True, energy_j=61.2, time_s=4.5),
-            RobotVerdict(robot="r2", why_not="would leave 3 % < 10 % reserve"),
+            RobotVerdict.judged("r2", robots.BelowReserve(left=0.03, reserve=0.1)),
         ),
     ),
     plan_messages.PlanProblem(
@@ -53,6 +55,7 @@ EXAMPLES = [
         robot="r2", charger=Point2D(2.0, 1.5), set_out_ns=61_490_000_000, from_ns=71_490_000_000,
         until_ns=161_490_000_000, soc=0.2, to_soc=0.95, behind="r1", has_set_out=True, is_there=True,
         why="waits for the charger at (2.0, 1.5), free in 70 s: r1 has it before",
+        reason=plans.WaitsForCharger(Point2D(2.0, 1.5), free_s=70.0, behind="r1"),
     ),
     plan_messages.ChargeSchedule(
         stamp_ns=1_500_000_000,
@@ -62,6 +65,7 @@ EXAMPLES = [
                 robot="r2", charger=Point2D(2.0, 1.5), set_out_ns=61_490_000_000, from_ns=71_490_000_000,
                 until_ns=161_490_000_000, soc=0.2, to_soc=0.95, behind="r1",
                 why="waits for the charger at (2.0, 1.5), free in 70 s: r1 has it before",
+                reason=plans.WaitsForCharger(Point2D(2.0, 1.5), free_s=70.0, behind="r1"),
             ),
         ),
     ),

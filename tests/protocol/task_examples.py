@@ -6,6 +6,8 @@ Changed bytes break peers and journals: think first.
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import TaskState, Visit
 from robrain.protocol.wire import task_messages
+from robrain.protocol.wire.reasons import robots, tasks
+from robrain.protocol.wire.reasons.reason import Said
 
 TASK = Visit(id="task-7", place=Point2D(1.5, -2.0), priority=2.0)
 RECORD = task_messages.TaskRecord(
@@ -13,7 +15,7 @@ RECORD = task_messages.TaskRecord(
     state=TaskState.DONE,
     robot="r1",
     epoch=12,
-    why="there",
+    why="r2 failed: blocked; attempt 1 of 3",
     result={"energy_j": 12.5},
     changed_ns=1_500_000_000,
     change=41,
@@ -21,6 +23,7 @@ RECORD = task_messages.TaskRecord(
     by="ann",
     own=True,
     attempts=1,
+    reason=tasks.RobotOut("r2", robots.Failed("blocked"), attempt=1, attempts=3),
 )
 EXAMPLES = [
     task_messages.TaskSubmission(task=TASK, by="ann", earliest_in_s=1.0, deadline_in_s=60.0),
@@ -30,14 +33,16 @@ EXAMPLES = [
         states=[TaskState.DONE], kinds=["visit"], robot="r1", by="ann", own=True, limit=10
     ),
     task_messages.TaskChange(
-        number=41, stamp_ns=1_500_000_000, state=TaskState.DONE, robot="r1", epoch=12, why="there"
+        number=41, stamp_ns=1_500_000_000, state=TaskState.DONE, robot="r1", epoch=12, why="there", reason=Said("there")
     ),
     task_messages.RobotVerdict(
-        robot="r1", chosen=True, why_not="r2 is nearer", distance_m=1.5, energy_j=20.0, time_s=3.0
+        robot="r1", chosen=True, why_not="r2 is nearer", reason=robots.AnotherNearer("r2"),
+        distance_m=1.5, energy_j=20.0, time_s=3.0,
     ),
     task_messages.TaskWhy(
         record=RECORD,
         now="it is done at r1: there",
+        reason=Said("there"),
         robots=[task_messages.RobotVerdict(robot="r1", chosen=True)],
         decided_ns=1_450_000_000,
         changes=[task_messages.TaskChange(number=41, stamp_ns=1_500_000_000, state=TaskState.DONE)],

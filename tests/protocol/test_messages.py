@@ -11,7 +11,10 @@ from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.mapping.map_frame import MapFrame
 from robrain.protocol.model.task import Explore, TaskState
 from robrain.protocol.wire import arena_messages, errors, map_messages, messages, replay_messages
-from robrain.protocol.wire.idle_reasons import NoWay
+from robrain.protocol.wire.reasons.idle import NoWay
+from robrain.protocol.wire.reasons.offers import NoPath
+from robrain.protocol.wire.reasons.robots import LostContact, Refused
+from robrain.protocol.wire.reasons.tasks import RobotOut
 from robrain.protocol.wire.refusals import Refusal
 
 GOLDEN = Path(__file__).parent / "golden"
@@ -67,7 +70,14 @@ EXAMPLES = [
         behavior="explore",
         task=messages.TaskStatus(id="task-7", epoch=12, state=TaskState.RUNNING, why="", result={}, left_s=2.5),
         next_task=messages.TaskStatus(id="task-8", epoch=13, state=TaskState.OFFERED),
-        task_before=messages.TaskStatus(id="task-6", epoch=11, state=TaskState.DONE, result={"energy_j": 12.5}),
+        task_before=messages.TaskStatus(
+            id="task-6",
+            epoch=11,
+            state=TaskState.CANCELLED,
+            why="no way there",
+            result={"energy_j": 12.5},
+            reason=NoPath(),
+        ),
         halted=True,
         halted_by=["operator"],
         team_halt_ns=1_400_000_000,
@@ -144,9 +154,10 @@ EXAMPLES = [
         state=TaskState.FAILED,
         robot="r1",
         epoch=12,
-        why="no way there",
+        why="r1 refused: no way there",
         result={"energy_j": 12.5},
         change=41,
+        reason=RobotOut("r1", Refused(NoPath())),
     ),
     messages.TeamState(
         **STAMP,
@@ -162,6 +173,7 @@ EXAMPLES = [
                 why="",
                 faulted=FAULTED,
                 idle=NoWay(frontiers=3, needed_m=0.44),
+                out=LostContact(1.5),
             )
         ],
         known_area_m2=12.5,
@@ -262,7 +274,7 @@ EXAMPLES = [
     arena_messages.OutsideInput(**STAMP, key="robrain/default/robot/r1/call/driver/stop", payload=b"[]"),
     messages.TaskOffer(task=TASK, epoch=12, lease_s=5.0, after="task-6"),
     messages.TaskWithdrawal(id="task-7", epoch=12, why="cancelled"),
-    messages.TaskAnswer(accepted=False, why="no way there", epoch=12),
+    messages.TaskAnswer(accepted=False, why="no way there", reason=NoPath(), epoch=12),
     messages.PluginInfo(
         name="driver",
         level="unit",

@@ -7,7 +7,7 @@ import pytest
 
 from robrain import Scenario
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.idle_reasons import TooNarrow
+from robrain.protocol.wire.reasons.idle import TooNarrow
 from robrain.sim.floor_left import GapTooNarrow, NotSeen
 from robrain.sim.lockstep import LockstepRun
 from robrain.sim.maps.drawing import Block, FloorDrawing

@@ -19,6 +19,7 @@ from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.task import Explore, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages import TaskAnswer
+from robrain.protocol.wire.reasons.offers import NoPath
 
 OWN_CHOICES = 12
 SPENT_MAX = 256
@@ -185,11 +186,11 @@ class ExploreBehavior(Behavior):
         self.env.tasks.vacate(self.env.plugin)
 
     def _accept(self, task: Explore) -> TaskAnswer:
-        if self._travel.lost:
-            return TaskAnswer(accepted=False, why=self._travel.lost)
+        if (lost := self._travel.position_lost) is not None:
+            return TaskAnswer.refused(lost)
         self._travel.roams = False
         if not self._aim(task.goal, round(min(task.priority, PRIORITY_MAX))):
-            return TaskAnswer(accepted=False, why="no way there")
+            return TaskAnswer.refused(NoPath())
         self._task, self._is_own = task, False
         self.env.board.behavior = "explore"
         return TaskAnswer(accepted=True)

@@ -147,9 +147,8 @@ class RechargeBehavior(Errand):
 
     # -- told to --------------------------------------------------------------------------------------------
 
-    def why_not(self, run: Run) -> str:
+    def why_not(self, run: Run) -> None:
         """Nothing: to run out of energy on the way to a charger is no worse than to wait for it."""
-        return ""
 
     def why_go_home(self, run: Run) -> str:
         """Nothing: it is on its way."""

@@ -16,6 +16,8 @@ from robrain.plugins.unit.teammates.interface import TeammatesInterface
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import Relay
 from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.protocol.wire.reasons.offers import OfferRefusal
+from robrain.protocol.wire.reasons.reason import Said
 
 BALANCE_DB = 3.0
 """A step towards the weaker of two links must be worth more than this; about what a step of the usual size changes."""
@@ -53,10 +55,10 @@ class RelayBehavior(Errand):
         """Standing, and the way to as far as it may stray."""
         return Work(path_m=self.parameters.stray_m, wait_s=task.duration_s)
 
-    def why_not(self, run: Run) -> str:
+    def why_not(self, run: Run) -> OfferRefusal | None:
         """Nobody is the link to itself."""
         if run.task.robot == self.env.robot:
-            return "a robot is no relay to itself"
+            return Said("a robot is no relay to itself")
         return super().why_not(run)
 
     def do(self, task: Relay) -> Script:

@@ -12,6 +12,7 @@ from robrain.coordinator.allocation.problem import Job, Objective, Problem, Work
 from robrain.coordinator.allocation.repair import keep, repaired
 from robrain.coordinator.allocation.schedule import make_plan
 from robrain.coordinator.allocation.validate import SLACK, validate
+from robrain.protocol.wire.reasons.plans import NotWorthIt
 from tests.coordinator.allocation.instances import team_problem
 from tests.coordinator.allocation.test_validate import job, line, worker
 
@@ -57,7 +58,15 @@ def problems(draw):
         energy_j = problem.energy_j.copy()
         energy_j[:, tasks - 1, :tasks] = np.inf
         problem = msgspec.structs.replace(problem, jobs=(first, *problem.jobs[1:]), energy_j=energy_j)
-    return problem
+    names = [worker.name for worker in problem.workers]
+    forbidden, ready_only = draw(st.sets(st.sampled_from(names))) if names else set(), draw(st.booleans())
+    jobs = (
+        job if job.pinned_to or number % 2 else msgspec.structs.replace(
+            job, forbidden_workers=frozenset(forbidden), ready_only=ready_only
+        )
+        for number, job in enumerate(problem.jobs)
+    )  # fmt: skip
+    return msgspec.structs.replace(problem, jobs=tuple(jobs))
 
 
 @pytest.mark.parametrize("objective", Objective)
@@ -67,7 +76,7 @@ def test_no_plan_breaks_energy_windows_needs_precedence_or_gives_a_job_twice(obj
     for allocator in allocators(objective):
         plan = allocator.plan(problem, iterations=ITERATIONS, seed=seed)
         assert validate(problem, plan) == [], type(allocator).__name__
-        assert all(one.why for one in plan.unassigned)
+        assert all(one.reason is not None for one in plan.unassigned)
         assert plan.objective is objective
 
 
@@ -168,7 +177,7 @@ def test_quick_robot_is_used_for_the_makespan_and_cheap_one_for_energy():
 def test_job_that_costs_more_than_its_prize_is_left_and_the_reason_says_so():
     problem = line([Job(id="a", place=5, prize_j=9.0)], [worker("r1")])
     plan = optimal().plan(problem, iterations=20)
-    assert plan.unassigned[0].why == "it is worth 9 J and would take r1, the cheapest, 10 J"
+    assert plan.unassigned[0].reason == NotWorthIt(worth_j=9.0, robot="r1", needed_j=10.0)
 
 
 def test_dear_first_job_is_done_for_what_follows_it():

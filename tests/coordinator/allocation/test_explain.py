@@ -10,6 +10,18 @@ from robrain.coordinator.allocation.explain import Decision, explain
 from robrain.coordinator.allocation.problem import Objective, Problem, Worker
 from robrain.coordinator.allocation.schedule import make_plan
 from robrain.coordinator.allocation.validate import validate
+from robrain.protocol.wire.reasons.plans import Cheapest, IsAtIt, NearestOut, NobodyAllowed, NobodyHas, OnlyThese
+from robrain.protocol.wire.reasons.robots import (
+    BelowReserve,
+    Crowded,
+    Forbidden,
+    LacksEnergy,
+    LacksPlugins,
+    NotReady,
+    NoWayAndBack,
+    TooLate,
+    TooLateHome,
+)
 from tests.coordinator.allocation.instances import team_problem
 from tests.coordinator.allocation.test_allocators import problems
 from tests.coordinator.allocation.test_validate import job, line, worker
@@ -27,10 +39,10 @@ def test_robot_that_takes_least_and_what_the_others_would_take_are_told():
     assert decision.robots == ("r2",)
     assert [option.energy_j for option in decision.options] == [4.0, 3.0, 3.0]
     assert [option.time_s for option in decision.options] == [4.0, 3.0, 3.0]
-    assert decision.why == "r2 takes least; the next would take 3 J"
+    assert decision.reason == Cheapest(("r2",), next_j=3.0)
 
 
-def test_each_reason_to_be_out_is_in_words():
+def test_each_reason_to_be_out_is_told():
     # 10 J full, 1.5 J of it reserve: what is left is counted with the reserve, as on the robot's own gauge.
     low = Worker(
         name="low", start=0, ends=(0,), usable_j=2.8, capacity_j=10.0, reserve_j=1.5, offers=frozenset({"camera"})
@@ -44,20 +56,30 @@ def test_each_reason_to_be_out_is_in_words():
     )
     assert decision.robots == ("good",)
     assert [option.why_not for option in decision.options] == [
-        "would leave 3 % < 15 % reserve",
-        "no camera",
-        "cannot be there before 120 s, must end it by 100 s",
-        "lacks 1 J",
-        "",
+        BelowReserve(left=0.03, reserve=0.15),
+        LacksPlugins(("camera",)),
+        TooLate(start_s=120.0, latest_s=100.0),
+        LacksEnergy(missing_j=1.0),
+        None,
     ]
-    assert decision.why == "good can, and nobody else"
+    assert decision.reason == OnlyThese(("good",))
 
 
 def test_job_that_nobody_does_says_why_for_each_robot():
     decision = only_decision(line([job("a", 5)], [worker("r1", usable_j=4.0), worker("r2", usable_j=8.0)]))
     assert decision.robots == ()
-    assert decision.why == "r2, which comes nearest: lacks 2 J"
-    assert [option.why_not for option in decision.options] == ["lacks 6 J", "lacks 2 J"]
+    assert decision.reason == NearestOut("r2", LacksEnergy(missing_j=2.0))
+    assert [option.why_not for option in decision.options] == [LacksEnergy(missing_j=6.0), LacksEnergy(missing_j=2.0)]
+
+
+def test_job_that_only_robots_may_do_that_lack_something_says_what_keeps_each_from_it():
+    jobs = [job("a", 2, needs=frozenset({"camera"}), forbidden_workers=frozenset({"r1"}), ready_only=True)]
+    camera = frozenset({"camera"})
+    decision = only_decision(line(jobs, [worker("r1", offers=camera), worker("r2", ready_s=9.0, offers=camera)]))
+    assert decision.reason == NobodyAllowed()
+    assert [option.why_not for option in decision.options] == [Forbidden(), NotReady()]
+    decision = only_decision(line(jobs, [worker("r1"), worker("r3")]))
+    assert decision.reason == NobodyHas(("camera",))
 
 
 def test_job_without_a_way_says_so():
@@ -65,7 +87,7 @@ def test_job_without_a_way_says_so():
     ways[0, :, 2] = ways[0, 2, :] = np.inf
     decision = only_decision(Problem(jobs=(job("a", 2),), workers=(worker("r1"),), energy_j=ways, time_s=ways))
     assert decision.robots == ()
-    assert [option.why_not for option in decision.options] == ["no way there and to a charger"]
+    assert [option.why_not for option in decision.options] == [NoWayAndBack()]
 
 
 def test_job_that_ends_just_when_the_plan_must_is_done():
@@ -78,10 +100,10 @@ def test_job_that_ends_just_when_the_plan_must_is_done():
     ("horizon_s", "latest_s", "why"),
     [
         # a is done at 5 and the robot back at 10; b alone would be done at 1 or later, and the robot back at 2.
-        (12.0, math.inf, ""),
-        (10.0, math.inf, "another of its jobs would be too late"),
-        (10.0, 3.0, "another of its jobs would be too late"),
-        (10.0, 2.9, "cannot be there before 1 s, must end it by 3 s"),
+        (12.0, math.inf, None),
+        (10.0, math.inf, Crowded()),
+        (10.0, 3.0, Crowded()),
+        (10.0, 2.9, TooLate(start_s=1.0, latest_s=2.9)),
     ],
 )
 def test_job_that_would_be_in_time_alone_is_kept_from_a_robot_by_its_other_jobs(horizon_s, latest_s, why):
@@ -96,8 +118,8 @@ def test_job_that_would_be_in_time_alone_is_kept_from_a_robot_by_its_other_jobs(
 @pytest.mark.parametrize(
     ("service_s", "why"),
     [
-        (2.0, "another of its jobs would be too late"),
-        (2.1, "cannot be there before 4 s and at a charger by 10 s"),
+        (2.0, Crowded()),
+        (2.1, TooLateHome(start_s=4.0, horizon_s=10.0)),
     ],
 )
 def test_job_that_alone_would_end_just_when_the_plan_must_is_crowded_out_and_not_too_late(service_s, why):
@@ -109,7 +131,7 @@ def test_job_that_alone_would_end_just_when_the_plan_must_is_crowded_out_and_not
 
 def test_job_that_a_robot_is_at_stays_with_it():
     decision = only_decision(line([job("a", 2, pinned_to="r2")], [worker("r1"), worker("r2", start=5)]))
-    assert (decision.robots, decision.why) == (("r2",), "r2 is at it")
+    assert (decision.robots, decision.reason) == (("r2",), IsAtIt("r2"))
 
 
 def test_explaining_changes_nothing_for_the_next_job():
@@ -127,9 +149,9 @@ def test_who_does_a_job_never_is_out_and_who_is_out_has_a_reason(problem):
     plan = AuctionAllocator().plan(problem)
     for decision in explain(problem, plan):
         for option in decision.options:
-            assert (option.energy_j is None) == bool(option.why_not)
+            assert (option.energy_j is None) == (option.why_not is not None)
             assert problem.jobs[problem.job_index[decision.job]].robots > 1 or not (
                 option.worker in decision.robots and option.why_not
             ), (decision, plan)
         if not decision.robots:
-            assert decision.why
+            assert decision.reason is not None

@@ -113,3 +113,16 @@ def test_the_robots_of_a_job_share_its_prize():
     assert make_arrays(problem).visits.prize_j.tolist() == [10.0, 5.0, 5.0]
     alone, one, other = (client.prize for client in model_of(problem).data.clients())
     assert one == other == pytest.approx(alone / 2, rel=1e-3)
+
+
+@pytest.mark.parametrize("most_cells", [0, 1e7])
+def test_a_robot_is_not_given_what_it_is_forbidden_or_what_is_for_those_that_are_ready(monkeypatch, most_cells):
+    monkeypatch.setattr(vrp_model, "MOST_CELLS", most_cells)
+    jobs = [job("not r1", 1, forbidden_workers=frozenset({"r1"})), job("now", 2, ready_only=True), job("any", 3)]
+    model = model_of(line(jobs, [worker("r1"), worker("r2"), worker("r3", ready_s=1.0)]))
+    able = {0: {1, 2}, 1: {0, 1, 2}, 2: {0, 2}}
+    for robot, visits in able.items():
+        for visit in range(3):
+            orders: list[list[int]] = [[], [], []]
+            orders[robot] = [visit]
+            assert is_feasible(model, *orders) is (visit in visits), (robot, visit)

@@ -16,6 +16,7 @@ from robrain.protocol.model.task import Recharge, TaskState, Visit
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import BatteryState, RobotState
 from robrain.protocol.wire.plan_messages import PlanningStatus
+from robrain.protocol.wire.reasons.plans import ChargersTaken
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.task_messages import TaskRequest, TaskWhy
 from robrain.protocol.wire.topics import (
@@ -175,7 +176,8 @@ def test_who_waits_is_told_for_which_charger_and_sets_out_so_as_to_be_there_in_t
     assert (second.robot, second.has_set_out, second.behind) == ("r1", False, "r2")
     assert second.why.startswith("waits for the charger at (3.5, 2.5), free in ")
     assert second.why.endswith(" s: r2 has it before")
-    assert team.coordinator._charge_desk.waiting == {"r1": second.why}
+    assert (second.reason.charger, second.reason.behind) == (DOCKS[0], "r2")
+    assert team.coordinator._charge_desk.waiting == {"r1": second.reason}
     assert second.from_ns >= first.until_ns
     free_ns = first.until_ns
     assert run(team, workers, 60.0, until=lambda: charges_of(workers[0]))
@@ -286,7 +288,7 @@ def turns(team):
     own.robot.behavior = "recharge"
     run(team, [own, low], 3.0)
     assert charges_of(low) == []
-    assert team.coordinator._charge_desk.waiting == {"r2": "waits for a charger: 1 of 1 are taken"}
+    assert team.coordinator._charge_desk.waiting == {"r2": ChargersTaken(1)}
     return own, low
 
 

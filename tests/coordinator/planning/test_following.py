@@ -7,7 +7,7 @@ import pytest
 
 from robrain.coordinator.capabilities import Capabilities
 from robrain.coordinator.planning.following import OFFERS_MAX, TELL_NS, Following
-from robrain.coordinator.planning.planning import Due, LeftOut
+from robrain.coordinator.planning.planning import Due, Unplanned
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.roster import Roster
 from robrain.coordinator.task_book import TaskBook
@@ -18,6 +18,10 @@ from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import RobotState, TaskStatus
 from robrain.protocol.wire.presence import Change
+from robrain.protocol.wire.reasons.offers import NoPath
+from robrain.protocol.wire.reasons.plans import NearestOut
+from robrain.protocol.wire.reasons.robots import LacksEnergy, NoWayAndBack, Refused
+from robrain.protocol.wire.reasons.tasks import GaveUp, NeededFor, RobotOut, TaskReason, TeamLacks
 from robrain.protocol.wire.session import open_lockstep_session
 
 PLACE = Point2D(1.0, 1.0)
@@ -31,7 +35,7 @@ class Plan:
         self.number = 1
         self.policy = PlanningPolicy(give_up_s=GIVE_UP_S)
         self.offers: list[Due] = []
-        self.left_out: dict[str, LeftOut] = {}
+        self.left_out: dict[str, Unplanned] = {}
         self.taken: list[tuple[str, str]] = []
         self.is_anybody_out = False
 
@@ -45,12 +49,16 @@ class Plan:
         return self.is_anybody_out
 
 
+def lacks(robot: str, missing_j: float) -> NearestOut:
+    return NearestOut(robot, LacksEnergy(missing_j))
+
+
 class Office:
     """Tasks, robots r0 and on, and offers that go nowhere."""
 
     def __init__(self, wire: Endpoint) -> None:
-        self.book = TaskBook(wire.clock, 0, lambda event: self.told.append((event.task.id, event.why)))
-        self.told: list[tuple[str, str]] = []
+        self.book = TaskBook(wire.clock, 0, lambda event: self.told.append((event.task.id, event.reason)))
+        self.told: list[tuple[str, TaskReason | None]] = []
         self.roster = Roster()
         self.tasks = TaskLifecycle(wire, self.book, self.roster, Capabilities(wire))
         self.offered: list[tuple[str, str, str]] = []
@@ -73,7 +81,7 @@ class Office:
     def _send(self, record, after: str) -> None:
         self.offered.append((record.task.id, record.robot, after))
         if record.robot in self.refuses:
-            self.book.give_back(record.task.id, f"{record.robot} refused")
+            self.book.give_back(record.task.id, RobotOut(record.robot, Refused(NoPath())))
 
 
 @pytest.fixture
@@ -128,7 +136,7 @@ def test_what_a_robot_explores_is_called_off_for_a_task(office):
     office.plan.offers = [Due("t1", "r1", "")]
     office.following.step(0)
     assert office.state("explore-1") is TaskState.CANCELLED
-    assert ("explore-1", "r1 is needed for t1") in office.told
+    assert ("explore-1", NeededFor("r1", "t1")) in office.told
     assert office.state("t1") is TaskState.OFFERED
 
 
@@ -159,60 +167,60 @@ def test_a_task_for_later_that_a_robot_may_not_be_given_now_keeps_nothing_else_w
 
 def test_why_a_task_is_left_out_is_told_once(office):
     office.add("t1")
-    office.plan.left_out = {"t1": LeftOut("r1 lacks 20 J", 0)}
+    office.plan.left_out = {"t1": Unplanned(lacks("r1", 20.0), 0)}
     office.following.step(0)
     office.plan.number = 2
     office.following.step(1)
-    assert office.told[1:] == [("t1", "r1 lacks 20 J")]
+    assert office.told[1:] == [("t1", lacks("r1", 20.0))]
     office.plan.number = 3
-    office.plan.left_out = {"t1": LeftOut("r1 lacks 31.5 J", 0)}
+    office.plan.left_out = {"t1": Unplanned(lacks("r1", 31.5), 0)}
     office.following.step(2)
     assert office.told[2:] == [], "only its figure is another"
     office.plan.number = 4
-    office.plan.left_out = {"t1": LeftOut("r2 lacks 31.5 J", 0)}
+    office.plan.left_out = {"t1": Unplanned(lacks("r2", 31.5), 0)}
     office.following.step(3)
     assert office.told[2:] == [], "names of robots differ by figures too"
     office.plan.number = 5
-    office.plan.left_out = {"t1": LeftOut("no way there and to a charger", 0)}
+    office.plan.left_out = {"t1": Unplanned(NearestOut("r2", NoWayAndBack()), 0)}
     office.following.step(4)
-    assert office.told[2:] == [("t1", "no way there and to a charger")]
+    assert office.told[2:] == [("t1", NearestOut("r2", NoWayAndBack()))]
 
 
 def test_while_the_plan_stays_the_same_what_is_left_out_is_looked_at_every_five_seconds(office):
     office.add("t1")
     now_ns = to_ns(100.0)
     office.following.step(now_ns)
-    office.plan.left_out = {"t1": LeftOut("r1 lacks 20 J", now_ns)}
+    office.plan.left_out = {"t1": Unplanned(lacks("r1", 20.0), now_ns)}
     office.following.step(now_ns + TELL_NS - 1)
     assert office.told[1:] == []
     office.following.step(now_ns + TELL_NS)
-    assert office.told[1:] == [("t1", "r1 lacks 20 J")]
+    assert office.told[1:] == [("t1", lacks("r1", 20.0))]
 
 
 @pytest.mark.parametrize(("late_ns", "state"), [(0, TaskState.QUEUED), (1, TaskState.FAILED)])
 def test_a_task_without_a_deadline_that_is_left_out_for_too_long_has_failed(office, late_ns, state):
     office.add("t1")
-    office.plan.left_out = {"t1": LeftOut("r1 lacks 20 J", 0)}
+    office.plan.left_out = {"t1": Unplanned(lacks("r1", 20.0), 0)}
     office.following.step(to_ns(GIVE_UP_S) + late_ns)
     assert office.state("t1") is state
-    assert office.told[-1][1] == ("nobody can do it: r1 lacks 20 J" if late_ns else "r1 lacks 20 J")
+    assert office.told[-1][1] == (GaveUp(lacks("r1", 20.0)) if late_ns else lacks("r1", 20.0))
 
 
 def test_a_task_with_a_deadline_waits_for_that(office):
     office.add("t1", deadline_ns=to_ns(10 * GIVE_UP_S))
-    office.plan.left_out = {"t1": LeftOut("r1 lacks 20 J", 0)}
+    office.plan.left_out = {"t1": Unplanned(lacks("r1", 20.0), 0)}
     office.following.step(to_ns(2 * GIVE_UP_S))
     assert office.state("t1") is TaskState.QUEUED
-    assert office.told[-1][1] == "r1 lacks 20 J"
+    assert office.told[-1][1] == lacks("r1", 20.0)
 
 
 def test_nothing_is_told_of_a_task_that_is_gone_begun_or_paused(office):
     office.robot("r1")
     office.add("t1", "t2")
     office.tasks.offer("t1", "r1", 0)
-    office.tasks.shunning.note("t2", "r1", "refused: no way there", 0)
+    office.tasks.shunning.note("t2", "r1", Refused(NoPath()), 0)
     before = len(office.told)
-    office.plan.left_out = {name: LeftOut("r1 lacks 20 J", 0) for name in ("gone", "t1", "t2")}
+    office.plan.left_out = {name: Unplanned(lacks("r1", 20.0), 0) for name in ("gone", "t1", "t2")}
     office.following.step(1)
     assert office.told[before:] == []
 
@@ -223,7 +231,7 @@ def test_a_task_that_a_robot_could_do_which_is_out_now_is_not_given_up(office, i
     office.add("t1")
     office.plan.is_anybody_out = is_anybody_out
     office.tasks.reasons.able_but_out = lambda record, now_ns: able_but_out
-    office.plan.left_out = {"t1": LeftOut("r2 lacks 20 J", 0)}
+    office.plan.left_out = {"t1": Unplanned(lacks("r2", 20.0), 0)}
     office.following.step(to_ns(2 * GIVE_UP_S))
     is_kept = is_anybody_out and able_but_out
     assert office.state("t1") is (TaskState.QUEUED if is_kept else TaskState.FAILED)
@@ -231,8 +239,8 @@ def test_a_task_that_a_robot_could_do_which_is_out_now_is_not_given_up(office, i
 
 def test_a_task_that_nobody_has_the_plugins_for_is_told_elsewhere(office):
     office.add("t1")
-    office.tasks.reasons.nobody_can = lambda record: "no robot has a camera"
-    office.plan.left_out = {"t1": LeftOut("r2 lacks 20 J", 0)}
+    office.tasks.reasons.nobody_can = lambda record: TeamLacks(("camera",))
+    office.plan.left_out = {"t1": Unplanned(lacks("r2", 20.0), 0)}
     office.following.step(to_ns(2 * GIVE_UP_S))
     assert office.state("t1") is TaskState.QUEUED
     assert office.told[1:] == []

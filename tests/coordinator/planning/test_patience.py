@@ -53,7 +53,7 @@ def test_those_who_charge_get_nothing_that_somebody_else_was_to_do(problem, obje
     late = {worker.name for worker in problem.workers if worker.ready_s > 0}
     if len(late) < len(problem.workers):
         assert not done & {job for route in plan.routes if route.worker in late for job in route.jobs}
-    assert all(one.why for one in plan.unassigned)
+    assert all(one.reason is not None for one in plan.unassigned)
 
 
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])

@@ -4,17 +4,25 @@ import msgspec
 import numpy as np
 import pytest
 
+from robrain.coordinator.allocation.plan import Unassigned
 from robrain.coordinator.allocation.problem import Job, Objective, Problem, Worker
 from robrain.coordinator.allocation.schedule import make_plan
 from robrain.coordinator.planning import planned as planned_module
 from robrain.coordinator.planning.asking import Asked
 from robrain.coordinator.planning.planned import Step, planned
 from robrain.protocol.wire.plan_messages import PlanProblem
+from robrain.protocol.wire.reasons.offers import NoPath
+from robrain.protocol.wire.reasons.plans import NoRobots
+from robrain.protocol.wire.reasons.robots import Refused
+from robrain.protocol.wire.reasons.tasks import AfterUnplanned
 from tests.coordinator.planning.situations import open_floor_situation
 
 NOW_S = 100.0
 WRITTEN = PlanProblem(plan=7, asked_ns=0, objective=Objective.ENERGY, method="optimal", seed=0, rounds=0, iterations=0,
                       question=b"")  # fmt: skip
+
+
+LATE = AfterUnplanned("early")
 
 
 def job(name, place, **fields):
@@ -30,8 +38,10 @@ def plan_of(orders, *jobs, **fields):
     problem = Problem(jobs=jobs, workers=workers, energy_j=length_m, time_s=length_m)
     plan = make_plan(problem, orders, Objective.ENERGY)
     assert plan is not None
+    unassigned = tuple(Unassigned(one.job, NoRobots()) for one in plan.unassigned)
+    plan = msgspec.structs.replace(plan, unassigned=unassigned)
     situation = msgspec.structs.replace(open_floor_situation(7, 0), now_ns=round(NOW_S * 1e9), **fields)
-    asked = Asked(question=None, waiting={"late": "too late"}, charger_ways={})
+    asked = Asked(question=None, waiting={"late": LATE}, charger_ways={})
     return planned(situation, asked, problem, plan, WRITTEN, 0.25)
 
 
@@ -46,7 +56,7 @@ def test_a_robot_sets_out_when_it_is_free_and_for_what_begins_later_in_time():
         "r1": (Step("a", ns(2.0), 1.0, ns(3.0)), Step("b", ns(18.0), 2.0, ns(20.0))),
     }  # it is free at 2, at a from 3 to 8, and could be at b at 10
     assert made.orders == {"r1": ("a", "b")}
-    assert (made.problem, made.took_s, made.waiting, made.left_out) == (WRITTEN, 0.25, {"late": "too late"}, {})
+    assert (made.problem, made.took_s, made.waiting, made.left_out) == (WRITTEN, 0.25, {"late": LATE}, {})
 
 
 def test_a_task_that_begins_when_its_robot_is_there_is_set_out_for_at_once():
@@ -63,7 +73,7 @@ def test_what_a_robot_is_at_is_no_step_but_takes_its_time():
 
 def test_what_nobody_does_is_left_out_with_its_reason_but_not_what_is_begun():
     made = plan_of([[]], job("a", 1), job("b", 2, pinned_to="r0"))
-    assert list(made.left_out) == ["a"]
+    assert made.left_out == {"a": NoRobots()}
 
 
 def test_a_decision_is_told_with_every_robots_bid():
@@ -76,9 +86,10 @@ def test_a_decision_is_told_with_every_robots_bid():
 
 
 def test_a_robot_that_may_not_be_asked_says_why_and_bids_nothing():
-    made = plan_of([["a"], []], job("a", 3), pauses={("a", "r1"): "it refused"})
+    made = plan_of([["a"], []], job("a", 3), pauses={("a", "r1"): Refused(NoPath())})
     [_, bid] = made.decisions[0].bids
-    assert (bid.robot, bid.chosen, bid.why_not, bid.energy_j, bid.time_s) == ("r1", False, "it refused", None, None)
+    assert (bid.robot, bid.chosen, bid.energy_j, bid.time_s) == ("r1", False, None, None)
+    assert (bid.reason, bid.why_not) == (Refused(NoPath()), "refused: no way there")
 
 
 def test_a_decision_of_nobody_has_no_time():

@@ -15,6 +15,7 @@ from robrain.protocol.model.task import Explore, Recharge, TaskState, Visit
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.plan_messages import ObjectiveRequest, PlanningStatus
+from robrain.protocol.wire.reasons.robots import LacksPlugins
 from robrain.protocol.wire.task_messages import TaskRequest, TaskWhy
 from robrain.protocol.wire.topics import (
     COORDINATOR_OBJECTIVE,
@@ -231,7 +232,7 @@ def test_a_decision_has_each_robots_bid(team, ears):
     assert near.chosen
     assert near.energy_j < far.energy_j
     assert near.time_s < far.time_s
-    assert blind.why_not == "no visit"
+    assert (blind.reason, blind.why_not) == (LacksPlugins(("visit",)), "has no visit")
     found = team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy)
     assert [(one.robot, one.chosen, one.energy_j) for one in found.robots] == [
         ("r1", True, near.energy_j), ("r2", False, far.energy_j), ("r3", False, None),

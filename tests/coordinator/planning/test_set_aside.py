@@ -13,6 +13,7 @@ from robrain.protocol.model.ranges import METRES_MAX, PRIORITY_MAX, STAMP_MAX
 from robrain.protocol.model.task import TaskState, Visit
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.messages import BatteryState, RobotState
+from robrain.protocol.wire.reasons.tasks import AfterUnplanned, CannotBePlanned
 from robrain.protocol.wire.task_messages import TaskRecord, TaskRequest, TaskSubmission, TaskWhy
 from robrain.protocol.wire.topics import TASK_SUBMIT, TASK_WHY
 from tests.coordinator.planning.situations import open_floor_situation
@@ -46,13 +47,13 @@ def planned_tasks(made):
 def test_a_task_that_cannot_be_planned_is_set_aside_with_its_reason(field):
     made = plan(with_tasks(queued("bad", **{field: HUGE[field]})))
     assert planned_tasks(made) == {"t0", "t1", "t2"}
-    assert made.waiting["bad"].startswith("it cannot be planned: ")
+    assert isinstance(made.waiting["bad"], CannotBePlanned)
 
 
 def test_what_waits_for_such_a_task_says_so_and_is_not_planned():
     made = plan(with_tasks(queued("bad", priority=1e308), queued("next", after=("bad",))))
     assert planned_tasks(made) == {"t0", "t1", "t2"}
-    assert made.waiting["next"] == "bad, which it waits for, is not planned"
+    assert made.waiting["next"] == AfterUnplanned("bad")
 
 
 def test_tasks_that_can_be_planned_each_but_not_together_are_not_tried_together_again(monkeypatch):

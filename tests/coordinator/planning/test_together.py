@@ -8,6 +8,7 @@ from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.task import TaskState, Visit, place_of
 from robrain.protocol.wire.errors import CallError
+from robrain.protocol.wire.reasons.tasks import Gather, PartsUntold
 from robrain.protocol.wire.task_messages import TaskRequest
 from robrain.protocol.wire.topics import TASK_CANCEL
 from tests.coordinator.planning.worlds import CAPACITY_J, Worker, run
@@ -161,15 +162,14 @@ def test_a_coordinator_that_was_killed_before_all_had_been_told_has_it_planned_a
     team.begin(journal)
     book = team.coordinator.tasks
     book.add(together())
-    book.begin_together("lift", "r0 and r1 gather for it")
+    book.begin_together("lift", Gather(("r0", "r1")))
     for number in range(told):
         book.add(Visit(id=f"gather-{number}", place=PLACE), by="lift", own=True)
     assert team.coordinator.tasks.find("lift").state is TaskState.RUNNING
     team.begin(journal)
     team.run(0.1)
     assert team.states()["lift"] is TaskState.QUEUED
-    whys = [event.why for event in team.heard if event.task.id == "lift"]
-    assert "the coordinator began anew before all had been told" in whys
+    assert PartsUntold() in [event.reason for event in team.heard if event.task.id == "lift"]
     crew = [Worker(team.robot(f"r{number}", 3.6 + 2.2 * number), remaining_j=CAPACITY_J) for number in range(2)]
     team.closed_room()
     assert run(team, crew, 60.0, until=lambda: team.states()["lift"] is TaskState.DONE)

@@ -18,6 +18,7 @@ from robrain.coordinator.planning.ways import DETOUR, Ways
 from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
+from robrain.protocol.wire.reasons.plans import ChargersTaken
 from tests.coordinator.planning.worlds import model
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 100, 60)
@@ -176,7 +177,7 @@ def test_those_with_least_charge_first_and_never_two_at_one_charger():
     ]
     charges, waiting = assign_chargers(robots, [], 0.3)
     assert charges == [Charge("r2", here), Charge("r1", there)]
-    assert waiting == {"r3": "waits for a charger: 2 of 2 are taken"}
+    assert waiting == {"r3": ChargersTaken(2)}
     charges, waiting = assign_chargers(robots, [Point2D(0.2, 0.0)], 0.3)
     assert charges == [Charge("r2", there)]
     assert set(waiting) == {"r1", "r3"}

@@ -1,0 +1,303 @@
+"""Why a task stands as it does."""
+
+from typing import Annotated
+
+from msgspec import Meta
+
+from robrain.protocol.model.ranges import Charge, Count, Name, Quantity, Text
+from robrain.protocol.model.task import TaskState
+from robrain.protocol.wire.reasons.plans import LeftOut
+from robrain.protocol.wire.reasons.reason import Members, Plugins, Reason, Said
+from robrain.protocol.wire.reasons.robots import RobotReason, Unavailable
+
+# -- it cannot be offered ---------------------------------------------------------------------------------------------
+
+
+class AfterOpen(Reason, frozen=True, tag="after_open"):
+    """A task that it comes after is not done yet."""
+
+    task: Name
+    state: TaskState
+
+
+class AfterUnknown(Reason, frozen=True, tag="after_unknown"):
+    """A task that it comes after has not been submitted yet."""
+
+    task: Name
+
+
+class AfterUnplanned(Reason, frozen=True, tag="after_unplanned"):
+    """A task that it comes after is not part of the plan."""
+
+    task: Name
+
+
+class CannotBePlanned(Reason, frozen=True, tag="cannot_be_planned"):
+    """The planner cannot handle its figures."""
+
+    error: Text
+
+
+class HolderOut(Reason, frozen=True, tag="holder_out"):
+    """The robot that is at it cannot be counted on now."""
+
+    robot: Name
+
+
+class IsOwn(Reason, frozen=True, tag="is_own"):
+    """The coordinator made it for itself."""
+
+
+class IsState(Reason, frozen=True, tag="is_state"):
+    """It is not queued."""
+
+    state: TaskState
+
+
+class NobodyHasAll(Reason, frozen=True, tag="nobody_has_all"):
+    """The team has all plugins that it needs, but no robot has all of them."""
+
+    plugins: Plugins
+
+
+class NobodyThere(Reason, frozen=True, tag="nobody_there"):
+    """No robot is there."""
+
+
+class NoPlan(Reason, frozen=True, tag="no_plan"):
+    """The planner fails."""
+
+    error: Text
+
+
+class NotBefore(Reason, frozen=True, tag="not_before"):
+    """It may not begin yet."""
+
+    in_s: Quantity
+
+
+class Outranked(Reason, frozen=True, tag="outranked"):
+    """There are as many tasks that are more urgent as a plan may have."""
+
+    count: Count
+
+
+class PlanLeavesOut(Reason, frozen=True, tag="plan_leaves_out"):
+    """By the plan nobody is to do it."""
+
+    because: LeftOut
+
+
+class TeamLacks(Reason, frozen=True, tag="team_lacks"):
+    """No robot of the team has any of these plugins, all of which it needs."""
+
+    plugins: Plugins
+
+
+class ToBegin(Reason, frozen=True, tag="to_begin"):
+    """By the plan a robot is to do it."""
+
+    robot: Name
+    in_s: Quantity
+    to_soc: Charge | None = None
+    """State of charge to which the robot charges first; None if it need not."""
+
+
+class TooFewRobots(Reason, frozen=True, tag="too_few_robots"):
+    """It needs more robots with these plugins than the team has."""
+
+    count: Count
+    plugins: Plugins
+    able: Count
+
+
+class WaitsForCharge(Reason, frozen=True, tag="waits_for_charge"):
+    """The robot that is to do it charges first."""
+
+    robot: Name
+    to_soc: Charge
+    in_s: Quantity
+    """Time until it has charged."""
+
+
+class WaitsForRobot(Reason, frozen=True, tag="waits_for_robot"):
+    """No robot is free."""
+
+
+# -- it changed its state ---------------------------------------------------------------------------------------------
+
+
+class Cancelled(Reason, frozen=True, tag="cancelled"):
+    """Somebody cancelled it."""
+
+    by: Text = ""
+    why: Text = ""
+    """In their own words."""
+
+
+class ChargedEnough(Reason, frozen=True, tag="charged_enough"):
+    """The robot has charged enough for now, and another waits for the charger."""
+
+    robot: Name
+    soc: Charge
+    waiting: Name
+
+
+class ContactBack(Reason, frozen=True, tag="contact_back"):
+    """Its robot is heard again."""
+
+
+class DoneBefore(Reason, frozen=True, tag="done_before"):
+    """The robot had done it before it was given to another."""
+
+    robot: Name
+
+
+class Forgotten(Reason, frozen=True, tag="forgotten"):
+    """Its robot does not speak of it: a restart, for instance."""
+
+    robot: Name
+
+
+class Gather(Reason, frozen=True, tag="gather"):
+    """Several robots gather for it."""
+
+    robots: Members
+
+
+class GaveUp(Reason, frozen=True, tag="gave_up"):
+    """For too long no robot could do it."""
+
+    because: LeftOut
+
+
+class IsNext(Reason, frozen=True, tag="is_next"):
+    """Its robot begins it when it has ended another."""
+
+    after: Name
+
+
+class LeaseRanOut(Reason, frozen=True, tag="lease_ran_out"):
+    """Its robot is silent."""
+
+    robot: Name
+
+
+class MoteUnknown(Reason, frozen=True, tag="mote_unknown"):
+    """The coordinator was restarted, and does not know which mote is at it."""
+
+
+class NeededFor(Reason, frozen=True, tag="needed_for"):
+    """Its robot is needed for another task."""
+
+    robot: Name
+    task: Name
+
+
+class NeverTaken(Reason, frozen=True, tag="never_taken"):
+    """Its robot never said that it accepted it."""
+
+    robot: Name
+
+
+class NotOffered(Reason, frozen=True, tag="not_offered"):
+    """It was offered to nobody."""
+
+
+class PartsUntold(Reason, frozen=True, tag="parts_untold"):
+    """The coordinator was restarted before all robots had been offered their parts."""
+
+
+class RobotOut(Reason, frozen=True, tag="robot_out"):
+    """A robot, or mote, did not do it."""
+
+    robot: Name
+    because: RobotReason
+    attempt: Count = 0
+    """Number of the failed attempt; 0 if it was none."""
+    attempts: Count = 0
+    """How many failed attempts it may have."""
+
+
+class NobodyDoes(Reason, frozen=True, tag="nobody_does"):
+    """Each robot that could do it has refused it, or failed at it, too often."""
+
+    robots: Annotated[tuple[RobotOut, ...], Meta(max_length=32)]
+    more: Count = 0
+    """Number of further robots."""
+
+
+class Unreadable(Reason, frozen=True, tag="unreadable"):
+    """The journal could read it only in part."""
+
+    error: Text
+
+
+class WholeIs(Reason, frozen=True, tag="whole_is"):
+    """It was a part of a task for several robots, which is in this state."""
+
+    task: Name
+    state: TaskState
+
+
+Standing = (
+    AfterOpen
+    | AfterUnknown
+    | AfterUnplanned
+    | Cancelled
+    | CannotBePlanned
+    | ChargedEnough
+    | ContactBack
+    | DoneBefore
+    | Forgotten
+    | Gather
+    | GaveUp
+    | HolderOut
+    | IsNext
+    | IsOwn
+    | IsState
+    | LeaseRanOut
+    | LeftOut
+    | MoteUnknown
+    | NeededFor
+    | NeverTaken
+    | NobodyDoes
+    | NobodyHasAll
+    | NobodyThere
+    | NoPlan
+    | NotBefore
+    | NotOffered
+    | Outranked
+    | PartsUntold
+    | PlanLeavesOut
+    | RobotOut
+    | Said
+    | TeamLacks
+    | ToBegin
+    | TooFewRobots
+    | Unavailable
+    | Unreadable
+    | WaitsForCharge
+    | WaitsForRobot
+    | WholeIs
+)
+"""What holds no other reason of a task."""
+
+
+class DeadlinePassed(Reason, frozen=True, tag="deadline_passed"):
+    """Its deadline has passed."""
+
+    before: Standing | None = None
+    """Why it stood as it did until then; None if there was no reason."""
+
+
+class AfterEnded(Reason, frozen=True, tag="after_ended"):
+    """A task that it comes after will never be done."""
+
+    task: Name
+    state: TaskState
+    because: Standing | DeadlinePassed | None = None
+    """Why that one ended so; where it was because of another one, the reason of that."""
+
+
+TaskReason = Standing | DeadlinePassed | AfterEnded
