@@ -43,11 +43,22 @@ def python_page() -> str:
     parts = []
     for heading, packages in GROUPS.items():
         found = sorted(name for name in names if name.startswith(packages))
-        parts += [f"## {heading}", *(f"::: {name}" for name in found)] if found else []
+        parts += [f"## {heading}", *map(_entry, found)] if found else []
         names -= set(found)
     if names:
         raise ValueError(f"expected a group of GROUPS for each name that robrain exports, got none for {sorted(names)}")
     return page("Python: robrain", PYTHON, *parts)
+
+
+def _entry(name: str) -> str:
+    """The documentation of a name, or a link to it on the page for plugins."""
+    elsewhere = {f"{one.__module__}.{one.__qualname__}" for names in PLUGIN_NAMES.values() for one in names}
+    elsewhere |= {f"{errors.__name__}.{error}" for error in _plugin_errors()}
+    return f"- [`{name.rpartition('.')[2]}`][{name}]" if name in elsewhere else f"::: {name}"
+
+
+def _plugin_errors() -> list[str]:
+    return [name for name, one in vars(errors).items() if inspect.isclass(one) and one.__module__ == errors.__name__]
 
 
 def plugin_api_page() -> str:
@@ -56,8 +67,8 @@ def plugin_api_page() -> str:
     for heading, names in PLUGIN_NAMES.items():
         parts += [f"## {heading}", *(f"::: {one.__module__}.{one.__qualname__}" for one in names)]
     _, _, tree = (errors.__doc__ or "").partition("\n\n")
-    raised = [name for name, one in vars(errors).items() if inspect.isclass(one) and one.__module__ == errors.__name__]
-    parts += ["## Errors", f"```text\n{tree.strip()}\n```", *(f"::: {errors.__name__}.{name}" for name in raised)]
+    raised = [f"::: {errors.__name__}.{name}" for name in _plugin_errors()]
+    parts += ["## Errors", f"```text\n{tree.strip()}\n```", *raised]
     return page("Python: plugins", PLUGIN, *parts)
 
 

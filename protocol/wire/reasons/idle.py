@@ -22,6 +22,7 @@ class TooNarrow(Reason, frozen=True, kw_only=True, tag="too_narrow"):
 
     frontiers: Count
     needed_m: Length
+    """Width of the narrowest gap that the robot drives through."""
     gap_m: Length
     """Width of the gap as the robot measured it."""
     place: Point2D

@@ -15,19 +15,23 @@ class EpochOld(Reason, frozen=True, tag="epoch_old"):
 
     epoch: Epoch
     newest: Epoch
+    """The newest epoch that the robot has accepted."""
 
 
 class NeedsEnergy(Reason, frozen=True, tag="needs_energy"):
     """The battery does not cover the task and the way home, by the robot's own estimate."""
 
     needed_j: Quantity
+    """Energy that the task takes."""
     usable_j: Quantity
+    """Energy that the robot can spend."""
 
 
 class NeedsTime(Reason, frozen=True, tag="needs_time"):
     """The robot would end the task after its deadline."""
 
     needed_s: Seconds
+    """Time that the task takes."""
     left_s: Quantity
     """Time to the deadline; below 0 if it has passed."""
 
@@ -36,6 +40,7 @@ class NoBehavior(Reason, frozen=True, tag="no_behavior"):
     """No plugin of the robot does tasks of this kind."""
 
     kind: Name
+    """Kind of the task."""
 
 
 class NoPath(Reason, frozen=True, tag="no_path"):

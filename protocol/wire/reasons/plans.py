@@ -70,9 +70,11 @@ class NotWorthIt(Reason, frozen=True, tag="not_worth_it"):
     """It is worth less than the energy that it takes."""
 
     worth_j: Quantity
+    """What the task is worth."""
     robot: Name
     """The robot that would take least."""
     needed_j: Quantity
+    """What it would take the cheapest robot."""
 
 
 class WaitsForItself(Reason, frozen=True, tag="waits_for_itself"):
@@ -133,6 +135,7 @@ class ToCharge(Reason, frozen=True, tag="to_charge"):
     """The robot is to charge."""
 
     to_soc: Charge
+    """State of charge at which it leaves the charger, 0 to 1."""
 
 
 Chosen = BestTogether | Cheapest | IsAtIt | NothingElse | OnlyThese | ToCharge

@@ -25,6 +25,7 @@ class Said(Reason, frozen=True, tag="said"):
     """What a person or a plugin wrote, in its own words."""
 
     text: Text
+    """The text."""
 
 
 def said(text: str) -> Said | None:

@@ -54,6 +54,7 @@ class WithOthers(Reason, frozen=True, tag="with_others"):
 
     task: Name
     others: Members
+    """Names of the other robots."""
 
 
 # -- it is not asked for a while --------------------------------------------------------------------------------------
@@ -88,6 +89,7 @@ class RefusedOften(Reason, frozen=True, tag="refused_often"):
     """It refused several tasks in a row."""
 
     times: Count
+    """How often it has refused."""
     because: OfferRefusal
     """Its last reason."""
 
@@ -124,7 +126,9 @@ class BelowReserve(Reason, frozen=True, tag="below_reserve"):
     """The task would take it below its reserve of energy; both as shares of a full battery."""
 
     left: Quantity
+    """Share of its capacity that would be left."""
     reserve: Quantity
+    """Share of its capacity that it keeps in reserve."""
 
 
 class Crowded(Reason, frozen=True, tag="crowded"):
@@ -139,6 +143,7 @@ class LacksEnergy(Reason, frozen=True, tag="lacks_energy"):
     """It has not the energy for the task and the way to a charger."""
 
     missing_j: Quantity
+    """Energy that it lacks."""
 
 
 class LacksPlugins(Reason, frozen=True, tag="lacks_plugins"):
@@ -168,6 +173,7 @@ class TooLateHome(Reason, frozen=True, tag="too_late_home"):
     """It could begin, but not in time for what follows; times from the moment of the plan."""
 
     start_s: Quantity
+    """Earliest start, from the time of the plan."""
     horizon_s: Quantity | None = None
     """When it must be at a charger; None if other tasks limit it."""
 
@@ -190,15 +196,18 @@ class Dearer(Reason, frozen=True, tag="dearer"):
     """The task would cost it a greater share of its energy than another; both shares of what each has left."""
 
     share: Quantity
+    """Share of its remaining energy that the task takes."""
     robot: Name
     """The robot or mote that takes least."""
     least_share: Quantity
+    """Share of its remaining energy that the task takes that one."""
 
 
 class FarFromPlace(Reason, frozen=True, tag="far_from_place"):
     """The mote is too far from the task's place."""
 
     away_m: Length
+    """Distance to the place."""
 
 
 class MoteSilent(Reason, frozen=True, tag="mote_silent"):
@@ -212,6 +221,7 @@ class SensesOther(Reason, frozen=True, tag="senses_other"):
 
     quantity: Name
     wanted: Name
+    """Name of the quantity that is asked for."""
 
 
 class SpeaksSeldom(Reason, frozen=True, tag="speaks_seldom"):
@@ -219,6 +229,7 @@ class SpeaksSeldom(Reason, frozen=True, tag="speaks_seldom"):
 
     period_s: Quantity
     timeout_s: Quantity
+    """Time limit of the task."""
 
 
 RobotReason = (

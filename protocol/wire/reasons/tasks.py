@@ -74,6 +74,7 @@ class NotBefore(Reason, frozen=True, tag="not_before"):
     """It may not begin yet."""
 
     in_s: Quantity
+    """Time until it may begin."""
 
 
 class Outranked(Reason, frozen=True, tag="outranked"):
@@ -99,6 +100,7 @@ class ToBegin(Reason, frozen=True, tag="to_begin"):
 
     robot: Name
     in_s: Quantity
+    """Time until it begins."""
     to_soc: Charge | None = None
     """State of charge to which the robot charges first; None if it need not."""
 
@@ -109,6 +111,7 @@ class TooFewRobots(Reason, frozen=True, tag="too_few_robots"):
     count: Count
     plugins: Plugins
     able: Count
+    """How many robots have them."""
 
 
 class WaitsForCharge(Reason, frozen=True, tag="waits_for_charge"):
@@ -116,6 +119,7 @@ class WaitsForCharge(Reason, frozen=True, tag="waits_for_charge"):
 
     robot: Name
     to_soc: Charge
+    """State of charge at which the robot leaves the charger, 0 to 1."""
     in_s: Quantity
     """Time until it has charged."""
 
@@ -140,7 +144,9 @@ class ChargedEnough(Reason, frozen=True, tag="charged_enough"):
 
     robot: Name
     soc: Charge
+    """Its state of charge, 0 to 1."""
     waiting: Name
+    """Name of the robot that waits for the charger."""
 
 
 class ContactBack(Reason, frozen=True, tag="contact_back"):
@@ -175,6 +181,7 @@ class IsNext(Reason, frozen=True, tag="is_next"):
     """Its robot begins it when it has ended another."""
 
     after: Name
+    """Id of the task that comes before it."""
 
 
 class LeaseRanOut(Reason, frozen=True, tag="lease_ran_out"):
