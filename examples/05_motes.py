@@ -3,7 +3,6 @@
 from collections import Counter
 
 from robrain import Scenario
-from robrain.protocol.wire.reasons.robots import FarFromPlace
 
 with Scenario.builtin("arena_small").replace(robots=2, motes=6).team(seed=4) as team:
     readings = list(team.readings(30.0))
@@ -22,5 +21,5 @@ with Scenario.builtin("arena_small").replace(robots=2, motes=6).team(seed=4) as 
     for task in ("warmth", "light"):
         print(f"who is to do {task}?")
         for verdict in team.why(task).robots:
-            if not isinstance(verdict.reason, FarFromPlace):
+            if verdict.reason is None or verdict.reason.code != "far_from_place":
                 print(f"  {verdict.robot}: {'chosen' if verdict.chosen else verdict.why_not}")

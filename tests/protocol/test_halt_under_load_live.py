@@ -10,7 +10,7 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import Halt
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.topics import HALT, ROBOT_LOG
+from robrain.protocol.wire.topics import HALT, ROBOT_PATH
 from tests.waiting import until
 
 ROBOTS = 4
@@ -42,7 +42,7 @@ class Flood:
 
     def __init__(self, wire):
         self._ends = threading.Event()
-        chatter = wire.publisher(ROBOT_LOG, robot="r1")
+        chatter = wire.publisher(ROBOT_PATH, robot="r1")
 
         def run():
             while not self._ends.wait(0.002):
@@ -62,7 +62,7 @@ def test_every_halt_reaches_every_robot_while_others_flood_the_network(network):
     for robot in robots:
         inboxes.append(Inbox(10_000))
         robot.subscribe(inboxes[-1], HALT)
-        robot.subscribe(Inbox(4), ROBOT_LOG)
+        robot.subscribe(Inbox(4), ROBOT_PATH)
     publisher = network().publisher(HALT)
     heard = [[] for _ in robots]
 

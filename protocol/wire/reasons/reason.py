@@ -20,6 +20,11 @@ Plugins = Annotated[tuple[Name, ...], Meta(max_length=128)]
 class Reason(msgspec.Struct, frozen=True, tag_field="code"):
     """Base of the reasons; `code` in JSON tells which one it is."""
 
+    @property
+    def code(self) -> str:
+        """Which reason it is, as in JSON."""
+        return str(self.__struct_config__.tag)
+
 
 class Said(Reason, frozen=True, tag="said"):
     """What a person or a plugin wrote, in its own words."""
