@@ -31,7 +31,7 @@ browser: ## Chromium for the dashboard's tests, from the distribution's packages
 	@test -x /usr/bin/chromium || echo "no /usr/bin/chromium: the dashboard's browser tests will be skipped" >&2
 
 kernels: install ## compiled once, before many tests at a time need them
-	@$(BIN)/python -c "from robrain.deploy.kernels import prepare_kernels; prepare_kernels()"
+	@$(BIN)/python -c "from robrain.deploy.run.kernels import prepare_kernels; prepare_kernels()"
 
 test-rust: install ## the plugin in Rust, built (for minutes, once) and run
 	@if command -v cargo >/dev/null; then \

@@ -6,12 +6,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.protocol.model.energy_model import EnergyModel
+from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Pose2D, Twist2D
+from robrain.protocol.model.localization.rssi_ranging import RssiSample
 from robrain.protocol.model.mapping.local_map import ArenaFix, LocalMap, LocalPose
 from robrain.protocol.model.mapping.map_frame import ARENA
-from robrain.protocol.model.occupancy_grid import OccupancyGrid
-from robrain.protocol.model.rssi_ranging import RssiSample
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.wire.messages import BatteryState
 
 

@@ -17,7 +17,7 @@ import msgspec
 
 from robrain.agent.errors import FOREIGN_ERRORS
 from robrain.protocol.model.ranges import cut
-from robrain.protocol.model.task import Recharge, TaskState, kind_of
+from robrain.protocol.model.tasks.task import Recharge, TaskState, kind_of
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.messages import TaskAnswer, TaskOffer, TaskStatus, TaskWithdrawal
 from robrain.protocol.wire.reasons.offers import EpochAhead, EpochOld, NoBehavior, NotAtTask, Occupied, OfferRefusal

@@ -8,7 +8,7 @@ from typing import Any, get_args
 import msgspec
 
 from robrain.client.errors import BadTask
-from robrain.protocol.model.task import Task
+from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.errors import BadName
 from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.task_messages import TaskSubmission

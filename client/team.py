@@ -30,10 +30,10 @@ from robrain.client.submission import submission_of
 from robrain.client.task_stream import TaskStream
 from robrain.client.transport import Transport
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.halt_latch import NAME_LENGTH, REASON_LENGTH
-from robrain.protocol.model.objective import Objective
 from robrain.protocol.model.ranges import cut
-from robrain.protocol.model.task import Task
+from robrain.protocol.model.tasks.halt_latch import NAME_LENGTH, REASON_LENGTH
+from robrain.protocol.model.tasks.objective import Objective
+from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.inbox import Inbox

@@ -3,26 +3,26 @@
 import math
 from operator import attrgetter
 
-from robrain.coordinator.capabilities import Capabilities
+from robrain.coordinator.charging.charge_desk import ChargeDesk
 from robrain.coordinator.exploration.assignment import Choice
 from robrain.coordinator.exploration.explorer import Explorer
-from robrain.coordinator.halts import HaltWatch
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
-from robrain.coordinator.motes_desk import MoteDesk
-from robrain.coordinator.planning.charge_desk import ChargeDesk
-from robrain.coordinator.planning.following import Following
-from robrain.coordinator.planning.own_tasks import own_decision
+from robrain.coordinator.motes.mote_members import MoteDesk
+from robrain.coordinator.planning.coalition import Together
+from robrain.coordinator.planning.executor import Following
+from robrain.coordinator.planning.own_decisions import own_decision
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.planning.together import Together
-from robrain.coordinator.roster import Robot, Roster
-from robrain.coordinator.task_book import TaskBook
-from robrain.coordinator.task_lifecycle import TaskLifecycle
-from robrain.coordinator.task_requests import TaskRequests
-from robrain.coordinator.team_map import TeamMap
+from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
+from robrain.coordinator.tasks.task_requests import TaskRequests
+from robrain.coordinator.team.capabilities import Capabilities
+from robrain.coordinator.team.halt_watch import HaltWatch
+from robrain.coordinator.team.roster import Robot, Roster
+from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import Explore, Recharge, TaskState, place_of
+from robrain.protocol.model.tasks.task import Explore, Recharge, TaskState, place_of
 from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint

@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from robrain.client.halting import HaltReport
     from robrain.client.team import Team
     from robrain.coordinator.planning.policy import Method, PlanningPolicy
-    from robrain.coordinator.recording.recording import Recording, load
+    from robrain.coordinator.recording.reader.recording import Recording, load
     from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-    from robrain.protocol.model.objective import Objective
-    from robrain.protocol.model.task import (
+    from robrain.protocol.model.tasks.objective import Objective
+    from robrain.protocol.model.tasks.task import (
         Collect,
         Explore,
         Inspect,
@@ -141,10 +141,10 @@ _NAMES = {
     "robrain.client.halting": ("HaltReport",),
     "robrain.client.team": ("Team",),
     "robrain.coordinator.planning.policy": ("Method", "PlanningPolicy"),
-    "robrain.coordinator.recording.recording": ("Recording", "load"),
+    "robrain.coordinator.recording.reader.recording": ("Recording", "load"),
     "robrain.protocol.model.geometry": ("Point2D", "Pose2D", "Twist2D"),
-    "robrain.protocol.model.objective": ("Objective",),
-    "robrain.protocol.model.task": (
+    "robrain.protocol.model.tasks.objective": ("Objective",),
+    "robrain.protocol.model.tasks.task": (
         "Collect",
         "Explore",
         "Inspect",

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 import typer
 
-from robrain.deploy.bench_commands import bench_app
-from robrain.deploy.extras import missing_package
-from robrain.deploy.plugin_commands import plugin_app
-from robrain.deploy.recording_commands import recording_app
-from robrain.deploy.task_commands import task_app
-from robrain.deploy.team_options import ConnectOption, RobotArgument, TeamOption, WireFormat
-from robrain.protocol.model.objective import Objective
+from robrain.deploy.bench.commands import bench_app
+from robrain.deploy.commands.extras import missing_package
+from robrain.deploy.commands.plugin_commands import plugin_app
+from robrain.deploy.commands.team_options import ConnectOption, RobotArgument, TeamOption, WireFormat
+from robrain.deploy.recordings.recording_commands import recording_app
+from robrain.deploy.tasks.task_commands import task_app
+from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.wire.errors import CallError, RobrainError
 from robrain.protocol.wire.keys import DEFAULT_REPLAY_TEAM, DEFAULT_TEAM, check_name
 from robrain.protocol.wire.safe_text import safe_text
@@ -94,8 +94,8 @@ def run(
     as_json: JsonOption = False,
 ) -> None:
     """Run a scenario in lockstep: repeatable, and as fast as possible."""
-    from robrain.deploy.options import choose_scenario, new_recording
-    from robrain.deploy.running import RunOptions, run_scenario
+    from robrain.deploy.commands.options import choose_scenario, new_recording
+    from robrain.deploy.run.running import RunOptions, run_scenario
 
     chosen = choose_scenario(scenario, map_file, robots, motes, seed)
     options = RunOptions(
@@ -120,8 +120,8 @@ def demo(
     port: PortOption = None,
 ) -> None:
     """Let a team explore the built-in depot for a minute, shown in the browser and recorded in runs/."""
-    from robrain.deploy.options import choose_scenario, next_recording
-    from robrain.deploy.running import RunOptions, run_scenario
+    from robrain.deploy.commands.options import choose_scenario, next_recording
+    from robrain.deploy.run.running import RunOptions, run_scenario
 
     chosen = choose_scenario("depot", None, None, None, seed)
     options = RunOptions(
@@ -157,10 +157,10 @@ def up(
     ] = False,
 ) -> None:
     """Start a team as separate processes in real time: arena, coordinator, one agent per robot."""
-    from robrain.deploy.live_process import LiveStop
-    from robrain.deploy.options import above_zero, choose_scenario, new_recording, until_explored
-    from robrain.deploy.up import UpOptions, run_up
-    from robrain.deploy.up_display import up_display
+    from robrain.deploy.commands.options import above_zero, choose_scenario, new_recording, until_explored
+    from robrain.deploy.processes.live_process import LiveStop
+    from robrain.deploy.processes.up import UpOptions, run_up
+    from robrain.deploy.processes.up_display import up_display
 
     check_name("team", team)
     chosen = choose_scenario(scenario, map_file, robots, motes, seed)
@@ -199,9 +199,9 @@ def arena(
     ] = None,
 ) -> None:
     """Simulate a scenario's robots and motes in real time; agents drive them over the wire."""
-    from robrain.deploy.arena_process import arena_command
-    from robrain.deploy.live_process import place_of
-    from robrain.deploy.options import choose_scenario
+    from robrain.deploy.commands.options import choose_scenario
+    from robrain.deploy.processes.arena_process import arena_command
+    from robrain.deploy.processes.live_process import place_of
 
     chosen = choose_scenario(scenario, map_file, robots, motes, seed)
     arena_command(chosen, place_of(connect, listen), check_name("team", team), robot_files)
@@ -214,7 +214,7 @@ def agent(
     team: Annotated[str | None, typer.Option(help="Name of the team; default: the one in the file.")] = None,
 ) -> None:
     """Run the agent of one robot: it hosts the robot's plugins."""
-    from robrain.deploy.agent_process import agent_command
+    from robrain.deploy.processes.agent_process import agent_command
 
     agent_command(robot, connect, team)
 
@@ -233,8 +233,8 @@ def coordinator(
     ] = None,
 ) -> None:
     """Coordinate a team: merge its maps, assign its tasks, and continue from the journal."""
-    from robrain.deploy.live_commands import coordinator_command
-    from robrain.deploy.live_process import place_of
+    from robrain.deploy.processes.live_commands import coordinator_command
+    from robrain.deploy.processes.live_process import place_of
 
     coordinator_command(place_of(connect, listen), check_name("team", team), journal, objective, planning)
 
@@ -247,7 +247,7 @@ def dashboard(
     replay: Annotated[Path | None, typer.Option(help="Show this recording instead of a live team.")] = None,
 ) -> None:
     """Show a team, or a recording, in a browser page on 127.0.0.1."""
-    from robrain.deploy.live_commands import dashboard_command
+    from robrain.deploy.processes.live_commands import dashboard_command
 
     dashboard_command(connect, check_name("team", team), port, replay)
 
@@ -272,8 +272,8 @@ def replay(
     ] = DEFAULT_REPLAY_TEAM,
 ) -> None:
     """Show a recording in a browser page, or publish it on the wire."""
-    from robrain.deploy.live_commands import replay_on_wire, show_recording
-    from robrain.deploy.replaying import check_replay
+    from robrain.deploy.processes.live_commands import replay_on_wire, show_recording
+    from robrain.deploy.recordings.replaying import check_replay
     from robrain.protocol.wire.hub import given_endpoints
 
     for_the_wire = {
@@ -303,7 +303,7 @@ def halt(
     reason: Annotated[str, typer.Option(help="Reason, for the log.")] = "",
 ) -> None:
     """Emergency halt: stop all robots, and list those that have not stopped."""
-    from robrain.deploy.halt_command import halt_command
+    from robrain.deploy.commands.halt_command import halt_command
 
     if failed := halt_command(connect, check_name("team", team), robot, by, reason):
         raise typer.Exit(failed)
@@ -314,7 +314,7 @@ def resume(
     connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, robot: RobotOption = None, by: ByOption = None
 ) -> None:
     """End an emergency halt; allowed to the one that halted, and to operators."""
-    from robrain.deploy.halt_command import resume_command
+    from robrain.deploy.commands.halt_command import resume_command
 
     if failed := resume_command(connect, check_name("team", team), robot, by):
         raise typer.Exit(failed)
@@ -328,7 +328,7 @@ def shell(
 ) -> None:
     """Call a robot's plugins interactively: call driver stop(), list, help driver."""
     from robrain.client.team import Team
-    from robrain.deploy.shell import run_shell
+    from robrain.deploy.commands.shell import run_shell
 
     check_name("robot", robot)
     with Team.connect(connect, team=team) as client:
@@ -350,8 +350,8 @@ def call(
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
     """Call a function of a robot's plugin, and print its result: call r1 driver pose, call r1 driver drive 0.5."""
-    from robrain.deploy.call_command import call_command
-    from robrain.deploy.terminal import print_line
+    from robrain.deploy.commands.call_command import call_command
+    from robrain.deploy.commands.terminal import print_line
 
     if said := call_command(connect, team, robot, plugin, function, arguments or [], as_json=as_json):
         print_line(said)
@@ -360,7 +360,7 @@ def call(
 @app.command()
 def status(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False) -> None:
     """List the members of a team that are present."""
-    from robrain.deploy.status_command import show_status, status_of
+    from robrain.deploy.commands.status_command import show_status, status_of
 
     found = status_of(connect, check_name("team", team))
     if as_json:
@@ -376,7 +376,7 @@ def wire(
     ] = WireFormat.MARKDOWN,
 ) -> None:
     """Print every topic, query and token, with the types, units and ranges of what they carry."""
-    from robrain.deploy.wire_command import wire_text
+    from robrain.deploy.commands.wire_command import wire_text
 
     sys.stdout.write(wire_text(wire_format))
 

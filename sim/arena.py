@@ -9,9 +9,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pymunk
 
-from robrain.protocol.model.clearance import least_clearance_m
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.navigation.clearance import least_clearance_m
 from robrain.protocol.wire.arena_messages import ArenaClock, ArenaTruth, MoteTruth, RobotTruth
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.topics import ARENA_CLOCK, ARENA_TRUTH

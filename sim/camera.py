@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from robrain.protocol.model.elementary_functions import arctan2
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.occupancy_grid import GridGeometry
-from robrain.protocol.model.ray_cast import cast_rays
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.ray_cast import cast_rays
+from robrain.protocol.model.numeric.elementary_functions import arctan2
 from robrain.sim.picture_paint import (
     CEILING,
     MOTE_POST,

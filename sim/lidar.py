@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.occupancy_grid import GridGeometry
-from robrain.protocol.model.ray_cast import cast_rays
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.ray_cast import cast_rays
 from robrain.protocol.wire.arena_messages import Scan
 from robrain.sim.surfaces import Surfaces
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from robrain.agent.host.agent_host import AgentHost
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.recording.provenance import Provenance
-from robrain.coordinator.recording.recorder import Recorder, RecordingSummary
+from robrain.coordinator.recording.writer.provenance import Provenance
+from robrain.coordinator.recording.writer.recorder import Recorder, RecordingSummary
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.wire.arena_messages import ArenaTruth, OutsideInput

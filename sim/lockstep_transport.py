@@ -5,7 +5,7 @@ from pathlib import Path
 
 import zenoh
 
-from robrain.coordinator.recording.recorder import RecordingSummary
+from robrain.coordinator.recording.writer.recorder import RecordingSummary
 from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.keys import DEFAULT_TEAM

@@ -7,7 +7,7 @@ same whenever it is seen.
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.protocol.model.elementary_functions import arctan2
+from robrain.protocol.model.numeric.elementary_functions import arctan2
 
 Rgb = tuple[int, int, int]
 

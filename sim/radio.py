@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from robrain.protocol.model.elementary_functions import log10
+from robrain.protocol.model.numeric.elementary_functions import log10
 from robrain.sim.mote_power import send_ma
 
 PACKET_BYTES = 45

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
-from robrain.protocol.model.occupancy_grid import GridGeometry
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.map_patch import check_claim, take_message
@@ -43,7 +43,8 @@ class Referee:
     Args:
         plan: the true floor.
         starts: where the robots start, arena frame.
-        clearance_m: least clearance of the robots, which decides what they can reach (`protocol/model/clearance.py`).
+        clearance_m: least clearance of the robots, which decides what they can reach
+            (`protocol/model/navigation/clearance.py`).
         geometry: the team's grid; patches for another are refused and counted in `refused_patches`.
         endpoint: where the patches are heard.
 

@@ -3,7 +3,7 @@
 import msgspec
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.omni_drive import OmniBase
+from robrain.protocol.model.navigation.omni_drive import OmniBase
 from robrain.sim.camera import CameraSpec
 from robrain.sim.firmware.battery import BatterySpec
 from robrain.sim.firmware.power_model import PowerModel

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.occupancy_grid import GridGeometry
-from robrain.protocol.model.ray_cast import (
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.ray_cast import (
     GLASS_X,
     GLASS_Y,
     MIRROR_EAST,
@@ -85,7 +85,7 @@ class Surfaces:
     """Surfaces of a floor, as lidars see them.
 
     Args:
-        cells: (H, W), surfaces as in `robrain.protocol.model.ray_cast`.
+        cells: (H, W), surfaces as in `robrain.protocol.model.mapping.ray_cast`.
         geometry: grid of the cells, arena frame.
         echo_rad: largest angle between a beam and a pane's normal at which the pane returns the beam.
 

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.model.omni_drive import WHEEL_ANGLES_RAD, OmniBase
+from robrain.protocol.model.navigation.omni_drive import WHEEL_ANGLES_RAD, OmniBase
 
 DRAWS = 256
 """Random numbers drawn at a time; one by one they cost ten times as much."""

@@ -13,7 +13,7 @@ from robrain.agent.plugin import Plugin, PluginState
 from robrain.agent.plugin_traceback import log_error
 from robrain.agent.task_desk import Accept, LetGo
 from robrain.protocol.model.ranges import cut
-from robrain.protocol.model.task import Task
+from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.endpoint import Handler, Request
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages import TaskAnswer

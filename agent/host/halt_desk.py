@@ -14,8 +14,8 @@ import zenoh
 
 from robrain.agent.host.plugin_manager import PluginManager
 from robrain.agent.lifecycle.worker_pool import WorkerPool
-from robrain.protocol.model.halt_latch import HaltLatch
 from robrain.protocol.model.ranges import TEXT_MAX, cut
+from robrain.protocol.model.tasks.halt_latch import HaltLatch
 from robrain.protocol.wire.border import Heard, Received
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.protocol.model.objective import Objective as Objective
+from robrain.protocol.model.tasks.objective import Objective as Objective
 
 LARGEST = 1e25
 """Upper bound of joules and of seconds; sums and products of them stay finite."""

@@ -6,17 +6,17 @@ from collections.abc import Callable
 
 import viser
 
-from robrain.coordinator.dashboard.asker import Asker
-from robrain.coordinator.dashboard.halt_control import HaltControl
-from robrain.coordinator.dashboard.key_commands import add_commands
-from robrain.coordinator.dashboard.live_source import LiveSource
-from robrain.coordinator.dashboard.page import ClientPage
-from robrain.coordinator.dashboard.page_context import Inquiries, PageContext
-from robrain.coordinator.dashboard.replay_bar import ReplayBar
-from robrain.coordinator.dashboard.replay_source import ReplaySource
-from robrain.coordinator.dashboard.scene import Scene
-from robrain.coordinator.dashboard.server import close_server, open_server
-from robrain.coordinator.dashboard.team_view import TeamView
+from robrain.coordinator.dashboard.panels.halt_control import HaltControl
+from robrain.coordinator.dashboard.panels.key_commands import add_commands
+from robrain.coordinator.dashboard.panels.page import ClientPage
+from robrain.coordinator.dashboard.panels.page_context import Inquiries, PageContext
+from robrain.coordinator.dashboard.replay.replay_bar import ReplayBar
+from robrain.coordinator.dashboard.replay.replay_source import ReplaySource
+from robrain.coordinator.dashboard.scene.scene import Scene
+from robrain.coordinator.dashboard.server.asker import Asker
+from robrain.coordinator.dashboard.server.server import close_server, open_server
+from robrain.coordinator.dashboard.state.live_source import LiveSource
+from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.wire.endpoint import Endpoint
 
 logger = logging.getLogger(__name__)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from robrain.protocol.model.geometry import Point2D
 
 if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
-    from robrain.protocol.model.navigation import NavigationGrid
+    from robrain.protocol.model.navigation.navigation_grid import NavigationGrid
 
 GAIN_M_PER_M2 = 0.5
 """Metres of way that a square metre of unknown floor is worth."""

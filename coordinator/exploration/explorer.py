@@ -16,10 +16,10 @@ from robrain.coordinator.exploration.assignment import (
     ways_to,
 )
 from robrain.coordinator.exploration.narrow_ways import NarrowWays
-from robrain.coordinator.roster import Robot
-from robrain.coordinator.team_map import TeamMap
-from robrain.protocol.model.clearance import PREFERRED_MARGIN_M, least_gap_m
+from robrain.coordinator.team.roster import Robot
+from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.navigation.clearance import PREFERRED_MARGIN_M, least_gap_m
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.reasons.idle import (
     IdleReason,
@@ -32,9 +32,9 @@ from robrain.protocol.wire.reasons.idle import (
 )
 
 if TYPE_CHECKING:
-    from robrain.protocol.model.frontier import Frontier
-    from robrain.protocol.model.navigation import NavigationGrid
-    from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
+    from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
+    from robrain.protocol.model.navigation.frontier import Frontier
+    from robrain.protocol.model.navigation.navigation_grid import NavigationGrid
 
 NARROW_LOOK_NS = to_ns(2.0)
 """Period of the search for narrow paths for idle robots; each search takes some milliseconds."""
@@ -185,8 +185,8 @@ class Explorer:
         if grid is None:
             return None
         # Here: they bring the map's kernels, which a coordinator loads when it is up (coordinator/live.py).
-        from robrain.protocol.model.frontier import find_frontiers
-        from robrain.protocol.model.navigation import NavigationGrid
+        from robrain.protocol.model.navigation.frontier import find_frontiers
+        from robrain.protocol.model.navigation.navigation_grid import NavigationGrid
 
         known = self._navigation
         if known is None or self._version != grid.version or known.needed_m != needed_m:
@@ -209,7 +209,7 @@ class Explorer:
 
 
 def _candidate(classes: NDArray[np.int8], geometry: "GridGeometry", found: "Frontier") -> Candidate:
-    from robrain.protocol.model.frontier import unknown_beyond
+    from robrain.protocol.model.navigation.frontier import unknown_beyond
 
     reach = round(BEYOND_M / geometry.resolution_m)
     unknown_m2 = unknown_beyond(classes, found.row, found.column, reach) * geometry.resolution_m**2

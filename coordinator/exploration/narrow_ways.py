@@ -7,12 +7,12 @@ Robots with nothing else to explore are sent to try. After `TRIES` failures at a
 from collections import deque
 from typing import TYPE_CHECKING, NamedTuple
 
-from robrain.protocol.model.clearance import mapped_clearance_m
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.navigation.clearance import mapped_clearance_m
 
 if TYPE_CHECKING:  # imports the map's kernels, which a coordinator loads once it is up (coordinator/live.py)
-    from robrain.protocol.model.navigation import NavigationGrid
-    from robrain.protocol.model.occupancy_grid import OccupancyGrid
+    from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
+    from robrain.protocol.model.navigation.navigation_grid import NavigationGrid
 
 SHUT_RADIUS_M = 0.6
 """Narrow places within this distance of a robot that did not fit through are taken to be the gap it failed at."""
@@ -74,7 +74,7 @@ class NarrowWays:
 
     def look(self, grid: "OccupancyGrid", radius_m: float, preferred_m: float) -> "NavigationGrid":
         """The navigation grid for robots of this radius, narrow places included."""
-        from robrain.protocol.model.navigation import NavigationGrid
+        from robrain.protocol.model.navigation.navigation_grid import NavigationGrid
 
         needed_m = min(preferred_m, mapped_clearance_m(radius_m, grid.geometry.resolution_m))
         known = self._navigation

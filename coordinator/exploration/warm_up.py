@@ -3,10 +3,10 @@
 import numpy as np
 
 from robrain.coordinator.exploration.assignment import Candidate, Seeker, assign_frontiers
-from robrain.protocol.model.frontier import find_frontiers
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.navigation import NavigationGrid
-from robrain.protocol.model.occupancy_grid import FREE, GridGeometry, OccupancyGrid
+from robrain.protocol.model.mapping.occupancy_grid import FREE, GridGeometry, OccupancyGrid
+from robrain.protocol.model.navigation.frontier import find_frontiers
+from robrain.protocol.model.navigation.navigation_grid import NavigationGrid
 
 SIDE = 24
 """Cells of the floor on which it is tried."""

@@ -31,7 +31,7 @@ from robrain.coordinator.journal.salvage import (
     take_its_place,
 )
 from robrain.coordinator.journal.schema import ENDED, migrate
-from robrain.protocol.model.task import TaskState, kind_of
+from robrain.protocol.model.tasks.task import TaskState, kind_of
 from robrain.protocol.wire.task_messages import TaskChange, TaskFilter, TaskRecord
 
 logger = logging.getLogger(__name__)

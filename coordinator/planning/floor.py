@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
-    from robrain.protocol.model.occupancy_grid import GridGeometry
+    from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
 
 
 class Floor(NamedTuple):

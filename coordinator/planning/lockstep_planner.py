@@ -4,10 +4,10 @@ import logging
 from functools import cache
 
 from robrain.coordinator.allocation.warm_up import warm_up
-from robrain.coordinator.planning.drafting import Drafting
-from robrain.coordinator.planning.planned import Planned
+from robrain.coordinator.planning.plan_in_force import Planned
+from robrain.coordinator.planning.plan_search import Drafting
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.planning.situation import Situation
+from robrain.coordinator.planning.snapshot import Situation
 
 logger = logging.getLogger(__name__)
 

@@ -2,9 +2,9 @@
 
 from typing import Protocol
 
-from robrain.coordinator.planning.planned import Planned
+from robrain.coordinator.planning.plan_in_force import Planned
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.planning.situation import Situation
+from robrain.coordinator.planning.snapshot import Situation
 
 
 class Planner(Protocol):

@@ -12,23 +12,23 @@ from typing import NamedTuple
 
 import msgspec
 
-from robrain.coordinator.capabilities import Capabilities
-from robrain.coordinator.planning.ahead import LATEST_S, free_in_s, is_ending
-from robrain.coordinator.planning.chargers import KnownChargers
-from robrain.coordinator.planning.live_planner import LivePlanner
-from robrain.coordinator.planning.members import HOMEWARD, why_out
-from robrain.coordinator.planning.news import News
-from robrain.coordinator.planning.planned import Planned, Step
+from robrain.coordinator.charging.chargers import KnownChargers
+from robrain.coordinator.planning.available_robots import HOMEWARD, why_out
+from robrain.coordinator.planning.look_ahead import LATEST_S, free_in_s, is_ending
+from robrain.coordinator.planning.plan_in_force import Planned, Step
 from robrain.coordinator.planning.planner import Planner
 from robrain.coordinator.planning.policy import Method, PlanningPolicy
-from robrain.coordinator.planning.situation import AfterCharge, ChargerWays, Situation
-from robrain.coordinator.planning.watching import TeamWatch
-from robrain.coordinator.roster import Robot, Roster
-from robrain.coordinator.shunning import Shunning
-from robrain.coordinator.task_book import TaskBook
-from robrain.coordinator.team_map import TeamMap
+from robrain.coordinator.planning.replan_trigger import News
+from robrain.coordinator.planning.snapshot import AfterCharge, ChargerWays, Situation
+from robrain.coordinator.planning.snapshot_builder import TeamWatch
+from robrain.coordinator.planning.worker.live_planner import LivePlanner
+from robrain.coordinator.tasks.backoff import Shunning
+from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.team.capabilities import Capabilities
+from robrain.coordinator.team.roster import Robot, Roster
+from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.model.ranges import cut
-from robrain.protocol.model.task import Explore, TaskState
+from robrain.protocol.model.tasks.task import Explore, TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
 from robrain.protocol.wire.messages import RobotState

@@ -5,7 +5,7 @@ from enum import StrEnum
 
 import msgspec
 
-from robrain.protocol.model.objective import Objective
+from robrain.protocol.model.tasks.objective import Objective
 
 
 class Method(StrEnum):

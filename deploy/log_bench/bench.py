@@ -7,7 +7,8 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
-from robrain.deploy.bench_figure import WIDTH
+from robrain.deploy.bench.figure import WIDTH
+from robrain.deploy.commands.terminal import print_line
 from robrain.deploy.errors import UsageError
 from robrain.deploy.log_bench.carmen_log import CarmenLog, read_carmen_log
 from robrain.deploy.log_bench.played_log import Parameters, PlayedLog, play
@@ -19,7 +20,6 @@ from robrain.deploy.log_bench.relations import (
     relations_between,
     relative_errors,
 )
-from robrain.deploy.terminal import print_line
 from robrain.protocol.model.geometry import Pose2D
 
 
@@ -205,7 +205,7 @@ def _write_json(path: Path, report: LogReport) -> None:
 
 
 def _write_map(path: Path, played: PlayedLog) -> None:
-    from robrain.coordinator.recording.map_server_files import write_grid
+    from robrain.coordinator.recording.export.map_server_files import write_grid
 
     try:
         for written in write_grid(played.map, path):

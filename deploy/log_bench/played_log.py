@@ -23,7 +23,7 @@ from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.skill.localisation.interface import LocalisationHealth
 from robrain.plugins.skill.mapper.interface import MapperCounters
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.occupancy_grid import OccupancyGrid
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.warm_up import warm_up
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from robrain.plugins.skill.planner.interface import Circle
 from robrain.plugins.unit.teammates.interface import Doing, Mate
-from robrain.protocol.model.claim import Claim
-from robrain.protocol.model.navigation import Zone
-from robrain.protocol.model.right_of_way import STEP_M, Margins, Release, Track, meet, release
+from robrain.protocol.model.navigation.claim import Claim
+from robrain.protocol.model.navigation.navigation_grid import Zone
+from robrain.protocol.model.navigation.right_of_way import STEP_M, Margins, Release, Track, meet, release
 
 MARGINS = Margins()
 REFUGE_M = 0.22

@@ -28,7 +28,7 @@ from robrain.plugins.behavior.travel import PRIORITY_MAX, Progress, Travel, Trav
 from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.model.geometry import Point2D, wrap_angle_rad
-from robrain.protocol.model.task import PlacedTask, TaskState, kind_of
+from robrain.protocol.model.tasks.task import PlacedTask, TaskState, kind_of
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.messages import BatteryState, TaskAnswer

@@ -9,9 +9,9 @@ import numpy as np
 from robrain.plugins.behavior.encounter import Encounter
 from robrain.plugins.skill.localisation.interface import LocalisationInterface
 from robrain.plugins.unit.driver.interface import DriverInterface
-from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.right_of_way import LOOK_AHEAD_M, STEP_M, Release, Way
+from robrain.protocol.model.navigation.claim import Claim
+from robrain.protocol.model.navigation.right_of_way import LOOK_AHEAD_M, STEP_M, Release, Way
 from robrain.protocol.wire.messages import PlannedPath
 
 NEAR_END_M = 0.3

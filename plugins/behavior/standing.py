@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from robrain.plugins.behavior.encounter import PRESSED_S, Encounter
 from robrain.plugins.unit.teammates.interface import Mate
-from robrain.protocol.model.claim import Claim
+from robrain.protocol.model.navigation.claim import Claim
 from robrain.protocol.wire.clock import to_ns
 
 CORNERED_AGAIN_S = 4.0

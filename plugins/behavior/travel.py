@@ -17,11 +17,11 @@ from robrain.plugins.skill.mapper.interface import MapperInterface, MapView
 from robrain.plugins.skill.planner.interface import PlannerInterface
 from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates.interface import Doing, Mate, TeammatesInterface
-from robrain.protocol.model.claim import Claim
-from robrain.protocol.model.clearance import least_gap_m
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.map_frame import ARENA
-from robrain.protocol.model.right_of_way import LONGEST_M, LOOK_AHEAD_M, STEP_M, Release
+from robrain.protocol.model.navigation.claim import Claim
+from robrain.protocol.model.navigation.clearance import least_gap_m
+from robrain.protocol.model.navigation.right_of_way import LONGEST_M, LOOK_AHEAD_M, STEP_M, Release
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages import PlannedPath
 from robrain.protocol.wire.reasons.offers import PositionLost

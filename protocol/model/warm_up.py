@@ -2,41 +2,52 @@
 
 import numpy as np
 
-from robrain.protocol.model.elementary_functions import arctan2, exp, log, log10
-from robrain.protocol.model.escape import escape_cells
-from robrain.protocol.model.frontier import find_frontiers
+from robrain.protocol.model.energy.power_learner import PowerLearner, PowerPrior
+from robrain.protocol.model.energy.soc_filter import PackModel, SocFilter
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.model.inflation import clearance_m
-from robrain.protocol.model.line_of_sight import standpoint
-from robrain.protocol.model.localiser import Localiser, LocaliserSpec
-from robrain.protocol.model.map_accuracy import measure_map_accuracy
+from robrain.protocol.model.localization.localiser import Localiser, LocaliserSpec
+from robrain.protocol.model.localization.mote_relocalisation import Signals, find_robot
+from robrain.protocol.model.localization.pose_filter import DriftModel, PoseFilter
+from robrain.protocol.model.localization.rssi_ranging import PathLoss, RssiSample
+from robrain.protocol.model.localization.scan_agreement import agreement
+from robrain.protocol.model.localization.scan_match import (
+    beam_ends,
+    match_scan,
+    points_in_view,
+    search_scan,
+    without_dropouts,
+)
+from robrain.protocol.model.mapping.map_accuracy import measure_map_accuracy
 from robrain.protocol.model.mapping.map_overlap import MapMatcher
 from robrain.protocol.model.mapping.mates_in_scan import mate_circles, wall_ends
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
 from robrain.protocol.model.mapping.place_search import search_places
 from robrain.protocol.model.mapping.pose_graph import Edge, solve
+from robrain.protocol.model.mapping.ray_cast import cast_rays
 from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
 from robrain.protocol.model.mapping.surface_match import match_surface
-from robrain.protocol.model.mote_relocalisation import Signals, find_robot
-from robrain.protocol.model.navigation import NavigationGrid, Zone
-from robrain.protocol.model.obstacles import contact_distance_m, hold_off, passage, sector_distances_m
-from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
-from robrain.protocol.model.path_planning import (
+from robrain.protocol.model.navigation.escape import escape_cells
+from robrain.protocol.model.navigation.frontier import find_frontiers
+from robrain.protocol.model.navigation.inflation import clearance_m
+from robrain.protocol.model.navigation.line_of_sight import standpoint
+from robrain.protocol.model.navigation.navigation_grid import NavigationGrid, Zone
+from robrain.protocol.model.navigation.obstacles import contact_distance_m, hold_off, passage, sector_distances_m
+from robrain.protocol.model.navigation.path_planning import (
     descend,
     distance_field,
     nearest_traversable,
     plan_path,
     shorten_path,
 )
-from robrain.protocol.model.pose_filter import DriftModel, PoseFilter
-from robrain.protocol.model.power_learner import PowerLearner, PowerPrior
-from robrain.protocol.model.ray_cast import cast_rays
-from robrain.protocol.model.right_of_way import Margins, Track, meet, release, sample_way
-from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
-from robrain.protocol.model.scan_agreement import agreement
-from robrain.protocol.model.scan_match import beam_ends, match_scan, points_in_view, search_scan, without_dropouts
-from robrain.protocol.model.small_linear_algebra import innovation_squared, inverse, least_solution, quadratic_form
-from robrain.protocol.model.soc_filter import PackModel, SocFilter
+from robrain.protocol.model.navigation.right_of_way import Margins, Track, meet, release, sample_way
+from robrain.protocol.model.numeric.elementary_functions import arctan2, exp, log, log10
+from robrain.protocol.model.numeric.small_linear_algebra import (
+    innovation_squared,
+    inverse,
+    least_solution,
+    quadratic_form,
+)
 
 
 def warm_up() -> None:

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, PatchCells
 from robrain.protocol.model.mapping.submap import IDENTITY, SURFACE, SURFACES_MAX, TILE_CELLS, Submap
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
-from robrain.protocol.model.occupancy_grid import GridGeometry, PatchCells
 from robrain.protocol.wire.map_messages import MapPatch
 
 NS_PER_MS = 1_000_000

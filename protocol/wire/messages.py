@@ -9,10 +9,10 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
-from robrain.protocol.model.claim import Claim
-from robrain.protocol.model.energy_model import EnergyModel
+from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
+from robrain.protocol.model.navigation.claim import Claim
 from robrain.protocol.model.ranges import (
     SECONDS_MAX,
     Charge,
@@ -30,7 +30,7 @@ from robrain.protocol.model.ranges import (
     Stamp,
     Text,
 )
-from robrain.protocol.model.task import Task, TaskState
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.reasons import IdleReason, OfferRefusal, TaskReason, Unavailable, told
 from robrain.protocol.wire.refusals import Refused
 

@@ -9,8 +9,8 @@ import msgspec
 from msgspec import Meta
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.objective import Objective
 from robrain.protocol.model.ranges import Charge, Count, Name, Quantity, Seconds, Stamp, Text
+from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.wire.messages import Message
 from robrain.protocol.wire.reasons.plans import Chosen, LeftOut, WaitsForCharger
 from robrain.protocol.wire.task_messages import RobotVerdict
@@ -57,7 +57,7 @@ class PlanProblem(Message, frozen=True, kw_only=True):
     gain_min: Quantity = 0.0
     """Tasks moved to another robot only if the plan became better by at least this share."""
     question: bytes
-    """Jobs, workers and ways: MessagePack, deflated. `robrain.coordinator.planning.question` reads it."""
+    """Jobs, workers and ways: MessagePack, deflated. `robrain.coordinator.planning.problem_codec` reads it."""
     warm_start: Routes = ()
     """Robots and their tasks in order, as they were planned before."""
     routes: Routes = ()

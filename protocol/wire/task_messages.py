@@ -9,7 +9,7 @@ import msgspec
 from msgspec import Meta
 
 from robrain.protocol.model.ranges import Count, Epoch, Name, Quantity, Seconds, Stamp, Text
-from robrain.protocol.model.task import Task, TaskState
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages import Result, TaskEvent
 from robrain.protocol.wire.reasons.robots import RobotReason
 from robrain.protocol.wire.reasons.tasks import TaskReason

@@ -13,7 +13,7 @@ import can
 from robrain.protocol.can.bus_state import MOST_ERRORS, BusState, state_of
 from robrain.protocol.can.frames import BadFrame, codec
 from robrain.protocol.can.sequence import SequenceWatch
-from robrain.protocol.model.omni_drive import OmniBase
+from robrain.protocol.model.navigation.omni_drive import OmniBase
 
 WATCHDOG_S = 0.2
 ENCODER_PERIOD_S = 0.02

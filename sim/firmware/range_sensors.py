@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 
 from robrain.protocol.can.frames import FrameCodec, codec
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.occupancy_grid import GridGeometry
-from robrain.protocol.model.range_ring import (
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.ray_cast import cast_rays
+from robrain.protocol.model.navigation.range_ring import (
     NO_ECHO_M,
     RING_ANGLES_RAD,
     SENSORS_A_FRAME,
     SENSORS_MAX,
     bump_sector,
 )
-from robrain.protocol.model.ray_cast import cast_rays
 
 BUMP_PERIOD_S = 1.0
 NEAREST_M = 0.02

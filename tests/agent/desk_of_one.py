@@ -1,7 +1,7 @@
 """A task desk with one behavior that does what it is told to."""
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import Explore
+from robrain.protocol.model.tasks.task import Explore
 from robrain.protocol.wire.messages import TaskAnswer, TaskOffer
 from robrain.protocol.wire.reasons.reason import Said
 

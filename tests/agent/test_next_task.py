@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from robrain.agent.task_desk import TaskDesk
-from robrain.protocol.model.task import Explore, TaskState, Visit
+from robrain.protocol.model.tasks.task import Explore, TaskState, Visit
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import TaskAnswer, TaskOffer, TaskStatus, TaskWithdrawal, TeamState
@@ -331,7 +331,7 @@ TestDeskWithNext = DeskWithNext.TestCase
 # -- in its host ------------------------------------------------------------------------------------------------------
 
 SEEKER = """
-    from robrain.protocol.model.task import Explore, TaskState
+    from robrain.protocol.model.tasks.task import Explore, TaskState
     from robrain.protocol.wire.messages import TaskAnswer
 
     class Seeker(Behavior):

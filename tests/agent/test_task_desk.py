@@ -9,7 +9,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.model.ranges import WHY_MAX
-from robrain.protocol.model.task import Explore, Recharge, TaskState, Visit
+from robrain.protocol.model.tasks.task import Explore, Recharge, TaskState, Visit
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import TaskAnswer, TaskOffer, TaskWithdrawal, TeamState
@@ -289,7 +289,7 @@ TestDesk = Desk.TestCase
 # -- with a behavior, over the wire -----------------------------------------------------------------------------
 
 SEEKER = """
-    from robrain.protocol.model.task import Explore
+    from robrain.protocol.model.tasks.task import Explore
     from robrain.protocol.wire.messages import TaskAnswer
 
     class Seeker(Behavior):

@@ -3,7 +3,7 @@
 import pytest
 
 from robrain.agent.task_desk import RESULT_BYTES_MAX, TaskDesk
-from robrain.protocol.model.task import Recharge, TaskState
+from robrain.protocol.model.tasks.task import Recharge, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.wire.reasons.offers import EpochOld, Occupied

@@ -1,15 +1,15 @@
 """Allocation, as `robrain bench allocation` measures it.
 
 `python -m tests.bench.allocation best` looks for better plans of the large instances, two minutes of a core each. It
-writes them into `deploy/bench_allocation_best.json`; figures of ours are compared with what stands there.
+writes them into `deploy/bench/allocation_best.json`; figures of ours are compared with what stands there.
 """
 
 import sys
 
 from rich.console import Console
 
-from robrain.deploy.bench_allocation import find_best, measure
-from robrain.deploy.bench_figure import WIDTH, show_figures
+from robrain.deploy.bench.allocation import find_best, measure
+from robrain.deploy.bench.figure import WIDTH, show_figures
 
 __all__ = ["measure"]
 

@@ -16,11 +16,11 @@ from rich.console import Console
 from robrain.agent.host.agent_host import AgentHost, stock_place
 from robrain.agent.host.robot_file import RobotTable
 from robrain.agent.manifest import find_manifests
-from robrain.deploy.bench_figure import WIDTH, Figure, at_least, at_most, deterministic, show_figures, timing
+from robrain.deploy.bench.figure import WIDTH, Figure, at_least, at_most, deterministic, show_figures, timing
 from robrain.plugins.behavior.monitor.picture_change import changed_share, colors_of
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.occupancy_grid import GridGeometry
-from robrain.protocol.model.task import Recharge, TaskState, Visit
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.tasks.task import Recharge, TaskState, Visit
 from robrain.protocol.model.warm_up import warm_up
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint

@@ -12,9 +12,9 @@ import numpy as np
 from rich.console import Console
 
 from robrain.coordinator.planning.policy import Charging, PlanningPolicy
-from robrain.deploy.bench_figure import WIDTH, Figure, above, at_least, at_most, deterministic, show_figures
+from robrain.deploy.bench.figure import WIDTH, Figure, above, at_least, at_most, deterministic, show_figures
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import TaskState
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.sim.chargers import ChargerSpec
 from robrain.sim.firmware.battery import BatterySpec
 from robrain.sim.lockstep import LockstepRun

@@ -22,18 +22,18 @@ import numpy as np
 from rich.console import Console
 
 from robrain.coordinator.live import LEAST_REST_S, PERIOD_S
-from robrain.coordinator.planning.drafting import Drafting
-from robrain.coordinator.planning.live_planner import LivePlanner
-from robrain.coordinator.planning.planned import Planned
-from robrain.coordinator.planning.planner_link import Question, QuestionReader, Questions
+from robrain.coordinator.planning.first_plan import rehearse
+from robrain.coordinator.planning.path_lengths import DETOUR
+from robrain.coordinator.planning.plan_in_force import Planned
+from robrain.coordinator.planning.plan_search import Drafting
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.planning.rehearsal import rehearse
-from robrain.coordinator.planning.situation import Member, Situation
-from robrain.coordinator.planning.ways import DETOUR
-from robrain.deploy.bench_figure import WIDTH, Figure, at_most, below, show_figures, timing
-from robrain.protocol.model.energy_model import EnergyModel
+from robrain.coordinator.planning.snapshot import Member, Situation
+from robrain.coordinator.planning.worker.live_planner import LivePlanner
+from robrain.coordinator.planning.worker.worker_link import Question, QuestionReader, Questions
+from robrain.deploy.bench.figure import WIDTH, Figure, at_most, below, show_figures, timing
+from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox

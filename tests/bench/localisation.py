@@ -16,18 +16,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.deploy.bench_figure import Figure, at_most, deterministic
+from robrain.deploy.bench.figure import Figure, at_most, deterministic
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.model.localiser import Localiser, LocaliserSpec
+from robrain.protocol.model.localization.localiser import Localiser, LocaliserSpec
+from robrain.protocol.model.localization.pose_filter import DriftModel, PoseFilter
+from robrain.protocol.model.localization.pose_mixture import PoseMixture
+from robrain.protocol.model.localization.rssi_ranging import PathLoss, RssiSample
+from robrain.protocol.model.localization.scan_match import beam_ends
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, NONE, LocalMap
 from robrain.protocol.model.mapping.map_overlap import MapMatcher
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
+from robrain.protocol.model.mapping.ray_cast import cast_rays
 from robrain.protocol.model.mapping.submap import IDENTITY
-from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
-from robrain.protocol.model.pose_filter import DriftModel, PoseFilter
-from robrain.protocol.model.pose_mixture import PoseMixture
-from robrain.protocol.model.ray_cast import cast_rays
-from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
-from robrain.protocol.model.scan_match import beam_ends
 from tests.bench.localisation_world import (
     BLOCK_M,
     DRIFT,

@@ -13,10 +13,10 @@ import numpy as np
 from rich.console import Console
 
 from robrain.coordinator.planning.policy import Method, PlanningPolicy
-from robrain.deploy.bench_figure import WIDTH, Figure, at_least, below, deterministic, show_figures
+from robrain.deploy.bench.figure import WIDTH, Figure, at_least, below, deterministic, show_figures
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.objective import Objective
-from robrain.protocol.model.task import TaskState
+from robrain.protocol.model.tasks.objective import Objective
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.sim.lockstep import LockstepRun
 from robrain.sim.maps.placement import scatter_points
 from robrain.sim.scenario import Scenario

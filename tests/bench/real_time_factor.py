@@ -7,7 +7,7 @@ import numpy as np
 import pymunk
 
 from robrain import Scenario
-from robrain.deploy.bench_figure import Figure, timing
+from robrain.deploy.bench.figure import Figure, timing
 from robrain.protocol.model.warm_up import warm_up
 from robrain.sim.arena import TICK_S
 from robrain.sim.lockstep import LockstepRun

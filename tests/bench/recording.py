@@ -15,13 +15,13 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 from rich.console import Console
 
-from robrain.coordinator.recording.player import Player
-from robrain.coordinator.recording.provenance import Provenance
-from robrain.coordinator.recording.recorder import Recorder
-from robrain.deploy.bench_figure import WIDTH, Figure, at_most, show_figures, timing
+from robrain.coordinator.recording.replay.player import Player
+from robrain.coordinator.recording.writer.provenance import Provenance
+from robrain.coordinator.recording.writer.recorder import Recorder
+from robrain.deploy.bench.figure import WIDTH, Figure, at_most, show_figures, timing
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.occupancy_grid import GridGeometry, PatchCells
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, PatchCells
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.map_patch import to_message

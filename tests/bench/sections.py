@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 from importlib import import_module
 from typing import NamedTuple, cast
 
-from robrain.deploy.bench_figure import Figure
+from robrain.deploy.bench.figure import Figure
 
 
 class Section(NamedTuple):
@@ -79,8 +79,8 @@ SECTIONS = {
     "allocation": Section(
         "Allocation",
         "`robrain bench allocation`; seconds of one core. Best known: searches of 60 and 120 s, "
-        "`deploy/bench_allocation_best.json`.",
-        "robrain.deploy.bench_allocation:measure",
+        "`deploy/bench/allocation_best.json`.",
+        "robrain.deploy.bench.allocation:measure",
     ),
     "real_time_factor": Section(
         "Real-time factor",
@@ -110,12 +110,12 @@ SECTIONS = {
     "responses": Section(
         "Response time",
         "`robrain bench responses`: from an event to the wheels, a live team of processes on loopback.",
-        "robrain.deploy.bench_responses:measure",
+        "robrain.deploy.bench.responses:measure",
     ),
     "agents": Section(
         "A thousand agents",
         "`robrain bench agents`: processes that stand in for agents, a real coordinator.",
-        "robrain.deploy.bench_agents:measure",
+        "robrain.deploy.bench.agents:measure",
     ),
     "dashboard": Section(
         "Dashboard",

@@ -11,7 +11,7 @@ from types import FrameType
 from typing import Any
 
 from robrain import Point2D, Scenario, Visit
-from robrain.deploy.bench_figure import Bound, Figure, deterministic
+from robrain.deploy.bench.figure import Bound, Figure, deterministic
 from robrain.plugins.device.mocdevice.mocdevice import MocDevice
 
 Functions = dict[str, set[str]]

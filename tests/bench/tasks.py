@@ -6,14 +6,14 @@ from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 
-from robrain.coordinator.capabilities import Capabilities
 from robrain.coordinator.journal.journal import Journal
-from robrain.coordinator.roster import Roster
-from robrain.coordinator.task_book import TaskBook
-from robrain.coordinator.task_lifecycle import TaskLifecycle
-from robrain.deploy.bench_figure import Figure, at_most, timing
+from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
+from robrain.coordinator.team.capabilities import Capabilities
+from robrain.coordinator.team.roster import Roster
+from robrain.deploy.bench.figure import Figure, at_most, timing
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import RobotState, TaskStatus

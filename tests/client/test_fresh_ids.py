@@ -4,7 +4,7 @@ import pytest
 
 from robrain.client.fresh_ids import FreshIds
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.task_messages import TaskRecord
 

@@ -11,11 +11,11 @@ import zenoh
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.task_book import LEGAL
-from robrain.protocol.model.energy_model import EnergyModel
+from robrain.coordinator.tasks.task_book import LEGAL
+from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, GridGeometry, OccupancyGrid, PatchCells
-from robrain.protocol.model.task import Task, TaskState
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, GridGeometry, OccupancyGrid, PatchCells
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock, WallClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode

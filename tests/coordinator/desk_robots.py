@@ -1,7 +1,7 @@
 """Robots with a task desk as real ones have it, that work by the clock, lose touch, are stopped and are killed."""
 
 from robrain.agent.task_desk import TaskDesk
-from robrain.protocol.model.task import Explore, Recharge, TaskState, Visit
+from robrain.protocol.model.tasks.task import Explore, Recharge, TaskState, Visit
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox

@@ -7,9 +7,9 @@ from typing import Any
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from robrain.coordinator.recording.contents import RecordingContents
-from robrain.coordinator.recording.reading import RecordingInfo
-from robrain.coordinator.recording.run_data import RobotRun, RunData, TaskRun
+from robrain.coordinator.recording.reader.contents import RecordingContents
+from robrain.coordinator.recording.reader.reading import RecordingInfo
+from robrain.coordinator.recording.report.run_data import RobotRun, RunData, TaskRun
 
 NAN = float("nan")
 

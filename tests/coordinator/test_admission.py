@@ -6,10 +6,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.coordinator.admission import difference, why_dependency_ended, why_impossible, with_times
+from robrain.coordinator.tasks.admission import difference, why_dependency_ended, why_impossible, with_times
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, GridGeometry, OccupancyGrid
-from robrain.protocol.model.task import Explore, TaskState, Visit
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, GridGeometry, OccupancyGrid
+from robrain.protocol.model.tasks.task import Explore, TaskState, Visit
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.reasons.reason import Said
 from robrain.protocol.wire.reasons.tasks import AfterEnded

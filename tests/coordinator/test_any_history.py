@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.coordinator.journal.journal import Journal
-from robrain.coordinator.task_book import LEGAL
+from robrain.coordinator.tasks.task_book import LEGAL
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.task_messages import TaskFilter, TaskRequest
 from robrain.protocol.wire.topics import TASK_CANCEL

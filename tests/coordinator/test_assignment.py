@@ -17,8 +17,8 @@ from robrain.coordinator.exploration.assignment import (
     assign_frontiers,
 )
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.navigation import NavigationGrid
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, GridGeometry
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, GridGeometry
+from robrain.protocol.model.navigation.navigation_grid import NavigationGrid
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 100, 60)
 NEEDED_M = 0.28

@@ -4,8 +4,8 @@ from collections import Counter
 
 import pytest
 
-from robrain.coordinator.capabilities import ASKED_MOST, Capabilities
-from robrain.coordinator.roster import Robot
+from robrain.coordinator.team.capabilities import ASKED_MOST, Capabilities
+from robrain.coordinator.team.roster import Robot
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode

@@ -6,12 +6,12 @@ import logging
 import numpy as np
 import pytest
 
-from robrain.coordinator.planning.following import OFFERS_MAX
+from robrain.coordinator.planning.executor import OFFERS_MAX
 from robrain.coordinator.planning.policy import Method, PlanningPolicy
-from robrain.coordinator.reconcile import LEASE_S
+from robrain.coordinator.tasks.reconcile import LEASE_S
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.occupancy_grid import FREE, GridGeometry, PatchCells
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.mapping.occupancy_grid import FREE, GridGeometry, PatchCells
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.reasons.idle import PlanPending, TaskSoon

@@ -3,9 +3,9 @@
 import numpy as np
 
 from robrain.coordinator.coordinator import Coordinator
-from robrain.coordinator.reconcile import FREE_AFTER_S
-from robrain.protocol.model.occupancy_grid import FREE
-from robrain.protocol.model.task import TaskState
+from robrain.coordinator.tasks.reconcile import FREE_AFTER_S
+from robrain.protocol.model.mapping.occupancy_grid import FREE
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.topics import (
     ROBOT_ALIVE,

@@ -3,9 +3,9 @@
 import pytest
 
 from robrain.coordinator.journal.journal import Journal
-from robrain.coordinator.reconcile import FREE_AFTER_S
+from robrain.coordinator.tasks.reconcile import FREE_AFTER_S
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.task_messages import TaskRequest
 from robrain.protocol.wire.topics import TASK_CANCEL
 

@@ -4,18 +4,18 @@ import math
 
 import pytest
 
-from robrain.coordinator.dashboard.alerts import Level, alerts_of
-from robrain.coordinator.dashboard.certainty_layer import ellipse
-from robrain.coordinator.dashboard.halt_control import acknowledgements
-from robrain.coordinator.dashboard.picking import floor_hit, robot_near
-from robrain.coordinator.dashboard.radio_links import relay_lines
-from robrain.coordinator.dashboard.robot_view import Condition, MoteView, RobotView
-from robrain.coordinator.dashboard.task_board import TaskBoard
-from robrain.coordinator.dashboard.team_view import TeamView
-from robrain.coordinator.robot_history import RobotHistory
-from robrain.protocol.model.energy_model import EnergyModel
+from robrain.coordinator.dashboard.layers.certainty_layer import ellipse
+from robrain.coordinator.dashboard.panels.halt_control import acknowledgements
+from robrain.coordinator.dashboard.scene.picking import floor_hit, robot_near
+from robrain.coordinator.dashboard.state.alerts import Level, alerts_of
+from robrain.coordinator.dashboard.state.radio_links import relay_lines
+from robrain.coordinator.dashboard.state.robot_view import Condition, MoteView, RobotView
+from robrain.coordinator.dashboard.state.task_board import TaskBoard
+from robrain.coordinator.dashboard.state.team_view import TeamView
+from robrain.coordinator.drawing.robot_history import RobotHistory
+from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.model.task import Relay, TaskState, Visit
+from robrain.protocol.model.tasks.task import Relay, TaskState, Visit
 from robrain.protocol.wire.arena_messages import RobotTruth
 from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.messages import (

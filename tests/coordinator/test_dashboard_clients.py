@@ -13,7 +13,7 @@ import pytest
 import websockets.asyncio.server
 
 from robrain.coordinator.dashboard import Dashboard
-from robrain.coordinator.dashboard.server import LocalServer, close_server, open_server
+from robrain.coordinator.dashboard.server.server import LocalServer, close_server, open_server
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.topics import ROBOT_MAP
 from tests.coordinator.fake_browsers import FakeBrowsers

@@ -6,21 +6,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from robrain.coordinator.dashboard import meshes
-from robrain.coordinator.dashboard.camera import (
+from robrain.coordinator.dashboard.layers.marker_layers import scan_points
+from robrain.coordinator.dashboard.layers.track_layers import DASHES, dashes, tapering_line
+from robrain.coordinator.dashboard.scene.camera import (
     OVERVIEW_ELEVATION_RAD,
     TOP_ELEVATION_RAD,
     Bounds,
     stand_to_see,
 )
-from robrain.coordinator.dashboard.marker_layers import scan_points
-from robrain.coordinator.dashboard.merged_meshes import copies
-from robrain.coordinator.dashboard.rate_meter import RateMeter
-from robrain.coordinator.dashboard.robot_view import RobotView
-from robrain.coordinator.dashboard.scene_nodes import plain, to_linear
-from robrain.coordinator.dashboard.track_layers import DASHES, dashes, tapering_line
-from robrain.coordinator.map_view import cover_with_boxes
-from robrain.coordinator.palette import look_of
+from robrain.coordinator.dashboard.scene.merged_meshes import copies
+from robrain.coordinator.dashboard.scene.scene import meshes
+from robrain.coordinator.dashboard.scene.scene_nodes import plain, to_linear
+from robrain.coordinator.dashboard.state.rate_meter import RateMeter
+from robrain.coordinator.dashboard.state.robot_view import RobotView
+from robrain.coordinator.drawing.map_view import cover_with_boxes
+from robrain.coordinator.drawing.palette import look_of
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.arena_messages import Scan
 from robrain.protocol.wire.messages import RobotState

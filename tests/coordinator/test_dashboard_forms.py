@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.coordinator.dashboard.function_form import Field, FieldKind, arguments_of, fields_of
-from robrain.coordinator.dashboard.task_tab import KINDS, submission_of, task_fields
+from robrain.coordinator.dashboard.panels.function_form import Field, FieldKind, arguments_of, fields_of
+from robrain.coordinator.dashboard.panels.task_tab import KINDS, submission_of, task_fields
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import Visit
+from robrain.protocol.model.tasks.task import Visit
 
 
 class Arguments(msgspec.Struct):

@@ -1,10 +1,10 @@
 """What is foreseen for a robot, as the plan's picture has it."""
 
-from robrain.coordinator.dashboard.gantt_html import foreseen, gantt_html
-from robrain.coordinator.dashboard.robot_view import RobotView
-from robrain.coordinator.dashboard.team_view import TeamView
+from robrain.coordinator.dashboard.html.gantt_html import foreseen, gantt_html
+from robrain.coordinator.dashboard.state.robot_view import RobotView
+from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.messages import RobotState, TaskEvent, TaskStatus
 from robrain.protocol.wire.plan_messages import ChargeSchedule, PlannedCharge, TaskDecision

@@ -10,8 +10,8 @@ import viser
 import websockets.exceptions
 import websockets.sync.client
 
-from robrain.coordinator.dashboard.page_guard import PageGuard
-from robrain.coordinator.dashboard.server import LocalServer, close_server, open_server
+from robrain.coordinator.dashboard.server.page_guard import PageGuard
+from robrain.coordinator.dashboard.server.server import LocalServer, close_server, open_server
 from robrain.protocol.wire.errors import WireError
 from tests.waiting import PATIENCE_S
 
@@ -104,6 +104,6 @@ def test_server_does_not_start_where_the_guard_is_not_taken(monkeypatch: pytest.
 
             return contextlib.nullcontext()
 
-    monkeypatch.setattr("robrain.coordinator.dashboard.server.PageGuard", Untaken)
+    monkeypatch.setattr("robrain.coordinator.dashboard.server.server.PageGuard", Untaken)
     with pytest.raises(WireError, match="cannot guard its page"):
         open_server("127.0.0.1", 0)

@@ -6,7 +6,8 @@ from dataclasses import replace
 import msgspec
 import pytest
 
-from robrain.coordinator.dashboard.headline import (
+from robrain.coordinator.dashboard.html.panel_html import strip_html
+from robrain.coordinator.dashboard.state.headline import (
     AGREES,
     ASTRAY_M,
     HARDLY_AGREES,
@@ -23,11 +24,10 @@ from robrain.coordinator.dashboard.headline import (
     headline_of,
     vitals_of,
 )
-from robrain.coordinator.dashboard.panel_html import strip_html
-from robrain.coordinator.dashboard.robot_view import Condition
-from robrain.coordinator.dashboard.team_view import TeamView
-from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
+from robrain.coordinator.dashboard.state.robot_view import Condition
+from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.wire.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.messages import RobotState, TeamState
 from robrain.protocol.wire.topics import ARENA_TRUTH, COORDINATOR_STATE, ROBOT_MAP, ROBOT_STATE

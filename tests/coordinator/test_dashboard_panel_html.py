@@ -2,10 +2,9 @@ from html.parser import HTMLParser
 
 import pytest
 
-from robrain.coordinator.dashboard.gantt_html import gantt_html
-from robrain.coordinator.dashboard.halt_control import acknowledgements_html
-from robrain.coordinator.dashboard.panel_html import log_html, motes_html, robots_html, strip_html, summary_html
-from robrain.coordinator.dashboard.plugin_html import (
+from robrain.coordinator.dashboard.html.gantt_html import gantt_html
+from robrain.coordinator.dashboard.html.panel_html import log_html, motes_html, robots_html, strip_html, summary_html
+from robrain.coordinator.dashboard.html.plugin_html import (
     WHY,
     error_html,
     events_html,
@@ -14,15 +13,16 @@ from robrain.coordinator.dashboard.plugin_html import (
     result_html,
     robot_card_html,
 )
-from robrain.coordinator.dashboard.replay_bar import marks_html
-from robrain.coordinator.dashboard.replay_index import Mark
-from robrain.coordinator.dashboard.robot_view import MoteView
-from robrain.coordinator.dashboard.task_html import queue_html, why_html
-from robrain.coordinator.dashboard.team_view import TeamView
-from robrain.coordinator.dashboard.view_tab import scale_html
-from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
+from robrain.coordinator.dashboard.html.task_html import queue_html, why_html
+from robrain.coordinator.dashboard.panels.halt_control import acknowledgements_html
+from robrain.coordinator.dashboard.panels.view_tab import scale_html
+from robrain.coordinator.dashboard.replay.replay_bar import marks_html
+from robrain.coordinator.dashboard.replay.replay_index import Mark
+from robrain.coordinator.dashboard.state.robot_view import MoteView
+from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.messages import (

@@ -2,9 +2,9 @@
 
 import pytest
 
-from robrain.coordinator.dashboard.focus import MOTES, Focus, motes_in_focus
-from robrain.coordinator.dashboard.radio_layer import LOOKS, link_look, link_meshes
-from robrain.coordinator.dashboard.radio_links import (
+from robrain.coordinator.dashboard.layers.radio_layer import LOOKS, link_look, link_meshes
+from robrain.coordinator.dashboard.state.focus import MOTES, Focus, motes_in_focus
+from robrain.coordinator.dashboard.state.radio_links import (
     Link,
     best_links,
     links_in_focus,
@@ -12,8 +12,8 @@ from robrain.coordinator.dashboard.radio_links import (
     robot_pairs,
     team_links,
 )
-from robrain.coordinator.dashboard.robot_view import MoteView, RobotView
-from robrain.coordinator.dashboard.team_view import TeamView
+from robrain.coordinator.dashboard.state.robot_view import MoteView, RobotView
+from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.messages import MoteReading, RadioLink, RobotLinks, RobotState

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from robrain.coordinator.dashboard.replay_source import ReplaySource
-from robrain.coordinator.dashboard.robot_view import Condition
+from robrain.coordinator.dashboard.replay.replay_source import ReplaySource
+from robrain.coordinator.dashboard.state.robot_view import Condition
 from robrain.coordinator.recording.errors import RecordingError
 from robrain.sim.scenario import Scenario
 

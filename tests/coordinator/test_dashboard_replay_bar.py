@@ -5,7 +5,7 @@ from unittest.mock import MagicMock
 
 import pytest
 
-from robrain.coordinator.dashboard.replay_bar import ReplayBar
+from robrain.coordinator.dashboard.replay.replay_bar import ReplayBar
 
 
 class Slider:

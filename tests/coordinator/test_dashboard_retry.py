@@ -6,12 +6,12 @@ from unittest.mock import MagicMock
 import pytest
 import viser
 
-from robrain.coordinator.dashboard.alerts import Alert, Level
-from robrain.coordinator.dashboard.focus import Focus
-from robrain.coordinator.dashboard.layer import Layer
-from robrain.coordinator.dashboard.layer_switches import LayerSwitch, troubles_of
-from robrain.coordinator.dashboard.retry import FIRST_S, LONGEST_S, Retry
-from robrain.coordinator.dashboard.team_view import TeamView
+from robrain.coordinator.dashboard.layers.layer import Layer
+from robrain.coordinator.dashboard.layers.layer_switches import LayerSwitch, troubles_of
+from robrain.coordinator.dashboard.server.retry import FIRST_S, LONGEST_S, Retry
+from robrain.coordinator.dashboard.state.alerts import Alert, Level
+from robrain.coordinator.dashboard.state.focus import Focus
+from robrain.coordinator.dashboard.state.team_view import TeamView
 
 
 class Fickle(Layer):

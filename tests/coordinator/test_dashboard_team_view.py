@@ -4,10 +4,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.coordinator.dashboard.robot_view import SILENT_AFTER_S, TRAIL_POINTS, Contact, RobotView
-from robrain.coordinator.dashboard.team_view import HISTORY_POINTS, TeamView
+from robrain.coordinator.dashboard.state.robot_view import SILENT_AFTER_S, TRAIL_POINTS, Contact, RobotView
+from robrain.coordinator.dashboard.state.team_view import HISTORY_POINTS, TeamView
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.task import Explore, TaskState
+from robrain.protocol.model.tasks.task import Explore, TaskState
 from robrain.protocol.wire.arena_messages import ArenaClock, ArenaTruth, MoteTruth, Scan
 from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.map_messages import MapPatch

@@ -1,10 +1,10 @@
 """Who gets which task when nobody plans."""
 
-from robrain.coordinator.dispatch import dispatch, verdicts
-from robrain.coordinator.roster import Robot
-from robrain.coordinator.shunning import FIRST_PAUSE_S, KEPT, LONGEST_PAUSE_S, Shunning
+from robrain.coordinator.tasks.backoff import FIRST_PAUSE_S, KEPT, LONGEST_PAUSE_S, Shunning
+from robrain.coordinator.tasks.dispatch import dispatch, verdicts
+from robrain.coordinator.team.roster import Robot
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages import RobotState
 from robrain.protocol.wire.reasons.offers import NoPath

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from robrain.coordinator.exploration.explorer import Explorer
-from robrain.coordinator.roster import Robot
-from robrain.coordinator.team_map import TeamMap
+from robrain.coordinator.team.roster import Robot
+from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, GridGeometry, PatchCells
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, GridGeometry, PatchCells
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.map_patch import to_message
 from robrain.protocol.wire.messages import RobotState

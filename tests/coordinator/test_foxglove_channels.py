@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
-from robrain.coordinator.recording.foxglove_channels import FoxgloveChannels
-from robrain.coordinator.recording.foxglove_server import FoxgloveServer
+from robrain.coordinator.recording.foxglove.channels import FoxgloveChannels
+from robrain.coordinator.recording.foxglove.server import FoxgloveServer
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.arena_messages import Scan
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -268,7 +268,7 @@ def test_a_robot_that_is_new_is_asked_once_for_the_map_that_it_knows(
             drawn.append(topic.name)
             super().take(topic, key, payload)
 
-    monkeypatch.setattr("robrain.coordinator.recording.foxglove_server.FoxgloveChannels", Heard)
+    monkeypatch.setattr("robrain.coordinator.recording.foxglove.server.FoxgloveChannels", Heard)
     server = FoxgloveServer(wire, "127.0.0.1", 0)
     try:
         wire.answer(ROBOT_MAP_WHOLE, answer, robot="r1")

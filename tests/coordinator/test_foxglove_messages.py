@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
-from robrain.coordinator.palette import (
+from robrain.coordinator.drawing.palette import (
     BAD,
     FREE,
     FRONTIER,
@@ -21,12 +21,12 @@ from robrain.coordinator.palette import (
     WARNING,
     look_of,
 )
-from robrain.coordinator.recording import foxglove_messages as make
-from robrain.coordinator.recording import foxglove_scene
-from robrain.protocol.model import occupancy_grid as cells
+from robrain.coordinator.recording.foxglove import messages as make
+from robrain.coordinator.recording.foxglove import scene as foxglove_scene
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
-from robrain.protocol.model.task import Explore, TaskState, Visit
+from robrain.protocol.model.mapping import occupancy_grid as cells
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
+from robrain.protocol.model.tasks.task import Explore, TaskState, Visit
 from robrain.protocol.wire.arena_messages import Scan
 from robrain.protocol.wire.messages import BatteryState, MoteReading, PluginFault, RobotState, TaskEvent, TaskStatus
 

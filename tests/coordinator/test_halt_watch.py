@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from robrain.coordinator.halts import HaltWatch
-from robrain.coordinator.roster import Roster
+from robrain.coordinator.team.halt_watch import HaltWatch
+from robrain.coordinator.team.roster import Roster
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import Halt, RobotState

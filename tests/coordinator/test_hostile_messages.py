@@ -4,10 +4,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.coordinator.roster import ROBOTS_UNSEEN_MAX
+from robrain.coordinator.team.roster import ROBOTS_UNSEEN_MAX
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.occupancy_grid import OCCUPIED, GridGeometry, PatchCells
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.mapping.occupancy_grid import OCCUPIED, GridGeometry, PatchCells
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.map_patch import to_message
 from robrain.protocol.wire.messages import RobotState, TaskAnswer
 from robrain.protocol.wire.topics import ROBOT_MAP, ROBOT_STATE

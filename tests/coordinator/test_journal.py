@@ -11,7 +11,7 @@ from robrain.coordinator.journal.errors import JournalError, JournalLocked, Jour
 from robrain.coordinator.journal.journal import EPOCH_BLOCK, Journal
 from robrain.coordinator.journal.schema import MIGRATIONS, VERSION, migrate
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import Explore, TaskState, Visit
+from robrain.protocol.model.tasks.task import Explore, TaskState, Visit
 from robrain.protocol.wire.reasons.offers import NoPath
 from robrain.protocol.wire.reasons.robots import Halted, Refused
 from robrain.protocol.wire.reasons.tasks import RobotOut

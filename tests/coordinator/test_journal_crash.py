@@ -17,9 +17,9 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from robrain.coordinator.journal import journal as journal_module
 from robrain.coordinator.journal.journal import Journal
-from robrain.coordinator.task_book import LEGAL, TaskBook
+from robrain.coordinator.tasks.task_book import LEGAL, TaskBook
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.messages import TaskEvent, TaskStatus
 from robrain.protocol.wire.reasons.robots import LostContact

@@ -14,7 +14,7 @@ from robrain.coordinator.journal import salvage
 from robrain.coordinator.journal.errors import JournalError
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord
 
 TASKS = 120

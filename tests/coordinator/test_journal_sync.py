@@ -10,7 +10,7 @@ import pytest
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import EPOCH_BLOCK, Journal
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.task_messages import TaskRecord
 
 NORMAL, FULL = 1, 2

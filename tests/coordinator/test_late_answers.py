@@ -5,15 +5,15 @@ from collections.abc import Iterator
 import pytest
 import zenoh
 
-from robrain.coordinator.capabilities import Capabilities
 from robrain.coordinator.journal.errors import JournalUnwritable
-from robrain.coordinator.offers import Answered
-from robrain.coordinator.roster import Roster
-from robrain.coordinator.shunning import REFUSALS_MAX
-from robrain.coordinator.task_book import TaskBook
-from robrain.coordinator.task_lifecycle import COMPLAIN_AGAIN_NS, WITHDRAW_AGAIN_NS, TaskLifecycle
+from robrain.coordinator.tasks.backoff import REFUSALS_MAX
+from robrain.coordinator.tasks.offers import Answered
+from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.tasks.task_lifecycle import COMPLAIN_AGAIN_NS, WITHDRAW_AGAIN_NS, TaskLifecycle
+from robrain.coordinator.team.capabilities import Capabilities
+from robrain.coordinator.team.roster import Roster
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import Explore, TaskState, Visit
+from robrain.protocol.model.tasks.task import Explore, TaskState, Visit
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import RobotState, TaskAnswer, TaskStatus, TaskWithdrawal

@@ -3,7 +3,7 @@
 import pytest
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_STATE
 

@@ -7,10 +7,10 @@ from typer.testing import CliRunner
 
 from robrain.cli import app
 from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.map_files import write_map
-from robrain.coordinator.recording.player import Player
+from robrain.coordinator.recording.export.map_files import write_map
+from robrain.coordinator.recording.replay.player import Player
 from robrain.deploy.errors import UsageError
-from robrain.protocol.model.occupancy_grid import OCCUPIED
+from robrain.protocol.model.mapping.occupancy_grid import OCCUPIED
 from robrain.sim.maps.map_server import load_map
 from robrain.sim.scenario import Scenario
 

@@ -4,9 +4,7 @@ from contextlib import nullcontext
 
 import pytest
 
-from robrain.coordinator import motes
-from robrain.coordinator.motes import MoteTable
-from robrain.coordinator.motes_energy import (
+from robrain.coordinator.motes.mote_energy import (
     CAPACITY_J,
     FLAT_V,
     FRESH_V,
@@ -15,10 +13,12 @@ from robrain.coordinator.motes_energy import (
     reading_j,
     robot_share,
 )
+from robrain.coordinator.motes.mote_registry import MoteTable
+from robrain.coordinator.motes.mote_registry import mote_registry as motes
 from robrain.coordinator.planning.policy import Method, PlanningPolicy
-from robrain.protocol.model.energy_model import EnergyModel
+from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.task import Monitor, Sense, TaskState
+from robrain.protocol.model.tasks.task import Monitor, Sense, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.inbox import Inbox

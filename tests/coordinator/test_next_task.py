@@ -4,7 +4,7 @@ import pytest
 
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import Explore, TaskState, Visit
+from robrain.protocol.model.tasks.task import Explore, TaskState, Visit
 from robrain.protocol.wire.messages import TaskAnswer
 from robrain.protocol.wire.task_messages import TaskRequest, TaskWhy
 from robrain.protocol.wire.topics import TASK_CANCEL, TASK_WHY

@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from robrain.coordinator import offers as offers_module
-from robrain.coordinator.offers import Offers
+from robrain.coordinator.tasks import offers as offers_module
+from robrain.coordinator.tasks.offers import Offers
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode

@@ -8,11 +8,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from robrain.coordinator.allocation.explain import explain
-from robrain.coordinator.planning.charge_desk import is_for_energy
+from robrain.coordinator.charging.charge_desk import is_for_energy
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.objective import Objective
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.tasks.objective import Objective
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import TaskAnswer
 from robrain.protocol.wire.reasons.offers import NeedsEnergy

@@ -2,10 +2,10 @@
 
 import pytest
 
-from robrain.coordinator.reconcile import FORGOTTEN_S, FREE_AFTER_S, LEASE_S, Move, reconcile, strays
-from robrain.coordinator.roster import LOST_AFTER_S, Robot
+from robrain.coordinator.tasks.reconcile import FORGOTTEN_S, FREE_AFTER_S, LEASE_S, Move, reconcile, strays
+from robrain.coordinator.team.roster import LOST_AFTER_S, Robot
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages import RobotState, TaskStatus
 from robrain.protocol.wire.reasons.robots import Gone, LostContact

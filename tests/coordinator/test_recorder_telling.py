@@ -7,8 +7,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from robrain.coordinator.recording import recorder_telling
-from robrain.coordinator.recording.recorder_telling import RecorderTelling
+from robrain.coordinator.recording.writer import recorder_status as recorder_telling
+from robrain.coordinator.recording.writer.recorder_status import RecorderTelling
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.messages import RecorderState
 

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 
-from robrain.coordinator.recording import provenance, recording_file
 from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.provenance import Provenance
-from robrain.coordinator.recording.recorder import Recorder, RecordingSummary
+from robrain.coordinator.recording.writer import provenance, recording_file
+from robrain.coordinator.recording.writer.provenance import Provenance
+from robrain.coordinator.recording.writer.recorder import Recorder, RecordingSummary
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.arena_messages import ArenaClock
 from robrain.protocol.wire.clock import VirtualClock
@@ -357,7 +357,7 @@ def test_messages_from_another_thread_count_as_outside_and_mark_the_digest(stage
 def test_messages_that_come_faster_than_they_are_written_are_counted(
     stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("robrain.coordinator.recording.recorder.INBOX_CAPACITY", 4)
+    monkeypatch.setattr("robrain.coordinator.recording.writer.recorder.INBOX_CAPACITY", 4)
     recorder = stage.recorder(None)
     logs = stage.speaker.publisher(ROBOT_LOG, robot="r1")
     for _ in range(10):
@@ -403,7 +403,7 @@ def test_more_keys_than_mcap_can_number_are_counted_as_lost(
 def test_a_digest_without_a_file_does_not_need_mcap(
     stage: Stage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delitem(sys.modules, "robrain.coordinator.recording.recording_file")
+    monkeypatch.delitem(sys.modules, "robrain.coordinator.recording.writer.recording_file")
     monkeypatch.setitem(sys.modules, "mcap.writer", None)
     assert stage.recorder(None).close().messages == 0
     with pytest.raises(RecordingError, match=r"pip install 'robrain\[team\]'"):

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.writer import LIBRARY_IDENTIFIER, Writer
 
-from robrain.coordinator.recording.chunk_writer import ChunkWriter
+from robrain.coordinator.recording.writer.chunk_writer import ChunkWriter
 
 TIMES = st.integers(0, 2**63 - 1)
 MESSAGES = st.lists(

@@ -7,9 +7,9 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Chunk, Header, Message, Schema
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
-from robrain.coordinator.recording import chunked_file
-from robrain.coordinator.recording.chunked_file import ChunkedFile
 from robrain.coordinator.recording.errors import RecordingError
+from robrain.coordinator.recording.reader import chunked_file
+from robrain.coordinator.recording.reader.chunked_file import ChunkedFile
 
 CHANNEL = Channel(id=3, topic="/a", message_encoding="json", metadata={}, schema_id=7)
 SCHEMA = Schema(id=7, name="S", encoding="jsonschema", data=b"{}")

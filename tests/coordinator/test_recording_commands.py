@@ -13,15 +13,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import MCAP0_MAGIC, Writer
 
-from robrain.coordinator.recording import recording_copy
-from robrain.coordinator.recording.checking import Kind, Severity, check_recording
-from robrain.coordinator.recording.comparing import differing_path, first_difference
-from robrain.coordinator.recording.contents import read_contents
 from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.folded_keys import FOLDED_ABOVE, folded
-from robrain.coordinator.recording.provenance import SUMMARY_METADATA
-from robrain.coordinator.recording.reading import read_messages, read_provenance, recording_info
-from robrain.coordinator.recording.recovering import recover
+from robrain.coordinator.recording.reader import recording_copy
+from robrain.coordinator.recording.reader.checking import Kind, Severity, check_recording
+from robrain.coordinator.recording.reader.comparing import differing_path, first_difference
+from robrain.coordinator.recording.reader.contents import read_contents
+from robrain.coordinator.recording.reader.folded_keys import FOLDED_ABOVE, folded
+from robrain.coordinator.recording.reader.reading import read_messages, read_provenance, recording_info
+from robrain.coordinator.recording.reader.recovering import recover
+from robrain.coordinator.recording.writer.provenance import SUMMARY_METADATA
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.messages import LogRecord, MoteReading, RobotState
 from robrain.sim.scenario import Scenario

@@ -13,11 +13,11 @@ import pytest
 import zenoh
 from mcap.reader import make_reader
 
-from robrain.coordinator.recording import recording_file
 from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.provenance import Provenance
-from robrain.coordinator.recording.reading import read_messages, read_provenance
-from robrain.coordinator.recording.recorder import Recorder, RecordingSummary
+from robrain.coordinator.recording.reader.reading import read_messages, read_provenance
+from robrain.coordinator.recording.writer import recording_file
+from robrain.coordinator.recording.writer.provenance import Provenance
+from robrain.coordinator.recording.writer.recorder import Recorder, RecordingSummary
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import LogRecord
@@ -205,9 +205,9 @@ def test_a_disk_that_fills_up_at_the_very_end_loses_no_message(
 KILLED = """
 import signal, sys
 from pathlib import Path
-from robrain.coordinator.recording.provenance import Provenance
-from robrain.coordinator.recording.reading import read_messages, read_provenance
-from robrain.coordinator.recording.recorder import Recorder
+from robrain.coordinator.recording.writer.provenance import Provenance
+from robrain.coordinator.recording.reader.reading import read_messages, read_provenance
+from robrain.coordinator.recording.writer.recorder import Recorder
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session

@@ -7,12 +7,21 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from robrain.coordinator.recording.figure_style import BAD, FAINT, GOOD, INK, NEUTRAL, WARN, figure_style, line_look
-from robrain.coordinator.recording.figures import energy_figure, explored_figure, task_figure, trajectory_figure
-from robrain.coordinator.recording.run_data import MoteRun, RobotRun, RunData
+from robrain.coordinator.recording.report.figure_style import (
+    BAD,
+    FAINT,
+    GOOD,
+    INK,
+    NEUTRAL,
+    WARN,
+    figure_style,
+    line_look,
+)
+from robrain.coordinator.recording.report.figures import energy_figure, explored_figure, task_figure, trajectory_figure
+from robrain.coordinator.recording.report.run_data import MoteRun, RobotRun, RunData
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from tests.coordinator.drawn_runs import (
     NAN,
     anchor,

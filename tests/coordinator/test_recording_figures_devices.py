@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from robrain.coordinator.recording.contents import KeyContents
-from robrain.coordinator.recording.figure_style import BAD, GOOD, INK, NEUTRAL, WARN, figure_style, line_look
-from robrain.coordinator.recording.figures import (
+from robrain.coordinator.recording.reader.contents import KeyContents
+from robrain.coordinator.recording.report.figure_style import BAD, GOOD, INK, NEUTRAL, WARN, figure_style, line_look
+from robrain.coordinator.recording.report.figures import (
     HAPPENING_COLORS,
     MOTE_CUTOFF_V,
     battery_figure,
@@ -16,12 +16,12 @@ from robrain.coordinator.recording.figures import (
     mote_figure,
     traffic_figure,
 )
-from robrain.coordinator.recording.happenings import Happening
-from robrain.coordinator.recording.run_comparison import comparison_figure
-from robrain.coordinator.recording.run_data import MoteRun, RunData
-from robrain.coordinator.recording.run_totals import totals
+from robrain.coordinator.recording.report.happenings import Happening
+from robrain.coordinator.recording.report.run_comparison import comparison_figure
+from robrain.coordinator.recording.report.run_data import MoteRun, RunData
+from robrain.coordinator.recording.report.run_totals import totals
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
-from robrain.protocol.model.occupancy_grid import GridGeometry
 from tests.coordinator.drawn_runs import (
     NAN,
     anchor,

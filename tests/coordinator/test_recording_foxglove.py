@@ -11,13 +11,13 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from robrain.coordinator.recording.comparing import first_difference
-from robrain.coordinator.recording.foxglove_channels import FoxgloveChannels
-from robrain.coordinator.recording.reading import read_messages, recording_info
-from robrain.coordinator.recording.recovering import with_visual
-from robrain.coordinator.recording.visual_topics import is_visual
+from robrain.coordinator.recording.foxglove.channels import FoxgloveChannels
+from robrain.coordinator.recording.foxglove.visual_topics import is_visual
+from robrain.coordinator.recording.reader.comparing import first_difference
+from robrain.coordinator.recording.reader.reading import read_messages, recording_info
+from robrain.coordinator.recording.reader.recovering import with_visual
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.messages import LogRecord, MoteReading, RobotState, TaskEvent
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (

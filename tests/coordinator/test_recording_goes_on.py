@@ -14,14 +14,14 @@ import pytest
 import zenoh
 from mcap.reader import make_reader
 
-from robrain.coordinator.recording import recording_file, recording_files
-from robrain.coordinator.recording.checking import check_recording
-from robrain.coordinator.recording.player import Player
-from robrain.coordinator.recording.provenance import Provenance
-from robrain.coordinator.recording.reading import read_messages
-from robrain.coordinator.recording.recorder import Recorder
-from robrain.coordinator.recording.recording_files import SplitAt
-from robrain.protocol.model.occupancy_grid import GridGeometry, PatchCells
+from robrain.coordinator.recording.reader.checking import check_recording
+from robrain.coordinator.recording.reader.reading import read_messages
+from robrain.coordinator.recording.replay.player import Player
+from robrain.coordinator.recording.writer import recording_file, recording_files
+from robrain.coordinator.recording.writer.provenance import Provenance
+from robrain.coordinator.recording.writer.recorder import Recorder
+from robrain.coordinator.recording.writer.recording_files import SplitAt
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, PatchCells
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox

@@ -8,13 +8,20 @@ import numpy as np
 import pytest
 from mcap.writer import Writer
 
-from robrain.coordinator.recording.chunked_file import ChunkedFile
-from robrain.coordinator.recording.map_at import MapAt, Place, merged
-from robrain.coordinator.recording.player import Player
-from robrain.coordinator.recording.reading import RecordedMessage
+from robrain.coordinator.recording.reader.chunked_file import ChunkedFile
+from robrain.coordinator.recording.reader.map_at import MapAt, Place, merged
+from robrain.coordinator.recording.reader.reading import RecordedMessage
+from robrain.coordinator.recording.replay.player import Player
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.occupancy_grid import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    GridGeometry,
+    OccupancyGrid,
+    PatchCells,
+)
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid, PatchCells
 from robrain.protocol.wire.map_messages import MapPatch
 from robrain.protocol.wire.map_patch import MAX_CELLS, pose_message, take_message, to_message
 
@@ -68,7 +75,7 @@ def test_a_patch_that_does_not_decode_begins_no_map() -> None:
 
 
 def test_only_the_patches_since_the_last_copy_are_read_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robrain.coordinator.recording.map_at.PATCHES_BETWEEN", 10)
+    monkeypatch.setattr("robrain.coordinator.recording.reader.map_at.PATCHES_BETWEEN", 10)
     asked: list[tuple[Place, Place]] = []
 
     def patches(start: Place, end: Place) -> Iterator[bytes]:
@@ -87,7 +94,7 @@ def test_only_the_patches_since_the_last_copy_are_read_again(monkeypatch: pytest
 
 
 def test_copies_tell_where_submaps_lie_and_which_were_withdrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robrain.coordinator.recording.map_at.PATCHES_BETWEEN", 1)
+    monkeypatch.setattr("robrain.coordinator.recording.reader.map_at.PATCHES_BETWEEN", 1)
     said = [
         payload(3),
         msgspec.json.encode(pose_message("r1", GEOMETRY, 0, Pose2D(0.5, 0.0, 0.0))),
@@ -122,7 +129,7 @@ def recording(tmp_path: Path) -> Path:
 def test_a_player_that_was_prepared_need_not_read_the_file_from_its_beginning(
     recording: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("robrain.coordinator.recording.map_at.PATCHES_BETWEEN", 3)
+    monkeypatch.setattr("robrain.coordinator.recording.reader.map_at.PATCHES_BETWEEN", 3)
     player = Player(recording)
     player.prepare()
     chunks_read: list[int] = []

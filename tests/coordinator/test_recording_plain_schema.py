@@ -6,7 +6,7 @@ from typing import Any, Literal
 import msgspec
 import pytest
 
-from robrain.coordinator.recording.plain_schema import SCALARS, plain_schema
+from robrain.coordinator.recording.writer.plain_schema import SCALARS, plain_schema
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import PUBLISHED
 

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from mcap.writer import Writer
 
 from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.map_at import merged
-from robrain.coordinator.recording.player import Player
-from robrain.coordinator.recording.reading import RecordedMessage, read_messages
-from robrain.protocol.model.occupancy_grid import OccupancyGrid
+from robrain.coordinator.recording.reader.map_at import merged
+from robrain.coordinator.recording.reader.reading import RecordedMessage, read_messages
+from robrain.coordinator.recording.replay.player import Player
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.wire.map_messages import MapPatch
 from robrain.sim.scenario import Scenario
 
@@ -105,7 +105,7 @@ def test_what_follows_a_seek_completes_the_map_of_the_whole_run(run: Path, prepa
 def test_it_makes_no_difference_how_many_copies_of_the_map_are_kept(
     run: Path, monkeypatch: pytest.MonkeyPatch, seconds_between_copies: int
 ) -> None:
-    monkeypatch.setattr("robrain.coordinator.recording.map_at.PATCHES_BETWEEN", 4 * seconds_between_copies)
+    monkeypatch.setattr("robrain.coordinator.recording.reader.map_at.PATCHES_BETWEEN", 4 * seconds_between_copies)
     player = Player(run)
     player.prepare()
     for t_s in (0.0, 3.3, 11.0, 24.0):
@@ -207,7 +207,7 @@ def test_a_file_whose_end_is_missing_is_played_as_far_as_it_goes(run: Path, trun
 
 
 def test_pictures_are_not_all_kept_in_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robrain.coordinator.recording.player.HELD_BYTES_MAX", 1000)
+    monkeypatch.setattr("robrain.coordinator.recording.replay.player.HELD_BYTES_MAX", 1000)
     path = tmp_path / "pictures.mcap"
     with path.open("wb") as stream:
         writer = Writer(stream, chunk_size=400)

@@ -6,9 +6,9 @@ import zenoh
 from mcap.writer import Writer
 
 from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.provenance import Provenance
-from robrain.coordinator.recording.reading import RecordedMessage, read_messages, read_provenance, recording_info
-from robrain.coordinator.recording.recorder import Recorder, RecordingSummary
+from robrain.coordinator.recording.reader.reading import RecordedMessage, read_messages, read_provenance, recording_info
+from robrain.coordinator.recording.writer.provenance import Provenance
+from robrain.coordinator.recording.writer.recorder import Recorder, RecordingSummary
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import LogRecord

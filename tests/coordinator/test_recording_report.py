@@ -11,13 +11,13 @@ from mcap.writer import Writer
 from PIL import Image
 
 from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.happenings import Happenings
-from robrain.coordinator.recording.html_player import write_html
-from robrain.coordinator.recording.report import FIGURES, write_report
-from robrain.coordinator.recording.run_data import read_run
-from robrain.coordinator.recording.run_totals import totals
+from robrain.coordinator.recording.replay.html_player import write_html
+from robrain.coordinator.recording.report.happenings import Happenings
+from robrain.coordinator.recording.report.report import FIGURES, write_report
+from robrain.coordinator.recording.report.run_data import read_run
+from robrain.coordinator.recording.report.run_totals import totals
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.messages import (
     BatteryState,
     Halt,

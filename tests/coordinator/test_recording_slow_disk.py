@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from robrain.coordinator.recording import recorder as recorder_module
-from robrain.coordinator.recording import recording_file
-from robrain.coordinator.recording.provenance import Provenance
-from robrain.coordinator.recording.reading import read_messages
-from robrain.coordinator.recording.recorder import Recorder
+from robrain.coordinator.recording.reader.reading import read_messages
+from robrain.coordinator.recording.writer import recorder as recorder_module
+from robrain.coordinator.recording.writer import recording_file
+from robrain.coordinator.recording.writer.provenance import Provenance
+from robrain.coordinator.recording.writer.recorder import Recorder
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox

@@ -16,14 +16,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from robrain.coordinator.recording import recording_file
 from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.foxglove_channels import FoxgloveChannels
-from robrain.coordinator.recording.provenance import Provenance
-from robrain.coordinator.recording.reading import read_messages, read_provenance
-from robrain.coordinator.recording.recorder import Recorder
-from robrain.coordinator.recording.recorder_inbox import RecorderInbox
-from robrain.coordinator.recording.recording_files import SplitAt
+from robrain.coordinator.recording.foxglove.channels import FoxgloveChannels
+from robrain.coordinator.recording.reader.reading import read_messages, read_provenance
+from robrain.coordinator.recording.writer import recording_file
+from robrain.coordinator.recording.writer.provenance import Provenance
+from robrain.coordinator.recording.writer.recorder import Recorder
+from robrain.coordinator.recording.writer.recorder_inbox import RecorderInbox
+from robrain.coordinator.recording.writer.recording_files import SplitAt
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
@@ -246,7 +246,7 @@ def test_bytes_that_arrive_while_an_inbox_is_emptied_are_counted() -> None:
 def test_what_is_lost_while_a_recorder_looks_how_it_does_is_told_in_words_too(
     stage: Stage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("robrain.coordinator.recording.recorder.INBOX_CAPACITY", 0)
+    monkeypatch.setattr("robrain.coordinator.recording.writer.recorder.INBOX_CAPACITY", 0)
     recorder = stage.recorder(tmp_path / "run.mcap")
 
     class Counted(Counter[str]):

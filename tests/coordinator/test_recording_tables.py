@@ -13,10 +13,10 @@ from mcap.writer import Writer
 
 import robrain
 from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.exporting import export_tables
-from robrain.coordinator.recording.reading import RecordedMessage, read_messages
-from robrain.coordinator.recording.tables import Cell, Table, columns_of
-from robrain.coordinator.recording.visual_topics import is_visual
+from robrain.coordinator.recording.export.exporting import export_tables
+from robrain.coordinator.recording.export.tables import Cell, Table, columns_of
+from robrain.coordinator.recording.foxglove.visual_topics import is_visual
+from robrain.coordinator.recording.reader.reading import RecordedMessage, read_messages
 from robrain.protocol.wire.messages import LogRecord, RobotState, TaskEvent
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import PUBLISHED, ROBOT_STATE, topic_of

@@ -6,10 +6,10 @@ import zenoh
 from mcap.writer import Writer
 
 from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.provenance import Provenance
-from robrain.coordinator.recording.reading import read_messages
-from robrain.coordinator.recording.recorder import Recorder
-from robrain.coordinator.recording.replay import Replay
+from robrain.coordinator.recording.reader.reading import read_messages
+from robrain.coordinator.recording.replay.replay import Replay
+from robrain.coordinator.recording.writer.provenance import Provenance
+from robrain.coordinator.recording.writer.recorder import Recorder
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.arena_messages import Scan
 from robrain.protocol.wire.clock import VirtualClock

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from robrain.coordinator.dashboard.team_view import TeamView
-from robrain.coordinator.recording.replay import Replay
-from robrain.deploy.replaying import ReplayKeys
+from robrain.coordinator.dashboard.state.team_view import TeamView
+from robrain.coordinator.recording.replay.replay import Replay
+from robrain.deploy.recordings.replaying import ReplayKeys
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode

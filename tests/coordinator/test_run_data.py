@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from mcap.writer import Writer
 
-from robrain.coordinator.recording.run_data import RunData, read_run
-from robrain.coordinator.recording.run_totals import totals
-from robrain.coordinator.robot_history import model_power_w
-from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
+from robrain.coordinator.drawing.robot_history import model_power_w
+from robrain.coordinator.recording.report.run_data import RunData, read_run
+from robrain.coordinator.recording.report.run_totals import totals
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.model.occupancy_grid import FREE, GridGeometry, OccupancyGrid
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
+from robrain.protocol.model.mapping.occupancy_grid import FREE, GridGeometry, OccupancyGrid
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.map_patch import to_message
 from robrain.protocol.wire.messages import BatteryState, MoteReading, RobotState, TaskEvent, TeamState

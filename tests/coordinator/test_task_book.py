@@ -7,9 +7,9 @@ from hypothesis.stateful import Bundle, RuleBasedStateMachine, consumes, invaria
 
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
-from robrain.coordinator.task_book import ATTEMPTS, KEPT_ENDED, LEGAL, TaskBook
+from robrain.coordinator.tasks.task_book import ATTEMPTS, KEPT_ENDED, LEGAL, TaskBook
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import Explore, TaskState, Visit
+from robrain.protocol.model.tasks.task import Explore, TaskState, Visit
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.messages import TaskStatus
 from robrain.protocol.wire.reasons.reason import Said

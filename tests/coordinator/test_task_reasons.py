@@ -4,12 +4,12 @@ from collections.abc import Iterator
 
 import pytest
 
-from robrain.coordinator.capabilities import Capabilities
-from robrain.coordinator.roster import Robot, Roster
-from robrain.coordinator.task_book import TaskBook
-from robrain.coordinator.task_lifecycle import TaskLifecycle
+from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
+from robrain.coordinator.team.capabilities import Capabilities
+from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import RobotState, TaskAnswer, TaskStatus

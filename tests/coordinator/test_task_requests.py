@@ -4,7 +4,7 @@ import pytest
 
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import Explore, TaskState, Visit
+from robrain.protocol.model.tasks.task import Explore, TaskState, Visit
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy

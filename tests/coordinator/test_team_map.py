@@ -4,8 +4,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.coordinator.team_map import TeamMap
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, PatchCells
+from robrain.coordinator.team.team_map import TeamMap
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, PatchCells
 from robrain.protocol.wire.map_patch import to_message
 
 GEOMETRY = GridGeometry(0.1, -1.0, -1.0, 40, 30)
@@ -112,7 +112,7 @@ def test_patches_that_are_held_are_taken_in_when_they_are_released_and_not_befor
 
 
 def test_patches_that_are_too_many_to_be_held_are_counted_and_told(caplog, monkeypatch):
-    monkeypatch.setattr("robrain.coordinator.team_map.HELD_PATCHES", 2)
+    monkeypatch.setattr("robrain.coordinator.team.team_map.HELD_PATCHES", 2)
     team_map = TeamMap()
     team_map.hold()
     for row in (2, 10, 20):

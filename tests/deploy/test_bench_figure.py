@@ -5,7 +5,7 @@ import math
 import msgspec
 import pytest
 
-from robrain.deploy.bench_figure import (
+from robrain.deploy.bench.figure import (
     Bound,
     Figure,
     Kind,

@@ -7,10 +7,10 @@ import msgspec
 import pytest
 
 from robrain import Scenario
-from robrain.deploy.bench_mapping import HEADINGS, MappedRun, MappingReport, figures, mapped, run_bench, run_case
-from robrain.deploy.bench_mapping_plan import OWN_MAPS, Case, Plan, choose
+from robrain.deploy.bench.mapping import HEADINGS, MappedRun, MappingReport, figures, mapped, run_bench, run_case
+from robrain.deploy.bench.mapping_plan import OWN_MAPS, Case, Plan, choose
 from robrain.deploy.errors import UsageError
-from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
+from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.sim.result import RunResult
 
 CLINIC = OWN_MAPS / "clinic.yaml"

@@ -6,7 +6,8 @@ import pytest
 from numba import njit
 from rich.console import Console
 
-from robrain.deploy import kernels, terminal
+from robrain.deploy.commands import terminal
+from robrain.deploy.run import kernels
 
 WARM_UPS = ("warm_up_model", "warm_up_exploration", "warm_up_allocation")
 

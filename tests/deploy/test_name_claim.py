@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import pytest
 import zenoh
 
-from robrain.deploy import name_claim
-from robrain.deploy.name_claim import NameClaim, NameWatch, claim_coordinator, claim_robot
+from robrain.deploy.processes import name_claim
+from robrain.deploy.processes.name_claim import NameClaim, NameWatch, claim_coordinator, claim_robot
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import NameTaken

@@ -4,8 +4,8 @@ import pytest
 
 from robrain.coordinator.planning.policy import Method, PlanningPolicy
 from robrain.deploy.errors import UsageError
-from robrain.deploy.planning_file import read_planning, write_planning
-from robrain.protocol.model.objective import Objective
+from robrain.deploy.run.planning_file import read_planning, write_planning
+from robrain.protocol.model.tasks.objective import Objective
 
 
 def test_what_is_written_is_read(tmp_path):

@@ -5,7 +5,7 @@ import pytest
 
 from robrain import Scenario
 from robrain.agent.host.robot_file import read_robot_file
-from robrain.deploy.robot_files import loadable_from_here, write_robot_files
+from robrain.deploy.processes.robot_files import loadable_from_here, write_robot_files
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """The lines on map and positions at the end of a run."""
 
-from robrain.deploy.run_display import accuracy_lines
-from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
+from robrain.deploy.run.run_display import accuracy_lines
+from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 
 
 def test_nothing_is_said_of_what_was_not_measured() -> None:

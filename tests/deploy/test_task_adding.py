@@ -6,10 +6,10 @@ import pytest
 from typer.testing import CliRunner
 
 from robrain.client.submission import submission_of
-from robrain.deploy import task_adding, task_commands
+from robrain.deploy.tasks import task_adding, task_commands
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.objective import Objective
-from robrain.protocol.model.task import TaskState
+from robrain.protocol.model.tasks.objective import Objective
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.plan_messages import PlannedCharge, PlanningStatus
 from robrain.protocol.wire.task_messages import TaskRecord
 

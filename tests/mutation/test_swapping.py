@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robrain.protocol.model import inflation
+from robrain.protocol.model.navigation.navigation_grid import inflation
 from tests.mutation.mutant import Mutant, mutants_of
 from tests.mutation.running import ROOT
 from tests.mutation.scope import draw, files_in_scope
@@ -19,7 +19,10 @@ import sys
 from pathlib import Path
 from tests.mutation.mutant import mutants_of
 from tests.mutation.swapping import LoadedFunctions
-from robrain.protocol.model import geometry, inflation, odometry, scan_match_kernels
+from robrain.protocol.model import geometry
+from robrain.protocol.model.navigation.navigation_grid import inflation
+from robrain.protocol.model.localization import odometry
+from robrain.protocol.model.localization import scan_match_kernels
 import numpy as np, subprocess
 root = Path.cwd()
 path, change = sys.argv[1:3]
@@ -59,7 +62,7 @@ def test_a_child_process_makes_the_mistake_too(tmp_path: Path) -> None:
 def test_a_compiled_kernel_makes_the_mistake_too(tmp_path: Path) -> None:
     code = "print(inflation.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0).tolist())"
     right = inflation.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0)[2].tolist()
-    said = _run("protocol/model/inflation.py", "width + 1 -> width - 1", tmp_path, code)
+    said = _run("protocol/model/navigation/inflation.py", "width + 1 -> width - 1", tmp_path, code)
     assert said.startswith("[")
     assert said != str(right)
 
@@ -72,8 +75,8 @@ def test_a_child_process_compiles_mutated_kernels_for_itself_and_leaves_them_to_
     right = inflation.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0).tolist()
     unchanged = [sys.executable, "-c", code]
     for path, change in (
-        ("protocol/model/inflation.py", "width + 1 -> width - 1"),
-        ("protocol/model/inflation.py", "_clearance_m::1 -> 2"),
+        ("protocol/model/navigation/inflation.py", "width + 1 -> width - 1"),
+        ("protocol/model/navigation/inflation.py", "_clearance_m::1 -> 2"),
     ):
         said = _run(path, change, tmp_path, f"print(subprocess.run({unchanged!r}, capture_output=True).stdout)")
         assert said != f"b'{right}\\n'"
@@ -84,19 +87,21 @@ def test_a_child_process_compiles_mutated_kernels_for_itself_and_leaves_them_to_
 
 def test_a_mutated_kernel_that_leaves_its_arrays_raises(tmp_path: Path) -> None:
     code = """
-from robrain.protocol.model.gauss_newton_kernels import eigen
+from robrain.protocol.model.localization.gauss_newton_kernels import eigen
 try:
     eigen(np.eye(3), np.zeros(3), np.zeros((3, 3)))
 except IndexError:
     print("out of bounds")
 """
-    assert _run("protocol/model/gauss_newton_kernels.py", "eigen::3 -> 4", tmp_path, code) == "out of bounds"
+    assert (
+        _run("protocol/model/localization/gauss_newton_kernels.py", "eigen::3 -> 4", tmp_path, code) == "out of bounds"
+    )
 
 
 def test_the_callers_of_a_compiled_kernel_are_known() -> None:
     loaded = LoadedFunctions(ROOT)
-    callers = set(loaded.callers_of_kernel(("protocol/model/inflation.py", "_clearance_m")))
-    assert ("protocol/model/inflation.py", "clearance_m") in callers
+    callers = set(loaded.callers_of_kernel(("protocol/model/navigation/inflation.py", "_clearance_m")))
+    assert ("protocol/model/navigation/inflation.py", "clearance_m") in callers
     assert not list(loaded.callers_of_kernel(("protocol/model/geometry.py", "wrap_angle_rad")))
 
 

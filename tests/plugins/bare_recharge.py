@@ -13,7 +13,7 @@ from robrain.plugins.behavior.travel import Progress
 from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.skill.home.interface import ChargerPlace
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.task import Explore
+from robrain.protocol.model.tasks.task import Explore
 from robrain.protocol.wire.messages import TaskAnswer, TaskOffer
 from tests.plugins.bare_errand import BareErrand
 

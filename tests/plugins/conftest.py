@@ -11,7 +11,7 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.task import Explore
+from robrain.protocol.model.tasks.task import Explore
 from robrain.protocol.model.warm_up import warm_up
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox

@@ -9,10 +9,10 @@ import numpy as np
 
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
-from robrain.coordinator.recording.provenance import Provenance
-from robrain.coordinator.recording.recorder import Recorder
+from robrain.coordinator.recording.writer.provenance import Provenance
+from robrain.coordinator.recording.writer.recorder import Recorder
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.task import Task
+from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox

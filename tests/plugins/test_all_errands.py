@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.task import (
+from robrain.protocol.model.tasks.task import (
     Collect,
     Explore,
     Inspect,

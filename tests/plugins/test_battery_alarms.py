@@ -9,7 +9,7 @@ from robrain.agent.board import Board
 from robrain.agent.event import Mailbox
 from robrain.plugins.device.bm2.interface import BatteryMeasurement
 from robrain.plugins.unit.battery.battery import Battery
-from robrain.protocol.model.battery_tracker import Measured
+from robrain.protocol.model.energy.battery_tracker import Measured
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 
 

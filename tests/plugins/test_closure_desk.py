@@ -10,7 +10,7 @@ from robrain.protocol.model.mapping.local_map import NONE
 from robrain.protocol.model.mapping.submap import IDENTITY, Submap
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.model.mapping.submap_graph import GraphSpec, SubmapGraph, is_information
-from robrain.protocol.model.small_linear_algebra import symmetric
+from robrain.protocol.model.numeric.small_linear_algebra import symmetric
 from robrain.protocol.wire.map_messages import Closure, Closures, MapPatch
 from robrain.protocol.wire.map_patch import joined_message, pose_message
 from tests.protocol.mapping.lidar_floor import GEOMETRY, ROOM, ROOM_PLACES

@@ -6,10 +6,10 @@ import pytest
 from robrain.plugins.skill.mapper import closure_search
 from robrain.plugins.skill.mapper.closure_search import ClosureSearch
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.mapping.submap import IDENTITY, SURFACE
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.model.mapping.submap_graph import GraphSpec, SubmapGraph
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, GridGeometry
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 128, 128)
 MATE, OTHER = ("r2", 7), ("r3", 1)

@@ -6,10 +6,10 @@ import pytest
 from robrain.plugins.skill.mapper import closures
 from robrain.plugins.skill.mapper.closures import UNSAID, ClosureDesk
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.occupancy_grid import FREE, GridGeometry
 from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
 from robrain.protocol.model.mapping.submap_graph import GraphSpec, SubmapGraph
-from robrain.protocol.model.occupancy_grid import FREE, GridGeometry
 from robrain.protocol.wire.map_messages import Closure, Closures
 from robrain.protocol.wire.map_patch import joined_message, pose_message
 

@@ -8,7 +8,7 @@ import pytest
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.model.omni_drive import OmniBase
+from robrain.protocol.model.navigation.omni_drive import OmniBase
 from robrain.protocol.wire.topics import ROBOT_EVENT
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import Explore, TaskState, Visit
+from robrain.protocol.model.tasks.task import Explore, TaskState, Visit
 from robrain.protocol.wire.messages import Halt
 from robrain.protocol.wire.reasons.offers import NeedsEnergy, NeedsTime, NoPath
 from robrain.protocol.wire.topics import HALT, ROBOT_PATH, ROBOT_STATE

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.task import Collect, Inspect, Monitor, Relay, Replace, Sense, TaskState, Visit
+from robrain.protocol.model.tasks.task import Collect, Inspect, Monitor, Relay, Replace, Sense, TaskState, Visit
 from robrain.protocol.wire.topics import MOTE_READING, ROBOT_EVENT, ROBOT_IMAGE
 from robrain.sim.picture_paint import PLATE
 from tests.plugins.errands import MOTES, TEAM, Build, open_errands

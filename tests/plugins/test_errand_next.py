@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 
 from robrain.protocol.model.geometry import Point2D, Twist2D
-from robrain.protocol.model.task import Inspect, Recharge, TaskState, Visit
+from robrain.protocol.model.tasks.task import Inspect, Recharge, TaskState, Visit
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.topics import ROBOT_STATE
 from tests.plugins.errands import Build, Errands, open_errands

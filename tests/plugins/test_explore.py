@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from robrain.agent.plugin import PluginState
-from robrain.protocol.model.frontier import find_frontiers, frontier_mask
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN
-from robrain.protocol.model.task import TaskState
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN
+from robrain.protocol.model.navigation.frontier import find_frontiers, frontier_mask
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages import TaskWithdrawal
 from robrain.protocol.wire.reasons.offers import EpochOld, NoPath

@@ -4,10 +4,10 @@ import pytest
 
 from robrain.plugins.behavior.explore.explore import ExploreBehavior
 from robrain.plugins.skill.mapper.frames import Move
-from robrain.protocol.model.frontier import find_frontiers
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.mapping.submap import IDENTITY
+from robrain.protocol.model.navigation.frontier import find_frontiers
 from robrain.protocol.wire.messages import BatteryState
 from robrain.protocol.wire.topics import ROBOT_STATE
 

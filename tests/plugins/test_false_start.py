@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.mapping.occupancy_grid import OCCUPIED
 from robrain.protocol.model.mapping.submap import IDENTITY
-from robrain.protocol.model.occupancy_grid import OCCUPIED
 from robrain.protocol.wire.topics import ROBOT_EVENT, ROBOT_MAP
 
 START = Pose2D(1.0, 1.0, 0.0)

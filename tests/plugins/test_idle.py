@@ -3,7 +3,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import Visit
+from robrain.protocol.model.tasks.task import Visit
 from tests.plugins.errands import Errands
 
 HOME = Point2D(1.0, 3.0)

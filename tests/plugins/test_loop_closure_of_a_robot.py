@@ -7,10 +7,10 @@ import pytest
 
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.model.map_accuracy import measure_map_accuracy
+from robrain.protocol.model.localization.odometry import moved_along
+from robrain.protocol.model.mapping.map_accuracy import measure_map_accuracy
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
-from robrain.protocol.model.odometry import moved_along
-from robrain.protocol.model.omni_drive import OmniBase
+from robrain.protocol.model.navigation.omni_drive import OmniBase
 from robrain.protocol.wire.arena_messages import Scan
 from robrain.protocol.wire.map_patch import take_message
 from robrain.protocol.wire.topics import ARENA_SCAN, ROBOT_MAP

@@ -11,7 +11,7 @@ from robrain.plugins.behavior.search import PATIENCE_S, SPEED_M_S, TASK_PATIENCE
 from robrain.plugins.skill.mapper.frames import Frames
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.map_frame import ARENA
-from robrain.protocol.model.task import Explore, Recharge, TaskState, Visit
+from robrain.protocol.model.tasks.task import Explore, Recharge, TaskState, Visit
 from robrain.protocol.wire.topics import ROBOT_PATH
 from tests.plugins.errands import CHARGER, Build, Errands, open_errands
 

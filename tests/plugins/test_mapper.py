@@ -7,8 +7,15 @@ import pytest
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, LocalPose
+from robrain.protocol.model.mapping.occupancy_grid import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    GridGeometry,
+    OccupancyGrid,
+    PatchCells,
+)
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid, PatchCells
 from robrain.protocol.model.ranges import STAMP_MAX
 from robrain.protocol.wire.arena_messages import Scan
 from robrain.protocol.wire.map_messages import MapPatch

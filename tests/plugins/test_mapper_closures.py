@@ -9,9 +9,9 @@ from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, LocalPose
 from robrain.protocol.model.mapping.map_frame import ARENA
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
 from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.mapping.submap_graph import GraphSpec, SubmapGraph
-from robrain.protocol.model.occupancy_grid import GridGeometry
 from robrain.protocol.model.ranges import STAMP_MAX
 from robrain.protocol.wire.map_patch import pose_message, to_message
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CLOSURES, ROBOT_MAP

@@ -10,8 +10,8 @@ from robrain.plugins.skill.mapper.frames import ANSWERS_MIN, Move
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, ArenaFix
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED
 from robrain.protocol.model.mapping.submap import IDENTITY
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED
 from robrain.protocol.wire.map_messages import MapPatch
 from robrain.protocol.wire.map_patch import joined_message, pose_message
 from tests.plugins.frame_scene import MATES, OWN, PLACES, SURE, T_OWN_FLOOR, WHY, WIDE, Scene, lost, off

@@ -6,8 +6,8 @@ import pytest
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, ArenaFix, LocalPose
 from robrain.protocol.model.mapping.map_frame import ARENA
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, PatchCells
 from robrain.protocol.model.mapping.submap import IDENTITY
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, PatchCells
 from robrain.protocol.model.ranges import STAMP_MAX
 from robrain.protocol.wire.map_patch import joined_message, to_message
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_MAP

@@ -8,9 +8,9 @@ import pytest
 from robrain.plugins.skill.mapper.mapper import Mapper
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, NONE, LocalMap, LocalPose
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
 from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
 from robrain.protocol.model.ranges import STAMP_MAX
 from robrain.protocol.wire.map_messages import Closure, Closures
 from robrain.protocol.wire.map_patch import pose_message, take_message, to_message

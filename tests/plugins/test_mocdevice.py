@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.model.omni_drive import OmniBase
+from robrain.protocol.model.navigation.omni_drive import OmniBase
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.topics import ROBOT_STATE
 

@@ -11,7 +11,7 @@ from robrain.plugins.device.mocdevice.interface import ControllerStatus, Counter
 from robrain.plugins.device.mocdevice.mocdevice import ECHOES, Condition, MocDevice
 from robrain.protocol.can.bus_state import BusState, error_frame
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.model.omni_drive import OmniBase
+from robrain.protocol.model.navigation.omni_drive import OmniBase
 from robrain.protocol.wire.clock import to_ns
 from tests.plugins.bare_device import BareDevice
 

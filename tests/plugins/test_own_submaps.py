@@ -9,9 +9,9 @@ from robrain.plugins.skill.mapper import own_submaps
 from robrain.plugins.skill.mapper.own_submaps import LEAST, OwnSubmaps, SubmapSpec
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, Drift
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
 from robrain.protocol.model.mapping.submap import IDENTITY, PARTS, SURFACE
 from robrain.protocol.model.mapping.submap_graph import GraphSpec, SubmapGraph
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
 from tests.protocol.mapping.lidar_floor import ANGLES_RAD, GEOMETRY, NOBODY, RANGE_M, ROOM, ROOM_PLACES
 
 PRIOR = np.diag((0.04, 0.03, 0.01))

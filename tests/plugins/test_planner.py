@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from robrain.plugins.skill.mapper.interface import MapView
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.navigation import NavigationGrid, Zone
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
+from robrain.protocol.model.navigation.navigation_grid import NavigationGrid, Zone
 
 RESOLUTION_M = 0.1
 GEOMETRY = GridGeometry(RESOLUTION_M, -1.0, -2.0, 60, 40)

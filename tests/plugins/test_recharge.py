@@ -4,7 +4,7 @@ from collections.abc import Iterator
 import pytest
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import Explore, Recharge, TaskState, Visit
+from robrain.protocol.model.tasks.task import Explore, Recharge, TaskState, Visit
 from robrain.protocol.wire.topics import ROBOT_EVENT
 from robrain.sim.firmware.battery import BatterySpec
 from tests.plugins.errands import CHARGER, START, Build, Errands, open_errands

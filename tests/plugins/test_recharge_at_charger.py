@@ -13,7 +13,7 @@ from robrain.plugins.behavior.recharge.recharge import (
 from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.skill.home.interface import ChargerPlace
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.task import Recharge
+from robrain.protocol.model.tasks.task import Recharge
 from robrain.protocol.wire.messages import TaskAnswer
 from tests.plugins.bare_errand import run
 from tests.plugins.bare_recharge import CHARGER, BareRecharge

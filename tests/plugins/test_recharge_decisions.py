@@ -11,7 +11,7 @@ from robrain.plugins.behavior.recharge.recharge import (
     RETRY_NS,
 )
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.task import Explore, Recharge, TaskState
+from robrain.protocol.model.tasks.task import Explore, Recharge, TaskState
 from robrain.protocol.wire.messages import TaskOffer
 from tests.plugins.bare_errand import mate, run
 from tests.plugins.bare_recharge import CHARGER, RESERVE_S, BareRecharge

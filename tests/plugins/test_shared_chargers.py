@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.task import Recharge, TaskState
+from robrain.protocol.model.tasks.task import Recharge, TaskState
 from robrain.sim.firmware.battery import BatterySpec
 from tests.plugins.errands import CHARGER, Errands
 

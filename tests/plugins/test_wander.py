@@ -3,7 +3,7 @@ from collections.abc import Iterator
 import pytest
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.messages import Halt
 from robrain.protocol.wire.topics import HALT

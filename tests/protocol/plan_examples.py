@@ -4,7 +4,7 @@ Changed bytes break both: think first.
 """
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.objective import Objective
+from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.wire import plan_messages
 from robrain.protocol.wire.reasons import plans, robots
 from robrain.protocol.wire.task_messages import RobotVerdict

@@ -4,7 +4,7 @@ Changed bytes break peers and journals: think first.
 """
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire import task_messages
 from robrain.protocol.wire.reasons import robots, tasks
 from robrain.protocol.wire.reasons.reason import Said

@@ -2,15 +2,15 @@
 
 import pytest
 
-from robrain.protocol.model.battery_tracker import (
+from robrain.protocol.model.energy.battery_tracker import (
     DOUBT_AT_ONCE,
     DOUBT_SHARE,
     KNOWN_START_SD,
     BatteryTracker,
     Measured,
 )
-from robrain.protocol.model.gauge_check import GaugeLimits
-from robrain.protocol.model.soc_filter import PackModel, SocFilter
+from robrain.protocol.model.energy.gauge_check import GaugeLimits
+from robrain.protocol.model.energy.soc_filter import PackModel, SocFilter
 
 PACK = PackModel(missed_sd=0.0)
 LIE = Measured(3.0, 1.0, 25.0)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from robrain.protocol.model.path_planning import is_chord_clear
+from robrain.protocol.model.navigation.path_planning import is_chord_clear
 
 OPEN = np.ones((6, 8), np.bool_)
 

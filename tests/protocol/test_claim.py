@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.model.claim import Claim
+from robrain.protocol.model.navigation.claim import Claim
 
 claims = st.builds(
     Claim,

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.model.clearance import least_clearance_m, least_gap_m, mapped_clearance_m
-from robrain.protocol.model.navigation import NavigationGrid
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, GridGeometry
-from robrain.protocol.model.path_planning import plan_path
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, GridGeometry
+from robrain.protocol.model.navigation.clearance import least_clearance_m, least_gap_m, mapped_clearance_m
+from robrain.protocol.model.navigation.navigation_grid import NavigationGrid
+from robrain.protocol.model.navigation.path_planning import plan_path
 
 
 def test_a_robot_of_forty_centimetres_drives_through_forty_four():

@@ -2,10 +2,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.protocol.model.consumption import Consumption, Drawn
-from robrain.protocol.model.energy_model import Work, estimate
-from robrain.protocol.model.motion_terms import MotionTerms
-from robrain.protocol.model.power_learner import PowerLearner, PowerPrior
+from robrain.protocol.model.energy.consumption import Consumption, Drawn
+from robrain.protocol.model.energy.energy_model import Work, estimate
+from robrain.protocol.model.energy.motion_terms import MotionTerms
+from robrain.protocol.model.energy.power_learner import PowerLearner, PowerPrior
 
 TRUE = (9.0, 0.3, 12.0, 1.0, 10.0)
 NS = 1_000_000_000

@@ -1,6 +1,6 @@
 import pytest
 
-from robrain.protocol.model.divergence_watch import DivergenceWatch, WatchSpec
+from robrain.protocol.model.localization.divergence_watch import DivergenceWatch, WatchSpec
 
 GATE = 10.0
 

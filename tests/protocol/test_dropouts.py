@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
+from robrain.protocol.model.localization.scan_match import without_dropouts
 from robrain.protocol.model.mapping.local_map import NO_DRIFT
+from robrain.protocol.model.mapping.occupancy_grid import FREE
 from robrain.protocol.model.mapping.submap_graph import GraphSpec, SubmapGraph
-from robrain.protocol.model.occupancy_grid import FREE
-from robrain.protocol.model.scan_match import without_dropouts
 from tests.protocol.mapping.lidar_floor import ANGLES_RAD, GEOMETRY, NOBODY, ROOM, ROOM_PLACES
 
 BEAMS = 12

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.model.elementary_functions import arctan2, exp, log, log10
+from robrain.protocol.model.numeric.elementary_functions import arctan2, exp, log, log10
 
 values = st.lists(st.floats(-700.0, 700.0), min_size=1, max_size=20)
 

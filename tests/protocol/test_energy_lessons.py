@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from robrain.protocol.model.consumption import (
+from robrain.protocol.model.energy.consumption import (
     LESSON_MAX_S,
     LESSON_S,
     OUTCOME_MOST,
@@ -15,9 +15,9 @@ from robrain.protocol.model.consumption import (
     Consumption,
     Drawn,
 )
-from robrain.protocol.model.energy_model import Work, estimate
-from robrain.protocol.model.motion_terms import GAP_S, KEPT, MotionTerms
-from robrain.protocol.model.power_learner import BATCH_S, PACE_OVER_S, PRIOR_BATCHES, PowerLearner, PowerPrior
+from robrain.protocol.model.energy.energy_model import Work, estimate
+from robrain.protocol.model.energy.motion_terms import GAP_S, KEPT, MotionTerms
+from robrain.protocol.model.energy.power_learner import BATCH_S, PACE_OVER_S, PRIOR_BATCHES, PowerLearner, PowerPrior
 from robrain.protocol.wire.clock import to_ns
 
 PRIOR = PowerPrior()

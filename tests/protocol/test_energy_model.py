@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.model.energy_model import (
+from robrain.protocol.model.energy.energy_model import (
     TERMS,
     EnergyEstimate,
     EnergyModel,

@@ -2,9 +2,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.protocol.model.escape import escape_cells
-from robrain.protocol.model.occupancy_grid import GridGeometry
-from robrain.protocol.model.right_of_way import Track, sample_way
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.navigation.escape import escape_cells
+from robrain.protocol.model.navigation.right_of_way import Track, sample_way
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 100, 40)
 SPEED_M_S = 0.6

@@ -7,10 +7,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from robrain.protocol.model import escape
-from robrain.protocol.model.escape import HEAD_START_S, escape_cells
-from robrain.protocol.model.occupancy_grid import GridGeometry
-from robrain.protocol.model.right_of_way import STEP_M, Track, sample_way
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.navigation.escape import HEAD_START_S, escape_cells
+from robrain.protocol.model.navigation.navigation_grid import escape
+from robrain.protocol.model.navigation.right_of_way import STEP_M, Track, sample_way
 
 GEOMETRY = GridGeometry(0.2, -1.0, 0.5, 24, 18)
 SPEED_M_S, KEEP_M, APART_M = 0.6, 0.4, 0.2

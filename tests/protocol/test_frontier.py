@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from robrain.protocol.model.frontier import Frontier, find_frontiers, frontier_mask, unknown_beyond
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN
+from robrain.protocol.model.navigation.frontier import Frontier, find_frontiers, frontier_mask, unknown_beyond
 
 
 def room(height: int = 20, width: int = 60) -> np.ndarray:

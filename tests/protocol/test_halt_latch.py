@@ -1,7 +1,7 @@
 import pytest
 
-from robrain.protocol.model.halt_latch import MOST_HOLDERS, HaltLatch
 from robrain.protocol.model.ranges import STAMP_MAX
+from robrain.protocol.model.tasks.halt_latch import MOST_HOLDERS, HaltLatch
 
 
 def held(*holders):

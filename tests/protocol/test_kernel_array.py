@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from robrain.protocol.model.kernel_array import BOOL, FLOAT32, FLOAT64, INT8, INT32, INT64, kernel_array
+from robrain.protocol.model.numeric.kernel_array import BOOL, FLOAT32, FLOAT64, INT8, INT32, INT64, kernel_array
 
 GRID = np.arange(12, dtype=np.float64).reshape(3, 4)
 

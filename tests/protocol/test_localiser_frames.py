@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from robrain.protocol.model.divergence_watch import WatchSpec
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.model.localiser import Localiser, LocaliserSpec
+from robrain.protocol.model.localization.divergence_watch import WatchSpec
+from robrain.protocol.model.localization.localiser import Localiser, LocaliserSpec
+from robrain.protocol.model.localization.odometry import moved_along
+from robrain.protocol.model.localization.rssi_ranging import PathLoss, RssiSample
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, GridGeometry, OccupancyGrid
 from robrain.protocol.model.mapping.submap import IDENTITY
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, GridGeometry, OccupancyGrid
-from robrain.protocol.model.odometry import moved_along
-from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
 from tests.protocol.mapping.lidar_floor import ROOM, ROOM_PLACES, local_map
 
 TRUE = Pose2D(2.3, 4.1, 0.8)

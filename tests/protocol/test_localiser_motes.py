@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from robrain.protocol.model import localiser as module
-from robrain.protocol.model.divergence_watch import WatchSpec
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.model.localiser import Localiser, LocaliserSpec
-from robrain.protocol.model.odometry import moved_along
-from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
+from robrain.protocol.model.localization import localiser as module
+from robrain.protocol.model.localization.divergence_watch import WatchSpec
+from robrain.protocol.model.localization.localiser import Localiser, LocaliserSpec
+from robrain.protocol.model.localization.odometry import moved_along
+from robrain.protocol.model.localization.rssi_ranging import PathLoss, RssiSample
 
 MOTES = [Point2D(float(x), float(y)) for x in (2, 9, 17) for y in (3, 10, 18)]
 LOSS = PathLoss()

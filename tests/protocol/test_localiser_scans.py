@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.protocol.model.divergence_watch import WatchSpec
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.model.localiser import JUMP_RAD, REFUSED_SIGMA_M, Localiser, LocaliserSpec
+from robrain.protocol.model.localization.divergence_watch import WatchSpec
+from robrain.protocol.model.localization.localiser import JUMP_RAD, REFUSED_SIGMA_M, Localiser, LocaliserSpec
+from robrain.protocol.model.localization.rssi_ranging import RssiSample
 from robrain.protocol.model.mapping.local_map import NO_DRIFT
-from robrain.protocol.model.occupancy_grid import OccupancyGrid
-from robrain.protocol.model.rssi_ranging import RssiSample
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from tests.protocol.mapping.lidar_floor import CORRIDOR, CORRIDOR_PLACES, GEOMETRY, ROOM, ROOM_PLACES, local_map
 
 TRUE = Pose2D(2.3, 4.1, 0.8)

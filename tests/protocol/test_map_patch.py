@@ -10,8 +10,8 @@ from hypothesis.extra.numpy import arrays
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping import submap_atlas
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, PatchCells
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, PatchCells
 from robrain.protocol.wire.map_messages import MapPatch
 from robrain.protocol.wire.map_patch import (
     MAX_CELLS,

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.occupancy_grid import FREE, GridGeometry, PatchCells
 from robrain.protocol.model.mapping.submap import IDENTITY, SURFACE, SURFACES_MAX
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
-from robrain.protocol.model.occupancy_grid import FREE, GridGeometry, PatchCells
 from robrain.protocol.wire import map_patch
 from robrain.protocol.wire.map_messages import MapPatch
 from robrain.protocol.wire.map_patch import is_near_grid, joined_message, pose_message, take_message, to_message

@@ -4,12 +4,12 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
-from robrain.protocol.model.claim import Claim
-from robrain.protocol.model.energy_model import EnergyModel
+from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.mapping.map_frame import MapFrame
-from robrain.protocol.model.task import Explore, TaskState
+from robrain.protocol.model.navigation.claim import Claim
+from robrain.protocol.model.tasks.task import Explore, TaskState
 from robrain.protocol.wire import arena_messages, errors, map_messages, messages, replay_messages
 from robrain.protocol.wire.reasons.idle import NoWay
 from robrain.protocol.wire.reasons.offers import NoPath

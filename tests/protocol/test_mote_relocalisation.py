@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mote_relocalisation import Signals, better_elsewhere, find_robot
-from robrain.protocol.model.rssi_ranging import PathLoss
+from robrain.protocol.model.localization.mote_relocalisation import Signals, better_elsewhere, find_robot
+from robrain.protocol.model.localization.rssi_ranging import PathLoss
 
 LOSS = PathLoss(shadowing_db=3.0, fading_db=2.0)
 CLEAR = PathLoss(shadowing_db=1.0, fading_db=1.0)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.navigation import COARSE, DEAR, NavigationGrid, Zone, _centre
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
-from robrain.protocol.model.path_planning import is_chord_clear
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
+from robrain.protocol.model.navigation.navigation_grid import COARSE, DEAR, NavigationGrid, Zone, _centre
+from robrain.protocol.model.navigation.path_planning import is_chord_clear
 
 RESOLUTION_M = 0.1
 ROUNDING = 1e-9

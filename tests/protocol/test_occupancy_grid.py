@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
-from robrain.protocol.model.occupancy_kernels import LOG_ODDS_LIMIT
-from robrain.protocol.model.ray_cast import cast_rays
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
+from robrain.protocol.model.mapping.occupancy_kernels import LOG_ODDS_LIMIT
+from robrain.protocol.model.mapping.ray_cast import cast_rays
 
 GEOMETRY = GridGeometry(0.1, -1.0, -2.0, 40, 30)
 NOBODY = np.empty((0, 3))

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
-from robrain.protocol.model.odometry import moved
+from robrain.protocol.model.localization.odometry import moved
 
 START = Pose2D(1.0, -2.0, 0.7)
 SPEEDS = st.floats(-1.0, 1.0)

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.model.omni_drive import WHEEL_ANGLES_RAD, OmniBase
+from robrain.protocol.model.navigation.omni_drive import WHEEL_ANGLES_RAD, OmniBase
 
 BASES = st.builds(OmniBase, wheel_radius_m=st.floats(0.01, 0.5), wheel_distance_m=st.floats(0.05, 2.0))
 SPEEDS = st.floats(-5.0, 5.0)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.protocol.model.path_planning import (
+from robrain.protocol.model.navigation.path_planning import (
     CUT_CELLS,
     _search,
     descend,

@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.model.accuracy import RECENT_SCANS, recent_agreement
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.pose_accuracy import (
+from robrain.protocol.model.localization.pose_accuracy import (
     GAP_MAX_S,
     NEES_BOUND,
     NEES_MAX,
@@ -17,6 +16,7 @@ from robrain.protocol.model.pose_accuracy import (
     nees,
     position_sigma_m,
 )
+from robrain.protocol.model.mapping.accuracy import RECENT_SCANS, recent_agreement
 
 HERE = Pose2D(0.0, 0.0, 0.0)
 SURE = (0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01)

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.model.pose_filter import DriftModel, PoseFilter
-from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
+from robrain.protocol.model.localization.pose_filter import DriftModel, PoseFilter
+from robrain.protocol.model.localization.rssi_ranging import PathLoss, RssiSample
 
 STEP = st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
 PLACE_M = st.floats(-20.0, 20.0)

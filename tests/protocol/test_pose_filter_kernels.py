@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from robrain.protocol.model import pose_filter_kernels as kernels
+from robrain.protocol.model.localization import pose_filter_kernels as kernels
 
 Floats = NDArray[np.float64]
 SIZE, CAPACITY = 8, 9

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.protocol.model import pose_filter_kernels as kernels
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.model.pose_filter import DriftModel, PoseFilter
-from robrain.protocol.model.pose_mixture import PARTS_MAX, PoseMixture
-from robrain.protocol.model.rssi_ranging import PathLoss, RssiSample
+from robrain.protocol.model.localization import pose_filter_kernels as kernels
+from robrain.protocol.model.localization.pose_filter import DriftModel, PoseFilter
+from robrain.protocol.model.localization.pose_mixture import PARTS_MAX, PoseMixture
+from robrain.protocol.model.localization.rssi_ranging import PathLoss, RssiSample
 
 MOTES = [Point2D(x, y) for x in (-6.0, 0.0, 6.0) for y in (-6.0, 6.0)]
 STEP = st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))

@@ -11,7 +11,7 @@ import pytest
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import EPOCH_MAX, METRES_MAX, TEXT_MAX, Metres, cut
-from robrain.protocol.model.task import Task, Visit
+from robrain.protocol.model.tasks.task import Task, Visit
 from robrain.protocol.wire import arena_messages, map_messages, messages, plan_messages, replay_messages, task_messages
 from robrain.protocol.wire.messages import RobotState
 

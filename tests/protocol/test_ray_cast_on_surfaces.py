@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.occupancy_grid import GridGeometry
-from robrain.protocol.model.ray_cast import (
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.ray_cast import (
     GLASS_X,
     GLASS_Y,
     MIRROR_EAST,

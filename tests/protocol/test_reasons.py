@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import TaskState
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.reasons import idle, offers, plans, robots, tasks
 from robrain.protocol.wire.reasons import words as words_module
 from robrain.protocol.wire.reasons.idle import IdleReason

@@ -6,7 +6,7 @@ from itertools import groupby
 import numpy as np
 import pytest
 
-from robrain.protocol.model.right_of_way import STEP_M, Margins, Release, Track, release, sample_way
+from robrain.protocol.model.navigation.right_of_way import STEP_M, Margins, Release, Track, release, sample_way
 
 MARGINS = Margins()
 DODGE_M = 0.02

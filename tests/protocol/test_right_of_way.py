@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.right_of_way import STEP_M, Margins, Track, Way, meet, release, sample_way
+from robrain.protocol.model.navigation.right_of_way import STEP_M, Margins, Track, Way, meet, release, sample_way
 
 MARGINS = Margins()
 SPEED_M_S = 0.6

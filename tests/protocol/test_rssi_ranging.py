@@ -1,6 +1,6 @@
 import pytest
 
-from robrain.protocol.model.rssi_ranging import NEAREST_M, PathLoss
+from robrain.protocol.model.localization.rssi_ranging import NEAREST_M, PathLoss
 
 
 @pytest.mark.parametrize("distance_m", [0.1, 0.5, 1.0, 7.0, 40.0])

@@ -3,10 +3,10 @@ import math
 import numpy as np
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
-from robrain.protocol.model.ray_cast import cast_rays
-from robrain.protocol.model.scan_agreement import agreement
-from robrain.protocol.model.scan_match import beam_ends
+from robrain.protocol.model.localization.scan_agreement import agreement
+from robrain.protocol.model.localization.scan_match import beam_ends
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
+from robrain.protocol.model.mapping.ray_cast import cast_rays
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 120, 80)
 ANGLES_RAD = np.linspace(-math.pi, math.pi, 180, endpoint=False)

@@ -8,11 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import distance_transform_edt
 
-from robrain.protocol.model import scan_match_kernels as kernels
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.occupancy_grid import GridGeometry
-from robrain.protocol.model.occupancy_kernels import HIT_DEPTH_CELLS
-from robrain.protocol.model.scan_match import (
+from robrain.protocol.model.localization import scan_match_kernels as kernels
+from robrain.protocol.model.localization.scan_match import (
     AMBIGUOUS,
     DEGENERATE,
     REACH_M,
@@ -22,6 +20,8 @@ from robrain.protocol.model.scan_match import (
     points_in_view,
     search_scan,
 )
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.occupancy_kernels import HIT_DEPTH_CELLS
 from tests.protocol.mapping.lidar_floor import CORRIDOR, CORRIDOR_PLACES, GEOMETRY, ROOM, ROOM_PLACES
 
 PER_M = 1.0 / GEOMETRY.resolution_m

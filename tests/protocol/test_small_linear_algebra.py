@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.model.gauss_newton_kernels import eigen
-from robrain.protocol.model.small_linear_algebra import (
+from robrain.protocol.model.localization.gauss_newton_kernels import eigen
+from robrain.protocol.model.numeric.small_linear_algebra import (
     covariance_of,
     dot,
     innovation_squared,

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.protocol.model.soc_filter import PackModel, SocFilter
+from robrain.protocol.model.energy.soc_filter import PackModel, SocFilter
 
 PACK = PackModel()
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from robrain.protocol.model.soc_filter import PackModel, SocFilter
+from robrain.protocol.model.energy.soc_filter import PackModel, SocFilter
 
 CERTAIN = {
     "curve_sd_v": 0.0,

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import (
+from robrain.protocol.model.tasks.task import (
     Collect,
     Explore,
     Inspect,

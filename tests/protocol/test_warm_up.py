@@ -8,19 +8,20 @@ import pytest
 from numba.core.dispatcher import Dispatcher
 from numpy.typing import NDArray
 
-from robrain.protocol.model import (
-    frontier,
-    inflation,
-    mote_relocalisation,
-    navigation,
-    obstacles,
-    occupancy_grid,
-    path_planning,
-    ray_cast,
-    small_linear_algebra,
-)
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping import mates_in_scan, pose_graph, submap, submap_atlas, surface_match
+from robrain.protocol.model.localization import mote_relocalisation
+from robrain.protocol.model.mapping import (
+    mates_in_scan,
+    occupancy_grid,
+    pose_graph,
+    ray_cast,
+    submap,
+    submap_atlas,
+    surface_match,
+)
+from robrain.protocol.model.navigation.navigation_grid import frontier, inflation, obstacles, path_planning
+from robrain.protocol.model.navigation.navigation_grid import navigation_grid as navigation
+from robrain.protocol.model.numeric import small_linear_algebra
 from robrain.protocol.model.warm_up import warm_up
 
 MODULES: tuple[ModuleType, ...] = (

@@ -8,7 +8,7 @@ import pytest
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.model.omni_drive import OmniBase
+from robrain.protocol.model.navigation.omni_drive import OmniBase
 from robrain.protocol.wire.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.clock import VirtualClock, WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint

@@ -11,7 +11,7 @@ import pytest
 import zenoh
 from hypothesis import HealthCheck, given, settings
 
-from robrain.coordinator.dashboard.live_source import LiveSource
+from robrain.coordinator.dashboard.state.live_source import LiveSource
 from robrain.protocol.wire.codec import BadPayload
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import ErrorCode

@@ -11,8 +11,8 @@ import pytest
 
 from robrain import RunResult, Scenario
 from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.reading import read_messages, recording_info
-from robrain.coordinator.recording.visual_topics import is_visual
+from robrain.coordinator.recording.foxglove.visual_topics import is_visual
+from robrain.coordinator.recording.reader.reading import read_messages, recording_info
 from robrain.protocol.can.frames import codec
 from robrain.protocol.wire.errors import PortTaken
 from robrain.protocol.wire.keys import DEFAULT_TEAM

@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.protocol.model.task import TaskState
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.sim.mote_power import MoteState
 from robrain.sim.scenario import Scenario
 

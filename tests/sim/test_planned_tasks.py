@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from robrain.coordinator.planning.policy import Method, PlanningPolicy
-from robrain.coordinator.planning.replaying import replay_decisions
-from robrain.protocol.model.task import TaskState
+from robrain.coordinator.planning.recorded_plans import replay_decisions
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.sim.scenario import Scenario
 from tests.bench.planning import TASKS, Outcome, run_tasks
 

@@ -7,9 +7,9 @@ import msgspec
 import pytest
 
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.recording.reading import read_messages
+from robrain.coordinator.recording.reader.reading import read_messages
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import Visit
+from robrain.protocol.model.tasks.task import Visit
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.task_messages import TaskSubmission
 from robrain.protocol.wire.topics import (

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.occupancy_grid import PatchCells
+from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.map_messages import MapPatch

@@ -7,7 +7,7 @@ import pytest
 
 from robrain import Scenario
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.ray_cast import (
+from robrain.protocol.model.mapping.ray_cast import (
     GLASS_X,
     GLASS_Y,
     MIRROR_EAST,

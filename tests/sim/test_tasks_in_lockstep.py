@@ -5,7 +5,7 @@ from typing import NamedTuple
 import pytest
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.task_messages import TaskRecord
 from robrain.sim.scenario import Scenario
 

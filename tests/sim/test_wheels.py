@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.model.omni_drive import OmniBase
+from robrain.protocol.model.navigation.omni_drive import OmniBase
 from robrain.sim.lockstep import LockstepRun
 from robrain.sim.scenario import Scenario
 from robrain.sim.scenario_file import parse_scenario

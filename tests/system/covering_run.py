@@ -15,13 +15,13 @@ import numpy as np
 
 from robrain import Point2D, Scenario
 from robrain.coordinator.allocation.optimal import OptimalAllocator
-from robrain.protocol.model import localiser
+from robrain.protocol.model.energy.power_learner import PowerLearner
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.localization import localiser
+from robrain.protocol.model.localization.mote_relocalisation import Signals, find_robot
+from robrain.protocol.model.localization.pose_mixture import PoseMixture
+from robrain.protocol.model.localization.rssi_ranging import PathLoss
 from robrain.protocol.model.mapping import map_overlap, wall_points
-from robrain.protocol.model.mote_relocalisation import Signals, find_robot
-from robrain.protocol.model.pose_mixture import PoseMixture
-from robrain.protocol.model.power_learner import PowerLearner
-from robrain.protocol.model.rssi_ranging import PathLoss
 from robrain.sim.camera import Camera
 from robrain.sim.radio import RadioModel
 

@@ -161,9 +161,15 @@ def _become(what: dict[str, Any], files: list[int]) -> None:
 
 
 def _import_everything() -> None:
-    from robrain.deploy.kernels import prepare_kernels
+    from robrain.deploy.run.kernels import prepare_kernels
 
-    for name in ("cli", "agent.host.live_drive", "coordinator.live", "coordinator.dashboard.server", "sim.live_arena"):
+    for name in (
+        "cli",
+        "agent.host.live_drive",
+        "coordinator.live",
+        "coordinator.dashboard.server.server",
+        "sim.live_arena",
+    ):
         importlib.import_module(f"robrain.{name}")
     for module in pkgutil.iter_modules(importlib.import_module("robrain.deploy").__path__):
         if not module.name.startswith("bench_"):

@@ -25,7 +25,7 @@ import zenoh
 from robrain import Team
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.task import TaskState
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, NobodyThere

@@ -24,7 +24,7 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.protocol.can.frames import codec, database
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.model.omni_drive import OmniBase
+from robrain.protocol.model.navigation.omni_drive import OmniBase
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox

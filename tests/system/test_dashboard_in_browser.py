@@ -10,7 +10,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from robrain.coordinator.dashboard import run_dashboard
-from robrain.coordinator.palette import FREE
+from robrain.coordinator.drawing.palette import FREE
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import Halt

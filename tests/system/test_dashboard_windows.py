@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from robrain.coordinator.dashboard.layer_switches import LayerSwitch
-from robrain.coordinator.dashboard.marker_layers import MoteLabelLayer
+from robrain.coordinator.dashboard.layers.layer_switches import LayerSwitch
+from robrain.coordinator.dashboard.layers.marker_layers import MoteLabelLayer
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from robrain import Team
-from robrain.protocol.model.task import TaskState
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.task_messages import TaskChange, TaskRecord
 from tests.waiting import PATIENCE_S, until
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from robrain.coordinator.recording.reading import read_messages
+from robrain.coordinator.recording.reader.reading import read_messages
 from tests.system.conftest import Commands
 from tests.waiting import PATIENCE_S, has_ended, until
 

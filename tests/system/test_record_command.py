@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from robrain.coordinator.recording.checking import check_recording
-from robrain.coordinator.recording.reading import read_messages, recording_info
-from robrain.coordinator.recording.recovering import recover
+from robrain.coordinator.recording.reader.checking import check_recording
+from robrain.coordinator.recording.reader.reading import read_messages, recording_info
+from robrain.coordinator.recording.reader.recovering import recover
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.messages import RecorderState, RobotState
 from robrain.protocol.wire.topics import ROBOT_STATE

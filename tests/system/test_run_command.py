@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from robrain.coordinator.recording.reading import read_messages
+from robrain.coordinator.recording.reader.reading import read_messages
 from tests.real_maps import REAL_MAPS, needs_real_maps
 from tests.waiting import PATIENCE_S, until
 

@@ -17,7 +17,7 @@ from robrain import Team
 from robrain.agent.access.external_function import external_functions
 from robrain.agent.errors import HardwareAbsent, PluginError
 from robrain.agent.plugin import Unit, external
-from robrain.deploy.shell import RemoteCommands, RobotCompleter, completions, history_path, run_shell
+from robrain.deploy.commands.shell import RemoteCommands, RobotCompleter, completions, history_path, run_shell
 from robrain.plugins.unit.interactive_shell.interactive_shell import InteractiveShell
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint

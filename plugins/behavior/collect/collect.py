@@ -3,7 +3,7 @@
 from robrain.plugins.behavior.errand import Errand, Failed, Script
 from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.unit.snw_exploration.interface import HeardMote, SnwInterface
-from robrain.protocol.model.task import Collect
+from robrain.protocol.model.tasks.task import Collect
 from robrain.protocol.wire.clock import to_ns
 
 LOOK_S = 0.6

@@ -13,10 +13,10 @@ from robrain.agent.plugin import Behavior, external
 from robrain.plugins.behavior.search import FIND_ITSELF
 from robrain.plugins.behavior.travel import PRIORITY_MAX, Progress, Travel, TravelParameters, too_narrow
 from robrain.plugins.skill.mapper.interface import MapView
-from robrain.protocol.model.frontier import MIN_CELLS, find_frontiers, frontier_mask
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.map_frame import ARENA
-from robrain.protocol.model.task import Explore, TaskState
+from robrain.protocol.model.navigation.frontier import MIN_CELLS, find_frontiers, frontier_mask
+from robrain.protocol.model.tasks.task import Explore, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages import TaskAnswer
 from robrain.protocol.wire.reasons.offers import NoPath

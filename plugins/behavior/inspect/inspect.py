@@ -6,7 +6,7 @@ from robrain.plugins.behavior.errand import Errand, Script
 from robrain.plugins.behavior.image_out import ImageOut
 from robrain.plugins.device.camera.interface import CameraInterface
 from robrain.plugins.skill.energy.interface import Work
-from robrain.protocol.model.task import Inspect
+from robrain.protocol.model.tasks.task import Inspect
 
 STEADY_S = 0.4
 """Before the picture is taken the robot stands for so long."""

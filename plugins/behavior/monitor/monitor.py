@@ -14,7 +14,7 @@ from robrain.plugins.behavior.monitor.picture_change import VIEW_RAD, changed_sh
 from robrain.plugins.behavior.travel import TravelParameters
 from robrain.plugins.device.camera.interface import CameraInterface
 from robrain.plugins.skill.energy.interface import Work
-from robrain.protocol.model.task import Monitor
+from robrain.protocol.model.tasks.task import Monitor
 from robrain.protocol.wire.clock import to_ns, to_seconds
 
 TOLD_IMAGES = 6

@@ -12,7 +12,7 @@ from robrain.plugins.behavior.travel import PRIORITY_MAX, Progress
 from robrain.plugins.skill.home.interface import ChargerPlace
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import Recharge
+from robrain.protocol.model.tasks.task import Recharge
 from robrain.protocol.wire.clock import to_ns
 
 ASIDE_M = (1.3, 2.0)

@@ -15,7 +15,7 @@ from robrain.plugins.behavior.travel import TravelParameters
 from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.skill.home.interface import ChargerPlace
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import Recharge, TaskState, Visit
+from robrain.protocol.model.tasks.task import Recharge, TaskState, Visit
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages import TaskAnswer
 

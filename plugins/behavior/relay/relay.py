@@ -14,7 +14,7 @@ from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.unit.snw_exploration.interface import SnwInterface
 from robrain.plugins.unit.teammates.interface import TeammatesInterface
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import Relay
+from robrain.protocol.model.tasks.task import Relay
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.reasons.offers import OfferRefusal
 from robrain.protocol.wire.reasons.reason import Said

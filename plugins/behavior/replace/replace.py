@@ -4,7 +4,7 @@ from robrain.plugins.behavior.errand import Errand, Script
 from robrain.plugins.device.sensor_board.interface import SensorBoardInterface
 from robrain.plugins.skill.energy.interface import Work
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import Replace
+from robrain.protocol.model.tasks.task import Replace
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages import MoteReading
 from robrain.protocol.wire.topics import MOTE_READING

@@ -6,7 +6,7 @@ from robrain.plugins.behavior.errand import Errand, Failed, Script
 from robrain.plugins.device.sensor_board.interface import SensorBoardInterface
 from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.unit.snw_exploration.interface import SnwInterface
-from robrain.protocol.model.task import Sense
+from robrain.protocol.model.tasks.task import Sense
 from robrain.protocol.wire.clock import to_seconds
 
 OWN_S = 1.0

@@ -1,7 +1,7 @@
 """Visit: goes to a place and stays there for the task's service time."""
 
 from robrain.plugins.behavior.errand import Errand, Script
-from robrain.protocol.model.task import Visit
+from robrain.protocol.model.tasks.task import Visit
 
 
 class VisitBehavior(Errand):

@@ -23,7 +23,7 @@ from robrain.protocol.can.bus_state import BusState, state_in
 from robrain.protocol.can.frames import BadFrame, codec, known_identifiers
 from robrain.protocol.can.sequence import SequenceWatch
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.model.omni_drive import OmniBase
+from robrain.protocol.model.navigation.omni_drive import OmniBase
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 
 logger = logging.getLogger(__name__)

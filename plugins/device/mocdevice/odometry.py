@@ -4,8 +4,8 @@ from bisect import bisect_left
 from collections import deque
 
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
-from robrain.protocol.model.odometry import moved
-from robrain.protocol.model.omni_drive import OmniBase
+from robrain.protocol.model.localization.odometry import moved
+from robrain.protocol.model.navigation.omni_drive import OmniBase
 
 ENCODER_MODULUS = 1 << 16
 HALF_TURN = ENCODER_MODULUS // 2

@@ -15,7 +15,7 @@ from robrain.agent.plugin import Device, external
 from robrain.plugins.device.range_sensors.interface import Bump, RangeRing, RangeSensorsInterface
 from robrain.protocol.can.frames import BadFrame, FrameCodec, codec
 from robrain.protocol.can.sequence import SequenceWatch
-from robrain.protocol.model.range_ring import (
+from robrain.protocol.model.navigation.range_ring import (
     RING_ANGLES_RAD,
     SENSORS_A_FRAME,
     SENSORS_MAX,

@@ -6,9 +6,9 @@ from robrain.agent.plugin import Skill, external
 from robrain.plugins.skill.energy.interface import EnergyEstimate, EnergyInterface, EnergyModel, Work
 from robrain.plugins.unit.battery.interface import BatteryInterface
 from robrain.plugins.unit.driver.interface import DriverInterface
-from robrain.protocol.model.consumption import Consumption
-from robrain.protocol.model.energy_model import estimate
-from robrain.protocol.model.power_learner import PowerPrior
+from robrain.protocol.model.energy.consumption import Consumption
+from robrain.protocol.model.energy.energy_model import estimate
+from robrain.protocol.model.energy.power_learner import PowerPrior
 
 
 class Energy(Skill):

@@ -13,7 +13,7 @@ from robrain.protocol.model.mapping.local_map import Variances
 from robrain.protocol.model.mapping.loop_closure import Contradiction, Lying, lay_on
 from robrain.protocol.model.mapping.submap_atlas import SUBMAPS_MAX, SubmapAtlas, SubmapKey
 from robrain.protocol.model.mapping.submap_graph import SubmapGraph, is_information
-from robrain.protocol.model.small_linear_algebra import symmetric
+from robrain.protocol.model.numeric.small_linear_algebra import symmetric
 from robrain.protocol.wire.map_messages import Closure, Closures, MapPatch
 from robrain.protocol.wire.map_patch import is_near_grid
 

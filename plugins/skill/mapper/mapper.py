@@ -24,10 +24,10 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import LocalPose
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.mapping.mates_in_scan import mate_circles, sees_through, wall_ends
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
 from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
 from robrain.protocol.model.mapping.submap_graph import GraphSpec, SubmapGraph
-from robrain.protocol.model.occupancy_grid import GridGeometry
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.map_messages import Closures
 from robrain.protocol.wire.map_patch import (

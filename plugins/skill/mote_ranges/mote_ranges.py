@@ -6,7 +6,7 @@ do not start is left out, and localisation does not require this one.
 
 from robrain.agent.plugin import Skill, external
 from robrain.plugins.unit.snw_exploration.interface import RssiMeasurement, SnwInterface
-from robrain.protocol.model.rssi_ranging import RssiSample
+from robrain.protocol.model.localization.rssi_ranging import RssiSample
 
 
 class MoteRanges(Skill):

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from robrain.plugins.skill.mapper.interface import MapView
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.navigation import Zone
-from robrain.protocol.model.right_of_way import Track
+from robrain.protocol.model.navigation.navigation_grid import Zone
+from robrain.protocol.model.navigation.right_of_way import Track
 
 Circle = tuple[float, float, float]
 """x, y, radius: metres, arena frame."""

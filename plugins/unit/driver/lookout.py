@@ -7,7 +7,7 @@ from robrain.plugins.device.range_sensors.interface import Bump, RangeSensorsInt
 from robrain.plugins.device.scan.interface import ScanInterface
 from robrain.plugins.unit.obstacle_points import ObstaclePoints
 from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
-from robrain.protocol.model.obstacles import Passage, contact_distance_m, hold_off, passage
+from robrain.protocol.model.navigation.obstacles import Passage, contact_distance_m, hold_off, passage
 
 BUMPED_RAD = math.radians(80.0)
 """The robot does not drive within this angle of a touched direction."""

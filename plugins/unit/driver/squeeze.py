@@ -9,14 +9,14 @@ import math
 from typing import NamedTuple
 
 from robrain.plugins.unit.driver.lookout import Lookout
-from robrain.protocol.model.clearance import (
+from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
+from robrain.protocol.model.navigation.clearance import (
     LEAST_MARGIN_M,
     PREFERRED_MARGIN_M,
     least_clearance_m,
     least_gap_m,
 )
-from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
-from robrain.protocol.model.obstacles import Passage
+from robrain.protocol.model.navigation.obstacles import Passage
 
 BEGIN_M = 0.3
 """The driver squeezes where normal driving has less room ahead than this."""

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.plugins.unit.teammates.interface import Doing, Mate, Teammate
-from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.map_frame import ARENA
-from robrain.protocol.model.right_of_way import MATE_AHEAD_M, STEP_M, Track, Way
+from robrain.protocol.model.navigation.claim import Claim
+from robrain.protocol.model.navigation.right_of_way import MATE_AHEAD_M, STEP_M, Track, Way
 from robrain.protocol.wire.messages import PlannedPath, RobotState
 
 MOVED_M = 0.1

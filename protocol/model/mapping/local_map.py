@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
-from robrain.protocol.model.occupancy_grid import OccupancyGrid
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 
 Variances = tuple[float, float, float]
 """Variances of x, y (m²) and yaw (rad²)."""

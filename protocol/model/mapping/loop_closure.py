@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.localization.scan_agreement import agreement
+from robrain.protocol.model.localization.scan_match import BEAMS_MIN, ScanFit, points_in_view, search_scan
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
 from robrain.protocol.model.mapping.submap import Submap
 from robrain.protocol.model.mapping.surface_match import match_surface
-from robrain.protocol.model.occupancy_grid import GridGeometry
-from robrain.protocol.model.scan_agreement import agreement
-from robrain.protocol.model.scan_match import BEAMS_MIN, ScanFit, points_in_view, search_scan
-from robrain.protocol.model.small_linear_algebra import least_solution
+from robrain.protocol.model.numeric.small_linear_algebra import least_solution
 
 Floats = NDArray[np.float64]
 COMPARED_MIN = 0.5

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.kernel_array import INT8, kernel_array
 from robrain.protocol.model.mapping import map_overlap_kernels as kernels
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
 from robrain.protocol.model.mapping.place_search import search_places
 from robrain.protocol.model.mapping.wall_points import (
     NEAR_CELLS,
@@ -23,7 +23,7 @@ from robrain.protocol.model.mapping.wall_points import (
     some_points,
     wall_points,
 )
-from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
+from robrain.protocol.model.numeric.kernel_array import INT8, kernel_array
 
 ABOUT_M = 8.0
 """Walls within this distance of a place are looked for."""

@@ -11,7 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.kernel_array import FLOAT64, kernel_array
+from robrain.protocol.model.numeric.kernel_array import FLOAT64, kernel_array
 
 MARGIN_M = 0.15
 """Metres from a mate's hull within which a beam's end counts as the mate."""

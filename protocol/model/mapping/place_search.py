@@ -13,9 +13,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.kernel_array import FLOAT64, INT8, kernel_array
-from robrain.protocol.model.occupancy_grid import GridGeometry
-from robrain.protocol.model.scan_match_kernels import distance_window
+from robrain.protocol.model.localization.scan_match_kernels import distance_window
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.numeric.kernel_array import FLOAT64, INT8, kernel_array
 
 YAWS = 120
 """Directions tried: 3° apart."""

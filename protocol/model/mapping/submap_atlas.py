@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
+from robrain.protocol.model.mapping.occupancy_grid import LAST_STAMP_MS, GridGeometry, OccupancyGrid
 from robrain.protocol.model.mapping.submap import IDENTITY, TILE_CELLS, Submap, Told, moved_box
-from robrain.protocol.model.occupancy_grid import LAST_STAMP_MS, GridGeometry, OccupancyGrid
 
 SUBMAPS_MAX = 8192
 """Largest number of submaps of an atlas; further ones are refused."""

@@ -19,7 +19,7 @@ from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.mapping.pose_graph import Edge, solve
 from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.mapping.submap_atlas import SubmapKey
-from robrain.protocol.model.small_linear_algebra import inverse, is_semidefinite
+from robrain.protocol.model.numeric.small_linear_algebra import inverse, is_semidefinite
 
 Floats = NDArray[np.float64]
 

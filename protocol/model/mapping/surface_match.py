@@ -13,12 +13,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from robrain.protocol.model.gauss_newton_kernels import add_residual, held_directions, lever_of, solve_step
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.kernel_array import FLOAT64, kernel_array
-from robrain.protocol.model.occupancy_grid import OccupancyGrid
-from robrain.protocol.model.occupancy_kernels import HIT_DEPTH_CELLS
-from robrain.protocol.model.scan_match import DEGENERATE, Direction, ScanFit
+from robrain.protocol.model.localization.gauss_newton_kernels import add_residual, held_directions, lever_of, solve_step
+from robrain.protocol.model.localization.scan_match import DEGENERATE, Direction, ScanFit
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
+from robrain.protocol.model.mapping.occupancy_kernels import HIT_DEPTH_CELLS
+from robrain.protocol.model.numeric.kernel_array import FLOAT64, kernel_array
 
 Floats = NDArray[np.float64]
 ITERATIONS = 15

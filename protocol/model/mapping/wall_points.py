@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.occupancy_grid import OccupancyGrid
-from robrain.protocol.model.scan_match import match_walls
-from robrain.protocol.model.scan_match_kernels import distance_window
-from robrain.protocol.model.small_linear_algebra import least_solution
+from robrain.protocol.model.localization.scan_match import match_walls
+from robrain.protocol.model.localization.scan_match_kernels import distance_window
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
+from robrain.protocol.model.numeric.small_linear_algebra import least_solution
 
 APART_M, APART_RAD = 0.5, 0.2
 """Places that differ by less are one."""

@@ -5,7 +5,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from robrain.protocol.model.ranges import Charge, Count, Name, Quantity, Text
-from robrain.protocol.model.task import TaskState
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.reasons.plans import LeftOut
 from robrain.protocol.wire.reasons.reason import Members, Plugins, Reason, Said
 from robrain.protocol.wire.reasons.robots import RobotReason, Unavailable

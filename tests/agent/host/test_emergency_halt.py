@@ -2,7 +2,7 @@ import msgspec
 import pytest
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import Explore
+from robrain.protocol.model.tasks.task import Explore
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import (

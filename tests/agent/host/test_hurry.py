@@ -8,7 +8,7 @@ from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import PluginThreads
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.clock import VirtualClock, WallClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
@@ -19,7 +19,7 @@ from tests.waiting import PATIENCE_S, until
 
 PLUGIN = """
 from robrain.agent.plugin import Behavior, external
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.messages import TaskAnswer
 
 class Slow(Behavior):

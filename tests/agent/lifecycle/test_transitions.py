@@ -11,11 +11,11 @@ from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.lifecycle.transitions import TRANSITIONS, Step, TransitionRefused, Trigger, transition
 from robrain.agent.manifest import read_manifest
 from robrain.agent.plugin import PluginState
-from robrain.protocol.model.task import Explore
+from robrain.protocol.model.tasks.task import Explore
 from robrain.protocol.wire.topics import ROBOT_FOREIGN_CALL
 
 BUZZER = """
-    from robrain.protocol.model.task import Explore
+    from robrain.protocol.model.tasks.task import Explore
     from robrain.protocol.wire.messages import TaskAnswer
     from robrain.protocol.wire.topics import ROBOT_FOREIGN_CALL
 

@@ -1,8 +1,8 @@
 """Situations to plan from, for tests of what makes the plans."""
 
-from robrain.coordinator.planning.situation import Member, Situation
+from robrain.coordinator.planning.snapshot import Member, Situation
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.messages import RobotState
 from robrain.protocol.wire.task_messages import TaskRecord
 

@@ -8,12 +8,12 @@ from hypothesis import strategies as st
 from robrain.coordinator.allocation.repair import repaired
 from robrain.coordinator.allocation.validate import validate
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.planning.question import decode
-from robrain.coordinator.planning.replaying import plan_again
-from robrain.protocol.model.energy_model import Work, estimate
+from robrain.coordinator.planning.problem_codec import decode
+from robrain.coordinator.planning.recorded_plans import plan_again
+from robrain.protocol.model.energy.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.objective import Objective
-from robrain.protocol.model.task import Recharge, TaskState, Visit
+from robrain.protocol.model.tasks.objective import Objective
+from robrain.protocol.model.tasks.task import Recharge, TaskState, Visit
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.session import open_lockstep_session

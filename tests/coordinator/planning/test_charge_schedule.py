@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.coordinator.planning.charge_power import LEAST_W, USUAL_W, ChargePower
-from robrain.coordinator.planning.charge_schedule import (
+from robrain.coordinator.charging.charge_power import LEAST_W, USUAL_W, ChargePower
+from robrain.coordinator.charging.charge_schedule import (
     CLEAR_S,
     DOCK_S,
     TURN_GAIN,

@@ -5,12 +5,12 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 
-from robrain.coordinator.planning.charge_watch import DETOUR, STILL_M, ChargeWatch
-from robrain.coordinator.planning.chargers import Charger
-from robrain.coordinator.planning.charging import TO_SOC
+from robrain.coordinator.charging.charge_turns import TO_SOC
+from robrain.coordinator.charging.charge_watch import DETOUR, STILL_M, ChargeWatch
+from robrain.coordinator.charging.chargers import Charger
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.planning.situation import ChargerWays
-from robrain.coordinator.roster import Robot
+from robrain.coordinator.planning.snapshot import ChargerWays
+from robrain.coordinator.team.roster import Robot
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.messages import BatteryState, RobotState
 from tests.coordinator.planning.worlds import CAPACITY_J, J_PER_M, PACE_M_S, STANDING_W, model

@@ -5,14 +5,14 @@ import math
 import msgspec
 import pytest
 
-from robrain.coordinator.planning.charge_schedule import schedule_charges
-from robrain.coordinator.planning.charging import TO_SOC
-from robrain.coordinator.planning.energy import CHARGED_SHARE, when_charged
+from robrain.coordinator.charging.charge_schedule import schedule_charges
+from robrain.coordinator.charging.charge_turns import TO_SOC
+from robrain.coordinator.planning.energy_budget import CHARGED_SHARE, when_charged
 from robrain.coordinator.planning.policy import Charging, PlanningPolicy
-from robrain.coordinator.planning.replaying import plan_again
-from robrain.coordinator.planning.situation import AfterCharge
+from robrain.coordinator.planning.recorded_plans import plan_again
+from robrain.coordinator.planning.snapshot import AfterCharge
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.task import Recharge, TaskState, Visit
+from robrain.protocol.model.tasks.task import Recharge, TaskState, Visit
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import BatteryState, RobotState
 from robrain.protocol.wire.plan_messages import PlanningStatus
@@ -249,7 +249,7 @@ def test_who_has_had_a_short_turn_and_done_nothing_with_it_gets_a_whole_one(team
         seen.extend((one.name, one.is_whole) for one in seekers if one.bound_for is None)
         return tuple(turn._replace(to_soc=to_soc) for turn in schedule_charges(seekers, demand, power))
 
-    monkeypatch.setattr("robrain.coordinator.planning.charge_desk.schedule_charges", schedule)
+    monkeypatch.setattr("robrain.coordinator.charging.charge_desk.schedule_charges", schedule)
     (worker,) = staff(team, (0.2,))
     assert run(team, [worker], 60.0, until=lambda: charges_of(worker))
     assert charges_of(worker)[0].until_soc == to_soc

@@ -5,15 +5,15 @@ from types import SimpleNamespace
 
 import pytest
 
-from robrain.coordinator.capabilities import Capabilities
-from robrain.coordinator.planning.following import OFFERS_MAX, TELL_NS, Following
+from robrain.coordinator.planning.executor import OFFERS_MAX, TELL_NS, Following
 from robrain.coordinator.planning.planning import Due, Unplanned
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.roster import Roster
-from robrain.coordinator.task_book import TaskBook
-from robrain.coordinator.task_lifecycle import TaskLifecycle
+from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
+from robrain.coordinator.team.capabilities import Capabilities
+from robrain.coordinator.team.roster import Roster
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import Explore, TaskState, Visit
+from robrain.protocol.model.tasks.task import Explore, TaskState, Visit
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import RobotState, TaskStatus

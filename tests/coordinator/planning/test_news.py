@@ -3,11 +3,11 @@
 import msgspec
 import pytest
 
-from robrain.coordinator.planning.news import DEARER_SHARE, DRAINED_SHARE, GROWN_SHARE, News
-from robrain.coordinator.planning.situation import Member
-from robrain.protocol.model.energy_model import EnergyModel
+from robrain.coordinator.planning.replan_trigger import DEARER_SHARE, DRAINED_SHARE, GROWN_SHARE, News
+from robrain.coordinator.planning.snapshot import Member
+from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.messages import BatteryState, RobotState
 from robrain.protocol.wire.task_messages import TaskRecord
 from tests.coordinator.planning.worlds import model

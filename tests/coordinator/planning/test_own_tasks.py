@@ -4,10 +4,10 @@ import math
 
 import pytest
 
-from robrain.coordinator.planning.own_tasks import DETOUR, DOCK_S, own_decision
+from robrain.coordinator.planning.own_decisions import DETOUR, DOCK_S, own_decision
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.task import Explore, Recharge
+from robrain.protocol.model.tasks.task import Explore, Recharge
 from robrain.protocol.wire.messages import RobotState
 from tests.coordinator.planning.worlds import J_PER_M, PACE_M_S, STANDING_W, model
 

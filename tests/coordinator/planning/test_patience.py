@@ -6,10 +6,10 @@ from hypothesis import strategies as st
 
 from robrain.coordinator.allocation.auction import AuctionAllocator
 from robrain.coordinator.allocation.validate import validate
-from robrain.coordinator.planning.patience import for_the_ready, with_those_who_charge
+from robrain.coordinator.planning.charging_patience import for_the_ready, with_those_who_charge
 from robrain.coordinator.planning.policy import Method
-from robrain.coordinator.planning.thinking import Thinking
-from robrain.protocol.model.objective import Objective
+from robrain.coordinator.planning.solver import Thinking
+from robrain.protocol.model.tasks.objective import Objective
 from tests.coordinator.allocation.instances import team_problem
 
 

@@ -7,9 +7,9 @@ import pytest
 from robrain.coordinator.allocation.plan import Unassigned
 from robrain.coordinator.allocation.problem import Job, Objective, Problem, Worker
 from robrain.coordinator.allocation.schedule import make_plan
-from robrain.coordinator.planning import planned as planned_module
-from robrain.coordinator.planning.asking import Asked
-from robrain.coordinator.planning.planned import Step, planned
+from robrain.coordinator.planning import plan_in_force as planned_module
+from robrain.coordinator.planning.plan_in_force import Step, planned
+from robrain.coordinator.planning.problem_builder import Asked
 from robrain.protocol.wire.plan_messages import PlanProblem
 from robrain.protocol.wire.reasons.offers import NoPath
 from robrain.protocol.wire.reasons.plans import NoRobots

@@ -7,11 +7,11 @@ import pytest
 
 from robrain.coordinator.planning.lockstep_planner import LockstepPlanner
 from robrain.coordinator.planning.policy import Method, PlanningPolicy
-from robrain.coordinator.planning.question import decode
-from robrain.coordinator.planning.replaying import plan_again
+from robrain.coordinator.planning.problem_codec import decode
+from robrain.coordinator.planning.recorded_plans import plan_again
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.objective import Objective
-from robrain.protocol.model.task import Explore, Recharge, TaskState, Visit
+from robrain.protocol.model.tasks.objective import Objective
+from robrain.protocol.model.tasks.task import Explore, Recharge, TaskState, Visit
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.plan_messages import ObjectiveRequest, PlanningStatus

@@ -1,7 +1,8 @@
 """A rehearsal loads whatever makes plans: a problem, a search for better routes, and what is told of them."""
 
 from robrain.coordinator.allocation.optimal import OptimalAllocator
-from robrain.coordinator.planning import drafting, rehearsal
+from robrain.coordinator.planning import first_plan as rehearsal
+from robrain.coordinator.planning import plan_search as drafting
 
 
 def test_a_rehearsal_warms_the_kernels_searches_once_and_makes_a_plan_of_all_tasks(monkeypatch):

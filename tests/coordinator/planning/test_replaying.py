@@ -8,12 +8,12 @@ from pathlib import Path
 
 import msgspec
 
-from robrain.coordinator.planning.replaying import plan_again, replay_decisions
-from robrain.coordinator.recording.provenance import Provenance
-from robrain.coordinator.recording.recorder import Recorder
+from robrain.coordinator.planning.recorded_plans import plan_again, replay_decisions
+from robrain.coordinator.recording.writer.provenance import Provenance
+from robrain.coordinator.recording.writer.recorder import Recorder
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.objective import Objective
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.tasks.objective import Objective
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.plan_messages import PlanProblem
 from robrain.protocol.wire.session import open_lockstep_session

@@ -4,13 +4,13 @@ import msgspec
 import pytest
 
 from robrain.coordinator.journal.journal import Journal
-from robrain.coordinator.planning import drafting
-from robrain.coordinator.planning.drafting import Drafting
+from robrain.coordinator.planning import plan_search as drafting
+from robrain.coordinator.planning.plan_search import Drafting
 from robrain.coordinator.planning.policy import Method, PlanningPolicy
-from robrain.protocol.model.energy_model import EnergyModel
+from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.ranges import METRES_MAX, PRIORITY_MAX, STAMP_MAX
-from robrain.protocol.model.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import TaskState, Visit
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.messages import BatteryState, RobotState
 from robrain.protocol.wire.reasons.tasks import AfterUnplanned, CannotBePlanned

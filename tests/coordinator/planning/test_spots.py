@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from robrain.coordinator.planning.spots import ROOM_M, spots_around
+from robrain.coordinator.planning.coalition_spots import ROOM_M, spots_around
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
 
 PLACE = Point2D(4.0, 3.0)
 

@@ -8,9 +8,9 @@ import pytest
 
 from robrain.coordinator.allocation.plan import Plan
 from robrain.coordinator.allocation.problem import Job, Objective, Problem, Worker
-from robrain.coordinator.planning import thinking as thinking_module
+from robrain.coordinator.planning import solver as thinking_module
 from robrain.coordinator.planning.policy import Method
-from robrain.coordinator.planning.thinking import FRUITLESS, Thinking, think
+from robrain.coordinator.planning.solver import FRUITLESS, Thinking, think
 
 
 def problem(*jobs, j_per_m=1.0):

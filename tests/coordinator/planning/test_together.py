@@ -6,7 +6,7 @@ import pytest
 
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.task import TaskState, Visit, place_of
+from robrain.protocol.model.tasks.task import TaskState, Visit, place_of
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.reasons.tasks import Gather, PartsUntold
 from robrain.protocol.wire.task_messages import TaskRequest

@@ -8,16 +8,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.coordinator.planning.chargers import Charger
-from robrain.coordinator.planning.charging import Charge, Idle, assign_chargers
-from robrain.coordinator.planning.energy import kinds_of, mean_within, profile_of
+from robrain.coordinator.charging.charge_turns import Charge, Idle, assign_chargers
+from robrain.coordinator.charging.chargers import Charger
+from robrain.coordinator.planning.energy_budget import kinds_of, mean_within, profile_of
 from robrain.coordinator.planning.floor import Floor
-from robrain.coordinator.planning.question import Profile, Question, decode, pack_ways
-from robrain.coordinator.planning.way_deltas import NO_WAY, from_deltas, to_deltas
-from robrain.coordinator.planning.ways import DETOUR, Ways
-from robrain.protocol.model.energy_model import Work, estimate
+from robrain.coordinator.planning.length_codec import NO_WAY, from_deltas, to_deltas
+from robrain.coordinator.planning.path_lengths import DETOUR, Ways
+from robrain.coordinator.planning.problem_codec import Profile, Question, decode, pack_ways
+from robrain.protocol.model.energy.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.wire.reasons.plans import ChargersTaken
 from tests.coordinator.planning.worlds import model
 

@@ -4,9 +4,9 @@ import math
 
 import msgspec
 
-from robrain.protocol.model.energy_model import EnergyModel
+from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.task import Recharge, TaskState, place_of
+from robrain.protocol.model.tasks.task import Recharge, TaskState, place_of
 from robrain.protocol.wire.messages import BatteryState
 from tests.coordinator.conftest import TICK_S, FakeRobot, Team
 

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.occupancy_grid import OccupancyGrid
-from robrain.protocol.model.occupancy_kernels import HIT_DEPTH_CELLS
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
+from robrain.protocol.model.mapping.occupancy_kernels import HIT_DEPTH_CELLS
 
 Floats = NDArray[np.float64]
 REACH_CELLS, AROUND_CELLS = 1.5, 2

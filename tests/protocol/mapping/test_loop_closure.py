@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.localization.scan_match import Direction, ScanFit
 from robrain.protocol.model.mapping.loop_closure import Contradiction, Lying, geometry_of, lay_on, moved
+from robrain.protocol.model.mapping.occupancy_grid import OCCUPIED, GridGeometry
 from robrain.protocol.model.mapping.submap import IDENTITY, Submap
-from robrain.protocol.model.occupancy_grid import OCCUPIED, GridGeometry
-from robrain.protocol.model.scan_match import Direction, ScanFit
 from tests.protocol.mapping.lidar_floor import CORRIDOR, CORRIDOR_PLACES, GEOMETRY, ROOM, ROOM_PLACES
 
 SURE = 0.05, 0.02

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping import map_overlap
 from robrain.protocol.model.mapping.map_overlap import COMMON_MIN, MapMatcher, Overlap, cells_outside
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
 from robrain.protocol.model.mapping.submap import IDENTITY
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
 from tests.protocol.mapping.lidar_floor import ANGLES_RAD, NOBODY, RANGE_M, ROOM, ROOM_PLACES, LidarFloor
 
 WIDE = GridGeometry(0.1, -12.0, -12.0, 240, 240)

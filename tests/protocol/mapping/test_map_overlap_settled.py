@@ -7,8 +7,8 @@ import pytest
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.map_overlap import MapMatcher
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
 from robrain.protocol.model.mapping.submap import IDENTITY
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
 
 GEOMETRY = GridGeometry(0.1, -1.0, -6.0, 400, 160)
 LENGTH_M, WIDTH_M = 36.0, 4.0

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.localization.scan_match import beam_ends
 from robrain.protocol.model.mapping.mates_in_scan import MARGIN_M, REACH_M, mate_circles, sees_through, wall_ends
-from robrain.protocol.model.scan_match import beam_ends
 from tests.protocol.mapping.lidar_floor import ANGLES_RAD, NOBODY, RANGE_M, LidarFloor
 
 RADIUS_M = 0.2

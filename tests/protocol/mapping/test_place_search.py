@@ -10,6 +10,7 @@ from scipy.ndimage import distance_transform_edt
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping import place_search
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
 from robrain.protocol.model.mapping.place_search import (
     BEST,
     LEVELS,
@@ -20,7 +21,6 @@ from robrain.protocol.model.mapping.place_search import (
     YAWS,
     search_places,
 )
-from robrain.protocol.model.occupancy_grid import GridGeometry
 from tests.protocol.mapping.lidar_floor import GEOMETRY, ROOM, ROOM_PLACES
 
 ROOM_MAP = ROOM.mapped(*ROOM_PLACES).log_odds

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from robrain.protocol.model.mapping.map_overlap import MapMatcher
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from robrain.protocol.model.mapping.submap import IDENTITY
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from tests.protocol.mapping.test_map_overlap import FEW, TEAM, WIDE
 
 ROOM = TEAM.classes()[115:185, 115:205]

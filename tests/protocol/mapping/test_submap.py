@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.mapping.submap import PARTS, SURFACE, Submap
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
 
 TEAM = GridGeometry(0.1, -3.0, 2.0, 200, 100)
 

@@ -8,6 +8,7 @@ from hypothesis.extra.numpy import arrays
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping import submap_atlas
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.mapping.submap import (
     BLOCK_CELLS,
     IDENTITY,
@@ -19,7 +20,6 @@ from robrain.protocol.model.mapping.submap import (
     moved_box,
 )
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
 
 GEOMETRY = GridGeometry(0.5, -3.0, 2.0, 24, 20)
 ROBOTS = ("r1", "r2", "r3")

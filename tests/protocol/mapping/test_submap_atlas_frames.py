@@ -8,9 +8,9 @@ from hypothesis.extra.numpy import arrays
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
 
 GEOMETRY = GridGeometry(0.5, -3.0, 2.0, 24, 20)
 OWN, OTHER = MapFrame(5, "r1"), MapFrame(7, "r2")

@@ -9,7 +9,7 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import NONE
 from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.mapping.submap_graph import GraphSpec, SubmapGraph
-from robrain.protocol.model.small_linear_algebra import symmetric
+from robrain.protocol.model.numeric.small_linear_algebra import symmetric
 
 MATE = ("r2", 7)
 PRIOR = np.diag((0.01, 0.01, 0.0004))

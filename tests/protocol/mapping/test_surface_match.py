@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.loop_closure import moved
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.mapping.surface_match import match_surface
-from robrain.protocol.model.occupancy_grid import OccupancyGrid
 from tests.protocol.mapping.lidar_floor import (
     ANGLES_RAD,
     CORRIDOR,

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.localization.scan_match import ScanFit
 from robrain.protocol.model.mapping.loop_closure import moved
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
 from robrain.protocol.model.mapping.surface_match import DEGENERATE, INFORMATION_MIN, match_surface
-from robrain.protocol.model.occupancy_grid import GridGeometry, OccupancyGrid
-from robrain.protocol.model.scan_match import ScanFit
 from tests.protocol.mapping.lidar_floor import (
     ANGLES_RAD,
     CORRIDOR,

@@ -4,8 +4,8 @@ import pytest
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.loop_closure import moved
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.mapping.surface_match import match_surface
-from robrain.protocol.model.occupancy_grid import OccupancyGrid
 from tests.protocol.mapping.lidar_floor import ANGLES_RAD, GEOMETRY, NOBODY, RANGE_M, LidarFloor
 
 UPRIGHT = LidarFloor((5.92, 3.4, 6.06, 4.6), (0, 0, 12, 0.2), (0, 7.8, 12, 8))

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.mapping.wall_points import (
     is_same_place,
     some_points,
     wall_points,
 )
-from robrain.protocol.model.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from tests.protocol.mapping.test_map_overlap import WIDE
 
 

@@ -1,0 +1,1 @@
+"""Which robot charges where and when."""

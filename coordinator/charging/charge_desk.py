@@ -1,0 +1,173 @@
+"""Sends robots to charge, by tasks of the coordinator's own, as the schedule of the chargers says.
+
+It also says how those who charge will be when they have, so that plans count on them, and calls off a charge that has
+brought enough while another robot waits.
+"""
+
+from collections.abc import Mapping
+
+from robrain.coordinator.charging.charge_publisher import ChargeTelling
+from robrain.coordinator.charging.charge_schedule import Demand, Seeker, Turn, is_same_charger, schedule_charges
+from robrain.coordinator.charging.charge_turns import FULL_ENOUGH, TO_SOC, Charge, Idle, assign_chargers, nearest
+from robrain.coordinator.charging.charge_watch import ChargeWatch
+from robrain.coordinator.planning.available_robots import HOMEWARD, is_charging
+from robrain.coordinator.planning.planning import Planning
+from robrain.coordinator.planning.policy import Charging
+from robrain.coordinator.planning.snapshot import AfterCharge
+from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.team.roster import Robot, Roster
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Recharge, TaskState, place_of
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.reasons.plans import ChargerWait, HolderLacksEnergy, LeftOut, NearestOut
+from robrain.protocol.wire.reasons.robots import BelowReserve, LacksEnergy
+from robrain.protocol.wire.reasons.tasks import ChargedEnough
+
+AGAIN_NS = to_ns(30.0)
+"""A robot that refused to charge, or failed at it, is not sent again for so long (chosen)."""
+EARLY_S = 5.0
+"""A robot sets out so much before it must: on its way it may have to stop (chosen)."""
+
+
+class ChargeDesk:
+    """Decides who is to charge.
+
+    Args:
+        wire: the coordinator's place on the wire.
+        planning: knows the chargers, and who has tasks.
+        book: of the tasks.
+        roster: the robots that there are.
+
+    """
+
+    def __init__(self, wire: Endpoint, planning: Planning, book: TaskBook, roster: Roster) -> None:
+        self.waiting: Mapping[str, ChargerWait | None] = {}
+        """Robots that should charge and have not set out, and what they wait for, if it is known."""
+        self._planning = planning
+        self._book = book
+        self._roster = roster
+        self._watch = ChargeWatch(planning, book, roster)
+        self._telling = ChargeTelling(wire, planning, book)
+        self._not_before_ns: dict[str, int] = {}
+        self._to_soc: dict[str, float] = {}
+        """What each robot was last sent to charge to."""
+
+    def choose(self, idle: list[Robot], now_ns: int) -> list[Charge]:
+        """Robots, of those without a task, that are to be asked to charge now.
+
+        Raises:
+            JournalUnwritable: a charge that has brought enough could not be called off, or of a task not be told what
+                it waits for; both are tried again.
+
+        """
+        planning = self._planning
+        self._not_before_ns = {name: at for name, at in self._not_before_ns.items() if at > now_ns}
+        if not any(planning.chargers.of.values()):
+            self.waiting = {}
+            planning.after_charge.clear()
+            self._telling.schedule((), {}, set(), now_ns)
+            return []
+        is_short = self._is_short()
+        below = FULL_ENOUGH if is_short else planning.policy.charge_below
+        if planning.policy.charging is Charging.TURNS:
+            return self._in_turns(idle, below, now_ns)
+        seekers = self._watch.seekers(idle, below, set(self._not_before_ns), now_ns)
+        demand = Demand(TO_SOC, planning.policy.charge_turn, is_short)
+        turns = schedule_charges(seekers.values(), demand, self._watch.power.of)
+        charges = [charge for turn in turns if (charge := self._charge(turn, seekers[turn.robot])) is not None]
+        has_set_out = {one.robot for one in charges}
+        has_set_out |= {name for name, one in seekers.items() if one.bound_for is not None}
+        planning.after_charge.clear()
+        for turn in turns:
+            if turn.robot in has_set_out:
+                free_ns = now_ns + to_ns(turn.until_s)
+                planning.after_charge[turn.robot] = AfterCharge(free_ns, turn.charger, turn.to_soc)
+        self.waiting = self._telling.schedule(turns, seekers, has_set_out, now_ns)
+        self._end(turns, seekers)
+        self._telling.tasks(now_ns)
+        return charges
+
+    def ended(self, robot: str, state: TaskState, now_ns: int) -> None:
+        """A robot's charge has ended, or was refused."""
+        self._planning.after_charge.pop(robot, None)
+        if state is not TaskState.DONE:
+            self._not_before_ns[robot] = now_ns + AGAIN_NS
+        elif self._to_soc.get(robot, TO_SOC) < TO_SOC:
+            self._watch.cut_short.add(robot)
+        else:
+            self._watch.cut_short.discard(robot)
+
+    def _is_short(self) -> bool:
+        """Whether tasks wait for energy: nobody has it, or only who charges will."""
+        planning, book, robots = self._planning, self._book, self._roster.robots
+        if any(is_for_energy(left.reason) for left in planning.left_out.values()):
+            return True
+        return any(
+            name in robots and is_charging(robots[name], book.of_robot(name)) and planning.has_route(name)
+            for name in planning.after_charge
+        )
+
+    def _charge(self, turn: Turn, one: Seeker) -> Charge | None:
+        """What a robot is to be asked now: to set out, as its time has come; or, charging of its own accord, to end."""
+        is_due = one.bound_for is None and turn.set_out_s <= EARLY_S
+        is_firm = one.bound_for is not None and one.to_soc is None and self._book.of_robot(turn.robot) is None
+        if not (is_due or (is_firm and one.is_there and one.soc >= turn.to_soc < TO_SOC)):
+            return None
+        self._to_soc[turn.robot] = turn.to_soc
+        known = self._planning.chargers.of.get(turn.robot, ())
+        charger = next(one for one in known if is_same_charger(one.place, turn.charger))
+        return Charge(turn.robot, charger, round(turn.to_soc, 3))
+
+    def _end(self, turns: tuple[Turn, ...], seekers: dict[str, Seeker]) -> None:
+        """Call off a charge that has brought enough, for whoever waits for the charger."""
+        next_one = {turn.behind: turn.robot for turn in turns}
+        for turn in turns:
+            at, one = self._book.of_robot(turn.robot), seekers[turn.robot]
+            if at is None or not at.own or not isinstance(at.task, Recharge) or not one.is_there:
+                continue
+            if turn.to_soc < at.task.until_soc and one.soc >= turn.to_soc:
+                self._watch.cut_short.add(turn.robot)
+                reason = ChargedEnough(turn.robot, one.soc, next_one[turn.robot])
+                self._book.move(at.task.id, TaskState.CANCELLED, reason)
+
+    # -- in turns, for comparison -------------------------------------------------------------------------------
+
+    def _in_turns(self, idle: list[Robot], below: float, now_ns: int) -> list[Charge]:
+        found = []
+        for robot in idle:
+            one, state = self._watch.seeker(robot, None, below, robot.name in self._not_before_ns, now_ns), robot.state
+            if one is None or one.bound_for is not None or state is None or state.pose is None:
+                continue
+            if state.battery is not None and not state.battery.charging:
+                here = Point2D(state.pose.x_m, state.pose.y_m)
+                found.append(Idle(robot.name, here, one.soc, self._planning.chargers.of.get(robot.name, ())))
+        if not any(one.soc < below for one in found):
+            self.waiting = {}
+            return []
+        charges, self.waiting = assign_chargers(found, self._taken(), below)
+        return charges
+
+    def _taken(self) -> list[Point2D]:
+        """Where somebody charges or goes to, by a task or of its own accord."""
+        taken = [place_of(record.task) for record in self._book.open if isinstance(record.task, Recharge)]
+        for robot in self._roster.robots.values():
+            state = robot.state
+            if state is None or state.pose is None or not robot.has_token:
+                continue
+            charging = state.battery is not None and state.battery.charging
+            if charging or state.behavior in HOMEWARD:
+                place = nearest(Point2D(state.pose.x_m, state.pose.y_m), self._planning.chargers.of.get(robot.name, ()))
+                taken += [place] if place is not None else []
+        return taken
+
+
+def is_for_energy(reason: LeftOut) -> bool:
+    """Whether a task is left out because robots have too little energy for it.
+
+    >>> is_for_energy(NearestOut("r1", LacksEnergy(missing_j=12.0)))
+    True
+    """
+    if isinstance(reason, NearestOut):
+        return isinstance(reason.because, BelowReserve | LacksEnergy)
+    return isinstance(reason, HolderLacksEnergy)

@@ -1,0 +1,127 @@
+"""Which robots charge, go to charge, or should: the team as the schedule of the chargers sees it."""
+
+import math
+
+from robrain.coordinator.charging.charge_power import ChargePower
+from robrain.coordinator.charging.charge_schedule import Seeker, Way, is_same_charger
+from robrain.coordinator.charging.charge_turns import TO_SOC, nearest
+from robrain.coordinator.charging.chargers import Charger
+from robrain.coordinator.planning.available_robots import is_charging
+from robrain.coordinator.planning.energy_budget import SOC_LEAST, profile_of
+from robrain.coordinator.planning.planning import Planning
+from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.team.roster import Robot, Roster
+from robrain.protocol.model.energy.energy_model import Work, estimate
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Recharge, place_of
+from robrain.protocol.wire.task_messages import TaskRecord
+
+DETOUR = 1.5
+"""How much longer than a straight line a way is taken to be that no plan knows (chosen, as the robots do)."""
+STILL_M = 1.0
+"""Of a robot that has not gone farther, the last plan knows how far it is to the chargers."""
+
+
+class ChargeWatch:
+    """Looks at the team.
+
+    Args:
+        planning: knows the chargers, and who has tasks.
+        book: of the tasks.
+        roster: the robots that there are.
+
+    """
+
+    def __init__(self, planning: Planning, book: TaskBook, roster: Roster) -> None:
+        self.power = ChargePower()
+        self.cut_short: set[str] = set()
+        """Robots whose last turn was cut short, and which have done nothing with it yet."""
+        self._planning = planning
+        self._book = book
+        self._roster = roster
+
+    def seekers(self, idle: list[Robot], below: float, paused: set[str], now_ns: int) -> dict[str, Seeker]:
+        """By name.
+
+        Args:
+            idle: robots without a task.
+            below: those of them should charge that have less than this.
+            paused: robots that are not to be asked to charge now.
+            now_ns: the time.
+
+        """
+        free = {robot.name for robot in idle}
+        found = {}
+        for name in sorted(self._roster.robots):
+            robot, at = self._roster.robots[name], self._book.of_robot(name)
+            if at is not None and not at.own and not isinstance(at.task, Recharge):
+                self.cut_short.discard(name)
+            limit = below if name in free else 0.0
+            seeker = self.seeker(robot, at, limit, name in paused, now_ns) if robot.is_up(now_ns) else None
+            if seeker is None or not seeker.is_there:
+                self.power.left(name)
+            if seeker is not None:
+                found[name] = seeker
+        return found
+
+    def seeker(self, robot: Robot, at: TaskRecord | None, below: float, is_paused: bool, now_ns: int) -> Seeker | None:
+        """A robot as the schedule takes it; None if it neither charges nor is to."""
+        planning, state, name = self._planning, robot.state, robot.name
+        chargers = planning.chargers.of.get(name, ())
+        if state is None or state.pose is None or state.battery is None or state.halted:
+            return None
+        here, battery = Point2D(state.pose.x_m, state.pose.y_m), state.battery
+        bound_for = _bound_for(robot, at, here, chargers)
+        if bound_for is None and (battery.soc >= below or not chargers or is_paused):
+            return None
+        if bound_for is None and (planning.why_out(robot, now_ns) or planning.has_route(name)):
+            return None
+        is_there = bound_for is not None and (battery.charging or is_same_charger(here, bound_for))
+        if battery.charging and bound_for is not None:
+            self.power.note(name, bound_for, battery, now_ns)
+        to_soc = None
+        if at is None and bound_for is not None and (is_paused or not is_there):
+            to_soc = TO_SOC  # it goes of its own accord, and is not to be told otherwise
+        elif at is not None and not at.own and isinstance(at.task, Recharge):
+            to_soc = at.task.until_soc  # somebody asked for it
+        return Seeker(
+            name=name,
+            soc=battery.soc,
+            capacity_j=battery.remaining_j / max(battery.soc, SOC_LEAST),
+            ways=self._ways(robot, here, chargers, is_bound=bound_for is not None),
+            bound_for=bound_for,
+            is_there=is_there,
+            to_soc=to_soc,
+            is_whole=name in self.cut_short,
+        )
+
+    def _ways(self, robot: Robot, here: Point2D, chargers: tuple[Charger, ...], *, is_bound: bool) -> tuple[Way, ...]:
+        """The ways to the chargers that it reaches with its reserve; to all if it is bound for one already."""
+        assert robot.state is not None
+        model, battery, policy = robot.state.energy, robot.state.battery, self._planning.policy
+        profile = profile_of(model, policy.time_margin)
+        known = self._planning.ways_to_chargers(robot.name)
+        is_still = known is not None and _away_m(known.start, here) < STILL_M
+        known_m = dict(known.ways_m) if known is not None and is_still else {}
+        ways_m = [(known_m.get(one.place, DETOUR * _away_m(here, one.place)), one.place) for one in chargers]
+        there = [(way_m, place) for way_m, place in ways_m if math.isfinite(way_m)]
+        safe = there
+        if model is not None and battery is not None and not is_bound:
+            bound_j = model.usable_j - policy.reserve_share * battery.remaining_j / max(battery.soc, SOC_LEAST)
+            safe = [one for one in there if estimate(model, Work(path_m=one[0])).high_j(policy.confidence) <= bound_j]
+        # Who cannot get to any with its reserve goes to the nearest, whoever is there.
+        nearest_one = sorted(there, key=lambda way: (way[0], way[1].x_m, way[1].y_m))[:1]
+        return tuple(Way(place, way_m * profile.s_per_m) for way_m, place in safe or nearest_one)
+
+
+def _bound_for(robot: Robot, at: TaskRecord | None, here: Point2D, chargers: tuple[Charger, ...]) -> Point2D | None:
+    """The charger that a robot stands at or goes to; None if it does neither."""
+    if not is_charging(robot, at):
+        return None
+    charges = robot.state is not None and robot.state.battery is not None and robot.state.battery.charging
+    near = nearest(here, chargers) if charges or at is None else None
+    return place_of(at.task) if near is None and at is not None else near
+
+
+def _away_m(one: Point2D, other: Point2D) -> float:
+    return math.hypot(one.x_m - other.x_m, one.y_m - other.y_m)

@@ -1,0 +1,267 @@
+"""The team in figures and tables, as HTML. Every string that came over the wire is escaped: viser shows what it gets.
+
+Values carry `data-testid` so that browser tests, and people's own scripts, can read them.
+"""
+
+import math
+from collections.abc import Sequence
+
+from robrain.coordinator.dashboard.html.html_words import (
+    CONDITIONS,
+    NONE,
+    banner,
+    clock_text,
+    colored,
+    condition_html,
+    natural_key,
+    span_text,
+    text,
+    tile,
+)
+from robrain.coordinator.dashboard.html.task_html import LONG_ID
+from robrain.coordinator.dashboard.panels.halt_control import NAMES_SHOWN, acknowledgements
+from robrain.coordinator.dashboard.state.alerts import Alert, Level, alerts_of
+from robrain.coordinator.dashboard.state.headline import (
+    ROBOT_GRADES,
+    Grade,
+    agreement_grade,
+    headline_of,
+    judged_map,
+    map_grade,
+    vitals_of,
+)
+from robrain.coordinator.dashboard.state.robot_view import Condition, MoteView, RobotView
+from robrain.coordinator.dashboard.state.team_view import TeamView
+from robrain.coordinator.drawing.palette import battery_class, look_of, mote_class
+from robrain.protocol.model.tasks.task import kind_of, place_of
+
+ROWS = 200
+"""Rows of a table at the most; a browser is slow with more, and nobody reads them."""
+ALERTS = 6
+LOG_LINES = 12
+GRADES: dict[Grade, tuple[str, str]] = {Grade.GOOD: ("●", "good"), Grade.WARN: ("◐", "warn"), Grade.BAD: ("▲", "bad")}
+"""Symbol and CSS class of the headline's dot."""
+MOTE_SHAPES = ("◆", "▲", "■", "◇")
+MOTE_KINDS = ("good", "warn", "bad", "soft")
+
+
+def strip_html(view: TeamView, now_s: float, troubles: Sequence[Alert] = ()) -> str:
+    """What is seen above all tabs: how the team is in one sentence, and what to look at."""
+    vitals = vitals_of(view, now_s)
+    headline, counts = headline_of(vitals), vitals.conditions
+    up = counts[Condition.UP]
+    worst = next((condition for condition in Condition if counts[condition]), None)
+    shape, kind = GRADES[headline.grade]
+    if worst is not None and ROBOT_GRADES[worst] is headline.grade:
+        shape, _, kind = CONDITIONS[worst]
+    parts = [f"{up} of {len(view.robots)} robots up"]
+    parts += [f"{counts[one]} {CONDITIONS[one][1]}" for one in Condition if counts[one] and one is not Condition.UP]
+    if not view.robots:
+        shape, kind, parts = "○", "soft", ["No robot has been heard yet"]
+    parts += [text(finding.words, 60) for finding in headline.findings]
+    share = view.explored_fraction
+    if share is not None:
+        parts.append(f"{100 * share:.0f} % explored")
+    sentence = (
+        f'<div class="rb-sentence"><i class="rb-{kind}">{shape}</i>'
+        f'<span data-testid="team">{" · ".join(parts)}</span></div>'
+    )
+    return f'<div class="rb rb-strip">{_banners(view)}{sentence}{_alerts([*alerts_of(view, now_s), *troubles])}</div>'
+
+
+def summary_html(view: TeamView, now_s: float) -> str:
+    """The team's figures."""
+    if view.explored_fraction is not None:
+        explored = tile("Explored", "explored", f"{100 * view.explored_fraction:.1f} %")
+        second = tile("Known floor", "known-area", f"{view.known_area_m2:.0f} m²")
+    else:
+        explored = tile("Known floor", "explored", f"{view.known_area_m2:.0f} m²")
+        second = tile("Motes", "motes", str(len(view.motes)))
+    time = NONE if view.sim_time_s is None else clock_text(view.sim_time_s)
+    speed = NONE if view.speed is None else f"× {view.speed:.1f}"
+    traffic = NONE if view.messages_per_s is None else f"{view.messages_per_s:.0f}"
+    halted = sum(robot.halted for robot in view.robots.values())
+    tasks = NONE if view.team is None else f"{view.team.tasks_done} / {view.team.tasks_open}"
+    up = view.coordinator_up
+    tiles = [
+        explored,
+        second,
+        tile("Time", "sim-time", time),
+        tile("Speed-up", "speed", speed),
+        tile("Coordinator", "coordinator", "up" if up else "lost", "good" if up else "bad"),
+        tile("Done / open", "tasks", tasks),
+        tile("Messages / s", "messages-per-s", traffic),
+        tile("Halted", "halted-robots", f"{halted} of {len(view.robots)}", "bad" if halted else ""),
+        *_accuracy_tiles(view, now_s),
+    ]
+    return f'<div class="rb"><div class="rb-tiles">{"".join(tiles)}</div></div>'
+
+
+def _accuracy_tiles(view: TeamView, now_s: float) -> list[str]:
+    """Accuracy of map and positions: by the ground truth if there is one, else by the robots' reports."""
+    if view.truth is None:
+        vitals = vitals_of(view, now_s)
+        agrees = position = NONE
+        kind = ""
+        if math.isfinite(vitals.least_agreement):
+            agrees, kind = f"{100 * vitals.least_agreement:.0f} %", GRADES[agreement_grade(vitals.least_agreement)][1]
+        if math.isfinite(vitals.worst_sigma_m):
+            position = f"± {vitals.worst_sigma_m:.2f} m"
+        return [
+            tile("Lidar on map", "map-agreement", agrees, kind),
+            tile("Lowest", "map-agreement-robot", text(vitals.least_agreement_robot, 20) or NONE),
+            tile("Position", "position", position),
+            tile("Least certain", "position-robot", text(vitals.worst_sigma_robot, 20) or NONE),
+        ]
+    wrong = doubled = error = NONE
+    kind = ""
+    if (of_map := judged_map(view)) is not None:
+        wrong, kind = f"{100 * of_map.share_off:.1f} %", GRADES[map_grade(of_map.share_off)][1]
+        doubled = f"{of_map.doubled_walls_m:.1f} m"
+    told = [robot.accuracy for robot in view.truth.robots if robot.accuracy is not None]
+    if errors_m := [each.error_m for each in told if each.error_m is not None]:
+        error = f"{max(errors_m):.2f} m"
+    silent_s = sum(each.silent_divergence_s for each in told)
+    return [
+        tile("Map error", "map-off", wrong, kind),
+        tile("Doubled walls", "map-doubled", doubled),
+        tile("Worst error", "position-error", error),
+        tile("Silent divergence", "silently-off", f"{silent_s:.1f} s", "bad" if silent_s > 0 else ""),
+    ]
+
+
+def robots_html(view: TeamView, now_s: float, selected: str = "") -> str:
+    """The table of robots, in order of their names; a click on a row selects."""
+    robots = sorted(view.robots.values(), key=lambda robot: natural_key(robot.name))
+    if not robots:
+        return '<div class="rb"><div class="rb-none" data-testid="no-robots">No robot has been heard yet.</div></div>'
+    head = (
+        '<tr><th style="width: 22%">Robot</th><th style="width: 20%">State</th>'
+        '<th class="rb-number" style="width: 27%">Battery, lasts</th>'
+        '<th style="width: 31%; padding-left: 14px">Behavior</th></tr>'
+    )
+    more = f'<div class="rb-none">and {len(robots) - ROWS} more</div>' if len(robots) > ROWS else ""
+    body = "".join(_robot_rows(view, robot, now_s, selected) for robot in robots[:ROWS])
+    return f'<div class="rb"><table data-testid="robots">{head}{body}</table>{more}</div>'
+
+
+def motes_html(view: TeamView) -> str:
+    """The table of motes, in order of their names."""
+    motes = sorted(view.motes.values(), key=lambda mote: natural_key(mote.name))
+    if not motes:
+        return '<div class="rb"><div class="rb-none">No mote has been heard yet.</div></div>'
+    head = (
+        '<tr><th style="width: 24%">Mote</th><th style="width: 42%">Reading</th>'
+        '<th class="rb-number" style="width: 17%">Supply</th><th style="width: 17%">Via</th></tr>'
+    )
+    more = f'<div class="rb-none">and {len(motes) - ROWS} more</div>' if len(motes) > ROWS else ""
+    body = "".join(_mote_row(mote) for mote in motes[:ROWS])
+    return f'<div class="rb"><table data-testid="motes">{head}{body}</table>{more}</div>'
+
+
+def log_html(view: TeamView) -> str:
+    """What robots told last, the newest first."""
+    lines = list(view.log)[-LOG_LINES:][::-1]
+    if not lines:
+        return '<div class="rb"><div class="rb-none">Nothing has been told yet.</div></div>'
+    kinds = {"error": "bad", "warning": "warn"}
+    rows = "".join(
+        f'<div class="rb-alert"><b class="rb-{kinds.get(line.level, "soft")}">{text(line.robot, 40)}</b>'
+        f"<span>{text(line.source, 60)}: {text(line.text)}</span></div>"
+        for line in lines
+    )
+    return f'<div class="rb" data-testid="log">{rows}</div>'
+
+
+def _banners(view: TeamView) -> str:
+    banners = []
+    if not view.connected:
+        banners.append(banner("connection", "No connection to the team: what is shown is old"))
+    if view.halted:
+        by = f" by {text(view.halt.by)}" if view.halt is not None and view.halt.by else ""
+        reason = f": {text(view.halt.reason)}" if view.halt is not None and view.halt.reason else ""
+        stopped = sum(robot.halted for robot in view.robots.values())
+        told = f"{stopped} of {len(view.robots)} robots report that they are halted"
+        banners.append(banner("halt-state", f"EMERGENCY HALT{by}{reason}.<br>{told}."))
+        if not view.is_replay:
+            banners.append(_narrow_halt(view))
+    return "".join(banners)
+
+
+def _narrow_halt(view: TeamView) -> str:
+    """On a narrow screen there is no room for the panel of the halt: what it tells and does is here instead."""
+    _, missing = acknowledgements(view)
+    names = ", ".join(text(name, 40) for name in missing[:NAMES_SHOWN]) + (" …" if missing[NAMES_SHOWN:] else "")
+    waits = f'<div data-testid="halt-missing">Not stopped: {names}</div>' if missing else ""
+    return f'<div class="rb-banner rb-narrow">{waits}<button data-rb="resume">Resume …</button></div>'
+
+
+def _alerts(alerts: Sequence[Alert]) -> str:
+    lines = [
+        f'<div class="rb-alert"><b class="rb-{alert.level}">{"▲" if alert.level is Level.BAD else "△"} '
+        f"{text(alert.subject, 40)}</b><span>{text(alert.text)}</span></div>"
+        for alert in alerts[:ALERTS]
+    ]
+    if len(alerts) > ALERTS:
+        lines.append(f'<div class="rb-soft">and {len(alerts) - ALERTS} more</div>')
+    return f'<div data-testid="alerts">{"".join(lines)}</div>' if lines else ""
+
+
+def _robot_rows(view: TeamView, robot: RobotView, now_s: float, selected: str) -> str:
+    look = look_of(robot.index)
+    name = text(robot.name)
+    state = robot.state
+    battery = NONE
+    if state is not None and state.battery is not None:
+        soc = state.battery.soc
+        lasts = "" if robot.endurance_s is None else f' <span class="rb-soft">{span_text(robot.endurance_s)}</span>'
+        bolt = "⚡ " if state.battery.charging else ""
+        battery = f'{bolt}<span class="rb-{battery_class(soc)}">{100 * soc:.0f} %</span>{lasts}'
+    behavior = text(state.behavior) if state is not None and state.behavior else NONE
+    chosen = " rb-selected" if robot.name == selected else ""
+    cells = (
+        f"<td>{colored(look.shape, look.color)} "
+        f'<b data-testid="robot-name" title="{name}">{name}</b></td>'
+        f'<td data-testid="robot-{name}-contact">{condition_html(robot.condition(now_s))}</td>'
+        f'<td class="rb-number" data-testid="robot-{name}-battery">{battery}</td>'
+        f'<td style="padding-left: 14px" data-testid="robot-{name}-behavior" title="{behavior}">{behavior}</td>'
+    )
+    task = f'<td colspan="4" data-testid="robot-{name}-task">{task_text(robot, view)}</td>'
+    return (
+        f'<tr class="rb-top{chosen}" data-rb="select {name}" tabindex="0">{cells}</tr>'
+        f'<tr class="rb-why{chosen}" data-rb="select {name}">{task}</tr>'
+    )
+
+
+def task_text(robot: RobotView, view: TeamView) -> str:
+    """What the robot says of its task, else what the coordinator says of it; escaped."""
+    status = robot.state.task if robot.state is not None else None
+    summary = robot.summary
+    if status is not None:
+        why = status.why or (summary.why if summary is not None else "")
+        event = view.tasks.get(status.id)
+        place = place_of(event.task) if event is not None else None
+        what = LONG_ID.sub(r"\1", status.id)
+        if event is not None and place is not None:
+            what = f"{kind_of(event.task)} at {place.x_m:.1f}, {place.y_m:.1f} m,"
+        said = f"{what} {status.state}" + (f": {why}" if why else "")
+    elif summary is not None and (summary.task or summary.why):
+        said = ": ".join(filter(None, (LONG_ID.sub(r"\1", summary.task), summary.why)))
+    else:
+        said = "no task"
+    return text(said)
+
+
+def _mote_row(mote: MoteView) -> str:
+    name = text(mote.name)
+    latest = mote.latest
+    readings = ", ".join(f"{text(quantity, 40)} {reading.value:.1f}" for quantity, reading in mote.readings.items())
+    supply = NONE if latest is None else f"{latest.voltage_v:.2f} V"
+    number = mote_class(latest.voltage_v if latest is not None else None)
+    return (
+        f'<tr class="rb-top" data-rb="mote {name}" tabindex="0">'
+        f'<td><span class="rb-{MOTE_KINDS[number]}">{MOTE_SHAPES[number]}</span> <b>{name}</b></td>'
+        f'<td data-testid="mote-{name}-reading" title="{readings}">{readings or NONE}</td>'
+        f'<td class="rb-number" data-testid="mote-{name}-supply">{supply}</td>'
+        f"<td>{text(latest.via, 40) if latest is not None else NONE}</td></tr>"
+    )

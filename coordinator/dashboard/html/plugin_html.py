@@ -1,0 +1,197 @@
+"""One robot as HTML: its card, its plugins by level, its events. Every string that came over the wire is escaped."""
+
+import msgspec
+
+from robrain.coordinator.dashboard.html.html_words import NONE, colored, condition_html, span_text, text, tile
+from robrain.coordinator.dashboard.html.panel_html import task_text
+from robrain.coordinator.dashboard.state.robot_view import RobotView
+from robrain.coordinator.dashboard.state.team_view import TeamView
+from robrain.coordinator.drawing.palette import battery_class, look_of
+from robrain.protocol.model.localization.pose_accuracy import position_sigma_m
+from robrain.protocol.wire.messages import PluginInfo
+
+LEVELS = ("device", "unit", "skill", "behavior")
+STATES: dict[str, tuple[str, str]] = {
+    "active": ("●", "good"),
+    "inactive": ("○", "soft"),
+    "loaded": ("○", "soft"),
+    "faulted": ("▲", "bad"),
+    "halted": ("■", "bad"),
+    "unloaded": ("✕", "soft"),
+}
+EVENTS = 12
+FAULTS = 5
+SHORT = 160
+WHY = 8000
+"""Number of characters of an error that are shown."""
+
+
+def robot_card_html(view: TeamView, robot: RobotView, now_s: float) -> str:
+    """How a robot is, in figures."""
+    state, pose = robot.state, robot.pose
+    look = look_of(robot.index)
+    battery, lasts = NONE, NONE
+    kind = ""
+    if state is not None and state.battery is not None:
+        kind = battery_class(state.battery.soc)
+        battery = f"{100 * state.battery.soc:.0f} %" + (" ⚡" if state.battery.charging else "")
+    if robot.endurance_s is not None:
+        lasts = span_text(robot.endurance_s)
+    sigma_m = position_sigma_m(state.pose_covariance) if state is not None else float("nan")
+    speed = NONE
+    if state is not None:
+        speed = f"{(state.velocity.forward_m_s**2 + state.velocity.left_m_s**2) ** 0.5:.2f} m/s"
+    place = NONE if pose is None else f"{pose.x_m:.1f}, {pose.y_m:.1f}"
+    name = text(robot.name)
+    title = (
+        f'<div class="rb-sentence">{colored(look.shape, look.color)}<span data-testid="selected-robot">{name}</span>'
+        f"{condition_html(robot.condition(now_s))}</div>"
+    )
+    tiles = [
+        tile("Battery", "card-battery", battery, kind),
+        tile("Time left", "card-endurance", lasts),
+        tile("Speed", "card-speed", speed),
+        tile("x, y (m)", f"robot-{name}-place", place),
+        tile("Behavior", "card-behavior", text(state.behavior, 20) or NONE if state is not None else NONE),
+        tile("Position", "card-sigma", f"± {sigma_m:.2f} m" if sigma_m == sigma_m else NONE),
+        tile("Power", "card-power", _power(robot)),
+        tile("Heading", "card-heading", NONE if pose is None else f"{pose.yaw_rad * 57.29578:.0f}°"),
+        *_accuracy_tiles(robot),
+    ]
+    return (
+        f'<div class="rb">{title}<div class="rb-tiles">{"".join(tiles)}</div>'
+        f'<div class="rb-soft" style="padding-top: 4px; overflow-wrap: anywhere">{task_text(robot, view)}</div>'
+        f"{_faults_html(robot)}</div>"
+    )
+
+
+def _accuracy_tiles(robot: RobotView) -> list[str]:
+    """Accuracy of its position: by the ground truth if there is one, and by its own scans."""
+    agrees = robot.state.map_agreement if robot.state is not None else None
+    told = robot.truth.accuracy if robot.truth is not None else None
+    tiles = [tile("Lidar on map", "card-agreement", NONE if agrees is None else f"{100 * agrees:.0f} %")]
+    if told is not None:
+        off = "bad" if told.silent_for_s > 0 else ""
+        in_band = NONE if told.nees_in_band is None else f"{100 * told.nees_in_band:.0f} %"
+        silent_s = told.silent_divergence_s
+        tiles += [
+            tile("True error", "card-error", NONE if told.error_m is None else f"{told.error_m:.2f} m", off),
+            tile("RMSE", "card-rmse", NONE if told.rmse_m is None else f"{told.rmse_m:.2f} m"),
+            tile("Largest error", "card-largest", NONE if told.max_error_m is None else f"{told.max_error_m:.2f} m"),
+            tile("NEES", "card-nees", NONE if told.nees is None else f"{told.nees:.1f}"),
+            tile("NEES in 95 %", "card-nees-in-band", in_band),
+            tile("Time lost", "card-lost", f"{told.lost_s:.1f} s"),
+            tile("Silent divergence", "card-silent", f"{silent_s:.1f} s", "bad" if silent_s > 0 else ""),
+        ]
+    return tiles
+
+
+def plugins_html(plugins: list[PluginInfo], selected: str, problem: str) -> str:
+    """The plugins with state and holder, behaviors first as they stand on skills; a click on one selects."""
+    if problem:
+        return f'<div class="rb"><div class="rb-none" data-testid="no-plugins">{text(problem)}</div></div>'
+    if not plugins:
+        return '<div class="rb"><div class="rb-none" data-testid="no-plugins">Not asked yet.</div></div>'
+    parts = []
+    levels = [*LEVELS, *sorted({plugin.level for plugin in plugins} - set(LEVELS))]
+    for level in reversed(levels):
+        own = sorted((plugin for plugin in plugins if plugin.level == level), key=lambda plugin: plugin.name)
+        if own:
+            chips = "".join(_chip(plugin, selected) for plugin in own)
+            parts.append(f'<h4>{text(level.capitalize(), 20)}s</h4><div class="rb-chips">{chips}</div>')
+    return f'<div class="rb" data-testid="plugins">{"".join(parts)}</div>'
+
+
+def plugin_card_html(plugin: PluginInfo | None) -> str:
+    """The selected plugin in words."""
+    if plugin is None:
+        return '<div class="rb"><div class="rb-none">Click on a plugin.</div></div>'
+    is_long = "\n" in plugin.why or len(plugin.why) > SHORT
+    short = plugin.why.strip().rpartition("\n")[2] if is_long else plugin.why
+    lines = [
+        ("State", f"{plugin.state}{f': {short}' if short else ''}"),
+        ("Held by", plugin.holder or "none"),
+        ("Callable by", ", ".join(plugin.visibility) or "none"),
+        ("Requires", ", ".join(plugin.requires) or "none"),
+        (
+            "Period",
+            "none" if plugin.period_s is None else f"{1000 * plugin.period_s:.0f} ms, {plugin.overruns} overruns",
+        ),
+    ]
+    if plugin.restarts:
+        lines.append(("Restarts", f"{plugin.restarts} after faults"))
+    if plugin.distribution:
+        lines.append(("Package", plugin.distribution))
+    rows = "".join(
+        f'<tr><td style="width: 24%" class="rb-soft">{label}</td><td style="white-space: normal">{text(said)}</td></tr>'
+        for label, said in lines
+    )
+    doc = text(plugin.doc.strip().partition("\n")[0])
+    return (
+        f'<div class="rb"><div data-testid="plugin-card"><b>{text(plugin.name)}</b> {doc}</div>'
+        f"<table>{rows}</table>{error_html(plugin.detail or plugin.why) if is_long or plugin.detail else ''}</div>"
+    )
+
+
+def error_html(why: str) -> str:
+    """An error with its traceback, line by line; a very long one is cut to its end."""
+    said = why.strip()
+    said = said if len(said) <= WHY else "…" + said[-WHY:]
+    return f'<pre class="rb-bad" data-testid="plugin-why">{text(said, WHY + 1)}</pre>'
+
+
+def events_html(robot: RobotView) -> str:
+    """The last events that left the robot, the newest first."""
+    events = list(robot.events)[-EVENTS:][::-1]
+    if not events:
+        return '<div class="rb"><div class="rb-none">No event has left this robot yet.</div></div>'
+    rows = "".join(
+        f'<div class="rb-alert"><b>{text(event.plugin, 30)}.{text(event.event, 30)}</b>'
+        f'<span class="rb-soft">{text(value_text(event.value))}</span></div>'
+        for event in events
+    )
+    return f'<div class="rb rb-log" data-testid="events">{rows}</div>'
+
+
+def result_html(function: str, reply: bytes, error: str) -> str:
+    """What came of a call."""
+    if error:
+        said = f"{text(function)}: {text(error, WHY)}"
+        return f'<div class="rb"><pre class="rb-bad" data-testid="call-result">✕ {said}</pre></div>'
+    try:
+        said = msgspec.json.format(reply, indent=2).decode()
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        said = f"{len(reply)} bytes"
+    return f'<div class="rb"><pre data-testid="call-result">✓ {text(function)}: {text(said, 4000)}</pre></div>'
+
+
+def value_text(value: object) -> str:
+    """A value of the wire in one line."""
+    return msgspec.json.encode(value).decode()
+
+
+def _chip(plugin: PluginInfo, selected: str) -> str:
+    shape, kind = STATES.get(plugin.state, ("?", "warn"))
+    chosen = " rb-selected" if plugin.name == selected else ""
+    closed = "" if "command" in plugin.visibility else " rb-closed"
+    holder = f' <span class="rb-soft">⊸ {text(plugin.holder, 30)}</span>' if plugin.holder else ""
+    name = text(plugin.name)
+    return (
+        f'<span class="rb-chip{chosen}{closed}" data-rb="plugin {name}" tabindex="0" role="button" '
+        f'title="{text(plugin.state, 20)} {text(plugin.why)}" data-testid="plugin-{name}">'
+        f'<i class="rb-{kind}">{shape}</i> {name}{holder}</span>'
+    )
+
+
+def _faults_html(robot: RobotView) -> str:
+    faults = robot.state.faulted if robot.state is not None else []
+    return "".join(
+        f'<div class="rb-alert rb-bad" data-rb="plugin {text(fault.plugin)}" tabindex="0" role="button">'
+        f"<b>▲ {text(fault.plugin, 40)} does not run</b></div>{error_html(fault.why) if fault.why else ''}"
+        for fault in faults[:FAULTS]
+    )
+
+
+def _power(robot: RobotView) -> str:
+    battery = robot.state.battery if robot.state is not None else None
+    return NONE if battery is None else f"{battery.voltage_v * battery.current_a:.1f} W"

@@ -1,0 +1,96 @@
+"""Tasks as HTML: the queue, and why. Every string that came over the wire is escaped."""
+
+import re
+
+from robrain.coordinator.dashboard.html.html_words import NONE, clock_text, span_text, task_state_html, text
+from robrain.coordinator.dashboard.state.team_view import TeamView
+from robrain.protocol.model.tasks.task import TaskState, kind_of, place_of
+from robrain.protocol.wire.messages import TaskEvent
+from robrain.protocol.wire.task_messages import RobotVerdict, TaskWhy
+
+LONG_ID = re.compile(r"^(explore|recharge|[a-z_]+(?=-\d{8}))-\d+$")
+"""The ids that the coordinator gives its own tasks say no more than the kind."""
+OPEN_ROWS = 60
+ENDED_ROWS = 15
+
+
+def queue_html(view: TeamView, *, is_live: bool, done: int = 0) -> str:
+    """Open tasks, then those that ended last; `done` is the number that the team reports as done."""
+    open_tasks = list(view.tasks.values())[-OPEN_ROWS:][::-1]
+    open_tasks.sort(key=lambda event: (kind_of(event.task) == "explore", event.state is not TaskState.RUNNING))
+    ended = [event for event in list(view.board.ended)[::-1] if kind_of(event.task) != "explore"][:ENDED_ROWS]
+    if not open_tasks and not ended:
+        said = "No open tasks. Explorations, and tasks finished before this page was started, are not listed."
+        none = said if done else "No tasks yet."
+        return f'<div class="rb"><div class="rb-none" data-testid="no-tasks">{none}</div></div>'
+    head = (
+        '<tr><th style="width: 31%">Task</th><th style="width: 27%">State</th><th style="width: 14%">Robot</th>'
+        '<th style="width: 28%"></th></tr>'
+    )
+    rows = "".join(_task_rows(event, is_live=is_live) for event in open_tasks)
+    rows += "".join(_task_rows(event, is_live=is_live) for event in ended)
+    return f'<div class="rb"><table data-testid="tasks">{head}{rows}</table></div>'
+
+
+def why_html(why: TaskWhy) -> str:
+    """Why a task stands as it does: each robot's cost, or why it was ruled out, and the task's history."""
+    record = why.record
+    first_ns = why.changes[0].stamp_ns if why.changes else record.changed_ns
+    head = (
+        '<tr><th style="width: 18%">Robot</th><th class="rb-number" style="width: 16%">Way</th>'
+        '<th class="rb-number" style="width: 16%">Energy</th><th class="rb-number" style="width: 15%">Time</th>'
+        '<th style="width: 35%; padding-left: 14px">Verdict</th></tr>'
+    )
+    bids = "".join(_bid_row(verdict) for verdict in why.robots)
+    table = (
+        f'<table data-testid="bids">{head}{bids}</table>'
+        if bids
+        else '<div class="rb-none">No robot was judged yet.</div>'
+    )
+    changes = "".join(
+        f'<div class="rb-alert"><span class="rb-soft">{clock_text(max(0.0, (change.stamp_ns - first_ns) / 1e9))}</span>'
+        f"<span>{task_state_html(change.state)} {text(change.robot, 40)} {text(change.why)}</span></div>"
+        for change in why.changes
+    )
+    return (
+        f'<div class="rb"><p data-testid="why-now">{text(why.now, 400)}</p><h4>What each robot would need</h4>{table}'
+        f"<h4>What happened</h4>{changes or NONE}</div>"
+    )
+
+
+def _task_rows(event: TaskEvent, *, is_live: bool) -> str:
+    task = event.task
+    place = place_of(task)
+    name = text(task.id)
+    short = "" if LONG_ID.match(task.id) else text(task.id.removeprefix(f"{kind_of(task)}-"))
+    acts = ""
+    if is_live:
+        acts = f'<button class="rb-act" data-rb="why {name}">why</button>'
+        if not event.state.ended:
+            acts += f' <button class="rb-act" data-rb="cancel {name}">cancel</button>'
+    why = f" · {text(event.why)}" if event.why else ""
+    where = f"{place.x_m:.1f}, {place.y_m:.1f} m"
+    return (
+        f'<tr class="rb-top"><td title="{name}"><b>{kind_of(task)}</b> <span class="rb-soft">{short}</span></td>'
+        f'<td data-testid="task-{name}-state">{task_state_html(event.state)}</td><td>'
+        f"{text(event.robot, 40) or NONE}</td>"
+        f'<td class="rb-number">{acts}</td></tr><tr class="rb-why"><td colspan="4">{where}{why}</td></tr>'
+    )
+
+
+def _bid_row(verdict: RobotVerdict) -> str:
+    def number(value: float | None, unit: str) -> str:
+        return NONE if value is None else f"{value:.0f} {unit}"
+
+    said = '<b class="rb-good">✓ chosen</b>' if verdict.chosen else text(verdict.why_not) or "could do it"
+    time = NONE if verdict.time_s is None else span_text(verdict.time_s)
+    return (
+        f'<tr class="rb-top"><td><b>{text(verdict.robot, 40)}</b></td>'
+        f'<td class="rb-number">{NONE if verdict.distance_m is None else _way_text(verdict.distance_m)}</td>'
+        f'<td class="rb-number">{number(verdict.energy_j, "J")}</td><td class="rb-number">{time}</td>'
+        f'<td style="white-space: normal; padding-left: 14px">{said}</td></tr>'
+    )
+
+
+def _way_text(distance_m: float) -> str:
+    return f"{distance_m:.1f} m" if distance_m < 10 else f"{distance_m:.0f} m"

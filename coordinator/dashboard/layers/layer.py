@@ -1,0 +1,102 @@
+"""What a layer of the scene is: something that can be shown or hidden, and is drawn now and then.
+
+A layer of the server's scene is drawn once and sent to all browsers, and each browser shows or hides it for itself
+(`layer_switches.py`). A layer of a client's scene belongs to that browser alone.
+"""
+
+import logging
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
+import viser
+
+from robrain.coordinator.dashboard.server.retry import Retry
+from robrain.coordinator.dashboard.state.team_view import TeamView
+
+logger = logging.getLogger(__name__)
+
+MANY_ROBOTS = 25
+SLOWER = 3.0
+"""Of a large team nobody can watch each robot, and a browser has much to draw."""
+
+
+class Layer(ABC):
+    """Draws one aspect of the team below a node of its own, which hides with its checkbox.
+
+    A layer gives its `name` (of the node), its `label` (for people), its `period_s` and whether it is shown at first,
+    and draws in `_draw`.
+    """
+
+    name: ClassVar[str]
+    label: ClassVar[str]
+    period_s: ClassVar[float]
+    shown_at_first: ClassVar[bool] = True
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        self.scene = scene
+        self._root = scene.add_frame(f"/{self.name}", show_axes=False, visible=self.shown_at_first)
+        self._drawn_s: float | None = None
+        self._wanted = self.shown_at_first
+        self._retry = Retry()
+        self.needed = self.shown_at_first
+        """Whether any browser shows it; if not, it is not drawn."""
+
+    @property
+    def wanted(self) -> bool:
+        """Whether browsers show it by default, unless it fails."""
+        return self._wanted
+
+    @wanted.setter
+    def wanted(self, wanted: bool) -> None:
+        self._wanted = wanted
+        self._show()
+
+    @property
+    def shown(self) -> bool:
+        """Whether it is visible: wanted, and last drawn without an error."""
+        return self._wanted and not self.failing
+
+    @property
+    def failing(self) -> bool:
+        """Whether the last drawing failed; the layer is hidden until one succeeds."""
+        return self._retry.failing
+
+    def retry_in_s(self, now_s: float) -> float:
+        """Time until the next attempt to draw a failing layer, seconds."""
+        return self._retry.wait_s(now_s)
+
+    def draw(self, view: TeamView, now_s: float) -> None:
+        """Draw what changed, if drawing is due.
+
+        A layer that fails is hidden and retried later, so that the page and its halt keep working.
+        """
+        period_s = self.period_s * (SLOWER if len(view.robots) > MANY_ROBOTS else 1.0)
+        is_time = self._drawn_s is None or now_s - self._drawn_s >= period_s
+        if not (self.needed and is_time and self._retry.is_due(now_s)):
+            return
+        self._drawn_s = now_s
+        try:
+            self._draw(view, now_s)
+        except Exception:  # viser may raise anything; the page and its halt must keep working
+            pause_s = self._retry.fail(now_s)
+            logger.exception("the layer %s cannot be drawn; it is hidden, next try in %.0f s", self.label, pause_s)
+        else:
+            if failures := self._retry.succeed():
+                logger.warning("the layer %s is drawn again after %d failures", self.label, failures)
+        self._show()
+
+    def hurry(self) -> None:
+        """Draw the next time, whenever the last one was: all has become another."""
+        self._drawn_s = None
+
+    def _show(self) -> None:
+        if self._root.visible != self.shown:
+            self._root.visible = self.shown
+
+    def node(self, name: str) -> str:
+        """The full name of a node of this layer."""
+        return f"/{self.name}/{name}"
+
+    @abstractmethod
+    def _draw(self, view: TeamView, now_s: float) -> None:
+        """Bring the layer's nodes up to date."""

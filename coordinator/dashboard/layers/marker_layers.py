@@ -1,0 +1,129 @@
+"""Marks on the map: borders of the known, motes with their readings, and what the lidars see."""
+
+import numpy as np
+import viser
+
+from robrain.coordinator.dashboard.layers.layer import Layer
+from robrain.coordinator.dashboard.layers.own_layer import OwnLayer
+from robrain.coordinator.dashboard.scene.merged_meshes import MergedMeshes, copies
+from robrain.coordinator.dashboard.scene.meshes import Mesh, cube, diamond, tent
+from robrain.coordinator.dashboard.scene.scene_nodes import Labels, Rows, colors, rows, to_linear
+from robrain.coordinator.dashboard.state.focus import motes_in_focus
+from robrain.coordinator.dashboard.state.robot_view import MoteView, RobotView
+from robrain.coordinator.dashboard.state.team_view import TeamView
+from robrain.coordinator.drawing.palette import FRONTIER, MOTE_COLORS, look_of, mote_class
+
+FRONTIER_SIZE_M = 0.1
+MOTE_LABEL_Z_M = 0.35
+SCAN_Z_M = 0.15
+
+
+class FrontierLayer(Layer):
+    """Borders of the known that the coordinator sees, the longer the larger."""
+
+    name, label, period_s = "frontiers", "Frontiers", 1.0
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        super().__init__(scene)
+        self._marks = MergedMeshes(scene, self.node("marks"))
+
+    def _draw(self, view: TeamView, now_s: float) -> None:
+        frontiers = view.team.frontiers if view.team is not None else []
+        sizes_m = [FRONTIER_SIZE_M * min(2.0, max(0.8, max(frontier.length_m, 0.0) ** 0.5)) for frontier in frontiers]
+        places = rows([(frontier.place.x_m, frontier.place.y_m, 0.0) for frontier in frontiers])
+        self._marks.show({FRONTIER: copies(diamond(1.0, 1.6), places, rows([(size_m,) * 3 for size_m in sizes_m]))})
+
+
+MOTE_MESHES: tuple[tuple[Mesh, float], ...] = (
+    (diamond(0.14, 0.3), 1.0),
+    (tent(0.18, 0.26), 1.0),
+    (cube(), 0.2),
+    (diamond(0.09, 0.2), 1.0),
+)
+"""Shape and scale by `mote_class`: a diamond is well, a pyramid is low, a cube is nearly empty."""
+
+
+class MoteLayer(Layer):
+    """Motes; colour and shape show the state of their supply."""
+
+    name, label, period_s = "motes", "Motes", 1.0
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        super().__init__(scene)
+        self._bodies = MergedMeshes(scene, self.node("bodies"))
+
+    def _draw(self, view: TeamView, now_s: float) -> None:
+        placed = [(mote, mote.place) for mote in view.motes.values() if mote.place is not None]
+        kinds: dict[int, list[tuple[float, float, float]]] = {}
+        for mote, place in placed:
+            kind = mote_class(mote.latest.voltage_v if mote.latest is not None else None)
+            kinds.setdefault(kind, []).append((place.x_m, place.y_m, 0.0))
+        self._bodies.show(
+            {
+                MOTE_COLORS[kind]: copies(
+                    MOTE_MESHES[kind][0], rows(places), np.full((len(places), 3), MOTE_MESHES[kind][1], np.float32)
+                )
+                for kind, places in kinds.items()
+            }
+        )
+
+
+class MoteLabelLayer(OwnLayer):
+    """Latest readings of the motes in focus."""
+
+    name, label, period_s = "mote_labels", "Readings of motes", 1.0
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        super().__init__(scene)
+        self._labels = Labels(scene, self.node("reading"), 0.8)
+
+    def _draw(self, view: TeamView, now_s: float) -> None:
+        self._labels.show(
+            {
+                mote.name: (reading_text(mote), (mote.place.x_m, mote.place.y_m, MOTE_LABEL_Z_M))
+                for mote in motes_in_focus(view, self.focus)
+                if mote.place is not None
+            }
+        )
+
+
+class ScanLayer(OwnLayer):
+    """What the lidar of the selected robot sees, in the robot's colour."""
+
+    name, label, period_s = "scans", "Lidar", 0.2
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        super().__init__(scene)
+        self._handle: viser.PointCloudHandle | None = None
+
+    def _draw(self, view: TeamView, now_s: float) -> None:
+        robot = view.robots.get(self.focus.robot)
+        points: Rows = scan_points(robot) if robot is not None else rows([])
+        if robot is None or not len(points):
+            if self._handle is not None:
+                self._handle.remove()
+                self._handle = None
+            return
+        color = to_linear(colors([look_of(robot.index).color]))[0]
+        self._handle = self.scene.add_point_cloud(
+            self.node("points"), points, color, point_size=0.05, point_shape="circle", precision="float32"
+        )
+
+
+def scan_points(robot: RobotView) -> Rows:
+    """Ends of the beams that hit something, float32 (N, 3), metres, arena frame."""
+    pose = robot.pose_at(robot.scan.stamp_ns) if robot.scan is not None else None
+    if robot.scan is None or pose is None:
+        return np.empty((0, 3), np.float32)
+    ranges_m = np.array(robot.scan.ranges_mm, np.float64) / 1000
+    angles_rad = pose.yaw_rad + robot.scan.angle_min_rad + robot.scan.angle_increment_rad * np.arange(len(ranges_m))
+    hit = ranges_m > 0
+    x_m = pose.x_m + ranges_m[hit] * np.cos(angles_rad[hit])
+    y_m = pose.y_m + ranges_m[hit] * np.sin(angles_rad[hit])
+    return np.column_stack([x_m, y_m, np.full(x_m.shape, SCAN_Z_M)]).astype(np.float32)
+
+
+def reading_text(mote: MoteView) -> str:
+    """A mote's last reading in a few characters."""
+    latest = mote.latest
+    return mote.name if latest is None else f"{mote.name} {latest.value:.1f}"

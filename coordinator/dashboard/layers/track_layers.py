@@ -1,0 +1,86 @@
+"""Where robots came from and where they mean to go: trails, planned paths and goals."""
+
+import math
+
+import numpy as np
+import viser
+
+from robrain.coordinator.dashboard.layers.layer import Layer
+from robrain.coordinator.dashboard.scene.merged_meshes import MergedMeshes, by_color, copies, strips, widen_for
+from robrain.coordinator.dashboard.scene.meshes import Mesh, pin
+from robrain.coordinator.dashboard.scene.scene_nodes import Rows, dashed, rows
+from robrain.coordinator.dashboard.state.robot_view import Contact
+from robrain.coordinator.dashboard.state.team_view import TeamView
+from robrain.coordinator.drawing.palette import look_of
+from robrain.protocol.model.geometry import Point2D
+
+TRAIL_Z_M = 0.015
+PATH_Z_M = 0.03
+ALL_TRAILS_SEGMENTS = 2000
+"""Shared by the team, so that trails of a hundred robots stay a message of 50 kB a second."""
+TRAIL_M = 0.1
+OLDEST_SHARE = 0.3
+"""Of a trail's width is left where it is oldest."""
+PATH_M = 0.1
+DASH_M = 0.18
+DASHES = 400
+PIN = pin(0.13, 0.55)
+
+
+class TrailLayer(Layer):
+    """The way each robot has come, the thinner the longer ago."""
+
+    name, label, period_s = "trails", "Trails", 1.0
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        super().__init__(scene)
+        self._strips = MergedMeshes(scene, self.node("strips"))
+
+    def _draw(self, view: TeamView, now_s: float) -> None:
+        each = ALL_TRAILS_SEGMENTS // max(1, len(view.robots))
+        width_m = TRAIL_M * widen_for(view.map.size_m)
+        self._strips.show(
+            by_color(
+                (look_of(robot.index).color, tapering_line(list(robot.trail), each, width_m))
+                for robot in view.robots_in_order()
+                if len(robot.trail) > 1
+            )
+        )
+
+
+class PathLayer(Layer):
+    """What each robot means to drive, dashed, and a pin where it is bound for."""
+
+    name, label, period_s = "paths", "Paths, goals", 0.3
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        super().__init__(scene)
+        self._strips = MergedMeshes(scene, self.node("strips"))
+
+    def _draw(self, view: TeamView, now_s: float) -> None:
+        width_m = PATH_M * widen_for(view.map.size_m)
+        pieces = []
+        for robot in view.robots_in_order():
+            if robot.contact(now_s) is Contact.LOST:
+                continue
+            color = look_of(robot.index).color
+            pieces.append((color, strips(dashes(robot.path), width_m)))
+            goal = view.goal_of(robot)
+            if goal is not None:
+                pieces.append((color, copies(PIN, rows([(goal.x_m, goal.y_m, 0.0)]), np.ones((1, 3), np.float32))))
+        self._strips.show(by_color(pieces))
+
+
+def tapering_line(trail: list[Point2D], segments: int, width_m: float) -> Mesh:
+    """A trail as at most `segments` strips, narrow where it is old and `width_m` wide at its end."""
+    stride = max(1, math.ceil((len(trail) - 1) / max(1, segments)))
+    # Kept from the end, so that the line always reaches the robot.
+    kept = trail[::-1][::stride][::-1]
+    corners = np.array([(point.x_m, point.y_m, TRAIL_Z_M) for point in kept], np.float32)
+    widths_m = np.linspace(OLDEST_SHARE, 1.0, max(1, len(kept) - 1), dtype=np.float32) * np.float32(width_m)
+    return strips(np.stack([corners[:-1], corners[1:]], axis=1), widths_m[: len(kept) - 1])
+
+
+def dashes(path: list[Point2D]) -> Rows:
+    """A path as dashes of equal length, float32 (N, 2, 3), metres; the longest paths are cut off."""
+    return dashed(path, DASH_M, PATH_Z_M, DASHES)

@@ -1,0 +1,1 @@
+"""The tabs and controls of a page."""

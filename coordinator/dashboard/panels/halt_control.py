@@ -1,0 +1,123 @@
+"""The emergency halt: one click or the key H halts the team; resuming needs a confirmation.
+
+`page.js` draws the button, because viser's panels lie below viser's windows. It triggers the same command as the key.
+Commands run on viser's threads, not in the dashboard's step, so that a halt is sent at once whatever the dashboard is
+drawing or querying.
+"""
+
+import threading
+from typing import Any
+
+import viser
+import zenoh
+
+from robrain.coordinator.dashboard.html.html_words import natural_key, text
+from robrain.coordinator.dashboard.server.page_head import CLOSE_MARK
+from robrain.coordinator.dashboard.state.team_view import TeamView
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.messages import Halt
+from robrain.protocol.wire.topics import HALT
+
+WIDTH_PX = 290
+MARGIN_PX = 15
+BUTTON_PX = 64
+"""Height of the button that `page.js` draws below the panel."""
+BY = "operator:dashboard"
+LABEL_RESUME = "Resume after halt …"
+LABEL_CONFIRM = "Resume all robots"
+LABEL_KEEP = "Keep them halted"
+NAMES_SHOWN = 12
+
+
+class HaltControl:
+    """Sends the halt and the resume, and shows which robots have obeyed."""
+
+    def __init__(self, server: viser.ViserServer, endpoint: Endpoint) -> None:
+        self._publisher = endpoint.publisher(HALT)
+        self._sending = threading.Lock()
+        self.connected = True
+        """Whether there is a link to send on; kept up to date by the owner."""
+        panel = server.gui.add_panel(order=0)
+        with panel.add_tab("All robots"):
+            self._told = server.gui.add_html("")
+            self._resume = server.gui.add_button(LABEL_RESUME, color="gray", visible=False)
+        panel.float(x=MARGIN_PX, y=-(2 * MARGIN_PX + BUTTON_PX), width=WIDTH_PX)
+        panel.expand()
+        self._resume.on_click(lambda event: self.ask_to_resume(event.client))
+        command = server.gui.add_command("Emergency halt", description="Halt all robots", hotkey="H")
+        command.on_trigger(self._halt)
+
+    def draw(self, view: TeamView, beat: int) -> None:
+        """Tell who has stopped and who has not; `beat` changes with each call, so that a page sees that it is heard."""
+        self._told.content = acknowledgements_html(view, beat)
+        halted = view.halted or any(robot.halted for robot in view.robots.values())
+        if self._resume.visible != halted:
+            self._resume.visible = halted
+
+    def _halt(self, event: viser.CommandEvent) -> None:
+        self._send(Halt(halted=True, by=BY, reason="halted on the dashboard"), event.client)
+
+    def ask_to_resume(self, client: viser.ClientHandle | None) -> None:
+        """Ask in one browser whether all may move again."""
+        if client is None:
+            return
+        modal = client.gui.add_modal("Resume after the emergency halt?")
+        with modal:
+            client.gui.add_markdown("All robots may move at once. Is everybody out of their way?")
+            confirm = client.gui.add_button(LABEL_CONFIRM, color="green")
+            client.gui.add_html(CLOSE_MARK)
+            keep = client.gui.add_button(LABEL_KEEP, color="gray")
+
+        @confirm.on_click
+        def _(_: viser.GuiEvent[Any]) -> None:
+            modal.close()
+            self._send(Halt(halted=False, by=BY, reason="resumed on the dashboard"), client)
+
+        @keep.on_click
+        def _(_: viser.GuiEvent[Any]) -> None:
+            modal.close()
+
+    def _send(self, message: Halt, client: viser.ClientHandle | None) -> None:
+        failure = "" if self.connected else "the dashboard has no connection to the team"
+        try:
+            with self._sending:
+                self._publisher.put(message)
+        except zenoh.ZError as error:
+            failure = str(error)
+        if failure and client is not None:
+            what = "halt" if message.halted else "resume"
+            client.add_notification(
+                f"The {what} was not sent",
+                f"Use the robots' own buttons: {failure}.",
+                color="red",
+                auto_close_seconds=None,
+            )
+
+
+def acknowledgements(view: TeamView) -> tuple[list[str], list[str]]:
+    """Robots that have stopped, and robots that have not said so, lost ones among them; by name."""
+    robots = sorted(view.robots.values(), key=lambda robot: natural_key(robot.name))
+    stopped = [robot.name for robot in robots if robot.state is not None and robot.state.has_stopped]
+    return stopped, [robot.name for robot in robots if robot.name not in set(stopped)]
+
+
+def acknowledgements_html(view: TeamView, beat: int) -> str:
+    """Who has obeyed the halt, or that nothing is halted."""
+    begin = f'<div class="rb" data-rb-beat="{beat}" data-testid="acknowledged">'
+    stopped, missing = acknowledgements(view)
+    if not view.halted and not stopped:
+        return f'{begin}<span class="rb-soft">No robot is halted. Key: H</span></div>'
+    parts = []
+    if view.halted and missing:
+        parts.append(_line("bad", "✕ not stopped", "not-stopped", missing))
+    if stopped:
+        parts.append(_line("good", "■ stopped", "stopped", stopped))
+    if view.halted and not missing:
+        parts.append(f'<div class="rb-soft">All {len(stopped)} have acknowledged.</div>')
+    return f"{begin}{''.join(parts)}</div>"
+
+
+def _line(kind: str, label: str, testid: str, names: list[str]) -> str:
+    shown = ", ".join(text(name, 40) for name in names[:NAMES_SHOWN])
+    more = f" and {len(names) - NAMES_SHOWN} more" if len(names) > NAMES_SHOWN else ""
+    return f'<div class="rb-alert rb-{kind}"><b>{label}:</b><span data-testid="{testid}">{shown}{more}</span></div>'

@@ -1,0 +1,109 @@
+"""What all browsers' pages share, and the little that they ask of robots again and again."""
+
+from collections.abc import Collection
+from dataclasses import dataclass, field
+
+from robrain.coordinator.dashboard.panels.halt_control import HaltControl
+from robrain.coordinator.dashboard.replay.replay_bar import ReplayBar
+from robrain.coordinator.dashboard.scene.scene import Scene
+from robrain.coordinator.dashboard.server.asker import TIMEOUT_S, Answer, Asker, Then
+from robrain.coordinator.dashboard.state.team_view import TeamView
+from robrain.protocol.wire.messages import PluginInfo
+from robrain.protocol.wire.plan_messages import PlanningStatus
+from robrain.protocol.wire.topic import Q, Query, R
+from robrain.protocol.wire.topics import COORDINATOR_PLANNING, ROBOT_PLUGINS
+
+PLUGINS_S = 2.0
+PLANNING_S = 5.0
+BY = "operator:dashboard"
+
+
+@dataclass
+class PluginsOf:
+    """A robot's plugins as it told them last."""
+
+    plugins: list[PluginInfo] = field(default_factory=list)
+    problem: str = ""
+    asked_s: float | None = None
+    waiting: bool = False
+
+
+class Inquiries:
+    """Asks the selected robots for their plugins, and the coordinator how it plans and which chargers there are."""
+
+    def __init__(self, view: TeamView, asker: Asker) -> None:
+        self._view = view
+        self._asker = asker
+        self.plugins: dict[str, PluginsOf] = {}
+        self.planning: PlanningStatus | None = None
+        self._planning_s: float | None = None
+
+    def step(self, selected: Collection[str], now_s: float) -> None:
+        """Ask what is due."""
+        for robot in selected:
+            known = self.plugins.setdefault(robot, PluginsOf())
+            if not known.waiting and (known.asked_s is None or now_s - known.asked_s >= PLUGINS_S):
+                known.asked_s, known.waiting = now_s, True
+                self._asker.ask(ROBOT_PLUGINS, None, self._taker(robot), timeout_s=2.0, robot=robot)
+        for robot in [robot for robot in self.plugins if robot not in selected]:
+            del self.plugins[robot]
+        if self._view.coordinator_up and (self._planning_s is None or now_s - self._planning_s >= PLANNING_S):
+            self._planning_s = now_s
+            self._asker.ask(COORDINATOR_PLANNING, None, self._take_planning)
+
+    def soon(self, robot: str) -> None:
+        """Something has been done to a robot's plugins: ask it again at the next step."""
+        if robot in self.plugins:
+            self.plugins[robot].asked_s = None
+
+    def _taker(self, robot: str) -> Then[list[PluginInfo]]:
+        def take(answer: Answer[list[PluginInfo]]) -> None:
+            known = self.plugins.get(robot)
+            if known is None:
+                return
+            known.waiting = False
+            try:
+                known.plugins, known.problem = answer.reply, ""
+            except ValueError as error:
+                known.problem = str(error)
+
+        return take
+
+    def _take_planning(self, answer: Answer[PlanningStatus]) -> None:
+        try:
+            self.planning = answer.reply
+        except ValueError:  # a coordinator that does not plan
+            self.planning = None
+            return
+        places = self.planning.chargers
+        self._view.chargers = tuple(place for place in places if abs(place.x_m) < 1e6 and abs(place.y_m) < 1e6)
+
+
+@dataclass
+class PageContext:
+    """The parts that a page works with."""
+
+    view: TeamView
+    scene: Scene
+    asker: Asker | None
+    """None where there is nobody to be asked: the page is of a recording."""
+    inquiries: Inquiries | None
+    replay: ReplayBar | None
+    halt: HaltControl | None
+    """None where there is nobody to be halted."""
+
+    @property
+    def is_live(self) -> bool:
+        """Whether there is a team to be asked and told."""
+        return self.asker is not None
+
+    def ask(
+        self, topic: Query[Q, R], request: Q | None, then: Then[R], *, timeout_s: float = TIMEOUT_S, **names: str
+    ) -> None:
+        """Ask, as `Asker.ask`, if there is anybody to be asked."""
+        if self.asker is not None:
+            self.asker.ask(topic, request, then, timeout_s=timeout_s, **names)
+
+    def plugins_of(self, robot: str) -> PluginsOf:
+        """What is known of a robot's plugins."""
+        return self.inquiries.plugins.get(robot, PluginsOf()) if self.inquiries is not None else PluginsOf()

@@ -1,0 +1,55 @@
+"""The tab of the team: figures, robots, how the exploration goes, what was told."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from robrain.coordinator.dashboard.html.charts import add_chart
+from robrain.coordinator.dashboard.html.panel_html import log_html, robots_html, summary_html
+from robrain.coordinator.dashboard.panels.gui_values import set_html
+
+if TYPE_CHECKING:
+    from robrain.coordinator.dashboard.panels.page import ClientPage
+
+CHART_PERIOD_S = 2.0
+MANY_ROWS = 25
+MANY_PERIOD_S = 2.5
+"""A long table costs a browser more than the picture."""
+
+
+class TeamTab:
+    """Built within the tab's context."""
+
+    def __init__(self, page: "ClientPage") -> None:
+        gui = page.client.gui
+        self._page = page
+        self._summary = gui.add_html("")
+        self._robots = gui.add_html("")
+        self._folder = gui.add_folder("Explored over time", visible=False)
+        with self._folder:
+            self._chart = add_chart(gui, "Explored (%)", ["explored"], (0.0, 100.0))
+        with gui.add_folder("Log", expand_by_default=False):
+            self._log = gui.add_html("")
+        self._charted_s: float | None = None
+        self._listed_s: float | None = None
+        self._listed: tuple[str, int] | None = None
+
+    def hurry(self) -> None:
+        """Draw all of it the next time."""
+        self._charted_s = self._listed_s = None
+
+    def draw(self, now_s: float) -> None:
+        """Bring it up to date."""
+        view = self._page.context.view
+        set_html(self._summary, summary_html(view, now_s))
+        shown = (self._page.selected, len(view.robots))
+        due = self._listed_s is None or now_s - self._listed_s >= MANY_PERIOD_S
+        if due or shown != self._listed or len(view.robots) <= MANY_ROWS:
+            self._listed_s, self._listed = now_s, shown
+            set_html(self._robots, robots_html(view, now_s, self._page.selected))
+        set_html(self._log, log_html(view))
+        if len(view.explored) > 1 and (self._charted_s is None or now_s - self._charted_s >= CHART_PERIOD_S):
+            self._charted_s = now_s
+            self._folder.visible = True
+            time_s, fraction = np.array(view.explored).T
+            self._chart.data = (time_s, 100 * fraction)

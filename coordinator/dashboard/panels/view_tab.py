@@ -1,0 +1,131 @@
+"""The tab of the picture: camera, layers, what the marks mean, motes, dark or light."""
+
+from typing import TYPE_CHECKING, Any
+
+import viser
+
+from robrain.coordinator.dashboard.html.html_words import text
+from robrain.coordinator.dashboard.html.panel_html import motes_html
+from robrain.coordinator.dashboard.layers.field_layer import FieldLayer
+from robrain.coordinator.dashboard.layers.layer_switches import Switch
+from robrain.coordinator.dashboard.panels.gui_values import set_html, set_value
+from robrain.coordinator.drawing.palette import HEAT, css
+
+if TYPE_CHECKING:
+    from robrain.coordinator.dashboard.panels.page import ClientPage
+
+OVERVIEW, TOP = "Overview", "Top view"
+MOTES_PERIOD_S = 3.0
+LEGEND = (
+    '<div class="rb"><h4>Motes</h4><div class="rb-legend"><span class="rb-good">◆ well</span>'
+    '<span class="rb-warn">▲ low</span><span class="rb-bad">■ nearly empty</span>'
+    '<span class="rb-soft">◇ not heard</span></div>'
+    '<h4>Radio links</h4><div class="rb-legend"><span class="rb-good">━ strong</span>'
+    '<span class="rb-warn">– – weak</span>'
+    '<span class="rb-bad">· · very weak</span><span>wider: between robots</span><span>▬ relay</span></div>'
+    '<h4>Tasks</h4><div class="rb-legend"><span>⚑ flag: waits</span><span>▼ pin: a robot is at it</span>'
+    "<span>⚡ plate: charger</span><span>yellow diamond: border of the known</span></div><h4>Keys</h4>"
+    '<div class="rb-legend"><span><b>H</b> halt all</span><span><b>O</b> overview</span><span><b>T</b> top view</span>'
+    "<span><b>F</b> follow</span><span><b>N</b>, <b>P</b> next, previous robot</span>"
+    "<span><b>L</b> light or dark</span>"
+    "<span><b>W A S D Q E</b> drive by hand, once armed</span><span><b>Ctrl+K</b> all commands</span></div></div>"
+)
+
+
+class ViewTab:
+    """Built within the tab's context."""
+
+    def __init__(self, page: "ClientPage") -> None:
+        gui = page.client.gui
+        self._page = page
+        self._listed_s: float | None = None
+        camera = gui.add_button_group("Camera", (OVERVIEW, TOP))
+        camera.on_click(self._move_camera)
+        self._follow = gui.add_checkbox("Follow selected", False)
+        self._follow.on_update(lambda event: page.post(lambda: self.set_follow(event.target.value)))
+        theme = gui.add_button_group("Colours", ("Dark", "Light"))
+        theme.on_click(lambda event: page.post(lambda: page.set_dark(event.target.value == "Dark")))
+        self._boxes: list[_Box] = []
+        with gui.add_folder("Layers"):
+            for switch in page.switches:
+                self._boxes.append(_Box(page, switch))
+            self._scale = gui.add_html("", visible=False)
+        with gui.add_folder("Legend and keys", expand_by_default=False):
+            gui.add_html(LEGEND)
+        self._mote_folder = gui.add_folder("Motes", expand_by_default=False, visible=False)
+        with self._mote_folder:
+            self._motes = gui.add_html("")
+
+    def draw(self, now_s: float) -> None:
+        """Bring it up to date."""
+        view = self._page.context.view
+        for box in self._boxes:
+            box.show()
+        if bool(view.motes) != self._mote_folder.visible:
+            self._mote_folder.visible = bool(view.motes)
+        if view.motes and (self._listed_s is None or now_s - self._listed_s >= MOTES_PERIOD_S):
+            self._listed_s = now_s
+            set_html(self._motes, motes_html(view))
+        layers = [box.switch.layer for box in self._boxes if box.shown]
+        scale = next((layer.range for layer in layers if isinstance(layer, FieldLayer)), None)
+        if self._scale.visible != (scale is not None):
+            self._scale.visible = scale is not None
+        if scale is not None:
+            set_html(self._scale, scale_html(*scale))
+
+    def overview(self) -> None:
+        """See all of the map."""
+        self.set_follow(False)
+        self._page.context.scene.show_overview(self._page.client)
+
+    def top(self) -> None:
+        """See all of the map from above."""
+        self.set_follow(False)
+        self._page.context.scene.show_top(self._page.client)
+
+    def set_follow(self, follows: bool) -> None:
+        """Have the camera go along with the selected robot, or not."""
+        self._page.follows = follows
+        set_value(self._follow, follows)
+
+    def _move_camera(self, event: viser.GuiEvent[Any]) -> None:
+        self._page.post(self.top if event.target.value == TOP else self.overview)
+
+
+class _Box:
+    """The checkbox of a layer."""
+
+    def __init__(self, page: "ClientPage", switch: Switch) -> None:
+        self.switch = switch
+        self.shown = switch.shown
+        """What the box says, as far as has been taken up."""
+        self._box = page.client.gui.add_checkbox(switch.label, switch.shown)
+
+        @self._box.on_update
+        def _(event: viser.GuiEvent[Any]) -> None:
+            if event.client is not None:  # and not our own setting of it
+                shown = event.target.value
+                page.post(lambda: self._choose(shown))
+
+    def show(self) -> None:
+        """Have the box say what is the case: what cannot be drawn is hidden.
+
+        It is left alone as long as nothing has changed by itself, as somebody may be clicking on it just now.
+        """
+        if self.switch.shown != self.shown:
+            self.shown = self.switch.shown
+            set_value(self._box, self.shown)
+
+    def _choose(self, shown: bool) -> None:
+        self.switch.shown = self.shown = shown
+
+
+def scale_html(quantity: str, low: float, high: float) -> str:
+    """The colours of the heat map and what they stand for."""
+    steps = ", ".join(css(color) for color in HEAT)
+    return (
+        f'<div class="rb" data-testid="field-scale">{text(quantity, 40)}'
+        f'<div class="rb-scale" style="background: linear-gradient(to right, {steps})"></div>'
+        f'<div style="display: flex; justify-content: space-between">'
+        f"<span>{low:.1f}</span><span>{high:.1f}</span></div></div>"
+    )

@@ -1,0 +1,1 @@
+"""A recording in place of a team."""

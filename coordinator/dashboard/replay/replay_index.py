@@ -1,0 +1,157 @@
+"""What a recording has to tell of the time before any moment of it: trails, charts, tasks, log, and marks.
+
+A player gives the run as it was at a time. That a robot has come a long way until then is not in it: the recording is
+read once for that.
+"""
+
+from bisect import bisect_right
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
+
+from robrain.coordinator.dashboard.state.robot_view import TRAIL_POINTS, Condition
+from robrain.coordinator.dashboard.state.team_view import TeamView
+from robrain.coordinator.recording.reader.reading import RecordedMessage
+from robrain.protocol.model.tasks.task import TaskState, kind_of
+from robrain.protocol.wire.border import Received
+from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.wire.codec import BadPayload
+from robrain.protocol.wire.messages import Halt, LogRecord, RobotState, TaskEvent
+from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topics import (
+    ARENA_TRUTH,
+    HALT,
+    ROBOT_EVENT,
+    ROBOT_LOG,
+    ROBOT_STATE,
+    TASK_DECISION,
+    TASK_EVENT,
+    topic_of,
+)
+
+MARKS = 400
+SUMMED = (TASK_EVENT, TASK_DECISION, ROBOT_LOG, ROBOT_EVENT, HALT)
+"""Topics of which every message counts, not the last alone."""
+
+
+class Mark(NamedTuple):
+    """Something that happened."""
+
+    time_s: float
+    kind: str
+    """halt, fault or task."""
+    said: str
+    """Of the wire: not escaped."""
+
+
+class Decoder:
+    """Makes messages of what was recorded; what does not decode, or is of no topic of ours, is left out."""
+
+    def __init__(self) -> None:
+        self._topics: dict[str, tuple[Topic[Any], dict[str, str]] | None] = {}
+
+    def decode(self, recorded: RecordedMessage) -> Received | None:
+        """One message."""
+        key = recorded.topic_key
+        if key not in self._topics:
+            self._topics[key] = topic_of(key)
+        found = self._topics[key]
+        if found is None or found[0].message is None:
+            return None
+        topic, names = found
+        try:
+            return Received(topic, key, names, topic.payloads.read(recorded.payload))
+        except BadPayload:
+            return None
+
+
+class ReplayIndex:
+    """Reads a recording once; it is told to views that begin in the middle."""
+
+    def __init__(self, start_ns: int) -> None:
+        self.marks: list[Mark] = []
+        self._start_ns = start_ns
+        self._times_s: list[float] = []
+        self._summed: list[Received] = []
+        self._all = TeamView()
+        self._trails: dict[str, list[tuple[float, Any]]] = {}
+        self._samples: dict[str, list[tuple[float, Any]]] = {}
+        self._conditions: dict[str, Condition] = {}
+
+    def read(self, messages: Iterable[RecordedMessage], decode: Callable[[RecordedMessage], Received | None]) -> None:
+        """Take in all of a recording, in order."""
+        for recorded in messages:
+            topic = topic_of_kept(recorded.topic_key)
+            if topic is None:
+                continue
+            received = decode(recorded)
+            if received is None:
+                continue
+            time_s = to_seconds(recorded.log_time_ns - self._start_ns)
+            if topic in SUMMED:
+                self._times_s.append(time_s)
+                self._summed.append(received)
+            self._mark(received, time_s)
+            if topic in (ROBOT_STATE, ARENA_TRUTH):
+                self._all.apply(received, time_s)
+                if topic is ROBOT_STATE:
+                    self._keep(received.names["robot"], time_s)
+
+    def tell_events(self, view: TeamView, time_s: float) -> None:
+        """Tell a fresh view all that happened until then."""
+        view.look_order = {name: robot.index for name, robot in self._all.robots.items()}
+        for received in self._summed[: bisect_right(self._times_s, time_s)]:
+            view.apply(received, 0.0)
+
+    def tell_history(self, view: TeamView, time_s: float) -> None:
+        """Tell a view, that knows the state of then, how it came to it: trails and charts."""
+        for name, robot in view.robots.items():
+            places = self._trails.get(name, [])
+            robot.trail.clear()
+            robot.trail.extend(place for _, place in _until(places, time_s)[-TRAIL_POINTS:])
+            known = self._all.robots.get(name)
+            if known is not None:
+                samples = [sample for _, sample in _until(self._samples.get(name, []), time_s)]
+                robot.history.go_on_from(samples, known.history)
+        view.explored[:] = [(at_s, share) for at_s, share in self._all.explored if at_s <= (view.sim_time_s or 0.0)]
+
+    def _keep(self, name: str, time_s: float) -> None:
+        robot = self._all.robots.get(name)
+        if robot is None:
+            return
+        trail, samples = self._trails.setdefault(name, []), self._samples.setdefault(name, [])
+        if robot.trail and (not trail or trail[-1][1] is not robot.trail[-1]):
+            trail.append((time_s, robot.trail[-1]))
+        if robot.history.samples and (not samples or samples[-1][1] is not robot.history.samples[-1]):
+            samples.append((time_s, robot.history.samples[-1]))
+
+    def _mark(self, received: Received, time_s: float) -> None:
+        message = received.message
+        if isinstance(message, Halt):
+            said = "halt" if message.halted else "resume"
+            self._add(time_s, "halt", f"{said} by {message.by}")
+        elif isinstance(message, LogRecord) and message.level == "error":
+            self._add(time_s, "fault", f"{message.robot}: {message.source} {message.text}")
+        elif isinstance(message, TaskEvent) and message.state.ended and kind_of(message.task) != "explore":
+            kind = "task" if message.state is TaskState.DONE else "fault"
+            self._add(time_s, kind, f"{message.task.id} {message.state.value}")
+        elif isinstance(message, RobotState):
+            name = received.names["robot"]
+            lost = Condition.ASTRAY if message.lost else Condition.UP
+            if self._conditions.get(name, Condition.UP) is not lost:
+                self._conditions[name] = lost
+                said = f"is lost: {message.lost}" if message.lost else "is no longer lost"
+                self._add(time_s, "fault", f"{name} {said}")
+
+    def _add(self, time_s: float, kind: str, said: str) -> None:
+        if len(self.marks) < MARKS:
+            self.marks.append(Mark(time_s, kind, said))
+
+
+def topic_of_kept(key: str) -> Topic[Any] | None:
+    """The topic of a key, if the index keeps anything of it."""
+    found = topic_of(key)
+    return found[0] if found is not None and found[0] in (*SUMMED, ROBOT_STATE, ARENA_TRUTH) else None
+
+
+def _until(entries: list[tuple[float, Any]], time_s: float) -> list[tuple[float, Any]]:
+    return entries[: bisect_right(entries, time_s, key=lambda entry: entry[0])]

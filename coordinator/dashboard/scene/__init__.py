@@ -1,0 +1,1 @@
+"""The picture: scene, camera, meshes, selection."""

@@ -1,0 +1,1 @@
+"""What the dashboard knows of the team; no browser."""

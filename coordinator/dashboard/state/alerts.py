@@ -1,0 +1,102 @@
+"""What an operator should look at, worst first."""
+
+from collections.abc import Sequence
+from enum import StrEnum
+from typing import NamedTuple
+
+from robrain.coordinator.dashboard.state.recorder_view import RecorderView
+from robrain.coordinator.dashboard.state.robot_view import Condition, RobotView
+from robrain.coordinator.dashboard.state.team_view import TeamView
+from robrain.protocol.wire.refusals import Refusal
+
+LOW_SOC = 0.2
+LOW_MOTE_V = 2.4
+REFUSALS_SHOWN = 4
+
+
+class Level(StrEnum):
+    """How much an alert matters."""
+
+    BAD = "bad"
+    WARN = "warn"
+
+
+class Alert(NamedTuple):
+    """One line; its strings came over the wire, and are not escaped."""
+
+    level: Level
+    subject: str
+    text: str
+
+
+def alerts_of(view: TeamView, now_s: float) -> list[Alert]:
+    """All alerts, the bad ones first, robots in the order of their appearance."""
+    found: list[Alert] = []
+    if view.robots and not view.coordinator_up and not view.is_replay:
+        found.append(Alert(Level.BAD, "Coordinator", "is lost; the robots go on by themselves"))
+    for robot in view.robots_in_order():
+        found += _of_robot(robot, now_s)
+    low = [mote.name for mote in view.motes.values() if mote.latest is not None and mote.latest.voltage_v < LOW_MOTE_V]
+    if low:
+        names = ", ".join(low[:4]) + (f" and {len(low) - 4} more" if len(low) > 4 else "")
+        found.append(Alert(Level.WARN, "Motes", f"nearly empty: {names}"))
+    if not view.is_replay:
+        for recorder in view.recorders.values():
+            found += _of_recorder(recorder, now_s)
+    if view.rejected:
+        found.append(Alert(Level.WARN, "Messages", f"{view.rejected} made no sense and were left out"))
+    if view.team is not None and isinstance(view.team.refused, list):
+        found += _of_refusals("Coordinator", view.team.refused)
+    found += _of_refusals("Dashboard", view.refused)
+    return sorted(found, key=lambda alert: alert.level is not Level.BAD)
+
+
+def _of_refusals(subject: str, refused: Sequence[Refusal]) -> list[Alert]:
+    return [Alert(Level.WARN, subject, f"rejected {one.words}") for one in refused[:REFUSALS_SHOWN]]
+
+
+def _of_robot(robot: RobotView, now_s: float) -> list[Alert]:
+    found: list[Alert] = []
+    condition, state = robot.condition(now_s), robot.state
+    if condition is Condition.LOST:
+        found.append(Alert(Level.BAD, robot.name, "is lost"))
+    elif condition is Condition.SILENT:
+        found.append(Alert(Level.BAD, robot.name, "says nothing, though its process is there"))
+    if state is None:
+        return found
+    if state.halted and state.not_halted:
+        found.append(Alert(Level.BAD, robot.name, f"has not stopped all of it: {', '.join(state.not_halted)}"))
+    found += [
+        Alert(Level.BAD, robot.name, f"{fault.plugin} does not run: {last_line(fault.why)}") for fault in state.faulted
+    ]
+    if isinstance(state.refused, list):
+        found += _of_refusals(robot.name, state.refused)
+    if state.lost:
+        found.append(Alert(Level.BAD, robot.name, f"is lost: {state.lost}"))
+    battery = state.battery
+    if battery is not None and battery.implausible:
+        found.append(Alert(Level.WARN, robot.name, f"its battery's figures are not believed: {battery.implausible}"))
+    if battery is not None and battery.soc < LOW_SOC and not battery.charging:
+        found.append(Alert(Level.WARN, robot.name, f"battery at {100 * battery.soc:.0f} %"))
+    return found
+
+
+def last_line(why: str) -> str:
+    r"""The last line of a traceback.
+
+    >>> last_line("Traceback:\n  File ...\nValueError: no")
+    'ValueError: no'
+    """
+    return why.strip().rpartition("\n")[2].strip()
+
+
+def _of_recorder(recorder: RecorderView, now_s: float) -> list[Alert]:
+    subject = f"Recorder {recorder.name}"
+    if recorder.is_silent(now_s):
+        return [Alert(Level.BAD, subject, "says nothing any more: what happens now may not be recorded")]
+    state = recorder.state
+    said = "; ".join(filter(None, (state.why, recorder.lost_text))) if state is not None else ""
+    found = [Alert(Level.BAD, subject, said)] if said else []
+    return found + (
+        _of_refusals(subject, state.refused) if state is not None and isinstance(state.refused, list) else []
+    )

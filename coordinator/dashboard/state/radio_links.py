@@ -1,0 +1,134 @@
+"""Who hears whom on the motes' radio, and how well: what readings and the robots' base stations tell of it."""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import minimum_spanning_tree
+
+from robrain.coordinator.dashboard.state.focus import Focus, motes_in_focus
+from robrain.coordinator.dashboard.state.robot_view import Contact, MoteView, RobotView
+from robrain.coordinator.dashboard.state.team_view import TeamView
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Relay
+from robrain.protocol.wire.messages import MoteReading
+
+STRONGEST_DBM = 20.0
+"""No packet is heard as well as that."""
+
+
+class Link(NamedTuple):
+    """A line between two places, arena frame, and how well one hears the other."""
+
+    start: Point2D
+    end: Point2D
+    rssi_dbm: float
+
+
+def best_links(view: TeamView, motes: Iterable[MoteView]) -> list[Link]:
+    """The best link of each of these motes; drawing all links would hide everything else."""
+    found = []
+    for mote in motes:
+        link = best_link(mote)
+        end = place_of_robot(view, link.via) if link is not None else None
+        if link is not None and mote.place is not None and end is not None:
+            found.append(Link(mote.place, end, link.rssi_dbm))
+    return found
+
+
+def best_link(mote: MoteView) -> MoteReading | None:
+    """The strongest of the newest links by which a mote has been heard."""
+    return max(mote.links.values(), key=lambda link: (link.stamp_ns, link.rssi_dbm), default=None)
+
+
+def links_of_robot(view: TeamView, name: str, now_s: float) -> list[Link]:
+    """All that a robot hears: motes by its base station's list or by their readings, and other robots."""
+    here = place_of_robot(view, name)
+    if here is None:
+        return []
+    heard = {link.peer: link.rssi_dbm for link in view.robots[name].links if not link.is_robot}
+    for mote in view.motes.values():
+        if mote.name not in heard and name in mote.links:
+            heard[mote.name] = mote.links[name].rssi_dbm
+    found = []
+    for peer, rssi_dbm in heard.items():
+        known = view.motes.get(peer)
+        if known is not None and known.place is not None:
+            found.append(Link(known.place, here, rssi_dbm))
+    for (one, other), rssi_dbm in robot_pairs(view, now_s).items():
+        there = place_of_robot(view, other if one == name else one)
+        if name in (one, other) and there is not None:
+            found.append(Link(here, there, rssi_dbm))
+    return found
+
+
+def links_in_focus(view: TeamView, focus: Focus, now_s: float) -> list[Link]:
+    """All links of a robot selected by a person, and the best link of each mote in focus, without duplicates.
+
+    Links that are drawn for all browsers are left out.
+    """
+    drawn = {frozenset((link.start, link.end)) for link in team_links(view, now_s)}
+    found: list[Link] = []
+    of_robot = links_of_robot(view, focus.robot, now_s) if focus.chosen else []
+    of_motes = best_links(view, motes_in_focus(view, focus._replace(chosen=False)))
+    for link in (*of_robot, *of_motes):
+        line = frozenset((link.start, link.end))
+        if line not in drawn:
+            drawn.add(line)
+            found.append(link)
+    return found
+
+
+def team_links(view: TeamView, now_s: float) -> list[Link]:
+    """The fewest and strongest links that hold the team's radio together: a maximum spanning forest by strength."""
+    pairs = robot_pairs(view, now_s)
+    if not pairs:
+        return []
+    names = sorted({name for pair in pairs for name in pair})
+    number = {name: at for at, name in enumerate(names)}
+    rows = [number[one] for one, _ in pairs]
+    columns = [number[other] for _, other in pairs]
+    losses_db = [max(STRONGEST_DBM - rssi_dbm, 1e-3) for rssi_dbm in pairs.values()]
+    tree = coo_array(minimum_spanning_tree(coo_array((losses_db, (rows, columns)), shape=(len(names),) * 2)))
+    kept = [(names[row], names[column]) for row, column in zip(*np.asarray(tree.coords), strict=True)]
+    return _lines(view, ((one, other, pairs[one, other]) for one, other in kept))
+
+
+def robot_pairs(view: TeamView, now_s: float) -> dict[tuple[str, str], float]:
+    """Strength in dBm between two robots that are there, by sorted names: of the worse direction that is known."""
+    pairs: dict[tuple[str, str], float] = {}
+    there = {robot.name for robot in view.robots.values() if robot.contact(now_s) is not Contact.LOST}
+    for robot in view.robots.values():
+        for link in robot.links:
+            if link.is_robot and link.peer != robot.name and {link.peer, robot.name} <= there:
+                one, other = sorted((robot.name, link.peer))
+                pairs[one, other] = min(link.rssi_dbm, pairs.get((one, other), link.rssi_dbm))
+    return pairs
+
+
+def relay_lines(view: TeamView) -> list[tuple[Point2D, Point2D]]:
+    """From each robot that is a relay now to its mote, and to the robot that is next in the chain."""
+    lines = []
+    for event in view.tasks.values():
+        task, here = event.task, place_of_robot(view, event.robot)
+        if not isinstance(task, Relay) or here is None:
+            continue
+        mote = view.motes.get(task.mote)
+        ends = (mote.place if mote is not None else None, place_of_robot(view, task.robot))
+        lines += [(here, end) for end in ends if end is not None]
+    return lines
+
+
+def place_of_robot(view: TeamView, name: str) -> Point2D | None:
+    """Where a robot says to be; None if there is none of that name."""
+    return _place(view.robots.get(name))
+
+
+def _lines(view: TeamView, named: Iterable[tuple[str, str, float]]) -> list[Link]:
+    placed = ((place_of_robot(view, one), place_of_robot(view, other), rssi_dbm) for one, other, rssi_dbm in named)
+    return [Link(start, end, rssi_dbm) for start, end, rssi_dbm in placed if start is not None and end is not None]
+
+
+def _place(robot: RobotView | None) -> Point2D | None:
+    return None if robot is None or robot.pose is None else Point2D(robot.pose.x_m, robot.pose.y_m)

@@ -1,0 +1,107 @@
+"""The team's tasks as the dashboard knows them: open ones, ended ones, and who worked at what when."""
+
+from collections import deque
+from dataclasses import dataclass, field
+
+from robrain.protocol.model.tasks.task import TaskState, kind_of
+from robrain.protocol.wire.messages import TaskEvent
+from robrain.protocol.wire.plan_messages import TaskDecision
+
+OPEN_TASKS = 1000
+ENDED_TASKS = 200
+PLANNED_S = 20.0
+"""How long a planned task is drawn whose time the plan does not tell."""
+SPANS = 60
+"""Kept for each robot."""
+
+
+@dataclass
+class Span:
+    """A time in which a robot was at a task, run's clock."""
+
+    task: str
+    kind: str
+    start_ns: int
+    end_ns: int | None = None
+    state: TaskState = TaskState.RUNNING
+
+
+@dataclass
+class TaskBoard:
+    """Follows task events; everything is bounded."""
+
+    open: dict[str, TaskEvent] = field(default_factory=dict)
+    """The last event of every task that has not ended, oldest change first."""
+    ended: deque[TaskEvent] = field(default_factory=lambda: deque(maxlen=ENDED_TASKS))
+    """The last event of those that have, oldest first."""
+    spans: dict[str, deque[Span]] = field(default_factory=dict)
+    """By robot."""
+    decisions: dict[str, TaskDecision] = field(default_factory=dict)
+    """The last word of the plan on each task, the oldest first."""
+    newest_ns: int = 0
+    """The latest stamp of all events."""
+    _running: dict[str, tuple[str, Span]] = field(default_factory=dict)
+
+    def take(self, event: TaskEvent) -> None:
+        """Take in an event; the same change told again changes nothing."""
+        task = event.task.id
+        known = self.open.pop(task, None)
+        if event.state.ended:
+            if any(other.task.id == task and other.change == event.change for other in self.ended):
+                return
+            self.ended.append(event)
+            self.decisions.pop(task, None)
+        elif known is not None and known.change > event.change > 0:
+            self.open[task] = known
+            return
+        else:
+            self.open[task] = event
+            while len(self.open) > OPEN_TASKS:
+                del self.open[next(iter(self.open))]
+        self.newest_ns = max(self.newest_ns, event.stamp_ns)
+        self._follow(event)
+
+    def decide(self, decision: TaskDecision) -> None:
+        """Take in what a plan says of a task."""
+        self.decisions.pop(decision.task, None)
+        self.decisions[decision.task] = decision
+        while len(self.decisions) > OPEN_TASKS:
+            del self.decisions[next(iter(self.decisions))]
+
+    def planned(self) -> dict[str, list[Span]]:
+        """What is planned for each robot and has not begun: from when to when, as the plan was made."""
+        found: dict[str, list[Span]] = {}
+        for task, decision in self.decisions.items():
+            event = self.open.get(task)
+            if event is None or task in self._running or decision.start_in_s is None:
+                continue
+            start_ns = decision.stamp_ns + round(decision.start_in_s * 1e9)
+            for robot in decision.robots:
+                time_s = next((bid.time_s for bid in decision.bids if bid.robot == robot), None) or PLANNED_S
+                span = Span(task, kind_of(event.task), start_ns, start_ns + round(time_s * 1e9), event.state)
+                found.setdefault(robot, []).append(span)
+        return found
+
+    def clear(self) -> None:
+        """Forget all."""
+        self.open.clear()
+        self.ended.clear()
+        self.spans.clear()
+        self.decisions.clear()
+        self._running.clear()
+        self.newest_ns = 0
+
+    def _follow(self, event: TaskEvent) -> None:
+        task, running = event.task.id, event.state in (TaskState.RUNNING, TaskState.LOST_CONTACT)
+        robot, span = self._running.get(task, ("", None))
+        if span is not None and not (running and robot == event.robot):
+            span.end_ns, span.state = event.stamp_ns, event.state
+            del self._running[task]
+            span = None
+        if not running or not event.robot:
+            return
+        if span is None:
+            span = Span(task, kind_of(event.task), event.stamp_ns)
+            self._running[task] = event.robot, span
+            self.spans.setdefault(event.robot, deque(maxlen=SPANS)).append(span)
+        span.state = event.state

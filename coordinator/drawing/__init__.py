@@ -1,0 +1,1 @@
+"""What dashboard and reports draw alike: map, colours, a robot's history."""

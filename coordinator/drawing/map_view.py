@@ -1,0 +1,118 @@
+"""The team's map as it is drawn: patches merged, and made into pictures."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robrain.protocol.model.mapping.occupancy_grid import OCCUPIED, OccupancyGrid
+from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
+from robrain.protocol.wire.map_messages import MapPatch
+from robrain.protocol.wire.map_patch import MAX_CELLS, geometry_of, take_message
+
+FAR_M = 1e6
+"""What lies farther out than this is refused: it cannot be drawn, and would hide what can."""
+
+
+class MapView:
+    """Composes the submaps of all robots to one grid; the geometry is that of the first patch."""
+
+    def __init__(self) -> None:
+        self.atlas: SubmapAtlas | None = None
+        """None before the first patch."""
+
+    @property
+    def grid(self) -> OccupancyGrid | None:
+        """The composed map; None before the first patch. Read-only."""
+        return None if self.atlas is None else self.atlas.grid
+
+    @property
+    def version(self) -> int:
+        """Grows with every change that can be seen; 0 before the first patch."""
+        return 0 if self.grid is None else 1 + self.grid.version
+
+    @property
+    def known_area_m2(self) -> float:
+        """Area of the cells about which anything is known, walls included."""
+        return 0.0 if self.grid is None else self.grid.known_count * self.grid.geometry.resolution_m**2
+
+    @property
+    def size_m(self) -> float:
+        """The longer side of the grid; 0 before the first patch."""
+        return 0.0 if self.grid is None else max(self.grid.geometry.shape) * self.grid.geometry.resolution_m
+
+    def merge(self, patch: MapPatch) -> None:
+        """Take a patch over, later statements winning.
+
+        Raises:
+            ValueError: the patch does not fit its own description or the grid of the patches before, or its grid is
+                so large that it would fill the memory.
+        """
+        atlas = self.atlas
+        if atlas is None:
+            geometry = geometry_of(patch)
+            if geometry.width * geometry.height > MAX_CELLS:
+                raise ValueError(f"expected at most {MAX_CELLS} cells, got {geometry.width} x {geometry.height}")
+            size_m = max(geometry.shape) * geometry.resolution_m
+            if max(abs(geometry.origin_x_m), abs(geometry.origin_y_m), size_m) > FAR_M:
+                raise ValueError(f"expected a grid within {FAR_M:g} m, got {geometry}")
+            atlas = SubmapAtlas(geometry)
+        take_message(atlas, patch)
+        self.atlas = atlas
+
+    def picture(
+        self, unknown: tuple[int, int, int], free: tuple[int, int, int], occupied: tuple[int, int, int]
+    ) -> NDArray[np.uint8]:
+        """RGB image uint8 (height, width, 3), a pixel a cell, row 0 at the lowest y; (1, 1, 3) before any patch."""
+        if self.grid is None:
+            return np.array([[unknown]], np.uint8)
+        # Classes are −1, 0 and 100; as unsigned bytes 255, 0 and 100.
+        colors = np.empty((256, 3), np.uint8)
+        colors[:] = unknown
+        colors[0], colors[int(OCCUPIED)] = free, occupied
+        picture: NDArray[np.uint8] = colors[self.grid.classes().view(np.uint8)]
+        return picture
+
+    def wall_boxes(self) -> NDArray[np.float32]:
+        """Rectangles that cover the occupied cells: float32 (N, 4), middle x, y and sizes, metres, arena frame."""
+        if self.grid is None:
+            return np.empty((0, 4), np.float32)
+        geometry = self.grid.geometry
+        boxes = cover_with_boxes(self.grid.classes() == OCCUPIED)
+        row, column, rows, columns = boxes.T
+        in_cells = np.column_stack([column + columns / 2, row + rows / 2, columns, rows])
+        in_metres = in_cells * geometry.resolution_m + (geometry.origin_x_m, geometry.origin_y_m, 0.0, 0.0)
+        return in_metres.astype(np.float32)
+
+    def known_bounds_m(self) -> tuple[float, float, float, float] | None:
+        """x_min, y_min, x_max, y_max of what is known, metres, arena frame; None before the first patch."""
+        if self.grid is None:
+            return None
+        known = self.grid.known()
+        rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+        if rows.size == 0:
+            return None
+        geometry = self.grid.geometry
+        return (
+            geometry.origin_x_m + float(columns[0]) * geometry.resolution_m,
+            geometry.origin_y_m + float(rows[0]) * geometry.resolution_m,
+            geometry.origin_x_m + float(columns[-1] + 1) * geometry.resolution_m,
+            geometry.origin_y_m + float(rows[-1] + 1) * geometry.resolution_m,
+        )
+
+
+def cover_with_boxes(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Boxes that cover exactly the true cells of `mask`: int64 (N, 4) of row, column, rows, columns.
+
+    Runs of a row are joined with equal runs of the rows before; few boxes for straight walls, not the fewest.
+    """
+    edges = np.diff(np.pad(mask, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    starts, ends = np.argwhere(edges == 1), np.argwhere(edges == -1)
+    boxes: list[list[int]] = []
+    open_boxes: dict[tuple[int, int], int] = {}
+    for (row, start), (_, end) in zip(starts.tolist(), ends.tolist(), strict=True):
+        above = open_boxes.get((start, end))
+        if above is not None and boxes[above][0] + boxes[above][2] == row:
+            boxes[above][2] += 1
+        else:
+            open_boxes[start, end] = len(boxes)
+            boxes.append([row, start, 1, end - start])
+    return np.array(boxes, np.int64).reshape(-1, 4)

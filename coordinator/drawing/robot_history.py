@@ -1,0 +1,114 @@
+"""A robot's last minutes in figures: what its charts show."""
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robrain.protocol.model.energy.energy_model import STANDING_BELOW, EnergyModel
+from robrain.protocol.model.geometry import Twist2D
+from robrain.protocol.model.localization.pose_accuracy import position_sigma_m
+from robrain.protocol.wire.arena_messages import RobotTruth
+from robrain.protocol.wire.messages import RobotState
+
+STEP_S = 1.0
+POINTS = 600
+LONGEST_STEP_S = 5.0
+"""Two states farther apart than this have a gap between them, in which energy is not reckoned."""
+FAR_J = 1e9
+NAN = float("nan")
+
+
+class Sample(NamedTuple):
+    """One line of the history; what is not known is nan."""
+
+    time_s: float
+    soc_percent: float
+    power_w: float
+    model_power_w: float
+    """What the robot's own model says that its motion takes."""
+    measured_j: float
+    """Since the beginning of the history, at the battery's terminals."""
+    predicted_j: float
+    """The same by the model."""
+    error_m: float
+    """How far it is from where it says to be, where an arena tells."""
+    sigma_m: float
+    """How far that may be by its own covariance: the longer half-axis of the 1-sigma ellipse."""
+
+
+class RobotHistory:
+    """Samples a robot's states once a second of its own clock; ten minutes are kept."""
+
+    def __init__(self) -> None:
+        self.samples: deque[Sample] = deque(maxlen=POINTS)
+        self._before: RobotState | None = None
+        self._first_ns: int | None = None
+        self._measured_j = self._predicted_j = 0.0
+
+    def take(self, state: RobotState, truth: RobotTruth | None) -> None:
+        """Take in a state, and where the arena says that the robot is."""
+        before, self._before = self._before, state
+        if self._first_ns is None:
+            self._first_ns = state.stamp_ns
+        time_s = (state.stamp_ns - self._first_ns) / 1e9
+        if before is not None:
+            self._reckon(before, (state.stamp_ns - before.stamp_ns) / 1e9)
+        if self.samples and time_s < self.samples[-1].time_s:  # its clock fell back: another life of it
+            self.samples.clear()
+        if self.samples and time_s - self.samples[-1].time_s < STEP_S:
+            return
+        battery = state.battery
+        self.samples.append(
+            Sample(
+                time_s,
+                100 * battery.soc if battery is not None else NAN,
+                battery.voltage_v * battery.current_a if battery is not None else NAN,
+                model_power_w(state.energy, state.velocity) if state.energy is not None else NAN,
+                self._measured_j,
+                self._predicted_j if state.energy is not None else NAN,
+                state.pose.distance_m(truth.pose) if truth is not None and state.pose is not None else NAN,
+                position_sigma_m(state.pose_covariance),
+            )
+        )
+
+    def go_on_from(self, samples: list[Sample], whole: "RobotHistory") -> None:
+        """Have these samples of the whole history as one's own past."""
+        self.samples.clear()
+        self.samples.extend(samples)
+        self._first_ns = whole._first_ns
+        if samples:
+            self._measured_j = samples[-1].measured_j
+            self._predicted_j = samples[-1].predicted_j if math.isfinite(samples[-1].predicted_j) else 0.0
+
+    def columns(self) -> dict[str, NDArray[np.float64]]:
+        """The samples as one array for each field, oldest first."""
+        table = np.array(self.samples, np.float64).reshape(-1, len(Sample._fields))
+        return dict(zip(Sample._fields, table.T, strict=True))
+
+    def _reckon(self, before: RobotState, passed_s: float) -> None:
+        if not 0 < passed_s <= LONGEST_STEP_S:
+            return
+        battery, energy = before.battery, before.energy
+        if battery is not None:
+            self._measured_j = _added(self._measured_j, battery.voltage_v * battery.current_a * passed_s)
+        if energy is not None:
+            self._predicted_j = _added(self._predicted_j, model_power_w(energy, before.velocity) * passed_s)
+
+
+def model_power_w(model: EnergyModel, velocity: Twist2D) -> float:
+    """What the robot's model says that moving so takes, without speeding up.
+
+    The terms are those of `protocol.model.energy_model`.
+    """
+    speed_m_s, turn_rad_s = math.hypot(velocity.forward_m_s, velocity.left_m_s), abs(velocity.yaw_rad_s)
+    moves = speed_m_s > STANDING_BELOW or turn_rad_s > STANDING_BELOW
+    standing_w, moving_w, speed_w, yaw_w, _ = model.coefficients
+    return standing_w + (moving_w + speed_w * speed_m_s + yaw_w * turn_rad_s if moves else 0.0)
+
+
+def _added(total_j: float, more_j: float) -> float:
+    after_j = total_j + more_j
+    return after_j if abs(after_j) < FAR_J else total_j

@@ -1,0 +1,1 @@
+"""Motes as members of the team."""

@@ -1,0 +1,307 @@
+"""Motes as members of the team: what a mote can do by itself, it is asked for, if that costs the network less lifetime.
+
+A `Sense` for a place that a mote is at is done by the mote's next reading; a `Monitor` with a quantity, by its readings
+for as long as that lasts, at an interval that `mote/M/duty` asks for. Whoever hears the mote relays both ways. The task
+goes from queued to running at `mote:M`, and from there to done, or back to queued if no reading comes in time: that
+mote is then left out for a while, and the next in line, a robot maybe, is asked.
+"""
+
+from collections.abc import Iterator
+from contextlib import AbstractContextManager
+from typing import Any
+
+import msgspec
+
+from robrain.coordinator.motes.mote_energy import mote_share, reading_j, robot_j, robot_share
+from robrain.coordinator.motes.mote_registry import MEMBER_PREFIX, Mote, MoteTable
+from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.tasks.task_explanation import TaskReasons
+from robrain.coordinator.team.roster import Roster
+from robrain.protocol.model.tasks.task import Monitor, Sense, TaskState
+from robrain.protocol.wire.border import Received
+from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages import MoteDuty, MoteReading
+from robrain.protocol.wire.publisher import Publisher
+from robrain.protocol.wire.reasons.robots import (
+    BatteryTooSmall,
+    Dearer,
+    FarFromPlace,
+    LacksPlugins,
+    RobotReason,
+    SensesOther,
+    SpeaksSeldom,
+    ToldNothing,
+)
+from robrain.protocol.wire.reasons.tasks import DeadlinePassed, MoteUnknown, RobotOut
+from robrain.protocol.wire.record_guard import RecordGuard
+from robrain.protocol.wire.task_messages import RobotVerdict, TaskRecord
+from robrain.protocol.wire.topics import MOTE_DUTY, MOTE_READING
+
+LOOK_NS = to_ns(0.25)
+"""How often it is looked whether a mote is late, when nothing has happened."""
+NEAR_M = 1.5
+"""A mote senses where it is: so far from there its reading still counts for a place (chosen)."""
+JUDGED = 8
+"""So many motes are judged for a task, the nearest."""
+OWN_STAY_S = 1.0
+"""What a robot's own board takes to measure."""
+PATIENCE_PERIODS = 3.0
+KEPT_PUBLISHERS = 64
+BY = "coordinator"
+
+
+class Errand:
+    """A task that a mote is at."""
+
+    def __init__(self, task: Sense | Monitor, mote: Mote, now_ns: int) -> None:
+        self.task_id = task.id
+        self.task = task
+        self.mote = mote
+        self.began_ns = now_ns
+        self.usual_s = mote.period_s
+        """Its period before."""
+        self.values: list[float] = []
+        self.last_ns = now_ns
+        """When it last brought something in."""
+        self.interval_s = self.usual_s
+        self.until_ns = now_ns
+        if isinstance(task, Monitor):
+            self.interval_s = min(self.usual_s, task.interval_s)
+            self.until_ns = now_ns + to_ns(task.duration_s)
+        self.patience_s = max(PATIENCE_PERIODS * self.usual_s, getattr(task, "timeout_s", 0.0))
+
+    def take(self, reading: MoteReading, now_ns: int) -> None:
+        """The mote has told something."""
+        quantity = self.task.quantity
+        if (reading.taken_ns or reading.stamp_ns) >= self.began_ns and reading.quantity == quantity:
+            self.values.append(reading.value)
+            self.last_ns = now_ns
+
+    @property
+    def result(self) -> dict[str, Any]:
+        """What came of it."""
+        told: dict[str, Any] = {
+            "mote": self.mote.name,
+            "quantity": self.task.quantity,
+            "energy_j": round(len(self.values) * reading_j(), 4),
+        }
+        if isinstance(self.task, Sense):
+            return {"value": self.values[0], **told}
+        return {"rounds": len(self.values), "least": min(self.values), "greatest": max(self.values), **told}
+
+
+class MoteDesk:
+    """Hears the motes, and gives them what they can do.
+
+    Args:
+        wire: the coordinator's place on the wire.
+        book: of its tasks.
+        roster: the robots that there are.
+        reasons: what waits, and how each member was judged.
+
+    """
+
+    def __init__(self, wire: Endpoint, book: TaskBook, roster: Roster, reasons: TaskReasons) -> None:
+        self.table = MoteTable()
+        self._wire = wire
+        self._book = book
+        self._roster = roster
+        self._reasons = reasons
+        self._inbox = Inbox(capacity=8192)
+        self._guard = RecordGuard(wire.refusals)
+        self._look_ns = 0
+        self._seen_version = -1
+        self._errands: dict[str, Errand] = {}
+        self._duties: dict[str, Publisher] = {}
+        wire.subscribe(self._inbox, MOTE_READING)
+        reasons.others = self.verdicts
+
+    # -- a step ---------------------------------------------------------------------------------------------
+
+    def step(self, now_ns: int, writing: AbstractContextManager[object]) -> bool:
+        """Hear what the motes say, end what is done or hopeless, and give out what is new.
+
+        Args:
+            now_ns: the time.
+            writing: around all that changes tasks: what the journal does not take is not done.
+
+        Returns:
+            Whether a task has come free that somebody else might do.
+
+        """
+        if not len(self._inbox) and now_ns < self._look_ns and self._seen_version == self._book.version:
+            return False
+        self._look_ns = now_ns + LOOK_NS
+        self._hear(now_ns)
+        freed = False
+        with writing:
+            for record in self._book.open:
+                if record.robot.startswith(MEMBER_PREFIX):
+                    freed = self._follow(record, now_ns) or freed
+            for task_id in [task_id for task_id in self._errands if not self._is_at_it(task_id)]:
+                self._forget(task_id)  # done, or called off
+            for record in self._book.open:
+                if record.state is TaskState.QUEUED and is_for_motes(record):
+                    self._give_out(record, now_ns)
+        self._seen_version = self._book.version
+        return freed
+
+    def _hear(self, now_ns: int) -> None:
+        def take(received: Received) -> None:
+            reading: MoteReading = received.message
+            self.table.note(reading, now_ns)
+            for errand in self._errands.values():
+                if errand.mote.name == reading.mote:
+                    errand.take(reading, now_ns)
+
+        self._guard.messages(self._inbox.drain(), take)
+
+    def _follow(self, record: TaskRecord, now_ns: int) -> bool:
+        errand = self._errands.get(record.task.id)
+        if errand is None:  # of a coordinator before this one
+            self._book.give_back(record.task.id, MoteUnknown())
+            return True
+        if errand.values and now_ns >= errand.until_ns:
+            self._book.move(record.task.id, TaskState.DONE, result=errand.result)
+            return False
+        deadline_ns = record.task.deadline_ns
+        if deadline_ns is not None and now_ns > deadline_ns:
+            self._book.move(record.task.id, TaskState.FAILED, DeadlinePassed())
+            return False
+        silent_s = to_seconds(now_ns - errand.last_ns)
+        if silent_s <= errand.patience_s:
+            return False
+        reason = ToldNothing(round(silent_s, 3))
+        self._reasons.shun(record.task.id, record.robot, reason, now_ns)
+        self._book.give_back(record.task.id, RobotOut(errand.mote.name, reason))
+        return True
+
+    def _is_at_it(self, task_id: str) -> bool:
+        record = self._book.find(task_id)
+        return record is not None and not record.state.ended and record.robot.startswith(MEMBER_PREFIX)
+
+    # -- deciding -------------------------------------------------------------------------------------------
+
+    def _give_out(self, record: TaskRecord, now_ns: int) -> None:
+        if self._reasons.waits(record, now_ns) is not None:
+            return
+        task = record.task
+        verdicts, mote = self.judge(record, now_ns)
+        if mote is None or not isinstance(task, Sense | Monitor):
+            return
+        self._reasons.note(record.task.id, verdicts, now_ns)
+        self._book.offered(record.task.id, f"{MEMBER_PREFIX}{mote.name}")
+        self._book.move(record.task.id, TaskState.RUNNING)
+        errand = self._errands[record.task.id] = Errand(task, mote, now_ns)
+        if errand.interval_s < errand.usual_s:
+            self._ask_duty(mote.name, errand.interval_s)
+
+    def judge(self, record: TaskRecord, now_ns: int) -> tuple[list[RobotVerdict], Mote | None]:
+        """How each mote and robot stands to a task, and the mote that does it.
+
+        It is None if no mote can, or if a robot costs the network less. The reasons have the share of its energy that
+        the task would take each: see `motes_energy`.
+        """
+        motes = {mote.name: self._why_not(record, mote, now_ns) for mote in self._candidates(record)}
+        shares = {
+            name: mote_share(_readings(record, self.table.motes[name]), self.table.motes[name].latest.voltage_v)
+            for name, reason in motes.items()
+            if reason is None
+        }
+        best = min(shares, key=lambda name: (shares[name], name), default=None)
+        robots = {robot: (share, energy_j) for robot, share, energy_j in self._robots(record, now_ns)}
+        cheapest = min(robots, key=lambda name: (robots[name][0], name), default=None)
+        is_mote = best is not None and (cheapest is None or shares[best] <= robots[cheapest][0])
+        winner = best if is_mote else cheapest
+        least = shares[best] if is_mote and best is not None else robots[cheapest][0] if cheapest is not None else 0.0
+        told = []
+        for name, reason in sorted(motes.items(), key=lambda one: one[0]):
+            energy_j = None if reason is not None else _readings(record, self.table.motes[name]) * reading_j()
+            if reason is None and winner is not None and name != winner:
+                reason = Dearer(shares[name], winner, least)
+            told.append(RobotVerdict.judged(name, reason, chosen=name == winner, energy_j=energy_j))
+        for name, (share, cost_j) in sorted(robots.items()):
+            dearer = None if winner is None or name == winner else Dearer(share, winner, least)
+            told.append(RobotVerdict.judged(name, dearer, energy_j=cost_j))
+        return told, self.table.motes[best] if is_mote and best is not None else None
+
+    def verdicts(self, record: TaskRecord, now_ns: int) -> list[RobotVerdict]:
+        """How each mote stands to a task that a robot does or is to do; none for tasks that are not for motes."""
+        if not is_for_motes(record):
+            return []
+        judged, _ = self.judge(record, now_ns)
+        return [msgspec.structs.replace(one, chosen=False) for one in judged if one.robot in self.table.motes]
+
+    def _candidates(self, record: TaskRecord) -> list[Mote]:
+        named = getattr(record.task, "mote", "")
+        if named:
+            return [self.table.motes[named]] if named in self.table.motes else []
+        assert isinstance(record.task, Sense | Monitor)
+        return self.table.near(record.task.place, JUDGED)
+
+    def _why_not(self, record: TaskRecord, mote: Mote, now_ns: int) -> RobotReason | None:
+        task = record.task
+        assert isinstance(task, Sense | Monitor)
+        if task.needs:
+            return LacksPlugins(task.needs)
+        away_m = 0.0 if mote.place is None else _away_m(task, mote)
+        if away_m > NEAR_M and not getattr(task, "mote", ""):
+            return FarFromPlace(round(away_m, 3))
+        if mote.latest.quantity != task.quantity:
+            return SensesOther(mote.latest.quantity, task.quantity)
+        if isinstance(task, Sense) and mote.period_s > task.timeout_s:
+            return SpeaksSeldom(mote.period_s, task.timeout_s)
+        if (out := mote.why_out_of_reach(self._roster, now_ns)) is not None:
+            return out
+        if mote_share(_readings(record, mote), mote.latest.voltage_v) >= 1.0:
+            return BatteryTooSmall()
+        return self._reasons.shunned(task.id, f"{MEMBER_PREFIX}{mote.name}", now_ns)
+
+    def _robots(self, record: TaskRecord, now_ns: int) -> Iterator[tuple[str, float, float | None]]:
+        task = record.task
+        assert isinstance(task, Sense | Monitor)
+        stay_s = task.duration_s if isinstance(task, Monitor) else OWN_STAY_S
+        for robot in self._roster.up(now_ns):
+            state = robot.state
+            if state is None or self._reasons.not_for(record, robot, now_ns) is not None:
+                continue
+            known = state.energy is not None and state.pose is not None
+            way_m = state.pose.distance_m(task.place) if state.pose is not None else 0.0
+            cost_j = robot_j(state.energy, way_m, stay_s) if known and state.energy is not None else None
+            yield robot.name, robot_share(state, task.place, stay_s), None if cost_j is None else round(cost_j, 1)
+
+    # -- duty -----------------------------------------------------------------------------------------------
+
+    def _ask_duty(self, mote: str, period_s: float) -> None:
+        publisher = self._duties.pop(mote, None) or self._wire.publisher(MOTE_DUTY, mote=mote)
+        self._duties[mote] = publisher
+        publisher.put(MoteDuty(mote=mote, period_s=period_s, by=BY))
+        if len(self._duties) > KEPT_PUBLISHERS:
+            self._duties.pop(next(iter(self._duties))).close()
+
+    def _forget(self, task_id: str) -> None:
+        errand = self._errands.pop(task_id)
+        others = [other for other in self._errands.values() if other.mote is errand.mote]
+        if errand.interval_s < errand.usual_s and not others:
+            self._ask_duty(errand.mote.name, errand.usual_s)
+
+
+def is_for_motes(record: TaskRecord) -> bool:
+    """Whether a task is one that a mote may do."""
+    task = record.task
+    return isinstance(task, Sense) or (isinstance(task, Monitor) and bool(task.quantity))
+
+
+def _readings(record: TaskRecord, mote: Mote) -> int:
+    task = record.task
+    if not isinstance(task, Monitor):
+        return 1
+    return max(1, round(task.duration_s / min(task.interval_s, mote.period_s)))
+
+
+def _away_m(task: Sense | Monitor, mote: Mote) -> float:
+    place = mote.place
+    assert place is not None
+    return float(((place.x_m - task.place.x_m) ** 2 + (place.y_m - task.place.y_m) ** 2) ** 0.5)

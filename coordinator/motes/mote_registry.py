@@ -1,0 +1,89 @@
+"""The motes of the team, as their readings tell: where they are, what they sense, who hears them."""
+
+from robrain.coordinator.team.roster import Roster
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.wire.messages import MoteReading
+from robrain.protocol.wire.reasons.robots import CarrierOut, MoteSilent, RobotReason
+
+MEMBER_PREFIX = "mote:"
+"""What the robot of a task is called that a mote does; no robot's name can begin so."""
+MOTES_MAX = 4096
+PERIODS = 3.0
+"""A mote that has been silent for so many of its periods, and for `SILENT_S`, is out of reach (chosen)."""
+SILENT_S = 5.0
+USUAL_PERIOD_S = 4.0
+"""Of a mote that does not say how often it senses."""
+
+
+class Mote:
+    """One mote."""
+
+    def __init__(self, reading: MoteReading, now_ns: int) -> None:
+        self.name = reading.mote
+        self.latest = reading
+        self.heard_ns = now_ns
+
+    @property
+    def place(self) -> Point2D | None:
+        """Where it is, arena frame."""
+        return self.latest.place
+
+    @property
+    def period_s(self) -> float:
+        """How often it senses and speaks."""
+        return self.latest.period_s or USUAL_PERIOD_S
+
+    @property
+    def taken_ns(self) -> int:
+        """When its last reading was sensed."""
+        return self.latest.taken_ns or self.latest.stamp_ns
+
+    def note(self, reading: MoteReading, now_ns: int) -> None:
+        """It was heard; a stored reading tells nothing of how it is now."""
+        if (reading.taken_ns or reading.stamp_ns) >= self.taken_ns:
+            self.latest = reading
+            self.heard_ns = now_ns
+
+    def silent_s(self, now_ns: int) -> float:
+        """Since when nothing new of it has come."""
+        return to_seconds(now_ns - self.heard_ns)
+
+    def why_out_of_reach(self, roster: Roster, now_ns: int) -> RobotReason | None:
+        """Why it cannot be counted on to be heard; None if it can."""
+        silent_s = self.silent_s(now_ns)
+        if silent_s > max(SILENT_S, PERIODS * self.period_s):
+            return MoteSilent(round(silent_s, 3))
+        via = roster.robots.get(self.latest.via)
+        # Who is no robot is a gateway: its readings are its sign of life.
+        out = via.why_not_up(now_ns) if via is not None else None
+        return None if via is None or out is None else CarrierOut(via.name, out)
+
+
+class MoteTable:
+    """All motes ever heard of, the first so many of them."""
+
+    def __init__(self) -> None:
+        self.motes: dict[str, Mote] = {}
+        self.refused = 0
+        """Readings of motes that were one too many."""
+
+    def note(self, reading: MoteReading, now_ns: int) -> None:
+        """Somebody brought a reading in."""
+        mote = self.motes.get(reading.mote)
+        if mote is not None:
+            mote.note(reading, now_ns)
+        elif len(self.motes) < MOTES_MAX:
+            self.motes[reading.mote] = Mote(reading, now_ns)
+        else:
+            self.refused += 1
+
+    def near(self, place: Point2D, most: int) -> list[Mote]:
+        """The motes nearest to a place, nearest first; those that do not know where they are are not among them."""
+        placed = [(_distance_m(mote.place, place), mote.name) for mote in self.motes.values() if mote.place is not None]
+        return [self.motes[name] for _, name in sorted(placed)[:most]]
+
+
+def _distance_m(one: Point2D | None, other: Point2D) -> float:
+    assert one is not None
+    return float(((one.x_m - other.x_m) ** 2 + (one.y_m - other.y_m) ** 2) ** 0.5)

@@ -1,0 +1,205 @@
+"""Tasks for several robots at once: the robots gather around the place, and begin when all are there.
+
+Such a task is `running` from when its robots set out, without a robot of its own. What its robots do are *parts*: tasks
+of the coordinator's own, asked for (`by`) by the task. First each goes to its spot, then all are told at once to do
+the task. When all parts of that are done, the task is; when one is not, the others are called off and the task is
+queued again. As the parts are in the journal like all tasks, a coordinator that begins anew goes on from them.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import msgspec
+
+from robrain.coordinator.planning.coalition_spots import spots_around
+from robrain.coordinator.planning.planning import Planning
+from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
+from robrain.coordinator.team.roster import Roster
+from robrain.coordinator.team.team_map import TeamMap
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import cut
+from robrain.protocol.model.tasks.task import Explore, Task, TaskState, Visit, place_of
+from robrain.protocol.wire.reasons.robots import PartFailed, PartUndone, Refused, RobotReason, WithOthers
+from robrain.protocol.wire.reasons.tasks import Gather, NeededFor, PartsUntold, RobotOut, TaskReason, WholeIs
+from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord
+
+PARTS_MAX = 1000
+GATHER, SHARE = "gather", "share"
+"""What the ids of parts begin with."""
+
+
+class _Group(NamedTuple):
+    """Who does a task, and how far they are."""
+
+    robots: tuple[str, ...]
+    spots: tuple[Point2D, ...]
+    gathering: tuple[str, ...]
+    """Ids of the parts, in the order of the robots."""
+    doing: tuple[str, ...] = ()
+    """The same of the task itself; empty as long as they gather."""
+
+
+class Together:
+    """Has tasks done by several robots at once.
+
+    Args:
+        planning: says who, and when.
+        lifecycle: offers the parts.
+        book: of the tasks.
+        roster: the robots that there are.
+        team_map: what is known of the floor.
+        new_id: makes an id of a kind that no task has.
+
+    """
+
+    def __init__(
+        self,
+        planning: Planning,
+        lifecycle: TaskLifecycle,
+        book: TaskBook,
+        roster: Roster,
+        team_map: TeamMap,
+        new_id: Callable[[str], str],
+    ) -> None:
+        self._planning = planning
+        self._lifecycle = lifecycle
+        self._book = book
+        self._roster = roster
+        self._map = team_map
+        self._new_id = new_id
+        self._groups: dict[str, _Group] = {}
+        for record in book.open:
+            if record.task.robots > 1 and not record.own and record.state is not TaskState.QUEUED:
+                self._groups[record.task.id] = self._remembered(record)
+        self._hold()
+
+    def step(self, now_ns: int) -> None:
+        """Begin what can begin, and go on with what has begun."""
+        if not self._groups and not self._planning.has_teamwork:
+            return
+        with self._lifecycle.as_far_as_written(now_ns):
+            for task_id in list(self._groups):
+                self._go_on(task_id, now_ns)
+            for task_id, robots in self._planning.due_together(now_ns):
+                self._begin(task_id, robots, now_ns)
+        self._hold()
+
+    # -- one task -------------------------------------------------------------------------------------------
+
+    def _begin(self, task_id: str, robots: Sequence[str], now_ns: int) -> None:
+        record = self._book.find(task_id)
+        if record is None:
+            return
+        for robot in robots:
+            at = self._book.of_robot(robot)
+            if at is not None and isinstance(at.task, Explore):
+                self._book.move(at.task.id, TaskState.CANCELLED, NeededFor(robot, task_id))
+        self._lifecycle.note_decision(task_id, robots, now_ns)
+        spots = self._spots(record.task, robots)
+        self._book.begin_together(task_id, Gather(tuple(robots)))
+        gathering = tuple(
+            self._add(Visit(id=self._new_id(GATHER), place=spot, priority=record.task.priority), task_id)
+            for spot in spots
+        )
+        self._groups[task_id] = _Group(tuple(robots), tuple(spots), gathering)
+        self._offer(task_id, robots, gathering, now_ns)
+
+    def _go_on(self, task_id: str, now_ns: int) -> None:
+        group, record = self._groups[task_id], self._book.find(task_id)
+        if record is None or record.state is not TaskState.RUNNING:  # it was called off, or it is too late for it
+            self._call_off(task_id, None if record is None else WholeIs(task_id, record.state))
+            return
+        if not group.robots:
+            del self._groups[task_id]
+            self._book.give_back(task_id, PartsUntold())
+            return
+        parts = [self._book.find(part) for part in group.doing or group.gathering]
+        for robot, part in zip(group.robots, parts, strict=True):
+            if part is None or (part.state.ended and part.state is not TaskState.DONE):
+                has_failed = part is not None and part.state is TaskState.FAILED
+                told = part.why if part is not None else "nothing is known of it"
+                reason = PartFailed(cut(told)) if has_failed else PartUndone(cut(told))
+                self._fail(task_id, robot, reason, now_ns, failed=has_failed)
+                return
+        done = [part for part in parts if part is not None and part.state is TaskState.DONE]
+        if len(done) < len(parts):
+            return
+        if group.doing:
+            del self._groups[task_id]
+            energy_j = sum(float(part.result.get("energy_j", 0.0)) for part in done)
+            result = {"robots": list(group.robots), "energy_j": round(energy_j, 1)}
+            self._book.move(task_id, TaskState.DONE, result=result)
+            return
+        doing = tuple(self._add(self._own_share(record.task, spot), task_id) for spot in group.spots)
+        self._groups[task_id] = group._replace(doing=doing)
+        self._offer(task_id, group.robots, doing, now_ns)
+
+    def _offer(self, task_id: str, robots: Sequence[str], parts: Sequence[str], now_ns: int) -> None:
+        for robot, part in zip(robots, parts, strict=True):
+            refusal = self._lifecycle.offer(part, robot, now_ns)
+            if refusal is not None:
+                self._fail(task_id, robot, Refused(refusal), now_ns, failed=False)
+                return
+
+    def _fail(self, task_id: str, robot: str, reason: RobotReason, now_ns: int, *, failed: bool) -> None:
+        """A robot does not do its part: all come free, for a new plan that leaves it out for a while."""
+        self._lifecycle.shunning.note(task_id, robot, reason, now_ns)
+        self._call_off(task_id, RobotOut(robot, reason))
+        record = self._book.give_back(task_id, RobotOut(robot, reason), failed=failed)
+        if not record.state.ended and (hopeless := self._lifecycle.reasons.hopeless(record, now_ns)):
+            self._book.move(task_id, TaskState.FAILED, hopeless)
+
+    def _call_off(self, task_id: str, reason: TaskReason | None) -> None:
+        group = self._groups.pop(task_id)
+        for part in (*group.gathering, *group.doing):
+            found = self._book.find(part)
+            if found is not None and not found.state.ended:
+                self._book.move(part, TaskState.CANCELLED, reason)
+
+    # -- parts ----------------------------------------------------------------------------------------------
+
+    def _add(self, task: Task, task_id: str) -> str:
+        return self._book.add(task, by=task_id, own=True).task.id
+
+    def _own_share(self, task: Task, spot: Point2D) -> Task:
+        at = {"goal": spot} if isinstance(task, Explore) else {"place": spot}
+        return msgspec.structs.replace(task, id=self._new_id(SHARE), robots=1, after=(), earliest_ns=0, **at)
+
+    def _spots(self, task: Task, robots: Sequence[str]) -> list[Point2D]:
+        """Each robot gets the spot that is left nearest to it, in their order."""
+        states = {name: self._roster.robots[name].state for name in robots}
+        radius_m = max(state.radius_m for state in states.values() if state is not None)
+        left = spots_around(place_of(task), len(robots), radius_m, self._map.grid)
+        chosen = []
+        for name in robots:
+            state = states[name]
+            pose = state.pose if state is not None else None
+            spot = left[0] if pose is None else min(left, key=pose.distance_m)
+            left.remove(spot)
+            chosen.append(spot)
+        return chosen
+
+    def _remembered(self, record: TaskRecord) -> _Group:
+        """Who was at a task, by the journal; parts of earlier tries have all ended otherwise than done."""
+        parts = self._book.journal.select(TaskFilter(by=record.task.id, own=True, limit=PARTS_MAX))
+        count = record.task.robots
+        gathers = [index for index, part in enumerate(parts) if part.task.id.startswith(GATHER)][-count:]
+        gathering = [parts[index] for index in gathers]
+        doing = parts[gathers[-1] + 1 :] if gathers else []
+        if len(gathering) < count or len(doing) not in (0, count):
+            return _Group((), (), ())  # it was killed while it told them
+        return _Group(
+            tuple(part.robot for part in gathering),
+            tuple(place_of(part.task) for part in gathering),
+            tuple(part.task.id for part in gathering),
+            tuple(part.task.id for part in doing),
+        )
+
+    def _hold(self) -> None:
+        """Robots that wait for the others are not to be given anything else."""
+        held = {}
+        for task_id, group in self._groups.items():
+            for robot in group.robots:
+                held[robot] = WithOthers(task_id, tuple(name for name in group.robots if name != robot))
+        self._planning.held = held

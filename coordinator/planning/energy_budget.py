@@ -1,0 +1,137 @@
+"""What a robot can spend and what ways take it, from the model that it tells of itself.
+
+A robot's budget is what its battery surely gives, less the reserve, less what the bound of the estimate asks beyond
+its mean: plans count in means, and what is within the budget is so at the bound.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import msgspec
+
+from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.planning.problem_codec import Profile
+from robrain.coordinator.planning.snapshot import AfterCharge
+from robrain.protocol.model.energy.energy_model import EnergyModel, Work, estimate
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.wire.messages import RobotState
+
+UNKNOWN = Profile(start_j=0.0, j_per_m=30.0, s_per_m=2.0)
+"""Of a robot that tells nothing of itself: chosen, about that of a small robot of 15 W."""
+PLENTY_J = 1e6
+"""What a robot that tells nothing of its battery may spend; it knows itself what it can afford."""
+SAME_SHARE = 0.02
+"""Robots whose ways differ by less are taken for one kind, which is the dearest and slowest of them."""
+KINDS_MAX = 16
+"""At the most: each kind has matrices of its own."""
+SOC_LEAST = 0.01
+CHARGED_SHARE = 0.95
+"""Of what a charge is to bring, so much is counted on before it is there (chosen)."""
+HALVINGS = 40
+
+
+class Means(NamedTuple):
+    """What a robot has, in joules at the battery's terminals."""
+
+    usable_j: float
+    """What a plan may spend, counted in means."""
+    capacity_j: float
+    """Full; 0 if unknown."""
+    reserve_j: float
+    standing_w: float
+
+
+def profile_of(model: EnergyModel | None, time_margin: float) -> Profile:
+    """What ways take a robot. A mean is affine in the length, so that two lengths tell all."""
+    if model is None:
+        return _slower(UNKNOWN, time_margin)
+    one, two = (estimate(model, Work(path_m=length_m)).mean_j for length_m in (10.0, 20.0))
+    j_per_m = max((two - one) / 10.0, 1e-3)
+    return Profile(max(0.0, one - 10.0 * j_per_m), j_per_m, time_margin / max(model.pace_m_s, 1e-3))
+
+
+def _slower(profile: Profile, time_margin: float) -> Profile:
+    """The same, slower."""
+    return Profile(profile.start_j, profile.j_per_m, time_margin * profile.s_per_m)
+
+
+def means_of(state: RobotState, waits_s: float, policy: PlanningPolicy) -> Means:
+    """What a robot has for a plan in which it stands for at most so long."""
+    model, battery = state.energy, state.battery
+    if model is None or battery is None:
+        return Means(PLENTY_J, 0.0, 0.0, 0.0)
+    capacity_j = battery.remaining_j / max(battery.soc, SOC_LEAST)
+    reserve_j = policy.reserve_share * capacity_j
+    surely_j = model.usable_j - reserve_j
+    return Means(mean_within(model, surely_j, waits_s, policy.confidence), capacity_j, reserve_j,
+                 max(0.0, model.coefficients[0]))  # fmt: skip
+
+
+def when_charged(state: RobotState, after: AfterCharge) -> RobotState:
+    """How a robot that charges will be when it has: where, and with what. As it is now if it tells too little of it."""
+    battery, model, pose = state.battery, state.energy, state.pose
+    if battery is None or model is None or pose is None:
+        return state
+    gain_j = max(0.0, after.soc - battery.soc) * battery.remaining_j / max(battery.soc, SOC_LEAST)
+    return msgspec.structs.replace(
+        state,
+        pose=Pose2D(after.charger.x_m, after.charger.y_m, pose.yaw_rad),
+        battery=msgspec.structs.replace(
+            battery, soc=max(battery.soc, after.soc), remaining_j=battery.remaining_j + gain_j
+        ),
+        energy=msgspec.structs.replace(model, usable_j=model.usable_j + CHARGED_SHARE * gain_j),
+    )
+
+
+def mean_within(model: EnergyModel, bound_j: float, waits_s: float, confidence: float) -> float:
+    """The greatest mean of work whose bound is at most `bound_j`, if it stands for at most so long of it.
+
+    Of two ways to spend the same joules, driving all the time and standing as long as may be, the less certain counts.
+    """
+    if bound_j <= 0:
+        return bound_j
+    low_j, high_j = 0.0, bound_j
+    for _ in range(HALVINGS):
+        mean_j = 0.5 * (low_j + high_j)
+        if max(_bound_j(model, mean_j, wait_s, confidence) for wait_s in (0.0, waits_s)) <= bound_j:
+            low_j = mean_j
+        else:
+            high_j = mean_j
+    return low_j
+
+
+def _bound_j(model: EnergyModel, mean_j: float, waits_s: float, confidence: float) -> float:
+    standing_w = max(model.coefficients[0], 1e-6)
+    wait_s = min(waits_s, mean_j / standing_w)
+    profile = profile_of(model, 1.0)
+    path_m = max(0.0, mean_j - wait_s * standing_w - profile.start_j) / profile.j_per_m
+    found = estimate(model, Work(path_m=path_m, wait_s=wait_s))
+    return mean_j + found.high_j(confidence) - found.mean_j
+
+
+def kinds_of(profiles: Sequence[Profile]) -> tuple[list[Profile], list[int]]:
+    """Few profiles for many robots, and which is whose; no robot's ways take more than its kind's."""
+    share = SAME_SHARE
+    while True:
+        kinds: dict[tuple[int, int], int] = {}
+        merged: list[Profile] = []
+        index = []
+        for one in profiles:
+            key = (_step(one.j_per_m, share), _step(one.s_per_m, share))
+            if key not in kinds:
+                kinds[key] = len(merged)
+                merged.append(one)
+            at = kinds[key]
+            known = merged[at]
+            merged[at] = Profile(
+                max(known.start_j, one.start_j), max(known.j_per_m, one.j_per_m), max(known.s_per_m, one.s_per_m)
+            )
+            index.append(at)
+        if len(merged) <= KINDS_MAX:
+            return merged, index
+        share *= 2.0
+
+
+def _step(value: float, share: float) -> int:
+    return math.floor(math.log(value) / math.log1p(share))

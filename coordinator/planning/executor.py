@@ -1,0 +1,89 @@
+"""From the plan to the robots: what is due is offered, what is left out is told, and fails if that goes on."""
+
+from typing import TYPE_CHECKING
+
+from robrain.coordinator.planning.planning import Planning
+from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.reasons.plans import LeftOut, NearestOut
+from robrain.protocol.wire.reasons.tasks import GaveUp, NeededFor, TaskReason
+
+if TYPE_CHECKING:
+    from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
+
+OFFERS_MAX = 16
+"""In one step: each is written down first, and the team is not to wait for the coordinator meanwhile."""
+TELL_NS = to_ns(5.0)
+"""How often what is left out is looked at while the plan stays the same."""
+
+
+class Following:
+    """Follows plans.
+
+    Args:
+        planning: makes them.
+        lifecycle: of the tasks.
+        book: of the tasks.
+
+    """
+
+    def __init__(self, planning: Planning, lifecycle: "TaskLifecycle", book: TaskBook) -> None:
+        self._planning = planning
+        self._lifecycle = lifecycle
+        self._book = book
+        self._told_number = 0
+        self._tell_ns = 0
+
+    def step(self, now_ns: int) -> bool:
+        """Offer what is due to robots that can take it now. What a robot explored is given up for it.
+
+        Returns:
+            Whether there is more to be offered, at the next step.
+
+        """
+        book, lifecycle, planning = self._book, self._lifecycle, self._planning
+        with lifecycle.as_far_as_written(now_ns):
+            self._tell_left_out(now_ns)
+            for count, (task_id, robot, after) in enumerate(planning.due(now_ns)):
+                if count == OFFERS_MAX:
+                    return True
+                if after and not lifecycle.may_be_next(robot, after):
+                    continue
+                at = book.of_robot(robot)
+                if at is not None and not after:
+                    book.move(at.task.id, TaskState.CANCELLED, NeededFor(robot, task_id))
+                lifecycle.note_decision(task_id, [robot], now_ns)
+                lifecycle.offer(task_id, robot, now_ns, after=after)
+                record = book.find(task_id)
+                if record is not None and record.state in (TaskState.OFFERED, TaskState.RUNNING):
+                    planning.begun(task_id, robot)
+        return False
+
+    def _tell_left_out(self, now_ns: int) -> None:
+        """Tell once why a task is left out, and again when the reason has another code."""
+        if self._planning.number == self._told_number and now_ns < self._tell_ns:
+            return
+        self._told_number, self._tell_ns = self._planning.number, now_ns + TELL_NS
+        reasons = self._lifecycle.reasons
+        is_anybody_out = self._planning.anybody_out(now_ns)
+        paused = {task for task, _ in self._lifecycle.shunning.pauses(now_ns)}
+        for task_id, left in self._planning.left_out.items():
+            record = self._book.find(task_id)
+            if record is None or record.state is not TaskState.QUEUED:
+                continue
+            if task_id in paused or reasons.nobody_can(record) is not None:
+                continue  # that is told already, and says more
+            if is_anybody_out and reasons.able_but_out(record, now_ns):
+                continue  # it may yet be done
+            if record.task.deadline_ns is None and now_ns - left.since_ns > to_ns(self._planning.policy.give_up_s):
+                self._book.move(task_id, TaskState.FAILED, GaveUp(left.reason))
+            elif not _is_alike(record.reason, left.reason):
+                self._book.move(task_id, TaskState.QUEUED, left.reason)
+
+
+def _is_alike(told: TaskReason | None, reason: LeftOut) -> bool:
+    """Whether two reasons have one code, and so have those within them: figures and names may differ."""
+    if isinstance(told, NearestOut) and isinstance(reason, NearestOut):
+        return type(told.because) is type(reason.because)
+    return type(told) is type(reason)

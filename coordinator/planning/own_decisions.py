@@ -1,0 +1,48 @@
+"""What the coordinator's own tasks, to explore and to charge, will take: told as decisions of plans are."""
+
+import math
+
+from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.protocol.model.energy.energy_model import Work, estimate
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Explore, Recharge, place_of
+from robrain.protocol.wire.messages import RobotState
+from robrain.protocol.wire.plan_messages import TaskDecision
+from robrain.protocol.wire.reasons.plans import NothingElse, ToCharge
+from robrain.protocol.wire.reasons.words import told
+from robrain.protocol.wire.task_messages import RobotVerdict
+
+DETOUR = 1.5
+"""How much longer than a straight line a way is taken to be that nobody has measured (chosen, as the robots do)."""
+DOCK_S = 10.0
+"""What docking takes, about, as the robots reckon. What comes after is the charger's."""
+
+
+def own_decision(
+    task: Explore | Recharge, state: RobotState | None, way_m: float, plan: int, policy: PlanningPolicy
+) -> TaskDecision | None:
+    """That a robot gets a task, with joules and seconds; None if it does not tell enough of itself.
+
+    Args:
+        task: to be offered to it.
+        state: of the robot.
+        way_m: how far it is; nan if that is not known.
+        plan: number of the last plan.
+        policy: how ways are reckoned.
+
+    """
+    if state is None or state.pose is None or state.energy is None:
+        return None
+    place = place_of(task)
+    if not math.isfinite(way_m):
+        way_m = DETOUR * _away_m(Point2D(state.pose.x_m, state.pose.y_m), place)
+    found = estimate(state.energy, Work(path_m=way_m, wait_s=DOCK_S if isinstance(task, Recharge) else 0.0))
+    time_s = policy.time_margin * found.duration_s
+    verdict = RobotVerdict(robot=state.robot, chosen=True, energy_j=round(found.mean_j, 3), time_s=round(time_s, 3))
+    reason = ToCharge(task.until_soc) if isinstance(task, Recharge) else NothingElse()
+    return TaskDecision(task=task.id, plan=plan, robots=(state.robot,), start_in_s=0.0, why=told(reason),
+                        reason=reason, bids=(verdict,))  # fmt: skip
+
+
+def _away_m(one: Point2D, other: Point2D) -> float:
+    return math.hypot(one.x_m - other.x_m, one.y_m - other.y_m)

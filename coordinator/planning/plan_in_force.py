@@ -1,0 +1,125 @@
+"""A plan as the coordinator follows it: who is to do what, in which order and when, and why."""
+
+import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from robrain.coordinator.allocation.plan import Plan
+from robrain.coordinator.allocation.problem import Problem
+from robrain.coordinator.planning.snapshot import ChargerWays, Orders, Situation
+from robrain.protocol.wire.plan_messages import PlanProblem, TaskDecision
+from robrain.protocol.wire.reasons.plans import LeftOut
+from robrain.protocol.wire.reasons.tasks import TaskReason
+from robrain.protocol.wire.reasons.words import told
+from robrain.protocol.wire.task_messages import RobotVerdict
+
+if TYPE_CHECKING:
+    from robrain.coordinator.allocation.explain import Decision
+    from robrain.coordinator.planning.problem_builder import Asked
+
+BIDS_MAX = 4000
+"""In the decisions that are told of one plan, those first that are to be begun first; the rest follow with the next
+plans (chosen: a bid takes some microseconds)."""
+
+
+class Step(msgspec.Struct, frozen=True):
+    """One task of a robot's route."""
+
+    task: str
+    leave_ns: int
+    """When its robot has to set out for it so as not to be late."""
+    way_s: float
+    start_ns: int
+
+
+class Planned(msgspec.Struct, frozen=True, kw_only=True):
+    """A plan that was made."""
+
+    problem: PlanProblem
+    steps: dict[str, tuple[Step, ...]]
+    """Of each robot; those that it was at are not in it."""
+    left_out: dict[str, LeftOut]
+    """Tasks that nobody does, and why."""
+    waiting: dict[str, TaskReason]
+    """Tasks that could be no part of the plan, and why."""
+    decisions: list[TaskDecision]
+    """Those that are new."""
+    took_s: float = 0.0
+    charger_ways: dict[str, ChargerWays] = {}
+    """How far it was to the chargers, for each robot that was free."""
+
+    @property
+    def orders(self) -> Orders:
+        """The tasks of each robot."""
+        return {robot: tuple(step.task for step in steps) for robot, steps in self.steps.items() if steps}
+
+
+def planned(
+    situation: Situation, asked: "Asked", problem: Problem, plan: Plan, written: PlanProblem, took_s: float
+) -> Planned:
+    """What the coordinator makes of a plan."""
+    # Here: it brings the allocators' kernels, and who only follows plans in live does without them.
+    from robrain.coordinator.allocation.explain import explain
+
+    pinned = {job.id for job in problem.jobs if job.pinned_to}
+    earliest_s = {job.id: job.earliest_s for job in problem.jobs}
+    steps: dict[str, tuple[Step, ...]] = {}
+    for worker, route in zip(problem.workers, plan.routes, strict=True):
+        found, free_s = [], worker.ready_s
+        for stop in route.stops:
+            way_s = max(0.0, stop.arrive_s - free_s)
+            free_s = stop.end_s
+            if stop.job not in pinned:
+                leave_s = max(stop.arrive_s, earliest_s[stop.job]) - way_s
+                found.append(Step(stop.job, _at(situation, leave_s), way_s, _at(situation, stop.start_s)))
+        steps[route.worker] = tuple(found)
+    left_out: dict[str, LeftOut] = {}
+    for one in plan.unassigned:
+        if one.job not in pinned:
+            assert one.reason is not None  # an allocator's plan has one for each
+            left_out[one.job] = one.reason
+    robots: dict[str, list[str]] = {}
+    for route in plan.routes:
+        for job in route.jobs:
+            robots.setdefault(job, []).append(route.worker)
+    start_s = {stop.job: stop.start_s for route in plan.routes for stop in route.stops}
+    new = [
+        job.id
+        for job in problem.jobs
+        if job.id not in pinned and situation.told.get(job.id) != tuple(robots.get(job.id, ()))
+    ]
+    new.sort(key=lambda job: start_s.get(job, math.inf))
+    del new[max(1, BIDS_MAX // max(1, len(problem.workers))) :]
+    decisions = [_told(one, situation, written.plan) for one in explain(problem, plan, new)]
+    return Planned(problem=written, steps=steps, left_out=left_out, waiting=asked.waiting, decisions=decisions,
+                   took_s=took_s, charger_ways=asked.charger_ways)  # fmt: skip
+
+
+def _at(situation: Situation, in_s: float) -> int:
+    return situation.now_ns + round(1e9 * in_s)
+
+
+def _told(decision: "Decision", situation: Situation, number: int) -> TaskDecision:
+    return TaskDecision(
+        task=decision.job,
+        plan=number,
+        robots=decision.robots,
+        start_in_s=None if decision.start_s is None else round(decision.start_s, 2),
+        why=told(decision.reason),
+        reason=decision.reason,
+        bids=tuple(_bids(decision, situation)),
+    )
+
+
+def _bids(decision: "Decision", situation: Situation) -> Iterable[RobotVerdict]:
+    for option in decision.options:
+        why_not = situation.pauses.get((decision.job, option.worker)) or option.why_not
+        yield RobotVerdict.judged(
+            option.worker,
+            why_not,
+            chosen=option.worker in decision.robots,
+            energy_j=None if why_not else option.energy_j,
+            time_s=None if why_not else option.time_s,
+        )

@@ -1,0 +1,186 @@
+"""From the team at one moment to the question that the allocators are asked."""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from robrain.coordinator.allocation.problem import Job, Worker
+from robrain.coordinator.planning.energy_budget import kinds_of, means_of, profile_of
+from robrain.coordinator.planning.path_lengths import Ways
+from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.planning.problem_codec import Question, pack_ways
+from robrain.coordinator.planning.snapshot import ChargerWays, Member, Situation, service_s, urgency
+from robrain.coordinator.tasks.admission import GATHERING, needed_plugins
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.navigation.clearance import PREFERRED_MARGIN_M
+from robrain.protocol.model.ranges import cut
+from robrain.protocol.model.tasks.task import TaskState, place_of
+from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.wire.reasons.reason import Said
+from robrain.protocol.wire.reasons.tasks import AfterUnplanned, HolderOut, Outranked, TaskReason
+from robrain.protocol.wire.task_messages import TaskRecord
+
+
+class Asked(NamedTuple):
+    """A question, and what could not be part of it."""
+
+    question: Question
+    waiting: dict[str, TaskReason]
+    """Tasks that no plan can have yet, and why."""
+    charger_ways: dict[str, ChargerWays]
+    """Of each robot that is free."""
+
+
+def ask(situation: Situation, ways: Ways, policy: PlanningPolicy) -> Asked:
+    """The question.
+
+    A task that a robot is at is pinned to it; one that it is about to end is taken for done, and the robot for free
+    there and now. A robot that explores counts as free.
+    """
+    chosen, waiting = _chosen(situation, policy)
+    names = sorted(situation.members)
+    members = [situation.members[name] for name in names]
+    profiles, kinds = kinds_of([profile_of(member.state.energy, policy.time_margin) for member in members])
+    waits_s = sum(service_s(record.task) for record in chosen)
+    waits_s += max((to_seconds(max(0, record.task.earliest_ns - situation.now_ns)) for record in chosen), default=0.0)
+    means = [means_of(member.state, waits_s, policy) for member in members]
+    standing_w = max((mean.standing_w for mean in means), default=0.0)
+
+    goals: dict[Point2D, int] = {}
+    for place in [place_of(record.task) for record in chosen] + [end for one in members for end in _ends(one)]:
+        goals.setdefault(place, len(goals))
+    ending = situation.ending
+    starts = [
+        ending[name].place if name in ending else _here(member) for name, member in zip(names, members, strict=True)
+    ]
+    length_m = ways.lengths_m(list(goals), starts)
+
+    prize_j = max([policy.prize_j, *(2.0 * mean.capacity_j for mean in means)])
+    paused: dict[str, set[str]] = {}
+    for task, robot in situation.pauses:
+        paused.setdefault(task, set()).add(robot)
+    jobs = [
+        _job(record, goals[place_of(record.task)], situation, prize_j, standing_w, paused.get(record.task.id, ()))
+        for record in chosen
+    ]
+    everything = frozenset().union(*(job.needs for job in jobs))
+    workers = []
+    for index, (name, member, mean) in enumerate(zip(names, members, means, strict=True)):
+        offers = everything if member.offers is None else member.offers
+        workers.append(
+            Worker(
+                name=name,
+                start=len(goals) + index,
+                ends=tuple(goals[end] for end in _ends(member)),
+                usable_j=mean.usable_j,
+                offers=offers & everything,
+                ready_s=max(0.0, to_seconds(member.free_ns - situation.now_ns)) if member.free_ns else 0.0,
+                profile=kinds[index],
+                wait_w=mean.standing_w,
+                capacity_j=mean.capacity_j,
+                reserve_j=mean.reserve_j,
+            )
+        )
+    question = Question(
+        jobs=tuple(jobs),
+        workers=tuple(workers),
+        profiles=tuple(profiles),
+        places=len(goals) + len(starts),
+        ways_cm=pack_ways(length_m),
+    )
+    charger_ways = {
+        name: ChargerWays(
+            starts[index],
+            tuple((place, float(length_m[len(goals) + index, goals[place]])) for place in member.chargers),
+        )
+        for index, (name, member) in enumerate(zip(names, members, strict=True))
+        if not member.free_ns
+    }
+    return Asked(question, waiting, charger_ways)
+
+
+def needed_m(situation: Situation) -> float:
+    """Preferred clearance of the largest robot."""
+    return PREFERRED_MARGIN_M + greatest_radius_m(situation)
+
+
+def greatest_radius_m(situation: Situation) -> float:
+    """Radius of the largest robot."""
+    return max((member.state.radius_m for member in situation.members.values()), default=0.0)
+
+
+def _chosen(situation: Situation, policy: PlanningPolicy) -> tuple[list[TaskRecord], dict[str, TaskReason]]:
+    """The most urgent tasks, those that robots are at first; and why the others cannot be in a plan."""
+    there = situation.members
+    at_work = [record for record in situation.records if record.robot]
+    ended = {one.task for one in situation.ending.values()}
+    running = [record for record in at_work if record.robot in there and record.task.id not in ended]
+    running.sort(key=lambda record: record.task.id in situation.held)  # what a robot holds comes after what it is at
+    free = [record for record in situation.records if not record.robot]
+    queued = sorted((record for record in free if record.state is TaskState.QUEUED), key=urgency)
+    waiting: dict[str, TaskReason] = {
+        record.task.id: HolderOut(record.robot) for record in at_work if record.robot not in there
+    }
+    for record in free:
+        if record.state is not TaskState.QUEUED:
+            waiting[record.task.id] = record.reason or Said(cut(record.why))
+    for record in queued[policy.tasks_max :]:
+        waiting[record.task.id] = Outranked(policy.tasks_max)
+    queued = queued[: policy.tasks_max]
+    known = {record.task.id for record in [*running, *queued]}
+    while True:
+        late = {
+            record.task.id: other
+            for record in queued
+            if record.task.id in known
+            for other in record.task.after
+            if other not in known and other not in situation.ended and other not in ended
+        }
+        if not late:
+            return running + [record for record in queued if record.task.id in known], waiting
+        for task_id, other in late.items():
+            known.discard(task_id)
+            waiting[task_id] = AfterUnplanned(other)
+
+
+def _job(
+    record: TaskRecord, place: int, situation: Situation, prize_j: float, standing_w: float, paused: Iterable[str]
+) -> Job:
+    task = record.task
+    takes_s = service_s(task)
+    pinned = record.robot
+    if pinned:
+        takes_s = max(0.0, takes_s - situation.served_s.get(task.id, 0.0))
+    needs = set() if pinned else set(needed_plugins(task))
+    if task.robots > 1:
+        needs.add(GATHERING)
+    ending_s = {one.task: one.in_s for one in situation.ending.values()}
+    earliest_s = max(
+        0.0, to_seconds(task.earliest_ns - situation.now_ns), *(ending_s.get(name, 0.0) for name in task.after)
+    )
+    latest_s = to_seconds(task.deadline_ns - situation.now_ns) if task.deadline_ns is not None else float("inf")
+    return Job(
+        id=task.id,
+        place=place,
+        prize_j=prize_j * task.priority,
+        service_s=takes_s,
+        service_j=takes_s * standing_w,
+        earliest_s=earliest_s,
+        latest_s=max(0.0, latest_s),
+        needs=frozenset(needs),
+        after=()
+        if pinned
+        else tuple(name for name in task.after if name not in situation.ended and name not in ending_s),
+        robots=1 if pinned else task.robots,
+        pinned_to=pinned,
+        forbidden_workers=frozenset() if pinned else frozenset(paused),
+    )
+
+
+def _here(member: Member) -> Point2D:
+    pose = member.state.pose
+    assert pose is not None  # a robot that does not know where it is is no member
+    return Point2D(pose.x_m, pose.y_m)
+
+
+def _ends(member: Member) -> tuple[Point2D, ...]:
+    return member.chargers or (member.home,)

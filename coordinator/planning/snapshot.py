@@ -1,0 +1,110 @@
+"""The team at one moment, as far as a plan depends on it. Nothing in it changes: others may read it."""
+
+import math
+from typing import NamedTuple
+
+import msgspec
+
+from robrain.coordinator.planning.floor import Floor
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Collect, Inspect, Monitor, Relay, Replace, Sense, Task
+from robrain.protocol.wire.messages import RobotState
+from robrain.protocol.wire.reasons.robots import RobotReason
+from robrain.protocol.wire.task_messages import TaskRecord
+
+HANDLING_S = 1.0
+"""Every task takes so long besides: to be offered, to come to a stop. So nothing ends when it begins, either."""
+INSPECT_S = 3.0
+OWN_SENSE_S = 1.0
+Orders = dict[str, tuple[str, ...]]
+"""Tasks of robots, in the order in which they are to be done."""
+
+
+class AfterCharge(NamedTuple):
+    """How a robot will be that charges, or is on its way to."""
+
+    free_ns: int
+    charger: Point2D
+    soc: float
+
+
+class ChargerWays(NamedTuple):
+    """How far it was for a robot to the chargers that it knows, from where it was."""
+
+    start: Point2D
+    ways_m: tuple[tuple[Point2D, float], ...]
+
+
+class Member(NamedTuple):
+    """A robot that can be counted on."""
+
+    state: RobotState
+    offers: frozenset[str] | None
+    """Its plugins; None if it has not told them: it may have any."""
+    chargers: tuple[Point2D, ...]
+    home: Point2D
+    """Where it ends if it knows no charger: where it started."""
+    free_ns: int = 0
+    """A robot that charges is free then, and `state` says how it will be; 0 if it is free now."""
+
+
+class Ending(NamedTuple):
+    """The end of the task that a robot is at, where it is near."""
+
+    task: str
+    place: Point2D
+    in_s: float
+
+
+class Situation(msgspec.Struct, frozen=True, kw_only=True):
+    """All that a plan is made from."""
+
+    number: int
+    """Of the plan that is made from it."""
+    now_ns: int
+    cause: str
+    records: tuple[TaskRecord, ...]
+    """Open tasks that somebody asked for."""
+    ended: frozenset[str]
+    """Those of the tasks that they wait for which are done."""
+    held: frozenset[str] = frozenset()
+    """Those that a robot is to begin after the one that it is at."""
+    ending: dict[str, Ending] = {}
+    """Of robots that are about to end a task; what they do next is planned from there."""
+    members: dict[str, Member]
+    pauses: dict[tuple[str, str], RobotReason]
+    """Which task is not to be offered to which robot now, and why."""
+    served_s: dict[str, float]
+    """How long its robot has been at the place of a running task."""
+    floor: Floor | None
+    orders: Orders
+    """As they are planned so far."""
+    told: dict[str, tuple[str, ...]]
+    """Of each task the robots that the last decision named."""
+
+
+def service_s(task: Task) -> float:
+    """How long a task takes at its place, as the behaviors reckon; of what ends early the longest."""
+    match task:
+        case Relay() | Monitor() | Replace():
+            own_s = task.duration_s
+        case Collect():
+            own_s = task.timeout_s
+        case Sense():
+            own_s = task.timeout_s if task.mote else OWN_SENSE_S
+        case Inspect():
+            own_s = INSPECT_S
+        case _:
+            own_s = 0.0
+    return HANDLING_S + own_s + task.service_s
+
+
+def urgency(record: TaskRecord) -> tuple[float, float, int, str]:
+    """Orders tasks: by priority, then by deadline, then by age."""
+    deadline_ns = record.task.deadline_ns
+    return (
+        -record.task.priority,
+        math.inf if deadline_ns is None else deadline_ns,
+        record.submitted_ns,
+        record.task.id,
+    )

@@ -1,0 +1,163 @@
+"""The team as planning sees it: open tasks, robots that can be counted on, the floor, how far running tasks are."""
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+
+from robrain.coordinator.charging.chargers import KnownChargers
+from robrain.coordinator.planning.available_robots import is_charging
+from robrain.coordinator.planning.energy_budget import when_charged
+from robrain.coordinator.planning.floor import Floor
+from robrain.coordinator.planning.look_ahead import AHEAD_S, left_of
+from robrain.coordinator.planning.snapshot import AfterCharge, Ending, Member
+from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.team.capabilities import Capabilities
+from robrain.coordinator.team.roster import Robot, Roster
+from robrain.coordinator.team.team_map import TeamMap
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import TaskState, place_of
+from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.protocol.wire.messages import RobotState
+from robrain.protocol.wire.reasons.robots import RobotReason
+from robrain.protocol.wire.task_messages import TaskRecord
+
+AT_PLACE_M = 1.0
+"""A robot so near to the place of its task is taken to be at it."""
+SOON_FREE_NS = to_ns(1.0)
+"""A robot that charges still is not free for so long, whatever was foreseen."""
+FLOOR_NS = to_ns(10.0)
+"""The map is looked at again after so long, or when it has grown and that may help, or a robot was blocked."""
+
+
+class TeamWatch:
+    """Looks at the team for a plan.
+
+    Args:
+        book: of the tasks.
+        roster: the robots that there are.
+        capabilities: what they can do.
+        team_map: what is known of the floor.
+        chargers: what the robots know of them.
+        why_out: why a robot is no part of plans now; None if it is.
+        after_charge: how robots that charge will be when they have, as `Planning` is told.
+
+    """
+
+    def __init__(
+        self,
+        book: TaskBook,
+        roster: Roster,
+        capabilities: Capabilities,
+        team_map: TeamMap,
+        chargers: KnownChargers,
+        why_out: Callable[[Robot, int], RobotReason | None],
+        after_charge: Mapping[str, AfterCharge],
+    ) -> None:
+        self.is_blocked = False
+        """A robot did not get through since the map was looked at."""
+        self._book = book
+        self._roster = roster
+        self._capabilities = capabilities
+        self._map = team_map
+        self._chargers = chargers
+        self._why_out = why_out
+        self._after_charge = after_charge
+        self._there_ns: dict[str, int] = {}
+        self._floor: Floor | None = None
+        self._floor_ns = 0
+
+    @property
+    def area_m2(self) -> float:
+        """How much of the floor is known."""
+        return self._map.known_area_m2
+
+    def records(self) -> list[TaskRecord]:
+        """Open tasks that somebody asked for."""
+        return [record for record in self._book.open if not record.own]
+
+    def places(self, now_ns: int) -> dict[str, Point2D]:
+        """Where the robots are that are there and know it."""
+        return {name: _here(state) for name, state in self._up(now_ns).items()}
+
+    def members(self, now_ns: int) -> dict[str, Member]:
+        """The robots that plans can count on, now or when they have charged."""
+        members = {}
+        for name, state in self._up(now_ns).items():
+            free_ns = 0
+            if self._why_out(self._roster.robots[name], now_ns) is not None:
+                after = self._after_charge.get(name)
+                if after is None or not is_charging(self._roster.robots[name], self._book.of_robot(name)):
+                    continue
+                state, free_ns = when_charged(state, after), max(after.free_ns, now_ns + SOON_FREE_NS)
+            members[name] = Member(
+                state=state,
+                offers=self._capabilities.plugins.get(name),
+                chargers=tuple(one.place for one in self._chargers.of.get(name, ())),
+                home=self._chargers.home.get(name) or _here(state),
+                free_ns=free_ns,
+            )
+        return members
+
+    def done_before(self, records: Iterable[TaskRecord], open_ids: set[str]) -> frozenset[str]:
+        """Those of the tasks that these wait for which are done."""
+        names = {name for record in records for name in record.task.after} - open_ids
+        found = (self._book.find(name) for name in names)
+        return frozenset(one.task.id for one in found if one is not None and one.state is TaskState.DONE)
+
+    def held(self, records: Iterable[TaskRecord]) -> frozenset[str]:
+        """Those of the tasks that robots are to begin after the one that they are at."""
+        robots = {record.robot for record in records if record.robot}
+        return frozenset(record.task.id for name in robots if (record := self._book.next_of(name)) is not None)
+
+    def ending(self, members: dict[str, Member]) -> dict[str, Ending]:
+        """Of robots that are about to end the task that they are at, where and when they do."""
+        found = {}
+        for name, member in members.items():
+            at = self._book.of_robot(name)
+            left_s = math.inf if at is None or at.own else left_of(at, member.state)
+            if at is not None and left_s <= AHEAD_S:
+                found[name] = Ending(at.task.id, place_of(at.task), left_s)
+        return found
+
+    def served_s(self, records: Iterable[TaskRecord], now_ns: int) -> dict[str, float]:
+        """How long the robots of running tasks have been at their places; of those that are there."""
+        there: dict[str, int] = {}
+        for record in records:
+            robot = self._roster.robots.get(record.robot)
+            if robot is None or robot.state is None or robot.state.pose is None:
+                continue
+            if self._book.of_robot(record.robot) is not record:  # it is to begin that later
+                continue
+            if robot.state.pose.distance_m(place_of(record.task)) <= AT_PLACE_M:
+                there[record.task.id] = self._there_ns.get(record.task.id, now_ns)
+        self._there_ns = there
+        return {task: to_seconds(now_ns - since_ns) for task, since_ns in there.items()}
+
+    def floor(self, now_ns: int, *, wanted: bool) -> Floor | None:
+        """The map, mostly as it was when it was last looked at: all ways are worked out anew for a new one.
+
+        Args:
+            now_ns: the time.
+            wanted: whether more map would help.
+
+        """
+        grid, floor = self._map.grid, self._floor
+        if grid is None or (floor is not None and floor.version == grid.version):
+            return floor
+        is_old = now_ns - self._floor_ns > FLOOR_NS
+        if floor is None or is_old or self.is_blocked or wanted:
+            self._floor = Floor(grid.classes(), grid.geometry, grid.version)
+            self._floor_ns = now_ns
+            self.is_blocked = False
+        return self._floor
+
+    def _up(self, now_ns: int) -> dict[str, RobotState]:
+        return {
+            robot.name: robot.state
+            for robot in self._roster.up(now_ns)
+            if robot.state is not None and robot.state.pose is not None
+        }
+
+
+def _here(state: RobotState) -> Point2D:
+    assert state.pose is not None
+    return Point2D(state.pose.x_m, state.pose.y_m)

@@ -1,0 +1,185 @@
+"""Planning in the live drive: in a process of its own, so that the coordinator's loop never waits for a plan.
+
+The process is another interpreter: beside it the loop has its lock, and with more priority, a core. It may die or hang;
+then there is another, which is asked the last question again, and the coordinator goes on by the plan that it has.
+"""
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+
+from robrain.coordinator.planning.plan_in_force import Planned
+from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.planning.snapshot import Situation
+from robrain.coordinator.planning.worker.worker_link import Done, Failed, Made, Question, Ready, Said
+from robrain.coordinator.planning.worker.worker_process import PlannerProcess
+
+logger = logging.getLogger(__name__)
+
+KEPT_PLANS = 4
+JOIN_S = 60.0
+"""How long `close` waits for the threads, which wait for the killed process: on a busy machine it takes its time."""
+GRACE_S = 30.0
+"""Beyond a plan's deadline, before a process that says nothing is taken to hang: for a hundred robots on a new map it
+may take some seconds until there is the first plan."""
+START_S = 300.0
+"""The same for its start. The first on a computer compiles the allocators."""
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 30.0
+"""Before another process is started; twice as long each time, as long as none has answered."""
+TRIES = 3
+"""A question that so many processes did not survive is given up; the next may do."""
+
+
+class LivePlanner:
+    """Answers with the auction's plan at once, and with a better one within the policy's deadline, if there is one.
+
+    Only the last question counts; one that comes while a search runs ends it at the next round.
+
+    Args:
+        on_made: called on a thread of the planner's when a plan is there.
+
+    """
+
+    def __init__(self, on_made: Callable[[], None]) -> None:
+        self._on_made = on_made
+        self._latest: Question | None = None
+        self._made: deque[Planned] = deque(maxlen=KEPT_PLANS)
+        self.why_failed = ""
+        """See `Planner`."""
+        self._asked = 0
+        self._answered = 0
+        """Of the questions asked the last that nothing more comes of."""
+        self._lost = (0, 0)
+        """The question that was under way when a process was lost, and how many that has happened to."""
+        self._pause_s = FIRST_PAUSE_S
+        self._heard_s = 0.0
+        self._is_ready = False
+        self._wake = threading.Event()
+        self._has_ended = threading.Event()
+        self._process: PlannerProcess | None = None
+        self._keeper: threading.Thread | None = None
+
+    @property
+    def pid(self) -> int | None:
+        """Of the process that there is; None if there is none."""
+        process = self._process
+        return None if process is None else process.pid
+
+    def prepare(self) -> None:
+        """See `Planner`: start the process, unless that is done."""
+        if self._keeper is None and not self._has_ended.is_set():
+            self._keeper = threading.Thread(target=self._keep, name="planner", daemon=True)
+            self._keeper.start()
+
+    def ask(self, situation: Situation, policy: PlanningPolicy) -> None:
+        """See `Planner`; what still waits is forgotten."""
+        self._asked += 1
+        self._latest = Question(self._asked, situation, policy)
+        self._wake.set()
+        self.prepare()
+
+    def take(self) -> list[Planned]:
+        """See `Planner`."""
+        return [self._made.popleft() for _ in range(len(self._made))]
+
+    @property
+    def is_busy(self) -> bool:
+        """See `Planner`."""
+        return self._asked > self._answered or bool(self._made)
+
+    def close(self) -> None:
+        """End the process, whatever it is at, and the threads."""
+        self._has_ended.set()
+        self._wake.set()
+        process = self._process
+        if process is not None:
+            process.kill()  # nothing is lost with it, and it may be amid a search
+        if self._keeper is not None:
+            self._keeper.join(JOIN_S)
+
+    # -- on the keeper's thread -----------------------------------------------------------------------------
+
+    def _keep(self) -> None:
+        while not self._has_ended.is_set():
+            why = self._run_one()
+            if self._has_ended.is_set():
+                return
+            pause_s = self._pause_s
+            self._pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
+            logger.warning("the planner's process %s; there is another in %g s", why, pause_s)
+            self._note_lost()
+            self._has_ended.wait(pause_s)
+
+    def _run_one(self) -> str:
+        """Start a process and ask it until it is lost; why it was."""
+        self._is_ready = False
+        self._heard_s = time.monotonic()
+        try:
+            process = self._process = PlannerProcess(self._hear, self._wake.set)
+        except OSError as error:
+            return f"cannot be started: {error}"
+        try:
+            why = self._ask(process)
+        except TimeoutError:
+            why = "takes no question"
+        except OSError as error:
+            why = f"cannot be asked: {error}"
+        finally:
+            self._process = None
+            ended = process.end()
+        return ended or why
+
+    def _ask(self, process: PlannerProcess) -> str:
+        sent = self._answered
+        while not self._has_ended.is_set():
+            self._wake.clear()
+            if process.is_lost:
+                return "has hung up"
+            question = self._latest
+            if self._is_ready and question is not None and question.number > max(sent, self._answered):
+                if sent <= self._answered:  # it was idle
+                    self._heard_s = time.monotonic()
+                sent = question.number
+                process.ask(question, GRACE_S)
+            limit_s: float | None = None
+            if not self._is_ready:
+                limit_s = START_S
+            elif question is not None and sent > self._answered:
+                limit_s = question.policy.deadline_s + GRACE_S
+            left_s = None if limit_s is None else self._heard_s + limit_s - time.monotonic()
+            if left_s is not None and left_s <= 0:
+                return f"has said nothing for {limit_s:g} s"
+            self._wake.wait(left_s)
+        return ""
+
+    def _note_lost(self) -> None:
+        question = self._latest
+        if question is None or question.number <= self._answered:
+            return
+        number, losses = self._lost
+        losses = losses + 1 if number == question.number else 1
+        self._lost = question.number, losses
+        if losses >= TRIES:
+            logger.error("no plan %d could be made: %d processes were lost over it", question.situation.number, losses)
+            self._answered = question.number
+
+    # -- on the process' thread -----------------------------------------------------------------------------
+
+    def _hear(self, said: Said) -> None:
+        self._heard_s = time.monotonic()
+        match said:
+            case Ready():
+                self._is_ready = True
+            case Made(planned):
+                self.why_failed = ""
+                self._made.append(planned)
+                self._on_made()
+            case Failed(why):
+                self.why_failed = why.rstrip().rpartition("\n")[2]
+                logger.error("no plan could be made: %s", why)
+            case Done(number):
+                self._answered = number
+                self._pause_s = FIRST_PAUSE_S
+        self._wake.set()

@@ -1,0 +1,108 @@
+"""`python -m robrain.coordinator.planning.worker.worker_main`: the process that makes plans. Started by PlannerProcess.
+
+It runs with less priority than the coordinator, ends with it whatever it is at, and is asked by one thread: between two
+rounds of a search it looks whether there is a new question.
+"""
+
+import fcntl
+import logging
+import os
+import select
+import signal
+import socket
+import sys
+import time
+import traceback
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from robrain.coordinator.planning.worker.worker_link import (
+    Done,
+    Failed,
+    Made,
+    Question,
+    QuestionReader,
+    Ready,
+    Said,
+    encode_said,
+    receive,
+    send,
+)
+
+if TYPE_CHECKING:
+    from robrain.coordinator.planning.plan_search import Drafting
+
+NICENESS = 5
+"""A third of the coordinator's share, where the two compete for a core (chosen: a plan is soon made even so)."""
+
+
+def main() -> None:
+    """Answer questions until the coordinator hangs up; the arguments are three file descriptors."""
+    questions, said, lifeline = (int(argument) for argument in sys.argv[1:])
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the coordinator ends this process
+    _end_with_parent(lifeline)
+    os.nice(NICENESS)
+    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+    _serve(socket.socket(fileno=questions), socket.socket(fileno=said))
+
+
+def _serve(questions: socket.socket, said: socket.socket) -> None:
+    # Here: it takes seconds, and this process is to end with its parent from the beginning.
+    from robrain.coordinator.planning.first_plan import rehearse
+    from robrain.coordinator.planning.plan_search import Drafting
+
+    def say(what: Said) -> None:
+        send(said, encode_said(what))
+
+    def is_asked() -> bool:
+        return bool(select.select([questions], [], [], 0.0)[0])
+
+    rehearse()
+    say(Ready())
+    drafting, reader = Drafting(), QuestionReader()
+    while True:
+        try:
+            question = reader.read(receive(questions))
+            while is_asked():
+                question = reader.read(receive(questions))
+        except EOFError:
+            return
+        try:
+            _answer(drafting, question, is_asked, say)
+        except OSError:  # the coordinator has gone, and this process is about to
+            return
+        except Exception:  # noqa: BLE001 - a planning error must not end the process: the next question may succeed
+            say(Failed(traceback.format_exc()))
+        say(Done(question.number))
+
+
+def _answer(
+    drafting: "Drafting", question: Question, is_asked: Callable[[], bool], say: Callable[[Said], None]
+) -> None:
+    policy = question.policy
+    begun_s = time.monotonic()
+    draft = drafting.draft(question.situation, policy)
+    first = draft.planned(time.monotonic() - begun_s)
+    say(Made(first))
+    for _ in draft.improve():
+        if time.monotonic() - begun_s > policy.deadline_s or is_asked():
+            break
+    better = draft.planned(time.monotonic() - begun_s)
+    if better.problem.routes != first.problem.routes:
+        say(Made(better))
+
+
+def _end_with_parent(lifeline: int) -> None:
+    """Have the kernel kill this process when the parent's end of the pipe is closed, stopped or whatever it is at."""
+    fcntl.fcntl(lifeline, fcntl.F_SETOWN, os.getpid())
+    fcntl.fcntl(lifeline, fcntl.F_SETSIG, signal.SIGKILL)
+    fcntl.fcntl(lifeline, fcntl.F_SETFL, os.O_ASYNC | os.O_NONBLOCK)
+    try:
+        os.read(lifeline, 1)
+    except BlockingIOError:
+        return
+    sys.exit(0)  # it was closed before
+
+
+if __name__ == "__main__":
+    main()

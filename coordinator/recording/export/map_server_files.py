@@ -1,0 +1,55 @@
+"""A map as files of ROS's map_server: a picture and a YAML file beside it.
+
+Cells are a byte each, as `map_saver` writes them: 254 free, 0 occupied, 205 unknown; the first row is the highest y.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
+
+FREE_BYTE, OCCUPIED_BYTE, UNKNOWN_BYTE = 254, 0, 205
+OCCUPIED_THRESH, FREE_THRESH = 0.65, 0.196
+
+
+def write_grid(grid: OccupancyGrid, path: Path) -> list[Path]:
+    """Write a map; returns the YAML file and the picture.
+
+    Args:
+        grid: the map.
+        path: the YAML file, which does not exist yet; the picture has its name with `.pgm`.
+
+    Raises:
+        OSError: a file exists or cannot be written; then none is left of those that were begun.
+
+    """
+    picture = path.with_suffix(".pgm")
+    written: list[Path] = []
+    try:
+        for each, data in ((picture, _pgm(grid)), (path, _yaml(grid, picture.name).encode())):
+            with each.open("xb") as file:
+                written.append(each)
+                file.write(data)
+    except OSError:
+        for each in written:
+            each.unlink(missing_ok=True)
+        raise
+    return [path, picture]
+
+
+def _pgm(grid: OccupancyGrid) -> bytes:
+    classes = grid.classes()[::-1]
+    cells = np.full(classes.shape, UNKNOWN_BYTE, np.uint8)
+    cells[classes == FREE] = FREE_BYTE
+    cells[classes == OCCUPIED] = OCCUPIED_BYTE
+    return f"P5\n{grid.geometry.width} {grid.geometry.height}\n255\n".encode() + cells.tobytes()
+
+
+def _yaml(grid: OccupancyGrid, picture: str) -> str:
+    geometry = grid.geometry
+    return (
+        f"image: {picture}\nmode: trinary\nresolution: {geometry.resolution_m!r}\n"
+        f"origin: [{geometry.origin_x_m!r}, {geometry.origin_y_m!r}, 0.0]\n"
+        f"negate: 0\noccupied_thresh: {OCCUPIED_THRESH}\nfree_thresh: {FREE_THRESH}\n"
+    )

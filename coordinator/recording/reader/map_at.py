@@ -1,0 +1,123 @@
+"""The map at any time of a recording, composed of submaps, with copies kept at intervals.
+
+Patches contain only changes, so the map at a time needs all patches before it. They are composed as in a run, so the
+result is the map that a component of that run had.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import msgspec
+
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
+from robrain.protocol.wire.map_messages import MapPatch
+from robrain.protocol.wire.map_patch import MAX_CELLS, geometry_of, submap_message, take_message, whole_map
+
+PATCHES_BETWEEN = 250
+KEPT_MAX = 400
+"""Copies that are kept; with more patches they stand farther apart."""
+
+Place = tuple[int, int]
+"""Chunk and message in it; places compare as they follow each other in the file."""
+PatchSource = Callable[[Place, Place], Iterator[bytes]]
+"""The payloads of the map's messages from one place to before another."""
+
+
+class _Kept(NamedTuple):
+    place: Place
+    geometry: GridGeometry
+    submaps: list[MapPatch]
+
+
+class MapAt:
+    """Returns the composed map at any place of a recording.
+
+    Args:
+        patches: reads patches.
+        total: how many there are.
+    """
+
+    def __init__(self, patches: PatchSource, total: int) -> None:
+        self._patches = patches
+        self._between = max(PATCHES_BETWEEN, total // KEPT_MAX)
+        self._kept: list[_Kept] = []
+        self._packed: dict[SubmapKey, tuple[int, MapPatch]] = {}
+        """The last copy of each submap, and the version it is of: most submaps do not change from copy to copy."""
+        self._decoder = msgspec.json.Decoder(MapPatch)
+
+    def keep(self, atlas: SubmapAtlas, place: Place) -> None:
+        """Keep a copy of the map as it is before `place`."""
+        geometry = atlas.grid.geometry
+        submaps = []
+        for key, submap in sorted(atlas.submaps.items()):
+            version, packed = self._packed.get(key, (-1, None))
+            if packed is None or version != submap.version:
+                packed = submap_message(key, submap, geometry)
+            elif (packed.T_arena_local, packed.frame) != (submap.T_arena_local, submap.frame):
+                packed = msgspec.structs.replace(packed, T_arena_local=submap.T_arena_local, frame=submap.frame)
+            self._packed[key] = submap.version, packed
+            submaps.append(packed)
+        self._kept.append(_Kept(place, geometry, submaps))
+
+    def builder(self) -> "MapBuilder":
+        """Takes all patches once, in order, and keeps copies for later."""
+        return MapBuilder(self, self._between, self._decoder)
+
+    def atlas_at(self, place: Place) -> SubmapAtlas | None:
+        """The map before `place`; None before the first patch."""
+        kept = next((kept for kept in reversed(self._kept) if kept.place <= place), None)
+        atlas = None if kept is None else _restored(kept)
+        start = (0, 0) if kept is None else kept.place
+        for payload in self._patches(start, place):
+            atlas = merged(atlas, payload, self._decoder)
+        return atlas
+
+
+class MapBuilder:
+    """Merges patches one after the other and has a copy kept now and then."""
+
+    def __init__(self, store: MapAt, between: int, decoder: "msgspec.json.Decoder[MapPatch]") -> None:
+        self._store = store
+        self._between = between
+        self._decoder = decoder
+        self._atlas: SubmapAtlas | None = None
+        self._since = 0
+
+    def take(self, payload: bytes, place: Place) -> None:
+        """The next patch, which stands at `place`."""
+        if self._atlas is not None and self._since >= self._between:
+            self._store.keep(self._atlas, place)
+            self._since = 0
+        self._atlas = merged(self._atlas, payload, self._decoder)
+        self._since += 1
+
+
+def merged(atlas: SubmapAtlas | None, payload: bytes, decoder: "msgspec.json.Decoder[MapPatch]") -> SubmapAtlas | None:
+    """The map with one more patch; one that does not decode or fit is left out, as its listeners did."""
+    try:
+        patch = decoder.decode(payload)
+        if atlas is None:
+            geometry = geometry_of(patch)
+            if geometry.width * geometry.height > MAX_CELLS:
+                return None
+            fresh = SubmapAtlas(geometry)
+            take_message(fresh, patch)
+            return fresh
+        take_message(atlas, patch)
+    except (msgspec.DecodeError, UnicodeDecodeError, ValueError, RecursionError):
+        return atlas
+    return atlas
+
+
+def patches_of(robot: str, atlas: SubmapAtlas, now_ns: int) -> list[MapPatch]:
+    """Messages with the whole map, for a receiver that starts here and is sent only later patches."""
+    whole = whole_map(robot, atlas, sorted(atlas.submaps))
+    return [] if whole is None else [msgspec.structs.replace(whole, stamp_ns=now_ns)]
+
+
+def _restored(kept: _Kept) -> SubmapAtlas:
+    atlas = SubmapAtlas(kept.geometry)
+    for submap in kept.submaps:
+        take_message(atlas, submap)
+    return atlas

@@ -1,0 +1,256 @@
+"""A report on one run or several: one HTML page that needs nothing else, and its figures as PNGs.
+
+The page has no script and forbids any (Content-Security-Policy); every text out of a recording passes `safe_html`.
+"""
+
+import base64
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import msgspec
+from matplotlib.figure import Figure
+
+from robrain.coordinator.dashboard.html.html_words import natural_key
+from robrain.coordinator.recording.errors import RecordingError
+from robrain.coordinator.recording.report import figures
+from robrain.coordinator.recording.report.accuracy_figure import accuracy_figure
+from robrain.coordinator.recording.report.figure_style import figure_style, png
+from robrain.coordinator.recording.report.run_comparison import comparison_figure
+from robrain.coordinator.recording.report.run_data import RunData, read_run
+from robrain.coordinator.recording.report.run_totals import totals
+from robrain.protocol.wire.safe_text import safe_html
+
+ROWS_MAX = 300
+"""Rows of a table in the page."""
+FIGURES: dict[str, Callable[[RunData], Figure]] = {
+    "explored": lambda run: figures.explored_figure([run]),
+    "trajectories": figures.trajectory_figure,
+    "accuracy": accuracy_figure,
+    "tasks": figures.task_figure,
+    "energy": figures.energy_figure,
+    "battery": figures.battery_figure,
+    "motes": figures.mote_figure,
+    "faults": figures.happenings_figure,
+    "traffic": figures.traffic_figure,
+}
+"""Name of each figure, and how it is drawn."""
+CAPTIONS = {
+    "explored": "What the team has seen of the floor that can be reached.",
+    "trajectories": "Where each robot believed to be, on the map as it was at the end.",
+    "accuracy": "Position error of each robot, thick where it exceeded 0.5 m and the robot did not report it; and the "
+    "share of the map's occupied cells with no true wall within 0.25 m. Without ground truth: the share of each "
+    "robot's beams that agreed with its map.",
+    "tasks": "Who was at which task, and how the task ended.",
+    "energy": "What the batteries gave, what the robots' own models say that their motion takes, and for tasks what "
+    "the plan had predicted.",
+    "battery": "State of charge as each robot believes it to be.",
+    "motes": "Supply of the motes, green from 2.7 V, orange from 2.4 V, and when each was heard.",
+    "faults": "Halts, plugins that do not run, robots that are lost or silent, until they were well again; hatched "
+    "where they were not. Crosses are tasks that failed, strokes are errors in the log.",
+    "traffic": "What went over the wire and was recorded.",
+    "comparison": "Totals of each run.",
+}
+"""What each figure shows."""
+
+STYLE = """
+:root { color-scheme: light; }
+body { font: 15px/1.5 system-ui, sans-serif; color: #1f2933; max-width: 1080px; margin: 2em auto; padding: 0 1em; }
+h1 { font-size: 1.6em; margin-bottom: 0; } h2 { margin-top: 2em; border-bottom: 1px solid #cbd2d9; }
+p.lead { color: #52606d; margin-top: 0.2em; overflow-wrap: anywhere; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; margin: 0.6em 0; }
+th, td { text-align: left; padding: 3px 14px 3px 0; border-bottom: 1px solid #e4e7eb; vertical-align: top;
+  overflow-wrap: anywhere; }
+th { font-weight: 600; } td.number, th.number { text-align: right; }
+.tiles { display: flex; flex-wrap: wrap; gap: 10px; margin: 1em 0; }
+.tile { background: #f5f7fa; border-radius: 8px; padding: 8px 16px; }
+.tile b { display: block; font-size: 1.35em; } .tile span { color: #52606d; font-size: 0.85em; }
+figure { margin: 1.6em 0; } figure img { max-width: 100%; height: auto; } figcaption { color: #52606d; }
+details { margin: 0.6em 0; } pre { background: #f5f7fa; padding: 1em; overflow: auto; font-size: 12px; }
+"""
+POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
+
+
+class Report(msgspec.Struct, frozen=True, kw_only=True):
+    """What was written."""
+
+    page: Path
+    figures: list[Path]
+
+
+def write_report(
+    recordings: Sequence[Path], folder: Path, on_progress: Callable[[float], None] | None = None
+) -> Report:
+    """Write `folder/report.html` and a PNG for each figure; those of an earlier report there are replaced.
+
+    Args:
+        recordings: one, or several that are compared.
+        folder: made if it is not there.
+        on_progress: told the share that is done, 0 to 1.
+
+    Raises:
+        RecordingError: a recording cannot be read, or the folder cannot be written.
+    """
+    show = on_progress or (lambda _share: None)
+    steps = len(recordings) + 1
+    runs = []
+    for done, path in enumerate(recordings):
+        # mypy cannot infer a lambda with a default.
+        runs.append(read_run(path, lambda share, done=done: show((done + share) / steps)))  # type: ignore[misc]
+    pictures: list[tuple[str, bytes]] = []
+    several = len(runs) > 1
+    with figure_style():
+        sections = [_run_section(run, number if several else None, pictures) for number, run in enumerate(runs, 1)]
+        comparison = _comparison(runs, pictures) if several else ""
+    page = _page(runs, comparison + "".join(sections))
+    paths = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, data in pictures:
+            paths.append(folder / f"{name}.png")
+            paths[-1].write_bytes(data)
+        (folder / "report.html").write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise RecordingError(folder, f"cannot write to {folder}: {error.strerror or error}") from error
+    show(1.0)
+    return Report(page=folder / "report.html", figures=paths)
+
+
+def _page(runs: Sequence[RunData], body: str) -> str:
+    names = safe_html(", ".join(run.name for run in runs), 200)
+    title = f"Run {names}" if len(runs) == 1 else f"{len(runs)} runs: {names}"
+    return (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{title}</title><style>{STYLE}</style></head><body><h1>{title}</h1>{body}</body></html>\n"
+    )
+
+
+def _run_section(run: RunData, number: int | None, pictures: list[tuple[str, bytes]]) -> str:
+    drawn = []
+    for name, draw in FIGURES.items():
+        if number is not None and name == "explored":
+            continue  # it is in the comparison
+        data = png(draw(run))
+        pictures.append((name if number is None else f"run{number}_{name}", data))
+        drawn.append(_picture(name, data))
+    heading = "" if number is None else f"<h2>{safe_html(run.name, 200)}</h2>"
+    tables = _happenings(run) + _tasks(run) + _origin(run)
+    return heading + _lead(run) + _tiles(run) + _positions(run) + "".join(drawn) + tables
+
+
+def _lead(run: RunData) -> str:
+    told = run.contents.run
+    words = [f"{name} {told[name]}" for name in ("scenario", "seed", "drive", "team") if told.get(name)]
+    ending = "its end is missing" if run.contents.info.truncated else ""
+    return f'<p class="lead">{safe_html("; ".join(filter(None, [str(run.path.name), *words, ending])), 500)}</p>'
+
+
+def _tiles(run: RunData) -> str:
+    tiles = (
+        f"<div class='tile'><b>{_number(value)}</b><span>{name}</span></div>" for name, value in totals(run).items()
+    )
+    return f'<div class="tiles">{"".join(tiles)}</div>'
+
+
+def _comparison(runs: Sequence[RunData], pictures: list[tuple[str, bytes]]) -> str:
+    compared = [totals(run) for run in runs]
+    head = "".join(f'<th class="number">{safe_html(run.name, 60)}</th>' for run in runs)
+    rows = "".join(
+        f"<tr><th>{name}</th>{''.join(f'<td class=number>{_number(total[name])}</td>' for total in compared)}</tr>"
+        for name in compared[0]
+    )
+    explored = png(figures.explored_figure(list(runs)))
+    bars = png(comparison_figure(list(runs)))
+    pictures += [("explored", explored), ("comparison", bars)]
+    return (
+        f"<h2>Compared</h2><table><tr><th></th>{head}</tr>{rows}</table>"
+        + _picture("explored", explored)
+        + _picture("comparison", bars)
+    )
+
+
+def _happenings(run: RunData) -> str:
+    if not run.happenings:
+        return ""
+    head = ("*from (s)", "*well at (s)", "what", "who", "why")
+    rows = [
+        (
+            f"{happening.start_s:.1f}",
+            "" if not happening.lasts else "not" if happening.end_s is None else f"{happening.end_s:.1f}",
+            happening.kind,
+            happening.subject,
+            happening.text,
+        )
+        for happening in run.happenings
+    ]
+    return _details(f"Faults and recoveries ({len(rows)})", head, rows)
+
+
+def _positions(run: RunData) -> str:
+    told = {name: run.robots[name].accuracy for name in sorted(run.robots, key=natural_key)}
+    rows = []
+    for name, accuracy in told.items():
+        if accuracy is None:
+            continue
+        in_band = None if accuracy.nees_in_band is None else 100 * accuracy.nees_in_band
+        numbers = (
+            accuracy.rmse_m,
+            accuracy.max_error_m,
+            None if accuracy.yaw_rmse_rad is None else math.degrees(accuracy.yaw_rmse_rad),
+            accuracy.nees,
+            accuracy.nees_with_yaw,
+            in_band,
+            accuracy.lost_s,
+            accuracy.silent_divergence_s,
+            accuracy.longest_silent_divergence_s,
+        )
+        rows.append((name, *map(_number, numbers)))
+    if not rows:
+        return ""
+    errors = ("*RMSE (m)", "*largest (m)", "*yaw RMSE (°)", "*NEES x, y", "*with yaw", "*in 95 % (%)")
+    head = ("robot", *errors, "*lost (s)", "*silently off (s)", "*longest (s)")
+    return _details(f"Positions ({len(rows)})", head, rows, is_open=True)
+
+
+def _tasks(run: RunData) -> str:
+    if not run.tasks:
+        return ""
+    times = ("*asked (s)", "*begun (s)", "*ended (s)", "*predicted (J)", "*measured (J)")
+    rows = []
+    for task in run.tasks.values():
+        numbers = (task.queued_s, task.started_s, task.ended_s, task.predicted_j, task.measured_j)
+        texts = (task.name, task.kind, task.state.replace("_", " "), task.robot)
+        rows.append((*texts, *map(_number, numbers), task.why))
+    return _details(f"Tasks ({len(rows)})", ("task", "kind", "state", "robot", *times, "why"), rows)
+
+
+def _origin(run: RunData) -> str:
+    contents = run.contents
+    told = {**contents.run, **contents.host, **contents.versions, **contents.summary}
+    return _details("Where it comes from", ("what", "value"), list(told.items()))
+
+
+def _details(title: str, head: Sequence[str], rows: Sequence[Sequence[str]], *, is_open: bool = False) -> str:
+    """A table that opens with a click, or is open; all that is in it is escaped. Columns with a star hold numbers."""
+    kinds = [' class="number"' if name.startswith("*") else "" for name in head]
+    heads = "".join(f"<th{kind}>{name.lstrip('*')}</th>" for kind, name in zip(kinds, head, strict=True))
+    body = "".join(
+        f"<tr>{''.join(f'<td{kind}>{safe_html(text, 300)}</td>' for kind, text in zip(kinds, row, strict=True))}</tr>"
+        for row in rows[:ROWS_MAX]
+    )
+    more = f"<p>The first {ROWS_MAX} of {len(rows)}.</p>" if len(rows) > ROWS_MAX else ""
+    table = f"<summary>{title}</summary><table><tr>{heads}</tr>{body}</table>{more}"
+    return f"<details{' open' if is_open else ''}>{table}</details>"
+
+
+def _picture(name: str, data: bytes) -> str:
+    source = f"data:image/png;base64,{base64.b64encode(data).decode()}"
+    return f'<figure><img src="{source}" alt="{name}"><figcaption>{CAPTIONS[name]}</figcaption></figure>'
+
+
+def _number(value: float | None) -> str:
+    if value is None:
+        return "–"
+    return f"{value:,.0f}" if abs(value) >= 1000 or float(value).is_integer() else f"{value:.4g}"

@@ -1,0 +1,252 @@
+"""What a report tells of one run: its messages, read once and gathered by robot, mote and task."""
+
+from array import array
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from robrain.coordinator.drawing.map_view import MapView
+from robrain.coordinator.drawing.robot_history import model_power_w
+from robrain.coordinator.recording.reader.contents import RecordingContents, read_contents
+from robrain.coordinator.recording.reader.reading import read_messages
+from robrain.coordinator.recording.report.happenings import Happening, Happenings
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
+from robrain.protocol.model.tasks.task import kind_of
+from robrain.protocol.wire.arena_messages import ArenaTruth
+from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.wire.codec import BadPayload
+from robrain.protocol.wire.map_messages import MapPatch
+from robrain.protocol.wire.messages import MoteReading, RobotState, TaskEvent, TeamState
+from robrain.protocol.wire.plan_messages import TaskDecision
+from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topics import topic_of
+
+STEP_S = 0.2
+"""States of a robot closer together than this are not kept one by one."""
+LONGEST_STEP_S = 5.0
+"""Two states farther apart than this have a gap between them, in which energy is not reckoned."""
+
+
+@dataclass
+class RobotRun:
+    """One robot through the run; arrays grow together, times in seconds of the run."""
+
+    name: str
+    t_s: "array[float]" = field(default_factory=lambda: array("d"))
+    x_m: "array[float]" = field(default_factory=lambda: array("d"))
+    y_m: "array[float]" = field(default_factory=lambda: array("d"))
+    soc: "array[float]" = field(default_factory=lambda: array("d"))
+    soc_sd: "array[float]" = field(default_factory=lambda: array("d"))
+    measured_j: "array[float]" = field(default_factory=lambda: array("d"))
+    """Since the beginning, at the battery's terminals."""
+    predicted_j: "array[float]" = field(default_factory=lambda: array("d"))
+    """The same by the robot's own model of what its motion takes."""
+    agreement: "array[float]" = field(default_factory=lambda: array("d"))
+    """Share of its beams that agree with its map, 0 to 1; nan where not reported."""
+    accuracy: PoseAccuracy | None = None
+    """Accuracy of its poses at the end; None without ground truth."""
+    error_t_s: "array[float]" = field(default_factory=lambda: array("d"))
+    error_m: "array[float]" = field(default_factory=lambda: array("d"))
+    """Position error at these times by the ground truth; nan while the robot reported that it was lost."""
+    is_silently_off: "array[int]" = field(default_factory=lambda: array("b"))
+    """Whether it diverged silently at these times, 0 or 1."""
+    distance_m: float | None = None
+    """As the arena tells, the next two as well; None without one."""
+    energy_j: float | None = None
+    collisions: int | None = None
+    before: RobotState | None = None
+
+
+@dataclass
+class TaskRun:
+    """One task through the run."""
+
+    name: str
+    kind: str
+    state: str
+    place: Point2D | None = None
+    robot: str = ""
+    queued_s: float = 0.0
+    started_s: float | None = None
+    ended_s: float | None = None
+    why: str = ""
+    predicted_j: float | None = None
+    """What the plan said that it would take the robot that did it."""
+    measured_j: float | None = None
+    """What it took, as that robot told."""
+    spans: list[tuple[str, float, float | None]] = field(default_factory=list)
+    """Robot, beginning and end of each time that somebody was at it."""
+
+
+@dataclass
+class MoteRun:
+    """One mote through the run."""
+
+    name: str
+    place: Point2D | None = None
+    t_s: "array[float]" = field(default_factory=lambda: array("d"))
+    voltage_v: "array[float]" = field(default_factory=lambda: array("d"))
+
+
+@dataclass
+class RunData:
+    """One run."""
+
+    path: Path
+    contents: RecordingContents
+    duration_s: float
+    explored: list[tuple[float, float]] = field(default_factory=list)
+    """Time and explored share, 0 to 1, as the arena tells."""
+    known_m2: list[tuple[float, float]] = field(default_factory=list)
+    """Time and known area, as the coordinator tells."""
+    map_accuracy: list[tuple[float, MapAccuracy]] = field(default_factory=list)
+    """Time and accuracy of the team's map by the ground truth; one entry for each change."""
+    robots: dict[str, RobotRun] = field(default_factory=dict)
+    motes: dict[str, MoteRun] = field(default_factory=dict)
+    tasks: dict[str, TaskRun] = field(default_factory=dict)
+    map: MapView = field(default_factory=MapView)
+    happenings: list[Happening] = field(default_factory=list)
+
+    @property
+    def name(self) -> str:
+        """Name of the file without its ending."""
+        return self.path.stem
+
+
+def read_run(path: Path, on_progress: Callable[[float], None] | None = None) -> RunData:
+    """Read a recording for a report.
+
+    Raises:
+        RecordingError: it cannot be read.
+    """
+
+    def half(first: float) -> Callable[[float], None] | None:
+        return None if on_progress is None else lambda share: on_progress(first + share / 2)
+
+    contents = read_contents(path, half(0.0))
+    gather = _Gather(RunData(path, contents, contents.info.duration_s))
+    start_ns = contents.info.start_ns
+    topics: dict[str, Topic[Any] | None] = {}
+    for recorded in read_messages(path, half(0.5)):
+        key = recorded.topic_key
+        if key not in topics:
+            found = topic_of(key)
+            topics[key] = found[0] if found is not None else None
+        topic = topics[key]
+        if topic is None or topic.message is None:
+            continue
+        try:
+            message = topic.payloads.read(recorded.payload)
+        except BadPayload:
+            continue
+        gather.take(message, to_seconds(recorded.log_time_ns - start_ns))
+    return gather.finish()
+
+
+class _Gather:
+    def __init__(self, run: RunData) -> None:
+        self.run = run
+        self._happenings = Happenings()
+        self._decided: dict[str, TaskDecision] = {}
+        self._takers: dict[type, Callable[[Any, float], None]] = {
+            RobotState: self._take_state,
+            ArenaTruth: self._take_truth,
+            TeamState: self._take_team,
+            MapPatch: self._take_patch,
+            MoteReading: self._take_reading,
+            TaskEvent: self._take_task,
+            TaskDecision: self._take_decision,
+        }
+
+    def take(self, message: Any, t_s: float) -> None:
+        take = self._takers.get(type(message))
+        if take is not None:
+            take(message, t_s)
+        self._happenings.take(message, t_s)
+
+    def finish(self) -> RunData:
+        run = self.run
+        run.happenings = self._happenings.finish(run.duration_s)
+        for task in run.tasks.values():
+            task.spans = [(robot, start, run.duration_s if end is None else end) for robot, start, end in task.spans]
+        return run
+
+    def _take_state(self, state: RobotState, t_s: float) -> None:
+        robot = self.run.robots.setdefault(state.robot, RobotRun(state.robot))
+        before = robot.before
+        if before is not None and t_s - robot.t_s[-1] < STEP_S:
+            return
+        robot.before = state
+        measured_j = robot.measured_j[-1] if robot.measured_j else 0.0
+        predicted_j = robot.predicted_j[-1] if robot.predicted_j else 0.0
+        if before is not None and (passed_s := t_s - robot.t_s[-1]) <= LONGEST_STEP_S:
+            if before.battery is not None:
+                measured_j += before.battery.voltage_v * before.battery.current_a * passed_s
+            if before.energy is not None:
+                predicted_j += model_power_w(before.energy, before.velocity) * passed_s
+            elif before.battery is not None:  # before it has a model, nothing is predicted and nothing compared
+                predicted_j = measured_j
+        nan = float("nan")
+        robot.t_s.append(t_s)
+        robot.x_m.append(state.pose.x_m if state.pose is not None else nan)
+        robot.y_m.append(state.pose.y_m if state.pose is not None else nan)
+        robot.soc.append(state.battery.soc if state.battery is not None else nan)
+        robot.soc_sd.append(state.battery.soc_sd if state.battery is not None else nan)
+        robot.agreement.append(state.map_agreement if state.map_agreement is not None else nan)
+        robot.measured_j.append(measured_j)
+        robot.predicted_j.append(predicted_j)
+
+    def _take_truth(self, truth: ArenaTruth, t_s: float) -> None:
+        self.run.explored.append((t_s, truth.explored_fraction))
+        of_map = self.run.map_accuracy
+        if truth.map_accuracy is not None and (not of_map or of_map[-1][1] != truth.map_accuracy):
+            of_map.append((t_s, truth.map_accuracy))
+        for told in truth.robots:
+            robot = self.run.robots.setdefault(told.robot, RobotRun(told.robot))
+            robot.distance_m, robot.energy_j, robot.collisions = told.distance_m, told.energy_j, told.collisions
+            accuracy = robot.accuracy = told.accuracy
+            if accuracy is not None and accuracy.error_m is not None:
+                robot.error_t_s.append(t_s)
+                robot.error_m.append(float("nan") if accuracy.is_lost else accuracy.error_m)
+                robot.is_silently_off.append(accuracy.silent_for_s > 0)
+
+    def _take_team(self, team: TeamState, t_s: float) -> None:
+        self.run.known_m2.append((t_s, team.known_area_m2))
+
+    def _take_patch(self, patch: MapPatch, _t_s: float) -> None:
+        try:
+            self.run.map.merge(patch)
+        except ValueError:  # it fits no map; whoever listened left it out as well
+            return
+
+    def _take_reading(self, reading: MoteReading, t_s: float) -> None:
+        mote = self.run.motes.setdefault(reading.mote, MoteRun(reading.mote))
+        mote.place = reading.place or mote.place
+        mote.t_s.append(t_s)
+        mote.voltage_v.append(reading.voltage_v)
+
+    def _take_decision(self, decision: TaskDecision, _t_s: float) -> None:
+        self._decided[decision.task] = decision
+
+    def _take_task(self, event: TaskEvent, t_s: float) -> None:
+        name = event.task.id
+        task = self.run.tasks.get(name)
+        if task is None:
+            task = self.run.tasks[name] = TaskRun(name, kind_of(event.task), event.state, queued_s=t_s)
+        task.state, task.why = event.state, event.why
+        task.robot = event.robot or task.robot
+        if task.spans and task.spans[-1][2] is None and (event.state != "running" or event.robot != task.spans[-1][0]):
+            robot, start, _ = task.spans[-1]
+            task.spans[-1] = (robot, start, t_s)
+        if event.state == "running" and event.robot and (not task.spans or task.spans[-1][2] is not None):
+            task.spans.append((event.robot, t_s, None))
+            task.started_s = t_s if task.started_s is None else task.started_s
+            decision = self._decided.get(name)
+            bids = decision.bids if decision is not None else ()
+            task.predicted_j = next((bid.energy_j for bid in bids if bid.robot == event.robot), task.predicted_j)
+        if event.state.ended:
+            task.ended_s = t_s
+            spent = event.result.get("energy_j")
+            task.measured_j = float(spent) if isinstance(spent, (int, float)) else None

@@ -1,0 +1,48 @@
+"""A whole run in a few figures, for its table and to compare it with others."""
+
+import math
+import statistics
+from collections.abc import Iterable
+
+from robrain.coordinator.recording.report.run_data import RobotRun, RunData
+
+ENDED_BADLY = ("failed", "lost_contact")
+
+
+def totals(run: RunData) -> dict[str, float | None]:
+    """Figures of a whole run, for the table and for comparison; None where nothing tells."""
+    robots = run.robots.values()
+    told = [robot.accuracy for robot in robots if robot.accuracy is not None]
+    of_map = run.map_accuracy[-1][1] if run.map_accuracy else None
+    states = [task.state for task in run.tasks.values()]
+    return {
+        "Duration (s)": run.duration_s,
+        "Explored (%)": 100 * run.explored[-1][1] if run.explored else None,
+        "Known area (m²)": run.map.known_area_m2 or None,
+        "Robots": float(len(run.robots)),
+        "Motes heard": float(len(run.motes)),
+        "Distance (m)": _sum(robot.distance_m for robot in robots),
+        "Energy (kJ)": _sum(None if robot.energy_j is None else robot.energy_j / 1000 for robot in robots),
+        "Collisions": _sum(robot.collisions for robot in robots),
+        "Map cells off (%)": None if of_map is None else 100 * of_map.share_off,
+        "Walls doubled (m)": None if of_map is None else of_map.doubled_walls_m,
+        "Worst position RMSE (m)": max((each.rmse_m for each in told if each.rmse_m is not None), default=None),
+        "Silent divergence (s)": _sum(each.silent_divergence_s for each in told),
+        "Lidar on the map (%)": _agreement_percent(robots),
+        "Tasks done": float(states.count("done")),
+        "Tasks failed": float(sum(state in ENDED_BADLY for state in states)),
+        "Faults": float(sum(happening.lasts for happening in run.happenings)),
+        "Messages": float(run.contents.info.messages),
+        "File (MB)": run.contents.info.size_bytes / 1e6,
+    }
+
+
+def _agreement_percent(robots: Iterable[RobotRun]) -> float | None:
+    """Least mean share of a robot's beams that agreed with its map; None if no robot says it."""
+    means = [statistics.fmean(known) for robot in robots if (known := list(filter(math.isfinite, robot.agreement)))]
+    return 100 * min(means) if means else None
+
+
+def _sum(values: Iterable[float | None]) -> float | None:
+    told = [value for value in values if value is not None]
+    return float(sum(told)) if told else None

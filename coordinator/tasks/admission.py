@@ -1,0 +1,189 @@
+"""Which tasks are refused at once, because they can never be done. Pure: of a task and what the coordinator knows.
+
+Only what is certain counts. A robot that has not told its plugins yet may have the one that is needed, a place that
+nobody has seen may be free, and a task that is waited for may be asked for later.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from robrain.protocol.model.tasks.task import Task, TaskState, kind_of, place_of
+from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.protocol.wire.errors import BadName
+from robrain.protocol.wire.keys import check_name
+from robrain.protocol.wire.reasons.reason import said
+from robrain.protocol.wire.reasons.tasks import (
+    AfterEnded,
+    DeadlinePassed,
+    NobodyHasAll,
+    Standing,
+    TeamLacks,
+    TooFewRobots,
+)
+from robrain.protocol.wire.reasons.words import told
+from robrain.protocol.wire.task_messages import TaskRecord, TaskSubmission
+
+if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
+    from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
+
+GATHERING = "visit"
+"""What robots need, besides, to gather for a task for several."""
+
+
+def with_times(asked: TaskSubmission, now_ns: int) -> Task:
+    """The task that is asked for; times given from now on become stamps (ValueError if they cannot be)."""
+    times: dict[str, int] = {}
+    for name, in_s in (("earliest_ns", asked.earliest_in_s), ("deadline_ns", asked.deadline_in_s)):
+        if in_s is None:
+            continue
+        if not 0 <= in_s < 1e9:
+            raise ValueError(f"expected {name.replace('_ns', '_in_s')} from 0 to 1e9, got {in_s}")
+        times[name] = now_ns + to_ns(in_s)
+    # Built anew, for a task checks itself where it is built and not where it is replaced.
+    return msgspec.convert({**msgspec.to_builtins(asked.task), **times}, Task) if times else asked.task
+
+
+def difference(asked: bytes, asked_before: bytes) -> str:
+    """Where two submissions of one id differ, in words; empty if they ask for the same.
+
+    Args:
+        asked: the new one.
+        asked_before: the one that was accepted.
+
+    """
+    new, old = (_flat(msgspec.json.decode(text or b"{}")) for text in (asked, asked_before))
+    names = [name for name in sorted({**new, **old}) if new.get(name) != old.get(name)]
+    return ", ".join(f"{name} is {_word(old.get(name))}, not {_word(new.get(name))}" for name in names)
+
+
+def why_impossible(
+    task: Task,
+    now_ns: int,
+    *,
+    grid: "OccupancyGrid | None",
+    plugins: Mapping[str, Iterable[str] | None],
+    others: Mapping[str, TaskRecord],
+) -> str:
+    """Why a task can never be done, in words for whoever asks for it; empty if it may be.
+
+    Args:
+        task: a new one.
+        now_ns: the time.
+        grid: what is known of the floor; None if nothing is.
+        plugins: of each robot of the team; None of one that has not told them yet.
+        others: the tasks that it waits for, and those that these wait for and so on, as far as they are known.
+
+    """
+    return (
+        _why_bad_name(task.id)
+        or _why_late(task, now_ns)
+        or _why_no_place(task, grid)
+        or told(why_nobody_can(task, plugins) or why_dependency_ended(task, others))
+        or _why_waits_for_itself(task, others)
+    )
+
+
+def needed_plugins(task: Task) -> tuple[str, ...]:
+    """What a robot must have: the behavior, which is named as the kind, and what the task needs besides."""
+    return (kind_of(task), *task.needs)
+
+
+def why_nobody_can(
+    task: Task, plugins: Mapping[str, Iterable[str] | None]
+) -> TeamLacks | NobodyHasAll | TooFewRobots | None:
+    """Why no robot of the team has what it takes; None if one has, or may have."""
+    if not plugins or any(names is None for names in plugins.values()):
+        return None
+    needed = needed_plugins(task)
+    if task.robots > 1:
+        needed = tuple(dict.fromkeys((*needed, GATHERING)))
+        able = sum(names is not None and set(needed) <= set(names) for names in plugins.values())
+        if 0 < able < task.robots or len(plugins) < task.robots:
+            return TooFewRobots(task.robots, needed, able)
+    if any(names is not None and set(needed) <= set(names) for names in plugins.values()):
+        return None
+    missing = [name for name in needed if not any(name in (names or ()) for names in plugins.values())]
+    return TeamLacks(tuple(missing)) if missing else NobodyHasAll(needed)
+
+
+def why_dependency_ended(task: Task, others: Mapping[str, TaskRecord]) -> AfterEnded | None:
+    """Why what a task waits for will never be done; None if it may be."""
+    for name in task.after:
+        other = others.get(name)
+        if other is not None and other.state.ended and other.state is not TaskState.DONE:
+            because = other.reason.because if isinstance(other.reason, AfterEnded) else other.reason
+            return AfterEnded(name, other.state, because or said(other.why))
+    return None
+
+
+def standing_reason(record: TaskRecord) -> Standing | None:
+    """A record's reason, or its words if that is all; None if there is none, or if it holds another task's."""
+    return said(record.why) if isinstance(record.reason, AfterEnded | DeadlinePassed | None) else record.reason
+
+
+def _why_bad_name(task_id: str) -> str:
+    try:
+        check_name("task", task_id)
+    except BadName as error:
+        return str(error)
+    return ""
+
+
+def _why_late(task: Task, now_ns: int) -> str:
+    if task.deadline_ns is None:
+        return ""
+    left_s = to_seconds(task.deadline_ns - max(now_ns, task.earliest_ns))
+    if task.deadline_ns <= now_ns:
+        return f"its deadline was {to_seconds(now_ns - task.deadline_ns):.1f} s ago"
+    if task.service_s > left_s:
+        return f"it takes {task.service_s:g} s at its place alone, and there are {left_s:.1f} s to its deadline"
+    return ""
+
+
+def _why_no_place(task: Task, grid: "OccupancyGrid | None") -> str:
+    place = place_of(task)
+    if grid is None:
+        return ""
+    geometry = grid.geometry
+    row, column = geometry.cell_of(place.x_m, place.y_m)
+    if not geometry.contains(row, column):
+        x1_m = geometry.origin_x_m + geometry.width * geometry.resolution_m
+        y1_m = geometry.origin_y_m + geometry.height * geometry.resolution_m
+        bounds = f"x {geometry.origin_x_m:g} to {x1_m:g} m, y {geometry.origin_y_m:g} to {y1_m:g} m"
+        return f"({place.x_m:g}, {place.y_m:g}) is outside of the map: {bounds}"
+    if grid.log_odds[row, column] > 0:
+        return f"({place.x_m:g}, {place.y_m:g}) is in a wall, or in something else that is known to stand there"
+    return ""
+
+
+def _why_waits_for_itself(task: Task, others: Mapping[str, TaskRecord]) -> str:
+    came_from: dict[str, str] = {}
+    waiting = [(name, task.id) for name in task.after]
+    while waiting:
+        name, before = waiting.pop()
+        if name in came_from:
+            continue
+        came_from[name] = before
+        if name == task.id:
+            circle = [name]
+            while (before := came_from[circle[-1]]) != task.id:
+                circle.append(before)
+            return f"it would wait for itself: {' after '.join([task.id, *circle[:0:-1], task.id])}"
+        if name in others:
+            waiting += [(further, name) for further in others[name].task.after]
+    return ""
+
+
+def _flat(value: object, name: str = "") -> dict[str, object]:
+    if not isinstance(value, dict):
+        return {name: value}
+    found: dict[str, object] = {}
+    for key, part in value.items():
+        found |= _flat(part, key if name in ("", "task") else f"{name}.{key}")
+    return found
+
+
+def _word(value: object) -> str:
+    return "unset" if value is None else msgspec.json.encode(value).decode()

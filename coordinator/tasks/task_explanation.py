@@ -1,0 +1,243 @@
+"""Why a task stands as it does, and why a robot is not given it."""
+
+from collections.abc import Callable, Sequence
+
+import msgspec
+
+from robrain.coordinator.motes.mote_registry import MEMBER_PREFIX
+from robrain.coordinator.planning.planning import Planning
+from robrain.coordinator.tasks.admission import needed_plugins, why_nobody_can
+from robrain.coordinator.tasks.backoff import Shunning
+from robrain.coordinator.tasks.dispatch import verdicts
+from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.team.capabilities import Capabilities
+from robrain.coordinator.team.roster import Robot, Roster
+from robrain.protocol.model.ranges import TEXT_MAX, cut
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.protocol.wire.reasons.robots import AtTask, Halted, LacksPlugins, RobotReason
+from robrain.protocol.wire.reasons.tasks import (
+    AfterOpen,
+    AfterUnknown,
+    IsNext,
+    IsOwn,
+    IsState,
+    NobodyDoes,
+    NobodyThere,
+    NotBefore,
+    RobotOut,
+    TaskReason,
+    WaitsForRobot,
+)
+from robrain.protocol.wire.reasons.words import told
+from robrain.protocol.wire.task_messages import RobotVerdict, TaskRecord, TaskWhy
+
+KEPT_VERDICTS = 1000
+TOLD_MAX = 8
+"""Number of robots that a reason names."""
+
+
+class TaskReasons:
+    """Finds reasons.
+
+    Args:
+        book: of the tasks.
+        roster: the robots that there are.
+        capabilities: what they can do.
+        shunning: what they refused or failed at.
+
+    """
+
+    def __init__(self, book: TaskBook, roster: Roster, capabilities: Capabilities, shunning: Shunning) -> None:
+        self._book = book
+        self._roster = roster
+        self._capabilities = capabilities
+        self._shunning = shunning
+        self._verdicts: dict[str, tuple[int, list[RobotVerdict]]] = {}
+        self.planning: Planning | None = None
+        """Who plans, if anybody does."""
+        self.others: Callable[[TaskRecord, int], list[RobotVerdict]] = lambda _record, _now_ns: []
+        """How members that are no robots stand to a task now."""
+
+    def note(self, task_id: str, verdicts: list[RobotVerdict], now_ns: int) -> None:
+        """A task was given to somebody, and robots were judged for it."""
+        self._verdicts.pop(task_id, None)
+        self._verdicts[task_id] = (now_ns, verdicts)
+        if len(self._verdicts) > KEPT_VERDICTS:
+            del self._verdicts[next(iter(self._verdicts))]
+
+    def explain(self, record: TaskRecord, now_ns: int) -> TaskWhy:
+        """Why a task stands as it does; of a queued one, how each robot stands to it now."""
+        decided_ns, judged = self._verdicts.get(record.task.id, (0, []))
+        if record.state is TaskState.QUEUED:
+            judged, decided_ns = self.judge(record, now_ns), now_ns
+        else:
+            judged = _as_it_went(record, judged)
+        reason = self._reason(record, now_ns) if record.state is TaskState.QUEUED else record.reason
+        return TaskWhy(
+            record=record,
+            now=cut(self._now(record, reason), TEXT_MAX),
+            reason=reason,
+            robots=judged,
+            decided_ns=decided_ns,
+            changes=self._book.journal.history(record.task.id),
+        )
+
+    def judge(self, record: TaskRecord, now_ns: int, chosen: Sequence[str] = ()) -> list[RobotVerdict]:
+        """How each robot stands to a task now: what rules it out, or else what the plan found that it would take it.
+
+        Args:
+            record: the task.
+            now_ns: the time.
+            chosen: the robots that get it.
+
+        """
+        robots = [self._roster.robots[name] for name in sorted(self._roster.robots)]
+        others = self.others(record, now_ns)
+        if self.planning is None or not self.planning.is_on:
+            first = next(iter(chosen), "")
+            return [*others, *verdicts(record, robots, lambda one, robot: self.not_for(one, robot, now_ns), first)]
+        judged = verdicts(record, robots, lambda one, robot: self._ruled_out(one, robot, now_ns))
+        found = self.planning.decision(record.task.id)
+        bids = {} if found is None else {bid.robot: bid for bid in found[1].bids}
+        stands = others
+        for one in judged:
+            bid = bids.get(one.robot)
+            if bid is not None and one.reason is None:
+                one = msgspec.structs.replace(
+                    one,
+                    why_not=bid.why_not,
+                    reason=bid.reason,
+                    energy_j=bid.energy_j,
+                    time_s=bid.time_s,
+                    chosen=bid.chosen,
+                )
+            if chosen:
+                one = msgspec.structs.replace(one, chosen=one.robot in chosen)
+            stands.append(one)
+        return stands
+
+    def able_but_out(self, record: TaskRecord, now_ns: int) -> bool:
+        """Whether a robot could do the task, were it not for what keeps it from everything now."""
+        if self.planning is None:
+            return False
+        return any(
+            robot.has_token and not self._lacks(record, robot) and self.planning.why_out(robot, now_ns) is not None
+            for robot in self._roster.robots.values()
+        )
+
+    def _ruled_out(self, record: TaskRecord, robot: Robot, now_ns: int) -> RobotReason | None:
+        """As `not_for`; but a robot that is at another task may well be the one that does this one next."""
+        if missing := self._lacks(record, robot):
+            return LacksPlugins(missing)
+        if self.planning is not None and (out := self.planning.why_out(robot, now_ns)) is not None:
+            return out
+        return self._shunning.why(record.task.id, robot.name, now_ns)
+
+    def nobody_can(self, record: TaskRecord) -> TaskReason | None:
+        """Why no robot of the team has what the task takes; None if one has, or may have."""
+        return why_nobody_can(record.task, self._capabilities.plugins)
+
+    def hopeless(self, record: TaskRecord, now_ns: int) -> NobodyDoes | None:
+        """What each robot that is there and has what the task takes has said, if none of them is to be asked again.
+
+        A task with a deadline is hoped for until then.
+        """
+        if record.task.deadline_ns is not None:
+            return None
+        outs = []
+        for robot in self._roster.up(now_ns):
+            if self._lacks(record, robot):
+                continue
+            reason = self._shunning.last_word(record.task.id, robot.name)
+            if reason is None:
+                return None
+            outs.append(RobotOut(robot.name, reason))
+        return NobodyDoes(tuple(outs[:TOLD_MAX]), len(outs[TOLD_MAX:])) if outs else None
+
+    def waits(self, record: TaskRecord, now_ns: int, way_s: float = 0.0) -> TaskReason | None:
+        """Why a task cannot be offered to anybody yet; None if it can.
+
+        Args:
+            record: the task.
+            now_ns: the time.
+            way_s: how long its robot is on its way to it, so that it may set out before the task may begin.
+
+        """
+        task = record.task
+        if record.state is not TaskState.QUEUED:
+            return IsState(record.state)
+        if record.own:
+            return IsOwn()
+        if now_ns + to_ns(way_s) < task.earliest_ns:
+            return NotBefore(to_seconds(task.earliest_ns - now_ns))
+        for name in task.after:
+            other = self._book.find(name)
+            if other is None:
+                return AfterUnknown(name)
+            if other.state is not TaskState.DONE:
+                return AfterOpen(name, other.state)
+        return None
+
+    def shun(self, task_id: str, member: str, reason: RobotReason, now_ns: int) -> None:
+        """Somebody who was at a task is not to be asked for it for a while."""
+        self._shunning.note(task_id, member, reason, now_ns)
+
+    def shunned(self, task_id: str, member: str, now_ns: int) -> RobotReason | None:
+        """Why somebody is not to be asked for a task now; None if that may be."""
+        return self._shunning.why(task_id, member, now_ns)
+
+    def not_for(self, record: TaskRecord, robot: Robot, now_ns: int) -> RobotReason | None:
+        """Why a task is not offered to a robot; None if it can be."""
+        if missing := self._lacks(record, robot):
+            return LacksPlugins(missing)
+        if (out := robot.why_not_up(now_ns)) is not None:
+            return out
+        if robot.state is not None and robot.state.halted:
+            return Halted()
+        if other := self._book.of_robot(robot.name):
+            return AtTask(other.task.id)
+        return self._shunning.why(record.task.id, robot.name, now_ns)
+
+    def _lacks(self, record: TaskRecord, robot: Robot) -> tuple[str, ...]:
+        plugins = self._capabilities.plugins.get(robot.name)
+        return tuple(name for name in needed_plugins(record.task) if plugins is not None and name not in plugins)
+
+    def _reason(self, record: TaskRecord, now_ns: int) -> TaskReason:
+        """Why a queued task is not at a robot now."""
+        reason = self.waits(record, now_ns) or self.nobody_can(record)
+        planning, task_id = self.planning, record.task.id
+        is_planned = planning is not None and bool(planning.waits_for_charge(task_id))
+        if reason is None and planning is not None and (is_planned or not self.able_but_out(record, now_ns)):
+            reason = planning.standing(task_id, now_ns)
+        return reason or (WaitsForRobot() if self._roster.up(now_ns) else NobodyThere())
+
+    def _now(self, record: TaskRecord, reason: TaskReason | None) -> str:
+        """In one sentence, for people."""
+        state = record.state.replace("_", " ")
+        if record.robot and self._book.next_of(record.robot) == record:
+            after = f" after {reason.after}" if isinstance(reason, IsNext) else ""
+            return f"it is next at {record.robot}{after}"
+        if record.state is not TaskState.QUEUED:
+            return f"it is {state}{record.robot and f' at {record.robot}'}{record.why and f': {record.why}'}"
+        also = f" ({record.why})" if record.why and record.reason != reason else ""
+        return f"it is queued: {told(reason)}{also}"
+
+
+def _as_it_went(record: TaskRecord, judged: list[RobotVerdict]) -> list[RobotVerdict]:
+    """The verdicts with those chosen that have it, or had it when it ended.
+
+    That may be others than were chosen last: a robot that was lost had done it before it was given to another.
+    """
+    team = record.result.get("robots")
+    whose = {record.robot.removeprefix(MEMBER_PREFIX)} if record.robot else set(team if isinstance(team, list) else ())
+    if not whose:
+        return judged
+    known = {one.robot for one in judged}
+    all_judged = [*judged, *(RobotVerdict(robot=name) for name in sorted(whose - known))]
+    return [
+        msgspec.structs.replace(one, chosen=True, why_not="", reason=None)
+        if one.robot in whose
+        else msgspec.structs.replace(one, chosen=False)
+        for one in all_judged
+    ]

@@ -1,0 +1,312 @@
+"""The life of tasks: from the book to the robots and back, so that each comes to an end and none is done twice.
+
+Hear what the robots say of their tasks; find what silence, restarts, deadlines and dependencies make of them; offer
+what is ready to whoever is idle; have withdrawn what is done by a robot that should not.
+"""
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+from robrain.coordinator.journal.errors import JournalUnwritable
+from robrain.coordinator.motes.mote_registry import MEMBER_PREFIX
+from robrain.coordinator.tasks.admission import standing_reason, why_dependency_ended
+from robrain.coordinator.tasks.backoff import Shunning
+from robrain.coordinator.tasks.dispatch import dispatch, verdicts
+from robrain.coordinator.tasks.offers import Answered, Offers
+from robrain.coordinator.tasks.reconcile import LEASE_S, reconcile, strays
+from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.tasks.task_explanation import TaskReasons
+from robrain.coordinator.team.capabilities import Capabilities
+from robrain.coordinator.team.roster import Robot, Roster
+from robrain.protocol.model.ranges import cut
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.messages import TaskStatus, TaskWithdrawal
+from robrain.protocol.wire.reasons.offers import OfferRefusal
+from robrain.protocol.wire.reasons.reason import Said
+from robrain.protocol.wire.reasons.robots import Failed, Refused, RobotReason, Unreachable
+from robrain.protocol.wire.reasons.tasks import DeadlinePassed, IsNext, NotOffered, RobotOut, TaskReason
+from robrain.protocol.wire.record_guard import RecordGuard
+from robrain.protocol.wire.refusals import RefusalCode
+from robrain.protocol.wire.task_messages import TaskRecord
+from robrain.protocol.wire.topics import ROBOT_OFFER
+
+logger = logging.getLogger(__name__)
+
+WITHDRAW_AGAIN_NS = to_ns(0.5)
+COMPLAIN_AGAIN_NS = to_ns(10.0)
+NS_PER_MS = 1_000_000
+OUTBID_MAX = 48 * 3600 * 1000
+"""In ms. Robots accept epochs up to a day ahead of their clocks; twice that allows for clock differences."""
+
+
+class TaskLifecycle:
+    """Moves tasks through their states.
+
+    Args:
+        wire: the coordinator's place on the wire.
+        book: of its tasks.
+        roster: the robots that there are.
+        capabilities: what they can do.
+
+    """
+
+    def __init__(self, wire: Endpoint, book: TaskBook, roster: Roster, capabilities: Capabilities) -> None:
+        self.on_refused: Callable[[TaskRecord, str, int], None] = lambda _record, _robot, _now_ns: None
+        """Told of each task of the coordinator's own that a robot refuses, and when."""
+        self._offers = Offers(wire, LEASE_S)
+        self._ahead: dict[str, tuple[str, str]] = {}
+        """Of each robot the task after which it was last offered another, and that one."""
+        self._book = book
+        self._roster = roster
+        self._since_ns = wire.clock.now_ns()
+        self._refusals = wire.refusals
+        self._guard = RecordGuard(wire.refusals, (JournalUnwritable,))
+        self.shunning = self._shunning = Shunning()
+        self.reasons = TaskReasons(book, roster, capabilities, self._shunning)
+        self._withdrawn_ns: dict[tuple[str, str, int], int] = {}
+        self._complained_ns: int | None = None
+        self._settled_version = -1
+
+    # -- hearing --------------------------------------------------------------------------------------------
+
+    def hear(self, robot: str, status: TaskStatus, now_ns: int) -> TaskRecord | None:
+        """A robot says how its last task stands; the record as it was, if the robot's word has changed it."""
+        record = None
+        with self.as_far_as_written(now_ns):
+            record = self._book.note_status(robot, status)
+        if record is not None and status.state is TaskState.FAILED:
+            self._shunning.note(record.task.id, robot, Failed(cut(status.why)), now_ns)
+        elif record is not None and status.state is TaskState.CANCELLED and self._was_held(record):
+            # When its turn came, it was refused.
+            self._shun_refused(status.id, robot, status.reason or Said(cut(status.why)), now_ns)
+        return record
+
+    def _was_held(self, record: TaskRecord) -> bool:
+        return record.state is TaskState.OFFERED and self._ahead.get(record.robot, ("", ""))[1] == record.task.id
+
+    def hear_answers(self, now_ns: int) -> bool:
+        """What robots say to offers; True if one was refused."""
+        refused = False
+
+        def take(answered: Answered) -> None:
+            nonlocal refused
+            with self.as_far_as_written(now_ns):
+                refused |= self._take_answer(answered, now_ns)
+
+        self._guard.records(self._offers.answered(), take, _task_of, "answer")
+        return refused
+
+    def _take_answer(self, answered: Answered, now_ns: int) -> bool:
+        offered, after, answer, is_reached = answered
+        task_id, robot = offered.task.id, offered.robot
+        record = self._book.find(task_id)
+        if record is None or record.state is not TaskState.OFFERED or record.epoch != offered.epoch:
+            return False  # the robot's state was quicker, or it was called off
+        pauses = self.shunning.robots
+        if answer.accepted:
+            pauses.accepted(robot)
+            if not after:  # a held task stays offered until the robot reports that it has begun it
+                self._book.move(task_id, TaskState.RUNNING)
+            return False
+        if not is_reached:
+            unreachable = Unreachable(cut(answer.why))
+            pauses.unreached(robot, unreachable, now_ns)
+            self._book.give_back(task_id, RobotOut(robot, unreachable))
+            return True
+        refusal = answer.reason or Said(cut(answer.why))
+        self._book.give_back(task_id, RobotOut(robot, Refused(refusal)))
+        if isinstance(answer.epoch, int) and self._catch_up(robot, answer.epoch, now_ns):
+            return True  # the epoch was refused, not the task
+        if record.own:
+            pauses.refused(robot, refusal, now_ns)
+        else:
+            pauses.answered(robot)
+        if not after:  # what is refused for later is asked again when the robot is free
+            self._shun_refused(task_id, robot, refusal, now_ns)
+        if record.own:
+            self.on_refused(record, robot, now_ns)
+        return True
+
+    def _catch_up(self, robot: str, epoch: int, now_ns: int) -> bool:
+        """Handle a robot that has accepted an epoch greater than this coordinator's; True if it is now outbid.
+
+        No coordinator starts with an epoch ahead of the clock: such an epoch is forged or comes from a wrong clock, and
+        is outbid. Any other comes from a coordinator that started later, which this one must not work against.
+        """
+        ahead_ms = epoch - now_ns // NS_PER_MS
+        outbids = 0 < ahead_ms <= OUTBID_MAX
+        if outbids:
+            self._book.outbid(epoch)
+            why = f"it accepted epoch {epoch}, ahead of the clock, from another sender; greater ones are used now"
+        elif ahead_ms > 0:
+            why = f"it reports epoch {epoch}, which no robot accepts"
+        else:
+            why = f"it accepted epoch {epoch} from another coordinator; if there is none, restart this one"
+        self._refusals.note(ROBOT_OFFER.name, robot, RefusalCode.OLD_EPOCH, why)
+        return outbids
+
+    def _shun_refused(self, task_id: str, robot: str, refusal: OfferRefusal, now_ns: int) -> None:
+        self._shunning.note(task_id, robot, Refused(refusal), now_ns)
+        record = self._book.find(task_id)
+        if record is not None and not record.state.ended and (hopeless := self.reasons.hopeless(record, now_ns)):
+            self._book.move(task_id, TaskState.FAILED, hopeless)
+
+    # -- deciding -------------------------------------------------------------------------------------------
+
+    def settle(self, now_ns: int) -> bool:
+        """Whatever follows from silence, restarts, the time and other tasks; True if a task or robot has come free."""
+        freed = False
+        version, self._settled_version = self._settled_version, self._book.version
+        others_changed = version != self._book.version
+
+        def settle(record: TaskRecord) -> None:
+            nonlocal freed
+            task_id = record.task.id
+            if record.robot.startswith(MEMBER_PREFIX):
+                return  # handled by the motes' desk
+            if record.robot:
+                move = reconcile(record, self._roster.robots.get(record.robot), now_ns, self._since_ns)
+                if move is not None and move.state is TaskState.QUEUED:
+                    self._book.give_back(task_id, move.reason)
+                    freed = True
+                elif move is not None:
+                    self._book.move(task_id, move.state, move.reason)
+            elif end := self._why_over(record, now_ns, others_changed=others_changed):
+                self._book.move(task_id, *end)
+
+        with self.as_far_as_written(now_ns):
+            self._guard.records(self._book.open, settle, _task_id, "task")
+        return freed
+
+    def _why_over(
+        self, record: TaskRecord, now_ns: int, *, others_changed: bool
+    ) -> tuple[TaskState, TaskReason] | None:
+        task = record.task
+        if record.own:  # it is offered in the step that makes it, or never
+            return TaskState.CANCELLED, record.reason or NotOffered()
+        if task.deadline_ns is not None and now_ns > task.deadline_ns:
+            return TaskState.FAILED, DeadlinePassed(standing_reason(record))
+        if not others_changed or not task.after:
+            return None
+        others = {name: found for name in task.after if (found := self._book.find(name)) is not None}
+        ended = why_dependency_ended(task, others)
+        return None if ended is None else (TaskState.CANCELLED, ended)
+
+    def dispatch(self, idle: list[Robot], now_ns: int) -> None:
+        """Offer ready tasks to robots.
+
+        Args:
+            idle: those that can be counted on and have no task.
+            now_ns: the time.
+
+        """
+        reasons = self.reasons
+        ready = [record for record in self._book.open if reasons.waits(record, now_ns) is None]
+        if not ready:
+            return
+        robots = [self._roster.robots[name] for name in sorted(self._roster.robots)]
+
+        def why_not(record: TaskRecord, robot: Robot) -> RobotReason | None:
+            return reasons.not_for(record, robot, now_ns)
+
+        with self.as_far_as_written(now_ns):
+            self._tell_nobody_can(ready)
+            by_id = {record.task.id: record for record in ready}
+            for task_id, robot in dispatch(ready, idle, why_not):
+                reasons.note(task_id, verdicts(by_id[task_id], robots, why_not, robot), now_ns)
+                self.offer(task_id, robot, now_ns)
+
+    def tell_nobody_can(self, now_ns: int) -> None:
+        """Tell of ready tasks that no robot of the team has what they take."""
+        with self.as_far_as_written(now_ns):
+            self._tell_nobody_can([record for record in self._book.open if self.reasons.waits(record, now_ns) is None])
+
+    def _tell_nobody_can(self, ready: list[TaskRecord]) -> None:
+        for record in ready:
+            reason = self.reasons.nobody_can(record)
+            if reason is not None and reason != record.reason:  # told once, and as often as it changes
+                self._book.move(record.task.id, TaskState.QUEUED, reason)
+
+    def note_decision(self, task_id: str, robots: Sequence[str], now_ns: int) -> None:
+        """A task is about to be offered to robots: how each robot stands to it is kept for those who ask."""
+        record = self._book.find(task_id)
+        if record is not None:
+            self.reasons.note(task_id, self.reasons.judge(record, now_ns, robots), now_ns)
+
+    def may_be_next(self, robot: str, at: str) -> bool:
+        """Whether a robot can be offered something for after the task that it is at: once for each."""
+        return self._ahead.get(robot, ("", ""))[0] != at
+
+    def offer(self, task_id: str, robot: str, now_ns: int, *, after: str = "") -> OfferRefusal | None:
+        """Offer a queued task to a robot. Refused, it is queued again, or ends if it is the coordinator's own.
+
+        Args:
+            task_id: of the task.
+            robot: who is to do it.
+            now_ns: the time.
+            after: the task that the robot is at, if it is to end that first.
+
+        Returns:
+            Why it was refused, if that is known already; in live that comes later.
+
+        Raises:
+            JournalUnwritable: a step of it is not in the journal; what the robot says later counts.
+
+        """
+        record = self._book.offered(task_id, robot, IsNext(after) if after else None)
+        if after:
+            self._ahead[robot] = (after, task_id)
+        self._offers.offer(record, after)
+        refusal: OfferRefusal | None = None
+        for answered in self._offers.answered():
+            if self._take_answer(answered, now_ns) and answered.record is record:
+                refusal = answered.answer.reason or Said(cut(answered.answer.why) or "it does not say why")
+        return refusal
+
+    def withdraw_strays(self, now_ns: int) -> None:
+        """Tell robots that are at a task, or hold one, which the book has closed, or given to another, to stop."""
+        for robot in self._roster.up(now_ns):
+            if robot.state is None or (robot.state.task is None and robot.state.next_task is None):
+                continue
+            for status in strays(robot, self._book.bound_to(robot.name)):
+                told = (robot.name, status.id, status.epoch)
+                if now_ns - self._withdrawn_ns.get(told, -WITHDRAW_AGAIN_NS) < WITHDRAW_AGAIN_NS:
+                    continue
+                self._withdrawn_ns = {
+                    key: at for key, at in self._withdrawn_ns.items() if now_ns - at < WITHDRAW_AGAIN_NS
+                }
+                self._withdrawn_ns[told] = now_ns
+                self._withdraw(robot.name, status)
+
+    def _withdraw(self, robot: str, status: TaskStatus) -> None:
+        record = self._book.find(status.id)
+        if record is None:
+            why = "the coordinator knows nothing of it"
+        elif record.state is TaskState.CANCELLED:
+            why = record.why
+        else:
+            why = f"it was given to others: it is {record.state}{f' at {record.robot}' if record.robot else ''}"
+        self._offers.withdraw(robot, TaskWithdrawal(id=status.id, epoch=status.epoch, why=why))
+
+    # -- the journal ----------------------------------------------------------------------------------------
+
+    @contextmanager
+    def as_far_as_written(self, now_ns: int) -> Iterator[None]:
+        """What the journal does not take is not done; the team keeps running, and it is tried again."""
+        try:
+            yield
+        except JournalUnwritable as error:
+            if self._complained_ns is None or now_ns - self._complained_ns > COMPLAIN_AGAIN_NS:
+                self._complained_ns = now_ns
+                logger.error("%s; no task changes until it can be", error)  # noqa: TRY400 - a traceback adds nothing
+
+
+def _task_id(record: TaskRecord) -> str:
+    return record.task.id
+
+
+def _task_of(answered: Answered) -> str:
+    return answered.record.task.id

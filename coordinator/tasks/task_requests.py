@@ -1,0 +1,126 @@
+"""What people ask the coordinator about tasks: submit, cancel, list, get, why."""
+
+from collections.abc import Callable, Mapping
+from typing import TypeVar
+
+import msgspec
+
+from robrain.coordinator.journal.errors import JournalUnwritable
+from robrain.coordinator.tasks.admission import difference, why_impossible, with_times
+from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.team.team_map import TeamMap
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.clock import Clock
+from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
+from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.reasons.tasks import Cancelled
+from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
+from robrain.protocol.wire.topics import TASK_CANCEL, TASK_GET, TASK_LIST, TASK_SUBMIT, TASK_WHY
+
+T = TypeVar("T")
+
+REPLY_MAX = 10_000
+"""Tasks in one reply to `list`."""
+
+Plugins = Callable[[], Mapping[str, frozenset[str] | None]]
+
+
+class TaskRequests:
+    """Answers the queries `task/…`, in the coordinator's own step.
+
+    Args:
+        wire: the coordinator's place on the wire.
+        book: of its tasks.
+        team_map: what is known of the floor.
+        plugins: of each robot of the team; None of one that has not told them.
+        explain: why a task stands as it does.
+
+    """
+
+    def __init__(
+        self,
+        wire: Endpoint,
+        book: TaskBook,
+        team_map: TeamMap,
+        plugins: Plugins,
+        explain: Callable[[TaskRecord, int], TaskWhy],
+    ) -> None:
+        self.news = False
+        """Whether something was submitted or cancelled since whoever reads this set it to False."""
+        self._clock: Clock = wire.clock
+        self._book = book
+        self._map = team_map
+        self._plugins = plugins
+        self._explain = explain
+        wire.answer(TASK_SUBMIT, self._submit, serve=Serve.IN_STEP)
+        wire.answer(TASK_CANCEL, self._cancel, serve=Serve.IN_STEP)
+        wire.answer(TASK_LIST, self._list, serve=Serve.IN_STEP)
+        wire.answer(TASK_GET, self._get, serve=Serve.IN_STEP)
+        wire.answer(TASK_WHY, self._why, serve=Serve.IN_STEP)
+
+    def _submit(self, request: Request[TaskSubmission]) -> TaskRecord:
+        asked = request.asked
+        word = msgspec.json.encode(msgspec.structs.replace(asked, by=""))
+        known = self._book.find(asked.task.id)
+        if known is not None:
+            differs = difference(word, self._book.journal.asked(asked.task.id))
+            if differs or known.own:
+                text = f"there is another task {asked.task.id}: {differs or 'one of the coordinator itself'}"
+                raise CallError(ErrorCode.REFUSED, text, differs)
+            return known
+        try:
+            task = with_times(asked, self._clock.now_ns())
+        except (ValueError, msgspec.ValidationError) as error:
+            raise CallError(ErrorCode.BAD_ARGUMENTS, f"task {asked.task.id}: {error}") from error
+        why = self._why_impossible(task)
+        if why:
+            raise CallError(ErrorCode.REFUSED, f"task {task.id} is refused: {why}", why)
+        try:
+            record = self._book.add(task, by=asked.by or request.by, asked=word)
+        except JournalUnwritable as error:
+            raise CallError(ErrorCode.REFUSED, f"task {task.id} is refused: {error}", str(error)) from error
+        self.news = True
+        return record
+
+    def _why_impossible(self, task: Task) -> str:
+        others: dict[str, TaskRecord] = {}
+        waiting = list(task.after)
+        while waiting:
+            name = waiting.pop()
+            record = None if name in others else self._book.find(name)
+            if record is not None:
+                others[name] = record
+                waiting += record.task.after
+        grid = self._map.grid
+        return why_impossible(task, self._clock.now_ns(), grid=grid, plugins=self._plugins(), others=others)
+
+    def _cancel(self, request: Request[TaskRequest]) -> TaskRecord:
+        asked = request.asked
+        record = self._known(asked.id)
+        if record.state is TaskState.CANCELLED:
+            return record
+        if record.state.ended:
+            raise CallError(ErrorCode.REFUSED, f"task {asked.id} has ended already: it is {record.state}", record.state)
+        by = asked.by or request.by
+        try:
+            record = self._book.move(asked.id, TaskState.CANCELLED, Cancelled(by, asked.why))
+        except JournalUnwritable as error:
+            raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {error}", str(error)) from error
+        self.news = True  # its robot is told to stop in this very step
+        return record
+
+    def _list(self, request: Request[TaskFilter]) -> list[TaskRecord]:
+        wanted = request.asked
+        return self._book.journal.select(msgspec.structs.replace(wanted, limit=min(wanted.limit, REPLY_MAX)))
+
+    def _get(self, request: Request[TaskRequest]) -> TaskRecord:
+        return self._known(request.asked.id)
+
+    def _why(self, request: Request[TaskRequest]) -> TaskWhy:
+        return self._explain(self._known(request.asked.id), self._clock.now_ns())
+
+    def _known(self, task_id: str) -> TaskRecord:
+        record = self._book.find(task_id)
+        if record is None:
+            raise CallError(ErrorCode.REFUSED, f"there is no task {task_id}")
+        return record

@@ -1,0 +1,1 @@
+"""The team: robots, what they can do, their map, their halts."""

@@ -1,0 +1,88 @@
+"""Emergency halts as the coordinator follows them: who has halted the team, and who has not stopped.
+
+The coordinator stops nobody: robots hear the halt themselves. It tells those that come late, or were cut off.
+"""
+
+from typing import Any
+
+from robrain.coordinator.team.roster import Roster
+from robrain.protocol.model.tasks.halt_latch import HaltLatch
+from robrain.protocol.wire.border import Received
+from robrain.protocol.wire.endpoint import Endpoint, Request
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages import HaltStatus, RobotState
+from robrain.protocol.wire.record_guard import RecordGuard
+from robrain.protocol.wire.topics import COORDINATOR_HALT, HALT
+
+
+class HaltWatch:
+    """Follows the team's halts.
+
+    Args:
+        wire: the coordinator's place on the wire.
+        roster: the robots that there are.
+
+    """
+
+    def __init__(self, wire: Endpoint, roster: Roster) -> None:
+        self._clock = wire.clock
+        self._roster = roster
+        self._latch = HaltLatch()
+        self._has_halted = False
+        self._arrivals = Inbox()
+        self._guard = RecordGuard(wire.refusals)
+        self._told: list[str] = []
+        wire.subscribe(self._arrivals, HALT)
+        wire.answer(COORDINATOR_HALT, self._answer)
+
+    @property
+    def is_halted(self) -> bool:
+        """Whether the team is to stand."""
+        return self._latch.is_held
+
+    def hear(self) -> bool:
+        """Follow what has come; True if there is news for the team."""
+        heard = self._arrivals.drain()
+        if not heard and not self.is_halted:
+            return False
+        self._guard.messages(heard, self._take)
+        stopped, self._told = self._told, self._stopped(self._clock.now_ns())
+        return bool(heard) or (self.is_halted and stopped != self._told)
+
+    def _take(self, received: Received) -> None:
+        halt = received.message
+        if halt.halted:
+            self._has_halted = True
+            self._latch.hold(halt.by, halt.reason, halt.stamp_ns)
+        else:
+            self._latch.release(halt.by, halt.stamp_ns)
+
+    def note_state(self, state: RobotState) -> None:
+        """A robot may stand by a halt that this coordinator has not heard of: it came later, or was cut off."""
+        if state.team_halt_ns > self._latch.stamp_ns:
+            self._has_halted = True
+            for holder in state.halted_by:
+                self._latch.hold(holder, f"{state.robot} was told so", state.team_halt_ns)
+
+    def status(self, now_ns: int) -> HaltStatus | None:
+        """How the team stands; None as long as nobody has halted it."""
+        latch = self._latch
+        if not self._has_halted:
+            return None
+        stopped = self._stopped(now_ns)
+        return HaltStatus(
+            halted=latch.is_held,
+            by=latch.holders or [latch.opened_by],
+            reason=latch.reason,
+            since_ns=latch.since_ns,
+            stamp_ns=latch.stamp_ns,
+            stopped=stopped,
+            not_stopped=sorted(self._roster.robots.keys() - set(stopped)),
+        )
+
+    def _stopped(self, now_ns: int) -> list[str]:
+        robots = self._roster.up(now_ns)
+        return [robot.name for robot in robots if robot.state is not None and robot.state.has_stopped]
+
+    def _answer(self, request: Request[Any]) -> HaltStatus | None:
+        return self.status(self._clock.now_ns())

@@ -1,0 +1,94 @@
+"""The team's map: the robots' patches, merged."""
+
+import logging
+from collections import deque
+from typing import TYPE_CHECKING
+
+from robrain.protocol.wire.map_messages import MapPatch
+
+if TYPE_CHECKING:
+    from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
+    from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
+
+logger = logging.getLogger(__name__)
+
+HELD_PATCHES = 16384
+"""As many as wait in the coordinator's inbox."""
+
+
+class TeamMap:
+    """What the team knows of the floor. The first patch says which grid the team maps on."""
+
+    def __init__(self) -> None:
+        self._atlas: SubmapAtlas | None = None
+        self.dropped = 0
+        """Patches that were too many to be held."""
+        self._held: deque[tuple[MapPatch, int | None]] | None = None
+
+    @property
+    def grid(self) -> "OccupancyGrid | None":
+        """The robots' submaps, composed; None before the first patch. Read-only."""
+        return None if self._atlas is None else self._atlas.grid
+
+    @property
+    def version(self) -> int:
+        """Grows whenever the class of a cell changes; 0 while nothing is known."""
+        return 0 if self.grid is None else self.grid.version
+
+    @property
+    def known_area_m2(self) -> float:
+        """Area of what is known, walls included."""
+        return 0.0 if self.grid is None else self.grid.known_count * self.grid.geometry.resolution_m**2
+
+    def hold(self) -> None:
+        """Take nothing in until `release`: patches wait, the last 16384 of them."""
+        self._held = deque(maxlen=HELD_PATCHES)
+
+    def release(self) -> list[tuple[str, str]]:
+        """Merge the held patches, and hold none from now on.
+
+        Returns:
+            Robot and reason for each patch that was rejected.
+
+        """
+        held, self._held = self._held, None
+        merged = [(patch.robot, self.merge(patch, now_ns)) for patch, now_ns in held or ()]
+        if self.dropped:
+            logger.warning("the map is full: %d patches were dropped", self.dropped)
+        return [(robot, why) for robot, why in merged if why]
+
+    def merge(self, patch: MapPatch, now_ns: int | None = None) -> str:
+        """Merge a robot's patch; one that does not fit is rejected and changes nothing.
+
+        Args:
+            patch: from a robot of the team.
+            now_ns: the current time, to reject patches from the future; None skips this check.
+
+        Returns:
+            Why it was rejected; empty if it was merged or is held.
+
+        """
+        if self._held is not None:
+            self.dropped += len(self._held) == HELD_PATCHES
+            self._held.append((patch, now_ns))
+            return ""
+        # Imported here: they load the map's kernels, which a coordinator does once it is up (coordinator/live.py).
+        from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
+        from robrain.protocol.wire.map_patch import MAX_CELLS, check_claim, geometry_of, take_message
+
+        try:
+            if now_ns is not None:
+                check_claim(patch, now_ns)
+            atlas = self._atlas
+            if atlas is None:
+                geometry = geometry_of(patch)
+                cells = geometry.width * geometry.height
+                if cells > MAX_CELLS:
+                    size = f"{geometry.width} x {geometry.height}"
+                    raise ValueError(f"expected a grid of at most {MAX_CELLS} cells, got {size}")
+                atlas = SubmapAtlas(geometry)
+            take_message(atlas, patch)
+            self._atlas = atlas  # not before: a first patch that is broken must not say which grid it is
+        except ValueError as error:
+            return f"the map of {patch.robot} cannot be merged: {error}"
+        return ""

@@ -1,0 +1,1 @@
+"""`robrain bench`: measurements that anybody can repeat."""

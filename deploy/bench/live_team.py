@@ -1,0 +1,107 @@
+"""A small live team for measurements: hub, arena, coordinator and agents as processes of this machine."""
+
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import zenoh
+
+from robrain.deploy.errors import ChildFailed
+from robrain.deploy.processes.children import Child, Children
+from robrain.deploy.processes.robot_files import write_robot_files
+from robrain.protocol.wire.session import listening_at, open_session
+from robrain.sim.scenario import Scenario
+
+TEAM = "bench"
+PATIENCE_S = 60.0
+ROOM = """
+[scenario]
+name = "bench_room"
+seed = 1
+
+# One room that a robot sees whole from where it starts: nothing is left to explore after some seconds.
+[floor]
+size_m = [7.0, 5.0]
+resolution_m = 0.05
+
+[team]
+robots = 1
+"""
+
+
+class LiveTeam(NamedTuple):
+    """A team that runs."""
+
+    hub: zenoh.Session
+    """A session of this process that all others are clients of."""
+    endpoint: str
+    team: str
+    children: dict[str, Child]
+    """By name: arena, coordinator, and each robot."""
+
+
+@contextmanager
+def live_room() -> Iterator[LiveTeam]:
+    """One robot in one room, with arena and coordinator, for as long as the block lasts.
+
+    Raises:
+        ChildFailed: a process did not start.
+
+    """
+    with tempfile.TemporaryDirectory(prefix="robrain-bench-") as name:
+        scenario = Path(name) / "bench_room.toml"
+        scenario.write_text(ROOM, encoding="utf-8")
+        with live_team(Scenario.from_file(scenario), [str(scenario)]) as team:
+            yield team
+
+
+@contextmanager
+def live_team(scenario: Scenario, scenario_argument: Sequence[str]) -> Iterator[LiveTeam]:
+    """A scenario's team, with arena and coordinator, for as long as the block lasts.
+
+    Args:
+        scenario: whose robots they are.
+        scenario_argument: the arguments of `robrain arena` that name the same scenario.
+
+    Raises:
+        ChildFailed: a process did not start.
+
+    """
+    with tempfile.TemporaryDirectory(prefix="robrain-bench-") as name, open_hub() as hub, Children() as children:
+        folder, endpoint = Path(name), listening_at(hub)[0]
+        robot_files = write_robot_files(scenario.world(), folder, team=TEAM, connect=endpoint)
+        common = ["--connect", endpoint, "--team", TEAM]
+        started = {
+            "arena": children.start("arena", ["arena", *scenario_argument, *common]),
+            "coordinator": children.start(
+                "coordinator", ["coordinator", "--journal", str(folder / "bench.journal"), *common]
+            ),
+        }
+        for path in robot_files:
+            started[path.stem] = children.start(path.stem, ["agent", str(path)])
+        for child in started.values():
+            await_ready(child)
+        yield LiveTeam(hub, endpoint, TEAM, started)
+
+
+@contextmanager
+def open_hub() -> Iterator[zenoh.Session]:
+    """A router on a free port of loopback."""
+    hub = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
+    try:
+        yield hub
+    finally:
+        hub.close()
+
+
+def await_ready(child: Child) -> None:
+    """Wait for the first line that a process says (ChildFailed if it ends before, or says nothing)."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not child.lines:
+        if child.exit_status is not None or time.monotonic() > deadline_s:
+            said = " ".join(child.lines) or "nothing"
+            raise ChildFailed(f"{child.name} did not start; it said: {said}")
+        time.sleep(0.02)

@@ -1,0 +1,194 @@
+"""`robrain plugin`: see, load, unload and reload the plugins of a robot that runs; write and check new ones."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from robrain.deploy.commands.team_options import ConnectOption, RobotArgument, TeamOption
+from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
+from robrain.protocol.wire.safe_text import safe_text
+
+if TYPE_CHECKING:
+    from robrain.client.team import Team
+    from robrain.protocol.wire.messages import PluginInfo
+
+EXIT_MISTAKES = 1
+PLAIN_WIDTH = 200
+"""Columns of the table where the output is no terminal."""
+
+plugin_app = typer.Typer(
+    name="plugin",
+    help="List, load, unload and reload the plugins of a robot; write and check new ones.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+PluginArgument = Annotated[str, typer.Argument(help="Name of the plugin.")]
+
+
+@plugin_app.command("list")
+def list_plugins(
+    robot: RobotArgument,
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    as_json: Annotated[bool, typer.Option("--json", help="Print a JSON array on stdout and nothing else.")] = False,
+) -> None:
+    """List a robot's plugins with state and reason."""
+    import msgspec
+
+    with _client(connect, team, robot) as client:
+        infos = client.plugins(robot)
+    if as_json:
+        sys.stdout.write(msgspec.json.encode(infos).decode() + "\n")
+    else:
+        _show(infos)
+
+
+@plugin_app.command()
+def load(
+    robot: RobotArgument,
+    plugin: Annotated[
+        str, typer.Argument(help="A name in the robot's plugin folders, or the path of a folder or manifest.")
+    ],
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+) -> None:
+    """Load a plugin, and those that it requires, into a running robot."""
+    wanted = _name_or_path(plugin)
+    with _client(connect, team, robot) as client:
+        _tell(client.load(robot, wanted))
+
+
+@plugin_app.command()
+def unload(
+    robot: RobotArgument,
+    plugin: PluginArgument,
+    cascade: Annotated[bool, typer.Option("--cascade", help="Also unload the plugins that require it.")] = False,
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+) -> None:
+    """Unload a plugin; refused while others require it."""
+    check_name("plugin", plugin)
+    with _client(connect, team, robot) as client:
+        _tell(client.unload(robot, plugin, cascade=cascade))
+
+
+@plugin_app.command()
+def reload(
+    robot: RobotArgument, plugin: PluginArgument, connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM
+) -> None:
+    """Load a plugin again after an edit; if that fails, the old one keeps running."""
+    check_name("plugin", plugin)
+    with _client(connect, team, robot) as client:
+        _tell(client.reload(robot, plugin))
+
+
+@plugin_app.command()
+def new(
+    name: Annotated[str, typer.Argument(help="Name of the plugin, a valid Python identifier.")],
+    level: Annotated[str, typer.Option(help="device, unit, skill or behavior.")],
+    active: Annotated[bool, typer.Option("--active", help="Active: with a period and a step.")] = False,
+    hidden: Annotated[bool, typer.Option("--hidden", help="Not callable from outside the robot.")] = False,
+    folder: Annotated[Path, typer.Option("--dir", help="Folder in which the plugin's own folder is created.")] = Path(),
+) -> None:
+    """Write the skeleton of a plugin: class, manifest and a test that passes."""
+    from robrain.agent.authoring.skeleton import write_skeleton
+
+    for path in write_skeleton(name, level, folder, active=active, hidden=hidden):
+        _say(str(path))
+
+
+@plugin_app.command()
+def check(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder with plugins.")],
+) -> None:
+    """Find mistakes in a folder of plugins without a robot; exit status 1 if there are any."""
+    from robrain.agent.authoring.plugin_check import check_plugins
+    from robrain.agent.manifest import find_manifests
+    from robrain.deploy.errors import UsageError
+
+    if not folder.is_dir():
+        raise UsageError(f"{folder}: no such folder; expected one with plugins")
+    findings = check_plugins(folder)
+    for finding in findings:
+        _say(str(finding))
+    mistakes = sum(not finding.is_warning for finding in findings)
+    words = [_count(len(find_manifests(folder)), "plugin"), _count(mistakes, "mistake")]
+    if len(findings) > mistakes:
+        words.append(_count(len(findings) - mistakes, "warning"))
+    _say(", ".join(words))
+    if mistakes:
+        raise typer.Exit(EXIT_MISTAKES)
+
+
+def _client(connect: str | None, team: str, robot: str) -> "Team":
+    from robrain.client.team import Team
+
+    check_name("robot", robot)
+    return Team.connect(connect, team=team)
+
+
+def _name_or_path(text: str) -> str:
+    """A name as it is, a path of this machine made absolute, a path of the robot's machine as it is."""
+    from robrain.deploy.errors import UsageError
+
+    path = Path(text)
+    if path.exists():
+        return str(path.resolve())
+    if path.is_absolute():
+        return text
+    if len(path.parts) > 1 or path.suffix == ".toml":
+        raise UsageError(f"{text}: no such folder or manifest here; one on the robot's machine must begin with /")
+    return check_name("plugin", text)
+
+
+def _show(infos: "list[PluginInfo]") -> None:
+    from rich.console import Console, JustifyMethod
+    from rich.markup import escape
+    from rich.table import Table
+
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=PLAIN_WIDTH)
+    headings = ("plugin", "level", "state", "visible to", "holder", "functions", "distribution", "why")
+    rows = [
+        (
+            info.name,
+            info.level,
+            info.state,
+            ", ".join(info.visibility),
+            info.holder,
+            str(len(info.functions)),
+            info.distribution,
+            info.why,
+        )
+        for info in infos
+    ]
+    said = [index for index in range(len(headings)) if any(row[index] for row in rows)]  # no columns of nothing
+    table = Table(box=None, pad_edge=False)
+    for index in said:
+        justify: JustifyMethod = "right" if headings[index] == "functions" else "left"
+        table.add_column(headings[index], justify=justify, overflow="fold")
+    for row in rows:
+        table.add_row(*(escape(row[index]) for index in said))
+    console.print(table)
+    for info in infos:
+        if info.detail:
+            lines = "".join(f"  {safe_text(line)}\n" for line in info.detail.splitlines())
+            _say(f"\n{info.name}: {safe_text(info.where)}\n{lines.rstrip()}")
+
+
+def _tell(infos: "list[PluginInfo]") -> None:
+    for info in infos:
+        where = f" ({info.where})" if info.where else ""
+        _say(f"{info.name}: {info.state}{f': {info.why}{where}' if info.why else ''}")
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(text + "\n")
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number or 'no'} {what}{'s' if number != 1 else ''}"

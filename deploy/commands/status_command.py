@@ -1,0 +1,69 @@
+"""`robrain status`: which members of a team are present, and what they have refused."""
+
+import time
+
+import msgspec
+
+from robrain.client.members import team_found
+from robrain.deploy.processes.live_process import client_session, live_endpoint, tell
+from robrain.protocol.wire.hub import team_endpoints, wrong_team
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.refusals import Refusal
+from robrain.protocol.wire.safe_text import safe_text
+from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_STATE
+
+STATE_S = 1.0
+"""How long to wait for the states of the members."""
+POLL_S = 0.02
+COORDINATOR = "coordinator"
+
+
+class TeamStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """The members of a team that are present."""
+
+    team: str
+    coordinator: bool
+    robots: list[str]
+    """Names, sorted."""
+    refused: dict[str, list[Refusal]]
+    """What the coordinator and the robots have refused, by `coordinator` and the robots' names."""
+
+
+def status_of(connect: str | None, team: str) -> TeamStatus:
+    """The members of a team that are present.
+
+    Raises:
+        NobodyThere: nobody is; the text lists the teams that have members present.
+
+    """
+    with client_session(connect) as session, live_endpoint(session, team) as wire:
+        inbox = Inbox()
+        wire.subscribe(inbox, ROBOT_STATE)
+        wire.subscribe(inbox, COORDINATOR_STATE)
+        found = team_found(wire)
+        if not found.robots and not found.coordinator:
+            raise wrong_team(f"nobody of team {team} is at {', '.join(team_endpoints(connect))}", session)
+        refused = _refused(inbox, len(found.robots) + found.coordinator)
+    return TeamStatus(team=team, coordinator=found.coordinator, robots=found.robots, refused=refused)
+
+
+def show_status(found: TeamStatus) -> None:
+    """Print which members of a team are present."""
+    tell(f"team {found.team}: coordinator {'up' if found.coordinator else 'not there'}")
+    for name in found.robots:
+        tell(f"  {name} up")
+    for name, refused in found.refused.items():
+        for one in refused:
+            tell(f"  {name} refused {safe_text(one.words)}")
+
+
+def _refused(inbox: Inbox, members: int) -> dict[str, list[Refusal]]:
+    """What members have refused, as far as they publish their state within `STATE_S`."""
+    told: dict[str, list[Refusal]] = {}
+    until_s = time.monotonic() + STATE_S
+    while len(told) < members and time.monotonic() < until_s:
+        for received in inbox.drain():
+            refused = received.message.refused
+            told[received.names.get("robot", COORDINATOR)] = refused if isinstance(refused, list) else []
+        time.sleep(POLL_S)
+    return {name: refused for name, refused in sorted(told.items()) if refused}

@@ -1,0 +1,66 @@
+"""`robrain agent`: one robot. Needs the plain install only."""
+
+from contextlib import closing
+from pathlib import Path
+
+import msgspec
+
+from robrain.agent.host.agent_host import AgentHost
+from robrain.agent.host.live_drive import run_agent
+from robrain.agent.host.robot_file import ZenohTable, read_robot_file
+from robrain.deploy.processes.live_process import LiveStop, note, open_when_there, tell
+from robrain.deploy.processes.name_claim import NameWatch, claim_robot
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive
+from robrain.protocol.wire.hub import given_endpoints, team_endpoints
+from robrain.protocol.wire.keys import check_name
+from robrain.protocol.wire.session import listening_at
+
+
+def agent_command(robot: Path, connect: str | None, team: str | None) -> None:
+    """Run one robot until Ctrl-C; wait until its endpoint answers.
+
+    Args:
+        robot: its ROBOT.toml.
+        connect: endpoint of the team; None uses the file's, else $ROBRAIN_CONNECT, else this machine's hub.
+        team: its name; None uses the file's.
+
+    Raises:
+        RobrainError: in one sentence.
+
+    """
+    robot_file = read_robot_file(robot)
+    table, settings = robot_file.robot, robot_file.zenoh
+    if team is not None:
+        table = msgspec.structs.replace(table, team=check_name("team", team))
+    where = _endpoints(settings, connect)
+    should_stop = LiveStop()
+    session = open_when_there("agent", where, should_stop, mode=settings.mode, listen=settings.listen)
+    if session is None:
+        return
+    with closing(session), claim_robot(session, table.team, table.name) as claim:
+        if not claim.take(lambda text: note(f"agent: {text}"), should_stop):
+            return
+        # Plugins in separate processes connect to the robot's endpoint, or to the robot itself if it has none.
+        zenoh = msgspec.structs.replace(settings, connect=where or listening_at(session))
+        robot_file = msgspec.structs.replace(robot_file, robot=table, zenoh=zenoh)
+        host = AgentHost(robot_file, robot.parent, session, WallClock(), Drive.LIVE)
+
+        def tell_plugins() -> None:
+            claim.settle()
+            left_out = [f"{tag.name} ({tag.why})" for tag in host.manager.plugins.values() if tag.why]
+            tell(f"agent: {host.name} is up with {len(host.manager.plugins) - len(left_out)} plugins")
+            for text in left_out:
+                tell(f"agent: {host.name} without {text}")
+
+        watch = NameWatch(claim, should_stop)
+        run_agent(host, watch, tell_plugins)
+        watch.check()
+
+
+def _endpoints(settings: ZenohTable, connect: str | None) -> list[str]:
+    if connect is not None:
+        return given_endpoints(connect)
+    if settings.connect or settings.listen:
+        return settings.connect
+    return team_endpoints() if settings.mode == "client" else given_endpoints(None)

@@ -1,0 +1,72 @@
+"""`robrain arena`: the simulator in real time."""
+
+from contextlib import ExitStack
+from pathlib import Path
+
+import zenoh
+
+from robrain.deploy.commands.terminal import say
+from robrain.deploy.processes.forwarders import addresses, open_forwarders, said
+from robrain.deploy.processes.live_process import LiveStop, Place, live_endpoint, open_hub, open_when_there, tell
+from robrain.deploy.processes.own_program import own_program
+from robrain.deploy.processes.robot_files import loadable_from_here, write_robot_files
+from robrain.deploy.run.kernels import prepare_kernels
+from robrain.protocol.wire.session import listening_at
+from robrain.sim.live_arena import run_arena
+from robrain.sim.scenario import Scenario
+
+
+def arena_command(scenario: Scenario, place: Place, team: str, robot_files: Path | None) -> None:
+    """Simulate a scenario until Ctrl-C.
+
+    Args:
+        scenario: the scenario to simulate.
+        place: where to connect or listen; without either, the arena is this machine's hub.
+        team: its name.
+        robot_files: folder for a ROBOT.toml of each robot.
+
+    Raises:
+        RobrainError: in one sentence.
+
+    """
+    world = scenario.world()
+    prepare_kernels()
+    should_stop = LiveStop()
+    with ExitStack() as closing:
+        session = _open(place, should_stop)
+        if session is None:
+            return
+        closing.callback(session.close)
+        wire = closing.enter_context(live_endpoint(session, team))
+        where = place.connect or listening_at(session)
+        forwarders = open_forwarders(wire, [robot.name for robot in world.robots], closing)
+        listening = addresses(forwarders)
+        if robot_files is not None:
+            robot_files.mkdir(parents=True, exist_ok=True)
+            for path in write_robot_files(
+                world,
+                robot_files,
+                team=team,
+                connect=where[0],
+                forwarders=listening,
+                loadable=loadable_from_here(where),
+            ):
+                say(f"{own_program()} agent {path}")
+        arena = world.arena(wire)
+        try:
+            names = ", ".join(robot.name for robot in world.robots)
+            for robot, address in listening.items():
+                tell(said(robot, address))
+            tell(f"arena: {scenario.name} at {', '.join(where)}, robots {names}; Ctrl-C ends it")
+            run_arena(arena, should_stop, forwarders)
+        finally:
+            arena.close()
+
+
+def _open(place: Place, should_stop: LiveStop) -> zenoh.Session | None:
+    if place.connect:
+        return open_when_there("arena", place.connect, should_stop)
+    session, taken = open_hub(place.listen[0] if place.listen else None)
+    if taken:
+        say(f"arena: {taken} is taken, listening elsewhere: other commands need --connect")
+    return session

@@ -1,0 +1,109 @@
+"""Child processes: started with their parent's endpoint, told to stop, and gone when this is over."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from types import TracebackType
+from typing import IO, Self
+
+from robrain.deploy.processes.live_process import PARENT_VARIABLE
+
+STOP_TIMEOUT_S = 5.0
+KEPT_LINES = 200
+
+
+class Child:
+    """One `robrain` process.
+
+    Its output is kept (the last 200 lines) and, line by line, told to `on_line`.
+
+    Args:
+        name: what it is called in messages.
+        arguments: the command line after `robrain`.
+        on_line: told of each line, on a thread of the child's own.
+
+    """
+
+    def __init__(self, name: str, arguments: Sequence[str], on_line: Callable[[str], None] | None = None) -> None:
+        self.name = name
+        self.lines: deque[str] = deque(maxlen=KEPT_LINES)
+        self._on_line = on_line
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "robrain.cli", *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            env={**os.environ, PARENT_VARIABLE: str(os.getpid()), "PYTHONUNBUFFERED": "1"},
+            start_new_session=True,  # a Ctrl-C in the terminal reaches the parent, which stops the children in order
+        )
+        assert self._process.stdout is not None
+        self._reader = threading.Thread(
+            target=self._read, args=(self._process.stdout,), name=f"output-{name}", daemon=True
+        )
+        self._reader.start()
+
+    @property
+    def pid(self) -> int:
+        """Its process id."""
+        return self._process.pid
+
+    @property
+    def exit_status(self) -> int | None:
+        """None while it runs."""
+        return self._process.poll()
+
+    def ask_to_stop(self) -> None:
+        """Send it SIGTERM, if it still runs."""
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGTERM)
+
+    def wait(self, timeout_s: float = STOP_TIMEOUT_S) -> int:
+        """Wait for its end; one that does not end in time is killed."""
+        try:
+            self._process.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._reader.join(STOP_TIMEOUT_S)
+        return self._process.returncode
+
+    def _read(self, stream: IO[str]) -> None:
+        with stream:
+            for line in stream:
+                self.lines.append(line.rstrip("\n"))
+                if self._on_line is not None:
+                    self._on_line(line.rstrip("\n"))
+
+
+class Children:
+    """All children of a process; leaving the `with` block stops them, the last started first."""
+
+    def __init__(self) -> None:
+        self.all: list[Child] = []
+
+    def start(self, name: str, arguments: Sequence[str], on_line: Callable[[str], None] | None = None) -> Child:
+        """Start one more."""
+        child = Child(name, arguments, on_line)
+        self.all.append(child)
+        return child
+
+    def stop(self) -> None:
+        """Ask all to stop, and see that they do."""
+        for child in reversed(self.all):
+            child.ask_to_stop()
+        for child in reversed(self.all):
+            child.wait()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.stop()

@@ -1,0 +1,100 @@
+"""The dashboard in a process of its own, beside a run, a team or a replay."""
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from robrain.deploy.errors import ChildFailed
+from robrain.deploy.processes.children import Children
+
+READY_PREFIX = "dashboard: "
+START_TIMEOUT_S = 120.0
+"""For a process that hangs: one that ends is noticed at once, and a busy machine may take long to import it all."""
+LOOK_S = 0.05
+
+
+class StartingPage:
+    """A dashboard's process from its start until its page is served.
+
+    Args:
+        children: owns the process.
+        arguments: the command line after `robrain`.
+
+    """
+
+    def __init__(self, children: Children, arguments: Sequence[str]) -> None:
+        self._url = ""
+        self._begun_s = time.monotonic()
+        self._child = children.start("dashboard", arguments, self._note)
+
+    @property
+    def url(self) -> str:
+        """The page's address; empty until it is served.
+
+        Raises:
+            ChildFailed: it did not start; the text says why.
+
+        """
+        if self._url:
+            return self._url
+        if self._child.exit_status is not None or time.monotonic() > self._begun_s + START_TIMEOUT_S:
+            self._child.ask_to_stop()
+            self._child.wait()
+            said = next((line for line in reversed(self._child.lines) if line.strip()), "it printed nothing")
+            raise ChildFailed(f"the dashboard did not start: {said.removeprefix('robrain: ')}")
+        return ""
+
+    def _note(self, line: str) -> None:
+        if line.startswith(READY_PREFIX) and not self._url:
+            self._url = line.removeprefix(READY_PREFIX)
+
+
+def begin_dashboard(children: Children, endpoint: str, team: str, port: int | None) -> StartingPage:
+    """Start the process; the arguments are those of `start_dashboard`."""
+    arguments = ["dashboard", "--connect", endpoint, "--team", team]
+    if port is not None:
+        arguments += ["--port", str(port)]
+    return StartingPage(children, arguments)
+
+
+def start_dashboard(children: Children, endpoint: str, team: str, port: int | None) -> str:
+    """Start it and wait until its page is served.
+
+    Args:
+        children: owns the process.
+        endpoint: where the team is.
+        team: which team to show.
+        port: to serve on; None takes 8080, or a free one if that is taken.
+
+    Returns:
+        The page's address.
+
+    Raises:
+        ChildFailed: it did not start; the text says why.
+
+    """
+    return _served(begin_dashboard(children, endpoint, team, port))
+
+
+def go_on_with_recording(children: Children, url: str, recording: Path) -> None:
+    """Have a dashboard's page show a recording of the team that has gone; browsers that look on find it by themselves.
+
+    Args:
+        children: owns the dashboard's process, and nothing else by now: it is stopped for another one.
+        url: the page's address, which stays the same.
+        recording: an MCAP file.
+
+    Raises:
+        ChildFailed: it did not start; the text says why.
+
+    """
+    children.stop()
+    page = StartingPage(children, ["dashboard", "--replay", str(recording), "--port", str(urlsplit(url).port)])
+    _served(page)
+
+
+def _served(page: StartingPage) -> str:
+    while not (url := page.url):
+        time.sleep(LOOK_S)
+    return url

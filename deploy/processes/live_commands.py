@@ -1,0 +1,152 @@
+"""The other live processes: coordinator, dashboard, replay."""
+
+from contextlib import closing
+from pathlib import Path
+
+import msgspec
+import zenoh
+
+from robrain.deploy.processes.dashboard_process import READY_PREFIX
+from robrain.deploy.processes.live_process import (
+    ANY_PORT,
+    LiveStop,
+    Place,
+    client_session,
+    live_endpoint,
+    note,
+    open_hub,
+    open_when_there,
+    tell,
+)
+from robrain.deploy.processes.name_claim import NameWatch, claim_coordinator
+from robrain.protocol.model.tasks.objective import Objective
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.hub import team_endpoints
+from robrain.protocol.wire.keys import check_name
+from robrain.protocol.wire.session import listening_at, open_session
+
+DEFAULT_DASHBOARD_PORT = 8080
+
+
+def coordinator_command(
+    place: Place,
+    team: str,
+    journal: Path | None,
+    objective: Objective | None = None,
+    planning: Path | None = None,
+) -> None:
+    """Coordinate a team until Ctrl-C; wait until the endpoint answers.
+
+    Args:
+        place: where to connect or listen; without either, the coordinator connects to this machine's hub.
+        team: its name.
+        journal: file of its tasks; `TEAM.journal` if None.
+        objective: planning objective, overriding the file's.
+        planning: file with a `[planning]` table.
+
+    Raises:
+        RobrainError: in one sentence.
+
+    """
+    from robrain.coordinator.journal.journal import Journal
+    from robrain.coordinator.live import run_coordinator
+    from robrain.coordinator.planning.policy import PlanningPolicy
+
+    policy = PlanningPolicy()
+    if planning is not None:
+        from robrain.deploy.run.planning_file import (
+            read_planning,  # here: most coordinators read none, and are up sooner
+        )
+
+        policy = read_planning(planning)
+    if objective is not None:
+        policy = msgspec.structs.replace(policy, objective=objective)
+    should_stop = LiveStop()
+    if place.listen:
+        session: zenoh.Session | None = open_hub(place.listen[0])[0]
+    else:
+        session = open_when_there("coordinator", place.connect or team_endpoints(), should_stop)
+    if session is None:
+        return
+    with closing(session), claim_coordinator(session, team) as claim, live_endpoint(session, team) as wire:
+        if not claim.take(lambda text: note(f"coordinator: {text}"), should_stop):
+            return  # before the journal is opened: only one process at a time may write it
+        kept = Journal(journal if journal is not None else Path(f"{team}.journal"))
+
+        def ready() -> None:
+            claim.settle()
+            tell(f"coordinator: of team {team}; Ctrl-C ends it")
+
+        watch = NameWatch(claim, should_stop)
+        try:
+            run_coordinator(wire, watch, ready, kept, policy)
+        finally:
+            kept.close()
+        watch.check()
+
+
+def dashboard_command(connect: str | None, team: str, port: int | None, replay: Path | None = None) -> None:
+    """Show a team, or a recording, until Ctrl-C."""
+    from robrain.coordinator.dashboard import run_dashboard
+
+    if replay is not None:
+        show_recording(replay, port)
+        return
+    should_stop = LiveStop()
+    with client_session(connect) as session, live_endpoint(session, team) as wire:
+        run_dashboard(wire, "127.0.0.1", _page_port(port), _tell_url, should_stop)
+
+
+def show_recording(recording: Path, port: int | None, speed: float = 1.0, start_s: float = 0.0) -> None:
+    """Show a recording in a browser page until Ctrl-C; it is paused at `start_s` until *Play* is pressed."""
+    from robrain.coordinator.dashboard import ReplaySource, run_dashboard
+
+    should_stop = LiveStop()
+    source = ReplaySource(recording, speed=speed, start_s=start_s)
+    run_dashboard(source, "127.0.0.1", _page_port(port), _tell_url, should_stop)
+
+
+def replay_on_wire(
+    recording: Path, speed: float, *, loop: bool, connect: list[str], team: str, start_s: float, paused: bool
+) -> None:
+    """Put a recording back on the wire, once or in a loop."""
+    from robrain.coordinator.recording.replay.replay import Replay
+    from robrain.deploy.commands.terminal import print_line
+    from robrain.deploy.recordings.replay_terminal import replay_terminal
+    from robrain.deploy.recordings.replaying import run_replay
+
+    check_name("team", team)
+    should_stop = LiveStop()
+    session = open_session(mode="client", connect=connect) if connect else open_hub(ANY_PORT)[0]
+    with closing(session), live_endpoint(session, team) as wire:
+        where = connect or listening_at(session)
+        with replay_terminal() as terminal:
+
+            def begin(replay: Replay) -> None:
+                print_line(f"{recording} as team {team} at {where[0]}")
+                terminal.open(replay)
+                if start_s:
+                    replay.seek(start_s)
+                if paused:
+                    replay.player.pause()
+
+            run_replay(
+                wire,
+                WallClock(),
+                recording,
+                speed,
+                loop=loop,
+                should_stop=lambda: should_stop() or terminal.ended,
+                on_progress=terminal.show,
+                on_open=begin,
+            )
+
+
+def _page_port(port: int | None) -> int:
+    from robrain.deploy.processes.ports import free_or
+
+    return port if port is not None else free_or(DEFAULT_DASHBOARD_PORT)
+
+
+def _tell_url(url: str) -> None:
+    tell(f"{READY_PREFIX}{url}")

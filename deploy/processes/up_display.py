@@ -1,0 +1,148 @@
+"""Displays for `robrain up`: on a terminal, line by line, or as lines of JSON."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import msgspec
+from rich.console import Group
+from rich.live import Live
+from rich.markup import escape
+from rich.table import Table
+
+from robrain.deploy.commands.terminal import both_at_a_terminal, clock_of, console, print_line, say
+from robrain.deploy.processes.forwarders import said
+from robrain.deploy.processes.live_process import tell
+from robrain.deploy.processes.up import TeamStatus, UpDisplay, UpResult
+from robrain.deploy.run.run_display import accuracy_lines, tell_recorded
+from robrain.protocol.wire.hub import hub_endpoint
+
+
+class HubEvent(msgspec.Struct, frozen=True, tag_field="event", tag="hub"):
+    """Where the team's hub listens."""
+
+    endpoint: str
+
+
+class DashboardEvent(msgspec.Struct, frozen=True, tag_field="event", tag="dashboard"):
+    """Where the page is served."""
+
+    url: str
+
+
+class ForwarderEvent(msgspec.Struct, frozen=True, tag_field="event", tag="serial_forwarder"):
+    """Where the Serial Forwarder of a robot's base station listens."""
+
+    robot: str
+    address: str
+    """`host:port`."""
+
+
+class JsonLines:
+    """One event per line on stdout, as it occurs; the last is the result."""
+
+    def __init__(self) -> None:
+        self._forwarders: dict[str, str] = {}
+
+    def hub(self, endpoint: str, taken: str) -> None:
+        """Print where the hub listens; warn on stderr if that is not this machine's hub endpoint."""
+        _warn_of_taken(endpoint, taken)
+        _print(HubEvent(endpoint))
+
+    def dashboard(self, url: str) -> None:
+        """Print where the page is."""
+        _print(DashboardEvent(url))
+
+    def show(self, status: TeamStatus) -> None:
+        """Print new forwarders."""
+        for robot, address in status.forwarders.items():
+            if self._forwarders.get(robot) != address:
+                self._forwarders[robot] = address
+                _print(ForwarderEvent(robot, address))
+
+    def ended(self, result: UpResult) -> None:
+        """Print the result."""
+        _print(result)
+
+
+class PlainLines:
+    """Endpoints on stdout; a line on stderr for each team member that joins or leaves."""
+
+    def __init__(self) -> None:
+        self._before: dict[str, str] = {}
+
+    def hub(self, endpoint: str, taken: str) -> None:
+        """Print where the hub listens, and how found by other commands."""
+        _warn_of_taken(endpoint, taken)
+        found = f"other commands: --connect {endpoint}"
+        print_line(f"hub: {endpoint}  ({'found by other commands' if endpoint == hub_endpoint() else found})")
+
+    def dashboard(self, url: str) -> None:
+        """Print where the page is."""
+        print_line(f"dashboard: {url}")
+
+    def show(self, status: TeamStatus) -> None:
+        """Print what has changed."""
+        now = dict(status.robots) | {"coordinator": "up" if status.coordinator_up else "starting"}
+        for name, text in now.items():
+            seen = "up" if text not in ("starting", "halted") and "lost" not in text and text != "gone" else text
+            if self._before.get(name) != seen:
+                self._before[name] = seen
+                say(f"{name}: {seen}")
+        for robot, address in status.forwarders.items():
+            if self._before.get(address) != robot:
+                self._before[address] = robot
+                print_line(said(robot, address))
+
+    def ended(self, result: UpResult) -> None:
+        """Print the result of the run."""
+        print_line(
+            f"{result.ended}: {result.explored_fraction:.1%} explored in {clock_of(result.sim_time_s)}, "
+            f"{result.collisions} collisions"
+        )
+        for line in accuracy_lines(result.map_accuracy, result.pose_accuracy):
+            print_line(line)
+        tell_recorded(result.recording)
+
+
+class DrawnTable(PlainLines):
+    """A live table of the team below the endpoints."""
+
+    def __init__(self, live: Live) -> None:
+        super().__init__()
+        self._live = live
+
+    def show(self, status: TeamStatus) -> None:
+        """Draw the team's status."""
+        self._live.update(_team_table(status))
+
+
+@contextmanager
+def up_display(*, as_json: bool) -> Iterator[UpDisplay]:
+    """Choose the display of `robrain up` for the duration of the block."""
+    if as_json:
+        yield JsonLines()
+    elif console.is_terminal:
+        with Live(console=console, refresh_per_second=5, redirect_stdout=both_at_a_terminal()) as live:
+            yield DrawnTable(live)
+    else:
+        yield PlainLines()
+
+
+def _warn_of_taken(endpoint: str, taken: str) -> None:
+    if taken:
+        say(f"{taken} is in use: the hub of this team is at {endpoint}, other commands need --connect {endpoint}")
+
+
+def _team_table(status: TeamStatus) -> Group:
+    share = f"{status.explored_fraction:.1%} explored, {clock_of(status.sim_time_s)}; Ctrl-C stops the team"
+    table = Table(box=None, pad_edge=False, show_header=False)
+    table.add_row("coordinator", "[green]up[/]" if status.coordinator_up else "[yellow]starting[/]")
+    for name, text in status.robots:
+        table.add_row(escape(name), escape(text), f"[dim]base station {status.forwarders.get(name, '–')}[/]")
+    for name, exit_status, line in status.exited:
+        table.add_row(f"[red]{escape(name)}[/]", f"exited with {exit_status}: {escape(line)}")
+    return Group(share, table)
+
+
+def _print(event: HubEvent | DashboardEvent | ForwarderEvent | UpResult) -> None:
+    tell(msgspec.json.encode(event).decode())

@@ -1,0 +1,227 @@
+"""The commands about recordings. Each reads its options, and leaves the work to what it belongs to."""
+
+import sys
+from contextlib import closing
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import typer
+
+from robrain.deploy.commands.team_options import ConnectOption, TeamOption
+from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
+from robrain.protocol.wire.safe_text import safe_json
+
+recording_app = typer.Typer(rich_markup_mode=None)
+
+DIFFERENT = 1
+"""Exit status of `check` with problems, and of `diff` with a difference."""
+
+RecordingArgument = Annotated[Path, typer.Argument(help="A recording, an MCAP file.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
+
+
+@recording_app.command()
+def record(
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="MCAP file to write; default: runs/TEAM-N.mcap.")
+    ] = None,
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    split_mb: Annotated[float | None, typer.Option(help="Continue in a new file after this many megabytes.")] = None,
+    split_s: Annotated[float | None, typer.Option(help="Continue in a new file after this many seconds.")] = None,
+    visual: Annotated[bool, typer.Option(help="Also write channels that Foxglove, Lichtblick and Rerun draw.")] = True,
+    as_json: JsonOption = False,
+) -> None:
+    """Record a live team until Ctrl-C; wait for the team if it is not running yet."""
+    from robrain.coordinator.recording.writer.recording_file import check_writable
+    from robrain.deploy.errors import UsageError
+    from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
+    from robrain.deploy.recordings.recording_display import record_display, show_recorded
+    from robrain.deploy.recordings.recording_live import next_name, record_team, split_of
+    from robrain.protocol.wire.hub import team_endpoints, teams_there, wrong_team
+
+    check_name("team", team)
+    split = split_of(split_mb, split_s)
+    if output is not None:
+        if output.exists():
+            raise UsageError(f"--output {output}: it exists already; give another name or move it away")
+        check_writable(output)
+    should_stop = LiveStop()
+    session = open_when_there("record", team_endpoints(connect), should_stop)
+    if session is None:
+        return
+    with closing(session), live_endpoint(session, team) as wire:
+        if (others := teams_there(session)) and team not in others:
+            sys.stderr.write(f"robrain: {wrong_team(f'nobody of team {team} is there yet', session)}\n")
+        if output is None:
+            Path("runs").mkdir(exist_ok=True)
+        path = output if output is not None else next_name(Path("runs"), team)
+        with record_display(path, quiet=as_json) as show:
+            summary = record_team(wire, path, split, visual=visual, should_stop=should_stop, on_progress=show)
+    if as_json:
+        _print_json(summary)
+    else:
+        show_recorded(summary)
+
+
+@recording_app.command()
+def foxglove(
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    port: Annotated[int, typer.Option(help="Port on 127.0.0.1; 0 takes a free one.")] = 8765,
+) -> None:
+    """Serve a live team to Foxglove or Lichtblick, by a WebSocket on 127.0.0.1."""
+    from robrain.deploy.processes.live_process import LiveStop, client_session, live_endpoint, tell
+    from robrain.deploy.recordings.recording_live import serve_foxglove
+
+    check_name("team", team)
+    should_stop = LiveStop()
+    with client_session(connect) as session, live_endpoint(session, team) as wire:
+        serve_foxglove(wire, "127.0.0.1", port, lambda address: tell(f"foxglove: {address}"), should_stop)
+
+
+@recording_app.command()
+def info(
+    recording: RecordingArgument,
+    every_key: Annotated[
+        bool, typer.Option("--every-key", help="Print one line per key, also for topics with many keys.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Describe a recording: its origin, and rates and gaps of each key."""
+    from robrain.coordinator.recording.reader.contents import read_contents
+    from robrain.deploy.recordings.recording_display import progress, show_contents
+
+    with progress("reading", quiet=as_json) as show:
+        contents = read_contents(recording, show)
+    if as_json:
+        _print_json(contents)
+    else:
+        show_contents(contents, every_key=every_key)
+
+
+@recording_app.command()
+def check(recording: RecordingArgument, as_json: JsonOption = False) -> None:
+    """Check a recording: valid messages, growing stamps, no missing numbers. Exit status 1 if a check fails."""
+    from robrain.coordinator.recording.reader.checking import check_recording
+    from robrain.deploy.recordings.recording_display import progress, show_verdict
+
+    with progress("checking", quiet=as_json) as show:
+        verdict = check_recording(recording, show)
+    if as_json:
+        _print_json(verdict)
+    else:
+        show_verdict(verdict)
+    if not verdict.good:
+        raise typer.Exit(DIFFERENT)
+
+
+@recording_app.command()
+def diff(
+    first: Annotated[Path, typer.Argument(help="A recording.")],
+    second: Annotated[Path, typer.Argument(help="The other recording.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Print the first message in which two runs differ. Exit status 1 if they differ."""
+    from robrain.coordinator.recording.reader.comparing import first_difference
+    from robrain.deploy.recordings.recording_display import progress, show_difference
+
+    with progress("comparing", quiet=as_json) as show:
+        difference, same = first_difference(first, second, show)
+    if as_json:
+        _print_json({"same": same, "difference": difference})
+    else:
+        show_difference(first, second, difference, same)
+    if difference is not None:
+        raise typer.Exit(DIFFERENT)
+
+
+@recording_app.command()
+def recover(
+    recording: RecordingArgument,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="File to write; default: NAME_recovered.mcap in the same folder."),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write a complete file from a recording that is damaged or whose end is missing."""
+    from robrain.coordinator.recording.reader.recovering import recover as recover_recording
+    from robrain.deploy.recordings.recording_display import progress, show_recovery
+
+    path = output if output is not None else recording.with_name(f"{recording.stem}_recovered{recording.suffix}")
+    with progress("recovering", quiet=as_json) as show:
+        recovery = recover_recording(recording, path, show)
+    if as_json:
+        _print_json(recovery)
+    else:
+        show_recovery(recovery)
+
+
+@recording_app.command()
+def report(
+    recordings: Annotated[list[Path], typer.Argument(help="A recording, or several to compare.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder to write to; default: NAME_report beside the first recording."),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write a page of plots of a run, or compare several: explored share, tracks, tasks, energy, batteries, faults."""
+    from robrain.coordinator.recording.report.report import write_report
+    from robrain.deploy.recordings.recording_display import progress, show_report
+
+    folder = output if output is not None else recordings[0].with_name(f"{recordings[0].stem}_report")
+    with progress("reading and drawing", quiet=as_json) as show:
+        written = write_report(recordings, folder, show)
+    if as_json:
+        _print_json(written)
+    else:
+        show_report(written.page, written.figures)
+
+
+@recording_app.command()
+def export(
+    recording: RecordingArgument,
+    form: Annotated[
+        str | None,
+        typer.Option(
+            "--to", help="csv (default) or parquet (one file per topic), html (a page that plays the run), foxglove."
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder (csv, parquet) or file to write; default: beside the recording."),
+    ] = None,
+    with_map: Annotated[
+        bool, typer.Option("--map", help="Write the team's map instead, as ROS map_server files (.yaml, .pgm).")
+    ] = False,
+    at_s: Annotated[
+        float | None, typer.Option("--at", help="With --map: seconds since the start; default: the end.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Export a recording for other tools: tables, a page that plays it, its map, or channels that Foxglove draws."""
+    from robrain.deploy.errors import UsageError
+    from robrain.deploy.recordings.exporting import export_map, export_recording
+    from robrain.deploy.recordings.recording_display import progress, show_files
+
+    if with_map and form is not None:
+        raise UsageError(f"--to {form}: leave it out with --map")
+    if at_s is not None and not with_map:
+        raise UsageError(f"--at {at_s:g}: only with --map")
+    with progress("exporting", quiet=as_json) as show:
+        if with_map:
+            files = export_map(recording, output, at_s, show)
+        else:
+            files = export_recording(recording, form or "csv", output, show)
+    if as_json:
+        _print_json({"files": files})
+    else:
+        show_files(files)
+
+
+def _print_json(value: object) -> None:
+    sys.stdout.write(safe_json(msgspec.json.encode(value, enc_hook=str)) + "\n")
+    sys.stdout.flush()

@@ -1,0 +1,190 @@
+"""What a person sees of a recording in the terminal. Tables are results and go to stdout; progress goes to stderr.
+
+Every text out of a recording passes `safe_text` and rich's `escape` on its way.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import (
+    BarColumn,
+    Progress,
+    TaskProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+
+from robrain.coordinator.recording.reader.checking import Severity, Verdict
+from robrain.coordinator.recording.reader.comparing import Difference
+from robrain.coordinator.recording.reader.contents import KeyContents, RecordingContents
+from robrain.coordinator.recording.reader.folded_keys import folded
+from robrain.coordinator.recording.reader.recovering import Recovery
+from robrain.coordinator.recording.writer.recorder import Recorder, RecordingSummary
+from robrain.protocol.wire.safe_text import safe_text
+
+PLAIN_WIDTH = 200
+"""Columns of a table that goes into a file or a pipe."""
+TEXT_SHOWN = 500
+
+
+def said(text: object, limit: int = TEXT_SHOWN) -> str:
+    """A text from elsewhere as a terminal may have it, with rich's markup taken literally."""
+    return escape(safe_text(str(text), limit))
+
+
+@contextmanager
+def progress(what: str, *, quiet: bool = False) -> Iterator[Callable[[float], None]]:
+    """A bar that is told the share that is done; it leaves nothing on a stream that is no terminal."""
+    console = Console(stderr=True, highlight=False)
+    columns = (TextColumn("{task.description}"), BarColumn(bar_width=30), TaskProgressColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, disable=quiet or not console.is_terminal, transient=True) as bars:
+        bar = bars.add_task(what, total=1.0)
+        yield lambda share: bars.update(bar, completed=share)
+
+
+@contextmanager
+def record_display(path: Path, *, quiet: bool = False) -> Iterator[Callable[[Recorder], None]]:
+    """A line on how a recorder does, drawn anew in a terminal."""
+    console = Console(stderr=True, highlight=False)
+    if not quiet:
+        console.print(f"recording to {said(path)}; Ctrl-C ends it", soft_wrap=True)
+    columns = (TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=console, disable=quiet or not console.is_terminal, transient=True) as bars:
+        bar = bars.add_task("")
+
+        def show(recorder: Recorder) -> None:
+            lost = f", [red]{recorder.lost} lost[/]" if recorder.lost else ""
+            name = said(recorder.paths[-1].name) if recorder.paths else ""
+            words = f"{name}: {recorder.messages} messages, {_bytes(recorder.size_bytes)}{lost}"
+            bars.update(bar, description=words)
+
+        yield show
+
+
+def show_recorded(summary: RecordingSummary) -> None:
+    """What was recorded, and what was not."""
+    console = _console()
+    files = ", ".join(said(path) for path in summary.paths)
+    console.print(f"{files}: {summary.messages} messages, {_bytes(summary.bytes)}", soft_wrap=True)
+    for topic, messages in sorted(summary.lost_by_topic.items()):
+        console.print(f"[red]lost[/]: {messages} of {said(topic)}", soft_wrap=True)
+
+
+def show_contents(contents: RecordingContents, *, every_key: bool = False) -> None:
+    """Where a recording comes from, and a line for each key; many of one topic have one together, unless asked for."""
+    console = _console()
+    info = contents.info
+    _line(
+        console, "file", f"{info.path}, {_bytes(info.size_bytes)}" + (", its end is missing" if info.truncated else "")
+    )
+    _line(console, "length", f"{info.duration_s:.2f} s, {info.messages} messages")
+    origins = {
+        "run": contents.run,
+        "host": contents.host,
+        "versions": contents.versions,
+        "recorder": contents.summary,
+    }
+    for name, values in origins.items():
+        if values:
+            _line(console, name, ", ".join(f"{key} {value}" for key, value in values.items() if value))
+    attached = [f"{key} ({_bytes(size)})" for key, size in contents.attachments.items()]
+    attached += [f"{len(contents.manifests)} manifests"] if contents.manifests else []
+    if attached:
+        _line(console, "attached", ", ".join(attached))
+    table = Table(box=None, pad_edge=False)
+    table.add_column("key", overflow="fold")
+    for heading in ("messages", "rate", "bytes", "first", "last", "longest gap", "at", "gaps", "missing"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for key in contents.keys if every_key else folded(contents.keys):
+        table.add_row(*_contents_row(key))
+    console.print()
+    console.print(table)
+
+
+def show_verdict(verdict: Verdict) -> None:
+    """What a check found."""
+    console = _console()
+    if verdict.findings:
+        table = Table(box=None, pad_edge=False)
+        for heading in ("", "what", "at", "key", "found"):
+            table.add_column(heading, overflow="fold")
+        for finding in verdict.findings:
+            color = "red" if finding.severity is Severity.PROBLEM else "yellow"
+            row = (f"{finding.time_s:.3f} s", finding.key, finding.text)
+            table.add_row(f"[{color}]{finding.severity}[/]", finding.kind.replace("_", " "), *map(said, row))
+        console.print(table)
+    for kind, count in verdict.more.items():
+        console.print(f"and {count} more of {kind.replace('_', ' ')}")
+    result = "good" if verdict.good else "[red]not good[/]"
+    counted = f"{verdict.messages} messages, {verdict.problems} problems, {verdict.notes} notes"
+    console.print(f"{said(verdict.path)}: {result}, {counted}", soft_wrap=True)
+
+
+def show_difference(first: Path, second: Path, difference: Difference | None, same: int) -> None:
+    """Where two runs differ first."""
+    console = _console()
+    if difference is None:
+        console.print(f"equal: {same} messages", soft_wrap=True)
+        return
+    what = f"{difference.what} {difference.path}" if difference.path else difference.what
+    where = f"at {difference.time_s:.3f} s, on {said(difference.key)}, in its {said(what)}"
+    console.print(f"message {difference.number} differs, {where}", soft_wrap=True)
+    console.print(f"  {said(first)}: {said(difference.first)}", soft_wrap=True)
+    console.print(f"  {said(second)}: {said(difference.second)}", soft_wrap=True)
+
+
+def show_recovery(recovery: Recovery) -> None:
+    """What was saved."""
+    console = _console()
+    console.print(
+        f"{said(recovery.path)}: {recovery.messages} messages, {_bytes(recovery.bytes)}; "
+        f"{recovery.damaged_chunks} damaged chunks left out, {recovery.unread_bytes} bytes at the end unreadable",
+        soft_wrap=True,
+    )
+
+
+def show_report(page: Path, figures: list[Path]) -> None:
+    """Where a report is."""
+    _console().print(f"{said(page)}, and {len(figures)} figures beside it", soft_wrap=True)
+
+
+def show_files(files: list[Path]) -> None:
+    """What was written."""
+    console = _console()
+    for path in files:
+        console.print(f"{said(path)}, {_bytes(path.stat().st_size)}", soft_wrap=True)
+
+
+def _contents_row(key: KeyContents) -> tuple[str, ...]:
+    return (
+        said(key.key),
+        str(key.messages),
+        f"{key.rate_hz:.2f} Hz" if key.rate_hz else "–",
+        _bytes(key.bytes),
+        f"{key.first_s:.2f} s",
+        f"{key.last_s:.2f} s",
+        f"{key.longest_gap_s:.2f} s",
+        f"{key.longest_gap_at_s:.2f} s",
+        str(key.gaps),
+        str(key.missing),
+    )
+
+
+def _line(console: Console, name: str, text: str) -> None:
+    console.print(f"[bold]{name:<9}[/]{said(text)}", soft_wrap=True)
+
+
+def _console() -> Console:
+    console = Console(highlight=False)
+    return console if console.is_terminal else Console(highlight=False, width=PLAIN_WIDTH)
+
+
+def _bytes(size: int) -> str:
+    if size < 10_000:
+        return f"{size} B"
+    return f"{size / 1000:.1f} kB" if size < 1_000_000 else f"{size / 1_000_000:.1f} MB"

@@ -1,0 +1,67 @@
+"""A replay in a terminal: its bar, and the keys that pause it and move it about."""
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from prompt_toolkit.input import create_input
+from prompt_toolkit.keys import Keys
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn
+
+from robrain.coordinator.dashboard.html.html_words import clock_text
+from robrain.coordinator.recording.replay.replay import Replay
+from robrain.deploy.recordings.replaying import KEYS, ReplayKeys
+
+NAMES = {" ": "space", "=": "+", "c-c": "q"}
+"""Keys as the terminal tells them, and as `ReplayKeys` knows them."""
+
+
+class ReplayTerminal:
+    """Shows where a replay is, and hands on the keys that are pressed."""
+
+    def __init__(self, bars: Progress | None, read_keys: Callable[[], list[str]]) -> None:
+        self._bars = bars
+        self._bar = bars.add_task("", total=1.0) if bars is not None else None
+        self._read_keys = read_keys
+        self._keys: ReplayKeys | None = None
+        self._replay: Replay | None = None
+
+    def open(self, replay: Replay) -> None:
+        """The replay begins."""
+        self._replay, self._keys = replay, ReplayKeys(replay)
+
+    @property
+    def ended(self) -> bool:
+        """Whether somebody has pressed q."""
+        return self._keys is not None and self._keys.ended
+
+    def show(self, share: float) -> None:
+        """Draw how far it is, and do what the keys say."""
+        if self._keys is not None:
+            for key in self._read_keys():
+                self._keys.press(NAMES.get(key, key))
+        if self._bars is not None and self._bar is not None and self._replay is not None:
+            player = self._replay.player
+            state = f"× {player.speed:g}" if player.playing else "paused"
+            words = f"{clock_text(player.position_s)} of {clock_text(player.duration_s)}  {state}"
+            self._bars.update(self._bar, completed=share, description=words)
+
+
+@contextmanager
+def replay_terminal() -> Iterator[ReplayTerminal]:
+    """A bar and keys for as long as the block lasts, where there is a terminal; else neither."""
+    console = Console(stderr=True, highlight=False)
+    if not console.is_terminal or not sys.stdin.isatty():
+        yield ReplayTerminal(None, list)
+        return
+    console.print(KEYS)
+    keyboard = create_input()
+
+    def pressed() -> list[str]:
+        keys = [press.key for press in keyboard.read_keys()]
+        return [key.value if isinstance(key, Keys) else key for key in keys]
+
+    columns = (TextColumn("{task.description}"), BarColumn(bar_width=40))
+    with keyboard.raw_mode(), Progress(*columns, console=console, auto_refresh=True) as bars:
+        yield ReplayTerminal(bars, pressed)

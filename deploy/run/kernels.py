@@ -1,0 +1,84 @@
+"""Compiles the kernels before a run, with a message, as the first time on a computer takes a while."""
+
+import sys
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
+
+from numba.core import event
+from numba.core.dispatcher import Dispatcher
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from robrain.coordinator.allocation.warm_up import warm_up as warm_up_allocation
+from robrain.coordinator.exploration.warm_up import warm_up as warm_up_exploration
+from robrain.deploy.commands.terminal import console, say
+from robrain.protocol.model.warm_up import warm_up as warm_up_model
+
+COMPILING = "numba:compile"
+WORDS = "compiling kernels, once on this computer"
+OURS = "robrain."
+
+_LISTENING: Callable[[str, event.Listener], AbstractContextManager[object]] = event.install_listener
+
+
+def prepare_kernels(*, quiet: bool = False) -> int:
+    """Compile the kernels that are not cached, and load the others; report compiling on stderr.
+
+    Args:
+        quiet: report nothing.
+
+    Returns:
+        The number of kernels compiled.
+
+    """
+    with ExitStack() as closing:
+        notice = _Notice(closing, quiet=quiet)
+        closing.enter_context(_LISTENING(COMPILING, notice))
+        for warm_up in (warm_up_model, warm_up_exploration, warm_up_allocation):
+            warm_up()
+        notice.end()
+    return len(notice.compiled)
+
+
+class _Notice(event.Listener):
+    """Receives numba's compile events, which kernels loaded from the cache do not cause."""
+
+    def __init__(self, closing: ExitStack, *, quiet: bool) -> None:
+        self.compiled: set[int] = set()
+        self._closing = closing
+        self._quiet = quiet
+        self._began_s = 0.0
+        self._progress: Progress | None = None
+
+    def on_start(self, event: event.Event) -> None:
+        """Numba starts to compile a function."""
+        if not self._began_s:
+            self._began_s = time.monotonic()
+            self._begin()
+
+    def on_end(self, event: event.Event) -> None:
+        """Numba has compiled a function."""
+        self.compiled.add(id(event.data["dispatcher"]))
+        if self._progress is not None:
+            self._progress.update(self._progress.task_ids[0], completed=len(self.compiled), total=_all_kernels())
+
+    def end(self) -> None:
+        """All kernels are ready."""
+        if self._began_s and not self._quiet and self._progress is None:
+            say(f"compiled {len(self.compiled)} kernels in {time.monotonic() - self._began_s:.0f} s")
+
+    def _begin(self) -> None:
+        if self._quiet:
+            return
+        if not console.is_terminal:
+            say(f"{WORDS}: half a minute or so")
+            return
+        columns = (TextColumn("{task.description}"), BarColumn(bar_width=30), MofNCompleteColumn(), TimeElapsedColumn())
+        self._progress = self._closing.enter_context(Progress(*columns, console=console, transient=True))
+        self._progress.add_task(WORDS, total=_all_kernels())
+
+
+def _all_kernels() -> int:
+    """Number of kernels in loaded modules; slightly too high, as a few are only compiled as part of others."""
+    modules = [module for name, module in list(sys.modules.items()) if name.startswith(OURS)]
+    return len({id(one) for module in modules for one in vars(module).values() if isinstance(one, Dispatcher)})

@@ -1,0 +1,136 @@
+"""Terminal output of a lockstep run: a progress bar and the summary."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
+from rich.table import Table
+from rich.text import Text
+
+from robrain.deploy.commands.terminal import both_at_a_terminal, clock_of, console, print_line, results, say
+from robrain.deploy.processes.own_program import own_program
+from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
+from robrain.protocol.wire.reasons.idle import NothingUnknown
+from robrain.protocol.wire.reasons.words import words
+from robrain.sim.floor_left import GapTooNarrow
+from robrain.sim.result import RunResult
+from robrain.sim.scenario import Progress as RunProgress
+
+
+class _ClockColumn(ProgressColumn):
+    """Simulated time and speed."""
+
+    def render(self, task: Task) -> Text:
+        """Render one cell of the progress line."""
+        sim_time_s = task.fields.get("sim_time_s", 0.0)
+        speed = task.fields.get("speed", 0.0)
+        return Text(f"{clock_of(sim_time_s)} simulated  {speed:5.1f} × real time", style="dim")
+
+
+class RunDisplay:
+    """The progress bar of one run."""
+
+    def __init__(self, progress: Progress, until_explored: float) -> None:
+        self._progress = progress
+        self._bar = progress.add_task("explored", total=until_explored, sim_time_s=0.0, speed=0.0)
+        self._last: RunProgress | None = None
+        self._speed = 0.0
+
+    def show(self, now: RunProgress) -> None:
+        """Draw the progress; the speed is that of about the last second."""
+        if self._last is None:
+            self._last = now
+        elapsed_s = now.wall_time_s - self._last.wall_time_s
+        if elapsed_s > 0.5:
+            self._speed = (now.sim_time_s - self._last.sim_time_s) / elapsed_s
+            self._last = now
+        self._progress.update(self._bar, completed=now.explored_fraction, sim_time_s=now.sim_time_s, speed=self._speed)
+
+
+@contextmanager
+def run_display(until_explored: float, *, quiet: bool = False) -> Iterator[RunDisplay]:
+    """A progress bar for the duration of the block; prints nothing if the stream is not a terminal."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=30),
+        TextColumn("{task.completed:6.1%}"),
+        _ClockColumn(),
+    )
+    with Progress(
+        *columns, console=console, disable=quiet or not console.is_terminal, redirect_stdout=both_at_a_terminal()
+    ) as progress:
+        yield RunDisplay(progress, until_explored)
+
+
+def show_result(result: RunResult) -> None:
+    """Print the summary of a run."""
+    why = {
+        "explored": "target reached",
+        "nothing_left": "nothing left that a robot could reach",
+        "time_limit": "time limit",
+        "interrupted": "interrupted",
+    }
+    table = Table(
+        title=escape(f"{result.scenario}, seed {result.seed}"), title_justify="left", box=None, pad_edge=False
+    )
+    for heading in ("robot", "distance", "energy", "collisions"):
+        table.add_column(heading, justify="left" if heading == "robot" else "right")
+    for robot in result.per_robot:
+        table.add_row(escape(robot.name), f"{robot.distance_m:.1f} m", f"{robot.energy_j:.0f} J", str(robot.collisions))
+    table.add_section()
+    table.add_row("team", f"{result.distance_m:.1f} m", f"{result.energy_j:.0f} J", str(result.collisions))
+    console = results()
+    console.print(table)
+    console.print(
+        f"{result.explored_fraction:.1%} explored in {clock_of(result.sim_time_s)} ({why[result.ended]}), "
+        f"{result.real_time_factor:.1f} × real time, {result.messages} messages, "
+        f"{result.mote_readings} readings of {result.motes} motes",
+        soft_wrap=True,
+    )
+    positions = {robot.name: robot.pose_accuracy for robot in result.per_robot}
+    for line in accuracy_lines(result.map_accuracy, positions):
+        print_line(line)
+    for left in result.floor_left:
+        if result.ended == "nothing_left" or isinstance(left.why, GapTooNarrow):
+            print_line(left.words)
+    if result.ended == "nothing_left":
+        for robot in result.per_robot:
+            if robot.idle is not None and not isinstance(robot.idle, NothingUnknown):
+                print_line(f"{robot.name} is {words(robot.idle)}")
+    tell_recorded(result.recording)
+
+
+def accuracy_lines(of_map: MapAccuracy | None, positions: Mapping[str, PoseAccuracy | None]) -> list[str]:
+    """Accuracy of the map and of the positions, a line each; what was not measured is left out."""
+    lines = []
+    if of_map is not None:
+        lines.append(
+            f"map: {of_map.share_off:.1%} of {of_map.occupied_cells} occupied cells off the walls, "
+            f"{of_map.doubled_walls_m:.1f} m of walls doubled"
+        )
+    told = {name: each for name, each in positions.items() if each is not None}
+    if told:
+        rmse_m = {name: each.rmse_m for name, each in told.items() if each.rmse_m is not None}
+        error_m = {name: each.max_error_m for name, each in told.items() if each.max_error_m is not None}
+        silent = [
+            f"{name} {each.silent_divergence_s:.1f} s" for name, each in told.items() if each.silent_divergence_s > 0
+        ]
+        lost = [f"{name} {each.lost_s:.1f} s" for name, each in told.items() if each.lost_s > 0]
+        parts = []
+        if rmse_m and error_m:
+            worst, farthest = max(rmse_m, key=rmse_m.__getitem__), max(error_m, key=error_m.__getitem__)
+            parts = [
+                f"RMSE at most {rmse_m[worst]:.3f} m ({worst})",
+                f"largest error {error_m[farthest]:.3f} m ({farthest})",
+            ]
+        parts += [f"silent divergence: {', '.join(silent) or 'none'}", f"lost: {', '.join(lost) or 'none'}"]
+        lines.append(f"positions: {', '.join(parts)}")
+    return lines
+
+
+def tell_recorded(recording: str | None) -> None:
+    """Print a recording's path and the command that replays it."""
+    if recording is not None:
+        print_line(f"recorded in {recording}")
+        say(f"replay it: {own_program()} replay {recording}")

@@ -1,0 +1,1 @@
+"""`robrain task`."""

@@ -1,0 +1,113 @@
+"""`robrain task add`: have a team do something."""
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from robrain.deploy.commands.team_options import ConnectOption, TeamOption
+from robrain.deploy.tasks.task_terminal import (
+    JsonOption,
+    connect_team,
+    line_of,
+    print_json,
+    say,
+)
+from robrain.protocol.wire.keys import DEFAULT_TEAM
+
+EXIT_REFUSED = 2
+OPTIONS = {
+    "place": "--at",
+    "goal": "--at",
+    "id": "--id",
+    "priority": "--priority",
+    "deadline_ns": "--deadline",
+    "deadline_in_s": "--deadline",
+    "earliest_ns": "--earliest",
+    "earliest_in_s": "--earliest",
+    "service_s": "--service",
+    "needs": "--needs",
+    "after": "--after",
+    "robots": "--robots",
+    "mote": "--mote",
+    "robot": "--robot",
+    "duration_s": "--duration",
+    "interval_s": "--interval",
+    "quantity": "--quantity",
+    "look_at": "--look-at",
+    "until_soc": "--until-soc",
+}
+"""Command-line form of each task field."""
+
+
+def add(
+    what: Annotated[str, typer.Argument(metavar="KIND|FILE", help="visit, inspect, …; or a .toml or .json file.")],
+    at: Annotated[str | None, typer.Option(help="Where: X,Y in metres, arena frame.")] = None,
+    task_id: Annotated[str | None, typer.Option("--id", help="Its name; the same task again counts once.")] = None,
+    priority: Annotated[float | None, typer.Option(help="The prize for doing it; 1 if not given.")] = None,
+    deadline: Annotated[float | None, typer.Option(help="It must be done in so many seconds.")] = None,
+    earliest: Annotated[float | None, typer.Option(help="It must not begin before so many seconds have gone.")] = None,
+    service: Annotated[float | None, typer.Option(help="How long it takes at its place, in seconds.")] = None,
+    needs: Annotated[list[str] | None, typer.Option(help="A plugin that the robot must have; may be repeated.")] = None,
+    after: Annotated[list[str] | None, typer.Option(help="A task that must be done before; may be repeated.")] = None,
+    robots: Annotated[int | None, typer.Option(help="So many robots at once; 1 if not given.", min=1)] = None,
+    mote: Annotated[str | None, typer.Option(help="collect, relay, sense, replace: which mote.")] = None,
+    robot: Annotated[str | None, typer.Option(help="relay: the robot to be the link to, the next of a chain.")] = None,
+    duration: Annotated[float | None, typer.Option(help="relay, monitor, replace: for how long, in seconds.")] = None,
+    interval: Annotated[float | None, typer.Option(help="monitor: seconds from round to round.")] = None,
+    quantity: Annotated[str | None, typer.Option(help="sense: what is measured.")] = None,
+    look_at: Annotated[str | None, typer.Option(help="inspect: X,Y of what is to be in the picture.")] = None,
+    until_soc: Annotated[float | None, typer.Option(help="recharge: state of charge to reach, to 1.")] = None,
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    as_json: JsonOption = False,
+) -> None:
+    """Ask for a task, or for those in a file. Refused at once if it can never be done."""
+    from robrain.client.submission import submission_of
+    from robrain.deploy.errors import UsageError
+    from robrain.deploy.tasks.task_files import TaskWords, point, tasks_in
+    from robrain.protocol.wire.errors import CallError
+
+    fields: dict[str, Any] = {
+        "place": point("--at", at) if at is not None else None,
+        "id": task_id,
+        "priority": priority,
+        "deadline_in_s": deadline,
+        "earliest_in_s": earliest,
+        "service_s": service,
+        "needs": needs or None,
+        "after": after or None,
+        "robots": robots,
+        "mote": mote,
+        "robot": robot,
+        "duration_s": duration,
+        "interval_s": interval,
+        "quantity": quantity,
+        "look_at": point("--look-at", look_at) if look_at is not None else None,
+        "until_soc": until_soc,
+    }
+    given = {name: value for name, value in fields.items() if value is not None}
+    if Path(what).suffix in (".toml", ".json"):
+        if given:
+            raise UsageError(f"{what}: a file says all about its tasks itself; leave the options out")
+        tasks = tasks_in(Path(what))
+    else:
+        submission_of(what, {"id": what, **given}, typed=OPTIONS)  # what is wrong is said before anybody is asked
+        tasks = [TaskWords(what, given)]
+    records, refused = [], []
+    with connect_team(connect, team) as client:
+        for kind, fields in tasks:
+            try:
+                records.append(client.submit(kind, id=fields.pop("id", None), parameters=fields))
+            except CallError as error:
+                refused.append(str(error))
+    if as_json:
+        print_json(records if Path(what).suffix else records[0] if records else None)
+    else:
+        for record in records:
+            say(line_of(record))
+    for text in refused:
+        sys.stderr.write(f"robrain: {text}\n")
+    if refused:
+        raise typer.Exit(EXIT_REFUSED)

@@ -1,0 +1,201 @@
+"""`robrain task`: have a team do things, see how they stand and why, and call them off."""
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from robrain.deploy.commands.team_options import ConnectOption, TeamOption
+from robrain.deploy.tasks.task_adding import add
+from robrain.deploy.tasks.task_terminal import (
+    IdArgument,
+    JsonOption,
+    connect_team,
+    line_of,
+    print_json,
+    say,
+    show_table,
+    words_of,
+)
+from robrain.protocol.model.tasks.objective import Objective
+from robrain.protocol.wire.keys import DEFAULT_TEAM
+
+if TYPE_CHECKING:
+    from robrain.protocol.model.tasks.task import TaskState
+
+EXIT_NOT_DONE = 1
+"""A task that was watched has ended otherwise than done."""
+
+task_app = typer.Typer(
+    name="task",
+    help="Have a team do tasks; see how they stand, and why.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+task_app.command()(add)
+
+
+@task_app.command("list")
+def list_tasks(
+    state: Annotated[list[str] | None, typer.Option(help="Only those in this state; may be repeated.")] = None,
+    kind: Annotated[list[str] | None, typer.Option(help="Only those of this kind; may be repeated.")] = None,
+    robot: Annotated[str, typer.Option(help="Only those of this robot.")] = "",
+    by: Annotated[str, typer.Option(help="Only those that this one asked for.")] = "",
+    only_open: Annotated[bool, typer.Option("--open", help="Only those that have not ended.")] = False,
+    everything: Annotated[bool, typer.Option("--all", help="Those, too, that the coordinator made itself.")] = False,
+    limit: Annotated[int, typer.Option(help="The last so many.", min=1)] = 1000,
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    as_json: JsonOption = False,
+) -> None:
+    """Say which tasks there are and how they stand."""
+    from robrain.protocol.wire.task_messages import TaskFilter
+
+    states = [_state(text) for text in state or []] or (_open_states() if only_open else [])
+    wanted = TaskFilter(states=states, kinds=kind or [], robot=robot, by=by, own=everything, limit=limit)
+    with connect_team(connect, team) as client:
+        records = client.list(wanted)
+    if as_json:
+        print_json(records)
+    else:
+        show_table(records)
+
+
+@task_app.command()
+def show(
+    task_id: IdArgument, connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False
+) -> None:
+    """Say all there is to say of one task."""
+    import msgspec
+
+    with connect_team(connect, team) as client:
+        record = client.get(task_id)
+    if as_json:
+        print_json(record)
+        return
+    say(line_of(record))
+    for name, value in msgspec.to_builtins(record.task).items():
+        if name != "id":
+            say(f"  {name}: {value if isinstance(value, str) else msgspec.json.encode(value).decode()}")
+    for name, value in record.result.items():
+        say(f"  result {name}: {msgspec.json.encode(value).decode()}")
+
+
+@task_app.command()
+def cancel(
+    task_id: IdArgument,
+    reason: Annotated[str, typer.Option(help="Why.")] = "",
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    as_json: JsonOption = False,
+) -> None:
+    """Call a task off; a robot that is at it is told to stop."""
+    with connect_team(connect, team) as client:
+        record = client.cancel(task_id, reason)
+    if as_json:
+        print_json(record)
+    else:
+        say(line_of(record))
+
+
+@task_app.command()
+def watch(
+    task_ids: Annotated[list[str] | None, typer.Argument(metavar="[ID]...", help="Default: all that are open.")] = None,
+    timeout: Annotated[float | None, typer.Option(help="Give up after so many seconds.", min=0.0)] = None,
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    as_json: JsonOption = False,
+) -> None:
+    """Print each change of tasks until they end; exit status 1 if one of them was not done."""
+    from robrain.deploy.errors import UsageError
+    from robrain.protocol.model.tasks.task import TaskState
+    from robrain.protocol.wire.task_messages import TaskFilter
+
+    not_done = 0
+    with connect_team(connect, team) as client:
+        wanted = list(task_ids or [])
+        if not wanted:
+            wanted = [record.task.id for record in client.list(TaskFilter(states=_open_states()))]
+        if not wanted:
+            return
+        try:
+            for event in client.events(wanted, timeout_s=timeout):
+                if as_json:
+                    print_json(event)
+                else:
+                    say(line_of(event))
+                not_done += event.state.ended and event.state is not TaskState.DONE
+        except TimeoutError as error:
+            raise UsageError(str(error)) from error
+    if not_done:
+        raise typer.Exit(EXIT_NOT_DONE)
+
+
+@task_app.command()
+def why(
+    task_id: IdArgument, connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False
+) -> None:
+    """Say why a task stands as it does: what it waits for, what each robot would need, what happened so far."""
+    with connect_team(connect, team) as client:
+        found = client.why(task_id)
+    if as_json:
+        print_json(found)
+        return
+    say(f"{task_id}: {found.now}")
+    for verdict in found.robots:
+        words = [f"{verdict.distance_m:.1f} m away"] if verdict.distance_m is not None else []
+        words += [f"{verdict.time_s:.0f} s"] if verdict.time_s is not None else []
+        words += [f"{verdict.energy_j:.0f} J"] if verdict.energy_j is not None else []
+        words += ["chosen"] if verdict.chosen else [verdict.why_not] if verdict.why_not else []
+        say(f"  {verdict.robot}: {', '.join(words)}")
+    first_ns = found.changes[0].stamp_ns if found.changes else 0
+    for change in found.changes:
+        say(f"  +{(change.stamp_ns - first_ns) / 1e9:.1f} s {words_of(change)}")
+
+
+@task_app.command()
+def objective(
+    chosen: Annotated[
+        Objective | None, typer.Argument(metavar="[energy|makespan|lifetime]", help="From now on.")
+    ] = None,
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    as_json: JsonOption = False,
+) -> None:
+    """Say what the team's plans are to be good at, or have them be good at something else."""
+    with connect_team(connect, team) as client:
+        found = client.planning() if chosen is None else client.set_objective(chosen)
+    if as_json:
+        print_json(found)
+        return
+    say(f"{found.objective}, by {found.method}: {found.planned} planned, {found.left_out} left out")
+
+
+@task_app.command()
+def charges(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False) -> None:
+    """Say who charges where and until when, and who waits for that."""
+    with connect_team(connect, team) as client:
+        found = client.planning()
+    if as_json:
+        print_json(found.charges)
+        return
+    for one in found.charges:
+        at = f"({one.charger.x_m:.1f}, {one.charger.y_m:.1f})"
+        words = "charges" if one.is_there else "goes to charge" if one.has_set_out else "is to charge"
+        behind = f": {one.why}" if one.why else ""
+        say(f"{one.robot}: {words} at {at}, {one.soc:.0%} to {one.to_soc:.0%}{behind}")
+
+
+def _open_states() -> "list[TaskState]":
+    from robrain.protocol.model.tasks.task import TaskState
+
+    return [state for state in TaskState if not state.ended]
+
+
+def _state(text: str) -> "TaskState":
+    from robrain.deploy.errors import UsageError
+    from robrain.protocol.model.tasks.task import TaskState
+
+    try:
+        return TaskState(text)
+    except ValueError as error:
+        raise UsageError(f"--state {text}: expected one of {', '.join(TaskState)}") from error

@@ -1,0 +1,1 @@
+"""Where a robot may drive, and how it gets there."""

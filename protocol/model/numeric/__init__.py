@@ -1,0 +1,1 @@
+"""Numbers: functions and small matrices with the same result on every processor."""

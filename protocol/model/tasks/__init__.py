@@ -1,0 +1,1 @@
+"""Tasks, objectives and halts as values."""
