@@ -13,12 +13,12 @@ from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Explore
 from robrain.protocol.model.warm_up import warm_up
+from robrain.protocol.wire.arena_messages import Scan
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import (
     Halt,
     RobotState,
-    Scan,
     TaskAnswer,
     TaskOffer,
     TeamState,

@@ -8,7 +8,7 @@ from typing import Protocol
 import pytest
 
 from robrain import AccessDenied, CallError, ErrorCode, Level, NobodyThere
-from robrain.agent import foreign_bench
+from robrain.agent.authoring import foreign_bench
 from robrain.testing import ForeignBench
 
 pytestmark = pytest.mark.system
