@@ -12,7 +12,7 @@ from robrain.sim.scenario_file import MAX_ROBOTS, builtin_names
 from robrain.sim.surfaces import SurfaceSpec
 from robrain.sim.wheels import WheelSpec
 
-PROJECT = Path(__file__).resolve().parents[1]
+PROJECT = Path(__file__).resolve().parents[2]
 OWN_MAPS = PROJECT / "examples" / "maps"
 SHARED_MAPS = PROJECT.parent / "shared" / "maps"
 SHARED_NAMES = ("stage_cave", "stage_hospital_section", "stage_autolab", "nav2_depot")

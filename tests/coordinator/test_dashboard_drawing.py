@@ -8,6 +8,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 
 from robrain.coordinator.dashboard.layers.marker_layers import scan_points
 from robrain.coordinator.dashboard.layers.track_layers import DASHES, dashes, tapering_line
+from robrain.coordinator.dashboard.scene import meshes
 from robrain.coordinator.dashboard.scene.camera import (
     OVERVIEW_ELEVATION_RAD,
     TOP_ELEVATION_RAD,
@@ -15,7 +16,6 @@ from robrain.coordinator.dashboard.scene.camera import (
     stand_to_see,
 )
 from robrain.coordinator.dashboard.scene.merged_meshes import copies
-from robrain.coordinator.dashboard.scene.scene import meshes
 from robrain.coordinator.dashboard.scene.scene_nodes import plain, to_linear
 from robrain.coordinator.dashboard.state.rate_meter import RateMeter
 from robrain.coordinator.dashboard.state.robot_view import RobotView

@@ -4,6 +4,7 @@ from contextlib import nullcontext
 
 import pytest
 
+from robrain.coordinator.motes import mote_registry as motes
 from robrain.coordinator.motes.mote_energy import (
     CAPACITY_J,
     FLAT_V,
@@ -14,7 +15,6 @@ from robrain.coordinator.motes.mote_energy import (
     robot_share,
 )
 from robrain.coordinator.motes.mote_registry import MoteTable
-from robrain.coordinator.motes.mote_registry import mote_registry as motes
 from robrain.coordinator.planning.policy import Method, PlanningPolicy
 from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robrain.protocol.model.navigation.navigation_grid import inflation
+from robrain.protocol.model.navigation import inflation
 from tests.mutation.mutant import Mutant, mutants_of
 from tests.mutation.running import ROOT
 from tests.mutation.scope import draw, files_in_scope
@@ -20,7 +20,7 @@ from pathlib import Path
 from tests.mutation.mutant import mutants_of
 from tests.mutation.swapping import LoadedFunctions
 from robrain.protocol.model import geometry
-from robrain.protocol.model.navigation.navigation_grid import inflation
+from robrain.protocol.model.navigation import inflation
 from robrain.protocol.model.localization import odometry
 from robrain.protocol.model.localization import scan_match_kernels
 import numpy as np, subprocess

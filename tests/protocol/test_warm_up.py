@@ -19,8 +19,8 @@ from robrain.protocol.model.mapping import (
     submap_atlas,
     surface_match,
 )
-from robrain.protocol.model.navigation.navigation_grid import frontier, inflation, obstacles, path_planning
-from robrain.protocol.model.navigation.navigation_grid import navigation_grid as navigation
+from robrain.protocol.model.navigation import frontier, inflation, obstacles, path_planning
+from robrain.protocol.model.navigation import navigation_grid as navigation
 from robrain.protocol.model.numeric import small_linear_algebra
 from robrain.protocol.model.warm_up import warm_up
 
