@@ -69,7 +69,7 @@ def test_a_compiled_kernel_makes_the_mistake_too(tmp_path: Path) -> None:
 
 def test_a_child_process_compiles_mutated_kernels_for_itself_and_leaves_them_to_nobody(tmp_path: Path) -> None:
     """numba's cache does not tell a kernel from one with another constant."""
-    code = "from robrain.protocol.model import inflation; import numpy as np; {}".format(
+    code = "from robrain.protocol.model.navigation import inflation; import numpy as np; {}".format(
         "print(inflation.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0).tolist())"
     )
     right = inflation.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0).tolist()

@@ -171,9 +171,10 @@ def _import_everything() -> None:
         "sim.live_arena",
     ):
         importlib.import_module(f"robrain.{name}")
-    for module in pkgutil.iter_modules(importlib.import_module("robrain.deploy").__path__):
-        if not module.name.startswith("bench_"):
-            importlib.import_module(f"robrain.deploy.{module.name}")
+    deploy = importlib.import_module("robrain.deploy").__path__
+    for module in pkgutil.walk_packages(deploy, "robrain.deploy."):
+        if "bench" not in module.name:
+            importlib.import_module(module.name)
     prepare_kernels(quiet=True)
     gc.freeze()  # what is there is shared by all commands
 
