@@ -209,10 +209,12 @@ class AgentHost:
 
     def _step_plugins(self, now_ns: int) -> None:
         for plugin in self.manager.plugins.values():
-            if plugin.mailbox.waiting:
+            holdings = plugin.holdings  # asked of each plugin in each tick: attributes, not properties
+            if holdings.mailbox.waiting:
                 plugin.deliver()
-            if plugin.mailbox.is_hurried:
-                plugin.mailbox.is_hurried = False
+            mailbox = holdings.mailbox
+            if mailbox.is_hurried:
+                mailbox.is_hurried = False
                 if plugin.period_ns:
                     plugin.due_ns = min(plugin.due_ns, now_ns - plugin.period_ns)
             if now_ns >= plugin.due_ns:

@@ -87,7 +87,7 @@ class ManagedPlugin:
         self.environment: Environment | None = None
         """What the instance was given that is there, or is being made."""
         self._context = context
-        self._holdings = Holdings(self.name, context)
+        self.holdings = Holdings(self.name, context)
         self._code: PluginCode | None = None
         self._instance: Instance | None = None
         self._making: Environment | None = None
@@ -132,7 +132,7 @@ class ManagedPlugin:
     @property
     def mailbox(self) -> Mailbox:
         """Where notifications wait for the plugin."""
-        return self._holdings.mailbox
+        return self.holdings.mailbox
 
     @property
     def instance(self) -> Instance | None:
@@ -269,7 +269,7 @@ class ManagedPlugin:
     def _release(self) -> None:
         if self._instance is not None:
             self._instance.environment.end(self.why or f"{self.name} is {self.state}")
-        self._holdings.release()
+        self.holdings.release()
 
     # -- its lifecycle --------------------------------------------------------------------------------------
 
@@ -329,8 +329,8 @@ class ManagedPlugin:
             self.apply(Trigger.ACTIVATED)
             if self._context.halted:  # looked at last: a halt that comes now sees that it is active
                 self.refuse_calls()
-            if self.mailbox.wake is not None:
-                self.mailbox.wake()  # its thread sleeps while there is nothing to step
+            if self.holdings.mailbox.wake is not None:
+                self.holdings.mailbox.wake()  # its thread sleeps while there is nothing to step
 
     def fault(self, error: ForeignError) -> None:
         """The plugin raised, hangs or floods: it is not called any more; the host sees to the rest in its step."""
@@ -390,8 +390,8 @@ class ManagedPlugin:
             if self.state is not PluginState.ACTIVE or instance is None:
                 return
             try:
-                if self.mailbox.waiting:
-                    self.mailbox.deliver()
+                if self.holdings.mailbox.waiting:
+                    self.holdings.mailbox.deliver()
                 if steps and instance.plugin.period_s is not None:
                     instance.plugin.step()
             except FOREIGN_ERRORS as error:  # foreign plugin code
@@ -420,7 +420,7 @@ class ManagedPlugin:
 
     def observe(self, event: Event[Any] | EventView[Any], function: Callable[[Any], None]) -> None:
         """Have the plugin told of an event, through its mailbox."""
-        self._holdings.observe(event, function)
+        self.holdings.observe(event, function)
 
     def answer(self, topic: Query[Any, Any], handler: Handler[Any, Any], names: dict[str, str]) -> None:
         """Answer queries for the plugin, with its lock held."""
@@ -430,7 +430,7 @@ class ManagedPlugin:
 
     def do_tasks(self, desk: TaskDesk, kind: type, accept: Accept, let_go: LetGo) -> None:
         """Register the plugin at the desk; it is called with its lock held, and only while it is active."""
-        self._holdings.do_tasks(desk, kind, *task_handlers(self, accept, let_go))
+        self.holdings.do_tasks(desk, kind, *task_handlers(self, accept, let_go))
 
     # -- what is asked of it --------------------------------------------------------------------------------
 

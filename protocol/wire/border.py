@@ -62,7 +62,7 @@ class Border:
             code = RefusalCode.TOO_LARGE if error.is_too_large else RefusalCode.MALFORMED
             self._refuse(topic, key, code, str(error))
             return None
-        if why := other_names(topic, names, message):
+        if topic.named_twice and (why := other_names(topic, names, message)):
             self._refuse(topic, key, RefusalCode.WRONG_NAME, why)
             return None
         if self._clock is not None and isinstance(topic, Topic) and topic.is_stamped and topic.by is not Role.OPERATOR:

@@ -55,7 +55,7 @@ class Inbox:
         """
         self.received += 1
         self.outside += outside
-        if not self.border.admits(topic, key, payload):
+        if len(payload) > topic.payloads.max_bytes and not self.border.admits(topic, key, payload):
             self.refused += 1
             return False
         if isinstance(topic, Topic) and topic.delivery is Delivery.LATEST and not self.every:
