@@ -54,7 +54,7 @@ class TeamMap:
         held, self._held = self._held, None
         merged = [(patch.robot, self.merge(patch, now_ns)) for patch, now_ns in held or ()]
         if self.dropped:
-            logger.warning("the map is full: %d patches were dropped", self.dropped)
+            logger.warning("%d patches of the map came while it was loading and were dropped", self.dropped)
         return [(robot, why) for robot, why in merged if why]
 
     def merge(self, patch: MapPatch, now_ns: int | None = None) -> str:

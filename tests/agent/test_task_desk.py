@@ -380,12 +380,12 @@ def test_the_task_of_a_behavior_that_breaks_has_failed(seeker):
     send(seeker, ROBOT_OFFER, offer())
     seeker.plugin("seeker").trouble = "step"
     assert status(seeker).state is TaskState.FAILED
-    assert "no behavior does Explore tasks" in send(seeker, ROBOT_OFFER, offer("t2", epoch=2)).why
+    assert "no behavior does explore tasks" in send(seeker, ROBOT_OFFER, offer("t2", epoch=2)).why
 
 
 def test_a_deactivated_behavior_takes_no_tasks(seeker):
     seeker.hosts[-1].manager.get("seeker").apply(Trigger.DEACTIVATE)
-    assert "no behavior does Explore tasks" in send(seeker, ROBOT_OFFER, offer()).why
+    assert "no behavior does explore tasks" in send(seeker, ROBOT_OFFER, offer()).why
 
 
 # -- one drives at a time -----------------------------------------------------------------------------------------

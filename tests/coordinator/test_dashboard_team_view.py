@@ -192,9 +192,9 @@ def test_goal_is_the_tasks_and_else_the_end_of_the_path(view: TeamView) -> None:
     task = Explore(id="t1", goal=Point2D(5, 5))
     running = TaskStatus(id="t1", epoch=1, state=TaskState.RUNNING)
     tell(view, ROBOT_STATE, RobotState(robot="r1", task=running), robot="r1")
-    tell(view, TASK_EVENT, TaskEvent(task=task, state=TaskState.RUNNING, robot="r1"), task="t1")
+    tell(view, TASK_EVENT, TaskEvent(task=task, state=TaskState.RUNNING, robot="r1"))
     assert view.goal_of(robot) == Point2D(5, 5)
-    tell(view, TASK_EVENT, TaskEvent(task=task, state=TaskState.DONE, robot="r1"), task="t1")
+    tell(view, TASK_EVENT, TaskEvent(task=task, state=TaskState.DONE, robot="r1"))
     assert view.goal_of(robot) == Point2D(1, 1)
     assert view.tasks == {}
 

@@ -129,7 +129,7 @@ def test_a_file_cut_before_its_first_message_has_none(recording: Path) -> None:
     assert list(read_messages(truncated)) == []
     assert recording_info(truncated).messages == 0
     assert recording_info(truncated).truncated
-    with pytest.raises(RecordingError, match="does not say which run"):
+    with pytest.raises(RecordingError, match="has no information about its run"):
         read_provenance(truncated)
 
 
@@ -199,5 +199,5 @@ def test_a_recording_of_another_tool_is_read_but_has_no_provenance(tmp_path: Pat
     info = recording_info(path)
     assert (info.counts, info.start_ns, info.duration_s) == ({"/chatter": 2}, 1_000_000_000, 1.0)
     assert (info.versions, info.digest, info.truncated) == ({}, "", False)
-    with pytest.raises(RecordingError, match="does not say which run"):
+    with pytest.raises(RecordingError, match="has no information about its run"):
         read_provenance(path)

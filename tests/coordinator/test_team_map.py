@@ -120,4 +120,4 @@ def test_patches_that_are_too_many_to_be_held_are_counted_and_told(caplog, monke
     team_map.release()
     assert team_map.dropped == 1
     assert team_map.known_area_m2 == pytest.approx(0.4)
-    assert "1 patches of the map were too many" in caplog.text
+    assert "1 patches of the map came while it was loading and were dropped" in caplog.text

@@ -54,7 +54,7 @@ def planner_of(pid: int) -> int:
     for task in Path(f"/proc/{pid}/task").iterdir():
         with suppress(OSError):  # the thread or child has ended
             for child in (task / "children").read_text(encoding="ascii").split():
-                if b"planner_child" in Path(f"/proc/{child}/cmdline").read_bytes():
+                if b"worker_main" in Path(f"/proc/{child}/cmdline").read_bytes():
                     return int(child)
     return 0
 

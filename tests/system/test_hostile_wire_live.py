@@ -160,7 +160,6 @@ def _say_and_ask_all(hub: Hub) -> Counter[str]:
             publisher.put_bytes(payload)
             bad[topic.name] += is_bad(topic, payload)
         until(hub.is_served, f"nobody is served after {topic.name}")
-        publisher.close()
     for row in TOPICS:
         if isinstance(row, Query):
             for payload in payloads_of(row):

@@ -185,7 +185,7 @@ def test_every_way_out_gives_each_thing_back_once(house, monkeypatch, end):
     old, turn = buzzer.instance, buzzer.turn
     assert bell.exclusive.inside == "buzzer"
     buzzer.hold("ann", 30.0)
-    assert house.operator.ask(ROBOT_FOREIGN_CALL, robot="r1", plugin="b", function="f") == b"1"
+    assert house.wire.ask(ROBOT_FOREIGN_CALL, robot="r1", plugin="b", function="f") == b"1"
     counts = Counts(house, monkeypatch)
     end(house, buzzer)
     things = ["observed event", "task", "lease", "wire of activate", "wire of init"]
