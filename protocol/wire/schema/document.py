@@ -39,7 +39,7 @@ def wire_document() -> dict[str, Any]:
         "title": "robrain wire",
         "version": version("robrain"),
         "description": ABOUT,
-        "names": {"type": "string", "pattern": NAME_PATTERN},
+        "names": {"type": "string", "pattern": f"^{NAME_PATTERN}$"},
         "topics": [_row(row) for row in TOPICS if isinstance(row, Topic)],
         "queries": [_row(row) for row in TOPICS if isinstance(row, Query)],
         "tokens": [_row(row) for row in TOPICS if isinstance(row, Token)],
