@@ -25,7 +25,7 @@ class Wire:
     """The printed document, and a session to use it with."""
 
     def __init__(self, document, session):
-        self.document, self.session = document, session
+        self.document, self.session, self.subscribers = document, session, []
         self.rows = {row["name"]: row for kind in ("topics", "queries", "tokens") for row in document[kind]}
 
     def key(self, row, **names):
@@ -62,9 +62,11 @@ class Wire:
 
     def listen(self, row, take, **names):
         """Give each message of a topic to `take`, decoded."""
-        self.session.declare_subscriber(
-            self.key(row, **names), lambda sample: take(json.loads(sample.payload.to_string()))
-        )
+
+        def decode(sample):
+            take(json.loads(sample.payload.to_string()))
+
+        self.subscribers.append(self.session.declare_subscriber(self.key(row, **names), decode))
 
     def put(self, row, **fields):
         """Publish a message."""
