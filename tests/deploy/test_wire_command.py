@@ -5,9 +5,14 @@ import re
 
 import jsonschema
 import pytest
+import zenoh
 from typer.testing import CliRunner
 
 from robrain.cli import app
+from robrain.protocol.wire.endpoint import BY, CONGESTION
+from robrain.protocol.wire.keys import DEFAULT_TEAM
+from robrain.protocol.wire.later import ZENOH_TIMEOUT
+from robrain.protocol.wire.publisher import PRIORITY
 from robrain.protocol.wire.topic import Query, Topic
 from robrain.protocol.wire.topics import PUBLISHED, TOPICS
 
@@ -97,6 +102,26 @@ def test_the_schema_of_a_printed_message_takes_what_is_sent(document):
         assert row["max_bytes"] == topic.max_bytes
         if topic.message is not None:
             assert row["message"] == {"$ref": f"#/$defs/{topic.message.__name__}"}
+
+
+def test_a_row_says_how_zenoh_is_to_deliver_it(document):
+    for row, topic in zip(document["topics"], PUBLISHED, strict=True):
+        assert getattr(zenoh.Priority, row["priority"].upper()) == PRIORITY[topic.urgency]
+        assert getattr(zenoh.CongestionControl, row["congestion"].upper()) == CONGESTION[topic.is_blocking]
+        assert bool(row["cache"]) is (row["delivery"] == "lossless")
+
+
+def test_the_pattern_of_names_takes_whole_names_alone(document):
+    for name in ("r1", "default", "a" * 63):
+        assert jsonschema.Draft202012Validator(document["names"]).is_valid(name)
+    for name in ("r/1", "*", "", "-r", "a" * 64):
+        assert not jsonschema.Draft202012Validator(document["names"]).is_valid(name)
+
+
+def test_the_document_says_what_asks_and_errors_look_like_in_zenoh(document):
+    assert f"?{BY}=" in document["use"]["asker"]
+    assert f"`{ZENOH_TIMEOUT.decode()}`" in document["use"]["queries"]
+    assert document["default_team"] == DEFAULT_TEAM
 
 
 def test_an_unknown_format_is_refused_with_those_there_are():

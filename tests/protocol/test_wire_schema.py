@@ -14,6 +14,7 @@ from robrain.protocol.wire.schema.json_schema import (
     bare,
     definitions,
     field_meanings,
+    reference_to,
     schema_of,
     structs_in,
     types_of,
@@ -101,3 +102,27 @@ def unbounded(schema, where):
 def test_every_number_text_and_list_of_the_wire_is_bounded():
     found = [place for name, schema in definitions().items() for place in unbounded(schema, name)]
     assert found == []
+
+
+def keywords(schema):
+    """The keywords of a schema and of all schemas in it."""
+    if isinstance(schema, list):
+        return {word for one in schema for word in keywords(one)}
+    if not isinstance(schema, dict):
+        return set()
+    found = set(schema)
+    for key, one in schema.items():
+        if key in ("properties", "$defs"):
+            found |= {word for named in one.values() for word in keywords(named)}
+        elif key not in ("default", "enum", "const"):
+            found |= keywords(one)
+    return found
+
+
+def test_schemas_have_no_keyword_that_json_schema_does_not_have():
+    known = set(jsonschema.Draft202012Validator.VALIDATORS)
+    known |= {"$schema", "$defs", "$comment", "title", "description", "default", "contentEncoding"}
+    assert keywords({"$defs": definitions()}) <= known
+    for row in TOPICS:
+        for kind in types_of(row):
+            assert keywords(reference_to(kind)) <= known

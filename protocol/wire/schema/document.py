@@ -4,16 +4,46 @@ from importlib.metadata import version
 from types import NoneType
 from typing import Any
 
+from robrain.protocol.wire.border import AHEAD_S
+from robrain.protocol.wire.endpoint import BY
 from robrain.protocol.wire.errors import ErrorCode, ErrorReply
-from robrain.protocol.wire.keys import NAME_PATTERN, ROOT
+from robrain.protocol.wire.keys import DEFAULT_TEAM, NAME_PATTERN, ROOT
+from robrain.protocol.wire.later import ZENOH_TIMEOUT
 from robrain.protocol.wire.schema.json_schema import DIALECT, definitions, reference_to
-from robrain.protocol.wire.topic import JSON, Query, Token, Topic, WireKey
+from robrain.protocol.wire.topic import JSON, Delivery, Query, Token, Topic, WireKey
 from robrain.protocol.wire.topics import TOPICS
 
 ABOUT = (
     f"Zenoh keys below `{ROOT}/{{team}}/`; names in braces are filled in. A topic is published, a query is answered, a "
     "token is a liveliness token. Payloads are JSON unless `encoding` says otherwise."
 )
+USE = {
+    "session": "Open a Zenoh session in mode `client` that connects to the endpoint of the team's hub, which "
+    "`robrain up` prints: `mode` and `connect/endpoints` in Zenoh's configuration.",
+    "topics": "Subscribe to the key, with `*` in place of each name that is left open; the names of a sample are in "
+    "its key. Publish with the encoding, priority and congestion control of the topic. Of stamped messages, set "
+    "`stamp_ns` to the time and count `seq` up from 0.",
+    "delivery": "`latest`: only the last sample of a key counts. `every`: samples are dropped, not sent again, if they "
+    "cannot be delivered. `lossless`: the sender keeps the last `cache` samples; a plain subscriber receives what is "
+    "published from then on, an advanced subscriber (zenoh-ext) with history and recovery also what is kept.",
+    "queries": "A get on one concrete key, with the request as its payload and `timeout_s` as its timeout; no payload "
+    "counts as `{}`. A reply that is no error holds `reply`: the request was accepted. An error reply holds "
+    f"`error_reply`, or the plain text `{ZENOH_TIMEOUT.decode()}` of Zenoh itself if nobody has replied in time. If "
+    "the get ends without a reply, nobody answers the key.",
+    "asker": f"The selector parameter `{BY}`, as in `KEY?{BY}=ann`, says who asks; calls to a plugin that somebody "
+    "holds are accepted from the holder alone.",
+    "plugins": "Functions of plugins are called by `robot_call`. `robot_plugins` lists them with the JSON Schemas of "
+    "their parameters and results.",
+    "halt": "A halt is published again until the states of all robots say `halted`; whoever halts may end it in the "
+    "same way.",
+    "tokens": "A liveliness get on the key, with `*` in place of each name, replies the tokens that are there; a "
+    "liveliness subscriber receives a put for each that comes and a delete for each that goes. Tokens have no "
+    "payload; the names are in the key.",
+    "refusals": "A message is refused, and counted, if it is larger than `max_bytes`, is not valid, names another "
+    f"sender than its key, or has a stamp more than {AHEAD_S:g} s ahead of the receiver's clock.",
+    "fields": "Fields that are not required may be left out; unknown fields are ignored.",
+}
+"""How a client uses the rows in terms of Zenoh."""
 COMMON_ERRORS = {
     ErrorCode.BAD_ARGUMENTS: "The request is too large, does not decode, or holds a value out of range.",
     ErrorCode.BUSY: "Too many queries wait already, or somebody has exclusive use of it.",
@@ -39,7 +69,9 @@ def wire_document() -> dict[str, Any]:
         "title": "robrain wire",
         "version": version("robrain"),
         "description": ABOUT,
-        "names": {"type": "string", "pattern": NAME_PATTERN},
+        "use": USE,
+        "default_team": DEFAULT_TEAM,
+        "names": {"type": "string", "pattern": f"^{NAME_PATTERN}$"},
         "topics": [_row(row) for row in TOPICS if isinstance(row, Topic)],
         "queries": [_row(row) for row in TOPICS if isinstance(row, Query)],
         "tokens": [_row(row) for row in TOPICS if isinstance(row, Token)],
@@ -74,7 +106,9 @@ def _row(row: WireKey) -> dict[str, Any]:
             "encoding": row.encoding,
             "rate_hz": row.rate_hz,
             "delivery": str(row.delivery),
+            "cache": row.cache if row.delivery is Delivery.LOSSLESS else 0,
             "priority": str(row.urgency),
+            "congestion": "block" if row.is_blocking else "drop",
             "max_bytes": row.max_bytes,
             "recorded": row.recorded,
         }

@@ -144,7 +144,20 @@ def _definitions(kinds: list[Any]) -> tuple[list[Schema], dict[str, Schema]]:
     for name, schema in components.items():
         if name in structs:
             _annotate(schema, structs[name])
+        _drop_discriminators(schema)
+    _drop_discriminators(list(found))
     return list(found), components
+
+
+def _drop_discriminators(schema: Any) -> None:
+    """Remove OpenAPI's keyword, which JSON Schema does not have: the tag of an alternative is an enum in its schema."""
+    if isinstance(schema, dict):
+        if "anyOf" in schema:
+            schema.pop("discriminator", None)
+        schema = list(schema.values())
+    if isinstance(schema, list):
+        for one in schema:
+            _drop_discriminators(one)
 
 
 def _annotate(schema: Schema, struct: type) -> None:

@@ -1,0 +1,191 @@
+"""A client of a live team that knows nothing but what `robrain wire` prints: standard library and Zenoh alone.
+
+robrain wire --format jsonschema | python client.py tcp/127.0.0.1:7447
+"""
+
+import json
+import math
+import queue
+import re
+import sys
+import time
+
+import zenoh
+
+ME = "any-language"
+PLACE = {"x_m": 4.2, "y_m": 3.0}
+WANDER_S, AGAIN_S, PATIENCE_S = 10.0, 0.2, 120.0
+
+
+class Refused(Exception):
+    """An error reply, or none at all."""
+
+
+class Wire:
+    """The printed document, and a session to use it with."""
+
+    def __init__(self, document, session):
+        self.document, self.session, self.subscribers = document, session, []
+        self.rows = {row["name"]: row for kind in ("topics", "queries", "tokens") for row in document[kind]}
+
+    def key(self, row, **names):
+        """The key of a row; names that are not given match any."""
+        filled = {"team": self.document["default_team"], **names}
+        return re.sub(r"{(\w+)}", lambda found: filled.get(found[1], "*"), self.rows[row]["key"])
+
+    def names(self, row, key):
+        """The names in a concrete key."""
+        return re.fullmatch(re.sub(r"{(\w+)}", r"(?P<\1>[^/]+)", self.rows[row]["key"]), str(key)).groupdict()
+
+    def message(self, schema, **fields):
+        """A message with these fields, if its schema has them and no others are required."""
+        told = resolved(schema, self.document)
+        unknown, missing = fields.keys() - told["properties"].keys(), set(told["required"]) - fields.keys()
+        if unknown or missing:
+            raise TypeError(f"{told['title']}: unknown {sorted(unknown)}, missing {sorted(missing)}")
+        return fields
+
+    def ask(self, row, request=None, **names):
+        """The reply to a query; raises Refused with the error's code."""
+        query = self.rows[row]
+        payload = None if request is None else json.dumps(request)
+        options = {"timeout": query["timeout_s"], "priority": getattr(zenoh.Priority, query["priority"].upper())}
+        for reply in self.session.get(f"{self.key(row, **names)}?by={ME}", payload=payload, **options):
+            if reply.ok is not None:
+                return json.loads(reply.ok.payload.to_string())
+            try:
+                error = json.loads(reply.err.payload.to_string())
+            except ValueError:  # Zenoh's own word
+                raise Refused("timeout") from None
+            raise Refused(error["code"], error["message"])
+        raise Refused("nobody answers")
+
+    def listen(self, row, take, **names):
+        """Give each message of a topic to `take`, decoded."""
+
+        def decode(sample):
+            take(json.loads(sample.payload.to_string()))
+
+        self.subscribers.append(self.session.declare_subscriber(self.key(row, **names), decode))
+
+    def put(self, row, **fields):
+        """Publish a message."""
+        topic = self.rows[row]
+        options = {
+            "encoding": topic["encoding"],
+            "priority": getattr(zenoh.Priority, topic["priority"].upper()),
+            "congestion_control": getattr(zenoh.CongestionControl, topic["congestion"].upper()),
+        }
+        said = self.message(topic["message"], stamp_ns=time.time_ns(), **fields)
+        self.session.put(self.key(row), json.dumps(said), **options)
+
+    def present(self, row):
+        """The names in all tokens of a row."""
+        replies = self.session.liveliness().get(self.key(row))
+        return [self.names(row, reply.ok.key_expr) for reply in replies if reply.ok is not None]
+
+
+def resolved(schema, root):
+    """A schema, or the one in `root` that it refers to."""
+    for name in schema.get("$ref", "#").split("/")[1:]:
+        root = root[name]
+    return root if "$ref" in schema else schema
+
+
+def until(condition, what, step=lambda: None):
+    """Wait for a true value."""
+    ends_s = time.monotonic() + PATIENCE_S
+    while not (found := condition()):
+        if time.monotonic() > ends_s:
+            sys.exit(f"in vain: {what}")
+        step()
+        time.sleep(AGAIN_S)
+    return found
+
+
+def patiently(wire, *asked, **names):
+    """Ask again while nobody answers in time: on a busy machine, or while a robot starts."""
+
+    def ask():
+        try:
+            return [wire.ask(*asked, **names)]
+        except Refused as error:
+            if error.args[0] in ("timeout", "nobody answers", "inactive", "busy"):
+                return []
+            raise
+
+    return until(ask, asked[0])[0]
+
+
+def drive(wire, states, robot):
+    """Have a robot wander, and say how far it has come."""
+    plugins = {plugin["name"]: plugin for plugin in patiently(wire, "robot_plugins", robot=robot)}
+    start = next(function for function in plugins["wander"]["functions"] if function["name"] == "start")
+    (duration,) = resolved(start["parameters"], start["parameters"])["properties"]
+    call = {"robot": robot, "plugin": "wander", "function": start["name"]}
+    route = []
+
+    def came_m():
+        if states[robot]["behavior"] == "wander":
+            route.append((states[robot]["pose"]["x_m"], states[robot]["pose"]["y_m"]))
+            return math.dist(route[0], route[-1])
+        route.clear()
+        patiently(wire, "robot_call", {duration: WANDER_S}, **call)  # its result is false if it has a task
+        return 0.0
+
+    until(lambda: came_m() > 0.2, f"{robot} has other things to do")
+    print(f"{robot} wanders: {math.dist(route[0], route[-1]):.1f} m from where it began")
+
+
+def do_task(wire):
+    """Submit a visit, and follow it to its end."""
+    events, task_id = queue.Queue(), f"{ME}-{time.time_ns()}"
+    wire.listen("task_event", lambda event: event["task"]["id"] == task_id and events.put(event))
+    visit = wire.message({"$ref": "#/$defs/Visit"}, type="visit", id=task_id, place=PLACE, priority=100.0)
+    submission = wire.message(wire.rows["task_submit"]["request"], task=visit, by=ME)
+    record, states = patiently(wire, "task_submit", submission), []
+    while record["state"] not in ("done", "failed", "cancelled"):
+        try:
+            record = events.get(timeout=5.0)
+        except queue.Empty:  # an event may have been lost
+            record = patiently(wire, "task_get", {"id": task_id})
+        states += [record["state"]]
+    print(f"the visit: {', '.join(dict.fromkeys(states))} by {record['robot']}")
+
+
+def halt(wire, states, *, halted):
+    """Halt all robots, or end their halt; said again until all confirm it."""
+    said = {"halted": halted, "by": ME, "reason": "an example"}
+    until(
+        lambda: all(state["halted"] is halted for state in states.values()),
+        "not all robots confirm",
+        step=lambda: wire.put("halt", **said),
+    )
+    print(f"{'halted' if halted else 'resumed'}: {', '.join(sorted(states))}")
+
+
+def main():
+    """Talk to the team at the endpoint given, with the document on standard input."""
+    document = json.load(sys.stdin)
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", json.dumps(sys.argv[1:2]))
+    with zenoh.open(config) as session:
+        wire, states = Wire(document, session), {}
+        wire.listen("robot_state", lambda state: states.update({state["robot"]: state}))
+        robots = until(lambda: sorted(token["robot"] for token in wire.present("robot_alive")), "there are no robots")
+        until(lambda: all(states.get(robot, {}).get("pose") for robot in robots), "not all robots say where they are")
+        for robot in robots:
+            print(f"{robot} is at {states[robot]['pose']['x_m']:.1f}, {states[robot]['pose']['y_m']:.1f}")
+        drive(wire, states, robots[0])
+        do_task(wire)
+        try:
+            wire.ask("task_get", wire.message(wire.rows["task_get"]["request"], id="unheard-of"))
+        except Refused as error:
+            print(f"an unknown task: {error.args[0]}, {document['errors'][error.args[0]]}")
+        halt(wire, states, halted=True)
+        halt(wire, states, halted=False)
+
+
+if __name__ == "__main__":
+    main()
