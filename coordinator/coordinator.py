@@ -126,26 +126,26 @@ class Coordinator:
         has_heard = len(self._inbox) > 0
         self._hear(now_ns)
         stage = self._guard.stage
-        if stage("answers", lambda: self.lifecycle.hear_answers(now_ns), otherwise=False):
+        if stage("answers", False, self.lifecycle.hear_answers, now_ns):
             self._decide_due_ns = now_ns
-        if stage("halts", self.halts.hear, otherwise=True):
+        if stage("halts", True, self.halts.hear):
             self._summary_due_ns = now_ns
         looks = has_heard or self._requests.news or now_ns >= self._look_due_ns
         if looks:
             self._look_due_ns = now_ns + LOOK_PERIOD_NS
-            stage("tasks", lambda: self._look(now_ns), otherwise=None)
-        if stage("motes", lambda: self.motes.step(now_ns, self.lifecycle.as_far_as_written(now_ns)), otherwise=False):
+            stage("tasks", None, self._look, now_ns)
+        if stage("motes", False, self.motes.step, now_ns, self.lifecycle.as_far_as_written(now_ns)):
             self._decide_due_ns = now_ns
-        if stage("planning", lambda: self.planning.step(now_ns), otherwise=False):
+        if stage("planning", False, self.planning.step, now_ns):
             self._decide_due_ns = now_ns
         if looks:
-            stage("withdrawals", lambda: self.lifecycle.withdraw_strays(now_ns), otherwise=None)
+            stage("withdrawals", None, self.lifecycle.withdraw_strays, now_ns)
         if now_ns >= self._decide_due_ns:
             self._decide_due_ns = now_ns + DECIDE_PERIOD_NS
             self._hand_out(now_ns)
         if now_ns >= self._summary_due_ns:
             self._summary_due_ns = now_ns + SUMMARY_PERIOD_NS
-            stage("summary", lambda: self._tell_summary(now_ns), otherwise=None)
+            stage("summary", None, self._tell_summary, now_ns)
 
     def _new_id(self, kind: str) -> str:
         """An id for a task of the coordinator's own; whoever asked for a task may have named it alike."""
@@ -249,13 +249,13 @@ class Coordinator:
         up = [robot for robot in there if robot.state is not None and not robot.state.halted]
         stage = self._guard.stage
         if self.planning.is_on:
-            stage("offers", lambda: self._offer_planned(now_ns), otherwise=None)
+            stage("offers", None, self._offer_planned, now_ns)
         else:
-            stage("dispatch", lambda: self.lifecycle.dispatch(self._idle(up), now_ns), otherwise=None)
+            stage("dispatch", None, self.lifecycle.dispatch, self._idle(up), now_ns)
         with self.lifecycle.as_far_as_written(now_ns):
             if self.planning.is_on:
-                stage("charging", lambda: self._send_to_charge(up, now_ns), otherwise=None)
-            stage("exploration", lambda: self._hand_out_frontiers(up, now_ns), otherwise=None)
+                stage("charging", None, self._send_to_charge, up, now_ns)
+            stage("exploration", None, self._hand_out_frontiers, up, now_ns)
 
     def _offer_planned(self, now_ns: int) -> None:
         self.lifecycle.tell_nobody_can(now_ns)

@@ -148,7 +148,7 @@ class AgentHost:
 
         """
         if self.drive is Drive.LIVE:
-            self._registry.foreign = ForeignPlugins(self._wire, self.name, lambda: self.manager.halted)
+            self._registry.foreign = ForeignPlugins(self._wire, self.name, lambda: self.manager.registry.halted)
             self._registry.starters = WorkerPool(f"start-{self.name}", START_POOL_TIMEOUT_S)
         found = self.manager.discover(self._places, self._load)
         for name in self._parameters:
@@ -176,7 +176,7 @@ class AgentHost:
         for wire in self._wires:
             if wire.has_waiting:
                 wire.serve()
-        if self.manager.halted:
+        if self.manager.registry.halted:
             self.desk.halted()
         self.desk.check_lease(now_ns)
         if self._registry.foreign is not None:
@@ -208,7 +208,7 @@ class AgentHost:
             self.desk.coordinator_heard_ns = now_ns
 
     def _step_plugins(self, now_ns: int) -> None:
-        for plugin in self.manager.plugins.values():
+        for plugin in self.manager.registry.plugins.values():
             holdings = plugin.holdings  # asked of each plugin in each tick: attributes, not properties
             if holdings.mailbox.waiting:
                 plugin.deliver()
@@ -245,18 +245,18 @@ class AgentHost:
                 frame=board.frame,
                 map_agreement=board.map_agreement,
                 loaded=self._loaded(),
-                refused=most_refused(self._refusals),
+                refused=most_refused(self._refusals) if self._refusals.total else msgspec.UNSET,
                 faulted=[PluginFault(plugin=name, why=cut(why)) for name, why in self._faulted.items()],
             )
             self._state.put(self.halting.mark(self._told))
 
     def _loaded(self) -> int:
-        names = [*self.manager.plugins, *(self._registry.foreign or ())]
+        names = [*self.manager.registry.plugins, *(self._registry.foreign or ())]
         return zlib.crc32(" ".join(names).encode(), 1)
 
     def _tell_faults(self) -> None:
         before = self._faulted
-        faulted = [plugin for plugin in self.manager.plugins.values() if plugin.state is PluginState.FAULTED]
+        faulted = [plugin for plugin in self.manager.registry.plugins.values() if plugin.state is PluginState.FAULTED]
         self._faulted = {plugin.name: plugin.raised.after(plugin.why) for plugin in faulted}
         for plugin in faulted:
             if plugin.name not in before:
@@ -274,7 +274,7 @@ class AgentHost:
     # -- being asked ----------------------------------------------------------------------------------------
 
     def _tell_plugins(self, _request: Request[None]) -> list[PluginInfo]:
-        return [*map(self._info, self.manager.plugins.values()), *self._registry.foreign_infos()]
+        return [*map(self._info, self.manager.registry.plugins.values()), *self._registry.foreign_infos()]
 
     def _info(self, plugin: ManagedPlugin) -> PluginInfo:
         distribution = self._distribution_of(plugin.manifest.path)
@@ -342,7 +342,7 @@ class AgentHost:
             raise CallError(ErrorCode.BAD_ARGUMENTS, f"hold: {error}") from error
 
     def _offer(self, request: Request[TaskOffer]) -> TaskAnswer:
-        if self.manager.halted:
+        if self.manager.registry.halted:
             return TaskAnswer.refused(RobotHalted())
         return self.desk.offer(request.asked, self.clock.now_ns())
 

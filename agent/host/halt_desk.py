@@ -142,7 +142,7 @@ class HaltDesk:
 
     def mark(self, state: RobotState) -> RobotState:
         """The robot's state with how it stands to halts; it is halted when its plugins have been told to stop."""
-        halted = self._manager.halted and not self._stopping
+        halted = self._manager.registry.halted and not self._stopping
         if not halted:
             return state
         return msgspec.structs.replace(

@@ -1,6 +1,7 @@
 """Reading and writing one type of payload: the one place where what comes from outside becomes a value."""
 
-from typing import Any, Generic, TypeVar, cast, get_args
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar, get_args
 
 import msgspec
 
@@ -34,8 +35,13 @@ class Codec(Generic[T]):
         self.kind = kind
         self.max_bytes = max_bytes
         self._what = what
-        self._decoder: msgspec.json.Decoder[T] | None = None
-        self._is_plain = kind is bytes or kind is NONE
+        self.decode: Callable[[bytes], T] = _plain(kind) if kind in (bytes, NONE) else msgspec.json.Decoder(kind).decode
+        """Reads a payload of allowed size that is not empty; raises one of `BAD_PAYLOAD`."""
+
+    @property
+    def empty(self) -> bytes:
+        """What an empty payload counts as."""
+        return b"" if self.kind is bytes else b"{}"
 
     def read(self, payload: bytes) -> T:
         """Decode a payload; an empty one counts as `{}`.
@@ -46,14 +52,14 @@ class Codec(Generic[T]):
         """
         if len(payload) > self.max_bytes:
             raise BadPayload(self.too_large(len(payload)), is_too_large=True)
-        if self._is_plain:
-            return cast(T, payload if self.kind is bytes else None)
-        if self._decoder is None:
-            self._decoder = msgspec.json.Decoder(self.kind)
         try:
-            return self._decoder.decode(payload or b"{}")
+            return self.decode(payload or self.empty)
         except BAD_PAYLOAD as error:
-            raise BadPayload(f"expected {_name(self.kind)}: {error}") from error
+            raise BadPayload(self.not_one(error)) from error
+
+    def not_one(self, error: Exception) -> str:
+        """The error text for a payload that does not decode."""
+        return f"expected {_name(self.kind)}: {error}"
 
     def too_large(self, size: int) -> str:
         """The error text for a payload of `size` bytes."""
@@ -62,6 +68,11 @@ class Codec(Generic[T]):
     def write(self, value: object) -> bytes:
         """Encode a value of the type; bytes are taken for JSON already."""
         return value if isinstance(value, bytes) else msgspec.json.encode(value)
+
+
+def _plain(kind: Any) -> Callable[[bytes], Any]:
+    """Reads bytes as they are, or nothing."""
+    return bytes if kind is bytes else lambda _payload: None
 
 
 def _name(kind: Any) -> str:

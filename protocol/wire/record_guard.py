@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Iterable
-from typing import TypeVar
+from typing import ParamSpec, TypeVar
 
 from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.refusals import RefusalCode, Refusals
@@ -10,6 +10,7 @@ from robrain.protocol.wire.refusals import RefusalCode, Refusals
 logger = logging.getLogger(__name__)
 
 R = TypeVar("R")
+A = ParamSpec("A")
 STAGE = "stage"
 """As which a stage of a step is counted."""
 FAULTS = (Exception,)
@@ -57,10 +58,10 @@ class RecordGuard:
             except FAULTS as error:
                 self._set_aside(what, name(one), error)
 
-    def stage(self, name: str, run: Callable[[], R], otherwise: R) -> R:
+    def stage(self, name: str, otherwise: R, run: Callable[A, R], *given: A.args, **named: A.kwargs) -> R:
         """Run one stage of a step; if it raises, count it under its name and return `otherwise`."""
         try:
-            return run()
+            return run(*given, **named)
         except self._passes:
             raise
         except FAULTS as error:

@@ -185,6 +185,11 @@ class Topic(WireKey, Generic[M]):
         """Whether messages say when they were sent."""
         return STAMP in _fields_of(self.message)
 
+    @cached_property
+    def has_checked_stamp(self) -> bool:
+        """Whether a stamp from the future is refused; operators may have any clock."""
+        return self.is_stamped and self.by is not Role.OPERATOR
+
     def json_schema(self) -> dict[str, Any]:
         """JSON Schema of the payload."""
         return msgspec.json.schema(self.message) if self.message is not None else {}
@@ -222,6 +227,8 @@ class Query(WireKey, Generic[Q, R]):
     def payloads(self) -> Codec[R]:
         """Reads and writes replies."""
         return Codec(self.reply, self.max_reply_bytes, f"reply of {self.name}")
+
+    has_checked_stamp: ClassVar[bool] = False
 
     @cached_property
     def named_twice(self) -> tuple[str, ...]:

@@ -28,7 +28,7 @@ class RecorderInbox(Inbox):
         """Take a message in, or count it as refused or dropped."""
         self.received += 1
         self.outside += outside
-        if not self.border.admits(topic, key, payload):
+        if len(payload) > topic.payloads.max_bytes and not self.border.admits(topic, key, payload):
             self.refused += 1
             return False
         size = len(payload)
