@@ -32,10 +32,7 @@ class TaskStream:
         self._get = get
         self._tasks = tasks
         self._inbox = Inbox(4096)
-        for task in tasks:
-            wire.subscribe(self._inbox, TASK_EVENT, task=task)
-        if not tasks:
-            wire.subscribe(self._inbox, TASK_EVENT)
+        wire.subscribe(self._inbox, TASK_EVENT)
 
     def events(self, timeout_s: float | None) -> Iterator[TaskEvent]:
         """The changes, beginning with how the tasks stand, until all of them have ended.
@@ -49,7 +46,8 @@ class TaskStream:
         running = set(self._tasks)
         look_s = began_s = transport.elapsed_s()
         while True:
-            events = [received.message for received in self._inbox.drain()]
+            heard = [received.message for received in self._inbox.drain()]
+            events = [event for event in heard if not self._tasks or event.task.id in self._tasks]
             if transport.elapsed_s() >= look_s:
                 events += [self._get(task).event for task in sorted(running)]
                 look_s = transport.elapsed_s() + LOOK_S

@@ -18,15 +18,15 @@ POLL_S = 0.02
 COORDINATOR = "coordinator"
 
 
-class TeamStatus(msgspec.Struct, frozen=True, kw_only=True):
+class TeamStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The members of a team that are present."""
 
     team: str
     coordinator: bool
     robots: list[str]
     """Names, sorted."""
-    refused: dict[str, list[Refusal]]
-    """What the coordinator and the robots have refused, by `coordinator` and the robots' names."""
+    refused: dict[str, list[Refusal]] = {}
+    """What the coordinator and the robots have refused, by `coordinator` and the robots' names; absent if nothing."""
 
 
 def status_of(connect: str | None, team: str) -> TeamStatus:

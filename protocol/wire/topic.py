@@ -109,7 +109,14 @@ class WireKey:
         return self._fill(team, {field: check_name(field, name) for field, name in names.items()})
 
     def selector(self, team: str, /, **names: str) -> str:
-        """The key expression of all keys of this row; fields that are not given are `*`."""
+        """The key expression of all keys of this row; fields that are not given are `*`.
+
+        Raises:
+            BadName: a name cannot be part of a key.
+            KeyError: there is a name that the key does not have.
+        """
+        if not set(names) <= set(self.fields):
+            raise KeyError(f"{self.name} takes {list(self.fields)}, got {sorted(names)}")
         given = {field: check_name(field, name) for field, name in names.items()}
         return self._fill(team, {field: given.get(field, "*") for field in self.fields})
 

@@ -109,7 +109,7 @@ def test_charging_costs_docking_and_its_end_is_not_foreseen():
     robot = BareRecharge(CHARGER)
     assert robot.it.work(TASK) == Work(wait_s=DOCK_S)
     assert robot.it.left_s(None) is None
-    assert (robot.it.why_not(None), robot.it.why_go_home(None)) == ("", "")
+    assert (robot.it.why_not(None), robot.it.why_go_home(None)) == (None, "")
 
 
 @pytest.mark.parametrize(

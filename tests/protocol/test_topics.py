@@ -83,6 +83,8 @@ def test_a_key_takes_exactly_the_names_of_its_pattern():
         ROBOT_CALL.key("t", robot="r1", plugin="driver")
     with pytest.raises(KeyError, match="halt takes"):
         HALT.key("t", robot="r1")
+    with pytest.raises(KeyError, match="halt takes"):
+        HALT.selector("t", robot="r1")
 
 
 def test_bad_names_never_reach_a_key():

@@ -186,7 +186,7 @@ def _refused(hub: Hub) -> dict[str, dict[str, int]]:
     """Refused messages by member and topic, as `robrain status` tells."""
     result = hub.commands.run("status", "--json", "--connect", hub.address)
     counts: dict[str, dict[str, int]] = {}
-    for member, refused in json.loads(result.stdout)["refused"].items():
+    for member, refused in json.loads(result.stdout).get("refused", {}).items():
         for one in refused:
             topics = counts.setdefault(member, {})
             topics[one["topic"]] = topics.get(one["topic"], 0) + one["count"]

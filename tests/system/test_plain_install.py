@@ -28,6 +28,7 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("dashboard", [], "team"),
     ("replay", ["run.mcap"], "team"),
     ("status", [], WORKS),
+    ("wire", [], WORKS),
     ("call", ["r1", "counter", "seconds"], WORKS),
     ("shell", ["r1"], WORKS),
     ("halt", [], WORKS),
