@@ -405,7 +405,7 @@ class ManagedPlugin:
         if isinstance(error, PluginInactive) and self._context.excuses(self, error.plugin):
             return
         if isinstance(error, PluginCrashed) and error.plugin != self.name:
-            return  # the process of one that it called has ended, which is told to that one
+            return  # the process of a plugin that it called has ended: that plugin faults, not this one
         self.fault(error)
 
     # -- what it asks for -----------------------------------------------------------------------------------

@@ -33,7 +33,7 @@ def status_of(connect: str | None, team: str) -> TeamStatus:
     """The members of a team that are present.
 
     Raises:
-        NobodyThere: nobody is; the text lists the teams that have members present.
+        NobodyThere: no member is present; the text lists the teams that have members present.
 
     """
     with client_session(connect) as session, live_endpoint(session, team) as wire:

@@ -45,15 +45,19 @@ def add(
     what: Annotated[str, typer.Argument(metavar="KIND|FILE", help="visit, inspect, …; or a .toml or .json file.")],
     at: Annotated[str | None, typer.Option(help="Where: X,Y in metres, arena frame.")] = None,
     task_id: Annotated[str | None, typer.Option("--id", help="Its name; the same task again counts once.")] = None,
-    priority: Annotated[float | None, typer.Option(help="The prize for doing it; 1 if not given.")] = None,
-    deadline: Annotated[float | None, typer.Option(help="It must be done in so many seconds.")] = None,
-    earliest: Annotated[float | None, typer.Option(help="It must not begin before so many seconds have gone.")] = None,
-    service: Annotated[float | None, typer.Option(help="How long it takes at its place, in seconds.")] = None,
+    priority: Annotated[float | None, typer.Option(help="Reward for doing it; 1 if not given.")] = None,
+    deadline: Annotated[float | None, typer.Option(help="Time limit, seconds from acceptance.")] = None,
+    earliest: Annotated[float | None, typer.Option(help="Earliest start, seconds from acceptance.")] = None,
+    service: Annotated[float | None, typer.Option(help="Duration at its place, seconds.")] = None,
     needs: Annotated[list[str] | None, typer.Option(help="A plugin that the robot must have; may be repeated.")] = None,
     after: Annotated[list[str] | None, typer.Option(help="A task that must be done before; may be repeated.")] = None,
-    robots: Annotated[int | None, typer.Option(help="So many robots at once; 1 if not given.", min=1)] = None,
+    robots: Annotated[
+        int | None, typer.Option(help="Number of robots at the same time; 1 if not given.", min=1)
+    ] = None,
     mote: Annotated[str | None, typer.Option(help="collect, relay, sense, replace: which mote.")] = None,
-    robot: Annotated[str | None, typer.Option(help="relay: the robot to be the link to, the next of a chain.")] = None,
+    robot: Annotated[
+        str | None, typer.Option(help="relay: the robot to link to, such as the next one of a chain.")
+    ] = None,
     duration: Annotated[float | None, typer.Option(help="relay, monitor, replace: for how long, in seconds.")] = None,
     interval: Annotated[float | None, typer.Option(help="monitor: seconds from round to round.")] = None,
     quantity: Annotated[str | None, typer.Option(help="sense: what is measured.")] = None,

@@ -80,7 +80,7 @@ COMMON = {
     "sim_time_s": "Simulated time since the start.",
     "stamp_ns": "When it was sent: nanoseconds since 1970 in live, since the start of the run in lockstep.",
     "state": "The state it is in.",
-    "task": "The task; its id where only a name is told.",
+    "task": "The task, or its id.",
     "time_s": "Time that it takes.",
     "voltage_v": "Voltage of the battery.",
     "why": "Why, for people; empty if there is nothing to say.",
