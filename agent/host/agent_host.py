@@ -26,6 +26,7 @@ from robrain.agent.host.robot_file import RobotFile, folder_of
 from robrain.agent.isolation.foreign_plugins import ForeignPlugins
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.lifecycle.plugin_folders import entry_point_places
+from robrain.agent.lifecycle.registry import Registry
 from robrain.agent.lifecycle.worker_pool import WorkerPool
 from robrain.agent.manifest import COMMAND
 from robrain.agent.plugin import PluginState
@@ -101,8 +102,8 @@ class AgentHost:
         self.clock = clock
         self.board = Board()
         self.desk = TaskDesk()
-        self.manager = PluginManager(self.name, clock, self.desk, self._make_environment, robot_file.parameters)
-        self._registry = self.manager.registry
+        self._registry = Registry(self.name, clock, self.desk, self._make_environment, robot_file.parameters)
+        self.manager = PluginManager(self._registry)
         self._seed = seed
         self._on_outside = on_outside
         self._session = session
@@ -148,7 +149,7 @@ class AgentHost:
 
         """
         if self.drive is Drive.LIVE:
-            self._registry.foreign = ForeignPlugins(self._wire, self.name, lambda: self.manager.registry.halted)
+            self._registry.foreign = ForeignPlugins(self._wire, self.name, lambda: self._registry.halted)
             self._registry.starters = WorkerPool(f"start-{self.name}", START_POOL_TIMEOUT_S)
         found = self.manager.discover(self._places, self._load)
         for name in self._parameters:
@@ -176,7 +177,7 @@ class AgentHost:
         for wire in self._wires:
             if wire.has_waiting:
                 wire.serve()
-        if self.manager.registry.halted:
+        if self._registry.halted:
             self.desk.halted()
         self.desk.check_lease(now_ns)
         if self._registry.foreign is not None:
@@ -208,7 +209,7 @@ class AgentHost:
             self.desk.coordinator_heard_ns = now_ns
 
     def _step_plugins(self, now_ns: int) -> None:
-        for plugin in self.manager.registry.plugins.values():
+        for plugin in self._registry.plugins.values():
             holdings = plugin.holdings  # asked of each plugin in each tick: attributes, not properties
             if holdings.mailbox.waiting:
                 plugin.deliver()
@@ -251,12 +252,12 @@ class AgentHost:
             self._state.put(self.halting.mark(self._told))
 
     def _loaded(self) -> int:
-        names = [*self.manager.registry.plugins, *(self._registry.foreign or ())]
+        names = [*self._registry.plugins, *(self._registry.foreign or ())]
         return zlib.crc32(" ".join(names).encode(), 1)
 
     def _tell_faults(self) -> None:
         before = self._faulted
-        faulted = [plugin for plugin in self.manager.registry.plugins.values() if plugin.state is PluginState.FAULTED]
+        faulted = [plugin for plugin in self._registry.plugins.values() if plugin.state is PluginState.FAULTED]
         self._faulted = {plugin.name: plugin.raised.after(plugin.why) for plugin in faulted}
         for plugin in faulted:
             if plugin.name not in before:
@@ -274,7 +275,7 @@ class AgentHost:
     # -- being asked ----------------------------------------------------------------------------------------
 
     def _tell_plugins(self, _request: Request[None]) -> list[PluginInfo]:
-        return [*map(self._info, self.manager.registry.plugins.values()), *self._registry.foreign_infos()]
+        return [*map(self._info, self._registry.plugins.values()), *self._registry.foreign_infos()]
 
     def _info(self, plugin: ManagedPlugin) -> PluginInfo:
         distribution = self._distribution_of(plugin.manifest.path)
@@ -342,7 +343,7 @@ class AgentHost:
             raise CallError(ErrorCode.BAD_ARGUMENTS, f"hold: {error}") from error
 
     def _offer(self, request: Request[TaskOffer]) -> TaskAnswer:
-        if self.manager.registry.halted:
+        if self._registry.halted:
             return TaskAnswer.refused(RobotHalted())
         return self.desk.offer(request.asked, self.clock.now_ns())
 

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from robrain.agent.errors import (
     FOREIGN_ERRORS,
@@ -24,14 +23,12 @@ from robrain.agent.errors import (
 from robrain.agent.host.fault_desk import FaultDesk
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.lifecycle.plugin_folders import PluginFolders
-from robrain.agent.lifecycle.registry import MakeEnvironment, Registry
+from robrain.agent.lifecycle.registry import Registry
 from robrain.agent.lifecycle.starter import Starter
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.lifecycle.worker_pool import WorkerPool, run_in_turn
 from robrain.agent.manifest import Manifest, read_manifest
 from robrain.agent.plugin import Level, PluginState
-from robrain.agent.task_desk import TaskDesk
-from robrain.protocol.wire.clock import Clock
 
 logger = logging.getLogger(__name__)
 
@@ -43,24 +40,13 @@ class PluginManager:
     """Starts, loads, unloads, reloads, halts and stops the plugins of one robot.
 
     Args:
-        robot: its name.
-        clock: the run's clock.
-        desk: where behaviors register for tasks.
-        make_environment: makes what a plugin is given.
-        parameters: for each plugin, parameters that override its manifest's.
+        registry: knows the robot's plugins.
 
     """
 
-    def __init__(
-        self,
-        robot: str,
-        clock: Clock,
-        desk: TaskDesk,
-        make_environment: MakeEnvironment,
-        parameters: Mapping[str, Mapping[str, Any]],
-    ) -> None:
-        self.robot = robot
-        self.registry = Registry(robot, clock, desk, make_environment, parameters)
+    def __init__(self, registry: Registry) -> None:
+        self.robot = registry.robot
+        self.registry = registry
         self._starter = Starter(self.registry)
         self.faults = FaultDesk(self.registry, self._starter.begin, self.later)
         self._folders = PluginFolders([])
