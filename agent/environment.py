@@ -11,7 +11,7 @@ from robrain.agent.board import Board
 from robrain.agent.errors import FOREIGN_ERRORS, HardwareAbsent
 from robrain.agent.event import Event, EventView, Mailbox
 from robrain.agent.events_outside import EventsOutside
-from robrain.agent.task_desk import Accept, LetGo, TaskDesk
+from robrain.agent.task_desk import Accept, LetGo, TaskDesk, TaskWork, work_at_place
 from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Handler
 from robrain.protocol.wire.messages import PluginInfo
@@ -43,7 +43,7 @@ class PluginRequests(Protocol):
     def answer(self, topic: Query[Any, Any], handler: Handler[Any, Any], names: dict[str, str]) -> None:
         """See Environment.answer."""
 
-    def do_tasks(self, desk: TaskDesk, kind: type, accept: Accept, let_go: LetGo) -> None:
+    def do_tasks(self, desk: TaskDesk, accept: Accept, let_go: LetGo, work: TaskWork) -> None:
         """See Environment.do_tasks."""
 
 
@@ -137,9 +137,14 @@ class Environment:
         """Answer queries on a topic, one at a time with the plugin's own functions; see Endpoint.answer."""
         self.__requests.answer(topic, handler, names)
 
-    def do_tasks(self, kind: type, accept: Accept, let_go: LetGo) -> None:
-        """Say that this plugin does tasks of a kind; see TaskDesk.register. Both are called on its own turn."""
-        self.__requests.do_tasks(self.tasks, kind, accept, let_go)
+    def do_tasks(self, accept: Accept, let_go: LetGo, work: TaskWork = work_at_place) -> None:
+        """Take tasks of the kind that the plugin's class declares; see TaskDesk.register. All run on its own turn.
+
+        Raises:
+            PluginError: the class declares no kind.
+
+        """
+        self.__requests.do_tasks(self.tasks, accept, let_go, work)
 
     def begin(self, events: Mapping[str, Event[Any]]) -> None:
         """The plugin is about to be activated: its marked events leave the robot. Not for plugins."""

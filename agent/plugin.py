@@ -116,6 +116,10 @@ class Behavior(Plugin):
     """What the robot is seen to do."""
 
     level = Level.BEHAVIOR
+    kind: ClassVar[str] = ""
+    """The kind of task that it does, as the robot announces it to the team; empty if it does none."""
+    task_parameters: ClassVar[type[msgspec.Struct]] = NoParameters
+    """Type of the tasks' parameters; its JSON Schema is announced as well."""
 
 
 @overload

@@ -16,16 +16,22 @@ from typing import Any, NamedTuple
 import msgspec
 
 from robrain.agent.errors import FOREIGN_ERRORS
+from robrain.protocol.model.energy.energy_model import Work
 from robrain.protocol.model.ranges import cut
-from robrain.protocol.model.tasks.task import Recharge, TaskState, kind_of
+from robrain.protocol.model.tasks.stock_kinds import RECHARGE
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.protocol.wire.cost_messages import TaskCost
 from robrain.protocol.wire.messages import TaskAnswer, TaskOffer, TaskStatus, TaskWithdrawal
 from robrain.protocol.wire.reasons.offers import EpochAhead, EpochOld, NoBehavior, NotAtTask, Occupied, OfferRefusal
 from robrain.protocol.wire.reasons.reason import Said
+from robrain.protocol.wire.reasons.words import told
 
 Accept = Callable[[Any], TaskAnswer]
 """Takes a task of the kind that it was registered for."""
 LetGo = Callable[[str], None]
+TaskWork = Callable[[Task], Work]
+"""What a task takes at its place; the way there is not counted."""
 
 RESULT_BYTES_MAX, RESULT_FIELDS_MAX = 1024, 64
 """Results are part of every state message: publish pictures and lists on a key of their own and put that key here."""
@@ -40,6 +46,12 @@ out of date (chosen: no two clocks of a team differ by a day)."""
 class _Executor(NamedTuple):
     accept: Accept
     let_go: LetGo
+    work: TaskWork
+
+
+def work_at_place(task: Task) -> Work:
+    """Standing at the place for the task's service time."""
+    return Work(wait_s=task.service_s)
 
 
 class _Said(NamedTuple):
@@ -86,7 +98,7 @@ class TaskDesk:
         self.coordinator_heard_ns: int | None = None
         self._epoch = 0
         self._lease_ns = 0
-        self._executors: dict[type, _Executor] = {}
+        self._executors: dict[str, _Executor] = {}
         self._current: _Executor | None = None
         self._begun = ""
         self._own: _Own | None = None
@@ -161,21 +173,34 @@ class TaskDesk:
         """Have the running task end as failed: the robot cannot go on with it. On any thread; done at the next step."""
         self._recalled = why
 
-    def register(self, kind: type, accept: Accept, let_go: LetGo) -> None:
+    def register(self, kind: str, accept: Accept, let_go: LetGo, work: TaskWork = work_at_place) -> None:
         """A behavior says that it can do tasks of a kind.
 
         Args:
-            kind: a member of the Task union.
+            kind: as it stands in `Task.kind`.
             accept: called with an offered task; starts it, or refuses with why.
             let_go: called with the reason when the task is taken away.
+            work: asked what a task would take, also of tasks that the robot is never offered.
 
         """
-        self._executors[kind] = _Executor(accept, let_go)
+        self._executors[kind] = _Executor(accept, let_go, work)
 
-    def unregister(self, kind: type) -> None:
+    def unregister(self, kind: str) -> None:
         """The behavior goes; a task that it was at has failed."""
         self._executors.pop(kind, None)
         self._end_if_abandoned()
+
+    def cost(self, task: Task) -> TaskCost:
+        """What a task would take at its place, by the behavior that does its kind; `why` if that cannot be told."""
+        executor = self._executors.get(task.kind)
+        if executor is None:
+            return TaskCost(id=task.id, why=told(NoBehavior(task.kind)))
+        try:
+            work = executor.work(task)
+            told_work = {name: getattr(work, name) for name in ("path_m", "turn_rad", "wait_s", "radio_packets")}
+            return msgspec.convert({"id": task.id, **told_work}, TaskCost)
+        except FOREIGN_ERRORS as error:  # foreign plugin code
+            return TaskCost(id=task.id, why=cut(str(error)))
 
     def offer(self, offer: TaskOffer, now_ns: int) -> TaskAnswer:
         """Answer the coordinator's offer; the same offer twice is accepted twice and started once.
@@ -225,9 +250,9 @@ class TaskDesk:
 
     def _why_not(self, offer: TaskOffer) -> OfferRefusal | None:
         own = self._own
-        if own is not None and own.firm and not isinstance(offer.task, Recharge):
+        if own is not None and own.firm and offer.task.kind != RECHARGE:
             return Occupied(own.name, own.firm)
-        return None if type(offer.task) in self._executors else NoBehavior(kind_of(offer.task))
+        return None if offer.task.kind in self._executors else NoBehavior(offer.task.kind)
 
     def _begin_as_asked(self, offer: TaskOffer, now_ns: int) -> TaskAnswer:
         answer = self._begin(offer)
@@ -239,7 +264,7 @@ class TaskDesk:
         reason = self._why_not(offer)
         if reason is not None:
             return TaskAnswer.refused(reason)
-        executor = self._executors[type(offer.task)]
+        executor = self._executors[offer.task.kind]
         lease_ns = to_ns(offer.lease_s)  # before any change below, as it may raise
         before = (self.status, self._current)
         # Set before the behavior starts, which may finish the task before `accept` returns.

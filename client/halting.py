@@ -6,11 +6,13 @@ from robrain.client.members import no_robot
 from robrain.client.transport import Transport
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, NobodyThere
+from robrain.protocol.wire.host_messages import HaltRequest, ResumeRequest
+from robrain.protocol.wire.host_queries import HOST_HALT, HOST_RESUME
 from robrain.protocol.wire.hub import wrong_team
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import Halt, HaltAnswer, HostRequest, RobotState, TeamState
+from robrain.protocol.wire.messages import Halt, RobotState, TeamState
 from robrain.protocol.wire.publisher import Publisher
-from robrain.protocol.wire.topics import COORDINATOR_ALIVE, COORDINATOR_STATE, ROBOT_ALIVE, ROBOT_HOST, ROBOT_STATE
+from robrain.protocol.wire.topics import COORDINATOR_ALIVE, COORDINATOR_STATE, ROBOT_ALIVE, ROBOT_STATE
 
 WAIT_S = 2.0
 """How long robots have to confirm."""
@@ -138,14 +140,14 @@ class TeamOrder:
 
 def _ask(wire: Endpoint, robot: str, wanted: Halt) -> str | None:
     """Have one robot halt or resume; why it did not, empty if it did, None if it is not there."""
-    verb = "halt" if wanted.halted else "resume"
-    request = HostRequest(by=wanted.by, text=wanted.reason)
     try:
-        reply = wire.ask(ROBOT_HOST, request, timeout_s=WAIT_S, robot=robot, verb=verb)
-        answer = msgspec.json.decode(reply, type=HaltAnswer)
+        if wanted.halted:
+            answer = wire.ask(HOST_HALT, HaltRequest(by=wanted.by, reason=wanted.reason), robot=robot)
+        else:
+            answer = wire.ask(HOST_RESUME, ResumeRequest(by=wanted.by), robot=robot)
     except NobodyThere:
         return None
-    except (CallError, msgspec.DecodeError) as error:
+    except CallError as error:
         return str(error)
     if answer.halted is not wanted.halted:
         return "it says that it has not"

@@ -1,7 +1,7 @@
 """Queries to a team: to its coordinator, which may be away for a moment, and to its robots."""
 
 from collections.abc import Mapping
-from typing import Any, TypeVar
+from typing import Any
 
 import msgspec
 
@@ -10,17 +10,13 @@ from robrain.client.transport import Transport
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere, WireError
 from robrain.protocol.wire.hub import teams_there, wrong_team
-from robrain.protocol.wire.messages import HostRequest
 from robrain.protocol.wire.topic import Q, Query, R
-from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_HOST
-
-T = TypeVar("T")
+from robrain.protocol.wire.topics import ROBOT_CALL
 
 ASK_TIMEOUT_S = 2.0
-AGAIN_S = 0.25
 ROBOT_TIMEOUT_S = 10.0
-HOST_TIMEOUTS_S = {"load": 60.0, "unload": 60.0, "reload": 60.0}
-"""Of the verbs that take longer: to load a plugin is to import code, which may compile some of itself."""
+"""The least time that a robot is given; its host may be busy."""
+AGAIN_S = 0.25
 _NOT_NOW = (ErrorCode.TIMEOUT, ErrorCode.UNLOADED, ErrorCode.BUSY)
 
 
@@ -67,7 +63,7 @@ class Requests:
 
         """
         try:
-            return self._wire.ask(topic, request, timeout_s=ROBOT_TIMEOUT_S, robot=robot)
+            return self._wire.ask(topic, request, timeout_s=max(topic.timeout_s, ROBOT_TIMEOUT_S), robot=robot)
         except NobodyThere as error:
             raise no_robot(self._wire, robot, topic.name) from error
 
@@ -88,31 +84,13 @@ class Requests:
             reply = self._wire.ask(ROBOT_CALL, asked, timeout_s=timeout_s, by=by, **names)
         except NobodyThere as error:
             raise no_robot(self._wire, robot, "calls") from error
-        return _decoded(reply, Any, robot)
-
-    def host(self, robot: str, verb: str, request: HostRequest, kind: type[T]) -> T:
-        """Have a robot's host do something; its answer. Errors as those of `robot`.
-
-        Raises:
-            WireError: its answer is none of that kind.
-
-        """
-        timeout_s = HOST_TIMEOUTS_S.get(verb, ROBOT_TIMEOUT_S)
         try:
-            reply = self._wire.ask(ROBOT_HOST, request, timeout_s=timeout_s, robot=robot, verb=verb)
-        except NobodyThere as error:
-            raise no_robot(self._wire, robot, verb) from error
-        return _decoded(reply, kind, robot)
+            return msgspec.json.decode(reply)
+        except msgspec.DecodeError as error:
+            raise WireError(f"{robot} answered with something else than was asked for: {error}") from error
 
     def _no_coordinator(self) -> NobodyThere:
         text = f"no coordinator of team {self._wire.team} answers"
         if self._wire.team in teams_there(self._wire.session):
             return NobodyThere(f"{text}; `robrain coordinator` starts one")
         return wrong_team(text, self._wire.session)
-
-
-def _decoded(reply: bytes, kind: type[T], robot: str) -> T:
-    try:
-        return msgspec.json.decode(reply, type=kind)
-    except msgspec.DecodeError as error:
-        raise WireError(f"{robot} answered with something else than was asked for: {error}") from error

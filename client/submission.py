@@ -3,22 +3,22 @@
 import re
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, get_args
+from typing import Any
 
 import msgspec
 
 from robrain.client.errors import BadTask
-from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS, check_parameters
+from robrain.protocol.model.tasks.task import BadParameters, Task
 from robrain.protocol.wire.errors import BadName
 from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.task_messages import TaskSubmission
 
-KINDS: dict[str, type[msgspec.Struct]] = {str(kind.__struct_config__.tag): kind for kind in get_args(Task)}
-"""Each kind of task by its tag."""
-POINTS = ("place", "goal", "look_at")
+POINTS = ("place", "look_at")
 RELATIVE = ("earliest_in_s", "deadline_in_s")
-ENGLISH = ("id", "needs", "after", "mote", "robot", "robots")
+ENGLISH = ("id", "needs", "after", "robots")
 """Fields whose names are also English words."""
+COMMON = frozenset(field.name for field in msgspec.structs.fields(Task)) - {"kind", "parameters"}
 AS_ON_THE_WIRE: Mapping[str, str] = MappingProxyType({})
 """Scripts and task files use the field names of the messages."""
 
@@ -29,9 +29,10 @@ def submission_of(
     """Build a task request from a kind and its fields, named as in the messages.
 
     Args:
-        kind: the task's tag.
-        fields: the given fields, with an `id`; `earliest_in_s` and `deadline_in_s` count from now. A point may be two
-            numbers. `place` is where the task is done, whatever its kind calls that.
+        kind: the task's. The parameters of a kind that is not robrain's own are checked by the coordinator, which
+            knows them from the robots.
+        fields: the given fields and parameters, with an `id`; `earliest_in_s` and `deadline_in_s` count from now. A
+            point may be two numbers.
         where: file and number of the task, for the error message.
         typed: command-line form of fields that are not typed by their name.
 
@@ -39,16 +40,13 @@ def submission_of(
         BadTask: names the invalid field.
 
     """
-    known = KINDS.get(kind)
-    if known is None:
-        raise BadTask(f"{where}expected a kind of task, one of {', '.join(sorted(KINDS))}; got {kind!r}")
-    allowed = {field.name for field in msgspec.structs.fields(known)}
-    content = {_name_in(allowed, name): value for name, value in fields.items()}
+    known = STOCK_KINDS.get(kind)
+    allowed = COMMON | ({field.name for field in msgspec.structs.fields(known)} if known is not None else set())
+    content = dict(fields)
     for name in content:
-        if name not in allowed and name not in RELATIVE:
+        if known is not None and name not in allowed and name not in RELATIVE:
             known_as = sorted({typed.get(field, field) for field in allowed})
             raise BadTask(f"{where}a task to {kind} has no {typed.get(name, name)}; it has {', '.join(known_as)}")
-    content["type"] = kind
     for name in POINTS:
         at = content.get(name)
         if isinstance(at, list | tuple):
@@ -56,9 +54,14 @@ def submission_of(
                 raise BadTask(f"{where}expected {name} as two numbers, x and y in metres; got {at!r}")
             content[name] = {"x_m": at[0], "y_m": at[1]}
     times = {name: content.pop(name) for name in RELATIVE if name in content}
+    parameters = {name: content.pop(name) for name in list(content) if name not in COMMON}
+    asked = {"task": {**content, "kind": kind, "parameters": parameters}, **times}
     try:
-        submission = msgspec.convert(msgspec.to_builtins({"task": content, **times}), TaskSubmission)
+        submission = msgspec.convert(msgspec.to_builtins(asked), TaskSubmission)
         check_name("task", submission.task.id)
+        check_parameters(submission.task)
+    except BadParameters as error:
+        raise BadTask(f"{where}{error.words(_typed(error.field, typed))}") from error
     except (msgspec.ValidationError, TypeError) as error:
         raise BadTask(f"{where}{_words(str(error), kind, typed)}") from error
     except BadName as error:
@@ -67,8 +70,9 @@ def submission_of(
     return submission
 
 
-def _name_in(allowed: set[str], name: str) -> str:
-    return "goal" if name == "place" and name not in allowed and "goal" in allowed else name
+def _typed(path: str, typed: Mapping[str, str]) -> str:
+    field, dot, rest = path.partition(".")
+    return f"{typed.get(field, field)}{dot}{rest}"
 
 
 def _words(text: str, kind: str, typed: Mapping[str, str]) -> str:
@@ -76,10 +80,8 @@ def _words(text: str, kind: str, typed: Mapping[str, str]) -> str:
     name = place.rstrip("`").removeprefix("task.").removeprefix("task")
     missing = text.removeprefix("Object missing required field ")
     if missing != text:
-        field = missing.strip("`")
-        return f"a task to {kind} needs {typed.get(field, field)}"
-    field, _, rest = name.partition(".")
-    if field:
-        return f"{typed.get(field, field)}{f'.{rest}' if rest else ''}: {text}"
-    # Errors of the task types name fields within English text, where "robot" and "after" are also plain words.
+        return f"a task to {kind} needs {_typed(missing.strip('`'), typed)}"
+    if name:
+        return f"{_typed(name, typed)}: {text}"
+    # Errors of the task's type name fields within English text, where "after" is also a plain word.
     return re.sub(r"\w+", lambda word: typed.get(word[0], word[0]) if word[0] not in ENGLISH else word[0], text)

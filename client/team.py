@@ -36,11 +36,26 @@ from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.errors import CallError
+from robrain.protocol.wire.host_messages import (
+    CommandRequest,
+    HoldRequest,
+    LoadRequest,
+    ReleaseRequest,
+    ReloadRequest,
+    UnloadRequest,
+)
+from robrain.protocol.wire.host_queries import (
+    HOST_COMMAND,
+    HOST_HOLD,
+    HOST_LOAD,
+    HOST_RELEASE,
+    HOST_RELOAD,
+    HOST_UNLOAD,
+)
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.messages import (
     Halt,
-    HostRequest,
     MoteReading,
     PluginInfo,
     RobotState,
@@ -48,7 +63,7 @@ from robrain.protocol.wire.messages import (
     TeamState,
 )
 from robrain.protocol.wire.plan_messages import ObjectiveRequest, PlanningStatus
-from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
+from robrain.protocol.wire.task_messages import KnownKind, TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
 from robrain.protocol.wire.topics import (
     COORDINATOR_OBJECTIVE,
     COORDINATOR_PLANNING,
@@ -57,6 +72,7 @@ from robrain.protocol.wire.topics import (
     ROBOT_PLUGINS,
     TASK_CANCEL,
     TASK_GET,
+    TASK_KINDS,
     TASK_LIST,
     TASK_SUBMIT,
     TASK_WHY,
@@ -66,6 +82,7 @@ from robrain.protocol.wire.topics import (
 Names = list[str]
 PluginInfos = list[PluginInfo]
 TaskRecords = list[TaskRecord]
+KnownKinds = list[KnownKind]
 TaskName = str | TaskRecord
 """A task by its id, or by any record of it."""
 
@@ -177,8 +194,8 @@ class Team:
             parameters: further fields of that kind, named as in the messages, such as `{"look_at": (5, 1)}`.
 
         Raises:
-            BadTask: there is no such kind, or a field is missing or invalid.
-            CallError: the task is refused; the text says why.
+            BadTask: a field is missing or invalid.
+            CallError: the task is refused, as one of a kind that no robot does; the text says why.
             NobodyThere: no coordinator answers.
 
         """
@@ -262,6 +279,10 @@ class Team:
 
     # -- planning ---------------------------------------------------------------------------------------------
 
+    def kinds(self) -> KnownKinds:
+        """The kinds of tasks that robots of the team do, each with the JSON Schema of its parameters."""
+        return self._requests.coordinator(TASK_KINDS, None)
+
     def planning(self) -> PlanningStatus:
         """How the team's tasks are planned."""
         return self._requests.coordinator(COORDINATOR_PLANNING, None)
@@ -342,7 +363,7 @@ class Team:
 
     def command(self, robot: str, text: str) -> str:
         """Have a robot execute a call in its text form, such as `call driver drive(0.5)`; the result as text."""
-        return self._requests.host(robot, "command", HostRequest(text=text, by=self.by), str)
+        return self._requests.robot(HOST_COMMAND, CommandRequest(text=text, by=self.by), robot)
 
     def hold(self, robot: str, plugin: str, *, lease_s: float = 5.0) -> None:
         """Have an exclusive plugin for oneself, for at most 60 s; again in time to have it longer.
@@ -353,13 +374,13 @@ class Team:
             CallError: somebody else has it (`busy`), or there is no such plugin.
 
         """
-        self._requests.host(robot, "hold", HostRequest(plugin=plugin, by=self.by, lease_s=lease_s), Any)
+        self._requests.robot(HOST_HOLD, HoldRequest(plugin=plugin, by=self.by, lease_s=lease_s), robot)
         self._held.add((robot, plugin))
 
     def release(self, robot: str, plugin: str) -> bool:
         """Give back a plugin that was held; False if it was not, or no longer."""
         self._held.discard((robot, plugin))
-        return self._requests.host(robot, "release", HostRequest(plugin=plugin, by=self.by), bool)
+        return self._requests.robot(HOST_RELEASE, ReleaseRequest(plugin=plugin, by=self.by), robot)
 
     def plugins(self, robot: str) -> PluginInfos:
         """The plugins of a robot: their states, functions, and why they do not run."""
@@ -380,16 +401,15 @@ class Team:
         if isinstance(plugin, Path):
             plugin = str(plugin.resolve())
             self.transport.open_folder(robot, Path(plugin))
-        return self._requests.host(robot, "load", HostRequest(plugin=plugin, by=self.by), PluginInfos)
+        return self._requests.robot(HOST_LOAD, LoadRequest(plugin=plugin), robot)
 
     def unload(self, robot: str, plugin: str, *, cascade: bool = False) -> PluginInfos:
         """Unload a plugin, and with `cascade` those that require it (CallError if others do, without)."""
-        request = HostRequest(plugin=plugin, cascade=cascade, by=self.by)
-        return self._requests.host(robot, "unload", request, PluginInfos)
+        return self._requests.robot(HOST_UNLOAD, UnloadRequest(plugin=plugin, cascade=cascade), robot)
 
     def reload(self, robot: str, plugin: str) -> PluginInfos:
-        """Load a plugin anew after an edit; if that fails (CallError), the old one keeps running."""
-        return self._requests.host(robot, "reload", HostRequest(plugin=plugin, by=self.by), PluginInfos)
+        """Load a new version of a plugin; if it cannot start (CallError), the old one keeps running."""
+        return self._requests.robot(HOST_RELOAD, ReloadRequest(plugin=plugin), robot)
 
     # -- emergency halt ---------------------------------------------------------------------------------------
 

@@ -6,6 +6,7 @@ from operator import attrgetter
 from robrain.coordinator.charging.charge_desk import ChargeDesk
 from robrain.coordinator.exploration.assignment import Choice
 from robrain.coordinator.exploration.explorer import Explorer
+from robrain.coordinator.exploration.strategies import strategy_of
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.motes.mote_members import MoteDesk
@@ -22,7 +23,8 @@ from robrain.coordinator.team.halt_watch import HaltWatch
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Explore, Recharge, TaskState, place_of
+from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE, Recharge
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
@@ -71,7 +73,8 @@ class Coordinator:
     def __init__(self, wire: Endpoint, journal: Journal | None = None, policy: PlanningPolicy | None = None) -> None:
         self.roster = Roster()
         self.team_map = TeamMap()
-        self.explorer = Explorer(self.team_map)
+        policy = policy or PlanningPolicy()
+        self.explorer = Explorer(self.team_map, strategy_of(policy.exploration, self._note_strategy))
         # Milliseconds of the clock: a coordinator that takes over later starts with a greater epoch, and with
         # numbers for its tasks that no earlier one has used.
         first_epoch = wire.clock.now_ns() // NS_PER_MS
@@ -87,7 +90,7 @@ class Coordinator:
             self.capabilities,
             lifecycle.shunning,
             self.team_map,
-            policy or PlanningPolicy(),
+            policy,
             lifecycle.reasons.waits,
         )
         lifecycle.on_refused = self._note_refusal
@@ -113,7 +116,7 @@ class Coordinator:
         self._kept_idle: dict[str, IdleReason] = {}
         """Why idle robots were not considered for a frontier, by name."""
         self._requests = TaskRequests(
-            wire, self.tasks, self.team_map, lambda: self.capabilities.plugins, self.lifecycle.reasons.explain
+            wire, self.tasks, self.team_map, self.capabilities, self.lifecycle.reasons.explain
         )
         with self.lifecycle.as_far_as_written(wire.clock.now_ns()):
             self.tasks.end_what_cannot_be_read()
@@ -201,6 +204,9 @@ class Coordinator:
         if why := self.team_map.merge(patch, self._now_ns):
             refusals.note(ROBOT_MAP.name, received.key, RefusalCode.NOT_PLAUSIBLE, why)
 
+    def _note_strategy(self, name: str, why: str) -> None:
+        self._wire.refusals.note("exploration_strategy", name, RefusalCode.FAILED, why)
+
     def take_held_map(self) -> None:
         """Merge the patches held back while the map's kernels were loading; hold none from now on."""
         for robot, why in self.team_map.release():
@@ -211,15 +217,15 @@ class Coordinator:
         ended = self.lifecycle.hear(robot, status, now_ns)
         if ended is None:
             return
-        if isinstance(ended.task, Recharge):
+        if ended.task.kind == RECHARGE:
             self._charge_desk.ended(robot, status.state, now_ns)
         self._decide_due_ns = now_ns  # the next goal is there before the wheels stop
         if status.state is TaskState.FAILED:
-            self.explorer.note_failure(robot, place_of(ended.task), now_ns)
+            self.explorer.note_failure(robot, ended.task.place, now_ns)
             self._note_gap(robot, status, now_ns)
             self.planning.blocked()
-        elif isinstance(ended.task, Explore):
-            self.explorer.note_visit(ended.task.goal)
+        elif ended.task.kind == EXPLORE:
+            self.explorer.note_visit(ended.task.place)
 
     def _note_gap(self, robot: str, status: TaskStatus, now_ns: int) -> None:
         """Record the gap that a robot failed to pass, if its result contains one."""
@@ -230,10 +236,10 @@ class Coordinator:
 
     def _note_refusal(self, record: TaskRecord, robot: str, now_ns: int) -> None:
         """A robot has refused a task of the coordinator's own."""
-        if isinstance(record.task, Recharge):
+        if record.task.kind == RECHARGE:
             self._charge_desk.ended(robot, TaskState.FAILED, now_ns)
-        elif isinstance(record.task, Explore) and not record.by:
-            self.explorer.note_failure(robot, record.task.goal, now_ns)
+        elif record.task.kind == EXPLORE and not record.by:
+            self.explorer.note_failure(robot, record.task.place, now_ns)
 
     # -- deciding -------------------------------------------------------------------------------------------
 
@@ -269,10 +275,11 @@ class Coordinator:
         free = [robot for robot in self._idle(up) if not pauses.why(robot.name, now_ns)]
         for robot, charger, to_soc in self._charge_desk.choose(free, now_ns):
             name = self._new_id("recharge")
-            task = Recharge(id=name, place=charger.place, yaw_rad=charger.yaw_rad, until_soc=to_soc)
+            wanted = Recharge(yaw_rad=charger.yaw_rad, until_soc=to_soc)
+            task = Task(id=name, kind=RECHARGE, place=charger.place, parameters=wanted.json)
             self._offer_own(task, robot, now_ns)
 
-    def _offer_own(self, task: Explore | Recharge, robot: str, now_ns: int, way_m: float = math.nan) -> None:
+    def _offer_own(self, task: Task, robot: str, now_ns: int, way_m: float = math.nan) -> None:
         self.tasks.add(task, own=True)
         known, planning = self.roster.robots.get(robot), self.planning
         decision = own_decision(
@@ -286,7 +293,7 @@ class Coordinator:
         return [robot for robot in robots if self.tasks.of_robot(robot.name) is None]
 
     def _hand_out_frontiers(self, up: list[Robot], now_ns: int) -> None:
-        bound = [place_of(record.task) for record in self.tasks.open if record.robot]
+        bound = [record.task.place for record in self.tasks.open if record.robot]
         planning = self.planning
         free = [] if planning.has_unplanned() else self._idle(up)
         idle = [robot for robot in free if not planning.is_reserved(robot.name, now_ns)]
@@ -300,7 +307,7 @@ class Coordinator:
             self._busy_ns = now_ns
 
         def explore(choice: Choice) -> None:
-            task = Explore(id=self._new_id("explore"), goal=choice.place)
+            task = Task(id=self._new_id("explore"), kind=EXPLORE, place=choice.place)
             self._offer_own(task, choice.robot, now_ns, choice.way_m)
 
         self._guard.records(choices, explore, attrgetter("robot"), "frontier")

@@ -21,7 +21,7 @@ with scenario.team() as team:
             for number, post in enumerate(POSTS):
                 team.submit("visit", id=f"round-{rounds}-post-{number}", place=post, service_s=5.0)
         state = team.state("r1")
-        before, told = told, state.behavior
+        before, told = told, told if state.behavior == "idle" else state.behavior  # between two tasks
         if told != before and "recharge" in (told, before) and state.battery is not None:
             charges += told == "recharge"
             left = f"{state.battery.soc:.0%}, {state.battery.remaining_j:.0f} J left"

@@ -19,26 +19,18 @@ if TYPE_CHECKING:
     from robrain.client.errors import BadTask
     from robrain.client.halting import HaltReport
     from robrain.client.team import Team
-    from robrain.coordinator.planning.policy import Method, PlanningPolicy
+    from robrain.coordinator.planning.policy import PlanningPolicy
     from robrain.coordinator.recording.reader.recording import Recording, load
+    from robrain.plugins.behavior.errand import Errand, Failed
+    from robrain.protocol.model.energy.energy_model import Work
     from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
     from robrain.protocol.model.tasks.objective import Objective
-    from robrain.protocol.model.tasks.task import (
-        Collect,
-        Explore,
-        Inspect,
-        Monitor,
-        Recharge,
-        Relay,
-        Replace,
-        Sense,
-        TaskState,
-        Visit,
-    )
+    from robrain.protocol.model.tasks.stock_kinds import TaskParameters
+    from robrain.protocol.model.tasks.task import Task, TaskState
     from robrain.protocol.wire.errors import BadName, CallError, ErrorCode, NobodyThere, RobrainError, WireError
     from robrain.protocol.wire.messages import MoteReading, PluginInfo, RobotState, TaskEvent, TeamState
     from robrain.protocol.wire.plan_messages import PlanningStatus
-    from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord, TaskWhy
+    from robrain.protocol.wire.task_messages import KnownKind, TaskFilter, TaskRecord, TaskWhy
     from robrain.sim.chargers import ChargerSpec
     from robrain.sim.disturbance import DisturbanceSpec, PauseSpec
     from robrain.sim.errors import ScenarioError
@@ -61,20 +53,18 @@ __all__ = [
     "Block",
     "CallError",
     "ChargerSpec",
-    "Collect",
     "Device",
     "DisturbanceSpec",
     "Environment",
+    "Errand",
     "ErrorCode",
     "Event",
-    "Explore",
+    "Failed",
     "FloorDrawing",
     "HaltReport",
     "HardwareAbsent",
-    "Inspect",
+    "KnownKind",
     "Level",
-    "Method",
-    "Monitor",
     "MoteReading",
     "NobodyThere",
     "Objective",
@@ -92,21 +82,19 @@ __all__ = [
     "Point2D",
     "Pose2D",
     "Progress",
-    "Recharge",
     "Recording",
-    "Relay",
-    "Replace",
     "RobotHardware",
     "RobotState",
     "RobrainError",
     "RunResult",
     "Scenario",
     "ScenarioError",
-    "Sense",
     "Skill",
     "SurfaceSpec",
+    "Task",
     "TaskEvent",
     "TaskFilter",
+    "TaskParameters",
     "TaskRecord",
     "TaskState",
     "TaskWhy",
@@ -114,9 +102,9 @@ __all__ = [
     "TeamState",
     "Twist2D",
     "Unit",
-    "Visit",
     "Wall",
     "WireError",
+    "Work",
     "external",
     "load",
     "rasterise",
@@ -140,26 +128,18 @@ _NAMES = {
     "robrain.client.errors": ("BadTask",),
     "robrain.client.halting": ("HaltReport",),
     "robrain.client.team": ("Team",),
-    "robrain.coordinator.planning.policy": ("Method", "PlanningPolicy"),
+    "robrain.coordinator.planning.policy": ("PlanningPolicy",),
     "robrain.coordinator.recording.reader.recording": ("Recording", "load"),
     "robrain.protocol.model.geometry": ("Point2D", "Pose2D", "Twist2D"),
     "robrain.protocol.model.tasks.objective": ("Objective",),
-    "robrain.protocol.model.tasks.task": (
-        "Collect",
-        "Explore",
-        "Inspect",
-        "Monitor",
-        "Recharge",
-        "Relay",
-        "Replace",
-        "Sense",
-        "TaskState",
-        "Visit",
-    ),
+    "robrain.plugins.behavior.errand": ("Errand", "Failed"),
+    "robrain.protocol.model.energy.energy_model": ("Work",),
+    "robrain.protocol.model.tasks.stock_kinds": ("TaskParameters",),
+    "robrain.protocol.model.tasks.task": ("Task", "TaskState"),
     "robrain.protocol.wire.errors": ("BadName", "CallError", "ErrorCode", "NobodyThere", "RobrainError", "WireError"),
     "robrain.protocol.wire.messages": ("MoteReading", "PluginInfo", "RobotState", "TaskEvent", "TeamState"),
     "robrain.protocol.wire.plan_messages": ("PlanningStatus",),
-    "robrain.protocol.wire.task_messages": ("TaskFilter", "TaskRecord", "TaskWhy"),
+    "robrain.protocol.wire.task_messages": ("KnownKind", "TaskFilter", "TaskRecord", "TaskWhy"),
     "robrain.sim.chargers": ("ChargerSpec",),
     "robrain.sim.disturbance": ("DisturbanceSpec", "PauseSpec"),
     "robrain.sim.errors": ("ScenarioError",),

@@ -4,28 +4,14 @@ A holder's name is what the caller says it is: leases keep those who mean well f
 speak to a robot at all is the router's business.
 """
 
-import math
 import threading
 from typing import Protocol
-
-import msgspec
 
 from robrain.agent.errors import PluginBusy
 from robrain.agent.plugin import PluginState
 from robrain.protocol.wire.clock import Clock, to_ns
+from robrain.protocol.wire.host_messages import Lease
 from robrain.protocol.wire.keys import check_name
-
-LONGEST_LEASE_S = 60.0
-"""Who needs a plugin for longer renews; one that has gone does not block it for ever."""
-
-
-class Lease(msgspec.Struct, frozen=True, kw_only=True):
-    """An outside holder's right to a plugin."""
-
-    plugin: str
-    holder: str
-    until_ns: int
-    """By the robot's clock."""
 
 
 class ExternalLeases:
@@ -47,12 +33,9 @@ class ExternalLeases:
         Raises:
             PluginBusy: another one holds it.
             BadName: the holder's name cannot be one.
-            ValueError: the time is not within 0 and LONGEST_LEASE_S.
 
         """
         check_name("holder", holder)
-        if not (math.isfinite(lease_s) and 0 < lease_s <= LONGEST_LEASE_S):
-            raise ValueError(f"expected 0 < lease_s <= {LONGEST_LEASE_S:g}, got {lease_s}")
         with self._lock:
             found = self._valid(plugin)
             if found is not None and found.holder != holder:
@@ -142,7 +125,7 @@ class ExclusiveUse:
 
         Raises:
             PluginBusy: somebody else has it.
-            BadName, ValueError: see ExternalLeases.take.
+            BadName: the holder's name cannot be one.
 
         """
         with self._deciding:

@@ -11,7 +11,8 @@ from robrain.agent.errors import FOREIGN_ERRORS, PluginBusy, PluginError
 from robrain.agent.manifest import COMMAND
 from robrain.agent.plugin import Plugin, PluginState
 from robrain.agent.plugin_traceback import log_error
-from robrain.agent.task_desk import Accept, LetGo
+from robrain.agent.task_desk import Accept, LetGo, TaskWork
+from robrain.protocol.model.energy.energy_model import Work
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.endpoint import Handler, Request
@@ -69,8 +70,11 @@ def call_from_outside(callee: Callee, known: ExternalFunction, call: Callable[[P
         raise CallError(ErrorCode.FAILED, f"{kind}: {error}", detail) from error
 
 
-def task_handlers(plugin: Callee, accept: Accept, let_go: LetGo) -> tuple[Accept, LetGo]:
-    """The same two, called with the plugin's lock held and, `accept`, only while it is active; what raises faults."""
+def task_handlers(plugin: Callee, accept: Accept, let_go: LetGo, work: TaskWork) -> tuple[Accept, LetGo, TaskWork]:
+    """The same three, called with the plugin's lock held.
+
+    `accept` is called only while the plugin is active; what `accept` or `let_go` raises is a fault of the plugin.
+    """
 
     def accept_in_turn(task: Task) -> TaskAnswer:
         try:
@@ -89,7 +93,11 @@ def task_handlers(plugin: Callee, accept: Accept, let_go: LetGo) -> tuple[Accept
         except FOREIGN_ERRORS as error:  # foreign plugin code
             plugin.blame(error)
 
-    return accept_in_turn, let_go_in_turn
+    def work_in_turn(task: Task) -> Work:
+        with plugin.turn:
+            return work(task)
+
+    return accept_in_turn, let_go_in_turn, work_in_turn
 
 
 def query_handler(plugin: Callee, environment: Environment, handler: Handler[Any, Any]) -> Handler[Any, Any]:

@@ -7,6 +7,7 @@ import logging
 import threading
 import zlib
 from collections.abc import Callable
+from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,12 +16,12 @@ import msgspec
 import numpy as np
 import zenoh
 
-from robrain.agent.access.exclusive_use import Lease
 from robrain.agent.board import Board
 from robrain.agent.environment import Environment, PluginRequests
-from robrain.agent.errors import ManifestError, PluginError, PluginMissing, RobotFileError
+from robrain.agent.errors import PluginMissing, RobotFileError
 from robrain.agent.host.command_door import TextCommandDoor
 from robrain.agent.host.halt_desk import HaltDesk
+from robrain.agent.host.host_verbs import AT_ONCE, answer_verb
 from robrain.agent.host.plugin_manager import PluginManager
 from robrain.agent.host.robot_file import RobotFile, folder_of
 from robrain.agent.isolation.foreign_plugins import ForeignPlugins
@@ -30,15 +31,15 @@ from robrain.agent.lifecycle.registry import Registry
 from robrain.agent.lifecycle.worker_pool import WorkerPool
 from robrain.agent.manifest import COMMAND
 from robrain.agent.plugin import PluginState
-from robrain.agent.plugin_traceback import log_error, plugin_traceback
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.wire.clock import Clock, to_ns
+from robrain.protocol.wire.cost_messages import CostsRequest, TaskCost
 from robrain.protocol.wire.endpoint import Drive, Endpoint, OnOutside, Request, Serve
-from robrain.protocol.wire.errors import BadName, CallError, ErrorCode
+from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.host_queries import HOST_VERB
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import (
-    HostRequest,
     LogRecord,
     PluginFault,
     PluginInfo,
@@ -53,7 +54,7 @@ from robrain.protocol.wire.topics import (
     COORDINATOR_STATE,
     ROBOT_ALIVE,
     ROBOT_CALL,
-    ROBOT_HOST,
+    ROBOT_COSTS,
     ROBOT_LOG,
     ROBOT_OFFER,
     ROBOT_PLUGINS,
@@ -121,12 +122,12 @@ class AgentHost:
         self._told = RobotState(robot=self.name)
         self._told_facts = self.desk.facts
         self.halting = HaltDesk(self.manager, self._wire, self._publish_halt)
-        self._door = TextCommandDoor(self._registry)
+        self.door = TextCommandDoor(self._registry)
         self._distributions = entry_point_places()
         self._came_with: dict[Path, str] = {}
         """The distribution of each manifest that was asked for; empty for those of robrain and of the robot."""
         own = [folder_of(base, place) for place in robot_file.robot.places]
-        self._loadable = [folder_of(base, folder) for folder in robot_file.robot.loadable]
+        self.loadable = [folder_of(base, folder) for folder in robot_file.robot.loadable]
         self._places = [stock_place(), *(place for place, _ in self._distributions), *own]
         self._load = robot_file.robot.load
         self._parameters = robot_file.parameters
@@ -134,7 +135,7 @@ class AgentHost:
 
     def open_folder(self, folder: Path) -> None:
         """Allow loading plugins by path from a folder, as if it were listed in the robot's `loadable`."""
-        self._loadable = [*self._loadable, folder]
+        self.loadable = [*self.loadable, folder]
 
     def on_wanted(self, wake: Callable[[], None]) -> None:
         """Have `wake` called, on any thread, whenever the next `step()` should not wait: in live, by its own loop."""
@@ -163,8 +164,9 @@ class AgentHost:
         wire.subscribe(self._inbox, COORDINATOR_STATE)
         wire.answer(ROBOT_PLUGINS, self._tell_plugins, robot=robot)
         wire.answer(ROBOT_CALL, self._call, serve=Serve.POOL, robot=robot)
-        wire.answer(ROBOT_HOST, self._run, serve=Serve.POOL, at_once=("halt", "resume"), robot=robot)
+        wire.answer(HOST_VERB, partial(answer_verb, self, wire), serve=Serve.POOL, at_once=AT_ONCE, robot=robot)
         wire.answer(ROBOT_OFFER, self._offer, serve=Serve.IN_STEP, robot=robot)
+        wire.answer(ROBOT_COSTS, self._costs, serve=Serve.IN_STEP, robot=robot)
         wire.answer(ROBOT_WITHDRAW, self._withdraw, serve=Serve.IN_STEP, robot=robot)
         wire.token(ROBOT_ALIVE, robot=robot)
 
@@ -275,9 +277,10 @@ class AgentHost:
     # -- being asked ----------------------------------------------------------------------------------------
 
     def _tell_plugins(self, _request: Request[None]) -> list[PluginInfo]:
-        return [*map(self._info, self._registry.plugins.values()), *self._registry.foreign_infos()]
+        return [*map(self.info, self._registry.plugins.values()), *self._registry.foreign_infos()]
 
-    def _info(self, plugin: ManagedPlugin) -> PluginInfo:
+    def info(self, plugin: ManagedPlugin) -> PluginInfo:
+        """A plugin as the host reports it."""
         distribution = self._distribution_of(plugin.manifest.path)
         return msgspec.structs.replace(plugin.info(), distribution=distribution)
 
@@ -300,52 +303,13 @@ class AgentHost:
             raise CallError(ErrorCode.UNKNOWN_PLUGIN, str(error)) from error
         return plugin.call_external(function, request.asked, by=request.by)
 
-    def _run(self, request: Request[HostRequest]) -> bytes:
-        return msgspec.json.encode(self._done(request))
-
-    def _done(self, request: Request[HostRequest]) -> Any:
-        asked, verb = request.asked, request.names["verb"]
-        try:
-            if verb == "halt":
-                return self.halting.halt(asked.by or request.by, asked.text)
-            if verb == "resume":
-                return self.halting.resume(asked.by or request.by)
-            if verb == "load":
-                try:
-                    return [self._info(plugin) for plugin in self.manager.load(asked.plugin, self._loadable)]
-                except ManifestError as error:
-                    raise error.for_outside() from error
-            if verb == "unload":
-                gone = self.manager.unload(asked.plugin, cascade=asked.cascade)
-                return [self._info(plugin) for plugin in gone]
-            if verb == "reload":
-                return [self._info(self.manager.reload(asked.plugin))]
-            if verb == "command":
-                return self._door.call_text(asked.text, by=asked.by or request.by)
-            if verb == "hold":
-                return self._hold(asked)
-            if verb == "release":
-                return self._registry.leases.release(self.manager.get(asked.plugin).name, asked.by)
-        except PluginError as error:
-            code = ErrorCode.REFUSED if error.code is ErrorCode.FAILED else error.code
-            detail = plugin_traceback(error)
-            if detail:
-                log_error(logger, f"{self.name}: {verb} {cut(asked.plugin)}", error)
-            raise CallError(code, str(error), getattr(error, "holder", "") or detail) from error
-        verbs = "load, unload, reload, command, hold, release, halt, resume"
-        raise CallError(ErrorCode.UNKNOWN_FUNCTION, f"the host cannot {verb}: it can {verbs}")
-
-    def _hold(self, asked: HostRequest) -> Lease:
-        plugin = self.manager.get(asked.plugin)
-        try:
-            return plugin.hold(asked.by, asked.lease_s)
-        except (BadName, ValueError) as error:
-            raise CallError(ErrorCode.BAD_ARGUMENTS, f"hold: {error}") from error
-
     def _offer(self, request: Request[TaskOffer]) -> TaskAnswer:
         if self._registry.halted:
             return TaskAnswer.refused(RobotHalted())
         return self.desk.offer(request.asked, self.clock.now_ns())
+
+    def _costs(self, request: Request[CostsRequest]) -> list[TaskCost]:
+        return [self.desk.cost(task) for task in request.asked.tasks]
 
     def _withdraw(self, request: Request[TaskWithdrawal]) -> TaskAnswer:
         return self.desk.withdraw(request.asked)
@@ -363,7 +327,7 @@ class AgentHost:
     def _make_environment(self, plugin: PluginRequests) -> Environment:
         names = (zlib.crc32(self.name.encode()), zlib.crc32(plugin.name.encode()))
         rng = np.random.default_rng([self._seed, *names])
-        door = self._door if plugin.name == COMMAND else None
+        door = self.door if plugin.name == COMMAND else None
         connect = self._connect
         return Environment(
             plugin, self.name, self._open_wire(), rng, self.board, self.desk, outside=door, connect=connect

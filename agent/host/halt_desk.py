@@ -19,8 +19,9 @@ from robrain.protocol.model.tasks.halt_latch import HaltLatch
 from robrain.protocol.wire.border import Heard, Received
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.wire.host_messages import HaltAnswer
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import HaltAnswer, HaltStatus, LogRecord, RobotState, TeamState
+from robrain.protocol.wire.messages import HaltStatus, LogRecord, RobotState, TeamState
 from robrain.protocol.wire.record_guard import RecordGuard
 from robrain.protocol.wire.topics import COORDINATOR_HALT, COORDINATOR_STATE, HALT, ROBOT_LOG
 

@@ -17,7 +17,7 @@ from robrain.agent.isolation.messages import Begin, Call, Get, Observe, ReadBoar
 from robrain.agent.isolation.parent_desk import BOARD_TYPES
 from robrain.agent.isolation.peer import Peer
 from robrain.agent.isolation.plain_data import decoder, encode
-from robrain.agent.task_desk import Accept, LetGo
+from robrain.agent.task_desk import Accept, LetGo, TaskWork, work_at_place
 from robrain.protocol.wire.clock import Clock, WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Handler, Serve
 from robrain.protocol.wire.endpoint import Request as WireRequest
@@ -175,7 +175,7 @@ class ChildEnvironment(Environment):
 
         self.wire.answer(topic, locked, serve=Serve.AT_ONCE, **names)
 
-    def do_tasks(self, kind: type, accept: Accept, let_go: LetGo) -> None:
+    def do_tasks(self, accept: Accept, let_go: LetGo, work: TaskWork = work_at_place) -> None:
         """Refused: tasks are given out in the robot's own process."""
         raise PluginError(self.plugin, f"{self.plugin} runs in a process of its own and cannot do tasks")
 

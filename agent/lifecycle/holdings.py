@@ -5,7 +5,7 @@ from typing import Any
 
 from robrain.agent.event import Event, EventView, Mailbox
 from robrain.agent.lifecycle.robot_context import RobotContext
-from robrain.agent.task_desk import Accept, LetGo, TaskDesk
+from robrain.agent.task_desk import Accept, LetGo, TaskDesk, TaskWork
 
 
 class Holdings:
@@ -23,16 +23,16 @@ class Holdings:
         self._plugin = plugin
         self._context = context
         self._observed: list[Event[Any] | EventView[Any]] = []
-        self._tasks: list[tuple[TaskDesk, type]] = []
+        self._tasks: list[tuple[TaskDesk, str]] = []
 
     def observe(self, event: Event[Any] | EventView[Any], function: Callable[[Any], None]) -> None:
         """Have the plugin told of an event, through its mailbox."""
         event.add(function, self.mailbox)
         self._observed.append(event)
 
-    def do_tasks(self, desk: TaskDesk, kind: type, accept: Accept, let_go: LetGo) -> None:
+    def do_tasks(self, desk: TaskDesk, kind: str, accept: Accept, let_go: LetGo, work: TaskWork) -> None:
         """Have the plugin do tasks of a kind."""
-        desk.register(kind, accept, let_go)
+        desk.register(kind, accept, let_go, work)
         self._tasks.append((desk, kind))
 
     def release(self) -> None:

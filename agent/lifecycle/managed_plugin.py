@@ -6,11 +6,14 @@ Instances come and go: a restart or a reload makes a new one, handles on the plu
 
 import logging
 import threading
+import zlib
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar, cast
 
+import msgspec
+
 from robrain.agent.access.callee import Caller
-from robrain.agent.access.exclusive_use import ExclusiveUse, Lease
+from robrain.agent.access.exclusive_use import ExclusiveUse
 from robrain.agent.access.external_function import ExternalFunction
 from robrain.agent.access.handle import Handle
 from robrain.agent.access.incoming_calls import call_from_outside, external_function, query_handler, task_handlers
@@ -37,11 +40,12 @@ from robrain.agent.lifecycle.transitions import Step, Trigger, transition
 from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Level, Plugin, PluginState
 from robrain.agent.plugin_traceback import raised
-from robrain.agent.task_desk import Accept, LetGo, TaskDesk
+from robrain.agent.task_desk import Accept, LetGo, TaskDesk, TaskWork
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Handler, Serve
-from robrain.protocol.wire.messages import PluginInfo
+from robrain.protocol.wire.host_messages import Lease
+from robrain.protocol.wire.messages import PluginInfo, TaskKind
 from robrain.protocol.wire.topic import Query
 
 logger = logging.getLogger(__name__)
@@ -183,7 +187,15 @@ class ManagedPlugin:
             restarts=self.restarts,
             doc=(code.plugin_class.__doc__ or "").strip().partition("\n")[0] if code is not None else "",
             functions=[info for each in code.functions.values() for info in each.infos] if code is not None else [],
+            task_kind=self._announced_kind(),
         )
+
+    def _announced_kind(self) -> TaskKind | None:
+        if self._code is None or self._code.task_kind is None:
+            return None
+        parameters = {**self.manifest.parameters, **self._context.parameters_of(self.name)}
+        settings = zlib.crc32(msgspec.json.encode(parameters, order="deterministic"))
+        return msgspec.structs.replace(self._code.task_kind, settings=settings)
 
     # -- its states -----------------------------------------------------------------------------------------
 
@@ -428,9 +440,12 @@ class ManagedPlugin:
         if environment is not None:
             environment.wire.answer(topic, query_handler(self, environment, handler), serve=Serve.AT_ONCE, **names)
 
-    def do_tasks(self, desk: TaskDesk, kind: type, accept: Accept, let_go: LetGo) -> None:
+    def do_tasks(self, desk: TaskDesk, accept: Accept, let_go: LetGo, work: TaskWork) -> None:
         """Register the plugin at the desk; it is called with its lock held, and only while it is active."""
-        self.holdings.do_tasks(desk, kind, *task_handlers(self, accept, let_go))
+        task_kind = self._code.task_kind if self._code is not None else None
+        if task_kind is None:
+            raise PluginError(self.name, f"{self.name} cannot take tasks: its class declares no `kind`")
+        self.holdings.do_tasks(desk, task_kind.kind, *task_handlers(self, accept, let_go, work))
 
     # -- what is asked of it --------------------------------------------------------------------------------
 
@@ -453,7 +468,7 @@ class ManagedPlugin:
         Raises:
             PluginBusy: somebody else holds it.
             PluginError: it cannot be held, or not now.
-            BadName, ValueError: see ExternalLeases.take.
+            BadName: the holder's name cannot be one.
 
         """
         check_outside(self)

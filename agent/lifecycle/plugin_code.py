@@ -12,7 +12,11 @@ from robrain.agent.event import Event
 from robrain.agent.isolation.import_trial import try_import
 from robrain.agent.isolation.isolated_plugin import isolated_class
 from robrain.agent.manifest import Manifest, where_and_what
-from robrain.agent.plugin import Plugin
+from robrain.agent.plugin import Behavior, Plugin
+from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.wire.keys import check_name
+from robrain.protocol.wire.messages import TaskKind
+from robrain.protocol.wire.schema.struct_schema import parameters_schema
 
 
 class PluginCode(msgspec.Struct, frozen=True):
@@ -22,6 +26,8 @@ class PluginCode(msgspec.Struct, frozen=True):
     functions: dict[str, ExternalFunction]
     events: list[str]
     """Names of the events that the class declares."""
+    task_kind: TaskKind | None = None
+    """The kind of task that the class declares."""
 
 
 def import_code(manifest: Manifest, *, fresh: bool = False, live: bool = True) -> PluginCode:
@@ -49,11 +55,16 @@ def import_code(manifest: Manifest, *, fresh: bool = False, live: bool = True) -
     try:
         if isolated:
             found = isolated_class(found, manifest)
-        return PluginCode(found, external_functions(found), _event_names(found))
+        functions = external_functions(found)
     except Exception as error:  # hints are foreign code: msgspec or get_type_hints may not understand them
         raise ManifestError(
             manifest.path, "[plugin] class", f"the external functions of {found.__name__}: {error}"
         ) from error
+    try:
+        task_kind = _task_kind(found)
+    except Exception as error:  # the type of the parameters is foreign code, as above
+        raise ManifestError(manifest.path, "[plugin] class", f"the task kind of {found.__name__}: {error}") from error
+    return PluginCode(found, functions, _event_names(found), task_kind)
 
 
 def check_parameters(manifest: Manifest, code: PluginCode, overrides: Mapping[str, Any]) -> msgspec.Struct:
@@ -71,6 +82,20 @@ def check_parameters(manifest: Manifest, code: PluginCode, overrides: Mapping[st
         if overrides:
             what = f"{what} (the robot's file sets {', '.join(sorted(overrides))})"
         raise ManifestError(manifest.path, key, what) from error
+
+
+def _task_kind(plugin_class: type[Plugin]) -> TaskKind | None:
+    if not (issubclass(plugin_class, Behavior) and plugin_class.kind):
+        return None
+    check_name("kind of task", plugin_class.kind)
+    names = {field.encode_name for field in msgspec.structs.fields(plugin_class.task_parameters)}
+    if taken := sorted(names & set(Task.__struct_fields__)):
+        raise ValueError(f"task_parameters: {taken[0]} is a field of every task; give the parameter another name")
+    return TaskKind(
+        kind=plugin_class.kind,
+        doc=(plugin_class.__doc__ or "").strip().partition("\n")[0],
+        parameters=parameters_schema(plugin_class.task_parameters),
+    )
 
 
 def _event_names(plugin_class: type[Plugin]) -> list[str]:

@@ -32,17 +32,17 @@ def _check_route(problem: Problem, worker: Worker, route: Route) -> list[str]:
         arrive_s = now_s + float(problem.time_s[worker.profile, place, job.place])
         if not math.isfinite(arrive_s):
             faults.append(f"{worker.name} has no way to {job.id}")
-        if abs(arrive_s - stop.arrive_s) > SLACK or stop.start_s < arrive_s - SLACK:
+        if not (abs(arrive_s - stop.arrive_s) <= SLACK and stop.start_s >= arrive_s - SLACK):
             faults.append(f"{worker.name} cannot be at {job.id} before {arrive_s:.3f} s")
-        if stop.start_s < job.earliest_s - SLACK:
+        if not stop.start_s >= job.earliest_s - SLACK:
             faults.append(f"{job.id} starts at {stop.start_s:.3f} s, before {job.earliest_s:.3f} s")
-        if stop.end_s > job.latest_s + SLACK:
+        if not stop.end_s <= job.latest_s + SLACK:
             faults.append(f"{job.id} ends at {stop.end_s:.3f} s, after {job.latest_s:.3f} s")
-        if abs(stop.end_s - stop.start_s - job.service_s) > SLACK:
+        if not abs(stop.end_s - stop.start_s - job.service_s) <= SLACK:
             faults.append(f"{job.id} does not take {job.service_s:.3f} s")
         left_j -= float(problem.energy_j[worker.profile, place, job.place])
         left_j -= worker.wait_w * (stop.start_s - arrive_s) + job.service_j
-        if abs(left_j - stop.left_j) > SLACK:
+        if not abs(left_j - stop.left_j) <= SLACK:
             faults.append(f"{worker.name} has {left_j:.3f} J after {job.id}, not {stop.left_j:.3f} J")
         now_s, place = stop.end_s, job.place
     if not route.stops:
@@ -56,7 +56,7 @@ def _check_route(problem: Problem, worker: Worker, route: Route) -> list[str]:
         faults.append(f"{worker.name} lacks {-left_j:.3f} J on the way to its charger")
     if not now_s <= problem.horizon_s + SLACK:
         faults.append(f"{worker.name} is at its charger at {now_s:.3f} s, after {problem.horizon_s:.3f} s")
-    if abs(left_j - route.left_j) > SLACK or abs(now_s - route.end_s) > SLACK:
+    if not (abs(left_j - route.left_j) <= SLACK and abs(now_s - route.end_s) <= SLACK):
         faults.append(f"{worker.name} ends at {now_s:.3f} s with {left_j:.3f} J, which its route says otherwise")
     return faults
 

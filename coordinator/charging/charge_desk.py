@@ -17,7 +17,8 @@ from robrain.coordinator.planning.snapshot import AfterCharge
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Recharge, TaskState, place_of
+from robrain.protocol.model.tasks.stock_kinds import RECHARGE, Recharge
+from robrain.protocol.model.tasks.task import TaskState, parameters_of
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.reasons.plans import ChargerWait, HolderLacksEnergy, LeftOut, NearestOut
@@ -124,9 +125,9 @@ class ChargeDesk:
         next_one = {turn.behind: turn.robot for turn in turns}
         for turn in turns:
             at, one = self._book.of_robot(turn.robot), seekers[turn.robot]
-            if at is None or not at.own or not isinstance(at.task, Recharge) or not one.is_there:
+            if at is None or not at.own or at.task.kind != RECHARGE or not one.is_there:
                 continue
-            if turn.to_soc < at.task.until_soc and one.soc >= turn.to_soc:
+            if turn.to_soc < parameters_of(at.task, Recharge).until_soc and one.soc >= turn.to_soc:
                 self._watch.cut_short.add(turn.robot)
                 reason = ChargedEnough(turn.robot, one.soc, next_one[turn.robot])
                 self._book.move(at.task.id, TaskState.CANCELLED, reason)
@@ -150,7 +151,7 @@ class ChargeDesk:
 
     def _taken(self) -> list[Point2D]:
         """Where somebody charges or goes to, by a task or of its own accord."""
-        taken = [place_of(record.task) for record in self._book.open if isinstance(record.task, Recharge)]
+        taken = [record.task.place for record in self._book.open if record.task.kind == RECHARGE]
         for robot in self._roster.robots.values():
             state = robot.state
             if state is None or state.pose is None or not robot.has_token:

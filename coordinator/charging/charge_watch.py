@@ -13,7 +13,8 @@ from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.model.energy.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Recharge, place_of
+from robrain.protocol.model.tasks.stock_kinds import RECHARGE, Recharge
+from robrain.protocol.model.tasks.task import parameters_of
 from robrain.protocol.wire.task_messages import TaskRecord
 
 DETOUR = 1.5
@@ -54,7 +55,7 @@ class ChargeWatch:
         found = {}
         for name in sorted(self._roster.robots):
             robot, at = self._roster.robots[name], self._book.of_robot(name)
-            if at is not None and not at.own and not isinstance(at.task, Recharge):
+            if at is not None and not at.own and at.task.kind != RECHARGE:
                 self.cut_short.discard(name)
             limit = below if name in free else 0.0
             seeker = self.seeker(robot, at, limit, name in paused, now_ns) if robot.is_up(now_ns) else None
@@ -82,8 +83,8 @@ class ChargeWatch:
         to_soc = None
         if at is None and bound_for is not None and (is_paused or not is_there):
             to_soc = TO_SOC  # it goes of its own accord, and is not to be told otherwise
-        elif at is not None and not at.own and isinstance(at.task, Recharge):
-            to_soc = at.task.until_soc  # somebody asked for it
+        elif at is not None and not at.own and at.task.kind == RECHARGE:
+            to_soc = parameters_of(at.task, Recharge).until_soc  # somebody asked for it
         return Seeker(
             name=name,
             soc=battery.soc,
@@ -120,7 +121,7 @@ def _bound_for(robot: Robot, at: TaskRecord | None, here: Point2D, chargers: tup
         return None
     charges = robot.state is not None and robot.state.battery is not None and robot.state.battery.charging
     near = nearest(here, chargers) if charges or at is None else None
-    return place_of(at.task) if near is None and at is not None else near
+    return at.task.place if near is None and at is not None else near
 
 
 def _away_m(one: Point2D, other: Point2D) -> float:

@@ -6,7 +6,7 @@ Coordinated Multi-Robot Exploration, 2005). The assignment is optimal for these 
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -66,6 +66,7 @@ def assign_frontiers(
     seekers: Sequence[Seeker],
     taken: Sequence[Point2D],
     shut: Sequence[tuple[float, float, float]] = (),
+    choose: Callable[..., list[Choice]] | None = None,
 ) -> list[Choice]:
     """Give each robot at most one frontier and each frontier at most one robot.
 
@@ -75,6 +76,7 @@ def assign_frontiers(
         seekers: robots without a goal.
         taken: goals of the other robots.
         shut: circles (x, y, radius in metres) whose narrow places are impassable.
+        choose: the strategy; None for `assign`.
 
     Returns:
         The choices, by robot; robots that can reach no frontier are left out.
@@ -83,7 +85,8 @@ def assign_frontiers(
     if not candidates or not seekers:
         return []
     ways_m = ways_to(navigation, candidates, seekers, shut)
-    return assign(ways_m, candidates, seekers, taken, is_narrow=navigation.preferred_m > navigation.needed_m)
+    choose = choose or assign
+    return choose(ways_m, candidates, seekers, taken, is_narrow=navigation.preferred_m > navigation.needed_m)
 
 
 def ways_to(
@@ -135,6 +138,34 @@ def assign(
         for row, column in zip(rows.tolist(), columns.tolist(), strict=True)
         if costs[row, column] < UNREACHABLE
     ]
+
+
+def nearest_frontier(
+    ways_m: NDArray[np.float64],
+    candidates: Sequence[Candidate],
+    seekers: Sequence[Seeker],
+    taken: Sequence[Point2D],
+    *,
+    is_narrow: bool = False,
+) -> list[Choice]:
+    """Each robot in turn takes the frontier that is nearest to it and still free.
+
+    After Yamauchi, Frontier-Based Exploration Using Multiple Robots, 1998, in which robots do not coordinate; here no
+    two share a goal. A baseline for comparison.
+    """
+    choices: list[Choice] = []
+    free = {column for column, candidate in enumerate(candidates) if candidate.place not in taken}
+    for row, seeker in enumerate(seekers):
+        able = [
+            (float(ways_m[row, column]), column)
+            for column in free
+            if math.isfinite(ways_m[row, column]) and not is_shunned(candidates[column], seeker)
+        ]
+        if able:
+            way_m, column = min(able)
+            free.remove(column)
+            choices.append(Choice(seeker.name, candidates[column].place, way_m, way_m, is_narrow))
+    return choices
 
 
 def is_shunned(candidate: Candidate, seeker: Seeker) -> bool:

@@ -16,6 +16,7 @@ from robrain.coordinator.exploration.assignment import (
     ways_to,
 )
 from robrain.coordinator.exploration.narrow_ways import NarrowWays
+from robrain.coordinator.exploration.strategies import Strategy
 from robrain.coordinator.team.roster import Robot
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.model.geometry import Point2D
@@ -54,9 +55,16 @@ class _Failure(NamedTuple):
 
 
 class Explorer:
-    """Chooses goals; remembers for a while which robot failed where."""
+    """Chooses goals; remembers for a while which robot failed where.
 
-    def __init__(self, team_map: TeamMap) -> None:
+    Args:
+        team_map: what is known of the floor.
+        strategy: which robot is sent to which frontier.
+
+    """
+
+    def __init__(self, team_map: TeamMap, strategy: Strategy = assign) -> None:
+        self._strategy = strategy
         self.candidates: list[Candidate] = []
         """The frontiers of the map as it was last looked at."""
         self._map = team_map
@@ -127,7 +135,7 @@ class Explorer:
         if navigation is None:
             return []
         candidates = [candidate for candidate in self.candidates if not self._is_spent(candidate.place)]
-        choices = assign_frontiers(navigation, candidates, seekers, taken)
+        choices = assign_frontiers(navigation, candidates, seekers, taken, choose=self._strategy)
         chosen = {choice.robot for choice in choices}
         left = [seeker for seeker in seekers if seeker.name not in chosen]
         is_narrow_due = bool(left) and now_ns >= self._narrow_due_ns
@@ -156,7 +164,8 @@ class Explorer:
             for index, candidate in enumerate(candidates)
             if candidate.place not in taken and not self._narrow.is_given_up(candidate.place)
         ]
-        choices = assign(ways_m[:, free], [candidates[index] for index in free], seekers, taken, is_narrow=True)
+        open_to = [candidates[index] for index in free]
+        choices = self._strategy(ways_m[:, free], open_to, seekers, taken, is_narrow=True)
         self._narrow_goals |= {choice.place for choice in choices}
         for row, seeker in enumerate(seekers):
             within = [candidate for way_m, candidate in zip(ways_m[row], candidates, strict=True) if way_m < math.inf]

@@ -31,7 +31,8 @@ from robrain.coordinator.journal.salvage import (
     take_its_place,
 )
 from robrain.coordinator.journal.schema import ENDED, migrate
-from robrain.protocol.model.tasks.task import TaskState, kind_of
+from robrain.protocol.model.tasks.old_form import upgraded_json
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.task_messages import TaskChange, TaskFilter, TaskRecord
 
 logger = logging.getLogger(__name__)
@@ -91,7 +92,7 @@ class Journal:
         with self._transaction(durable=not record.own):
             self._db.execute(
                 "INSERT INTO task (id, state, robot, record, kind, own, asked) VALUES (?, ?, ?, '', ?, ?, ?)",
-                (record.task.id, record.state, record.robot, kind_of(record.task), record.own, asked.decode()),
+                (record.task.id, record.state, record.robot, record.task.kind, record.own, asked.decode()),
             )
             return self._write(record)
 
@@ -148,9 +149,9 @@ class Journal:
         return next(iter(self._records("SELECT record FROM task WHERE id = ?", task_id)), None)
 
     def asked(self, task_id: str) -> bytes:
-        """What was asked for when the task was accepted, word by word."""
+        """What was asked for when the task was accepted, word by word but for its form, which is today's."""
         row = self._db.execute("SELECT asked FROM task WHERE id = ?", (task_id,)).fetchone()
-        return b"" if row is None else str(row[0]).encode()
+        return b"" if row is None else upgraded_json(str(row[0]).encode())
 
     def select(self, wanted: TaskFilter) -> list[TaskRecord]:
         """The last tasks that match, in the order in which they were accepted."""

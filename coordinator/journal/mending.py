@@ -1,4 +1,6 @@
-"""Reads journal records with values that are out of range by now: invalid fields get their defaults.
+"""Reads journal records of older versions, and those with values that are out of range by now.
+
+Invalid fields get their defaults.
 
 A reason with an unknown code, from a newer robrain, is left out: its words are there all the same.
 """
@@ -8,6 +10,7 @@ from typing import Any
 
 import msgspec
 
+from robrain.protocol.model.tasks.old_form import upgraded
 from robrain.protocol.wire.reasons.tasks import TaskReason
 from robrain.protocol.wire.task_messages import TaskRecord
 
@@ -29,9 +32,13 @@ def read_record(text: str) -> tuple[TaskRecord, str]:
     """
     try:
         return msgspec.json.decode(text, type=TaskRecord), ""
+    except msgspec.ValidationError:
+        pass
+    whole = upgraded(msgspec.json.decode(text))
+    try:
+        return msgspec.convert(whole, TaskRecord), ""
     except msgspec.ValidationError as error:
         why, last = str(error), error
-    whole = msgspec.json.decode(text)
     if isinstance(whole, dict) and whole.get("reason") is not None and not _is_reason(whole["reason"]):
         del whole["reason"]
         try:

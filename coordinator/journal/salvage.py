@@ -11,6 +11,7 @@ from typing import NamedTuple
 import msgspec
 
 from robrain.coordinator.journal.schema import migrate
+from robrain.protocol.model.tasks.old_form import upgraded_json
 from robrain.protocol.wire.task_messages import TaskRecord
 
 logger = logging.getLogger(__name__)
@@ -124,7 +125,7 @@ def _read(connection: sqlite3.Connection) -> Salvaged:
     still_open, highest = 0, 0
     for number, row in _rows(connection, "task", TASK_COLUMNS):
         try:
-            record = msgspec.json.decode(str(row[3]), type=TaskRecord)
+            record = msgspec.json.decode(upgraded_json(str(row[3]).encode()), type=TaskRecord)
         except (msgspec.DecodeError, UnicodeDecodeError):
             continue
         if record.task.id != row[0] or record.task.id in seen:

@@ -17,7 +17,8 @@ from robrain.coordinator.motes.mote_registry import MEMBER_PREFIX, Mote, MoteTab
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_explanation import TaskReasons
 from robrain.coordinator.team.roster import Roster
-from robrain.protocol.model.tasks.task import Monitor, Sense, TaskState
+from robrain.protocol.model.tasks.stock_kinds import MONITOR, SENSE, Monitor, Sense
+from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState, parameters_of
 from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Endpoint
@@ -55,9 +56,8 @@ BY = "coordinator"
 class Errand:
     """A task that a mote is at."""
 
-    def __init__(self, task: Sense | Monitor, mote: Mote, now_ns: int) -> None:
-        self.task_id = task.id
-        self.task = task
+    def __init__(self, wanted: Sense | Monitor, mote: Mote, now_ns: int) -> None:
+        self.wanted = wanted
         self.mote = mote
         self.began_ns = now_ns
         self.usual_s = mote.period_s
@@ -67,14 +67,14 @@ class Errand:
         """When it last brought something in."""
         self.interval_s = self.usual_s
         self.until_ns = now_ns
-        if isinstance(task, Monitor):
-            self.interval_s = min(self.usual_s, task.interval_s)
-            self.until_ns = now_ns + to_ns(task.duration_s)
-        self.patience_s = max(PATIENCE_PERIODS * self.usual_s, getattr(task, "timeout_s", 0.0))
+        if isinstance(wanted, Monitor):
+            self.interval_s = min(self.usual_s, wanted.interval_s)
+            self.until_ns = now_ns + to_ns(wanted.duration_s)
+        self.patience_s = max(PATIENCE_PERIODS * self.usual_s, getattr(wanted, "timeout_s", 0.0))
 
     def take(self, reading: MoteReading, now_ns: int) -> None:
         """The mote has told something."""
-        quantity = self.task.quantity
+        quantity = self.wanted.quantity
         if (reading.taken_ns or reading.stamp_ns) >= self.began_ns and reading.quantity == quantity:
             self.values.append(reading.value)
             self.last_ns = now_ns
@@ -84,10 +84,10 @@ class Errand:
         """What came of it."""
         told: dict[str, Any] = {
             "mote": self.mote.name,
-            "quantity": self.task.quantity,
+            "quantity": self.wanted.quantity,
             "energy_j": round(len(self.values) * reading_j(), 4),
         }
-        if isinstance(self.task, Sense):
+        if isinstance(self.wanted, Sense):
             return {"value": self.values[0], **told}
         return {"rounds": len(self.values), "least": min(self.values), "greatest": max(self.values), **told}
 
@@ -143,7 +143,7 @@ class MoteDesk:
             for task_id in [task_id for task_id in self._errands if not self._is_at_it(task_id)]:
                 self._forget(task_id)  # done, or called off
             for record in self._book.open:
-                if record.state is TaskState.QUEUED and is_for_motes(record):
+                if record.state is TaskState.QUEUED:
                     self._give_out(record, now_ns)
         self._seen_version = self._book.version
         return freed
@@ -185,16 +185,16 @@ class MoteDesk:
     # -- deciding -------------------------------------------------------------------------------------------
 
     def _give_out(self, record: TaskRecord, now_ns: int) -> None:
-        if self._reasons.waits(record, now_ns) is not None:
+        wanted = wanted_of_motes(record)
+        if wanted is None or self._reasons.waits(record, now_ns) is not None:
             return
-        task = record.task
         verdicts, mote = self.judge(record, now_ns)
-        if mote is None or not isinstance(task, Sense | Monitor):
+        if mote is None:
             return
         self._reasons.note(record.task.id, verdicts, now_ns)
         self._book.offered(record.task.id, f"{MEMBER_PREFIX}{mote.name}")
         self._book.move(record.task.id, TaskState.RUNNING)
-        errand = self._errands[record.task.id] = Errand(task, mote, now_ns)
+        errand = self._errands[record.task.id] = Errand(wanted, mote, now_ns)
         if errand.interval_s < errand.usual_s:
             self._ask_duty(mote.name, errand.interval_s)
 
@@ -204,21 +204,24 @@ class MoteDesk:
         It is None if no mote can, or if a robot costs the network less. The reasons have the share of its energy that
         the task would take each: see `motes_energy`.
         """
-        motes = {mote.name: self._why_not(record, mote, now_ns) for mote in self._candidates(record)}
+        wanted = wanted_of_motes(record)
+        if wanted is None:
+            return [], None
+        motes = {mote.name: self._why_not(record, wanted, mote, now_ns) for mote in self._candidates(record, wanted)}
         shares = {
-            name: mote_share(_readings(record, self.table.motes[name]), self.table.motes[name].latest.voltage_v)
+            name: mote_share(_readings(wanted, self.table.motes[name]), self.table.motes[name].latest.voltage_v)
             for name, reason in motes.items()
             if reason is None
         }
         best = min(shares, key=lambda name: (shares[name], name), default=None)
-        robots = {robot: (share, energy_j) for robot, share, energy_j in self._robots(record, now_ns)}
+        robots = {robot: (share, energy_j) for robot, share, energy_j in self._robots(record, wanted, now_ns)}
         cheapest = min(robots, key=lambda name: (robots[name][0], name), default=None)
         is_mote = best is not None and (cheapest is None or shares[best] <= robots[cheapest][0])
         winner = best if is_mote else cheapest
         least = shares[best] if is_mote and best is not None else robots[cheapest][0] if cheapest is not None else 0.0
         told = []
         for name, reason in sorted(motes.items(), key=lambda one: one[0]):
-            energy_j = None if reason is not None else _readings(record, self.table.motes[name]) * reading_j()
+            energy_j = None if reason is not None else _readings(wanted, self.table.motes[name]) * reading_j()
             if reason is None and winner is not None and name != winner:
                 reason = Dearer(shares[name], winner, least)
             told.append(RobotVerdict.judged(name, reason, chosen=name == winner, energy_j=energy_j))
@@ -229,40 +232,37 @@ class MoteDesk:
 
     def verdicts(self, record: TaskRecord, now_ns: int) -> list[RobotVerdict]:
         """How each mote stands to a task that a robot does or is to do; none for tasks that are not for motes."""
-        if not is_for_motes(record):
-            return []
         judged, _ = self.judge(record, now_ns)
         return [msgspec.structs.replace(one, chosen=False) for one in judged if one.robot in self.table.motes]
 
-    def _candidates(self, record: TaskRecord) -> list[Mote]:
-        named = getattr(record.task, "mote", "")
+    def _candidates(self, record: TaskRecord, wanted: Sense | Monitor) -> list[Mote]:
+        named = getattr(wanted, "mote", "")
         if named:
             return [self.table.motes[named]] if named in self.table.motes else []
-        assert isinstance(record.task, Sense | Monitor)
         return self.table.near(record.task.place, JUDGED)
 
-    def _why_not(self, record: TaskRecord, mote: Mote, now_ns: int) -> RobotReason | None:
+    def _why_not(self, record: TaskRecord, wanted: Sense | Monitor, mote: Mote, now_ns: int) -> RobotReason | None:
         task = record.task
-        assert isinstance(task, Sense | Monitor)
         if task.needs:
             return LacksPlugins(task.needs)
         away_m = 0.0 if mote.place is None else _away_m(task, mote)
-        if away_m > NEAR_M and not getattr(task, "mote", ""):
+        if away_m > NEAR_M and not getattr(wanted, "mote", ""):
             return FarFromPlace(round(away_m, 3))
-        if mote.latest.quantity != task.quantity:
-            return SensesOther(mote.latest.quantity, task.quantity)
-        if isinstance(task, Sense) and mote.period_s > task.timeout_s:
-            return SpeaksSeldom(mote.period_s, task.timeout_s)
+        if mote.latest.quantity != wanted.quantity:
+            return SensesOther(mote.latest.quantity, wanted.quantity)
+        if isinstance(wanted, Sense) and mote.period_s > wanted.timeout_s:
+            return SpeaksSeldom(mote.period_s, wanted.timeout_s)
         if (out := mote.why_out_of_reach(self._roster, now_ns)) is not None:
             return out
-        if mote_share(_readings(record, mote), mote.latest.voltage_v) >= 1.0:
+        if mote_share(_readings(wanted, mote), mote.latest.voltage_v) >= 1.0:
             return BatteryTooSmall()
         return self._reasons.shunned(task.id, f"{MEMBER_PREFIX}{mote.name}", now_ns)
 
-    def _robots(self, record: TaskRecord, now_ns: int) -> Iterator[tuple[str, float, float | None]]:
+    def _robots(
+        self, record: TaskRecord, wanted: Sense | Monitor, now_ns: int
+    ) -> Iterator[tuple[str, float, float | None]]:
         task = record.task
-        assert isinstance(task, Sense | Monitor)
-        stay_s = task.duration_s if isinstance(task, Monitor) else OWN_STAY_S
+        stay_s = wanted.duration_s if isinstance(wanted, Monitor) else OWN_STAY_S
         for robot in self._roster.up(now_ns):
             state = robot.state
             if state is None or self._reasons.not_for(record, robot, now_ns) is not None:
@@ -288,20 +288,26 @@ class MoteDesk:
             self._ask_duty(errand.mote.name, errand.usual_s)
 
 
-def is_for_motes(record: TaskRecord) -> bool:
-    """Whether a task is one that a mote may do."""
+def wanted_of_motes(record: TaskRecord) -> Sense | Monitor | None:
+    """What a task asks for, if it is one that a mote may do; else None."""
     task = record.task
-    return isinstance(task, Sense) or (isinstance(task, Monitor) and bool(task.quantity))
+    try:
+        if task.kind == SENSE:
+            return parameters_of(task, Sense)
+        if task.kind == MONITOR and (wanted := parameters_of(task, Monitor)).quantity:
+            return wanted
+    except BadParameters:  # of a task from before they were checked; its robot refuses it
+        pass
+    return None
 
 
-def _readings(record: TaskRecord, mote: Mote) -> int:
-    task = record.task
-    if not isinstance(task, Monitor):
+def _readings(wanted: Sense | Monitor, mote: Mote) -> int:
+    if not isinstance(wanted, Monitor):
         return 1
-    return max(1, round(task.duration_s / min(task.interval_s, mote.period_s)))
+    return max(1, round(wanted.duration_s / min(wanted.interval_s, mote.period_s)))
 
 
-def _away_m(task: Sense | Monitor, mote: Mote) -> float:
+def _away_m(task: Task, mote: Mote) -> float:
     place = mote.place
     assert place is not None
     return float(((place.x_m - task.place.x_m) ** 2 + (place.y_m - task.place.y_m) ** 2) ** 0.5)

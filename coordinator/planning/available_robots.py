@@ -1,7 +1,7 @@
 """Which robots plans can count on."""
 
 from robrain.coordinator.team.roster import Robot
-from robrain.protocol.model.tasks.task import Recharge
+from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.wire.reasons.robots import Charging, Halted, HeadsHome, PositionUnknown, RobotReason, SentToCharge
 from robrain.protocol.wire.task_messages import TaskRecord
 
@@ -25,7 +25,7 @@ def why_out(robot: Robot, at: TaskRecord | None, now_ns: int) -> RobotReason | N
         return PositionUnknown()
     if state.halted:
         return Halted()
-    if at is not None and isinstance(at.task, Recharge):
+    if at is not None and at.task.kind == RECHARGE:
         return SentToCharge(at.task.id)
     is_busy = state.task is not None and not state.task.state.ended
     if state.behavior in HOMEWARD and not is_busy:
@@ -41,6 +41,6 @@ def is_charging(robot: Robot, at: TaskRecord | None) -> bool:
     if state is None or state.halted or state.lost:
         return False
     if at is not None:
-        return isinstance(at.task, Recharge)
+        return at.task.kind == RECHARGE
     is_busy = state.task is not None and not state.task.state.ended
     return state.behavior in HOMEWARD and not is_busy

@@ -4,16 +4,20 @@ To an objective that counts joules, a robot that is free in five minutes is as g
 is made for those who are ready first, and what they cannot do is then handed out to the others.
 """
 
+import logging
 from collections.abc import Mapping, Sequence
 
 import msgspec
 
 from robrain.coordinator.allocation.allocator import Allocator
 from robrain.coordinator.allocation.arrays import make_arrays
+from robrain.coordinator.allocation.checked_allocator import BadPlan
 from robrain.coordinator.allocation.plan import Plan, Route, Stop
 from robrain.coordinator.allocation.problem import Problem
 from robrain.coordinator.allocation.refusal import reasons
 from robrain.coordinator.allocation.repair import repaired
+
+logger = logging.getLogger(__name__)
 
 
 def for_the_ready(problem: Problem) -> Problem:
@@ -52,7 +56,11 @@ def with_those_who_charge(
     workers = tuple(worker for worker in problem.workers if worker.name in late)
     rest = msgspec.structs.replace(problem, jobs=left, workers=workers)
     before = msgspec.structs.replace(plan, routes=tuple(_in_this_order(name, orders.get(name, ())) for name in late))
-    found = allocator.plan(rest, warm_start=before, iterations=1)
+    try:
+        found = allocator.plan(rest, warm_start=before, iterations=1)
+    except BadPlan as error:  # the plan of the ready robots is sound
+        logger.warning("robots that charge get no tasks in this plan: %s", error)
+        return shared, plan
     of_late = {route.worker: route.jobs for route in found.routes}
     both = repaired(shared, [of_late.get(route.worker, route.jobs) for route in plan.routes], plan.objective)
     if both is None or both.rank > plan.rank:

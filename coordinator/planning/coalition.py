@@ -19,7 +19,8 @@ from robrain.coordinator.team.roster import Roster
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
-from robrain.protocol.model.tasks.task import Explore, Task, TaskState, Visit, place_of
+from robrain.protocol.model.tasks.stock_kinds import EXPLORE, VISIT
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.reasons.robots import PartFailed, PartUndone, Refused, RobotReason, WithOthers
 from robrain.protocol.wire.reasons.tasks import Gather, NeededFor, PartsUntold, RobotOut, TaskReason, WholeIs
 from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord
@@ -93,13 +94,13 @@ class Together:
             return
         for robot in robots:
             at = self._book.of_robot(robot)
-            if at is not None and isinstance(at.task, Explore):
+            if at is not None and at.task.kind == EXPLORE:
                 self._book.move(at.task.id, TaskState.CANCELLED, NeededFor(robot, task_id))
         self._lifecycle.note_decision(task_id, robots, now_ns)
         spots = self._spots(record.task, robots)
         self._book.begin_together(task_id, Gather(tuple(robots)))
         gathering = tuple(
-            self._add(Visit(id=self._new_id(GATHER), place=spot, priority=record.task.priority), task_id)
+            self._add(Task(id=self._new_id(GATHER), kind=VISIT, place=spot, priority=record.task.priority), task_id)
             for spot in spots
         )
         self._groups[task_id] = _Group(tuple(robots), tuple(spots), gathering)
@@ -163,14 +164,13 @@ class Together:
         return self._book.add(task, by=task_id, own=True).task.id
 
     def _own_share(self, task: Task, spot: Point2D) -> Task:
-        at = {"goal": spot} if isinstance(task, Explore) else {"place": spot}
-        return msgspec.structs.replace(task, id=self._new_id(SHARE), robots=1, after=(), earliest_ns=0, **at)
+        return msgspec.structs.replace(task, id=self._new_id(SHARE), robots=1, after=(), earliest_ns=0, place=spot)
 
     def _spots(self, task: Task, robots: Sequence[str]) -> list[Point2D]:
         """Each robot gets the spot that is left nearest to it, in their order."""
         states = {name: self._roster.robots[name].state for name in robots}
         radius_m = max(state.radius_m for state in states.values() if state is not None)
-        left = spots_around(place_of(task), len(robots), radius_m, self._map.grid)
+        left = spots_around(task.place, len(robots), radius_m, self._map.grid)
         chosen = []
         for name in robots:
             state = states[name]
@@ -191,7 +191,7 @@ class Together:
             return _Group((), (), ())  # it was killed while it told them
         return _Group(
             tuple(part.robot for part in gathering),
-            tuple(place_of(part.task) for part in gathering),
+            tuple(part.task.place for part in gathering),
             tuple(part.task.id for part in gathering),
             tuple(part.task.id for part in doing),
         )

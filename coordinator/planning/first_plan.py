@@ -9,7 +9,8 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.snapshot import Member, Situation
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.occupancy_grid import FREE, GridGeometry
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.stock_kinds import VISIT
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages import RobotState
 from robrain.protocol.wire.task_messages import TaskRecord
 
@@ -27,7 +28,8 @@ def rehearse() -> None:
         now_ns=0,
         cause="",
         records=tuple(
-            TaskRecord(task=Visit(id=f"t{k}", place=at), state=TaskState.QUEUED) for k, at in enumerate(places)
+            TaskRecord(task=Task(id=f"t{k}", kind=VISIT, place=at), state=TaskState.QUEUED)
+            for k, at in enumerate(places)
         ),
         ended=frozenset(),
         members={

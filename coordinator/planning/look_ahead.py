@@ -3,7 +3,7 @@
 import math
 
 from robrain.coordinator.team.roster import Robot
-from robrain.protocol.model.tasks.task import Explore
+from robrain.protocol.model.tasks.stock_kinds import EXPLORE
 from robrain.protocol.wire.messages import RobotState
 from robrain.protocol.wire.task_messages import TaskRecord
 
@@ -26,7 +26,7 @@ def free_in_s(robot: Robot, records: list[TaskRecord]) -> float:
         return 0.0
     at, state = records[0], robot.state
     if at.own:
-        return 0.0 if isinstance(at.task, Explore) else math.inf
+        return 0.0 if at.task.kind == EXPLORE else math.inf
     if len(records) > 1 or state is None or state.next_task is not None:
         return math.inf
     left_s = left_of(at, state)

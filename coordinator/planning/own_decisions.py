@@ -5,7 +5,8 @@ import math
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.energy.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Explore, Recharge, place_of
+from robrain.protocol.model.tasks.stock_kinds import RECHARGE, Recharge
+from robrain.protocol.model.tasks.task import Task, parameters_of
 from robrain.protocol.wire.messages import RobotState
 from robrain.protocol.wire.plan_messages import TaskDecision
 from robrain.protocol.wire.reasons.plans import NothingElse, ToCharge
@@ -19,7 +20,7 @@ DOCK_S = 10.0
 
 
 def own_decision(
-    task: Explore | Recharge, state: RobotState | None, way_m: float, plan: int, policy: PlanningPolicy
+    task: Task, state: RobotState | None, way_m: float, plan: int, policy: PlanningPolicy
 ) -> TaskDecision | None:
     """That a robot gets a task, with joules and seconds; None if it does not tell enough of itself.
 
@@ -33,13 +34,13 @@ def own_decision(
     """
     if state is None or state.pose is None or state.energy is None:
         return None
-    place = place_of(task)
+    place = task.place
     if not math.isfinite(way_m):
         way_m = DETOUR * _away_m(Point2D(state.pose.x_m, state.pose.y_m), place)
-    found = estimate(state.energy, Work(path_m=way_m, wait_s=DOCK_S if isinstance(task, Recharge) else 0.0))
+    found = estimate(state.energy, Work(path_m=way_m, wait_s=DOCK_S if task.kind == RECHARGE else 0.0))
     time_s = policy.time_margin * found.duration_s
     verdict = RobotVerdict(robot=state.robot, chosen=True, energy_j=round(found.mean_j, 3), time_s=round(time_s, 3))
-    reason = ToCharge(task.until_soc) if isinstance(task, Recharge) else NothingElse()
+    reason = ToCharge(parameters_of(task, Recharge).until_soc) if task.kind == RECHARGE else NothingElse()
     return TaskDecision(task=task.id, plan=plan, robots=(state.robot,), start_in_s=0.0, why=told(reason),
                         reason=reason, bids=(verdict,))  # fmt: skip
 

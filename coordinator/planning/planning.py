@@ -17,18 +17,20 @@ from robrain.coordinator.planning.available_robots import HOMEWARD, why_out
 from robrain.coordinator.planning.look_ahead import LATEST_S, free_in_s, is_ending
 from robrain.coordinator.planning.plan_in_force import Planned, Step
 from robrain.coordinator.planning.planner import Planner
-from robrain.coordinator.planning.policy import Method, PlanningPolicy
+from robrain.coordinator.planning.policy import NEAREST, PlanningPolicy
 from robrain.coordinator.planning.replan_trigger import News
 from robrain.coordinator.planning.snapshot import AfterCharge, ChargerWays, Situation
 from robrain.coordinator.planning.snapshot_builder import TeamWatch
 from robrain.coordinator.planning.worker.live_planner import LivePlanner
 from robrain.coordinator.tasks.backoff import Shunning
 from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.tasks.task_costs import TaskCosts
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.model.ranges import cut
-from robrain.protocol.model.tasks.task import Explore, TaskState
+from robrain.protocol.model.tasks.stock_kinds import EXPLORE
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
 from robrain.protocol.wire.messages import RobotState
@@ -108,6 +110,7 @@ class Planning:
         self._shunning = shunning
         self._watch = TeamWatch(book, roster, capabilities, team_map, self.chargers, self.why_out, self.after_charge)
         self._waits = waits
+        self._costs = TaskCosts(wire, capabilities)
         self._news = News()
         self._planner = _planner_of(wire)
         self._plan: Planned | None = None
@@ -129,7 +132,7 @@ class Planning:
     @property
     def is_on(self) -> bool:
         """Whether there are plans at all."""
-        return self.policy.method is not Method.NEAREST
+        return self.policy.method != NEAREST
 
     def prepare(self) -> None:
         """Get ready beside the coordinator's loop for the first plan, if there are to be any."""
@@ -146,7 +149,7 @@ class Planning:
         """Look for news, have a plan made of them, take in what was made; True if there is a new plan."""
         if not self.is_on:
             return False
-        if now_ns >= self._look_ns or self._seen_version != self._book.version:
+        if now_ns >= self._look_ns or self._seen_version != self._book.version or self._costs.is_waiting:
             self._look(now_ns)
         if self._cause and now_ns >= self._not_before_ns:
             self._ask(now_ns)
@@ -166,7 +169,7 @@ class Planning:
         if now_ns >= self._look_ns:
             self._look_ns = now_ns + LOOK_NS
             self.chargers.follow(self._watch.places(now_ns), now_ns)
-        records = self._watch.records()
+        records = self._plannable(now_ns)
         if not records and not self._news.has_tasks:
             return
         members = self._watch.members(now_ns)
@@ -177,10 +180,17 @@ class Planning:
             cause = "a while has passed"
         self._cause = self._cause or cause
 
+    def _plannable(self, now_ns: int) -> list[TaskRecord]:
+        """Open tasks, but for those of which the robots are yet to tell what they take."""
+        records = self._watch.records()
+        if records or self._costs.is_waiting:
+            self._costs.follow((record.task for record in records), self._watch.places(now_ns), now_ns)
+        return [record for record in records if record.robot or self._costs.of(record.task) is not None]
+
     def _ask(self, now_ns: int) -> None:
         cause, self._cause = self._cause, ""
         self._asked_ns = now_ns
-        records, members, pauses = self._watch.records(), self._watch.members(now_ns), self._shunning.pauses(now_ns)
+        records, members, pauses = self._plannable(now_ns), self._watch.members(now_ns), self._shunning.pauses(now_ns)
         self._news.note(records, members, pauses, self._watch.area_m2)
         if not members or not records:
             self._plan = None
@@ -199,6 +209,7 @@ class Planning:
             ending=self._watch.ending(members),
             members=members,
             pauses={pair: reason for pair, reason in pauses.items() if pair[0] in open_ids},
+            works={record.task.id: self._costs.of(record.task) or () for record in records},
             served_s=self._watch.served_s(records, now_ns),
             floor=self._watch.floor(now_ns, wanted=bool(self.left_out)),
             orders=self._orders(),
@@ -266,7 +277,7 @@ class Planning:
         robots: dict[str, list[str]] = {}
         for name in sorted(self._plan.steps) if self._plan is not None else ():
             step, robot, at = self._next(name), self._roster.robots.get(name), self._book.of_robot(name)
-            is_free = at is None or (at.own and isinstance(at.task, Explore))
+            is_free = at is None or (at.own and at.task.kind == EXPLORE)
             if step is not None and robot is not None and is_free and self.why_out(robot, now_ns) is None:
                 robots.setdefault(step.task, []).append(name)
         for task_id, names in robots.items():
@@ -289,7 +300,7 @@ class Planning:
 
     def has_unplanned(self) -> bool:
         """Whether a plan is about to come that may have something for anybody, so that nobody is sent elsewhere."""
-        if not (self._cause or self._planner.is_busy):
+        if not (self._cause or self._planner.is_busy or self._costs.is_waiting):
             return False
         known = set() if self._plan is None else {step.task for steps in self._plan.steps.values() for step in steps}
         known |= self.left_out.keys() | self.waiting.keys()

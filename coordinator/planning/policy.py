@@ -2,21 +2,18 @@
 
 import math
 from enum import StrEnum
+from typing import Final
 
 import msgspec
 
+from robrain.coordinator.allocation.allocators import ALLOCATORS, OPTIMAL
+from robrain.coordinator.exploration.strategies import ASSIGNMENT, STRATEGIES
+from robrain.protocol.model.ranges import Name
 from robrain.protocol.model.tasks.objective import Objective
+from robrain.protocol.registry import UnknownEntry
 
-
-class Method(StrEnum):
-    """Who makes the plans."""
-
-    OPTIMAL = "optimal"
-    """An auction, improved by a search."""
-    AUCTION = "auction"
-    GREEDY = "greedy"
-    NEAREST = "nearest"
-    """No plan: each task goes to the nearest robot that is idle. What plans are compared with."""
+NEAREST: Final = "nearest"
+"""The method without a plan: each task goes to the nearest robot that is idle. What plans are compared with."""
 
 
 class Charging(StrEnum):
@@ -32,7 +29,10 @@ class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """What plans are made for and how. Raises ValueError where it is built with what makes no sense."""
 
     objective: Objective = Objective.ENERGY
-    method: Method = Method.OPTIMAL
+    method: Name = OPTIMAL
+    """The allocator that makes the plans, by its name in `ALLOCATORS`; or NEAREST."""
+    exploration: Name = ASSIGNMENT
+    """Which idle robot is sent to which frontier: the strategy's name in `STRATEGIES`."""
     seed: int = 0
     prize_j: float = 1e6
     """What a task of priority 1 is worth; one of priority p is worth p times that. More than any robot's battery
@@ -71,6 +71,12 @@ class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     battery is worth a trip, and above about 0.8 a battery takes less and less."""
 
     def __post_init__(self) -> None:
+        STRATEGIES.check(self.exploration)
+        if self.method != NEAREST:
+            try:
+                ALLOCATORS.check(self.method)
+            except UnknownEntry as error:
+                raise ValueError(f"{error}; {NEAREST} makes no plans") from error
         for name in ("prize_j", "time_margin", "unknown_cost", "deadline_s", "refresh_s", "give_up_s"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")

@@ -1,19 +1,20 @@
 """From the team at one moment to the question that the allocators are asked."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from robrain.coordinator.allocation.problem import Job, Worker
-from robrain.coordinator.planning.energy_budget import kinds_of, means_of, profile_of
+from robrain.coordinator.planning.energy_budget import UNKNOWN, kinds_of, means_of, profile_of
 from robrain.coordinator.planning.path_lengths import Ways
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_codec import Question, pack_ways
-from robrain.coordinator.planning.snapshot import ChargerWays, Member, Situation, service_s, urgency
+from robrain.coordinator.planning.snapshot import HANDLING_S, ChargerWays, Member, Situation, urgency
 from robrain.coordinator.tasks.admission import GATHERING, needed_plugins
+from robrain.protocol.model.energy.energy_model import EnergyModel, Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.navigation.clearance import PREFERRED_MARGIN_M
 from robrain.protocol.model.ranges import cut
-from robrain.protocol.model.tasks.task import TaskState, place_of
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.reasons.reason import Said
 from robrain.protocol.wire.reasons.tasks import AfterUnplanned, HolderOut, Outranked, TaskReason
@@ -40,13 +41,15 @@ def ask(situation: Situation, ways: Ways, policy: PlanningPolicy) -> Asked:
     names = sorted(situation.members)
     members = [situation.members[name] for name in names]
     profiles, kinds = kinds_of([profile_of(member.state.energy, policy.time_margin) for member in members])
-    waits_s = sum(service_s(record.task) for record in chosen)
+    models = [member.state.energy for member in members]
+    at_place = {record.task.id: _at_place(record.task, situation, models) for record in chosen}
+    waits_s = sum(service_s for service_s, _ in at_place.values())
     waits_s += max((to_seconds(max(0, record.task.earliest_ns - situation.now_ns)) for record in chosen), default=0.0)
     means = [means_of(member.state, waits_s, policy) for member in members]
     standing_w = max((mean.standing_w for mean in means), default=0.0)
 
     goals: dict[Point2D, int] = {}
-    for place in [place_of(record.task) for record in chosen] + [end for one in members for end in _ends(one)]:
+    for place in [record.task.place for record in chosen] + [end for one in members for end in _ends(one)]:
         goals.setdefault(place, len(goals))
     ending = situation.ending
     starts = [
@@ -59,7 +62,14 @@ def ask(situation: Situation, ways: Ways, policy: PlanningPolicy) -> Asked:
     for task, robot in situation.pauses:
         paused.setdefault(task, set()).add(robot)
     jobs = [
-        _job(record, goals[place_of(record.task)], situation, prize_j, standing_w, paused.get(record.task.id, ()))
+        _job(
+            record,
+            goals[record.task.place],
+            situation,
+            prize_j,
+            (*at_place[record.task.id], standing_w),
+            paused.get(record.task.id, ()),
+        )
         for record in chosen
     ]
     everything = frozenset().union(*(job.needs for job in jobs))
@@ -142,14 +152,39 @@ def _chosen(situation: Situation, policy: PlanningPolicy) -> tuple[list[TaskReco
             waiting[task_id] = AfterUnplanned(other)
 
 
+def _at_place(task: Task, situation: Situation, models: Sequence[EnergyModel | None]) -> tuple[float, float]:
+    """Seconds that a task takes at its place, and joules beyond standing so long: of the slowest, dearest robot."""
+    service_s = moving_j = 0.0
+    for work in situation.works.get(task.id) or (Work(wait_s=task.service_s),):
+        if not (work.path_m or work.turn_rad or work.radio_packets):
+            service_s = max(service_s, work.wait_s)
+            continue
+        for model in models:
+            if model is None:
+                duration_s, extra_j = work.wait_s + UNKNOWN.s_per_m * work.path_m, UNKNOWN.j_per_m * work.path_m
+            else:
+                found = estimate(model, work)
+                duration_s = found.duration_s
+                extra_j = found.mean_j - duration_s * max(0.0, model.coefficients[0])
+            service_s, moving_j = max(service_s, duration_s), max(moving_j, extra_j)
+    return HANDLING_S + service_s, moving_j
+
+
 def _job(
-    record: TaskRecord, place: int, situation: Situation, prize_j: float, standing_w: float, paused: Iterable[str]
+    record: TaskRecord,
+    place: int,
+    situation: Situation,
+    prize_j: float,
+    at_place: tuple[float, float, float],
+    paused: Iterable[str],
 ) -> Job:
     task = record.task
-    takes_s = service_s(task)
+    takes_s, moving_j, standing_w = at_place
     pinned = record.robot
     if pinned:
+        whole_s = takes_s
         takes_s = max(0.0, takes_s - situation.served_s.get(task.id, 0.0))
+        moving_j *= takes_s / whole_s
     needs = set() if pinned else set(needed_plugins(task))
     if task.robots > 1:
         needs.add(GATHERING)
@@ -163,7 +198,7 @@ def _job(
         place=place,
         prize_j=prize_j * task.priority,
         service_s=takes_s,
-        service_j=takes_s * standing_w,
+        service_j=takes_s * standing_w + moving_j,
         earliest_s=earliest_s,
         latest_s=max(0.0, latest_s),
         needs=frozenset(needs),

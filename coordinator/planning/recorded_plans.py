@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import msgspec
 
-from robrain.coordinator.planning.policy import Method
 from robrain.coordinator.planning.problem_codec import decode
 from robrain.coordinator.planning.solver import think
 from robrain.coordinator.recording.reader.reading import read_messages
@@ -34,7 +33,7 @@ def plan_again(problem: PlanProblem) -> Routes:
     plan, _ = think(
         decode(problem.question).problem(),
         problem.objective,
-        Method(problem.method),
+        problem.method,
         seed=problem.seed,
         rounds=problem.rounds,
         iterations=problem.iterations,

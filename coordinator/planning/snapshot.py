@@ -6,16 +6,14 @@ from typing import NamedTuple
 import msgspec
 
 from robrain.coordinator.planning.floor import Floor
+from robrain.protocol.model.energy.energy_model import Work
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Collect, Inspect, Monitor, Relay, Replace, Sense, Task
 from robrain.protocol.wire.messages import RobotState
 from robrain.protocol.wire.reasons.robots import RobotReason
 from robrain.protocol.wire.task_messages import TaskRecord
 
 HANDLING_S = 1.0
 """Every task takes so long besides: to be offered, to come to a stop. So nothing ends when it begins, either."""
-INSPECT_S = 3.0
-OWN_SENSE_S = 1.0
 Orders = dict[str, tuple[str, ...]]
 """Tasks of robots, in the order in which they are to be done."""
 
@@ -74,6 +72,8 @@ class Situation(msgspec.Struct, frozen=True, kw_only=True):
     members: dict[str, Member]
     pauses: dict[tuple[str, str], RobotReason]
     """Which task is not to be offered to which robot now, and why."""
+    works: dict[str, tuple[Work, ...]] = {}
+    """What each task takes at its place, by the robots that were asked; standing for its service time if none told."""
     served_s: dict[str, float]
     """How long its robot has been at the place of a running task."""
     floor: Floor | None
@@ -81,22 +81,6 @@ class Situation(msgspec.Struct, frozen=True, kw_only=True):
     """As they are planned so far."""
     told: dict[str, tuple[str, ...]]
     """Of each task the robots that the last decision named."""
-
-
-def service_s(task: Task) -> float:
-    """How long a task takes at its place, as the behaviors reckon; of what ends early the longest."""
-    match task:
-        case Relay() | Monitor() | Replace():
-            own_s = task.duration_s
-        case Collect():
-            own_s = task.timeout_s
-        case Sense():
-            own_s = task.timeout_s if task.mote else OWN_SENSE_S
-        case Inspect():
-            own_s = INSPECT_S
-        case _:
-            own_s = 0.0
-    return HANDLING_S + own_s + task.service_s
 
 
 def urgency(record: TaskRecord) -> tuple[float, float, int, str]:

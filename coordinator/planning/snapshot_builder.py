@@ -14,7 +14,7 @@ from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import TaskState, place_of
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.messages import RobotState
 from robrain.protocol.wire.reasons.robots import RobotReason
@@ -115,7 +115,7 @@ class TeamWatch:
             at = self._book.of_robot(name)
             left_s = math.inf if at is None or at.own else left_of(at, member.state)
             if at is not None and left_s <= AHEAD_S:
-                found[name] = Ending(at.task.id, place_of(at.task), left_s)
+                found[name] = Ending(at.task.id, at.task.place, left_s)
         return found
 
     def served_s(self, records: Iterable[TaskRecord], now_ns: int) -> dict[str, float]:
@@ -127,7 +127,7 @@ class TeamWatch:
                 continue
             if self._book.of_robot(record.robot) is not record:  # it is to begin that later
                 continue
-            if robot.state.pose.distance_m(place_of(record.task)) <= AT_PLACE_M:
+            if robot.state.pose.distance_m(record.task.place) <= AT_PLACE_M:
                 there[record.task.id] = self._there_ns.get(record.task.id, now_ns)
         self._there_ns = there
         return {task: to_seconds(now_ns - since_ns) for task, since_ns in there.items()}

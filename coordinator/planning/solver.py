@@ -4,19 +4,21 @@ Equal questions, seeds, rounds and iterations make equal plans, in both drives: 
 rounds there are, and that number is written down with the plan.
 """
 
+import logging
 from collections.abc import Iterator, Mapping, Sequence
 
-from robrain.coordinator.allocation.allocator import Allocator
 from robrain.coordinator.allocation.arrays import make_arrays
-from robrain.coordinator.allocation.auction import AuctionAllocator, GreedyAllocator
+from robrain.coordinator.allocation.checked_allocator import BadPlan, allocator_of
 from robrain.coordinator.allocation.plan import Plan, Route, Stop
 from robrain.coordinator.allocation.problem import Problem
 from robrain.coordinator.allocation.refusal import reasons
 from robrain.coordinator.allocation.repair import keep
+from robrain.coordinator.allocation.searched_auction import Searching
 from robrain.coordinator.planning.charging_patience import for_the_ready, with_those_who_charge
 from robrain.coordinator.planning.early_start import without_idling
-from robrain.coordinator.planning.policy import Method
 from robrain.protocol.model.tasks.objective import Objective
+
+logger = logging.getLogger(__name__)
 
 FRUITLESS = 2
 """After so many rounds one after another that found nothing better there is little to be expected."""
@@ -28,7 +30,7 @@ class Thinking:
     Args:
         problem: what is asked.
         objective: what the plan is to be good at.
-        method: who makes it.
+        method: name of its allocator.
         seed: of what is random in it.
         iterations: of each search.
         gain_min: tasks change hands only for a plan that is better by this share.
@@ -40,7 +42,7 @@ class Thinking:
         self,
         problem: Problem,
         objective: Objective,
-        method: Method,
+        method: str,
         *,
         seed: int,
         iterations: int,
@@ -49,7 +51,7 @@ class Thinking:
     ) -> None:
         self.rounds = 0
         """Searches so far."""
-        first: Allocator = GreedyAllocator(objective) if method is Method.GREEDY else AuctionAllocator(objective)
+        first = allocator_of(method, objective)
         self.problem = problem
         """What was asked; once there is a plan, with what those who charge are not to do."""
         self._asked = problem
@@ -61,16 +63,20 @@ class Thinking:
         self._orders = orders
         self._before = _warm(orders, objective) if orders else None
         self._best = first.plan(problem, warm_start=self._before, iterations=1)
-        self._search = _searcher(objective) if method is Method.OPTIMAL and _is_worth_it(problem) else None
+        self._search = first.search() if isinstance(first, Searching) and _is_worth_it(problem) else None
 
     def improve(self) -> Iterator[None]:
         """Yields before each search, for as long as something may come of one."""
         fruitless = 0
         while self._search is not None and fruitless < FRUITLESS:
             yield
-            found = self._search.plan(
-                self._problem, iterations=self._iterations, seed=self._seed + self.rounds, warm_start=self._best
-            )
+            try:
+                found = self._search.plan(
+                    self._problem, iterations=self._iterations, seed=self._seed + self.rounds, warm_start=self._best
+                )
+            except BadPlan as error:  # the plan that it was to improve is sound
+                logger.warning("the plan is not searched any further: %s", error)
+                return
             self.rounds += 1
             fruitless = 0 if found.rank < self._best.rank else fruitless + 1
             self._best = min(self._best, found, key=lambda plan: plan.rank)
@@ -103,7 +109,7 @@ class Thinking:
 def think(
     problem: Problem,
     objective: Objective,
-    method: Method,
+    method: str,
     *,
     seed: int,
     rounds: int,
@@ -124,14 +130,6 @@ def think(
 def _is_worth_it(problem: Problem) -> bool:
     """Whether a search may find what the auction does not: with one task that is free, it cannot."""
     return sum(not job.pinned_to for job in problem.jobs) > 1
-
-
-def _searcher(objective: Objective) -> Allocator | None:
-    try:
-        from robrain.coordinator.allocation.optimal import OptimalAllocator
-    except ImportError:  # PyVRP comes with the extra `team`
-        return None
-    return OptimalAllocator(objective, lambda: 0.0)  # without a deadline the clock is not read
 
 
 def _gain(kept: Plan, best: Plan) -> float:

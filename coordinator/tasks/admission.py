@@ -4,15 +4,20 @@ Only what is certain counts. A robot that has not told its plugins yet may have 
 nobody has seen may be free, and a task that is waited for may be asked for later.
 """
 
-from collections.abc import Iterable, Mapping
+import difflib
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import msgspec
 
-from robrain.protocol.model.tasks.task import Task, TaskState, kind_of, place_of
+from robrain.coordinator.tasks.announced_parameters import check_announced
+from robrain.protocol.model.tasks.stock_kinds import check_parameters
+from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.errors import BadName
 from robrain.protocol.wire.keys import check_name
+from robrain.protocol.wire.messages import JsonSchema
 from robrain.protocol.wire.reasons.reason import said
 from robrain.protocol.wire.reasons.tasks import (
     AfterEnded,
@@ -28,6 +33,7 @@ from robrain.protocol.wire.task_messages import TaskRecord, TaskSubmission
 if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
     from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 
+NO_SCHEMAS: Mapping[str, Sequence[JsonSchema]] = MappingProxyType({})
 GATHERING = "visit"
 """What robots need, besides, to gather for a task for several."""
 
@@ -65,6 +71,7 @@ def why_impossible(
     grid: "OccupancyGrid | None",
     plugins: Mapping[str, Iterable[str] | None],
     others: Mapping[str, TaskRecord],
+    schemas: Mapping[str, Sequence[JsonSchema]] = NO_SCHEMAS,
 ) -> str:
     """Why a task can never be done, in words for whoever asks for it; empty if it may be.
 
@@ -72,13 +79,16 @@ def why_impossible(
         task: a new one.
         now_ns: the time.
         grid: what is known of the floor; None if nothing is.
-        plugins: of each robot of the team; None of one that has not told them yet.
+        plugins: what each robot of the team offers; None of one that has not told it yet.
         others: the tasks that it waits for, and those that these wait for and so on, as far as they are known.
+        schemas: of the parameters of each kind of task, as robots announce them.
 
     """
     return (
         _why_bad_name(task.id)
         or _why_late(task, now_ns)
+        or _why_unknown_kind(task, plugins, schemas)
+        or _why_bad_parameters(task, schemas)
         or _why_no_place(task, grid)
         or told(why_nobody_can(task, plugins) or why_dependency_ended(task, others))
         or _why_waits_for_itself(task, others)
@@ -86,8 +96,8 @@ def why_impossible(
 
 
 def needed_plugins(task: Task) -> tuple[str, ...]:
-    """What a robot must have: the behavior, which is named as the kind, and what the task needs besides."""
-    return (kind_of(task), *task.needs)
+    """What a robot must offer: the task's kind, and the plugins that it needs besides."""
+    return (task.kind, *task.needs)
 
 
 def why_nobody_can(
@@ -131,6 +141,27 @@ def _why_bad_name(task_id: str) -> str:
     return ""
 
 
+def _why_unknown_kind(
+    task: Task, plugins: Mapping[str, Iterable[str] | None], schemas: Mapping[str, Sequence[JsonSchema]]
+) -> str:
+    if not schemas or any(names is None or task.kind in names for names in plugins.values()):
+        return ""
+    close = difflib.get_close_matches(task.kind, schemas, n=1)
+    meant = f"; did you mean {close[0]}?" if close else ""
+    return f"no robot of the team does a task to {task.kind}: they do {', '.join(sorted(schemas))}{meant}"
+
+
+def _why_bad_parameters(task: Task, schemas: Mapping[str, Sequence[JsonSchema]]) -> str:
+    try:
+        if announced := schemas.get(task.kind):
+            check_announced(task.kind, task.parameters, announced)
+        else:
+            check_parameters(task)
+    except BadParameters as error:
+        return str(error)
+    return ""
+
+
 def _why_late(task: Task, now_ns: int) -> str:
     if task.deadline_ns is None:
         return ""
@@ -143,7 +174,7 @@ def _why_late(task: Task, now_ns: int) -> str:
 
 
 def _why_no_place(task: Task, grid: "OccupancyGrid | None") -> str:
-    place = place_of(task)
+    place = task.place
     if grid is None:
         return ""
     geometry = grid.geometry
@@ -181,7 +212,7 @@ def _flat(value: object, name: str = "") -> dict[str, object]:
         return {name: value}
     found: dict[str, object] = {}
     for key, part in value.items():
-        found |= _flat(part, key if name in ("", "task") else f"{name}.{key}")
+        found |= _flat(part, key if name in ("", "task", "parameters") else f"{name}.{key}")
     return found
 
 

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Sequence
 
 from robrain.coordinator.team.roster import Robot
-from robrain.protocol.model.tasks.task import Task, place_of
+from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.reasons.robots import AnotherNearer, PositionUnknown, RobotReason
 from robrain.protocol.wire.task_messages import RobotVerdict, TaskRecord
 
@@ -68,5 +68,5 @@ def _urgency(record: TaskRecord) -> tuple[float, float, int]:
 
 def _distance_m(task: Task, robot: Robot) -> float | None:
     pose = robot.state.pose if robot.state is not None else None
-    place = place_of(task)
+    place = task.place
     return None if pose is None else math.hypot(pose.x_m - place.x_m, pose.y_m - place.y_m)

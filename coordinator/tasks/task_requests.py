@@ -1,6 +1,6 @@
 """What people ask the coordinator about tasks: submit, cancel, list, get, why."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import TypeVar
 
 import msgspec
@@ -8,6 +8,7 @@ import msgspec
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.tasks.admission import difference, why_impossible, with_times
 from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import Clock
@@ -15,14 +16,12 @@ from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.reasons.tasks import Cancelled
 from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
-from robrain.protocol.wire.topics import TASK_CANCEL, TASK_GET, TASK_LIST, TASK_SUBMIT, TASK_WHY
+from robrain.protocol.wire.topics import TASK_CANCEL, TASK_GET, TASK_KINDS, TASK_LIST, TASK_SUBMIT, TASK_WHY
 
 T = TypeVar("T")
 
 REPLY_MAX = 10_000
 """Tasks in one reply to `list`."""
-
-Plugins = Callable[[], Mapping[str, frozenset[str] | None]]
 
 
 class TaskRequests:
@@ -32,7 +31,7 @@ class TaskRequests:
         wire: the coordinator's place on the wire.
         book: of its tasks.
         team_map: what is known of the floor.
-        plugins: of each robot of the team; None of one that has not told them.
+        capabilities: what robots of the team offer.
         explain: why a task stands as it does.
 
     """
@@ -42,7 +41,7 @@ class TaskRequests:
         wire: Endpoint,
         book: TaskBook,
         team_map: TeamMap,
-        plugins: Plugins,
+        capabilities: Capabilities,
         explain: Callable[[TaskRecord, int], TaskWhy],
     ) -> None:
         self.news = False
@@ -50,12 +49,13 @@ class TaskRequests:
         self._clock: Clock = wire.clock
         self._book = book
         self._map = team_map
-        self._plugins = plugins
+        self._capabilities = capabilities
         self._explain = explain
         wire.answer(TASK_SUBMIT, self._submit, serve=Serve.IN_STEP)
         wire.answer(TASK_CANCEL, self._cancel, serve=Serve.IN_STEP)
         wire.answer(TASK_LIST, self._list, serve=Serve.IN_STEP)
         wire.answer(TASK_GET, self._get, serve=Serve.IN_STEP)
+        wire.answer(TASK_KINDS, lambda _: capabilities.known_kinds(), serve=Serve.IN_STEP)
         wire.answer(TASK_WHY, self._why, serve=Serve.IN_STEP)
 
     def _submit(self, request: Request[TaskSubmission]) -> TaskRecord:
@@ -92,7 +92,10 @@ class TaskRequests:
                 others[name] = record
                 waiting += record.task.after
         grid = self._map.grid
-        return why_impossible(task, self._clock.now_ns(), grid=grid, plugins=self._plugins(), others=others)
+        known = self._capabilities
+        return why_impossible(
+            task, self._clock.now_ns(), grid=grid, plugins=known.plugins, others=others, schemas=known.schemas()
+        )
 
     def _cancel(self, request: Request[TaskRequest]) -> TaskRecord:
         asked = request.asked

@@ -1,11 +1,16 @@
-"""Who can do what: the plugins of each robot, as their hosts tell them."""
+"""Who can do what: plugins and kinds of tasks of each robot, as their hosts tell them."""
 
-from collections.abc import Iterable
+import zlib
+from collections.abc import Iterable, Iterator, Sequence
+
+import msgspec
 
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages import JsonSchema, PluginInfo, TaskKind
+from robrain.protocol.wire.task_messages import KnownKind
 from robrain.protocol.wire.topics import ROBOT_PLUGINS
 
 ASK_AGAIN_NS = to_ns(10.0)
@@ -28,7 +33,12 @@ class Capabilities:
 
     def __init__(self, wire: Endpoint) -> None:
         self.plugins: dict[str, frozenset[str] | None] = {}
-        """Of each robot that ever came; None as long as it has not told them."""
+        """What each robot that ever came offers: names of plugins, kinds of tasks; None until it has told them."""
+        self.kinds: dict[str, dict[str, TaskKind]] = {}
+        """The kinds of tasks that each robot announces."""
+        self.version = 0
+        """Grows whenever `kinds` changes."""
+        self._announcements: dict[str, dict[str, int]] = {}
         self._wire = wire
         self._inbox = Inbox()
         self._asked_ns: dict[str, int] = {}
@@ -59,11 +69,46 @@ class Capabilities:
             self._wire.ask_into(self._inbox, ROBOT_PLUGINS, ROBOT_PLUGINS, robot=name)
         for received in self._inbox.drain():
             self._waiting.discard(received.names["robot"])
-            name, plugins = received.names["robot"], frozenset(info.name for info in received.message)
-            news = news or self.plugins.get(name) != plugins
-            self.plugins[name] = plugins
+            name, kinds = received.names["robot"], _kinds_in(received.message)
+            plugins = frozenset((*(info.name for info in received.message), *kinds))
+            if self.plugins.get(name) != plugins or self.kinds.get(name) != kinds:
+                news = True
+                self.plugins[name], self.kinds[name] = plugins, kinds
+                self._announcements[name] = {kind: _number_of(one) for kind, one in kinds.items()}
+                self.version += 1
         return news
+
+    def announcements(self, kind: str) -> Iterator[tuple[str, int]]:
+        """The robots that do a kind of task, each with a number that is equal where they announce it alike."""
+        for robot in sorted(self._announcements):
+            if kind in self._announcements[robot]:
+                yield robot, self._announcements[robot][kind]
+
+    def schemas(self) -> dict[str, list[JsonSchema]]:
+        """The schemas of the parameters of each kind that robots announce, each that differs once."""
+        schemas: dict[str, list[JsonSchema]] = {}
+        for one in self.known_kinds():
+            schemas.setdefault(one.kind, []).append(one.parameters)
+        return schemas
+
+    def known_kinds(self) -> list[KnownKind]:
+        """The kinds of tasks that robots of the team do, by name; twice where robots announce one differently."""
+        found: dict[bytes, KnownKind] = {}
+        for robot in sorted(self.kinds):
+            for kind, one in self.kinds[robot].items():
+                told = msgspec.json.encode([kind, one.parameters], order="deterministic")
+                known = found.get(told) or KnownKind(kind=kind, doc=one.doc, parameters=one.parameters)
+                found[told] = msgspec.structs.replace(known, robots=[*known.robots, robot])
+        return sorted(found.values(), key=lambda known: (known.kind, known.robots))
 
     def came(self, robot: str) -> None:
         """A robot came, maybe with other plugins than before: it is asked anew."""
         self._asked_ns.pop(robot, None)
+
+
+def _kinds_in(plugins: Sequence[PluginInfo]) -> dict[str, TaskKind]:
+    return {info.task_kind.kind: info.task_kind for info in plugins if info.task_kind is not None}
+
+
+def _number_of(kind: TaskKind) -> int:
+    return zlib.crc32(msgspec.json.encode(kind, order="deterministic"))

@@ -19,7 +19,6 @@ from robrain.protocol.wire.keys import DEFAULT_TEAM
 EXIT_REFUSED = 2
 OPTIONS = {
     "place": "--at",
-    "goal": "--at",
     "id": "--id",
     "priority": "--priority",
     "deadline_ns": "--deadline",
@@ -42,7 +41,9 @@ OPTIONS = {
 
 
 def add(
-    what: Annotated[str, typer.Argument(metavar="KIND|FILE", help="visit, inspect, …; or a .toml or .json file.")],
+    what: Annotated[
+        str, typer.Argument(metavar="KIND|FILE", help="visit, inspect, … (see `task kinds`); or a .toml or .json file.")
+    ],
     at: Annotated[str | None, typer.Option(help="Where: X,Y in metres, arena frame.")] = None,
     task_id: Annotated[str | None, typer.Option("--id", help="Its name; the same task again counts once.")] = None,
     priority: Annotated[float | None, typer.Option(help="Reward for doing it; 1 if not given.")] = None,
@@ -63,6 +64,10 @@ def add(
     quantity: Annotated[str | None, typer.Option(help="sense: what is measured.")] = None,
     look_at: Annotated[str | None, typer.Option(help="inspect: X,Y of what is to be in the picture.")] = None,
     until_soc: Annotated[float | None, typer.Option(help="recharge: state of charge to reach, to 1.")] = None,
+    parameters: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help="Any parameter of its kind, as JSON; may be repeated."),
+    ] = None,
     connect: ConnectOption = None,
     team: TeamOption = DEFAULT_TEAM,
     as_json: JsonOption = False,
@@ -70,7 +75,7 @@ def add(
     """Ask for a task, or for those in a file. Refused at once if it can never be done."""
     from robrain.client.submission import submission_of
     from robrain.deploy.errors import UsageError
-    from robrain.deploy.tasks.task_files import TaskWords, point, tasks_in
+    from robrain.deploy.tasks.task_files import TaskWords, parameters_set, point, tasks_in
     from robrain.protocol.wire.errors import CallError
 
     fields: dict[str, Any] = {
@@ -92,6 +97,7 @@ def add(
         "until_soc": until_soc,
     }
     given = {name: value for name, value in fields.items() if value is not None}
+    given |= parameters_set(parameters or [], given)
     if Path(what).suffix in (".toml", ".json"):
         if given:
             raise UsageError(f"{what}: a file says all about its tasks itself; leave the options out")

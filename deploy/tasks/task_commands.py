@@ -61,6 +61,24 @@ def list_tasks(
 
 
 @task_app.command()
+def kinds(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False) -> None:
+    """Say which kinds of tasks the team's robots do, and with which parameters."""
+    with connect_team(connect, team) as client:
+        known = client.kinds()
+    if as_json:
+        print_json(known)
+        return
+    if not known:
+        say("no robot has told yet what it does")
+    for one in known:
+        say(f"{one.kind}: {one.doc} ({', '.join(one.robots)})")
+        needed = one.parameters.get("required", [])
+        for name, shape in one.parameters.get("properties", {}).items():
+            meaning = shape.get("description", "") if isinstance(shape, dict) else ""
+            say(f"  {name}{'' if name in needed else ' (optional)'}{f': {meaning}' if meaning else ''}")
+
+
+@task_app.command()
 def show(
     task_id: IdArgument, connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False
 ) -> None:

@@ -2,11 +2,13 @@
 
 import json
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from robrain.client.submission import KINDS, submission_of
+from robrain.client.submission import COMMON, RELATIVE, submission_of
 from robrain.deploy.errors import UsageError
+from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS
 from robrain.protocol.wire.errors import BadToml
 from robrain.protocol.wire.toml_text import LARGE, parse_toml, read_toml_text
 
@@ -38,15 +40,38 @@ def tasks_in(path: Path) -> list[TaskWords]:
     tasks = content.get("task", [content]) if isinstance(content, dict) else content
     tasks = tasks if isinstance(tasks, list) else [tasks]
     if not tasks or not all(isinstance(task, dict) for task in tasks):
-        raise UsageError(f"{path}: expected tasks: a table with type and id, or several [[task]]")
+        raise UsageError(f"{path}: expected tasks: a table with kind and id, or several [[task]]")
     found = []
     for number, task in enumerate(tasks, start=1):
         where = f"{path}: task {number}: "
-        kind = task.pop("type", None)
+        kind = task.pop("kind", None)
         if not isinstance(kind, str):
-            raise UsageError(f"{where}expected type, one of {', '.join(sorted(KINDS))}")
+            raise UsageError(f"{where}expected kind, such as {', '.join(sorted(STOCK_KINDS))}")
         submission_of(kind, {"id": kind, **task}, where)  # all of them are checked before the first is asked for
         found.append(TaskWords(kind, task))
+    return found
+
+
+def parameters_set(words: Sequence[str], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters of a kind of task, written `NAME=VALUE`: values as JSON, or as text where they are none.
+
+    Raises:
+        UsageError: one is not written so, names what has an option of its own, or is given twice.
+
+    """
+    found: dict[str, Any] = {}
+    for word in words:
+        name, equals, text = word.partition("=")
+        if not (name and equals):
+            raise UsageError(f"--set {word}: expected NAME=VALUE")
+        if name in COMMON or name in RELATIVE:
+            raise UsageError(f"--set {word}: {name} is of every task and has an option of its own")
+        if name in found or name in given:
+            raise UsageError(f"--set {word}: {name} is given twice")
+        try:
+            found[name] = json.loads(text)
+        except (ValueError, RecursionError):
+            found[name] = text
     return found
 
 

@@ -37,7 +37,6 @@ def show_table(records: list[Any]) -> None:
     from rich.table import Table
 
     from robrain.deploy.commands.plugin_commands import PLAIN_WIDTH
-    from robrain.protocol.model.tasks.task import kind_of
 
     console = Console(highlight=False)
     if not console.is_terminal:
@@ -47,7 +46,7 @@ def show_table(records: list[Any]) -> None:
         table.add_column(heading, overflow="fold")
     for record in records:
         task = record.task
-        row = (task.id, kind_of(task), record.state, record.robot, f"{task.priority:g}", record.by, record.why)
+        row = (task.id, task.kind, record.state, record.robot, f"{task.priority:g}", record.by, record.why)
         table.add_row(*map(escape, row))
     console.print(table)
 

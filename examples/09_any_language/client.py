@@ -141,7 +141,7 @@ def do_task(wire):
     """Submit a visit, and follow it to its end."""
     events, task_id = queue.Queue(), f"{ME}-{time.time_ns()}"
     wire.listen("task_event", lambda event: event["task"]["id"] == task_id and events.put(event))
-    visit = wire.message({"$ref": "#/$defs/Visit"}, type="visit", id=task_id, place=PLACE, priority=100.0)
+    visit = wire.message({"$ref": "#/$defs/Task"}, kind="visit", id=task_id, place=PLACE, priority=100.0)
     submission = wire.message(wire.rows["task_submit"]["request"], task=visit, by=ME)
     record, states = patiently(wire, "task_submit", submission), []
     while record["state"] not in ("done", "failed", "cancelled"):

@@ -1,13 +1,19 @@
 """Errand: what all behaviors have in common that do one kind of task at a place.
 
-A behavior says which kind, what is to be done at the place, and what that takes; the errand accepts or refuses offers,
-goes there, watches energy and deadline, and tells how it ended:
+A behavior says which kind, with which parameters, what is to be done at the place, and what that takes; the errand
+accepts or refuses offers, goes there, watches energy and deadline, and tells how it ended:
 
-class Visit(Errand):
-    kind = task.Visit
+class Sweep(TaskParameters, frozen=True):
+    width_m: Length
 
-    def do(self, task):
-        yield from self.wait(task.service_s)
+class SweepBehavior(Errand[Sweep]):
+    kind = "sweep"
+
+    def work(self, task, sweep):
+        return Work(path_m=4 * sweep.width_m)
+
+    def do(self, task, sweep):
+        yield from self.go(Point2D(task.place.x_m + sweep.width_m, task.place.y_m))
         return {}
 
 `do` is a script: each `yield` gives the turn back until the next step, its return value is the task's result, and
@@ -17,7 +23,7 @@ class Visit(Errand):
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Generic, TypeVar, cast, get_args, get_origin
 
 import msgspec
 
@@ -28,11 +34,12 @@ from robrain.plugins.behavior.travel import PRIORITY_MAX, Progress, Travel, Trav
 from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.model.geometry import Point2D, wrap_angle_rad
-from robrain.protocol.model.tasks.task import PlacedTask, TaskState, kind_of
+from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState, parameters_of
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.messages import BatteryState, TaskAnswer
 from robrain.protocol.wire.reasons.offers import NeedsTime, NoPath, OfferRefusal
+from robrain.protocol.wire.reasons.reason import Said
 
 STEP_S = 0.25
 CHECK_NS = to_ns(2.0)
@@ -42,6 +49,7 @@ SETTLE_S = 4.0
 ACTION_LIMIT_S = 20.0
 FACED_RAD = 0.05
 
+P = TypeVar("P", bound=msgspec.Struct)
 Script = Generator[None, None, dict[str, Any]]
 Part = Generator[None, None, None]
 """A piece of a script, for `yield from`."""
@@ -62,11 +70,12 @@ class Failed(Exception):
     """A script cannot do what it was to do; the text says why."""
 
 
-class Run:
+class Run(Generic[P]):
     """A task that was accepted, and how far it is.
 
     Args:
         task: the task.
+        parameters: the task's, as its kind has them.
         play: makes its script, from the beginning.
         goal: its place.
         way_m: length of the way there, as planned.
@@ -76,9 +85,18 @@ class Run:
     """
 
     def __init__(
-        self, task: Any, play: Callable[[], Script], goal: Point2D, way_m: float, home_m: float, *, own: str = ""
+        self,
+        task: Task,
+        parameters: P,
+        play: Callable[[], Script],
+        goal: Point2D,
+        way_m: float,
+        home_m: float,
+        *,
+        own: str = "",
     ) -> None:
         self.task = task
+        self.parameters = parameters
         self.own = own
         self.script = play()
         self._play = play
@@ -110,36 +128,38 @@ class Run:
         self.script = self._play()
 
 
-class Errand(Behavior, ABC):
-    """Does tasks of one kind, one at a time; derive from it."""
+class Errand(Behavior, ABC, Generic[P]):
+    """Does tasks of one kind, one at a time; derive from it, as in `Errand[Sweep]` for the tasks' parameters."""
 
     Parameters: ClassVar[type[msgspec.Struct]] = TravelParameters
-    kind: ClassVar[type[PlacedTask]]
-    """The member of the Task union."""
     period_s: float | None = STEP_S
     idle_period_s: ClassVar[float | None] = None
     """Its period while it has nothing to do."""
     accepted = Event[str]()
     """Heard by the errand itself: the way begins in its own turn, right after the offer was answered."""
 
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        for base in getattr(cls, "__orig_bases__", ()):
+            if get_origin(base) is Errand and isinstance(get_args(base)[0], type):
+                cls.task_parameters = get_args(base)[0]
+
     # -- what a behavior says -------------------------------------------------------------------------------
 
     @abstractmethod
-    def do(self, task: Any) -> Script:
+    def do(self, task: Task, parameters: P) -> Script:
         """What is to be done at the place; see the module."""
 
-    def work(self, task: Any) -> Work:
-        """What `do` takes; while it runs, waiting that has been done is counted off."""
+    def work(self, task: Task, parameters: P) -> Work:
+        """What `do` takes: by the task's service time and parameters alone, for what it says is used for others alike.
+
+        The coordinator asks for it as well. While the task runs, waiting that has been done is counted off.
+        """
         return Work(wait_s=task.service_s)
 
-    def left_s(self, run: Run) -> float | None:
+    def left_s(self, run: Run[P]) -> float | None:
         """How long a task still takes, as well as is known; None if nobody knows."""
         return self.budget.duration_s(self._left(run))
-
-    def place(self, task: Any) -> Point2D:
-        """Where the robot goes for it, arena frame."""
-        at: Point2D = task.place
-        return at
 
     # -- what a script may use ------------------------------------------------------------------------------
 
@@ -198,7 +218,7 @@ class Errand(Behavior, ABC):
     def init(self) -> None:
         self.travel = Travel(self.env, self.parameters)
         self.budget = Budget(self.env, self.travel)
-        self.run: Run | None = None
+        self.run: Run[P] | None = None
 
     def activate(self) -> None:
         self.period_s = STEP_S
@@ -207,7 +227,7 @@ class Errand(Behavior, ABC):
         self.env.observe(self.accepted, lambda _task_id: self.step())
         self.env.observe(self.travel.driver.arrived, lambda _end: self._go_on())
         self.env.observe(self.travel.driver.finished, lambda _end: self._go_on())
-        self.env.do_tasks(self.kind, self.accept, self._let_go)
+        self.env.do_tasks(self.accept, self._let_go, self._work_of)
 
     def deactivate(self) -> None:
         self._let_go("deactivated")
@@ -252,7 +272,7 @@ class Errand(Behavior, ABC):
         except CallError as error:  # a device that a script asked gives no answer
             self.finish(TaskState.FAILED, error.message)
 
-    def _foresee(self, run: Run) -> None:
+    def _foresee(self, run: Run[P]) -> None:
         """So that the next task can be there when this one ends."""
         if run.own or run is not self.run:
             return
@@ -264,7 +284,7 @@ class Errand(Behavior, ABC):
         if self.run is not None and self.run.has_begun:
             self.env.hurry()
 
-    def _is_lost(self, run: Run) -> bool:
+    def _is_lost(self, run: Run[P]) -> bool:
         """Whether the robot does not know where it is; it then looks for itself, unless it stands at a charger."""
         battery = self.env.board.battery
         if not self.travel.lost or (battery is not None and battery.charging):
@@ -280,18 +300,22 @@ class Errand(Behavior, ABC):
 
     # -- one task -------------------------------------------------------------------------------------------
 
-    def accept(self, task: Any) -> TaskAnswer:
+    def accept(self, task: Task) -> TaskAnswer:
         """Take a task on, or say why not; the way begins in the errand's own turn."""
+        try:
+            parameters = cast(P, parameters_of(task, self.task_parameters))
+        except BadParameters as error:
+            return TaskAnswer.refused(Said(str(error)))
         if (lost := self.travel.position_lost) is not None:
             return TaskAnswer.refused(lost)
-        goal = self.place(task)
+        goal = task.place
         path = self.travel.plan(goal)
         if path is None:
             return TaskAnswer.refused(NoPath())
         pose = self.travel.pose()
         way_m = length_m([Point2D(pose.x_m, pose.y_m), *path])
         _, home_m = self.budget.way_home(path[-1] if path else goal)
-        run = Run(task, lambda: self.play(task, goal), goal, way_m, home_m)
+        run = Run(task, parameters, lambda: self.play(task, parameters), goal, way_m, home_m)
         reason = self.why_not(run)
         if reason is not None:
             return TaskAnswer.refused(reason)
@@ -299,7 +323,7 @@ class Errand(Behavior, ABC):
         self.take_on(run)
         return TaskAnswer(accepted=True)
 
-    def why_not(self, run: Run) -> OfferRefusal | None:
+    def why_not(self, run: Run[P]) -> OfferRefusal | None:
         """Why a task cannot be taken on, before it is begun; None if it can."""
         verdict = self.budget.judge(self._left(run), run.home_m)
         if not verdict.is_affordable:
@@ -313,32 +337,32 @@ class Errand(Behavior, ABC):
     def ended_own(self, state: TaskState, why: str) -> None:
         """What it did of its own accord has ended."""
 
-    def take_on(self, run: Run) -> None:
+    def take_on(self, run: Run[P]) -> None:
         """Have this to do from now on."""
         self.run = run
         self.period_s = STEP_S
         self.accepted.notify(run.task.id)
 
-    def may_drive(self, run: Run) -> bool:
+    def may_drive(self, run: Run[P]) -> bool:
         """Whether nobody else moves the robot."""
         tasks = self.env.tasks
         return tasks.occupies(self.env.plugin) if run.own else tasks.may_begin(run.task.id)
 
-    def _begin(self, run: Run) -> None:
+    def _begin(self, run: Run[P]) -> None:
         run.has_begun = True
         run.check_ns = self._now_ns() + CHECK_NS
         run.measured_ns = self._now_ns()
-        self.env.board.behavior = run.own or kind_of(run.task)
+        self.env.board.behavior = run.own or run.task.kind
 
-    def play(self, task: Any, goal: Point2D) -> Script:
+    def play(self, task: Task, parameters: P) -> Script:
         """The whole of a task: the way there, what is not to begin yet, what is to be done."""
-        yield from self.go(goal)
+        yield from self.go(task.place)
         self._tell_outcome()
         while self._now_ns() < task.earliest_ns:
             yield
         if self.run is not None:
             self.run.there_ns = self._now_ns()
-        result = yield from self.do(task)
+        result = yield from self.do(task, parameters)
         return result
 
     def _tell_outcome(self) -> None:
@@ -379,7 +403,7 @@ class Errand(Behavior, ABC):
 
     # -- what it takes --------------------------------------------------------------------------------------
 
-    def _measure(self, run: Run) -> None:
+    def _measure(self, run: Run[P]) -> None:
         now_ns, pose = self._now_ns(), self.travel.pose()
         at = Point2D(pose.x_m, pose.y_m)
         if run.at is not None:
@@ -390,8 +414,11 @@ class Errand(Behavior, ABC):
             run.energy_j += battery.voltage_v * battery.current_a * to_seconds(now_ns - run.measured_ns)
         run.measured_ns = now_ns
 
-    def _left(self, run: Run) -> Work:
-        work = self.work(run.task)
+    def _work_of(self, task: Task) -> Work:
+        return self.work(task, cast(P, parameters_of(task, self.task_parameters)))
+
+    def _left(self, run: Run[P]) -> Work:
+        work = self.work(run.task, run.parameters)
         if run.there_ns is None:
             straight_m = 0.0 if run.at is None else math.hypot(run.at.x_m - run.goal.x_m, run.at.y_m - run.goal.y_m)
             early_s = max(0.0, to_seconds(run.task.earliest_ns - self._now_ns()))
@@ -399,7 +426,7 @@ class Errand(Behavior, ABC):
         stood_s = to_seconds(self._now_ns() - run.there_ns)
         return msgspec.structs.replace(work, wait_s=max(0.0, work.wait_s - stood_s))
 
-    def _why_stop(self, run: Run) -> str:
+    def _why_stop(self, run: Run[P]) -> str:
         now_ns = self._now_ns()
         if run.task.deadline_ns is not None and now_ns > run.task.deadline_ns:
             return "the deadline has passed"
@@ -408,7 +435,7 @@ class Errand(Behavior, ABC):
         run.check_ns = now_ns + CHECK_NS
         return self.why_go_home(run)
 
-    def why_go_home(self, run: Run) -> str:
+    def why_go_home(self, run: Run[P]) -> str:
         """Why a running task cannot be gone on with, in joules; the robot is sent home then. Empty if it can."""
         verdict = self.budget.judge(self._left(run), run.home_m)
         if verdict.is_affordable:

@@ -32,6 +32,7 @@ Speed = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Seconds = Annotated[float, Meta(ge=0.0, le=SECONDS_MAX)]
 Duration = Annotated[float, Meta(ge=0.0, le=1e6)]
 """Seconds of work at a place: up to eleven days."""
+PositiveDuration = Annotated[float, Meta(gt=0.0, le=1e6)]
 Joules = Annotated[float, Meta(ge=-1e12, le=1e12)]
 Quantity = Annotated[float, Meta(ge=-1e15, le=1e15)]
 """A measured or learned number in any unit, or a variance."""

@@ -131,8 +131,6 @@ class Endpoint:
         self._workers = workers
         self._answering: list[Answering] = []
 
-    # -- saying ---------------------------------------------------------------------------------------------
-
     def publisher(self, topic: Topic[Any], **names: str) -> Publisher:
         """A publisher of one concrete key."""
         key = topic.key(self.team, **names)
@@ -327,7 +325,8 @@ class Endpoint:
                 names = topic.parse(key)
                 if names is None:
                     raise CallError(ErrorCode.BAD_ARGUMENTS, f"{key}: ask one concrete key")
-                asked = self._read(topic, key, query.payload)
+                payload = query.payload
+                asked = self.read_request(topic, key, payload.to_bytes() if payload is not None else b"")
                 result = handler(Request(names, asked, query.parameters.get(BY) or ""))
                 query.reply(key, topic.payloads.write(result), encoding=topic.encoding)
             except CallError as error:
@@ -338,9 +337,10 @@ class Endpoint:
                 logger.exception("a handler of %s failed", topic.name)
                 _reply_error(query, CallError(ErrorCode.FAILED, f"{type(error).__name__}: {error}"))
 
-    def _read(self, topic: Query[Q, Any], key: str, payload: zenoh.ZBytes | None) -> Q:
+    def read_request(self, topic: Query[Q, Any], key: str, payload: bytes) -> Q:
+        """Decode a request (CallError if it is refused, which is counted)."""
         try:
-            return topic.requests.read(payload.to_bytes() if payload is not None else b"")
+            return topic.requests.read(payload)
         except BadPayload as error:
             code = RefusalCode.TOO_LARGE if error.is_too_large else RefusalCode.MALFORMED
             self.refusals.note(topic.name, key, code, str(error))
@@ -424,8 +424,9 @@ class Endpoint:
     def ask_into(
         self,
         inbox: Inbox,
-        topic: Query[None, Any] | Query[bytes, Any],
+        topic: Query[Q, Any],
         reply_topic: Heard,
+        request: Q | None = None,
         *,
         timeout_s: float | None = None,
         **names: str,
@@ -436,8 +437,9 @@ class Endpoint:
 
         Args:
             inbox: where the reply goes.
-            topic: which query; it is asked without a payload.
+            topic: which query.
             reply_topic: what the reply is taken for; its key is built from the same names.
+            request: None asks without a payload.
             timeout_s: how long a reply is waited for; None for as long as the query says.
             names: the names in the key.
 
@@ -445,8 +447,9 @@ class Endpoint:
         timeout_s = topic.timeout_s if timeout_s is None else timeout_s
         inbox.adopt(self._border)
         key, reply_key = topic.key(self.team, **names), reply_topic.key(self.team, **names)
+        body: dict[str, Any] = {} if request is None else {"payload": topic.requests.write(request), "encoding": JSON}
         if self.drive is Drive.LIVE:  # a callback would start a thread for each query
-            replies: Any = self.session.get(key, zenoh.handlers.FifoChannel(REPLIES), timeout=timeout_s)
+            replies = self.session.get(key, zenoh.handlers.FifoChannel(REPLIES), timeout=timeout_s, **body)
             inbox.expect(replies, reply_topic, reply_key)
             return
 
@@ -457,9 +460,7 @@ class Endpoint:
             if payload != NOTHING:
                 inbox.append(reply_topic, reply_key, payload)
 
-        self.session.get(key, self._callback(take), timeout=NO_LIMIT_S)
-
-    # -- the end --------------------------------------------------------------------------------------------
+        self.session.get(key, self._callback(take), timeout=NO_LIMIT_S, **body)
 
     def close(self) -> None:
         """Undeclare everything; queries that still wait are answered `unloaded`."""

@@ -32,6 +32,10 @@ class ErrorCode(StrEnum):
     TIMEOUT = "timeout"
 
 
+START_ERRORS = (ErrorCode.UNKNOWN_PLUGIN, ErrorCode.FORBIDDEN, ErrorCode.INACTIVE, ErrorCode.REFUSED)
+"""Errors of queries that start or hold a plugin."""
+PLUGIN_ERRORS = (*START_ERRORS, ErrorCode.UNKNOWN_FUNCTION, ErrorCode.HALTED)
+"""Errors of calls to a plugin."""
 ErrorText = Annotated[str, msgspec.Meta(max_length=1_000_000)]
 
 

@@ -14,7 +14,6 @@ from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.navigation.claim import Claim
 from robrain.protocol.model.ranges import (
-    SECONDS_MAX,
     Charge,
     Count,
     Epoch,
@@ -40,7 +39,6 @@ Covariance = Annotated[tuple[Quantity, ...], Meta(max_length=9)]
 JsonSchema = Annotated[dict[str, Any], Meta(max_length=1000)]
 Prose = Annotated[str, Meta(max_length=100_000)]
 """Text by the author of a plugin."""
-Command = Annotated[str, Meta(max_length=1_000_000)]
 Lease = Annotated[float, Meta(ge=0.0, le=86_400.0)]
 """Lease of a task, seconds."""
 
@@ -218,6 +216,17 @@ class ProcessInfo(msgspec.Struct, frozen=True):
         return f"process {self.pid} on {self.host}, Zenoh id {self.zid[:8]}"
 
 
+class TaskKind(msgspec.Struct, frozen=True, kw_only=True):
+    """A kind of task that a behavior does, as its robot announces it."""
+
+    kind: Name
+    doc: Prose = ""
+    parameters: JsonSchema = {}
+    """JSON Schema of `Task.parameters`: of an object; no references but to its own `$defs`, no regular expressions."""
+    settings: Count = 0
+    """Differs between robots whose behavior has other parameters, so that tasks may cost them something else."""
+
+
 class PluginInfo(msgspec.Struct, frozen=True, kw_only=True):
     """One plugin of a robot, as its host reports it."""
 
@@ -235,7 +244,6 @@ class PluginInfo(msgspec.Struct, frozen=True, kw_only=True):
     requires: Names = []
     """Plugins that it calls."""
     holder: Name = ""
-    """Who has exclusive use of it; empty if nobody has."""
     period_s: Seconds | None = None
     overruns: Count = 0
     """Steps that took longer than the period."""
@@ -245,22 +253,8 @@ class PluginInfo(msgspec.Struct, frozen=True, kw_only=True):
     """The installed distribution that a third-party plugin came with."""
     doc: Prose = ""
     functions: Annotated[list[FunctionInfo], Meta(max_length=1000)] = []
-    """Its external functions."""
-
-
-class HostRequest(msgspec.Struct, frozen=True, kw_only=True):
-    """A query to a robot's host; which fields count depends on the verb in the key."""
-
-    plugin: Text = ""
-    """load: a name, or the path of a folder or manifest on the robot's machine; otherwise a name."""
-    cascade: bool = False
-    """unload: also unload the plugins that require it."""
-    text: Command = ""
-    """command: the text form, such as `call driver stop()`; halt: the reason."""
-    by: Text = ""
-    """Who asks: halt and resume log it; hold and release apply to it."""
-    lease_s: Annotated[float, Meta(ge=-SECONDS_MAX, le=SECONDS_MAX)] = 5.0
-    """hold: for how long, at most 60 s; ask again in time to hold longer."""
+    task_kind: TaskKind | None = None
+    """The kind of task that it does; None if it does none."""
 
 
 class TaskOffer(msgspec.Struct, frozen=True, kw_only=True):
@@ -475,14 +469,3 @@ class Halt(Message, frozen=True, kw_only=True):
     by: Text
     """Who halts. The same name, or one that starts with `operator`, may resume."""
     reason: Text = ""
-
-
-class HaltAnswer(msgspec.Struct, frozen=True, kw_only=True):
-    """A robot's answer to the host's verbs halt and resume."""
-
-    robot: Name
-    halted: bool
-    by: Names = []
-    """Who holds the halt."""
-    not_halted: Names = []
-    """Plugins that failed to stop, or did not say in time that they have."""

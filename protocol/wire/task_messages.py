@@ -8,9 +8,9 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from robrain.protocol.model.ranges import Count, Epoch, Name, Quantity, Seconds, Stamp, Text
+from robrain.protocol.model.ranges import Count, Epoch, Name, Names, Quantity, Seconds, Stamp, Text
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages import Result, TaskEvent
+from robrain.protocol.wire.messages import JsonSchema, Prose, Result, TaskEvent
 from robrain.protocol.wire.reasons.robots import RobotReason
 from robrain.protocol.wire.reasons.tasks import TaskReason
 from robrain.protocol.wire.reasons.words import told
@@ -96,6 +96,18 @@ class TaskFilter(msgspec.Struct, frozen=True, kw_only=True):
     """Include tasks that the coordinator created."""
     limit: Limit = 1000
     """At most this many tasks, the most recently accepted ones."""
+
+
+class KnownKind(msgspec.Struct, frozen=True, kw_only=True):
+    """A kind of task that robots of the team do."""
+
+    kind: Name
+    """As it stands in `Task.kind`."""
+    doc: Prose = ""
+    parameters: JsonSchema = {}
+    """JSON Schema of `Task.parameters`, as its robots announce it."""
+    robots: Names = []
+    """Robots that do it."""
 
 
 class TaskChange(msgspec.Struct, frozen=True, kw_only=True):

@@ -8,9 +8,11 @@ from types import NoneType
 from typing import Any, cast
 
 from robrain.protocol.wire import arena_messages, map_messages, messages, plan_messages
-from robrain.protocol.wire.errors import ErrorCode
+from robrain.protocol.wire.cost_messages import CostsRequest, TaskCost
+from robrain.protocol.wire.errors import PLUGIN_ERRORS, ErrorCode
+from robrain.protocol.wire.host_queries import HOST_QUERIES
 from robrain.protocol.wire.replay_messages import ReplayRequest, ReplayStatus
-from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
+from robrain.protocol.wire.task_messages import KnownKind, TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
 from robrain.protocol.wire.topic import (
     CAN_FRAME,
     PNG,
@@ -26,14 +28,6 @@ from robrain.protocol.wire.topic import (
     WireKey,
 )
 
-PLUGIN_ERRORS = (
-    ErrorCode.UNKNOWN_PLUGIN,
-    ErrorCode.UNKNOWN_FUNCTION,
-    ErrorCode.FORBIDDEN,
-    ErrorCode.HALTED,
-    ErrorCode.INACTIVE,
-    ErrorCode.REFUSED,
-)
 ROBOT_ALIVE = Token(
     name="robot_alive",
     pattern="robot/{robot}/alive",
@@ -160,34 +154,19 @@ ROBOT_CALL = Query(
     urgency=Urgency.INTERACTIVE_HIGH,
     errors=PLUGIN_ERRORS,
 )
-ROBOT_HOST = Query(
-    name="robot_host",
-    pattern="robot/{robot}/host/{verb}",
-    doc="Run the host: load, unload, reload, command, hold, release, halt, resume",
-    by=Role.ROBOT,
-    request=messages.HostRequest,
-    reply=bytes,
-    urgency=Urgency.INTERACTIVE_HIGH,
-    errors=PLUGIN_ERRORS,
-)
-ROBOT_OFFER = Query(
-    name="robot_offer",
-    pattern="robot/{robot}/task/offer",
-    doc="The coordinator offers a task with its fencing epoch and lease",
-    by=Role.ROBOT,
-    request=messages.TaskOffer,
-    reply=messages.TaskAnswer,
-    urgency=Urgency.INTERACTIVE_HIGH,
-)
-ROBOT_WITHDRAW = Query(
-    name="robot_withdraw",
-    pattern="robot/{robot}/task/withdraw",
-    doc="The coordinator takes a task back",
-    by=Role.ROBOT,
-    request=messages.TaskWithdrawal,
-    reply=messages.TaskAnswer,
-    urgency=Urgency.INTERACTIVE_HIGH,
-)
+
+
+def _robot_task(verb: str, request: type[Q], reply: type[R], doc: str, *, reads_only: bool = False) -> Query[Q, R]:
+    return Query(name=f"robot_{verb}", pattern=f"robot/{{robot}}/task/{verb}", doc=doc, by=Role.ROBOT, request=request,
+                 reply=reply, urgency=Urgency.INTERACTIVE_HIGH, reads_only=reads_only)  # fmt: skip
+
+
+ROBOT_OFFER = _robot_task("offer", messages.TaskOffer, messages.TaskAnswer,
+                          "The coordinator offers a task with its fencing epoch and lease")  # fmt: skip
+ROBOT_WITHDRAW = _robot_task("withdraw", messages.TaskWithdrawal, messages.TaskAnswer,
+                             "The coordinator takes a task back")  # fmt: skip
+ROBOT_COSTS = _robot_task("costs", CostsRequest, list[TaskCost],
+                          "What tasks would take at their places, by its own plugins", reads_only=True)  # fmt: skip
 ROBOT_FOREIGN = Token(
     name="robot_foreign",
     pattern="robot/{robot}/foreign/{plugin}",
@@ -271,6 +250,7 @@ TASK_SUBMIT = _task_query("submit", TaskSubmission, TaskRecord, "Do this: replie
 TASK_CANCEL = _task_query("cancel", TaskRequest, TaskRecord, "End a task unfinished: replies its record")
 TASK_LIST = _task_query("list", TaskFilter, list[TaskRecord], "Which tasks there are", reads_only=True)
 TASK_GET = _task_query("get", TaskRequest, TaskRecord, "How a task stands", reads_only=True)
+TASK_KINDS = _task_query("kinds", NoneType, list[KnownKind], "Which kinds of tasks there are", reads_only=True)
 TASK_WHY = _task_query("why", TaskRequest, TaskWhy, "Why it stands so", reads_only=True)
 TASK_DECISION = Topic(
     name="task_decision",
@@ -480,8 +460,9 @@ ARENA_OUTSIDE = Topic(
     max_bytes=2_097_152,
 )
 
-TOPICS: tuple[WireKey, ...] = tuple(row for row in list(globals().values()) if isinstance(row, WireKey))
-"""All rows, in the order of this file."""
+OWN_ROWS = tuple(row for row in list(globals().values()) if isinstance(row, WireKey))
+TOPICS: tuple[WireKey, ...] = (*OWN_ROWS, *HOST_QUERIES)
+"""All rows, in the order of this file, those of the host's verbs last."""
 PUBLISHED: tuple[Topic[Any], ...] = tuple(row for row in TOPICS if isinstance(row, Topic))
 """The topics among them."""
 

@@ -1,7 +1,7 @@
 """A task desk with one behavior that does what it is told to."""
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Explore
+from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.messages import TaskAnswer, TaskOffer
 from robrain.protocol.wire.reasons.reason import Said
 
@@ -10,7 +10,7 @@ YES, NO = TaskAnswer(accepted=True), TaskAnswer.refused(Said("no way there"))
 
 
 def offer(task_id="t1", epoch=1, after="", lease_s=5.0):
-    return TaskOffer(task=Explore(id=task_id, goal=GOAL), epoch=epoch, lease_s=lease_s, after=after)
+    return TaskOffer(task=Task(id=task_id, kind="explore", place=GOAL), epoch=epoch, lease_s=lease_s, after=after)
 
 
 class Explorer:
@@ -21,7 +21,7 @@ class Explorer:
         self.answer = YES
         self.started = []
         self.let_go_of = []
-        desk.register(Explore, self.accept, self.let_go_of.append)
+        desk.register("explore", self.accept, self.let_go_of.append)
 
     def accept(self, task):
         self.started.append(task.id)

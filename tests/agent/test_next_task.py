@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from robrain.agent.task_desk import TaskDesk
-from robrain.protocol.model.tasks.task import Explore, TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import TaskAnswer, TaskOffer, TaskStatus, TaskWithdrawal, TeamState
@@ -89,7 +89,7 @@ def test_what_is_for_after_a_task_that_the_robot_is_not_at_is_refused(desk, expl
 
 
 def test_what_no_behavior_does_is_not_held(desk, explorer):
-    visit = TaskOffer(task=Visit(id="v", place=GOAL), epoch=2, lease_s=5.0, after="t1")
+    visit = TaskOffer(task=Task(id="v", kind="visit", place=GOAL), epoch=2, lease_s=5.0, after="t1")
     assert desk.offer(visit, 0) == TaskAnswer.refused(NoBehavior("visit"))
 
 
@@ -218,7 +218,7 @@ class DeskWithNext(RuleBasedStateMachine):
         self.started = []
         """Each with its epoch, as the model has it; the behavior's own list must be the same."""
         self.begun = []
-        self.desk.register(Explore, self.accept, lambda why: None)
+        self.desk.register("explore", self.accept, lambda why: None)
 
     def accept(self, task):
         if self.answer.accepted:
@@ -331,14 +331,15 @@ TestDeskWithNext = DeskWithNext.TestCase
 # -- in its host ------------------------------------------------------------------------------------------------------
 
 SEEKER = """
-    from robrain.protocol.model.tasks.task import Explore, TaskState
+    from robrain.protocol.model.tasks.task import TaskState
     from robrain.protocol.wire.messages import TaskAnswer
 
     class Seeker(Behavior):
+        kind = "explore"
         period_s = 0.02
         ends = False
         def init(self): self.log = []
-        def activate(self): self.env.do_tasks(Explore, self.accept, lambda why: self.log.append(why))
+        def activate(self): self.env.do_tasks(self.accept, lambda why: self.log.append(why))
         def accept(self, task):
             self.log.append(task.id)
             self.task = task.id

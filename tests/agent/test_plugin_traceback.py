@@ -6,9 +6,10 @@ import pytest
 
 from robrain.agent.plugin_traceback import MOST_CHARACTERS, plugin_traceback, where_raised
 from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.host_messages import CommandRequest, LoadRequest
+from robrain.protocol.wire.host_queries import HOST_COMMAND, HOST_LOAD
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import HostRequest
-from robrain.protocol.wire.topics import ROBOT_HOST, ROBOT_LOG, ROBOT_STATE
+from robrain.protocol.wire.topics import ROBOT_LOG, ROBOT_STATE
 
 LAMP = """
 import helper
@@ -111,9 +112,9 @@ def test_a_call_that_raises_answers_with_the_traceback_and_logs_it(bench, lamp, 
 
 def test_the_text_form_answers_with_the_traceback_as_well(bench, lamp):
     bench.start("lamp")
-    request = HostRequest(text="call lamp dim(0)")
+    request = CommandRequest(text="call lamp dim(0)")
     with pytest.raises(CallError) as raised:
-        bench.wire.ask(ROBOT_HOST, request, robot="r1", verb="command")
+        bench.wire.ask(HOST_COMMAND, request, robot="r1")
     assert 'File "lamp/helper.py", line 2, in divide' in raised.value.detail
 
 
@@ -134,7 +135,7 @@ def test_a_load_that_fails_answers_with_the_line_and_traceback_and_logs_them(ben
     source = lamp / "lamp.py"
     source.write_text(source.read_text().replace(old, new))
     with pytest.raises(CallError) as raised:
-        bench.wire.ask(ROBOT_HOST, HostRequest(plugin="lamp"), robot="r1", verb="load")
+        bench.wire.ask(HOST_LOAD, LoadRequest(plugin="lamp"), robot="r1")
     file, _, line = where.partition(" ")[0].partition(":")
     assert f'File "{file}", line {line}' in raised.value.detail
     assert str(lamp.parent) not in raised.value.detail

@@ -9,7 +9,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.model.ranges import WHY_MAX
-from robrain.protocol.model.tasks.task import Explore, Recharge, TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import TaskAnswer, TaskOffer, TaskWithdrawal, TeamState
@@ -132,7 +132,7 @@ def test_a_task_may_be_done_before_it_is_accepted(desk):
         return YES
 
     let_go = []
-    desk.register(Explore, done_at_once, let_go.append)
+    desk.register("explore", done_at_once, let_go.append)
     assert desk.offer(offer(), 0).accepted
     assert desk.status.state is TaskState.DONE
     desk.check_lease(to_ns(100))
@@ -196,10 +196,10 @@ def test_without_a_task_no_lease_runs_out(desk, explorer):
 
 def test_a_task_whose_behavior_goes_has_failed(desk, explorer):
     desk.offer(offer(), 0)
-    desk.unregister(Explore)
+    desk.unregister("explore")
     assert (desk.status.state, desk.status.why) == (TaskState.FAILED, "the behavior that did it has gone")
     assert not desk.offer(offer("t2", epoch=2), 0).accepted
-    desk.unregister(Explore)
+    desk.unregister("explore")
 
 
 IDS, EPOCHS = st.sampled_from(["t1", "t2", "t3"]), st.integers(0, 6)
@@ -220,7 +220,7 @@ class Desk(RuleBasedStateMachine):
         self.highest_epoch = 0
         self.let_go_count = 0
         self.expected_let_go_count = 0
-        self.desk.register(Explore, lambda _: self.answer, self.let_go)
+        self.desk.register("explore", lambda _: self.answer, self.let_go)
 
     def let_go(self, why):
         assert why
@@ -289,14 +289,14 @@ TestDesk = Desk.TestCase
 # -- with a behavior, over the wire -----------------------------------------------------------------------------
 
 SEEKER = """
-    from robrain.protocol.model.tasks.task import Explore
     from robrain.protocol.wire.messages import TaskAnswer
 
     class Seeker(Behavior):
+        kind = "explore"
         period_s = 0.02
         def init(self):
             self.log, self.trouble = [], None
-        def activate(self): self.env.do_tasks(Explore, self.accept, self.let_go)
+        def activate(self): self.env.do_tasks(self.accept, self.let_go)
         def step(self): self.raise_if("step")
         def accept(self, task):
             self.raise_if("accept")
@@ -392,7 +392,7 @@ def test_a_deactivated_behavior_takes_no_tasks(seeker):
 
 
 def visit(task_id="v1", epoch=2):
-    return TaskOffer(task=Visit(id=task_id, place=GOAL), epoch=epoch, lease_s=5.0)
+    return TaskOffer(task=Task(id=task_id, kind="visit", place=GOAL), epoch=epoch, lease_s=5.0)
 
 
 def test_before_the_first_task_no_behavior_may_begin_one(desk, explorer):
@@ -406,7 +406,7 @@ def test_a_task_of_another_kind_takes_the_place_of_the_one_that_runs(desk, explo
         begun.append(desk.may_begin(task.id))
         return YES
 
-    desk.register(Visit, accept, lambda why: None)
+    desk.register("visit", accept, lambda why: None)
     desk.offer(offer("t1"), 0)
     assert desk.may_begin("t1")
     assert desk.offer(visit("v1"), 0) == YES
@@ -417,7 +417,7 @@ def test_a_task_of_another_kind_takes_the_place_of_the_one_that_runs(desk, explo
 
 
 def test_a_task_that_is_refused_leaves_the_one_that_runs_in_its_place(desk, explorer):
-    desk.register(Visit, lambda task: NO, lambda why: None)
+    desk.register("visit", lambda task: NO, lambda why: None)
     desk.offer(offer("t1"), 0)
     assert desk.offer(visit(), 0) == NO
     assert explorer.let_go_of == []
@@ -438,12 +438,12 @@ def test_what_a_behavior_does_of_its_own_accord_gives_way_to_a_task(desk, explor
 
 def test_what_is_firm_gives_way_to_nothing_but_recharging(desk, explorer):
     recharged = []
-    desk.register(Recharge, lambda task: recharged.append(task.id) or YES, lambda why: None)
+    desk.register("recharge", lambda task: recharged.append(task.id) or YES, lambda why: None)
     assert desk.occupy("recharge", firm="r1 goes home: needs 9 J of 8 J usable")
     assert not desk.occupy("wander")
     assert desk.offer(offer(), 0) == TaskAnswer.refused(Occupied("recharge", "r1 goes home: needs 9 J of 8 J usable"))
     assert desk.occupies("recharge")
-    home = TaskOffer(task=Recharge(id="c1", place=GOAL), epoch=3, lease_s=5.0)
+    home = TaskOffer(task=Task(id="c1", kind="recharge", place=GOAL), epoch=3, lease_s=5.0)
     assert desk.offer(home, 0) == YES
     assert recharged == ["c1"]
     assert not desk.occupies("recharge")

@@ -3,7 +3,7 @@
 import pytest
 
 from robrain.agent.task_desk import RESULT_BYTES_MAX, TaskDesk
-from robrain.protocol.model.tasks.task import Recharge, TaskState
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.wire.reasons.offers import EpochOld, Occupied
@@ -80,7 +80,7 @@ def test_held_offer_renews_the_lease_of_the_running_task(desk, explorer):
 def test_offer_that_cannot_be_held_is_refused(desk, explorer):
     desk.offer(offer(lease_s=5.0), 0)
     assert not desk.offer(
-        TaskOffer(task=Recharge(id="c1", place=GOAL), epoch=2, lease_s=5.0, after="t1"), to_ns(4)
+        TaskOffer(task=Task(id="c1", kind="recharge", place=GOAL), epoch=2, lease_s=5.0, after="t1"), to_ns(4)
     ).accepted  # no behavior charges
     assert desk.facts.next_task is None
     desk.check_lease(to_ns(5) + 1)
@@ -176,9 +176,9 @@ def test_halted_robot_forgets_its_task_its_held_task_and_its_own_activity(desk, 
 
 def test_task_that_takes_another_behaviors_place_has_that_one_let_go(desk, explorer):
     let_go = []
-    desk.register(Recharge, lambda _task: YES, let_go.append)
+    desk.register("recharge", lambda _task: YES, let_go.append)
     desk.offer(offer(), 0)
-    desk.offer(TaskOffer(task=Recharge(id="c1", place=GOAL), epoch=2, lease_s=5.0), 0)
+    desk.offer(TaskOffer(task=Task(id="c1", kind="recharge", place=GOAL), epoch=2, lease_s=5.0), 0)
     assert (explorer.let_go_of, let_go) == (["c1 has taken its place"], [])
     assert desk.may_begin("c1")
     assert not desk.may_begin("t1")
@@ -190,8 +190,8 @@ def test_task_that_takes_another_behaviors_place_has_that_one_let_go(desk, explo
 
 def test_task_may_begin_only_after_the_one_before_was_let_go(desk, explorer):
     seen = []
-    desk.register(Recharge, lambda _task: YES, lambda _why: seen.append(desk.may_begin("t1")))
-    desk.offer(TaskOffer(task=Recharge(id="c1", place=GOAL), epoch=1, lease_s=5.0), 0)
+    desk.register("recharge", lambda _task: YES, lambda _why: seen.append(desk.may_begin("t1")))
+    desk.offer(TaskOffer(task=Task(id="c1", kind="recharge", place=GOAL), epoch=1, lease_s=5.0), 0)
     desk.offer(offer(epoch=2), 0)
     assert seen == [False]
     assert desk.may_begin("t1")
@@ -201,7 +201,7 @@ def test_task_may_begin_only_after_the_one_before_was_let_go(desk, explorer):
 
 
 def test_behavior_that_is_firm_keeps_others_and_tasks_out_but_for_charging(desk, explorer):
-    desk.register(Recharge, lambda _task: YES, lambda _why: None)
+    desk.register("recharge", lambda _task: YES, lambda _why: None)
     assert desk.occupy("idle")
     assert desk.occupy("recharge", firm="is on its way to charge")
     assert not desk.occupies("idle")
@@ -210,7 +210,7 @@ def test_behavior_that_is_firm_keeps_others_and_tasks_out_but_for_charging(desk,
     assert desk.offer(offer(), 0) == TaskAnswer.refused(Occupied("recharge", "is on its way to charge"))
     desk.vacate("idle")
     assert desk.occupies("recharge")
-    assert desk.offer(TaskOffer(task=Recharge(id="c1", place=GOAL), epoch=1, lease_s=5.0), 0).accepted
+    assert desk.offer(TaskOffer(task=Task(id="c1", kind="recharge", place=GOAL), epoch=1, lease_s=5.0), 0).accepted
     assert not desk.occupies("recharge")
     assert not desk.occupy("idle")
     desk.end("c1", TaskState.DONE)

@@ -20,7 +20,7 @@ from robrain.deploy.bench.figure import WIDTH, Figure, at_least, at_most, determ
 from robrain.plugins.behavior.monitor.picture_change import changed_share, colors_of
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
-from robrain.protocol.model.tasks.task import Recharge, TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.model.warm_up import warm_up
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -195,9 +195,11 @@ def _docking() -> Figure:
         run = Errands("recharge", "visit", seed=seed, parameters=KNOWN)
         run.run(1.0)
         rng = np.random.default_rng(seed)
-        run.finish(Visit(id="v", place=Point2D(rng.uniform(3.6, 5.4), rng.uniform(0.6, 3.4))))
+        run.finish(Task(id="v", kind="visit", place=Point2D(rng.uniform(3.6, 5.4), rng.uniform(0.6, 3.4))))
         yaw_rad = rng.uniform(-math.pi, math.pi)
-        status = run.finish(Recharge(id="c", place=CHARGER, yaw_rad=yaw_rad, until_soc=0.5))
+        status = run.finish(
+            Task(id="c", kind="recharge", place=CHARGER, parameters={"yaw_rad": yaw_rad, "until_soc": 0.5})
+        )
         off_m.append(run.pose().distance_m(CHARGER) if status.state is TaskState.DONE else math.inf)
         run.close()
     what = "docked off the charger's place, worst"
@@ -213,10 +215,17 @@ def _docking_with_slip() -> Figure:
         run.run(1.0)
         rng = np.random.default_rng(seed)
         for number in range(2):
-            run.finish(Visit(id=f"v{number}", place=Point2D(rng.uniform(3.6, 5.4), rng.uniform(0.6, 3.4))))
+            run.finish(Task(id=f"v{number}", kind="visit", place=Point2D(rng.uniform(3.6, 5.4), rng.uniform(0.6, 3.4))))
         begun_ns, battery = run.clock.now_ns(), run.hosts["r1"].board.battery
         until_soc = min(1.0, (battery.soc if battery is not None else 0.6) + 0.01)
-        if run.offer(Recharge(id="c", place=CHARGER, yaw_rad=rng.uniform(-3.0, 3.0), until_soc=until_soc)).accepted:
+        if run.offer(
+            Task(
+                id="c",
+                kind="recharge",
+                place=CHARGER,
+                parameters={"yaw_rad": rng.uniform(-3.0, 3.0), "until_soc": until_soc},
+            )
+        ).accepted:
             while run.arena.chargers.docked != [0] and not run.status().state.ended:
                 run.run(0.2)
             took_s.append((run.clock.now_ns() - begun_ns) / 1e9)
@@ -248,7 +257,12 @@ def _stranded() -> Figure:
         for number in range(10_000):
             if run.clock.now_ns() > to_ns(STRANDED_S):
                 break
-            task = Visit(id=f"v{number}", place=Point2D(rng.uniform(0.6, 5.4), rng.uniform(0.6, 3.4)), service_s=5.0)
+            task = Task(
+                id=f"v{number}",
+                kind="visit",
+                place=Point2D(rng.uniform(0.6, 5.4), rng.uniform(0.6, 3.4)),
+                service_s=5.0,
+            )
             if not run.offer(task).accepted:
                 refused += 1
                 charged += run.hosts["r1"].board.behavior == "recharge"

@@ -33,7 +33,7 @@ from robrain.coordinator.planning.worker.worker_link import Question, QuestionRe
 from robrain.deploy.bench.figure import WIDTH, Figure, at_most, below, show_figures, timing
 from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
@@ -213,7 +213,7 @@ def team_situation(robots: int, tasks: int, seed: int = 0, number: int = 1) -> S
     share_j = 1.5 * tasks / robots * (0.7 * 6.0 * J_PER_M + TASK_J)
     members = {f"r{index}": _member(index, home, chargers, share_j) for index, home in enumerate(homes)}
     records = tuple(
-        TaskRecord(task=Visit(id=f"t{index}", place=place), state=TaskState.QUEUED)
+        TaskRecord(task=Task(id=f"t{index}", kind="visit", place=place), state=TaskState.QUEUED)
         for index, place in enumerate(places)
     )
     return Situation(

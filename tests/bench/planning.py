@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from rich.console import Console
 
-from robrain.coordinator.planning.policy import Method, PlanningPolicy
+from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.deploy.bench.figure import WIDTH, Figure, at_least, below, deterministic, show_figures
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
@@ -57,8 +57,8 @@ class Outcome(NamedTuple):
 def measure(seeds: tuple[int, ...] = SEEDS) -> list[Figure]:
     """The table's rows: each a way of deciding, against nearest first."""
     ways = {
-        "nearest first": PlanningPolicy(method=Method.NEAREST),
-        "auction, energy": PlanningPolicy(method=Method.AUCTION),
+        "nearest first": PlanningPolicy(method="nearest"),
+        "auction, energy": PlanningPolicy(method="auction"),
         "planned, energy": PlanningPolicy(),
         "planned, makespan": PlanningPolicy(objective=Objective.MAKESPAN),
     }

@@ -23,10 +23,11 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.deploy.bench.figure import Figure, at_least, at_most, timing
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages import HostRequest
+from robrain.protocol.wire.host_messages import LoadRequest
+from robrain.protocol.wire.host_queries import HOST_LOAD
 from robrain.protocol.wire.session import open_lockstep_session, open_session
 from robrain.protocol.wire.topic import JSON
-from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_HOST
+from robrain.protocol.wire.topics import ROBOT_CALL
 
 CALLS = 3000
 """Of each kind; interleaved."""
@@ -205,7 +206,7 @@ def _load(place: Path) -> Figure:
             (place / f"{name}.py").write_text(PLUGIN)
             (place / f"{name}.toml").write_text(f'[plugin]\nclass = "{name}:Echo"\n')
             started_s = time.perf_counter()
-            operator.ask(ROBOT_HOST, HostRequest(plugin=name), robot=ROBOT, verb="load")
+            operator.ask(HOST_LOAD, LoadRequest(plugin=name), robot=ROBOT)
             times_ms.append(1000.0 * (time.perf_counter() - started_s))
             (place / f"{name}.toml").unlink()
     operator.close()

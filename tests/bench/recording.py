@@ -21,7 +21,7 @@ from robrain.coordinator.recording.writer.recorder import Recorder
 from robrain.deploy.bench.figure import WIDTH, Figure, at_most, show_figures, timing
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, PatchCells
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.map_patch import to_message
@@ -133,7 +133,7 @@ def write_hour(path: Path, robots: int = 4, motes: int = 24, task_every_s: float
                                           value=20.0, voltage_v=2.9, rssi_dbm=-70, via="r1")  # fmt: skip
                     put(f"mote/m{number}/reading", reading, now_ns)
             if tick % round(10 * task_every_s) == 0:
-                task = Visit(id=f"t{tick}", place=Point2D(1.0, 2.0))
+                task = Task(id=f"t{tick}", kind="visit", place=Point2D(1.0, 2.0))
                 for state_ in (TaskState.QUEUED, TaskState.RUNNING, TaskState.DONE):
                     put(f"task/event/t{tick}", TaskEvent(task=task, state=state_, robot="r1"), now_ns)
             if tick % 5 == 4:

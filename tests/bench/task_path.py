@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from types import FrameType
 from typing import Any
 
-from robrain import Point2D, Scenario, Visit
+from robrain import Point2D, Scenario, Task
 from robrain.deploy.bench.figure import Bound, Figure, deterministic
 from robrain.plugins.device.mocdevice.mocdevice import MocDevice
 
@@ -22,7 +22,7 @@ COORDINATOR_FILES_MAX = 25
 SETTLE_S = 2.0
 IDLE_TICKS = 50
 TASK_TICKS = 500
-VISIT = Visit(id="visit-1", place=Point2D(2.0, 2.0))
+VISIT = Task(id="visit-1", kind="visit", place=Point2D(2.0, 2.0))
 
 
 class Trace:

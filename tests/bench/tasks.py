@@ -13,7 +13,7 @@ from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Roster
 from robrain.deploy.bench.figure import Figure, at_most, timing
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import RobotState, TaskStatus
@@ -114,8 +114,8 @@ def _steps() -> list[Figure]:
     ]
 
 
-def _visit(name: str, **fields: tuple[str, ...]) -> Visit:
-    return Visit(id=name, place=Point2D(1.0, 2.0), **fields)
+def _visit(name: str, **fields: tuple[str, ...]) -> Task:
+    return Task(id=name, kind="visit", place=Point2D(1.0, 2.0), **fields)
 
 
 def _took_ms(do: Callable[[], object]) -> float:

@@ -4,7 +4,7 @@ import pytest
 
 from robrain.client.fresh_ids import FreshIds
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.task_messages import TaskRecord
 
@@ -24,7 +24,7 @@ class Coordinator:
         if task_id in self.tasks and not self.same:
             raise CallError(ErrorCode.REFUSED, f"there is another task {task_id}")
         by = self.tasks.setdefault(task_id, "ann")
-        return TaskRecord(task=Visit(id=task_id, place=Point2D(0.0, 0.0)), state=TaskState.QUEUED, by=by)
+        return TaskRecord(task=Task(id=task_id, kind="visit", place=Point2D(0.0, 0.0)), state=TaskState.QUEUED, by=by)
 
     def ids(self, known: list[str] | None = None) -> FreshIds:
         return FreshIds(lambda _kind: list(self.tasks) if known is None else known, lambda task: task in self.tasks)

@@ -121,7 +121,7 @@ class FakeRobot:
 
     @property
     def goal(self) -> Point2D:
-        return self.offers[-1].task.goal
+        return self.offers[-1].task.place
 
     def _offered(self, request) -> TaskAnswer:
         offer = request.asked

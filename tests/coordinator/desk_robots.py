@@ -1,7 +1,7 @@
 """Robots with a task desk as real ones have it, that work by the clock, lose touch, are stopped and are killed."""
 
 from robrain.agent.task_desk import TaskDesk
-from robrain.protocol.model.tasks.task import Explore, Recharge, TaskState, Visit
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
@@ -110,7 +110,7 @@ class DeskRobot(FakeRobot):
 
     def _new_desk(self) -> None:
         self.desk = TaskDesk()
-        for kind in (Visit, Explore, Recharge):
+        for kind in ("visit", "explore", "recharge"):
             self.desk.register(kind, self._begin, lambda _why: None)
 
     def _begin(self, task) -> TaskAnswer:
@@ -118,7 +118,7 @@ class DeskRobot(FakeRobot):
             return TaskAnswer(accepted=False, why="no way there")
         self.begun.append(task.id)
         self._until_ns = self._now_ns + to_ns(self.takes_s)
-        if self.tells and not isinstance(task, Explore):
+        if self.tells and task.kind != "explore":
             self.desk.foresee(task.id, self._until_ns)
         return TaskAnswer(accepted=True)
 

@@ -9,7 +9,7 @@ import pytest
 from robrain.coordinator.tasks.admission import difference, why_dependency_ended, why_impossible, with_times
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, GridGeometry, OccupancyGrid
-from robrain.protocol.model.tasks.task import Explore, TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.reasons.reason import Said
 from robrain.protocol.wire.reasons.tasks import AfterEnded
@@ -29,8 +29,8 @@ def grid() -> OccupancyGrid:
     return made
 
 
-def visit(x_m: float = 1.0, y_m: float = 1.0, **fields) -> Visit:
-    return Visit(id=fields.pop("id", "t1"), place=Point2D(x_m, y_m), **fields)
+def visit(x_m: float = 1.0, y_m: float = 1.0, **fields) -> Task:
+    return Task(id=fields.pop("id", "t1"), kind="visit", place=Point2D(x_m, y_m), **fields)
 
 
 def why(task, grid=None, plugins=ALL, others=()) -> str:
@@ -53,7 +53,7 @@ def test_a_task_that_can_be_done_is_not_refused(grid) -> None:
         (visit(11.0, 1.0), "(11, 1) is outside of the map: x 0 to 10 m, y 0 to 5 m"),
         (visit(1.0, -0.1), "(1, -0.1) is outside of the map: x 0 to 10 m, y 0 to 5 m"),
         (visit(2.05, 1.0), "(2.05, 1) is in a wall, or in something else that is known to stand there"),
-        (Explore(id="e", goal=Point2D(2.05, 1.0)), "(2.05, 1) is in a wall, or in something else"),
+        (Task(id="e", kind="explore", place=Point2D(2.05, 1.0)), "(2.05, 1) is in a wall, or in something else"),
         (visit(deadline_ns=NOW_NS - to_ns(2.5)), "its deadline was 2.5 s ago"),
         (visit(deadline_ns=NOW_NS), "its deadline was 0.0 s ago"),
         (visit(deadline_ns=NOW_NS + to_ns(5.0), service_s=6.0), "it takes 6 s at its place alone, and there are 5.0 s"),

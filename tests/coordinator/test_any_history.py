@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.tasks.task_book import LEGAL
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.task_messages import TaskFilter, TaskRequest
 from robrain.protocol.wire.topics import TASK_CANCEL
@@ -51,7 +51,7 @@ class History:
         self.accepted = set()
 
     def submit(self, name, deadline_s):
-        task = Visit(id=name, place=Point2D(4.0 + 0.5 * sorted(AFTER).index(name), 4.0), after=AFTER[name])
+        task = Task(id=name, kind="visit", place=Point2D(4.0 + 0.5 * sorted(AFTER).index(name), 4.0), after=AFTER[name])
         before = name in self.accepted
         try:
             self.team.submit(task, deadline_in_s=deadline_s)

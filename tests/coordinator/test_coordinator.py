@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from robrain.coordinator.planning.executor import OFFERS_MAX
-from robrain.coordinator.planning.policy import Method, PlanningPolicy
+from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.tasks.reconcile import LEASE_S
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.occupancy_grid import FREE, GridGeometry, PatchCells
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.reasons.idle import PlanPending, TaskSoon
@@ -28,7 +28,7 @@ from tests.coordinator.conftest import TICK_S
 # -- handing out --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("method", [Method.AUCTION, Method.NEAREST])
+@pytest.mark.parametrize("method", ["auction", "nearest"])
 def test_a_team_at_rest_is_looked_after_twice_a_second(team, monkeypatch, method):
     team.begin(None, PlanningPolicy(method=method))
     team.robot("r1")
@@ -41,11 +41,11 @@ def test_a_team_at_rest_is_looked_after_twice_a_second(team, monkeypatch, method
 
 
 def test_a_team_is_looked_after_twice_a_second_again_once_it_has_looked_at_what_was_asked_for(team, monkeypatch):
-    team.begin(None, PlanningPolicy(method=Method.NEAREST))
+    team.begin(None, PlanningPolicy(method="nearest"))
     team.robot("r1")
     team.closed_room()
     team.run(2.0)
-    team.submit(Visit(id="t1", place=Point2D(6.0, 4.0)))
+    team.submit(Task(id="t1", kind="visit", place=Point2D(6.0, 4.0)))
     team.ask(TASK_CANCEL, TaskRequest(id="t1"))
     team.run(2.0)
     looks = []
@@ -62,7 +62,9 @@ def test_what_is_due_for_many_robots_at_once_is_offered_in_the_next_step_if_it_w
     team.closed_room()
     team.run(2.0)
     for number in range(count):
-        team.submit(Visit(id=f"t{number}", place=Point2D(3.4 + 0.3 * number, 5.0), needs=(f"tool{number}",)))
+        team.submit(
+            Task(id=f"t{number}", kind="visit", place=Point2D(3.4 + 0.3 * number, 5.0), needs=(f"tool{number}",))
+        )
     offered = []
     for _ in range(10):
         team.run(TICK_S)
@@ -77,10 +79,10 @@ def test_an_idle_robot_says_whether_its_task_begins_soon_or_a_plan_is_awaited(te
         team.robot(name, x_m).plugins = ["visit", "explore", f"only-{name}"]
     team.closed_room()
     team.run(2.0)
-    team.submit(Visit(id="t1", place=Point2D(6.0, 4.0), needs=("only-r1",)), earliest_in_s=25.0)
+    team.submit(Task(id="t1", kind="visit", place=Point2D(6.0, 4.0), needs=("only-r1",)), earliest_in_s=25.0)
     team.run(1.0)
     assert {one.name: one.idle for one in team.summary.robots}["r1"] == TaskSoon()
-    team.submit(Visit(id="t2", place=Point2D(6.0, 4.0), needs=("only-r2",)), earliest_in_s=25.0)
+    team.submit(Task(id="t2", kind="visit", place=Point2D(6.0, 4.0), needs=("only-r2",)), earliest_in_s=25.0)
     team.run(1.0)
     assert {one.name: one.idle for one in team.summary.robots} == {"r1": PlanPending(), "r2": PlanPending()}
     team.run(3.0)
@@ -161,7 +163,7 @@ def test_a_refused_place_is_offered_to_another_and_not_again_for_a_while(team):
     robot.accepts = False
     team.corridor()
     team.run(10.0)
-    places = [offer.task.goal for offer in robot.offers]
+    places = [offer.task.place for offer in robot.offers]
     assert len(places) == 2
     assert places[0] != places[1]
     assert team.why(robot.offers[0].task.id) == "r1 refused: no way there"
@@ -184,7 +186,7 @@ def test_a_place_where_a_robot_failed_is_shunned_by_it_for_fifteen_seconds(team)
     assert robot.goal.x_m > 8.0
     robot.end(TaskState.DONE)
     team.run(12.0)
-    assert all(offer.task.goal != west for offer in robot.offers[1:])
+    assert all(offer.task.place != west for offer in robot.offers[1:])
     team.run(2.5)
     robot.end(TaskState.DONE)
     team.run(1.0)

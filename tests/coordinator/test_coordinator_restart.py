@@ -5,13 +5,13 @@ import pytest
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.tasks.reconcile import FREE_AFTER_S
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.task_messages import TaskRequest
 from robrain.protocol.wire.topics import TASK_CANCEL
 
 
 def visit(task_id="t1", x_m=6.0, **fields):
-    return Visit(id=task_id, place=Point2D(x_m, 4.0), **fields)
+    return Task(id=task_id, kind="visit", place=Point2D(x_m, 4.0), **fields)
 
 
 @pytest.fixture

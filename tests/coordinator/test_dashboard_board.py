@@ -15,7 +15,7 @@ from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.drawing.robot_history import RobotHistory
 from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.model.tasks.task import Relay, TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.arena_messages import RobotTruth
 from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.messages import (
@@ -50,7 +50,7 @@ MODEL = EnergyModel(
 
 
 def event(task: str, state: TaskState, at_s: float, robot: str = "", change: int = 0) -> TaskEvent:
-    visit = Visit(id=task, place=PLACE)
+    visit = Task(id=task, kind="visit", place=PLACE)
     return TaskEvent(task=visit, state=state, robot=robot, stamp_ns=round(at_s * 1e9), change=change)
 
 
@@ -194,7 +194,9 @@ def test_chain_of_relays_is_drawn_from_the_mote_to_the_last_robot() -> None:
         view.robots[name] = RobotView(name, 0, state=RobotState(robot=name, pose=Pose2D(x_m, 0.0, 0.0)))
     view.motes["m1"] = MoteView("m1", place=Point2D(0.0, 0.0))
     for task, robot, mote, following in (("a", "r1", "m1", "r2"), ("b", "r2", "", "r3")):
-        relay = Relay(id=task, place=PLACE, duration_s=60.0, mote=mote, robot=following)
+        relay = Task(
+            id=task, kind="relay", place=PLACE, parameters={"duration_s": 60.0, "mote": mote, "robot": following}
+        )
         view.board.take(TaskEvent(task=relay, state=TaskState.RUNNING, robot=robot))
     ends = {(start.x_m, end.x_m) for start, end in relay_lines(view)}
     assert ends == {(1.0, 0.0), (1.0, 2.0), (2.0, 3.0)}

@@ -8,9 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.coordinator.dashboard.panels.function_form import Field, FieldKind, arguments_of, fields_of
-from robrain.coordinator.dashboard.panels.task_tab import KINDS, submission_of, task_fields
+from robrain.coordinator.dashboard.panels.page_context import stock_kinds
+from robrain.coordinator.dashboard.panels.task_tab import submission_of, task_fields
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Visit
+from robrain.protocol.model.tasks.stock_kinds import check_parameters
+from robrain.protocol.wire.task_messages import KnownKind
 
 
 class Arguments(msgspec.Struct):
@@ -25,6 +27,7 @@ class Arguments(msgspec.Struct):
     points: list[Point2D] = []
 
 
+KINDS = {known.kind: known for known in stock_kinds() if known.kind != "explore"}
 FIELDS = fields_of(msgspec.json.schema(Arguments))
 
 
@@ -111,19 +114,46 @@ def test_schema_of_a_stranger_makes_no_trouble(schema: dict[str, object]) -> Non
         assert isinstance(field.title, str)
 
 
-@pytest.mark.parametrize("kind", sorted(KINDS))
-def test_every_kind_of_task_can_be_asked_for_by_form(kind: str) -> None:
+@pytest.mark.parametrize("kind", sorted(KINDS.values(), key=lambda known: known.kind), ids=lambda known: known.kind)
+def test_every_kind_of_task_can_be_asked_for_by_form(kind: KnownKind) -> None:
     typed = {field.label: field.default or "2" for field in task_fields(kind) if field.required}
-    typed |= {"deadline_in_s": "60"} | ({"mote": "m1"} if kind == "relay" else {})
+    typed |= {"deadline_in_s": "60"} | ({"mote": "m1"} if kind.kind == "relay" else {})
     submission = submission_of(kind, arguments_of(task_fields(kind), typed))
-    assert type(submission.task) is KINDS[kind]
+    assert submission.task.kind == kind.kind
+    check_parameters(submission.task)
     assert submission.deadline_in_s == 60.0
     assert submission.by.startswith("operator")
 
 
 def test_task_that_cannot_be_is_refused_in_words() -> None:
     with pytest.raises(ValueError, match=r"> 0\.0 - at `\$\.priority`"):
-        submission_of("visit", {"place": {"x_m": 1.0, "y_m": 2.0}, "priority": -1.0})
-    first, second = (submission_of("visit", {"place": {"x_m": 1.0, "y_m": 2.0}}).task for _ in range(2))
-    assert isinstance(first, Visit)
+        submission_of(KINDS["visit"], {"place": {"x_m": 1.0, "y_m": 2.0}, "priority": -1.0})
+    first, second = (submission_of(KINDS["visit"], {"place": {"x_m": 1.0, "y_m": 2.0}}).task for _ in range(2))
+    assert first.kind == "visit"
     assert first.id != second.id
+
+
+def test_a_kind_that_only_a_robot_knows_has_a_form_made_of_its_schema() -> None:
+    schema = {
+        "type": "object",
+        "properties": {"width_m": {"type": "number", "exclusiveMinimum": 0}, "gently": {"type": "boolean"}},
+        "required": ["width_m"],
+        "additionalProperties": False,
+    }
+    sweep = KnownKind(kind="sweep", parameters=schema, robots=["r1"])
+    labels = [field.label for field in task_fields(sweep)]
+    assert labels[:3] == ["place.x_m", "place.y_m", "width_m"]
+    assert "gently" in labels
+    place = {"x_m": 1.0, "y_m": 2.0}
+    submission = submission_of(sweep, {"place": place, "width_m": 2.0, "gently": True, "priority": 3.0})
+    assert submission.task.parameters == {"width_m": 2.0, "gently": True}
+    assert submission.task.priority == 3.0
+    with pytest.raises(ValueError, match=r"width_m: -2\.0 is less than or equal to the minimum of 0"):
+        submission_of(sweep, {"place": place, "width_m": -2.0})
+
+
+@given(json_values)
+def test_a_kind_whose_schema_is_nonsense_has_the_fields_that_every_task_has(nonsense: object) -> None:
+    schema = nonsense if isinstance(nonsense, dict) else {"properties": nonsense, "required": nonsense}
+    labels = [field.label for field in task_fields(KnownKind(kind="odd", parameters=schema))]
+    assert {"place.x_m", "place.y_m", "priority"} <= set(labels)

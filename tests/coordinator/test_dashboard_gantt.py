@@ -4,7 +4,7 @@ from robrain.coordinator.dashboard.html.gantt_html import foreseen, gantt_html
 from robrain.coordinator.dashboard.state.robot_view import RobotView
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.messages import RobotState, TaskEvent, TaskStatus
 from robrain.protocol.wire.plan_messages import ChargeSchedule, PlannedCharge, TaskDecision
@@ -20,7 +20,9 @@ def view_of(**state: object) -> tuple[TeamView, RobotView]:
     """One robot at task `a`, with `b` and `c` planned for it."""
     view = TeamView()
     for task, status in (("a", TaskState.RUNNING), ("b", TaskState.QUEUED), ("c", TaskState.QUEUED)):
-        view.board.take(TaskEvent(task=Visit(id=task, place=PLACE), state=status, robot="r1", stamp_ns=80 * S))
+        view.board.take(
+            TaskEvent(task=Task(id=task, kind="visit", place=PLACE), state=status, robot="r1", stamp_ns=80 * S)
+        )
     for task, start_s in (("b", 30.0), ("c", 60.0)):
         bid = RobotVerdict(robot="r1", chosen=True, time_s=25.0)
         view.board.decide(

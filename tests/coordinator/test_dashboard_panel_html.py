@@ -22,7 +22,7 @@ from robrain.coordinator.dashboard.state.robot_view import MoteView
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.messages import (
@@ -231,7 +231,7 @@ def test_what_came_over_the_wire_never_becomes_markup(halted: bool) -> None:
     view = evil_view(halted)
     robot = view.robots[EVIL]
     why = TaskWhy(
-        record=TaskRecord(task=Visit(id=EVIL, place=Point2D(0.0, 0.0)), state=TaskState.FAILED, why=EVIL),
+        record=TaskRecord(task=Task(id=EVIL, kind="visit", place=Point2D(0.0, 0.0)), state=TaskState.FAILED, why=EVIL),
         now=EVIL,
         robots=[RobotVerdict(robot=EVIL, why_not=EVIL)],
         changes=[TaskChange(number=1, stamp_ns=0, state=TaskState.FAILED, robot=EVIL, why=EVIL)],
@@ -296,10 +296,10 @@ def evil_view(halted: bool) -> TeamView:
     tell(view, HALT, Halt(halted=True, by=EVIL, reason=EVIL))
     tell(view, ROBOT_LOG, LogRecord(robot=EVIL, level=EVIL, source=EVIL, text=EVIL), robot=EVIL)
     tell(view, ROBOT_EVENT, Event(robot=EVIL, plugin=EVIL, event=EVIL, value=EVIL), robot=EVIL, plugin="p", event="e")
-    task = Visit(id=EVIL, place=Point2D(1.0, 2.0))
+    task = Task(id=EVIL, kind="visit", place=Point2D(1.0, 2.0))
     running = TaskEvent(task=task, state=TaskState.RUNNING, robot=EVIL, why=EVIL)
     tell(view, TASK_EVENT, running, task="t")
-    other = Visit(id=EVIL + "2", place=Point2D(1.0, 2.0))
+    other = Task(id=EVIL + "2", kind="visit", place=Point2D(1.0, 2.0))
     tell(view, TASK_EVENT, TaskEvent(task=other, state=TaskState.FAILED, robot=EVIL, why=EVIL), task="u")
     reading = MoteReading(mote=EVIL, place=None, quantity=EVIL, value=1.0, voltage_v=2.0, rssi_dbm=-1, via=EVIL)
     view.motes[EVIL] = MoteView(EVIL, readings={EVIL: reading})

@@ -7,7 +7,7 @@ import pytest
 from robrain.coordinator.dashboard.state.robot_view import SILENT_AFTER_S, TRAIL_POINTS, Contact, RobotView
 from robrain.coordinator.dashboard.state.team_view import HISTORY_POINTS, TeamView
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.tasks.task import Explore, TaskState
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.arena_messages import ArenaClock, ArenaTruth, MoteTruth, Scan
 from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.map_messages import MapPatch
@@ -189,7 +189,7 @@ def test_goal_is_the_tasks_and_else_the_end_of_the_path(view: TeamView) -> None:
     tell(view, ROBOT_PATH, PlannedPath(robot="r1", points=[Point2D(0, 0), Point2D(1, 1)]), robot="r1")
     robot = view.robots["r1"]
     assert view.goal_of(robot) == Point2D(1, 1)
-    task = Explore(id="t1", goal=Point2D(5, 5))
+    task = Task(id="t1", kind="explore", place=Point2D(5, 5))
     running = TaskStatus(id="t1", epoch=1, state=TaskState.RUNNING)
     tell(view, ROBOT_STATE, RobotState(robot="r1", task=running), robot="r1")
     tell(view, TASK_EVENT, TaskEvent(task=task, state=TaskState.RUNNING, robot="r1"))

@@ -4,7 +4,7 @@ from robrain.coordinator.tasks.backoff import FIRST_PAUSE_S, KEPT, LONGEST_PAUSE
 from robrain.coordinator.tasks.dispatch import dispatch, verdicts
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages import RobotState
 from robrain.protocol.wire.reasons.offers import NoPath
@@ -20,7 +20,7 @@ from robrain.protocol.wire.task_messages import RobotVerdict, TaskRecord
 
 
 def task(name: str, x_m: float, submitted_ns: int = 0, **fields) -> TaskRecord:
-    made = Visit(id=name, place=Point2D(x_m, 0.0), **fields)
+    made = Task(id=name, kind="visit", place=Point2D(x_m, 0.0), **fields)
     return TaskRecord(task=made, state=TaskState.QUEUED, submitted_ns=submitted_ns)
 
 

@@ -15,7 +15,7 @@ from robrain.coordinator.recording.foxglove.channels import FoxgloveChannels
 from robrain.coordinator.recording.foxglove.server import FoxgloveServer
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.arena_messages import Scan
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -149,13 +149,17 @@ def logged(channels: FoxgloveChannels, now_ns: int = 99) -> list[tuple[int, str,
 )
 def test_a_task_that_goes_wrong_is_a_warning_in_the_log(state: TaskState, level: int) -> None:
     channels = FoxgloveChannels()
-    say(channels, TASK_EVENT, TaskEvent(stamp_ns=7, task=Visit(id="t1", place=Point2D(1.0, 2.0)), state=state))
+    say(
+        channels,
+        TASK_EVENT,
+        TaskEvent(stamp_ns=7, task=Task(id="t1", kind="visit", place=Point2D(1.0, 2.0)), state=state),
+    )
     assert logged(channels) == [(level, "task", f"t1 {state}", 7)]
 
 
 def test_the_log_says_who_and_why() -> None:
     channels = FoxgloveChannels()
-    task = Visit(id="t1", place=Point2D(1.0, 2.0))
+    task = Task(id="t1", kind="visit", place=Point2D(1.0, 2.0))
     say(channels, TASK_EVENT, TaskEvent(stamp_ns=7, task=task, state=TaskState.RUNNING, robot="r1", why="near"))
     say(channels, ROBOT_LOG, LogRecord(robot="r1", level="debug", source="scan", text="fine"))
     say(channels, ROBOT_LOG, LogRecord(stamp_ns=8, robot="r1", level="error", source="scan", text="burnt"))
@@ -173,12 +177,18 @@ def test_the_log_says_who_and_why() -> None:
 
 def test_open_tasks_are_drawn_when_one_changes_and_anew_in_a_new_file() -> None:
     channels = FoxgloveChannels()
-    say(channels, TASK_EVENT, TaskEvent(task=Visit(id="t1", place=Point2D(1.0, 2.0)), state=TaskState.QUEUED))
+    say(
+        channels,
+        TASK_EVENT,
+        TaskEvent(task=Task(id="t1", kind="visit", place=Point2D(1.0, 2.0)), state=TaskState.QUEUED),
+    )
     assert "/visual/tasks" in told(channels, 0.0)
     assert "/visual/tasks" not in told(channels, 10.0)
     channels.begin_anew()
     assert "/visual/tasks" in told(channels, 20.0)
-    say(channels, TASK_EVENT, TaskEvent(task=Visit(id="t1", place=Point2D(1.0, 2.0)), state=TaskState.DONE))
+    say(
+        channels, TASK_EVENT, TaskEvent(task=Task(id="t1", kind="visit", place=Point2D(1.0, 2.0)), state=TaskState.DONE)
+    )
     assert "/visual/tasks" in told(channels, 30.0)
     channels.begin_anew()
     assert "/visual/tasks" not in told(channels, 40.0)

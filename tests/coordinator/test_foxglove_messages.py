@@ -26,7 +26,7 @@ from robrain.coordinator.recording.foxglove import scene as foxglove_scene
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping import occupancy_grid as cells
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
-from robrain.protocol.model.tasks.task import Explore, TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.arena_messages import Scan
 from robrain.protocol.wire.messages import BatteryState, MoteReading, PluginFault, RobotState, TaskEvent, TaskStatus
 
@@ -250,7 +250,7 @@ def test_a_mote_is_drawn_at_its_place_in_the_colour_of_its_supply(voltage_v: flo
 
 @pytest.mark.parametrize(("robot", "color", "text"), [("", WARNING, "t1 queued"), ("r1", FRONTIER, "t1 queued r1")])
 def test_a_task_is_a_flag_at_its_place(robot: str, color: Any, text: str) -> None:
-    event = TaskEvent(task=Visit(id="t1", place=Point2D(1.0, 2.0)), state=TaskState.QUEUED, robot=robot)
+    event = TaskEvent(task=Task(id="t1", kind="visit", place=Point2D(1.0, 2.0)), state=TaskState.QUEUED, robot=robot)
     entity = foxglove_scene.task_entity(event, 7)
     assert (entity.id, entity.frame_id, entity.timestamp.nanos) == ("task t1", "arena", 7)
     [mast] = entity.lines
@@ -264,5 +264,5 @@ def test_a_task_is_a_flag_at_its_place(robot: str, color: Any, text: str) -> Non
 
 
 def test_the_kind_of_a_task_is_told_where_its_name_does_not() -> None:
-    event = TaskEvent(task=Explore(id="explore-1", goal=Point2D(1.0, 2.0)), state=TaskState.LOST_CONTACT)
+    event = TaskEvent(task=Task(id="explore-1", kind="explore", place=Point2D(1.0, 2.0)), state=TaskState.LOST_CONTACT)
     assert foxglove_scene.task_entity(event, 0).texts[0].text == "explore-1 lost contact"

@@ -7,7 +7,7 @@ import pytest
 from robrain.coordinator.team.roster import ROBOTS_UNSEEN_MAX
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.occupancy_grid import OCCUPIED, GridGeometry, PatchCells
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.map_patch import to_message
 from robrain.protocol.wire.messages import RobotState, TaskAnswer
 from robrain.protocol.wire.topics import ROBOT_MAP, ROBOT_STATE
@@ -87,7 +87,7 @@ def test_one_task_that_cannot_be_handled_is_set_aside_and_the_others_go_on(team,
 
     monkeypatch.setattr(lifecycle, "_why_over", faulty)
     for name in ("bad", "late"):
-        team.submit(Visit(id=name, place=Point2D(6.0, 4.0)), deadline_in_s=1.0)
+        team.submit(Task(id=name, kind="visit", place=Point2D(6.0, 4.0)), deadline_in_s=1.0)
     team.run(2.0)
     assert team.states() == {"bad": TaskState.QUEUED, "late": TaskState.FAILED}
     assert ("task", "bad", "failed") in [(one.topic, one.key, one.code) for one in team.summary.refused]
@@ -120,7 +120,7 @@ def test_a_stage_that_raises_is_set_aside_and_the_others_run(team, monkeypatch, 
         raise ZeroDivisionError("a defect")
 
     monkeypatch.setattr(getattr(team.coordinator, part) if part else team.coordinator, function, faulty)
-    team.submit(Visit(id="v1", place=Point2D(6.0, 4.0)))
+    team.submit(Task(id="v1", kind="visit", place=Point2D(6.0, 4.0)))
     team.run(1.0)
     summary = team.summary
     assert ("stage", stage, "failed") in [(one.topic, one.key, one.code) for one in summary.refused]

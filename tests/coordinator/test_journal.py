@@ -11,17 +11,17 @@ from robrain.coordinator.journal.errors import JournalError, JournalLocked, Jour
 from robrain.coordinator.journal.journal import EPOCH_BLOCK, Journal
 from robrain.coordinator.journal.schema import MIGRATIONS, VERSION, migrate
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Explore, TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.reasons.offers import NoPath
 from robrain.protocol.wire.reasons.robots import Halted, Refused
 from robrain.protocol.wire.reasons.tasks import RobotOut
 from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord
 
-ASKED = b'{"task":{"type":"visit"}}'
+ASKED = b'{"task":{"id":"t1","kind":"visit"}}'
 
 
 def queued(task_id: str, **fields) -> TaskRecord:
-    task = fields.pop("task", None) or Visit(id=task_id, place=Point2D(1.0, 2.0))
+    task = fields.pop("task", None) or Task(id=task_id, kind="visit", place=Point2D(1.0, 2.0))
     return TaskRecord(task=task, state=TaskState.QUEUED, **fields)
 
 
@@ -40,6 +40,27 @@ def quick_to_find_the_lock(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 # -- keeping --------------------------------------------------------------------------------------------------
+
+
+OLD_TASKS = Path(__file__).parent.parent / "protocol" / "golden" / "old_tasks"
+
+
+@pytest.mark.parametrize("old", sorted(OLD_TASKS.glob("*.json")), ids=lambda old: old.stem)
+def test_a_task_from_before_kinds_were_open_is_read(path: Path, old: Path) -> None:
+    today = msgspec.json.decode((OLD_TASKS.parent / "tasks" / old.name).read_bytes(), type=Task)
+    one = Journal(path)
+    record = one.accept(TaskRecord(task=today, state=TaskState.QUEUED, by="ann"), b"")
+    one.close()
+    today_json = msgspec.json.encode(today).decode()
+    asked = f'{{"task":{old.read_text()}}}'
+    with sqlite3.connect(path) as connection:
+        values = (today_json, old.read_text(), asked)
+        connection.execute("UPDATE task SET record = replace(record, ?, ?), asked = ?", values)
+    connection.close()
+    other = Journal(path)
+    assert other.open_records() == [record]
+    assert other.wrong == {}
+    assert msgspec.json.decode(other.asked(today.id)) == {"task": msgspec.json.decode(today_json)}
 
 
 def test_what_was_written_is_there_when_it_is_opened_again(path: Path) -> None:
@@ -75,7 +96,7 @@ def test_tasks_are_found_by_what_they_are(path: Path) -> None:
     journal = Journal(path)
     journal.accept(queued("t1", by="ann"))
     change(journal, journal.accept(queued("t2", by="bob")), TaskState.DONE, robot="r1")
-    journal.accept(queued("e1", own=True, task=Explore(id="e1", goal=Point2D(0.0, 0.0))))
+    journal.accept(queued("e1", own=True, task=Task(id="e1", kind="explore", place=Point2D(0.0, 0.0))))
 
     def found(**wanted) -> list[str]:
         return [record.task.id for record in journal.select(TaskFilter(**wanted))]

@@ -19,7 +19,7 @@ from robrain.coordinator.journal import journal as journal_module
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.tasks.task_book import LEGAL, TaskBook
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.messages import TaskEvent, TaskStatus
 from robrain.protocol.wire.reasons.robots import LostContact
@@ -143,7 +143,7 @@ class World:
 
     def submit(self, task_id: str) -> None:
         if self.book.find(task_id) is None:
-            self.book.add(Visit(id=task_id, place=Point2D(1.0, 2.0)), by="ann", asked=b"{}")
+            self.book.add(Task(id=task_id, kind="visit", place=Point2D(1.0, 2.0)), by="ann", asked=b"{}")
         self.answered.add(task_id)
 
     def offer(self, task_id: str, robot: str) -> None:

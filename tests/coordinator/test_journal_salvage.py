@@ -14,7 +14,7 @@ from robrain.coordinator.journal import salvage
 from robrain.coordinator.journal.errors import JournalError
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord
 
 TASKS = 120
@@ -29,7 +29,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("journal") / "team.journal"
     journal = Journal(path)
     for number in range(TASKS):
-        task = Visit(id=f"t{number}", place=Point2D(1.0, 2.0))
+        task = Task(id=f"t{number}", kind="visit", place=Point2D(1.0, 2.0))
         record = journal.accept(TaskRecord(task=task, state=TaskState.QUEUED), b"{}" * 40)
         if number % 3 == 0:
             epoch = journal.new_epoch()
@@ -160,7 +160,7 @@ def test_what_can_be_read_of_a_damaged_journal_is_read_and_the_rest_is_told(path
         assert len(records) == TASKS
     assert journal.new_epoch() > TASKS // 3 or not records
     # And it is a journal like any other.
-    task = Visit(id="new", place=Point2D(0.0, 0.0))
+    task = Task(id="new", kind="visit", place=Point2D(0.0, 0.0))
     journal.accept(TaskRecord(task=task, state=TaskState.QUEUED))
     journal.close()
     again = Journal(path)
@@ -172,7 +172,7 @@ def test_what_can_be_read_of_a_damaged_journal_is_read_and_the_rest_is_told(path
 def test_most_of_a_journal_survives_the_loss_of_one_leaf(path: Path) -> None:
     content = path.read_bytes()
     pages = {number: content[number * PAGE : (number + 1) * PAGE] for number in range(1, len(content) // PAGE)}
-    leaves = [number for number, page in pages.items() if page[0] == LEAF and b'"type":"visit"' in page]
+    leaves = [number for number, page in pages.items() if page[0] == LEAF and b'"kind":"visit"' in page]
     overwrite(path, leaves[len(leaves) // 2] * PAGE, bytes(PAGE))
     journal = Journal(path)
     kept = len(journal.select(TaskFilter()))

@@ -10,7 +10,7 @@ import pytest
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import EPOCH_BLOCK, Journal
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.task_messages import TaskRecord
 
 NORMAL, FULL = 1, 2
@@ -50,7 +50,7 @@ def journal(tmp_path: Path):
 
 
 def queued(task_id: str, **fields: Any) -> TaskRecord:
-    return TaskRecord(task=Visit(id=task_id, place=Point2D(1.0, 2.0)), state=TaskState.QUEUED, **fields)
+    return TaskRecord(task=Task(id=task_id, kind="visit", place=Point2D(1.0, 2.0)), state=TaskState.QUEUED, **fields)
 
 
 def test_task_that_was_accepted_is_on_the_disk_when_its_acceptance_returns(journal: Journal) -> None:

@@ -13,7 +13,7 @@ from robrain.coordinator.tasks.task_lifecycle import COMPLAIN_AGAIN_NS, WITHDRAW
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Explore, TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import RobotState, TaskAnswer, TaskStatus, TaskWithdrawal
@@ -77,7 +77,11 @@ class Desk:
         self.roster.note_state(RobotState(robot=name, task=task, next_task=held), self.clock.now_ns())
 
     def add(self, task_id: str = "t1", *, own: bool = False) -> None:
-        task = Explore(id=task_id, goal=Point2D(1.0, 1.0)) if own else Visit(id=task_id, place=Point2D(1.0, 1.0))
+        task = (
+            Task(id=task_id, kind="explore", place=Point2D(1.0, 1.0))
+            if own
+            else Task(id=task_id, kind="visit", place=Point2D(1.0, 1.0))
+        )
         self.book.add(task, own=own)
 
     def stands(self, task_id: str = "t1") -> tuple[TaskState, str]:
@@ -142,7 +146,9 @@ def test_answer_to_an_offer_that_does_not_stand_any_more_changes_nothing(
 
 
 def test_answer_for_a_task_that_nobody_knows_changes_nothing(desk: Desk) -> None:
-    stranger = TaskRecord(task=Visit(id="t9", place=Point2D(0.0, 0.0)), state=TaskState.OFFERED, robot="r1", epoch=1)
+    stranger = TaskRecord(
+        task=Task(id="t9", kind="visit", place=Point2D(0.0, 0.0)), state=TaskState.OFFERED, robot="r1", epoch=1
+    )
     desk.mail.asked.append((stranger, ""))
     desk.mail.answer(0, YES)
     assert desk.tasks.hear_answers(NOW_NS) is False
@@ -287,7 +293,7 @@ def test_robot_that_is_not_there_or_at_nothing_is_told_nothing(desk: Desk) -> No
 
 
 def test_deadline_is_passed_only_after_it(desk: Desk) -> None:
-    desk.book.add(Visit(id="t1", place=Point2D(0.0, 0.0), deadline_ns=NOW_NS))
+    desk.book.add(Task(id="t1", kind="visit", place=Point2D(0.0, 0.0), deadline_ns=NOW_NS))
     desk.tasks.settle(NOW_NS)
     assert desk.stands()[0] is TaskState.QUEUED
     desk.tasks.settle(NOW_NS + 1)
@@ -302,7 +308,7 @@ def test_task_of_the_coordinators_own_that_was_offered_to_nobody_ends(desk: Desk
 
 def test_task_whose_dependency_has_ended_otherwise_is_called_off(desk: Desk) -> None:
     desk.add("t1")
-    desk.book.add(Visit(id="t2", place=Point2D(0.0, 0.0), after=["t1"]))
+    desk.book.add(Task(id="t2", kind="visit", place=Point2D(0.0, 0.0), after=["t1"]))
     desk.tasks.settle(NOW_NS)
     assert desk.stands("t2")[0] is TaskState.QUEUED
     desk.book.move("t1", TaskState.FAILED, Said("blocked"))

@@ -3,7 +3,7 @@
 import pytest
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_STATE
 
@@ -110,7 +110,7 @@ def test_a_submitted_task_is_not_given_up_because_its_robot_cannot_be_queried(li
     team.run(1.0)
     cut(team, robot)
     half = come_half(team, robot)
-    team.submit(Visit(id="v", place=Point2D(6.5, 4.5)))
+    team.submit(Task(id="v", kind="visit", place=Point2D(6.5, 4.5)))
     team.run(6.0)
     assert team.states()["v"] is TaskState.QUEUED
     half.close()

@@ -15,10 +15,10 @@ from robrain.coordinator.motes.mote_energy import (
     robot_share,
 )
 from robrain.coordinator.motes.mote_registry import MoteTable
-from robrain.coordinator.planning.policy import Method, PlanningPolicy
+from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.tasks.task import Monitor, Sense, TaskState
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.inbox import Inbox
@@ -118,7 +118,7 @@ def field(team):
 def test_mote_that_is_at_the_place_senses_and_no_robot_drives(field):
     field.mote()
     field.run(2.0)
-    field.team.submit(Sense(id="s", place=PLACE))
+    field.team.submit(Task(id="s", kind="sense", place=PLACE))
     field.run(5.0)
     record = field.get("s")
     assert (record.state, record.robot) == (TaskState.DONE, "mote:m1")
@@ -131,7 +131,7 @@ def test_a_verdict_of_each_member_says_what_share_of_its_energy_it_would_take(fi
     field.mote()
     field.mote("m2", Point2D(4.0, 3.0))
     field.run(2.0)
-    field.team.submit(Sense(id="s", place=PLACE))
+    field.team.submit(Task(id="s", kind="sense", place=PLACE))
     field.run(5.0)
     verdicts = field.verdicts("s")
     assert verdicts["m1"].chosen
@@ -143,7 +143,7 @@ def test_a_verdict_of_each_member_says_what_share_of_its_energy_it_would_take(fi
 def test_why_a_mote_was_not_asked_is_told_when_a_robot_does_it(field):
     field.mote()
     field.run(2.0)
-    field.team.submit(Sense(id="s", place=PLACE, quantity="light_lx"))
+    field.team.submit(Task(id="s", kind="sense", place=PLACE, parameters={"quantity": "light_lx"}))
     field.run(1.5)
     verdicts = field.verdicts("s")
     assert verdicts["r1"].chosen
@@ -153,7 +153,7 @@ def test_why_a_mote_was_not_asked_is_told_when_a_robot_does_it(field):
 def test_mote_whose_cells_are_nearly_flat_is_spared(field):
     field.mote(voltage_v=FLAT_V + 1e-7)
     field.run(2.0)
-    field.team.submit(Sense(id="s", place=PLACE))
+    field.team.submit(Task(id="s", kind="sense", place=PLACE))
     field.run(1.5)
     assert field.get("s").robot == "r1"
 
@@ -162,7 +162,7 @@ def test_mote_that_falls_silent_gives_its_task_to_a_robot(field):
     mote = field.mote()
     field.run(5.0)
     mote.speaks = False
-    field.team.submit(Sense(id="s", place=PLACE, timeout_s=10.0))
+    field.team.submit(Task(id="s", kind="sense", place=PLACE, parameters={"timeout_s": 10.0}))
     field.run(1.0)
     assert field.get("s").robot == "mote:m1"
     field.run(14.0)
@@ -172,11 +172,11 @@ def test_mote_that_falls_silent_gives_its_task_to_a_robot(field):
 
 def test_task_that_a_mote_gave_up_is_offered_to_a_robot_in_the_same_step(field):
     team = field.team
-    team.begin(None, PlanningPolicy(method=Method.NEAREST))  # no plan is made for it
+    team.begin(None, PlanningPolicy(method="nearest"))  # no plan is made for it
     mote = field.mote()
     field.run(5.0)
     mote.speaks = False
-    team.submit(Sense(id="s", place=PLACE, timeout_s=10.0))
+    team.submit(Task(id="s", kind="sense", place=PLACE, parameters={"timeout_s": 10.0}))
     field.run(1.0)
     assert field.get("s").robot == "mote:m1"
     for _ in range(round(14.0 / TICK_S)):
@@ -190,10 +190,16 @@ def test_task_that_a_mote_gave_up_is_offered_to_a_robot_in_the_same_step(field):
 @pytest.mark.parametrize(
     ("task", "why"),
     [
-        (Sense(id="s", place=PLACE, quantity="light_lx"), "senses temperature_c, not light_lx"),
-        (Sense(id="s", place=Point2D(4.0, 2.5)), "m from the place"),
-        (Sense(id="s", place=PLACE, needs=("sensor_board",)), "has no sensor_board"),
-        (Sense(id="s", place=PLACE, timeout_s=2.0), "speaks each 4 s, and 2 s is all that is waited"),
+        (
+            Task(id="s", kind="sense", place=PLACE, parameters={"quantity": "light_lx"}),
+            "senses temperature_c, not light_lx",
+        ),
+        (Task(id="s", kind="sense", place=Point2D(4.0, 2.5)), "m from the place"),
+        (Task(id="s", kind="sense", place=PLACE, needs=("sensor_board",)), "has no sensor_board"),
+        (
+            Task(id="s", kind="sense", place=PLACE, parameters={"timeout_s": 2.0}),
+            "speaks each 4 s, and 2 s is all that is waited",
+        ),
     ],
 )
 def test_what_a_mote_cannot_do_it_is_not_asked_for(field, task, why):
@@ -216,7 +222,7 @@ def test_mote_that_was_last_heard_long_ago_is_out_of_reach(field):
     assert known.why_out_of_reach(field.team.coordinator.roster, field.team.clock.now_ns()) is None
     mote.speaks = False
     field.run(20.0)
-    field.team.submit(Sense(id="s", place=PLACE))
+    field.team.submit(Task(id="s", kind="sense", place=PLACE))
     field.run(1.5)
     assert field.get("s").robot == "r1"
 
@@ -224,7 +230,14 @@ def test_mote_that_was_last_heard_long_ago_is_out_of_reach(field):
 def test_mote_monitors_at_the_interval_asked_for_and_has_its_own_back_after(field):
     mote = field.mote()
     field.run(2.0)
-    field.team.submit(Monitor(id="w", place=PLACE, duration_s=20.0, interval_s=1.0, quantity="temperature_c"))
+    field.team.submit(
+        Task(
+            id="w",
+            kind="monitor",
+            place=PLACE,
+            parameters={"duration_s": 20.0, "interval_s": 1.0, "quantity": "temperature_c"},
+        )
+    )
     field.run(10.0)
     assert mote.period_s == 1.0
     field.run(16.0)
@@ -238,7 +251,7 @@ def test_mote_monitors_at_the_interval_asked_for_and_has_its_own_back_after(fiel
 def test_monitoring_with_pictures_is_for_robots(field):
     field.mote()
     field.run(2.0)
-    field.team.submit(Monitor(id="w", place=PLACE, duration_s=20.0))
+    field.team.submit(Task(id="w", kind="monitor", place=PLACE, parameters={"duration_s": 20.0}))
     field.run(2.0)
     assert field.get("w").robot == "r1"
 
@@ -246,7 +259,14 @@ def test_monitoring_with_pictures_is_for_robots(field):
 def test_monitoring_that_is_called_off_leaves_the_mote_as_it_was(field):
     mote = field.mote()
     field.run(2.0)
-    field.team.submit(Monitor(id="w", place=PLACE, duration_s=60.0, interval_s=1.0, quantity="temperature_c"))
+    field.team.submit(
+        Task(
+            id="w",
+            kind="monitor",
+            place=PLACE,
+            parameters={"duration_s": 60.0, "interval_s": 1.0, "quantity": "temperature_c"},
+        )
+    )
     field.run(8.0)
     field.team.ask(TASK_CANCEL, TaskRequest(id="w"))
     field.run(6.0)
@@ -258,7 +278,7 @@ def test_mote_s_task_does_not_outlive_its_deadline(field):
     mote = field.mote()
     field.run(5.0)
     mote.speaks = False
-    field.team.submit(Sense(id="s", place=PLACE), deadline_in_s=3.0)
+    field.team.submit(Task(id="s", kind="sense", place=PLACE), deadline_in_s=3.0)
     field.run(5.0)
     record = field.get("s")
     assert (record.state, record.why) == (TaskState.FAILED, "its deadline has passed")
@@ -268,7 +288,7 @@ def test_a_task_that_a_mote_is_at_comes_free_for_nobody_nor_when_its_deadline_ha
     mote = field.mote()
     field.run(5.0)
     mote.speaks = False
-    field.team.submit(Sense(id="s", place=PLACE), deadline_in_s=3.0)
+    field.team.submit(Task(id="s", kind="sense", place=PLACE), deadline_in_s=3.0)
     field.run(1.0)
     assert field.get("s").robot == "mote:m1"
     desk = field.team.coordinator.motes
@@ -294,7 +314,14 @@ def test_coordinator_that_begins_anew_asks_again_for_what_a_mote_was_at(field, t
     field.team.begin(journal)
     mote = field.mote()
     field.run(2.0)
-    field.team.submit(Monitor(id="w", place=PLACE, duration_s=6.0, interval_s=1.0, quantity="temperature_c"))
+    field.team.submit(
+        Task(
+            id="w",
+            kind="monitor",
+            place=PLACE,
+            parameters={"duration_s": 6.0, "interval_s": 1.0, "quantity": "temperature_c"},
+        )
+    )
     field.run(2.0)
     journal.close()
     journal = Journal(tmp_path / "t.journal")
@@ -311,7 +338,7 @@ def test_coordinator_that_begins_anew_asks_again_for_what_a_mote_was_at(field, t
 def test_stored_reading_from_before_the_task_does_not_count(field):
     mote = field.mote(period_s=8.0)
     field.run(0.5)
-    field.team.submit(Sense(id="s", place=PLACE))
+    field.team.submit(Task(id="s", kind="sense", place=PLACE))
     field.run(1.0)
     mote.say(99.0, age_s=5.0)
     field.run(1.0)
@@ -322,7 +349,7 @@ def test_stored_reading_from_before_the_task_does_not_count(field):
 
 def test_a_team_without_motes_has_its_tasks_done_by_robots_as_ever(field):
     field.run(2.0)
-    field.team.submit(Sense(id="s", place=PLACE))
+    field.team.submit(Task(id="s", kind="sense", place=PLACE))
     field.run(1.5)
     assert field.get("s").robot == "r1"
 
@@ -330,7 +357,7 @@ def test_a_team_without_motes_has_its_tasks_done_by_robots_as_ever(field):
 def test_task_for_a_named_mote_is_that_mote_s_wherever_it_is(field):
     field.mote("m2", Point2D(4.0, 3.0))
     field.run(2.0)
-    field.team.submit(Sense(id="s", place=PLACE, mote="m2"))
+    field.team.submit(Task(id="s", kind="sense", place=PLACE, parameters={"mote": "m2"}))
     field.run(5.0)
     assert field.get("s").robot == "mote:m2"
 
@@ -352,6 +379,6 @@ def test_more_hops_take_more_of_the_network():
 def test_two_tasks_of_one_id_are_still_one(field):
     field.mote()
     field.run(2.0)
-    field.team.submit(Sense(id="s", place=PLACE))
+    field.team.submit(Task(id="s", kind="sense", place=PLACE))
     with pytest.raises(CallError, match="there is another task s"):
-        field.team.submit(Sense(id="s", place=PLACE, quantity="light_lx"))
+        field.team.submit(Task(id="s", kind="sense", place=PLACE, parameters={"quantity": "light_lx"}))

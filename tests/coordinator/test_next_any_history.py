@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.tasks.task_book import LEGAL
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.task_messages import TaskFilter, TaskRequest
 from robrain.protocol.wire.topics import TASK_CANCEL
@@ -55,7 +55,7 @@ class History:
 
     def submit(self, name):
         if name not in self.accepted:
-            self.team.submit(Visit(id=name, place=Point2D(4.0 + 0.5 * TASKS.index(name), 4.0)))
+            self.team.submit(Task(id=name, kind="visit", place=Point2D(4.0 + 0.5 * TASKS.index(name), 4.0)))
             self.accepted.add(name)
 
     def run(self, duration_s):

@@ -4,7 +4,7 @@ import pytest
 
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Explore, TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages import TaskAnswer
 from robrain.protocol.wire.task_messages import TaskRequest, TaskWhy
 from robrain.protocol.wire.topics import TASK_CANCEL, TASK_WHY
@@ -14,8 +14,8 @@ NOT_NOW = TaskAnswer(accepted=False, why="is not at a")
 OFFERED, RUNNING, DONE = TaskState.OFFERED, TaskState.RUNNING, TaskState.DONE
 
 
-def visit(name: str, x_m: float = 6.0, **fields) -> Visit:
-    return Visit(id=name, place=Point2D(x_m, 4.0), **fields)
+def visit(name: str, x_m: float = 6.0, **fields) -> Task:
+    return Task(id=name, kind="visit", place=Point2D(x_m, 4.0), **fields)
 
 
 @pytest.fixture
@@ -103,7 +103,7 @@ def test_a_robot_that_explores_is_not_asked_to_end_that_first(team):
     robot.takes_s = 20.0
     team.hall()
     team.run(1.0)
-    assert isinstance(robot.offers[-1].task, Explore)
+    assert robot.offers[-1].task.kind == "explore"
     team.submit(visit("a", 5.0))
     team.run(0.2)
     assert offered(robot)[-1] == ("a", "")

@@ -7,7 +7,7 @@ import pytest
 from robrain.coordinator.tasks import offers as offers_module
 from robrain.coordinator.tasks.offers import Offers
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode
@@ -19,7 +19,7 @@ from tests.waiting import PATIENCE_S, until
 
 
 def record(robot: str) -> TaskRecord:
-    task = Visit(id=f"for-{robot}", place=Point2D(1.0, 2.0))
+    task = Task(id=f"for-{robot}", kind="visit", place=Point2D(1.0, 2.0))
     return TaskRecord(task=task, state=TaskState.OFFERED, robot=robot, epoch=3)
 
 

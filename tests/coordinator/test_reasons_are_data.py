@@ -12,7 +12,7 @@ from robrain.coordinator.charging.charge_desk import is_for_energy
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import TaskAnswer
 from robrain.protocol.wire.reasons.offers import NeedsEnergy
@@ -72,11 +72,15 @@ def a_day_at_work(socs: tuple[float, float, float]) -> tuple[list[object], Team]
         team.closed_room()
         run(team, crew, 1.0)
         for number in range(10):
-            team.submit(Visit(id=f"t{number}", place=Point2D(8.6 - 0.1 * number, 5.6 - 0.35 * number), service_s=1.0))
-        team.submit(Visit(id="late", place=Point2D(8.5, 5.5)), deadline_in_s=2.0)
-        team.submit(Visit(id="after_late", place=Point2D(8.5, 5.5), after=("late",)))
-        team.submit(Visit(id="heavy", place=Point2D(6.0, 5.0), service_s=HEAVY_S))
-        team.submit(Visit(id="pair", place=Point2D(6.0, 4.0), robots=2))
+            team.submit(
+                Task(
+                    id=f"t{number}", kind="visit", place=Point2D(8.6 - 0.1 * number, 5.6 - 0.35 * number), service_s=1.0
+                )
+            )
+        team.submit(Task(id="late", kind="visit", place=Point2D(8.5, 5.5)), deadline_in_s=2.0)
+        team.submit(Task(id="after_late", kind="visit", place=Point2D(8.5, 5.5), after=("late",)))
+        team.submit(Task(id="heavy", kind="visit", place=Point2D(6.0, 5.0), service_s=HEAVY_S))
+        team.submit(Task(id="pair", kind="visit", place=Point2D(6.0, 4.0), robots=2))
         run(team, crew, LONGEST_S, until=lambda: all(state.ended for state in team.states().values()))
         told = [(one.topic.name, wordless(one.message)) for one in ears.drain()]
         asked = [(worker.robot.name, wordless(list(worker.robot.offers))) for worker in crew]

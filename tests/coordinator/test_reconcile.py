@@ -5,14 +5,14 @@ import pytest
 from robrain.coordinator.tasks.reconcile import FORGOTTEN_S, FREE_AFTER_S, LEASE_S, Move, reconcile, strays
 from robrain.coordinator.team.roster import LOST_AFTER_S, Robot
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages import RobotState, TaskStatus
 from robrain.protocol.wire.reasons.robots import Gone, LostContact
 from robrain.protocol.wire.reasons.tasks import ContactBack, Forgotten, LeaseRanOut, NeverTaken, TaskReason
 from robrain.protocol.wire.task_messages import TaskRecord
 
-TASK = Visit(id="t1", place=Point2D(1.0, 2.0))
+TASK = Task(id="t1", kind="visit", place=Point2D(1.0, 2.0))
 LONG_AGO_S = -100.0
 
 
@@ -161,6 +161,8 @@ def test_what_a_robot_holds_and_should_not_is_taken_back() -> None:
     held = status(TaskState.OFFERED, epoch=9, task_id="t2")
     assert strays(robot(0.0, status(), held), [record(TaskState.RUNNING)]) == [held]
     assert strays(robot(0.0, OTHER, HELD), [record(TaskState.OFFERED)]) == [OTHER]  # the one it is at was called off
-    after = TaskRecord(task=Visit(id="t2", place=Point2D(1.0, 2.0)), state=TaskState.OFFERED, robot="r1", epoch=9)
+    after = TaskRecord(
+        task=Task(id="t2", kind="visit", place=Point2D(1.0, 2.0)), state=TaskState.OFFERED, robot="r1", epoch=9
+    )
     assert strays(robot(0.0, status(), held), [record(TaskState.RUNNING), after]) == []
     assert strays(robot(0.0, status()), [record(TaskState.RUNNING), after]) == []  # it is on its way

@@ -17,7 +17,7 @@ from robrain.coordinator.recording.reader.comparing import first_difference
 from robrain.coordinator.recording.reader.reading import read_messages, recording_info
 from robrain.coordinator.recording.reader.recovering import with_visual
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages import LogRecord, MoteReading, RobotState, TaskEvent
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (
@@ -150,7 +150,9 @@ def test_tasks_leave_the_scene_when_they_end() -> None:
     channels = FoxgloveChannels()
 
     def say(state: TaskState, now_ns: int) -> list[Any]:
-        event = TaskEvent(stamp_ns=now_ns, task=Visit(id="t1", place=Point2D(1.0, 2.0)), state=state, why="because")
+        event = TaskEvent(
+            stamp_ns=now_ns, task=Task(id="t1", kind="visit", place=Point2D(1.0, 2.0)), state=state, why="because"
+        )
         channels.take(TASK_EVENT, "task", msgspec.json.encode(event))
         return [message.message for message in channels.due(now_ns) if message.channel == "/visual/tasks"]
 

@@ -17,7 +17,7 @@ from robrain.coordinator.recording.report.report import FIGURES, write_report
 from robrain.coordinator.recording.report.run_data import read_run
 from robrain.coordinator.recording.report.run_totals import totals
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages import (
     BatteryState,
     Halt,
@@ -156,7 +156,7 @@ def hostile_said() -> list[tuple[str, float, msgspec.Struct]]:
             faulted=[PluginFault(plugin=text, why=text)],
         )
         said += [(f"robot/r{number}/state", t_s, state) for t_s in (number, number + 1.0, number + 9.0)]
-        task = Visit(id=text, place=Point2D(1.0, 2.0))
+        task = Task(id=text, kind="visit", place=Point2D(1.0, 2.0))
         for task_state in (TaskState.RUNNING, TaskState.FAILED):
             event = TaskEvent(task=task, state=task_state, robot=text, why=text, result={"energy_j": text})
             said.append((f"task/event/t{number}", number + 0.5, event))
@@ -223,7 +223,9 @@ def test_halts_failed_tasks_and_errors_are_told() -> None:
     happenings = Happenings()
     happenings.take(Halt(halted=True, by="ann", reason="smoke"), 1.0)
     happenings.take(Halt(halted=False, by="ann"), 2.0)
-    happenings.take(TaskEvent(task=Visit(id="t", place=Point2D(0, 0)), state=TaskState.FAILED, why="wall"), 3.0)
+    happenings.take(
+        TaskEvent(task=Task(id="t", kind="visit", place=Point2D(0, 0)), state=TaskState.FAILED, why="wall"), 3.0
+    )
     happenings.take(LogRecord(robot="r1", level="ERROR", source="x", text="burnt"), 4.0)
     happenings.take(LogRecord(robot="r1", level="info", source="x", text="fine"), 5.0)
     assert [(one.kind, one.text, one.end_s) for one in happenings.finish(6.0)] == [
@@ -234,7 +236,7 @@ def test_halts_failed_tasks_and_errors_are_told() -> None:
 
 
 def test_a_task_tells_what_was_predicted_of_the_robot_that_did_it_and_what_it_took(tmp_path: Path) -> None:
-    task = Visit(id="t1", place=Point2D(1.0, 2.0))
+    task = Task(id="t1", kind="visit", place=Point2D(1.0, 2.0))
     bids = (RobotVerdict(robot="r1", energy_j=90.0), RobotVerdict(robot="r2", energy_j=120.0, chosen=True))
     said: list[tuple[str, float, msgspec.Struct]] = [
         ("task/event/t1", 0.0, TaskEvent(task=task, state=TaskState.QUEUED)),
@@ -252,7 +254,7 @@ def test_a_task_tells_what_was_predicted_of_the_robot_that_did_it_and_what_it_to
 
 
 def task_said(task_id: str, t_s: float, measured_j: float) -> tuple[str, float, msgspec.Struct]:
-    task = Visit(id=task_id, place=Point2D(1.0, 2.0))
+    task = Task(id=task_id, kind="visit", place=Point2D(1.0, 2.0))
     event = TaskEvent(task=task, state=TaskState.DONE, robot="r1", result={"energy_j": measured_j})
     return (f"task/event/{task_id}", t_s, event)
 

@@ -82,8 +82,8 @@ def test_every_recorded_topic_makes_a_table(topic: Topic) -> None:
 
 def test_tasks_of_all_kinds_share_one_set_of_columns() -> None:
     columns = {column.name: column.cell for column in columns_of(TaskEvent)}
-    assert columns["task.type"] is Cell.TEXT
-    assert columns["task.goal.x_m"] is Cell.FLOAT
+    assert columns["task.kind"] is Cell.TEXT
+    assert columns["task.parameters"] is Cell.JSON
     assert columns["task.place.x_m"] is Cell.FLOAT
     assert columns["result"] is Cell.JSON
 

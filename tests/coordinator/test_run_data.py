@@ -16,7 +16,7 @@ from robrain.coordinator.recording.report.run_totals import totals
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.mapping.occupancy_grid import FREE, GridGeometry, OccupancyGrid
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.map_patch import to_message
 from robrain.protocol.wire.messages import BatteryState, MoteReading, RobotState, TaskEvent, TeamState
@@ -63,7 +63,7 @@ def battery(voltage_v: float = 20.0, current_a: float = 2.0, **fields: Any) -> B
 
 
 def events(*told: tuple[float, TaskState, dict[str, Any]]) -> Said:
-    task = Visit(id="t1", place=Point2D(1.0, 2.0))
+    task = Task(id="t1", kind="visit", place=Point2D(1.0, 2.0))
     return [(key("task/event/t1"), t_s, TaskEvent(task=task, state=state, **fields)) for t_s, state, fields in told]
 
 

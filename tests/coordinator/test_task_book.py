@@ -9,7 +9,7 @@ from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.tasks.task_book import ATTEMPTS, KEPT_ENDED, LEGAL, TaskBook
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Explore, TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.messages import TaskStatus
 from robrain.protocol.wire.reasons.reason import Said
@@ -26,7 +26,7 @@ def book(journal=None):
 
 
 def running(one, task_id="t1", robot="r1", **fields):
-    one.add(Visit(id=task_id, place=GOAL), **fields)
+    one.add(Task(id=task_id, kind="visit", place=GOAL), **fields)
     record = one.offered(task_id, robot)
     one.move(task_id, TaskState.RUNNING)
     return record
@@ -51,7 +51,7 @@ class BookMachine(RuleBasedStateMachine):
     @rule(target=tasks, own=st.booleans())
     def add(self, own):
         self.count += 1
-        self.book.add(Explore(id=f"t{self.count}", goal=GOAL), own=own)
+        self.book.add(Task(id=f"t{self.count}", kind="explore", place=GOAL), own=own)
         return f"t{self.count}"
 
     @rule(task_id=tasks, robot=ROBOTS)
@@ -275,14 +275,14 @@ def test_the_same_end_told_again_is_not_told_on():
 
 def test_a_change_that_cannot_follow_is_a_mistake():
     one, _ = book()
-    one.add(Visit(id="t1", place=GOAL))
+    one.add(Task(id="t1", kind="visit", place=GOAL))
     with pytest.raises(ValueError, match="task t1: running cannot follow queued"):
         one.move("t1", TaskState.RUNNING)
     one.move("t1", TaskState.CANCELLED)
     with pytest.raises(KeyError):
         one.move("t1", TaskState.QUEUED)
     with pytest.raises(sqlite3.IntegrityError):
-        one.add(Visit(id="t1", place=GOAL))
+        one.add(Task(id="t1", kind="visit", place=GOAL))
 
 
 def test_the_task_of_a_robot_is_found():
@@ -312,6 +312,6 @@ def test_a_book_goes_on_where_its_journal_ends():
 def test_ended_tasks_are_forgotten_in_the_end():
     one, _ = book()
     for number in range(KEPT_ENDED + 10):
-        one.add(Explore(id=f"t{number}", goal=GOAL), own=True)
+        one.add(Task(id=f"t{number}", kind="explore", place=GOAL), own=True)
         one.move(f"t{number}", TaskState.CANCELLED)
     assert len(one._ended) == KEPT_ENDED

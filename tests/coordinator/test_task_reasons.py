@@ -9,7 +9,7 @@ from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import RobotState, TaskAnswer, TaskStatus
@@ -49,7 +49,7 @@ class Office:
 
     def add(self, *names: str) -> None:
         for name in names:
-            self.book.add(Visit(id=name, place=Point2D(1.0, 2.0)))
+            self.book.add(Task(id=name, kind="visit", place=Point2D(1.0, 2.0)))
 
     def hold(self, task: str, after: str) -> None:
         """r1 is at one task and holds another for afterwards."""

@@ -4,7 +4,7 @@ import pytest
 
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Explore, TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
@@ -12,7 +12,7 @@ from robrain.protocol.wire.topics import TASK_CANCEL, TASK_GET, TASK_LIST, TASK_
 
 
 def visit(task_id="t1", x_m=6.0, y_m=4.0, **fields):
-    return Visit(id=task_id, place=Point2D(x_m, y_m), **fields)
+    return Task(id=task_id, kind="visit", place=Point2D(x_m, y_m), **fields)
 
 
 def refused(team, task, **fields) -> CallError:
@@ -61,7 +61,9 @@ def test_another_task_of_the_same_id_is_refused_with_the_difference(team):
     error = refused(team, visit(priority=2.0, y_m=5.0, needs=("camera",)))
     assert error.code is ErrorCode.REFUSED
     assert error.message == 'there is another task t1: needs is unset, not ["camera"], place.y_m is 4.0, not 5.0'
-    assert refused(team, Explore(id="t1", goal=Point2D(6.0, 4.0))).message.startswith("there is another task t1: ")
+    assert refused(team, Task(id="t1", kind="explore", place=Point2D(6.0, 4.0))).message.startswith(
+        "there is another task t1: "
+    )
     assert team.ask(TASK_GET, TaskRequest(id="t1")).task.needs == ()
 
 
@@ -88,14 +90,15 @@ def test_what_can_never_be_done_is_refused_at_once(team):
     [
         (b"", "TaskSubmission"),
         (b"[]", "TaskSubmission"),
-        (b'{"task":{"type":"fly","id":"t1"}}', "fly"),
-        (b'{"task":{"type":"visit","id":"t1"}}', "place"),
-        (b'{"task":{"type":"visit","id":"t1","place":{"x_m":"a","y_m":1}}}', "x_m"),
+        (b'{"task":{"id":"t1","place":{"x_m":1,"y_m":1}}}', "kind"),
+        (b'{"task":{"kind":"visit","id":"t1","place":{"x_m":1,"y_m":1},"parameters":[1]}}', "parameters"),
+        (b'{"task":{"kind":"visit","id":"t1"}}', "place"),
+        (b'{"task":{"kind":"visit","id":"t1","place":{"x_m":"a","y_m":1}}}', "x_m"),
         (
-            b'{"task":{"type":"visit","id":"t1","priority":-1,"place":{"x_m":1,"y_m":1}}}',
+            b'{"task":{"kind":"visit","id":"t1","priority":-1,"place":{"x_m":1,"y_m":1}}}',
             "> 0.0 - at `$.task.priority`",
         ),
-        (b'{"task":{"type":"visit","id":"t1","place":{"x_m":1,"y_m":1}},"deadline_in_s":-4}', "deadline_in_s"),
+        (b'{"task":{"kind":"visit","id":"t1","place":{"x_m":1,"y_m":1}},"deadline_in_s":-4}', "deadline_in_s"),
     ],
 )
 def test_what_is_no_task_is_told_so(team, payload, named):
@@ -224,7 +227,7 @@ def test_what_somebody_asks_for_goes_before_exploring(team):
     assert [offer.task.id for offer in robot.offers] == ["t1"]
     robot.end(TaskState.DONE)
     team.run(0.2)
-    assert isinstance(robot.offers[-1].task, Explore)
+    assert robot.offers[-1].task.kind == "explore"
 
 
 # -- cancel ---------------------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from robrain.plugins.behavior.travel import Progress
 from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.skill.home.interface import ChargerPlace
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.tasks.task import Explore
+from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.messages import TaskAnswer, TaskOffer
 from tests.plugins.bare_errand import BareErrand
 
@@ -32,7 +32,7 @@ class BareRecharge:
         self.ways_home = 0
         self.learned: list[ChargerPlace] = []
         self.tasks = TaskDesk()
-        self.tasks.register(Explore, lambda _task: YES, lambda _why: None)
+        self.tasks.register("explore", lambda _task: YES, lambda _why: None)
         env = self.errand.env
         env.plugin, env.tasks = "recharge", self.tasks
         env.observe, env.hurry = (lambda _event, _function: None), (lambda: None)
@@ -61,7 +61,9 @@ class BareRecharge:
         self.usable_j = 10.0 * wait_s + 20.0 * way_m + spare_j
 
     def work_at_a_task(self) -> None:
-        self.tasks.offer(TaskOffer(task=Explore(id="e", goal=Point2D(0.0, 0.0)), epoch=1, lease_s=60.0), 0)
+        self.tasks.offer(
+            TaskOffer(task=Task(id="e", kind="explore", place=Point2D(0.0, 0.0)), epoch=1, lease_s=60.0), 0
+        )
 
     def guard(self) -> None:
         """Step to the next check of the energy left."""

@@ -11,7 +11,7 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.tasks.task import Explore
+from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.model.warm_up import warm_up
 from robrain.protocol.wire.arena_messages import Scan
 from robrain.protocol.wire.clock import to_ns
@@ -162,7 +162,7 @@ class Stage(HostBench):
     def offer(
         self, goal: Point2D, *, task: str = "t1", epoch: int = 1, lease_s: float = 60.0, robot: str = "r1"
     ) -> TaskAnswer:
-        offer = TaskOffer(task=Explore(id=task, goal=goal), epoch=epoch, lease_s=lease_s)
+        offer = TaskOffer(task=Task(id=task, kind="explore", place=goal), epoch=epoch, lease_s=lease_s)
         return self.wire.ask(ROBOT_OFFER, offer, robot=robot)
 
     # -- the truth --------------------------------------------------------------------------------------------

@@ -9,33 +9,20 @@ import numpy as np
 import pytest
 
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.tasks.task import (
-    Collect,
-    Explore,
-    Inspect,
-    Monitor,
-    Recharge,
-    Relay,
-    Replace,
-    Sense,
-    Task,
-    TaskState,
-    Visit,
-    kind_of,
-)
+from robrain.protocol.model.tasks.task import Task, TaskState
 from tests.plugins.errands import BEHAVIORS, CHARGER, MOTES, Errands
 
 ROOT = Path(__file__).parents[2]
 TASKS: tuple[Task, ...] = (
-    Visit(id="visit", place=Point2D(3.0, 3.2), service_s=1.0),
-    Explore(id="explore", goal=Point2D(5.6, 2.0)),
-    Inspect(id="inspect", place=Point2D(2.0, 2.5), look_at=MOTES[2]),
-    Collect(id="collect", place=MOTES[2], mote="m2"),
-    Relay(id="relay", place=Point2D(4.0, 3.0), mote="m1", duration_s=10.0),
-    Monitor(id="monitor", place=Point2D(2.0, 2.0), duration_s=25.0, interval_s=12.0),
-    Sense(id="sense", place=Point2D(4.5, 2.4)),
-    Replace(id="replace", place=MOTES[1], mote="m1", duration_s=6.0, period_s=2.0),
-    Recharge(id="recharge", place=CHARGER, yaw_rad=0.0, until_soc=0.5),
+    Task(id="visit", kind="visit", place=Point2D(3.0, 3.2), service_s=1.0),
+    Task(id="explore", kind="explore", place=Point2D(5.6, 2.0)),
+    Task(id="inspect", kind="inspect", place=Point2D(2.0, 2.5), parameters={"look_at": MOTES[2]}),
+    Task(id="collect", kind="collect", place=MOTES[2], parameters={"mote": "m2"}),
+    Task(id="relay", kind="relay", place=Point2D(4.0, 3.0), parameters={"mote": "m1", "duration_s": 10.0}),
+    Task(id="monitor", kind="monitor", place=Point2D(2.0, 2.0), parameters={"duration_s": 25.0, "interval_s": 12.0}),
+    Task(id="sense", kind="sense", place=Point2D(4.5, 2.4)),
+    Task(id="replace", kind="replace", place=MOTES[1], parameters={"mote": "m1", "duration_s": 6.0, "period_s": 2.0}),
+    Task(id="recharge", kind="recharge", place=CHARGER, parameters={"yaw_rad": 0.0, "until_soc": 0.5}),
 )
 
 
@@ -43,7 +30,7 @@ def do_all(seed: int) -> tuple[dict[str, TaskState], str, int]:
     """How each task ended, the digest of all that was said, and collisions."""
     run = Errands(*BEHAVIORS, "explore", seed=seed, parameters={"idle": {"home": [1.0, 1.0]}})
     run.run(1.0)
-    ends = {kind_of(task): run.finish(task).state for task in TASKS}
+    ends = {task.kind: run.finish(task).state for task in TASKS}
     run.call("wander", "start", 10.0)
     run.run(12.0)
     collisions = run.arena.collisions
@@ -52,7 +39,7 @@ def do_all(seed: int) -> tuple[dict[str, TaskState], str, int]:
 
 def test_one_robot_does_each_kind_of_task_and_the_same_again():
     ends, digest, collisions = do_all(1)
-    assert ends == {kind_of(task): TaskState.DONE for task in TASKS}
+    assert ends == {task.kind: TaskState.DONE for task in TASKS}
     assert collisions == 0
     assert do_all(1)[1] == digest
     assert do_all(2)[1] != digest
@@ -100,14 +87,19 @@ def test_whatever_two_robots_are_asked_for_ends_and_they_do_not_meet(seed):
 def random_task(name: str, rng: np.random.Generator) -> Task:
     place = Point2D(rng.uniform(0.5, 5.5), rng.uniform(0.5, 3.5))
     made: tuple[Task, ...] = (
-        Visit(id=name, place=place, service_s=rng.uniform(0.0, 5.0)),
-        Explore(id=name, goal=place),
-        Inspect(id=name, place=place, look_at=MOTES[1]),
-        Collect(id=name, place=place, mote=f"m{rng.integers(1, 4)}", timeout_s=10.0),
-        Relay(id=name, place=place, mote="m1", duration_s=10.0, rssi_min_dbm=rng.uniform(-95.0, -40.0)),
-        Monitor(id=name, place=place, duration_s=12.0, interval_s=6.0, views=2),
-        Sense(id=name, place=place, mote=("", "m1")[rng.integers(2)], timeout_s=8.0),
-        Replace(id=name, place=place, mote="m2", duration_s=5.0, period_s=2.0),
-        Recharge(id=name, place=CHARGER, until_soc=0.5),
+        Task(id=name, kind="visit", place=place, service_s=rng.uniform(0.0, 5.0)),
+        Task(id=name, kind="explore", place=place),
+        Task(id=name, kind="inspect", place=place, parameters={"look_at": MOTES[1]}),
+        Task(id=name, kind="collect", place=place, parameters={"mote": f"m{rng.integers(1, 4)}", "timeout_s": 10.0}),
+        Task(
+            id=name,
+            kind="relay",
+            place=place,
+            parameters={"mote": "m1", "duration_s": 10.0, "rssi_min_dbm": rng.uniform(-95.0, -40.0)},
+        ),
+        Task(id=name, kind="monitor", place=place, parameters={"duration_s": 12.0, "interval_s": 6.0, "views": 2}),
+        Task(id=name, kind="sense", place=place, parameters={"mote": ("", "m1")[rng.integers(2)], "timeout_s": 8.0}),
+        Task(id=name, kind="replace", place=place, parameters={"mote": "m2", "duration_s": 5.0, "period_s": 2.0}),
+        Task(id=name, kind="recharge", place=CHARGER, parameters={"until_soc": 0.5}),
     )
     return made[rng.integers(len(made))]

@@ -21,7 +21,7 @@ from robrain.plugins.behavior.travel import Progress
 from robrain.plugins.skill.home.interface import ChargerPlace
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.tasks.task import Recharge
+from robrain.protocol.model.tasks.task import Task
 from tests.plugins.bare_errand import BareErrand, mate, run
 
 WANTED, NEAR, FAR = ChargerPlace(5.0, 0.0), ChargerPlace(2.0, 0.0), ChargerPlace(9.0, 0.0)
@@ -30,7 +30,7 @@ AWAY = Point2D(50.0, 50.0)
 
 def queue(*others, priority=3.4):
     errand = BareErrand(*others)
-    return errand, Queue(errand, Recharge(id="c", place=WANTED.place, priority=priority))
+    return errand, Queue(errand, Task(id="c", kind="recharge", place=WANTED.place, priority=priority), None)
 
 
 # -- which ------------------------------------------------------------------------------------------------------

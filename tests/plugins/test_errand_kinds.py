@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.tasks.task import Collect, Inspect, Monitor, Relay, Replace, Sense, TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.topics import MOTE_READING, ROBOT_EVENT, ROBOT_IMAGE
 from robrain.sim.picture_paint import PLATE
 from tests.plugins.errands import MOTES, TEAM, Build, open_errands
@@ -27,7 +27,7 @@ def errands() -> Iterator[Build]:
 def test_an_inspection_publishes_a_picture_of_what_was_to_be_seen(errands):
     run = errands("inspect")
     images = run.inbox(ROBOT_IMAGE, robot="r1")
-    status = run.finish(Inspect(id="i", place=Point2D(2.0, 2.5), look_at=MOTES[2]))
+    status = run.finish(Task(id="i", kind="inspect", place=Point2D(2.0, 2.5), parameters={"look_at": MOTES[2]}))
     assert status.state is TaskState.DONE
     ((topic, key, png),) = images.drain_raw()
     assert topic.encoding == "image/png"
@@ -43,7 +43,7 @@ def test_keys_of_pictures_are_used_in_turn(errands):
     run = errands("inspect")
     images = run.inbox(ROBOT_IMAGE, robot="r1")
     for number in range(18):
-        run.finish(Inspect(id=f"i{number}", place=Point2D(1.5, 1.5)))
+        run.finish(Task(id=f"i{number}", kind="inspect", place=Point2D(1.5, 1.5)))
     keys = [key for _, key, _ in images.drain_raw()]
     assert len(keys) == 18
     assert len(set(keys)) == 16
@@ -54,7 +54,7 @@ def test_without_a_picture_an_inspection_has_failed_with_why(errands):
     run = errands("inspect")
     camera = run.hosts["r1"].manager.get("camera").live_plugin()
     camera.deactivate()
-    status = run.finish(Inspect(id="i", place=Point2D(2.0, 2.5)))
+    status = run.finish(Task(id="i", kind="inspect", place=Point2D(2.0, 2.5)))
     assert (status.state, status.why) == (TaskState.FAILED, "camera: the camera is not open")
 
 
@@ -65,7 +65,7 @@ def test_a_mule_brings_what_a_mote_has_stored(errands):
     run = errands("collect", parameters={"snw_exploration": {"collect": False}})
     run.run(40.0)
     heard = run.inbox(MOTE_READING, mote="m2")
-    status = run.finish(Collect(id="c", place=MOTES[2], mote="m2"))
+    status = run.finish(Task(id="c", kind="collect", place=MOTES[2], parameters={"mote": "m2"}))
     assert status.state is TaskState.DONE
     told = {received.message.sequence for received in heard.drain()}
     assert status.result["readings"] == len(told) >= 1
@@ -75,14 +75,18 @@ def test_a_mule_brings_what_a_mote_has_stored(errands):
 def test_a_mote_that_says_nothing_lets_the_mule_fail_after_its_time(errands):
     run = errands("collect")
     begun_ns = run.clock.now_ns()
-    status = run.finish(Collect(id="c", place=Point2D(2.0, 2.0), mote="m99", timeout_s=10.0))
+    status = run.finish(
+        Task(id="c", kind="collect", place=Point2D(2.0, 2.0), parameters={"mote": "m99", "timeout_s": 10.0})
+    )
     assert (status.state, status.why) == (TaskState.FAILED, "nothing came from m99 in 10 s")
     assert 10e9 < run.clock.now_ns() - begun_ns < 20e9
 
 
 def test_a_relay_with_a_good_link_holds_its_place(errands):
     run = errands("relay")
-    status = run.finish(Relay(id="r", place=Point2D(4.0, 3.0), mote="m1", duration_s=30.0))
+    status = run.finish(
+        Task(id="r", kind="relay", place=Point2D(4.0, 3.0), parameters={"mote": "m1", "duration_s": 30.0})
+    )
     assert status.state is TaskState.DONE
     assert status.result["held_s"] == pytest.approx(30.0, abs=0.5)
     assert status.result["moved_m"] < 0.2
@@ -94,7 +98,9 @@ def test_a_relay_whose_link_is_too_weak_moves_nearer_and_no_farther_than_it_may(
     run = errands("relay", parameters={"relay": {"stray_m": 1.8}})
     place = Point2D(1.0, 3.0)
     before_m = math.hypot(place.x_m - MOTES[1].x_m, place.y_m - MOTES[1].y_m)
-    status = run.finish(Relay(id="r", place=place, mote="m1", duration_s=60.0, rssi_min_dbm=-20.0))
+    status = run.finish(
+        Task(id="r", kind="relay", place=place, parameters={"mote": "m1", "duration_s": 60.0, "rssi_min_dbm": -20.0})
+    )
     assert run.pose().distance_m(MOTES[1]) < before_m - 0.5
     assert 0.5 < status.result["moved_m"] <= 1.9
     assert status.result["share_linked"] == 0.0
@@ -102,7 +108,9 @@ def test_a_relay_whose_link_is_too_weak_moves_nearer_and_no_farther_than_it_may(
 
 def test_a_relay_holds_the_link_to_another_robot(errands):
     run = errands("relay", starts={"r2": Pose2D(1.2, 3.2, 0.0)})
-    status = run.finish(Relay(id="r", place=Point2D(2.6, 3.2), robot="r2", duration_s=30.0))
+    status = run.finish(
+        Task(id="r", kind="relay", place=Point2D(2.6, 3.2), parameters={"robot": "r2", "duration_s": 30.0})
+    )
     assert status.state is TaskState.DONE
     assert status.result["share_linked"] > 0.8
     assert status.result["packets"] >= 25
@@ -114,7 +122,13 @@ def test_a_relay_between_a_mote_and_a_robot_goes_where_it_hears_both(errands):
     run = errands("relay", starts={"r2": Pose2D(1.0, 3.2, 0.0)})
     place = Point2D(5.3, 1.0)
     status = run.finish(
-        Relay(id="r", place=place, mote="m1", robot="r2", duration_s=90.0, rssi_min_dbm=bound_dbm), limit_s=150.0
+        Task(
+            id="r",
+            kind="relay",
+            place=place,
+            parameters={"mote": "m1", "robot": "r2", "duration_s": 90.0, "rssi_min_dbm": bound_dbm},
+        ),
+        limit_s=150.0,
     )
     mate, end = Point2D(1.0, 3.2), run.pose()
     assert end.distance_m(mate) < math.hypot(place.x_m - mate.x_m, place.y_m - mate.y_m) - 0.6
@@ -126,21 +140,25 @@ def test_a_relay_between_a_mote_and_a_robot_goes_where_it_hears_both(errands):
 
 def test_a_relay_to_a_robot_that_nobody_hears_stands_and_tells_so(errands):
     run = errands("relay")
-    status = run.finish(Relay(id="r", place=Point2D(2.6, 3.2), robot="r9", duration_s=30.0))
+    status = run.finish(
+        Task(id="r", kind="relay", place=Point2D(2.6, 3.2), parameters={"robot": "r9", "duration_s": 30.0})
+    )
     assert (status.state, status.result["share_linked"], status.result["packets"]) == (TaskState.DONE, 0.0, 0)
     assert status.result["moved_m"] < 0.3
 
 
 def test_no_robot_is_a_relay_to_itself(errands):
     run = errands("relay")
-    answer = run.offer(Relay(id="r", place=Point2D(2.6, 3.2), robot="r1", duration_s=30.0))
+    answer = run.offer(
+        Task(id="r", kind="relay", place=Point2D(2.6, 3.2), parameters={"robot": "r1", "duration_s": 30.0})
+    )
     assert (answer.accepted, answer.why) == (False, "a robot is no relay to itself")
 
 
 def test_a_robot_senses_by_itself_what_motes_sense(errands):
     run = errands("sense")
     place = Point2D(4.0, 2.8)
-    status = run.finish(Sense(id="s", place=place))
+    status = run.finish(Task(id="s", kind="sense", place=place))
     assert (status.state, status.result["mote"]) == (TaskState.DONE, "")
     assert status.result["value"] == pytest.approx(run.arena.sensors.values("r1")["temperature_c"], abs=1.0)
 
@@ -148,7 +166,7 @@ def test_a_robot_senses_by_itself_what_motes_sense(errands):
 def test_a_robot_brings_the_reading_of_a_mote(errands):
     run = errands("sense")
     heard = run.inbox(MOTE_READING, mote="m1")
-    status = run.finish(Sense(id="s", place=Point2D(4.0, 1.3), mote="m1"))
+    status = run.finish(Task(id="s", kind="sense", place=Point2D(4.0, 1.3), parameters={"mote": "m1"}))
     assert (status.state, status.result["mote"]) == (TaskState.DONE, "m1")
     assert status.result["value"] in {received.message.value for received in heard.drain()}
 
@@ -156,8 +174,14 @@ def test_a_robot_brings_the_reading_of_a_mote(errands):
 @pytest.mark.parametrize(
     ("task", "why"),
     [
-        (Sense(id="s", place=Point2D(2.0, 2.0), quantity="radon_bq"), "the board does not sense radon_bq: it has "),
-        (Sense(id="s", place=Point2D(2.0, 2.0), mote="m99", timeout_s=5.0), "m99 was not heard in 5 s"),
+        (
+            Task(id="s", kind="sense", place=Point2D(2.0, 2.0), parameters={"quantity": "radon_bq"}),
+            "the board does not sense radon_bq: it has ",
+        ),
+        (
+            Task(id="s", kind="sense", place=Point2D(2.0, 2.0), parameters={"mote": "m99", "timeout_s": 5.0}),
+            "m99 was not heard in 5 s",
+        ),
     ],
 )
 def test_what_cannot_be_sensed_has_failed_with_why(errands, task, why):
@@ -169,7 +193,9 @@ def test_what_cannot_be_sensed_has_failed_with_why(errands, task, why):
 def test_who_replaces_a_mote_senses_at_its_place_and_speaks_in_its_name(errands):
     run = errands("replace")
     told = run.inbox(MOTE_READING, mote="m1")
-    status = run.finish(Replace(id="r", place=MOTES[1], mote="m1", duration_s=10.0, period_s=2.0))
+    status = run.finish(
+        Task(id="r", kind="replace", place=MOTES[1], parameters={"mote": "m1", "duration_s": 10.0, "period_s": 2.0})
+    )
     assert (status.state, status.result["readings"]) == (TaskState.DONE, 5)
     readings = [received.message for received in told.drain()]
     own = [reading for reading in readings if reading.rssi_dbm == 0.0 and reading.period_s == 2.0]
@@ -188,7 +214,9 @@ def test_a_room_in_which_nothing_happens_raises_no_alarm(errands):
     run = errands("monitor")
     told = run.inbox(ROBOT_EVENT, plugin="monitor")
     begun_ns = run.clock.now_ns()
-    status = run.finish(Monitor(id="m", place=Point2D(2.0, 2.0), duration_s=90.0, interval_s=15.0))
+    status = run.finish(
+        Task(id="m", kind="monitor", place=Point2D(2.0, 2.0), parameters={"duration_s": 90.0, "interval_s": 15.0})
+    )
     assert (status.state, status.result["rounds"], status.result["changes"]) == (TaskState.DONE, 6, 0)
     assert run.clock.now_ns() - begun_ns >= 90e9
     assert told.drain() == []
@@ -197,10 +225,12 @@ def test_a_room_in_which_nothing_happens_raises_no_alarm(errands):
 def test_what_has_changed_in_a_room_is_told_with_the_picture_and_once(errands):
     run = errands("monitor", "visit", starts={"r2": Pose2D(5.3, 3.3, 0.0)})
     told, images = run.inbox(ROBOT_EVENT, robot="r1", plugin="monitor"), run.inbox(ROBOT_IMAGE, robot="r1")
-    assert run.offer(Monitor(id="m", place=Point2D(1.5, 2.0), duration_s=120.0, interval_s=20.0)).accepted
+    assert run.offer(
+        Task(id="m", kind="monitor", place=Point2D(1.5, 2.0), parameters={"duration_s": 120.0, "interval_s": 20.0})
+    ).accepted
     run.run(30.0)
     assert told.drain() == []
-    assert run.offer(Visit(id="v", place=Point2D(3.4, 2.6), service_s=300.0), "r2").accepted
+    assert run.offer(Task(id="v", kind="visit", place=Point2D(3.4, 2.6), service_s=300.0), "r2").accepted
     run.run(100.0)
     changes = [received.message.value for received in told.drain()]
     published = [key for _, key, _ in images.drain_raw()]

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 
 from robrain.protocol.model.geometry import Point2D, Twist2D
-from robrain.protocol.model.tasks.task import Inspect, Recharge, TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.topics import ROBOT_STATE
 from tests.plugins.errands import Build, Errands, open_errands
@@ -60,9 +60,9 @@ def until_ended(run: Errands, task: str) -> None:
 def test_the_wheels_are_told_of_the_next_task_in_the_step_in_which_they_stop(errands):
     run = errands("visit")
     wheels = Wheels(run)
-    assert run.offer(Visit(id="a", place=NEAR)).accepted
+    assert run.offer(Task(id="a", kind="visit", place=NEAR)).accepted
     run.run(0.5)
-    assert run.offer(Visit(id="b", place=FAR), after="a").accepted
+    assert run.offer(Task(id="b", kind="visit", place=FAR), after="a").accepted
     until_ended(run, "b")
     assert run.status().state is TaskState.DONE
     assert wheels.standing_s() == [0.0]
@@ -73,8 +73,8 @@ def test_two_runs_of_the_same_are_the_same(errands):
     for _ in range(2):
         run = errands("visit")
         wheels = Wheels(run)
-        run.offer(Visit(id="a", place=NEAR))
-        run.offer(Visit(id="b", place=FAR), after="a")
+        run.offer(Task(id="a", kind="visit", place=NEAR))
+        run.offer(Task(id="b", kind="visit", place=FAR), after="a")
         until_ended(run, "b")
         stamps.append(wheels.told)
     assert stamps[0] == stamps[1]
@@ -84,7 +84,7 @@ def test_an_errand_goes_on_as_soon_as_the_wheels_stand(errands):
     """Its own step comes four times a second."""
     run = errands("visit")
     wheels = Wheels(run)
-    run.offer(Visit(id="a", place=NEAR))
+    run.offer(Task(id="a", kind="visit", place=NEAR))
     until_ended(run, "a")
     stopped_ns = next(now_ns for now_ns, turns in reversed(wheels.told) if not turns)
     assert to_seconds(run.clock.now_ns() - stopped_ns) <= 0.02
@@ -92,16 +92,16 @@ def test_an_errand_goes_on_as_soon_as_the_wheels_stand(errands):
 
 def test_the_next_task_may_be_of_another_kind(errands):
     run = errands("visit", "inspect")
-    run.offer(Visit(id="a", place=NEAR))
-    run.offer(Inspect(id="b", place=FAR), after="a")
+    run.offer(Task(id="a", kind="visit", place=NEAR))
+    run.offer(Task(id="b", kind="inspect", place=FAR), after="a")
     until_ended(run, "b")
     assert run.status().state is TaskState.DONE
 
 
 def test_a_next_task_that_cannot_be_reached_is_given_back_with_why(errands):
     run = errands("visit")
-    run.offer(Visit(id="a", place=NEAR))
-    run.offer(Visit(id="b", place=Point2D(-3.0, 1.0)), after="a")
+    run.offer(Task(id="a", kind="visit", place=NEAR))
+    run.offer(Task(id="b", kind="visit", place=Point2D(-3.0, 1.0)), after="a")
     until_ended(run, "b")
     assert (run.status().state, run.status().why) == (TaskState.CANCELLED, "no way there")
     before = run.hosts["r1"].desk.facts.before
@@ -114,7 +114,7 @@ def test_a_next_task_that_cannot_be_reached_is_given_back_with_why(errands):
 def test_a_robot_tells_in_how_long_it_will_be_done(errands):
     run = errands("visit")
     states = run.inbox(ROBOT_STATE, robot="r1")
-    run.offer(Visit(id="a", place=Point2D(5.0, 1.2), service_s=4.0))
+    run.offer(Task(id="a", kind="visit", place=Point2D(5.0, 1.2), service_s=4.0))
     until_ended(run, "a")
     done_ns = run.clock.now_ns()
     told = [
@@ -129,7 +129,7 @@ def test_a_robot_tells_in_how_long_it_will_be_done(errands):
 
 def test_nobody_knows_how_long_charging_takes(errands):
     run = errands("recharge")
-    run.offer(Recharge(id="c", place=Point2D(0.8, 0.8)))
+    run.offer(Task(id="c", kind="recharge", place=Point2D(0.8, 0.8)))
     run.run(1.0)
     standing = run.hosts["r1"].desk.standing(run.clock.now_ns())
     assert standing.task is not None

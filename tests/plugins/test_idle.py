@@ -3,7 +3,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Visit
+from robrain.protocol.model.tasks.task import Task
 from tests.plugins.errands import Errands
 
 HOME = Point2D(1.0, 3.0)
@@ -27,7 +27,7 @@ def errands() -> Iterator[Callable[..., Errands]]:
 
 def test_a_robot_without_a_home_stays_where_it_is(errands):
     run = errands()
-    run.finish(Visit(id="v", place=FAR))
+    run.finish(Task(id="v", kind="visit", place=FAR))
     run.run(1.0)
     here = run.pose()
     run.run(20.0)
@@ -37,7 +37,7 @@ def test_a_robot_without_a_home_stays_where_it_is(errands):
 
 def test_a_robot_with_nothing_to_do_goes_home_after_a_while(errands):
     run = errands(home=[HOME.x_m, HOME.y_m])
-    run.finish(Visit(id="v", place=FAR))
+    run.finish(Task(id="v", kind="visit", place=FAR))
     run.run(3.0)
     assert run.pose().distance_m(FAR) < 0.2
     run.run(25.0)
@@ -57,10 +57,10 @@ def test_home_can_be_told(errands):
 
 def test_a_task_on_the_way_home_is_done_first(errands):
     run = errands(home=[HOME.x_m, HOME.y_m])
-    run.finish(Visit(id="v", place=FAR))
+    run.finish(Task(id="v", kind="visit", place=FAR))
     run.run(7.0)
     assert run.hosts["r1"].board.behavior == "return"
-    run.finish(Visit(id="again", place=FAR))
+    run.finish(Task(id="again", kind="visit", place=FAR))
     assert run.pose().distance_m(FAR) < 0.2
 
 
@@ -68,7 +68,7 @@ def test_a_home_that_cannot_be_reached_keeps_nobody_busy(errands):
     run = errands(home=[-5.0, 1.0])
     run.run(20.0)
     assert run.way_m() == 0.0
-    assert run.finish(Visit(id="v", place=FAR)).state == "done"
+    assert run.finish(Task(id="v", kind="visit", place=FAR)).state == "done"
 
 
 @pytest.mark.parametrize("home", [[1.0], [1.0, 2.0, 3.0], [float("nan"), 1.0]])

@@ -11,7 +11,7 @@ from robrain.plugins.behavior.search import PATIENCE_S, SPEED_M_S, TASK_PATIENCE
 from robrain.plugins.skill.mapper.frames import Frames
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.map_frame import ARENA
-from robrain.protocol.model.tasks.task import Explore, Recharge, TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.topics import ROBOT_PATH
 from tests.plugins.errands import CHARGER, Build, Errands, open_errands
 
@@ -51,15 +51,21 @@ def test_a_lost_robot_refuses_what_it_is_offered_and_says_why(errands):
     run = errands("explore", "recharge")
     lose(run)
     run.run(0.3)
-    for task in (Visit(id="v", place=FAR), Explore(id="x", goal=FAR), Recharge(id="c", place=CHARGER)):
+    for task in (
+        Task(id="v", kind="visit", place=FAR),
+        Task(id="x", kind="explore", place=FAR),
+        Task(id="c", kind="recharge", place=CHARGER),
+    ):
         answer = run.offer(task)
         assert (answer.accepted, answer.why) == (False, SAYS)
     find(run)
     run.run(0.3)
-    assert run.finish(Visit(id="v", place=FAR)).state is TaskState.DONE
+    assert run.finish(Task(id="v", kind="visit", place=FAR)).state is TaskState.DONE
 
 
-@pytest.mark.parametrize("task", [Visit(id="t", place=FAR, service_s=1.0), Explore(id="t", goal=FAR)])
+@pytest.mark.parametrize(
+    "task", [Task(id="t", kind="visit", place=FAR, service_s=1.0), Task(id="t", kind="explore", place=FAR)]
+)
 def test_a_task_pauses_while_the_robot_looks_for_itself_slowly_and_then_goes_on(errands, task):
     run = errands("explore")
     explore = run.hosts["r1"].manager.get("explore").live_plugin()
@@ -86,7 +92,7 @@ def test_a_task_pauses_while_the_robot_looks_for_itself_slowly_and_then_goes_on(
     assert run.pose().distance_m(FAR) < 0.5
 
 
-@pytest.mark.parametrize("task", [Visit(id="t", place=FAR), Explore(id="t", goal=FAR)])
+@pytest.mark.parametrize("task", [Task(id="t", kind="visit", place=FAR), Task(id="t", kind="explore", place=FAR)])
 def test_others_do_the_task_of_a_robot_that_maps_in_a_frame_of_its_own(errands, task):
     run = errands("explore")
     run.hosts["r1"].manager.get("explore").live_plugin()._is_seen = lambda *_: False
@@ -102,7 +108,7 @@ def test_others_do_the_task_of_a_robot_that_maps_in_a_frame_of_its_own(errands, 
 
 def test_a_task_whose_robot_does_not_find_itself_fails_with_why_and_the_robot_stands(errands):
     run = errands()
-    assert run.offer(Visit(id="v", place=FAR)).accepted
+    assert run.offer(Task(id="v", kind="visit", place=FAR)).accepted
     run.run(1.0)
     lose(run)
     run.run(PATIENCE_S + 3.0)
@@ -118,7 +124,7 @@ def test_one_with_nothing_to_do_looks_for_itself_once_and_stands_when_it_is_foun
     lose(run)
     run.run(5.0)
     assert run.hosts["r1"].board.behavior == "find itself"
-    assert run.offer(Visit(id="v", place=FAR)).why == SAYS
+    assert run.offer(Task(id="v", kind="visit", place=FAR)).why == SAYS
     run.run(10.0)
     assert run.way_m() > 1.5
     find(run)
@@ -127,7 +133,7 @@ def test_one_with_nothing_to_do_looks_for_itself_once_and_stands_when_it_is_foun
     way_m = run.way_m()
     run.run(5.0)
     assert run.way_m() == way_m
-    assert run.finish(Visit(id="v", place=FAR)).state is TaskState.DONE
+    assert run.finish(Task(id="v", kind="visit", place=FAR)).state is TaskState.DONE
 
 
 def test_one_that_does_not_find_itself_stands_until_it_is_found(errands):

@@ -13,12 +13,14 @@ from robrain.plugins.behavior.recharge.recharge import (
 from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.skill.home.interface import ChargerPlace
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.tasks.task import Recharge
+from robrain.protocol.model.tasks.stock_kinds import Recharge
+from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.messages import TaskAnswer
 from tests.plugins.bare_errand import run
 from tests.plugins.bare_recharge import CHARGER, BareRecharge
 
-TASK = Recharge(id="c", place=CHARGER.place, yaw_rad=1.0, until_soc=0.9)
+WANTED = Recharge(yaw_rad=1.0, until_soc=0.9)
+TASK = Task(id="c", kind="recharge", place=CHARGER.place, parameters=WANTED.json)
 
 
 def charged(robot, soc, *, comes=True, begun_soc=0.5, at=4.0):
@@ -26,7 +28,7 @@ def charged(robot, soc, *, comes=True, begun_soc=0.5, at=4.0):
     robot.errand.at = Pose2D(at, 0.0, 0.0)
     robot.battery.soc, robot.battery.charging = begun_soc, comes
     robot.it._queue = SimpleNamespace(must_give=lambda _charger: False)
-    script = robot.it.charge_at(CHARGER, TASK)
+    script = robot.it.charge_at(CHARGER, WANTED.until_soc)
     for number in range(3000):
         try:
             next(script)
@@ -72,7 +74,7 @@ def test_robot_that_must_give_its_place_has_no_result():
     robot.errand.at = Pose2D(4.0, 0.0, 0.0)
     robot.battery.charging = True
     robot.it._queue = SimpleNamespace(must_give=lambda _charger: True)
-    assert run(robot.it.charge_at(CHARGER, TASK)) == {}
+    assert run(robot.it.charge_at(CHARGER, WANTED.until_soc)) == {}
 
 
 def test_battery_that_says_nothing_fails_the_task():
@@ -85,7 +87,7 @@ def test_battery_that_says_nothing_fails_the_task():
 @pytest.mark.parametrize(("charging", "energy_j", "charged_j"), [(False, 30.0, 0.0), (True, 0.0, 60.0)])
 def test_what_comes_from_the_charger_is_no_cost_of_the_way(charging, energy_j, charged_j):
     robot = BareRecharge(CHARGER)
-    made = Run(TASK, lambda: iter(()), CHARGER.place, 4.0, 0.0)
+    made = Run(TASK, WANTED, lambda: iter(()), CHARGER.place, 4.0, 0.0)
     made.measured_ns = robot.errand.clock.now_ns()
     robot.errand.wait(2.0)
     robot.battery.charging = charging
@@ -107,7 +109,7 @@ def test_task_that_is_taken_on_is_the_answer_to_what_was_wanted_and_its_charger_
 
 def test_charging_costs_docking_and_its_end_is_not_foreseen():
     robot = BareRecharge(CHARGER)
-    assert robot.it.work(TASK) == Work(wait_s=DOCK_S)
+    assert robot.it.work(TASK, WANTED) == Work(wait_s=DOCK_S)
     assert robot.it.left_s(None) is None
     assert (robot.it.why_not(None), robot.it.why_go_home(None)) == (None, "")
 
@@ -138,11 +140,11 @@ def test_robot_that_is_full_when_it_gets_there_is_done_and_has_been_there():
     robot.errand.progress = []
     robot.errand.at = Pose2D(4.0, 0.0, 0.0)
     robot.battery.soc, robot.battery.charging = 0.95, True
-    robot.it.run = made = Run(TASK, lambda: iter(()), CHARGER.place, 4.0, 0.0)
-    assert run(robot.it.play(TASK, CHARGER.place))["soc"] == 0.95
+    robot.it.run = made = Run(TASK, WANTED, lambda: iter(()), CHARGER.place, 4.0, 0.0)
+    assert run(robot.it.play(TASK, WANTED))["soc"] == 0.95
     assert made.there_ns == robot.errand.clock.now_ns()
     robot.it.run = None  # it was dropped meanwhile
-    assert run(robot.it.play(TASK, CHARGER.place))["soc"] == 0.95
+    assert run(robot.it.play(TASK, WANTED))["soc"] == 0.95
 
 
 def test_robot_that_is_there_too_early_waits_and_counts_as_there_from_then_on():
@@ -151,9 +153,9 @@ def test_robot_that_is_there_too_early_waits_and_counts_as_there_from_then_on():
     robot.errand.at = Pose2D(4.0, 0.0, 0.0)
     robot.battery.soc, robot.battery.charging = 0.95, True
     begins_ns = robot.errand.clock.now_ns() + 10**9
-    later = Recharge(id="c", place=CHARGER.place, until_soc=0.9, earliest_ns=begins_ns)
-    robot.it.run = made = Run(later, lambda: iter(()), CHARGER.place, 4.0, 0.0)
-    script = robot.it.play(later, CHARGER.place)
+    later = Task(id="c", kind="recharge", place=CHARGER.place, earliest_ns=begins_ns)
+    robot.it.run = made = Run(later, WANTED, lambda: iter(()), CHARGER.place, 4.0, 0.0)
+    script = robot.it.play(later, WANTED)
     robot.errand.wait(0.999)
     assert run(script, 5) is ...
     assert made.there_ns is None
@@ -174,7 +176,7 @@ def test_charger_of_no_use_is_left_for_the_next_and_the_last_trouble_is_told():
     robot.it.charge_at = gives_nothing
     robot.errand.progress = []
     with pytest.raises(Failed, match="8 gives nothing"):
-        run(robot.it.play(TASK, CHARGER.place))
+        run(robot.it.play(TASK, WANTED))
     assert tried == [CHARGER, OTHER]
 
 
@@ -189,7 +191,7 @@ def test_robot_that_made_room_comes_back_and_ends_with_what_came_of_it_then():
     robot.it.charge_at = charges
     robot.errand.progress = []
     robot.it._charged_j = 99.0
-    assert run(robot.it.play(TASK, CHARGER.place)) == {"soc": 0.9}
+    assert run(robot.it.play(TASK, WANTED)) == {"soc": 0.9}
     # The one that it gave up is the mate's for now: it went to the other one, aside of the first in between.
     goals = [goal for goal, _ in robot.errand.set_out]
     assert (goals[0], goals[-1]) == (CHARGER.place, OTHER.place)
@@ -201,4 +203,4 @@ def test_charger_that_cannot_be_reached_is_not_docked_at():
     robot.errand.no_way_to = [CHARGER.place]
     robot.it.charge_at = None  # is not to be called
     with pytest.raises(Failed, match="no way there"):
-        run(robot.it.play(TASK, CHARGER.place))
+        run(robot.it.play(TASK, WANTED))

@@ -11,7 +11,8 @@ from robrain.plugins.behavior.recharge.recharge import (
     RETRY_NS,
 )
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.tasks.task import Explore, Recharge, TaskState
+from robrain.protocol.model.tasks.stock_kinds import Recharge
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages import TaskOffer
 from tests.plugins.bare_errand import mate, run
 from tests.plugins.bare_recharge import CHARGER, RESERVE_S, BareRecharge
@@ -28,10 +29,18 @@ def test_robot_with_just_enough_for_the_way_and_the_reserve_stays_and_with_less_
     robot.guard()
     made = robot.it.run
     assert made.own == "recharge"
-    assert made.task == Recharge(id="home-r5-1", place=CHARGER.place, priority=HOMEWARD, yaw_rad=1.0, until_soc=0.95)
+    assert made.task == Task(
+        id="home-r5-1",
+        kind="recharge",
+        place=CHARGER.place,
+        priority=HOMEWARD,
+        parameters=Recharge(yaw_rad=1.0, until_soc=0.95).json,
+    )
     assert (made.goal, made.way_m) == (CHARGER.place, 4.0)
     assert robot.tasks.occupies("recharge")
-    refused = robot.tasks.offer(TaskOffer(task=Explore(id="e", goal=Point2D(0.0, 0.0)), epoch=1, lease_s=60.0), 0)
+    refused = robot.tasks.offer(
+        TaskOffer(task=Task(id="e", kind="explore", place=Point2D(0.0, 0.0)), epoch=1, lease_s=60.0), 0
+    )
     assert refused.why == "r5 goes home: the way home needs 680 J of 680 J usable"
 
 

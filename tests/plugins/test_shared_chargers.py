@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.tasks.task import Recharge, TaskState
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.sim.firmware.battery import BatterySpec
 from tests.plugins.errands import CHARGER, Errands
 
@@ -51,7 +51,9 @@ def test_the_second_of_two_robots_that_are_told_the_same_charger_takes_the_next(
     run = team(2, 2, 0.5)
     run.run(1.0)
     for number, robot in enumerate(run.hosts):
-        assert run.offer(Recharge(id=f"c{number}", place=CHARGER, until_soc=0.9), robot).accepted
+        assert run.offer(
+            Task(id=f"c{number}", kind="recharge", place=CHARGER, parameters={"until_soc": 0.9}), robot
+        ).accepted
     run.run(45.0)
     assert charging(run) == {0, 1}
     run.run(150.0)
@@ -78,9 +80,9 @@ def test_more_robots_than_chargers_take_turns_and_none_is_stranded(team, robots)
 def test_one_that_is_charged_leaves_the_charger_to_a_mate_that_waits(team):
     run = team(2, 1, 0.6)
     run.run(1.0)
-    run.finish(Recharge(id="a", place=CHARGER, until_soc=0.65), robot="r1")
+    run.finish(Task(id="a", kind="recharge", place=CHARGER, parameters={"until_soc": 0.65}), robot="r1")
     assert run.pose("r1").distance_m(CHARGER) < 0.1
-    status = run.finish(Recharge(id="b", place=CHARGER, until_soc=0.65), robot="r2")
+    status = run.finish(Task(id="b", kind="recharge", place=CHARGER, parameters={"until_soc": 0.65}), robot="r2")
     assert (status.state, status.why) == (TaskState.DONE, "")
     assert run.pose("r1").distance_m(CHARGER) > 0.8
     assert run.arena.collisions == 0

@@ -3,7 +3,7 @@ from collections.abc import Iterator
 import pytest
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.messages import Halt
 from robrain.protocol.wire.topics import HALT
@@ -52,7 +52,7 @@ def test_wandering_gives_way_to_a_task_and_does_not_come_back(errands):
     run = errands("visit")
     run.call("wander", "start", 100.0)
     run.run(3.0)
-    status = run.finish(Visit(id="v", place=Point2D(4.8, 1.6), service_s=1.0))
+    status = run.finish(Task(id="v", kind="visit", place=Point2D(4.8, 1.6), service_s=1.0))
     assert status.state is TaskState.DONE
     assert run.call("wander", "wandering") is False
     here = run.pose()
@@ -62,7 +62,7 @@ def test_wandering_gives_way_to_a_task_and_does_not_come_back(errands):
 
 def test_a_robot_with_a_task_does_not_wander(errands):
     run = errands("visit")
-    run.offer(Visit(id="v", place=Point2D(4.8, 1.6)))
+    run.offer(Task(id="v", kind="visit", place=Point2D(4.8, 1.6)))
     assert run.call("wander", "start") is False
 
 

@@ -4,12 +4,12 @@ Changed bytes break peers and journals: think first.
 """
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire import task_messages
 from robrain.protocol.wire.reasons import robots, tasks
 from robrain.protocol.wire.reasons.reason import Said
 
-TASK = Visit(id="task-7", place=Point2D(1.5, -2.0), priority=2.0)
+TASK = Task(id="task-7", kind="visit", place=Point2D(1.5, -2.0), priority=2.0)
 RECORD = task_messages.TaskRecord(
     task=TASK,
     state=TaskState.DONE,
@@ -31,6 +31,9 @@ EXAMPLES = [
     task_messages.TaskRequest(id="task-7", by="ann", why="too late"),
     task_messages.TaskFilter(
         states=[TaskState.DONE], kinds=["visit"], robot="r1", by="ann", own=True, limit=10
+    ),
+    task_messages.KnownKind(
+        kind="sweep", doc="Sweeps an area.", parameters={"type": "object", "properties": {}}, robots=["r1", "r2"]
     ),
     task_messages.TaskChange(
         number=41, stamp_ns=1_500_000_000, state=TaskState.DONE, robot="r1", epoch=12, why="there", reason=Said("there")

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.border import AHEAD_S
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -84,7 +84,9 @@ def test_a_message_whose_sender_differs_from_its_key_is_rejected(wire, inbox, to
 
 def test_a_message_whose_sender_matches_its_key_is_accepted(wire, inbox):
     wire.publisher(ROBOT_STATE, robot="r1").put(RobotState(robot="r1"))
-    wire.publisher(TASK_EVENT).put(TaskEvent(task=Visit(id="b", place=Point2D(0.0, 0.0)), state=TaskState.DONE))
+    wire.publisher(TASK_EVENT).put(
+        TaskEvent(task=Task(id="b", kind="visit", place=Point2D(0.0, 0.0)), state=TaskState.DONE)
+    )
     assert {received.topic for received in inbox.drain()} == {ROBOT_STATE, TASK_EVENT}
     assert refusals(wire) == []
 

@@ -9,8 +9,8 @@ from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.mapping.map_frame import MapFrame
 from robrain.protocol.model.navigation.claim import Claim
-from robrain.protocol.model.tasks.task import Explore, TaskState
-from robrain.protocol.wire import arena_messages, errors, map_messages, messages, replay_messages
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire import arena_messages, errors, host_messages, map_messages, messages, replay_messages
 from robrain.protocol.wire.reasons.idle import NoWay
 from robrain.protocol.wire.reasons.offers import NoPath
 from robrain.protocol.wire.reasons.robots import LostContact, Refused
@@ -20,7 +20,7 @@ from robrain.protocol.wire.refusals import Refusal
 GOLDEN = Path(__file__).parent / "golden"
 """One example of each message, as it is on the wire. Changed bytes break older peers and recordings: think first."""
 
-TASK = Explore(id="task-7", goal=Point2D(1.5, -2.0))
+TASK = Task(id="task-7", kind="explore", place=Point2D(1.5, -2.0))
 STAMP = {"stamp_ns": 1_500_000_000, "seq": 3}
 REFUSED = [Refusal(topic="robot_state", key="robot/r9/state", code="malformed", count=3, why="Expected `float` <= 1e6")]
 FUNCTION = messages.FunctionInfo(
@@ -230,7 +230,7 @@ EXAMPLES = [
     replay_messages.ReplayRequest(playing=False, seek_s=90.5, speed=4.0),
     replay_messages.ReplayStatus(position_s=90.5, duration_s=3600.0, speed=4.0, playing=False),
     messages.Halt(**STAMP, halted=True, by="operator", reason="somebody walks there"),
-    messages.HaltAnswer(robot="r1", halted=True, by=["operator"], not_halted=["arm"]),
+    host_messages.HaltAnswer(robot="r1", halted=True, by=["operator"], not_halted=["arm"]),
     arena_messages.Scan(
         **STAMP,
         robot="r1",
@@ -291,8 +291,19 @@ EXAMPLES = [
         distribution="robrain",
         doc="Follows paths.",
         functions=[FUNCTION],
+        task_kind=messages.TaskKind(
+            kind="sweep", doc="Sweeps an area.", parameters={"type": "object", "properties": {}}, settings=7
+        ),
     ),
-    messages.HostRequest(plugin="driver", cascade=True, text="call driver stop()", by="operator", lease_s=2.0),
+    host_messages.LoadRequest(plugin="lamp"),
+    host_messages.UnloadRequest(plugin="lamp", cascade=True),
+    host_messages.ReloadRequest(plugin="lamp"),
+    host_messages.CommandRequest(text="call driver stop()", by="operator"),
+    host_messages.HoldRequest(plugin="mocdevice", by="ann", lease_s=2.0),
+    host_messages.ReleaseRequest(plugin="mocdevice", by="ann"),
+    host_messages.HaltRequest(by="operator", reason="somebody walks there"),
+    host_messages.ResumeRequest(by="operator"),
+    host_messages.Lease(plugin="mocdevice", holder="ann", until_ns=2_000_000_000),
     errors.ErrorReply(code=errors.ErrorCode.BUSY, message="mocdevice is held by driver", detail="driver"),
 ]
 each = pytest.mark.parametrize("message", EXAMPLES, ids=lambda message: type(message).__name__)
@@ -375,7 +386,7 @@ def test_a_message_cannot_be_changed():
 
 
 def test_a_task_says_its_kind_on_the_wire():
-    assert msgspec.json.decode(msgspec.json.encode(TASK))["type"] == "explore"
+    assert msgspec.json.decode(msgspec.json.encode(TASK))["kind"] == "explore"
 
 
 def test_error_codes_are_the_ones_that_are_written_down():

@@ -9,16 +9,8 @@ import pytest
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.messages import RobotState, TeamState
-from robrain.protocol.wire.schema.json_schema import (
-    DIALECT,
-    bare,
-    definitions,
-    field_meanings,
-    reference_to,
-    schema_of,
-    structs_in,
-    types_of,
-)
+from robrain.protocol.wire.schema.json_schema import definitions, reference_to, types_of
+from robrain.protocol.wire.schema.struct_schema import DIALECT, bare, field_meanings, schema_of, structs_in
 from robrain.protocol.wire.topics import TOPICS
 
 GOLDEN = sorted((Path(__file__).parent / "golden").glob("*.json"))

@@ -26,7 +26,7 @@ GROUPS = {
     "Tasks, geometry and errors": "robrain.protocol.",
     "Planning": "robrain.coordinator.planning.",
     "Recordings": "robrain.coordinator.recording.",
-    "Plugins": "robrain.agent.",
+    "Plugins": ("robrain.agent.", "robrain.plugins."),
 }
 """Headings of the page of `robrain`, and where the names below them live."""
 PLUGIN_NAMES = {

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from robrain.coordinator.planning.policy import Method, PlanningPolicy
+from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.recorded_plans import replay_decisions
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.sim.scenario import Scenario
@@ -26,7 +26,7 @@ def planned(recording: Path) -> Outcome:
 
 
 def test_planned_tasks_take_less_energy_than_nearest_first(planned: Outcome) -> None:
-    nearest = [run_tasks(seed, PlanningPolicy(method=Method.NEAREST), FLOOR) for seed in SEEDS]
+    nearest = [run_tasks(seed, PlanningPolicy(method="nearest"), FLOOR) for seed in SEEDS]
     plans = [planned if seed == SEED else run_tasks(seed, PlanningPolicy(), FLOOR) for seed in SEEDS]
     assert {run.done for run in nearest + plans} == {TASKS}
     assert sum(run.energy_j for run in plans) < sum(run.energy_j for run in nearest)

@@ -9,7 +9,7 @@ import pytest
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.recording.reader.reading import read_messages
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Visit
+from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.task_messages import TaskSubmission
 from robrain.protocol.wire.topics import (
@@ -50,7 +50,7 @@ def what_is_said(recording: Path) -> list[tuple[str, Any]]:
         while run.sim_time_s < EXPLORED_S:
             run.tick()
         for number, (x_m, y_m) in enumerate(PLACES):
-            task = Visit(id=f"t{number}", place=Point2D(x_m, y_m), service_s=15.0)
+            task = Task(id=f"t{number}", kind="visit", place=Point2D(x_m, y_m), service_s=15.0)
             asker.ask(TASK_SUBMIT, TaskSubmission(task=task))
         while run.sim_time_s < END_S:
             run.tick()
@@ -71,7 +71,7 @@ def as_it_went(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[str, Any]
 
 def test_the_run_has_charges_plans_and_reasons(as_it_went) -> None:
     events = [message for key, message in as_it_went if "task/" in key and "state" in message]
-    kinds = {message["task"]["type"] for message in events}
+    kinds = {message["task"]["kind"] for message in events}
     codes = {message["reason"]["code"] for message in events if message["reason"] is not None}
     assert kinds == {"explore", "visit", "recharge"}
     assert "waits_for_charge" in codes

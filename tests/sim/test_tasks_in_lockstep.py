@@ -5,11 +5,14 @@ from typing import NamedTuple
 import pytest
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.task_messages import TaskRecord
 from robrain.sim.scenario import Scenario
 
-TASKS = [Visit(id="a", place=Point2D(2.0, 1.0)), Visit(id="b", place=Point2D(4.2, 3.0), after=("a",))]
+TASKS = [
+    Task(id="a", kind="visit", place=Point2D(2.0, 1.0)),
+    Task(id="b", kind="visit", place=Point2D(4.2, 3.0), after=("a",)),
+]
 LONGEST_S = 90.0
 
 

@@ -11,8 +11,9 @@ from robrain.agent.plugin import Unit, external
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request
 from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.host_queries import HOST_COMMAND
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_HOST
+from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CALL
 from tests.system.conftest import Commands
 
 pytestmark = pytest.mark.system
@@ -51,7 +52,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Commands]:
             return functions[request.names["function"]].call(drawer, request.asked)
 
         wire.token(ROBOT_ALIVE, robot="r1")
-        wire.answer(ROBOT_HOST, command, robot="r1", verb="command")
+        wire.answer(HOST_COMMAND, command, robot="r1")
         wire.answer(ROBOT_CALL, called, robot="r1", plugin="drawer")
         yield commands
         wire.close()

@@ -2,8 +2,10 @@
 
 import itertools
 import re
+import shutil
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
@@ -33,6 +35,7 @@ STOPPED_M = 0.01
 STANDS_S = 1.0
 TYPING_S = 0.15
 """From one field to the next: viser sends what is typed each 50 ms, and of what came in between the last alone."""
+IS_INERT = "field => field.closest('[inert]') !== null"
 PULSE_S = 3.0
 HUNG_S = 5.0
 
@@ -44,8 +47,16 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.fixture(scope="module")
-def team(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveTeam]:
-    with live_team(tmp_path_factory.mktemp("live"), "arena_small", "--robots", "2", "--seed", "7") as team:
+def plugin_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The plugin of an example, where the team's robots load plugins from."""
+    folder = tmp_path_factory.mktemp("live") / "sweep"
+    shutil.copytree(Path(__file__).parents[2] / "examples" / "08_your_own_task", folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def team(plugin_folder: Path) -> Iterator[LiveTeam]:
+    with live_team(plugin_folder.parent, "arena_small", "--robots", "2", "--seed", "7") as team:
         yield team
 
 
@@ -121,6 +132,36 @@ def test_task_is_called_off_by_its_button(page: Page, team: LiveTeam) -> None:
     expect(page.get_by_test_id(f"task-{task}-state")).to_have_text("⊘ cancelled")
     expect(page.locator(f"[data-rb='cancel {task}']")).to_have_count(0)
     expect(page.locator("table[data-testid='tasks']")).to_contain_text("cancelled on the dashboard")
+
+
+def test_a_kind_of_task_that_only_one_robot_knows_is_asked_for_by_form(page: Page, plugin_folder: Path) -> None:
+    page.get_by_role("tab", name="Robot", exact=True).click()
+    _fill(page, "Name or path", str(plugin_folder))
+    page.get_by_role("button", name="Load", exact=True).click()
+    _is_told(page, f"load {plugin_folder}", "done")
+    page.get_by_role("tab", name="Tasks", exact=True).click()
+    until(lambda: "sweep" in _options(page, "Kind"), "the form does not know the kind", pause_s=0.5)
+    page.get_by_role("option", name="sweep", exact=True).click()
+    _unfold(page, "Coordinates and options", "width (m)")
+    for label, value in (("x (m)", "3"), ("y (m)", "3"), ("width (m)", "-1"), ("height (m)", "0.4")):
+        _fill(page, label, value)
+    before = _said_of_tasks(page)
+    page.get_by_role("button", name="Add task at these coordinates", exact=True).click()
+    assert "width_m: -1.0 is less than or equal to the minimum of 0" in _answer_to_task(page, before)
+    keep(page, "dashboard-own-kind")
+    _fill(page, "width (m)", "1")
+    before = _said_of_tasks(page)
+    page.get_by_role("button", name="Add task at these coordinates", exact=True).click()
+    said = _answer_to_task(page, before)
+    assert said.startswith("✓ sweep-")
+    expect(page.get_by_test_id(f"task-{said.split()[1]}-state")).to_contain_text("done", timeout=PATIENCE_S * 1000)
+
+
+def _options(page: Page, label: str) -> list[str]:
+    """Open a dropdown; what there is to choose."""
+    page.keyboard.press("Escape")
+    page.get_by_text(label, exact=True).last.locator("xpath=ancestor::div[.//input][1]//input").first.click()
+    return page.get_by_role("option").all_inner_texts()
 
 
 def test_hung_browser_holds_up_neither_robots_nor_coordinator(page: Page, team: LiveTeam) -> None:
@@ -306,6 +347,15 @@ def _fill(page: Page, label: str, value: str) -> None:
     _field(page, label).fill(value)
     # In the page's own time: on a busy computer two fields are else sent at once, of which viser keeps the last.
     page.evaluate("ms => new Promise(done => setTimeout(done, ms))", 1000 * TYPING_S)
+
+
+def _unfold(page: Page, title: str, label: str) -> None:
+    """Open a folder of the form unless it is open. What a closed one holds is inert, yet may count as visible."""
+    field = _field(page, label)
+    field.wait_for(state="attached")
+    if field.evaluate(IS_INERT):
+        page.get_by_text(title, exact=True).click()
+    until(lambda: not field.evaluate(IS_INERT), f"{title} stays closed", pause_s=0.2)
 
 
 def _field(page: Page, label: str) -> Locator:

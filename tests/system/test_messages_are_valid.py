@@ -79,7 +79,7 @@ def test_the_run_has_halts_charging_and_tasks_of_many_kinds_and_states(recording
     assert {True, False} == {state["halted"] for state in states}
     assert {"inspect", "recharge", "visit"} <= {state["behavior"] for state in states}
     events = told(recording, "task_event")
-    assert {"collect", "inspect", "monitor", "sense", "visit"} <= {event["task"]["type"] for event in events}
+    assert {"collect", "inspect", "monitor", "sense", "visit"} <= {event["task"]["kind"] for event in events}
     assert {"queued", "offered", "running", "done", "cancelled"} <= {event["state"] for event in events}
     assert any(event.get("reason") for event in events)
 

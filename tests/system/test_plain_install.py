@@ -41,6 +41,7 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("plugin load", ["r1", "wander"], WORKS),
     ("task objective", ["makespan"], WORKS),
     ("task add", ["visit", "--at", "1,1", "--id", "look", "--needs", "counter", "--earliest", "900"], WORKS),
+    ("task kinds", [], WORKS),
     ("task list", [], WORKS),
     ("task show", ["look"], WORKS),
     ("task why", ["look"], WORKS),

@@ -22,9 +22,10 @@ from robrain.plugins.unit.interactive_shell.interactive_shell import Interactive
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.wire.host_queries import HOST_COMMAND
 from robrain.protocol.wire.messages import PluginInfo
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.topics import ROBOT_HOST, ROBOT_PLUGINS
+from robrain.protocol.wire.topics import ROBOT_PLUGINS
 from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
@@ -69,7 +70,7 @@ def team():
                 raise CallError(ErrorCode.BUSY, "somebody else drives")
             return f"did {text}"
 
-        robot.answer(ROBOT_HOST, command, robot="r1", verb="command")
+        robot.answer(HOST_COMMAND, command, robot="r1")
         with Team.connect(listening_at(session)[0]) as person:
             yield person
         robot.close()

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -88,9 +89,9 @@ def test_a_task_goes_from_the_command_line_to_the_robot_and_is_done(team: LiveTe
 
 def test_tasks_of_a_file_are_done_in_their_order_and_one_is_cancelled(team: LiveTeam) -> None:
     (team.commands.folder / "tasks.toml").write_text(
-        '[[task]]\ntype = "visit"\nid = "a"\nplace = [2.0, 1.0]\n'
-        '[[task]]\ntype = "visit"\nid = "b"\nplace = {x_m = 1.0, y_m = 1.0}\nafter = ["a"]\n'
-        '[[task]]\ntype = "visit"\nid = "c"\nplace = [1.0, 1.0]\nearliest_in_s = 600.0\n'
+        '[[task]]\nkind = "visit"\nid = "a"\nplace = [2.0, 1.0]\n'
+        '[[task]]\nkind = "visit"\nid = "b"\nplace = {x_m = 1.0, y_m = 1.0}\nafter = ["a"]\n'
+        '[[task]]\nkind = "visit"\nid = "c"\nplace = [1.0, 1.0]\nearliest_in_s = 600.0\n'
     )
     added = team.task("add", "tasks.toml")
     assert (added.returncode, added.stdout) == (0, "a: queued\nb: queued\nc: queued\n"), added.stderr
@@ -151,7 +152,7 @@ def test_without_a_coordinator_a_client_gives_up_with_a_sentence(commands) -> No
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["add", "fly"], "expected a kind of task, one of collect, explore"),
+        (["add", "fly"], "a task to fly needs --at"),
         (["add", "visit"], "a task to visit needs --at"),
         (["add", "visit", "--at", "3"], "--at 3: expected X,Y in metres, such as 3,4.5"),
         (["add", "visit", "--at", "3,nan"], "expected a finite --at"),
@@ -172,11 +173,44 @@ def test_without_a_coordinator_a_client_gives_up_with_a_sentence(commands) -> No
 def test_bad_input_is_one_sentence(commands, words: list[str], said: str) -> None:
     folder: Path = commands.folder
     (folder / "wrong.toml").write_text("[[task]\n")
-    (folder / "wrong.json").write_text('[{"type":"visit","place":[1,2]},{"type":"visit"}]')
-    (folder / "odd.toml").write_text('type = "visit"\nplace = [1.0, 2.0]\ncolour = "red"\n')
+    (folder / "wrong.json").write_text('[{"kind":"visit","place":[1,2]},{"kind":"visit"}]')
+    (folder / "odd.toml").write_text('kind = "visit"\nplace = [1.0, 2.0]\ncolour = "red"\n')
     done = commands.run("task", *words)
     assert done.returncode == 2, done.stderr
     assert done.stdout == ""
     [line] = done.stderr.splitlines()
     assert line.startswith("robrain: ")
     assert said in line
+
+
+def test_a_kind_of_task_that_only_one_plugin_knows_is_asked_for_from_the_command_line(team: LiveTeam) -> None:
+    folder = team.commands.folder / "sweep"
+    shutil.copytree(Path(__file__).parents[2] / "examples" / "08_your_own_task", folder)
+    loaded = team.commands.run("plugin", "load", "r1", str(folder), ROBRAIN_CONNECT=team.endpoint)
+    assert loaded.returncode == 0, loaded.stderr
+
+    def announced() -> str:
+        found: str = team.task("kinds").stdout
+        return found if "sweep" in found else ""
+
+    told = until(announced, "the kind is not announced")
+    assert "sweep: Sweeps a rectangle in lanes. (r1)" in told
+    assert "  width_m: Along x, which is the direction of the lanes." in told
+    assert "  lane_m (optional): Greatest distance between two lanes." in told
+
+    place = ("--at", "3,3", "--id", "hall")
+    bad = team.task("add", "sweep", *place, "--set", "width_m=-1", "--set", "height_m=1")
+    assert (bad.returncode, bad.stdout) == (2, "")
+    assert bad.stderr.endswith("is refused: width_m: -1 is less than or equal to the minimum of 0\n")
+    missing = team.task("add", "sweep", *place, "--set", "width_m=1")
+    assert missing.stderr.endswith("is refused: a task to sweep needs height_m\n")
+    typo = team.task("add", "sweeep", "--at", "3,3")
+    assert re.search(r"no robot of the team does a task to sweeep: .*; did you mean sweep\?$", typo.stderr.strip())
+
+    added = team.task("add", "sweep", *place, "--set", "width_m=1.0", "--set", "height_m=0.4", "--json")
+    assert added.returncode == 0, added.stderr
+    assert json.loads(added.stdout)["task"]["parameters"] == {"width_m": 1.0, "height_m": 0.4}
+    assert team.task("why", "hall").stdout.startswith("hall: ")
+    watched = team.task("watch", "hall", "--json")
+    assert watched.returncode == 0, watched.stdout + watched.stderr
+    assert json.loads(watched.stdout.splitlines()[-1])["result"]["lanes"] == 2

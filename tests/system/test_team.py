@@ -15,10 +15,10 @@ from robrain import (
     Objective,
     Point2D,
     Scenario,
+    Task,
     TaskFilter,
     TaskState,
     Team,
-    Visit,
 )
 from robrain.protocol.wire.errors import BadName
 from robrain.sim.lockstep_transport import LockstepTransport
@@ -27,6 +27,7 @@ from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
 
+VISIT = Task(id="v", kind="visit", place=Point2D(1.0, 2.0))
 LAMP = """
 from robrain import Device, external
 
@@ -126,7 +127,7 @@ def test_each_client_gets_ids_that_no_other_has(bench: Bench) -> None:
 
 
 def test_a_whole_task_is_submitted_once_under_its_id(team: Team) -> None:
-    task = Visit(id="whole", place=Point2D(1.0, 1.0))
+    task = Task(id="whole", kind="visit", place=Point2D(1.0, 1.0))
     first, again = (team.submit(task, earliest_s=900.0) for _ in range(2))
     assert first.submitted_ns == again.submitted_ns
     with pytest.raises(CallError, match="there is another task whole: priority"):
@@ -160,7 +161,7 @@ def test_a_wait_ends_after_its_time(team: Team) -> None:
 @pytest.mark.parametrize(
     ("task", "fields", "said"),
     [
-        ("fly", {}, "expected a kind of task, one of collect, explore, .*; got 'fly'"),
+        ("fly", {}, "a task to fly needs place"),
         ("visit", {}, "a task to visit needs place"),
         ("visit", {"place": (1, 2, 3)}, r"expected place as two numbers, x and y in metres; got \(1, 2, 3\)"),
         ("visit", {"place": ("a", 1)}, "place.x_m: Expected `float`, got `str`"),
@@ -169,15 +170,21 @@ def test_a_wait_ends_after_its_time(team: Team) -> None:
         ("visit", {"place": (1, 2), "parameters": {"mote": "m1"}}, "a task to visit has no mote; it has after, "),
         ("visit", {"place": (1, 2), "parameters": {"place": (1, 2)}}, "give place as an argument"),
         ("visit", {"place": (1, 2), "parameters": {"id": "x"}}, "give id as an argument"),
-        (Visit(id="v", place=Point2D(1.0, 2.0)), {"priority": 2.0}, "task v is whole already: leave out priority"),
+        (VISIT, {"priority": 2.0}, "task v is whole already: leave out priority"),
     ],
 )  # fmt: skip
-def test_a_bad_task_is_one_sentence(team: Team, task: str | Visit, fields: dict[str, object], said: str) -> None:
+def test_a_bad_task_is_one_sentence(team: Team, task: str | Task, fields: dict[str, object], said: str) -> None:
     before = len(team.list())
     with pytest.raises(BadTask, match=said) as refused:
         team.submit(task, **fields)
     assert "\n" not in str(refused.value)
     assert len(team.list()) == before
+
+
+def test_a_task_of_a_kind_that_no_robot_does_is_refused_with_those_that_they_do(team: Team) -> None:
+    with pytest.raises(CallError, match=r"no robot of the team does a task to vist: .*; did you mean visit\?"):
+        team.submit("vist", place=(2.0, 1.0))
+    assert {"visit", "explore", "recharge"} <= {known.kind for known in team.kinds()}
 
 
 def test_a_refused_task_takes_no_id(team: Team) -> None:
@@ -192,7 +199,7 @@ def test_a_refused_task_takes_no_id(team: Team) -> None:
 
 def test_a_place_is_a_place_whatever_its_kind_calls_it(team: Team) -> None:
     record = team.submit("explore", place=(2.0, 1.0), earliest_s=900.0)
-    assert record.task.goal == Point2D(2.0, 1.0)
+    assert record.task.place == Point2D(2.0, 1.0)
     assert record.task.id.startswith("explore-")
     team.cancel(record)
 

@@ -7,7 +7,7 @@ from robrain.coordinator.dashboard.state.robot_view import RobotView
 from robrain.coordinator.dashboard.state.task_board import PLANNED_S, Span
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.drawing.palette import CHARGER_PLATE, css, look_of
-from robrain.protocol.model.tasks.task import TaskState, kind_of
+from robrain.protocol.model.tasks.task import TaskState
 
 GANTT_S = 300.0
 """What has been is shown for so long."""
@@ -89,7 +89,7 @@ def foreseen(view: TeamView, robot: RobotView, now_ns: int) -> list[Foreseen]:
         known = next((span for span in planned if span.task == held), None)
         length_ns = round(PLANNED_S * 1e9) if known is None or known.end_ns is None else known.end_ns - known.start_ns
         event = view.tasks.get(held)
-        kind = kind_of(event.task) if event is not None else "task"
+        kind = event.task.kind if event is not None else "task"
         found.append(Foreseen(free_ns, free_ns + length_ns, f"{kind} {held}: held ready", is_held=True))
     found += [
         Foreseen(span.start_ns, span.end_ns, f"{span.kind} {span.task}: planned")

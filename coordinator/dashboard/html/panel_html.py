@@ -33,7 +33,6 @@ from robrain.coordinator.dashboard.state.headline import (
 from robrain.coordinator.dashboard.state.robot_view import Condition, MoteView, RobotView
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.drawing.palette import battery_class, look_of, mote_class
-from robrain.protocol.model.tasks.task import kind_of, place_of
 
 ROWS = 200
 """Rows of a table at the most; a browser is slow with more, and nobody reads them."""
@@ -240,10 +239,10 @@ def task_text(robot: RobotView, view: TeamView) -> str:
     if status is not None:
         why = status.why or (summary.why if summary is not None else "")
         event = view.tasks.get(status.id)
-        place = place_of(event.task) if event is not None else None
+        place = event.task.place if event is not None else None
         what = LONG_ID.sub(r"\1", status.id)
         if event is not None and place is not None:
-            what = f"{kind_of(event.task)} at {place.x_m:.1f}, {place.y_m:.1f} m,"
+            what = f"{event.task.kind} at {place.x_m:.1f}, {place.y_m:.1f} m,"
         said = f"{what} {status.state}" + (f": {why}" if why else "")
     elif summary is not None and (summary.task or summary.why):
         said = ": ".join(filter(None, (LONG_ID.sub(r"\1", summary.task), summary.why)))

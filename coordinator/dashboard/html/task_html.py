@@ -4,7 +4,7 @@ import re
 
 from robrain.coordinator.dashboard.html.html_words import NONE, clock_text, span_text, task_state_html, text
 from robrain.coordinator.dashboard.state.team_view import TeamView
-from robrain.protocol.model.tasks.task import TaskState, kind_of, place_of
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.messages import TaskEvent
 from robrain.protocol.wire.task_messages import RobotVerdict, TaskWhy
 
@@ -17,8 +17,8 @@ ENDED_ROWS = 15
 def queue_html(view: TeamView, *, is_live: bool, done: int = 0) -> str:
     """Open tasks, then those that ended last; `done` is the number that the team reports as done."""
     open_tasks = list(view.tasks.values())[-OPEN_ROWS:][::-1]
-    open_tasks.sort(key=lambda event: (kind_of(event.task) == "explore", event.state is not TaskState.RUNNING))
-    ended = [event for event in list(view.board.ended)[::-1] if kind_of(event.task) != "explore"][:ENDED_ROWS]
+    open_tasks.sort(key=lambda event: (event.task.kind == "explore", event.state is not TaskState.RUNNING))
+    ended = [event for event in list(view.board.ended)[::-1] if event.task.kind != "explore"][:ENDED_ROWS]
     if not open_tasks and not ended:
         said = "No open tasks. Explorations, and tasks finished before this page was started, are not listed."
         none = said if done else "No tasks yet."
@@ -60,9 +60,9 @@ def why_html(why: TaskWhy) -> str:
 
 def _task_rows(event: TaskEvent, *, is_live: bool) -> str:
     task = event.task
-    place = place_of(task)
+    place = task.place
     name = text(task.id)
-    short = "" if LONG_ID.match(task.id) else text(task.id.removeprefix(f"{kind_of(task)}-"))
+    short = "" if LONG_ID.match(task.id) else text(task.id.removeprefix(f"{task.kind}-"))
     acts = ""
     if is_live:
         acts = f'<button class="rb-act" data-rb="why {name}">why</button>'
@@ -71,7 +71,7 @@ def _task_rows(event: TaskEvent, *, is_live: bool) -> str:
     why = f" · {text(event.why)}" if event.why else ""
     where = f"{place.x_m:.1f}, {place.y_m:.1f} m"
     return (
-        f'<tr class="rb-top"><td title="{name}"><b>{kind_of(task)}</b> <span class="rb-soft">{short}</span></td>'
+        f'<tr class="rb-top"><td title="{name}"><b>{task.kind}</b> <span class="rb-soft">{short}</span></td>'
         f'<td data-testid="task-{name}-state">{task_state_html(event.state)}</td><td>'
         f"{text(event.robot, 40) or NONE}</td>"
         f'<td class="rb-number">{acts}</td></tr><tr class="rb-why"><td colspan="4">{where}{why}</td></tr>'

@@ -9,7 +9,7 @@ from robrain.coordinator.dashboard.scene.meshes import Mesh, bolt, cube, flag, p
 from robrain.coordinator.dashboard.scene.scene_nodes import Labels, rows
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.drawing.palette import CHARGER, CHARGER_PLATE, TASK_WAITING, Rgb, look_of
-from robrain.protocol.model.tasks.task import TaskState, kind_of, place_of
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.messages import TaskEvent
 
 PLATE_M = (0.55, 0.55, 0.03)
@@ -46,7 +46,7 @@ class TaskLayer(Layer):
         self._labels = Labels(scene, self.node("label"), 0.8, below=True)  # above are the names of robots and motes
 
     def _draw(self, view: TeamView, now_s: float) -> None:
-        events = [event for event in view.tasks.values() if kind_of(event.task) != "explore"][-TASKS:]
+        events = [event for event in view.tasks.values() if event.task.kind != "explore"][-TASKS:]
         self._solids.show(
             by_color(
                 (color_of_robot(view, event.robot), _standing(PIN, event))
@@ -60,7 +60,7 @@ class TaskLayer(Layer):
             {
                 event.task.id: (task_label(event), (place.x_m, place.y_m, 0.0))
                 for event in labelled
-                for place in [place_of(event.task)]
+                for place in [event.task.place]
             }
         )
 
@@ -74,7 +74,7 @@ def task_label(event: TaskEvent) -> str:
     """A task in a few words."""
     who = f" {event.robot}" if event.robot and is_taken(event) else ""
     state = "lost contact" if event.state is TaskState.LOST_CONTACT else event.state.value
-    return f"{kind_of(event.task)} {state}{who}"
+    return f"{event.task.kind} {state}{who}"
 
 
 def color_of_robot(view: TeamView, name: str) -> Rgb:
@@ -84,5 +84,5 @@ def color_of_robot(view: TeamView, name: str) -> Rgb:
 
 
 def _standing(mesh: Mesh, event: TaskEvent) -> Mesh:
-    place = place_of(event.task)
+    place = event.task.place
     return copies(mesh, rows([(place.x_m, place.y_m, 0.0)]), np.ones((1, 3), np.float32))

@@ -1,5 +1,6 @@
 """What all browsers' pages share, and the little that they ask of robots again and again."""
 
+import contextlib
 from collections.abc import Collection
 from dataclasses import dataclass, field
 
@@ -8,10 +9,13 @@ from robrain.coordinator.dashboard.replay.replay_bar import ReplayBar
 from robrain.coordinator.dashboard.scene.scene import Scene
 from robrain.coordinator.dashboard.server.asker import TIMEOUT_S, Answer, Asker, Then
 from robrain.coordinator.dashboard.state.team_view import TeamView
+from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS
 from robrain.protocol.wire.messages import PluginInfo
 from robrain.protocol.wire.plan_messages import PlanningStatus
+from robrain.protocol.wire.schema.struct_schema import parameters_schema
+from robrain.protocol.wire.task_messages import KnownKind
 from robrain.protocol.wire.topic import Q, Query, R
-from robrain.protocol.wire.topics import COORDINATOR_PLANNING, ROBOT_PLUGINS
+from robrain.protocol.wire.topics import COORDINATOR_PLANNING, ROBOT_PLUGINS, TASK_KINDS
 
 PLUGINS_S = 2.0
 PLANNING_S = 5.0
@@ -28,6 +32,11 @@ class PluginsOf:
     waiting: bool = False
 
 
+def stock_kinds() -> list[KnownKind]:
+    """The kinds of tasks that robrain's own behaviors do."""
+    return [KnownKind(kind=kind, parameters=parameters_schema(type_)) for kind, type_ in STOCK_KINDS.items()]
+
+
 class Inquiries:
     """Asks the selected robots for their plugins, and the coordinator how it plans and which chargers there are."""
 
@@ -36,6 +45,8 @@ class Inquiries:
         self._asker = asker
         self.plugins: dict[str, PluginsOf] = {}
         self.planning: PlanningStatus | None = None
+        self.kinds: list[KnownKind] = stock_kinds()
+        """Kinds of tasks, as the coordinator told them last; robrain's own until it has."""
         self._planning_s: float | None = None
 
     def step(self, selected: Collection[str], now_s: float) -> None:
@@ -50,6 +61,7 @@ class Inquiries:
         if self._view.coordinator_up and (self._planning_s is None or now_s - self._planning_s >= PLANNING_S):
             self._planning_s = now_s
             self._asker.ask(COORDINATOR_PLANNING, None, self._take_planning)
+            self._asker.ask(TASK_KINDS, None, self._take_kinds)
 
     def soon(self, robot: str) -> None:
         """Something has been done to a robot's plugins: ask it again at the next step."""
@@ -68,6 +80,10 @@ class Inquiries:
                 known.problem = str(error)
 
         return take
+
+    def _take_kinds(self, answer: Answer[list[KnownKind]]) -> None:
+        with contextlib.suppress(ValueError):  # asked again soon; those known so far may still be asked for
+            self.kinds = answer.reply or self.kinds
 
     def _take_planning(self, answer: Answer[PlanningStatus]) -> None:
         try:

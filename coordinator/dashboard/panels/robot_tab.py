@@ -18,10 +18,12 @@ from robrain.coordinator.dashboard.panels.form_panel import FormPanel
 from robrain.coordinator.dashboard.panels.function_form import fields_of
 from robrain.coordinator.dashboard.panels.gui_values import set_html, set_options, set_value
 from robrain.coordinator.dashboard.panels.hand_drive import HandDrive
-from robrain.coordinator.dashboard.panels.page_context import BY, PluginsOf
+from robrain.coordinator.dashboard.panels.page_context import PluginsOf
 from robrain.coordinator.dashboard.server.asker import Answer
-from robrain.protocol.wire.messages import FunctionInfo, HostRequest, PluginInfo
-from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_HOST
+from robrain.protocol.wire.host_messages import LoadRequest, ReloadRequest, UnloadRequest
+from robrain.protocol.wire.host_queries import HOST_LOAD, HOST_RELOAD, HOST_UNLOAD
+from robrain.protocol.wire.messages import FunctionInfo, PluginInfo
+from robrain.protocol.wire.topics import ROBOT_CALL
 
 if TYPE_CHECKING:
     from robrain.coordinator.dashboard.panels.page import ClientPage
@@ -205,7 +207,7 @@ class RobotTab:
             self._page.tell(f"Nothing to {verb}", "Select a robot, and a plugin or its name.", color="yellow")
             return
 
-        def take(answer: Answer[bytes]) -> None:
+        def take(answer: Answer[list[PluginInfo]]) -> None:
             done = answer.error or "done"
             self._page.tell(f"{robot}: {verb} {plugin}", done, color="red" if answer.error else "green")
             if verb == "unload" and not answer.error:
@@ -213,6 +215,10 @@ class RobotTab:
             if self._page.context.inquiries is not None:
                 self._page.context.inquiries.soon(robot)
 
-        self._page.context.ask(
-            ROBOT_HOST, HostRequest(plugin=plugin, by=BY), take, timeout_s=CALL_TIMEOUT_S, robot=robot, verb=verb
-        )
+        ask = self._page.context.ask
+        if verb == "load":
+            ask(HOST_LOAD, LoadRequest(plugin=plugin), take, timeout_s=HOST_LOAD.timeout_s, robot=robot)
+        elif verb == "unload":
+            ask(HOST_UNLOAD, UnloadRequest(plugin=plugin), take, timeout_s=HOST_UNLOAD.timeout_s, robot=robot)
+        else:
+            ask(HOST_RELOAD, ReloadRequest(plugin=plugin), take, timeout_s=HOST_RELOAD.timeout_s, robot=robot)

@@ -1,7 +1,7 @@
 """The tab of the tasks: new ones by form or by a click on the map, the queue, who does what when, and why."""
 
 import secrets
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import viser
@@ -12,21 +12,22 @@ from robrain.coordinator.dashboard.html.task_html import queue_html, why_html
 from robrain.coordinator.dashboard.panels.form_panel import FormPanel
 from robrain.coordinator.dashboard.panels.function_form import Field, fields_of
 from robrain.coordinator.dashboard.panels.gui_values import set_html, set_value
-from robrain.coordinator.dashboard.panels.page_context import BY
+from robrain.coordinator.dashboard.panels.page_context import BY, stock_kinds
 from robrain.coordinator.dashboard.server.asker import Answer
 from robrain.coordinator.dashboard.server.page_head import CLOSE_MARK
+from robrain.coordinator.tasks.announced_parameters import check_announced
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
-from robrain.protocol.model.tasks.task import Explore, Task
+from robrain.protocol.model.tasks.stock_kinds import EXPLORE
+from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.plan_messages import ObjectiveRequest, PlanningStatus
-from robrain.protocol.wire.task_messages import TaskRecord, TaskRequest, TaskSubmission, TaskWhy
+from robrain.protocol.wire.task_messages import KnownKind, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
 from robrain.protocol.wire.topics import COORDINATOR_OBJECTIVE, TASK_CANCEL, TASK_SUBMIT, TASK_WHY
 
 if TYPE_CHECKING:
     from robrain.coordinator.dashboard.panels.page import ClientPage
 
-KINDS: dict[str, Any] = {str(kind.__struct_config__.tag): kind for kind in get_args(Task) if kind is not Explore}
-HIDDEN = {"id", "type", "earliest_ns", "deadline_ns", "needs", "after", "robots"}
+HIDDEN = {"id", "kind", "parameters", "earliest_ns", "deadline_ns", "needs", "after", "robots"}
 """Fields of tasks that the form does not have: it makes the id itself, and scripts have the rest."""
 DEADLINE = "deadline_in_s"
 GANTT_PERIOD_S = 1.0
@@ -50,7 +51,8 @@ class TaskTab:
         with gui.add_folder("Add a task", visible=live):
             self._by_click = gui.add_button(BY_CLICK, color="blue")
             self._by_click.on_click(lambda _: page.post(lambda: self._want_place(not self.wants_place)))
-            self._kind = gui.add_dropdown("Kind", tuple(KINDS))
+            self._kinds = self._known_kinds()
+            self._kind = gui.add_dropdown("Kind", tuple(self._kinds))
             self._kind.on_update(lambda event: page.post(lambda: self._choose(event.target.value)))
             self._told = gui.add_html("")
             self._slot = gui.add_folder("Coordinates and options", expand_by_default=False)
@@ -83,6 +85,7 @@ class TaskTab:
             self._drawn_s = now_s
             set_html(self._gantt, gantt_html(view))
             self._draw_planning()
+            self._follow_kinds()
 
     # -- adding ---------------------------------------------------------------------------------------------
 
@@ -103,11 +106,30 @@ class TaskTab:
             return self._page.client.gui.add_form(None)
 
     def _choose(self, kind: str) -> None:
-        self._form.show(task_fields(kind))
+        if kind in self._kinds:
+            self._form.show(task_fields(self._kinds[kind]))
+
+    def _known_kinds(self) -> dict[str, KnownKind]:
+        """Kinds that a person may ask for, by name; of one that robots announce differently the first."""
+        inquiries = self._page.context.inquiries
+        known = stock_kinds() if inquiries is None else inquiries.kinds
+        return {one.kind: one for one in reversed(known) if one.kind != EXPLORE}
+
+    def _follow_kinds(self) -> None:
+        kinds = self._known_kinds()
+        if kinds == self._kinds:
+            return
+        chosen, self._kinds = self._kind.value, kinds
+        names = tuple(sorted(kinds))
+        if names != tuple(self._kind.options):
+            self._kind.options = names  # viser keeps the value if it is still there
+            if chosen in kinds:
+                set_value(self._kind, chosen)
+        self._choose(self._kind.value)
 
     def _add(self) -> None:
         try:
-            submission = submission_of(self._kind.value, self._form.arguments())
+            submission = submission_of(self._kinds[self._kind.value], self._form.arguments())
         except ValueError as error:
             self._tell("bad", f"✕ {error}")
             return
@@ -188,18 +210,22 @@ class TaskTab:
         self._page.post(lambda: self._page.context.ask(COORDINATOR_OBJECTIVE, request, take))
 
 
-def task_fields(kind: str) -> list[Field]:
-    """The fields of the form for a kind of task."""
-    schema = msgspec.json.schema(KINDS[kind])
-    body = schema["$defs"][schema["$ref"].rpartition("/")[2]]
-    shown = {name: shape for name, shape in body["properties"].items() if name not in HIDDEN}
-    required = [name for name in body.get("required", []) if name not in HIDDEN]
+def task_fields(kind: KnownKind) -> list[Field]:
+    """The fields of the form for a kind of task, whose schema may be a stranger's."""
+    (_,), definitions = msgspec.json.schema_components([Task])
+    common, own = definitions["Task"], kind.parameters
+    properties, its_own = own.get("properties"), own.get("$defs")
+    definitions = (its_own if isinstance(its_own, dict) else {}) | definitions
+    given = properties if isinstance(properties, dict) else {}
+    shown = {name: shape for name, shape in (given | common["properties"]).items() if name not in HIDDEN}
+    needed = own.get("required")
+    required = [*common["required"], *(needed if isinstance(needed, list) else [])]
     order = sorted(shown, key=lambda name: (name != "place", name not in required))
     properties = {name: shown[name] for name in order} | {DEADLINE: {"type": "number"}}
-    return fields_of({"properties": properties, "required": required, "$defs": schema.get("$defs", {})})
+    return fields_of({"properties": properties, "required": required, "$defs": definitions})
 
 
-def submission_of(kind: str, arguments: dict[str, Any]) -> TaskSubmission:
+def submission_of(known: KnownKind, arguments: dict[str, Any]) -> TaskSubmission:
     """A new task of the form's arguments, with an id of its own.
 
     Raises:
@@ -208,5 +234,10 @@ def submission_of(kind: str, arguments: dict[str, Any]) -> TaskSubmission:
     """
     given = dict(arguments)
     deadline_in_s = given.pop(DEADLINE, None)
-    task: Task = msgspec.convert({**given, "type": kind, "id": f"{kind}-{secrets.token_hex(3)}"}, Task)
+    common = {field.name for field in msgspec.structs.fields(Task)}
+    parameters = {name: given.pop(name) for name in list(given) if name not in common}
+    kind = known.kind
+    named = {"kind": kind, "id": f"{kind}-{secrets.token_hex(3)}", "parameters": parameters}
+    task = msgspec.convert({**given, **named}, Task)
+    check_announced(kind, task.parameters, [known.parameters])
     return TaskSubmission(task=task, by=BY, deadline_in_s=deadline_in_s)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from robrain.coordinator.dashboard.state.robot_view import TRAIL_POINTS, Condition
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.recording.reader.reading import RecordedMessage
-from robrain.protocol.model.tasks.task import TaskState, kind_of
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.codec import BadPayload
@@ -131,7 +131,7 @@ class ReplayIndex:
             self._add(time_s, "halt", f"{said} by {message.by}")
         elif isinstance(message, LogRecord) and message.level == "error":
             self._add(time_s, "fault", f"{message.robot}: {message.source} {message.text}")
-        elif isinstance(message, TaskEvent) and message.state.ended and kind_of(message.task) != "explore":
+        elif isinstance(message, TaskEvent) and message.state.ended and message.task.kind != "explore":
             kind = "task" if message.state is TaskState.DONE else "fault"
             self._add(time_s, kind, f"{message.task.id} {message.state.value}")
         elif isinstance(message, RobotState):

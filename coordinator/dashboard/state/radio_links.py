@@ -11,7 +11,8 @@ from robrain.coordinator.dashboard.state.focus import Focus, motes_in_focus
 from robrain.coordinator.dashboard.state.robot_view import Contact, MoteView, RobotView
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Relay
+from robrain.protocol.model.tasks.stock_kinds import RELAY, Relay
+from robrain.protocol.model.tasks.task import BadParameters, parameters_of
 from robrain.protocol.wire.messages import MoteReading
 
 STRONGEST_DBM = 20.0
@@ -112,10 +113,14 @@ def relay_lines(view: TeamView) -> list[tuple[Point2D, Point2D]]:
     lines = []
     for event in view.tasks.values():
         task, here = event.task, place_of_robot(view, event.robot)
-        if not isinstance(task, Relay) or here is None:
+        if task.kind != RELAY or here is None:
             continue
-        mote = view.motes.get(task.mote)
-        ends = (mote.place if mote is not None else None, place_of_robot(view, task.robot))
+        try:
+            relay = parameters_of(task, Relay)
+        except BadParameters:
+            continue
+        mote = view.motes.get(relay.mote)
+        ends = (mote.place if mote is not None else None, place_of_robot(view, relay.robot))
         lines += [(here, end) for end in ends if end is not None]
     return lines
 

@@ -3,7 +3,7 @@
 from collections import deque
 from dataclasses import dataclass, field
 
-from robrain.protocol.model.tasks.task import TaskState, kind_of
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.messages import TaskEvent
 from robrain.protocol.wire.plan_messages import TaskDecision
 
@@ -78,7 +78,7 @@ class TaskBoard:
             start_ns = decision.stamp_ns + round(decision.start_in_s * 1e9)
             for robot in decision.robots:
                 time_s = next((bid.time_s for bid in decision.bids if bid.robot == robot), None) or PLANNED_S
-                span = Span(task, kind_of(event.task), start_ns, start_ns + round(time_s * 1e9), event.state)
+                span = Span(task, event.task.kind, start_ns, start_ns + round(time_s * 1e9), event.state)
                 found.setdefault(robot, []).append(span)
         return found
 
@@ -101,7 +101,7 @@ class TaskBoard:
         if not running or not event.robot:
             return
         if span is None:
-            span = Span(task, kind_of(event.task), event.stamp_ns)
+            span = Span(task, event.task.kind, event.stamp_ns)
             self._running[task] = event.robot, span
             self.spans.setdefault(event.robot, deque(maxlen=SPANS)).append(span)
         span.state = event.state

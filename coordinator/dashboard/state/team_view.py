@@ -11,7 +11,6 @@ from robrain.coordinator.dashboard.state.robot_view import MoteView, RobotView
 from robrain.coordinator.dashboard.state.task_board import TaskBoard
 from robrain.coordinator.drawing.map_view import FAR_M, MapView
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.tasks.task import place_of
 from robrain.protocol.wire.arena_messages import ArenaClock, ArenaTruth, Scan
 from robrain.protocol.wire.border import Received
 from robrain.protocol.wire.map_messages import MapPatch
@@ -184,7 +183,7 @@ class TeamView:
         status = robot.state.task if robot.state is not None else None
         event = self.tasks.get(status.id) if status is not None and not status.state.ended else None
         if event is not None:
-            return place_of(event.task)
+            return event.task.place
         return robot.path[-1] if robot.path else None
 
     # -- one topic each -------------------------------------------------------------------------------------
@@ -250,7 +249,7 @@ class TeamView:
 
     def _take_task(self, received: Received, now_s: float) -> None:
         event: TaskEvent = received.message
-        _check_place(place_of(event.task))
+        _check_place(event.task.place)
         self.board.take(event)
 
     def _take_decision(self, received: Received, now_s: float) -> None:

@@ -31,7 +31,6 @@ from robrain.coordinator.drawing.palette import (
     look_of,
 )
 from robrain.coordinator.recording.foxglove.messages import ARENA, color, point, pose, timestamp, wall_cubes
-from robrain.protocol.model.tasks.task import kind_of, place_of
 from robrain.protocol.wire.messages import MoteReading, RobotState, TaskEvent
 
 ROBOT_HEIGHT_M = 0.25
@@ -109,7 +108,7 @@ def mote_entity(reading: MoteReading, stamp_ns: int) -> SceneEntity | None:
 
 def task_entity(event: TaskEvent, stamp_ns: int) -> SceneEntity:
     """An open task: a flag at its place."""
-    at = place_of(event.task)
+    at = event.task.place
     entity = _entity(f"task {event.task.id}", ARENA, stamp_ns)
     mast = LinePrimitive(
         type=LinePrimitive.LINE_STRIP,
@@ -121,7 +120,7 @@ def task_entity(event: TaskEvent, stamp_ns: int) -> SceneEntity:
     )
     entity.lines.append(mast)
     holder = f" {event.robot}" if event.robot else ""
-    kind = "" if event.task.id.startswith(kind_of(event.task)) else f"{kind_of(event.task)} "
+    kind = "" if event.task.id.startswith(event.task.kind) else f"{event.task.kind} "
     text = f"{kind}{event.task.id} {event.state.replace('_', ' ')}{holder}"
     entity.texts.append(_label(text, 0.75, at.x_m, at.y_m, size_m=0.22))
     return entity

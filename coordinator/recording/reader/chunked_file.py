@@ -10,13 +10,19 @@ from typing import NamedTuple
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.records import Channel, Chunk, Schema
+from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import get_chunk_data_stream
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
 from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.reader.reading import RecordedMessage, check_readable, damage_told, is_truncated
+from robrain.coordinator.recording.reader.reading import (
+    RecordedMessage,
+    check_readable,
+    damage_told,
+    is_truncated,
+    recorded_message,
+)
 
 CHUNKS_AT_HAND = 32
 """Chunks kept in memory after they were read: those around the place that is looked at."""
@@ -165,16 +171,8 @@ class ChunkedFile:
                 at += RECORD_HEADER.size
                 if opcode == Opcode.MESSAGE:
                     channel_id, sequence, log_time_ns, publish_time_ns = MESSAGE_HEADER.unpack_from(data, at)
-                    channel = self.channels[channel_id]
-                    messages.append(
-                        RecordedMessage(
-                            channel.topic,
-                            log_time_ns,
-                            data[at + MESSAGE_HEADER.size : at + size],
-                            channel.message_encoding,
-                            publish_time_ns,
-                            sequence,
-                        )
-                    )
+                    payload = data[at + MESSAGE_HEADER.size : at + size]
+                    record = Message(channel_id, log_time_ns, payload, publish_time_ns, sequence)
+                    messages.append(recorded_message(self.channels[channel_id], record))
                 at += size
             return messages

@@ -27,10 +27,14 @@ from robrain.coordinator.recording.writer.provenance import (
     VERSIONS_METADATA,
     Provenance,
 )
+from robrain.protocol.model.tasks.old_form import upgraded_json
 from robrain.protocol.wire.clock import to_seconds
 
 DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, KeyError)
 """What mcap raises over bytes that are not what they should be; a wrong checksum is a ValueError."""
+
+TASKS = "/task/"
+"""In the keys of messages that hold tasks."""
 
 PROGRESS_RECORDS = 1000
 """How many records lie between two words on how far it is."""
@@ -50,6 +54,14 @@ class RecordedMessage(NamedTuple):
     """The sender's stamp, or the time of recording where it gave none."""
     sequence: int = 0
     """The sender's number of the message, modulo 2**32."""
+
+
+def recorded_message(channel: Channel, message: Message) -> RecordedMessage:
+    """A message of a file; tasks of older recordings get today's form."""
+    payload = upgraded_json(message.data) if TASKS in channel.topic else message.data
+    return RecordedMessage(
+        channel.topic, message.log_time, payload, channel.message_encoding, message.publish_time, message.sequence
+    )
 
 
 class RecordingInfo(msgspec.Struct, frozen=True, kw_only=True):
@@ -179,15 +191,7 @@ def _messages(path: Path, on_progress: Callable[[float], None] | None = None) ->
             if isinstance(record, Channel):
                 channels[record.id] = record
             elif isinstance(record, Message):
-                channel = channels[record.channel_id]
-                yield RecordedMessage(
-                    channel.topic,
-                    record.log_time,
-                    record.data,
-                    channel.message_encoding,
-                    record.publish_time,
-                    record.sequence,
-                )
+                yield recorded_message(channels[record.channel_id], record)
     if on_progress is not None:
         on_progress(1.0)
 

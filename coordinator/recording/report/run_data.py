@@ -13,7 +13,6 @@ from robrain.coordinator.recording.reader.reading import read_messages
 from robrain.coordinator.recording.report.happenings import Happening, Happenings
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
-from robrain.protocol.model.tasks.task import kind_of
 from robrain.protocol.wire.arena_messages import ArenaTruth
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.codec import BadPayload
@@ -234,7 +233,7 @@ class _Gather:
         name = event.task.id
         task = self.run.tasks.get(name)
         if task is None:
-            task = self.run.tasks[name] = TaskRun(name, kind_of(event.task), event.state, queued_s=t_s)
+            task = self.run.tasks[name] = TaskRun(name, event.task.kind, event.state, queued_s=t_s)
         task.state, task.why = event.state, event.why
         task.robot = event.robot or task.robot
         if task.spans and task.spans[-1][2] is None and (event.state != "running" or event.robot != task.spans[-1][0]):

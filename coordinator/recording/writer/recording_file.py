@@ -33,7 +33,7 @@ from robrain.coordinator.recording.writer.provenance import (
     software_versions,
 )
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.schema.json_schema import bare, schema_of
+from robrain.protocol.wire.schema.struct_schema import bare, schema_of
 from robrain.protocol.wire.topic import JSON, Topic
 
 if TYPE_CHECKING:

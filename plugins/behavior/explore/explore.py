@@ -16,7 +16,8 @@ from robrain.plugins.skill.mapper.interface import MapView
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.navigation.frontier import MIN_CELLS, find_frontiers, frontier_mask
-from robrain.protocol.model.tasks.task import Explore, TaskState
+from robrain.protocol.model.tasks.stock_kinds import EXPLORE, TaskParameters
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages import TaskAnswer
 from robrain.protocol.wire.reasons.offers import NoPath
@@ -41,6 +42,9 @@ WHY = {
 class ExploreBehavior(Behavior):
     """Explores one frontier after the other."""
 
+    kind = EXPLORE
+    task_parameters = TaskParameters
+
     class Parameters(TravelParameters, frozen=True, forbid_unknown_fields=True):
         """When a frontier counts as explored."""
 
@@ -54,7 +58,7 @@ class ExploreBehavior(Behavior):
 
     def init(self) -> None:
         self._travel = Travel(self.env, self.parameters)
-        self._task: Explore | None = None
+        self._task: Task | None = None
         self._is_own = False
         """The robot has chosen the task itself."""
         self._own_choices = 0
@@ -67,7 +71,7 @@ class ExploreBehavior(Behavior):
 
     def activate(self) -> None:
         self._travel.connect()
-        self.env.do_tasks(Explore, self._accept, self._let_go)
+        self.env.do_tasks(self._accept, self._let_go)
         self.env.board.behavior = IDLE
         self._started_ns = self._look_due_ns = self.env.clock.now_ns()
 
@@ -83,7 +87,7 @@ class ExploreBehavior(Behavior):
     @external
     def goal(self) -> Point2D | None:
         """The frontier that the robot drives to; null if none."""
-        return None if self._task is None else self._task.goal
+        return None if self._task is None else self._task.place
 
     def step(self) -> None:
         tasks, own = self.env.tasks, self.env.plugin
@@ -106,8 +110,8 @@ class ExploreBehavior(Behavior):
         else:
             self._travel.forget()  # another behavior drives
 
-    def _pursue(self, task: Explore) -> None:
-        if (self._travel.roams or not self._travel.lost) and self._is_seen(self._travel.view(), task.goal):
+    def _pursue(self, task: Task) -> None:
+        if (self._travel.roams or not self._travel.lost) and self._is_seen(self._travel.view(), task.place):
             self._finish(TaskState.DONE, "nothing unknown is left there")
             return
         if self._is_hidden:
@@ -179,17 +183,17 @@ class ExploreBehavior(Behavior):
         for goal in self._frontiers():
             if goal not in self._spent and self._aim(goal):
                 self._own_choices += 1
-                self._task = Explore(id=f"own-{self.env.robot}-{self._own_choices}", goal=goal)
+                self._task = Task(id=f"own-{self.env.robot}-{self._own_choices}", kind=EXPLORE, place=goal)
                 self._is_own = True
                 self.env.board.behavior = "explore alone"
                 return
         self.env.tasks.vacate(self.env.plugin)
 
-    def _accept(self, task: Explore) -> TaskAnswer:
+    def _accept(self, task: Task) -> TaskAnswer:
         if (lost := self._travel.position_lost) is not None:
             return TaskAnswer.refused(lost)
         self._travel.roams = False
-        if not self._aim(task.goal, round(min(task.priority, PRIORITY_MAX))):
+        if not self._aim(task.place, round(min(task.priority, PRIORITY_MAX))):
             return TaskAnswer.refused(NoPath())
         self._task, self._is_own = task, False
         self.env.board.behavior = "explore"
@@ -205,7 +209,7 @@ class ExploreBehavior(Behavior):
             self._is_own = False
             self.env.tasks.vacate(self.env.plugin)
             if task is not None:
-                self._spent.append(task.goal)
+                self._spent.append(task.place)
         if state is TaskState.FAILED:
             self._travel.stand()
         else:

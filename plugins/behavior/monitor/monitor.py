@@ -14,7 +14,8 @@ from robrain.plugins.behavior.monitor.picture_change import VIEW_RAD, changed_sh
 from robrain.plugins.behavior.travel import TravelParameters
 from robrain.plugins.device.camera.interface import CameraInterface
 from robrain.plugins.skill.energy.interface import Work
-from robrain.protocol.model.tasks.task import Monitor
+from robrain.protocol.model.tasks.stock_kinds import MONITOR, Monitor
+from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.clock import to_ns, to_seconds
 
 TOLD_IMAGES = 6
@@ -33,7 +34,7 @@ class RoomChange(msgspec.Struct, frozen=True, kw_only=True):
     """Of the picture that has changed."""
 
 
-class MonitorBehavior(Errand):
+class MonitorBehavior(Errand[Monitor]):
     """Looks around at intervals and reports changes."""
 
     class Parameters(TravelParameters, frozen=True, forbid_unknown_fields=True):
@@ -54,7 +55,7 @@ class MonitorBehavior(Errand):
             if not 0 < self.changed_share < 1:
                 raise ValueError(f"expected changed_share above 0 and below 1, got {self.changed_share}")
 
-    kind = Monitor
+    kind = MONITOR
     parameters: Parameters
     changed = Event[RoomChange](outside=True)
 
@@ -68,19 +69,19 @@ class MonitorBehavior(Errand):
         self._images = ImageOut(self.env)
         super().activate()
 
-    def work(self, task: Monitor) -> Work:
+    def work(self, task: Task, monitor: Monitor) -> Work:
         """A full turn each round, and standing."""
-        rounds = math.ceil(task.duration_s / task.interval_s)
-        return Work(turn_rad=rounds * math.tau, wait_s=task.duration_s)
+        rounds = math.ceil(monitor.duration_s / monitor.interval_s)
+        return Work(turn_rad=rounds * math.tau, wait_s=monitor.duration_s)
 
-    def do(self, task: Monitor) -> Script:
+    def do(self, task: Task, monitor: Monitor) -> Script:
         """Look around, again and again. Result: `rounds`, `changes`, `images`."""
-        yaws_rad = [view * math.tau / task.views for view in range(task.views)]
+        yaws_rad = [view * math.tau / monitor.views for view in range(monitor.views)]
         seen: dict[float, NDArray[np.float64]] = {}
         images: list[str] = []
         rounds = changes = 0
         next_ns = self.env.clock.now_ns()
-        until_ns = next_ns + to_ns(task.duration_s)
+        until_ns = next_ns + to_ns(monitor.duration_s)
         while next_ns < until_ns:
             yield from self.wait(to_seconds(next_ns - self.env.clock.now_ns()))
             for yaw_rad in yaws_rad:
@@ -97,6 +98,6 @@ class MonitorBehavior(Errand):
                     yaw_now_rad = self.travel.pose().yaw_rad
                     self.changed.notify(RoomChange(task=task.id, image=image, yaw_rad=yaw_now_rad, share=share))
             rounds += 1
-            next_ns = max(next_ns + to_ns(task.interval_s), self.env.clock.now_ns())
+            next_ns = max(next_ns + to_ns(monitor.interval_s), self.env.clock.now_ns())
         yield from self.wait(to_seconds(until_ns - self.env.clock.now_ns()))
         return {"rounds": rounds, "changes": changes, "images": images}

@@ -5,6 +5,7 @@ What counts is the current: where a robot believes to be is some centimetres off
 
 import math
 from collections.abc import Callable, Generator
+from typing import Any
 
 from robrain.plugins.behavior.errand import Errand, Failed, Part
 from robrain.plugins.skill.home.interface import ChargerPlace
@@ -35,7 +36,7 @@ class Docking:
 
     """
 
-    def __init__(self, errand: Errand, charger: ChargerPlace, no_power_s: float) -> None:
+    def __init__(self, errand: Errand[Any], charger: ChargerPlace, no_power_s: float) -> None:
         self._errand = errand
         self._charger = charger
         self._no_power_ns = to_ns(no_power_s)

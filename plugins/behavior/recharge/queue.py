@@ -12,7 +12,8 @@ from robrain.plugins.behavior.travel import PRIORITY_MAX, Progress
 from robrain.plugins.skill.home.interface import ChargerPlace
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Recharge
+from robrain.protocol.model.tasks.stock_kinds import Recharge
+from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.clock import to_ns
 
 ASIDE_M = (1.3, 2.0)
@@ -38,13 +39,14 @@ class Queue:
 
     Args:
         errand: the behavior.
-        task: says which charger is wanted most.
+        task: its place is the charger that is wanted most.
+        yaw_rad: heading of a robot docked there, arena frame; None if it is not known.
 
     """
 
-    def __init__(self, errand: Errand, task: Recharge) -> None:
+    def __init__(self, errand: Errand[Recharge], task: Task, yaw_rad: float | None) -> None:
         self._errand = errand
-        self._wanted = ChargerPlace(task.place.x_m, task.place.y_m, task.yaw_rad)
+        self._wanted = ChargerPlace(task.place.x_m, task.place.y_m, yaw_rad)
         self._priority = round(min(task.priority, PRIORITY_MAX))
         self._left_out: dict[Point2D, int] = {}
         """Until when."""

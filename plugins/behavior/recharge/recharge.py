@@ -4,7 +4,7 @@ It must when another behavior has asked for the way home, or when what the batte
 way home takes: the running task is given back then, and no other is taken on before there is enough again.
 """
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from robrain.plugins.behavior.budget import length_m
 from robrain.plugins.behavior.docks import AT_DOCK_M
@@ -15,7 +15,8 @@ from robrain.plugins.behavior.travel import TravelParameters
 from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.skill.home.interface import ChargerPlace
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Recharge, TaskState, Visit
+from robrain.protocol.model.tasks.stock_kinds import RECHARGE, VISIT, Recharge
+from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages import TaskAnswer
 
@@ -35,7 +36,7 @@ QUEUE_S = 180.0
 """As long as others have all the chargers, it keeps what standing for so long takes as well. Chosen."""
 
 
-class RechargeBehavior(Errand):
+class RechargeBehavior(Errand[Recharge]):
     """Docks at a charger and charges the robot."""
 
     class Parameters(TravelParameters, frozen=True, forbid_unknown_fields=True):
@@ -55,7 +56,7 @@ class RechargeBehavior(Errand):
             if not 0 < self.until_soc <= 1:
                 raise ValueError(f"expected until_soc above 0 and at most 1, got {self.until_soc}")
 
-    kind = Recharge
+    kind = RECHARGE
     idle_period_s: ClassVar[float | None] = GUARD_S
     parameters: Parameters
 
@@ -82,17 +83,17 @@ class RechargeBehavior(Errand):
 
     # -- at the charger -------------------------------------------------------------------------------------
 
-    def work(self, task: Any) -> Work:
+    def work(self, task: Task, parameters: Recharge) -> Work:
         """Docking; what is used at the charger comes from the charger."""
         return Work(wait_s=DOCK_S)
 
-    def left_s(self, run: Run) -> float | None:
+    def left_s(self, run: Run[Recharge]) -> float | None:
         """Nobody knows: others may have the charger."""
         return None
 
-    def play(self, task: Recharge, goal: Point2D) -> Script:
+    def play(self, task: Task, parameters: Recharge) -> Script:
         """To a charger that nobody else has, and to the next if that one is of no use; waits while there is none."""
-        self._queue = Queue(self, task)
+        self._queue = Queue(self, task, parameters.yaw_rad)
         self._charged_j = 0.0
         while True:
             charger = self._queue.choose()
@@ -104,7 +105,7 @@ class RechargeBehavior(Errand):
                 if self.run is not None:
                     self.run.there_ns = self.env.clock.now_ns()
                 try:
-                    result = yield from self.charge_at(charger, task)
+                    result = yield from self.charge_at(charger, parameters.until_soc)
                 except Failed as failed:
                     self._queue.leave_out(charger, str(failed))
                     continue
@@ -112,11 +113,12 @@ class RechargeBehavior(Errand):
                     return result
                 yield from self._queue.give_up_place(charger)
 
-    def do(self, task: Recharge) -> Script:
+    def do(self, task: Task, parameters: Recharge) -> Script:
         """Dock and charge where the task says."""
-        return (yield from self.charge_at(ChargerPlace(task.place.x_m, task.place.y_m, task.yaw_rad), task))
+        charger = ChargerPlace(task.place.x_m, task.place.y_m, parameters.yaw_rad)
+        return (yield from self.charge_at(charger, parameters.until_soc))
 
-    def charge_at(self, charger: ChargerPlace, task: Recharge) -> Script:
+    def charge_at(self, charger: ChargerPlace, until_soc: float) -> Script:
         """Dock and charge; no result if a mate needs the charger more.
 
         Result: `soc`; `docked_m`, how far from the place it stood; `charged_j`, what came from the charger.
@@ -125,18 +127,18 @@ class RechargeBehavior(Errand):
         yield from docking.dock()
         docked_m = self.away_m(charger.place)
         begun_soc = self.battery().soc
-        if (yield from docking.charge(task.until_soc, self._queue.must_give)):
+        if (yield from docking.charge(until_soc, self._queue.must_give)):
             return {}
         soc = self.battery().soc
         # A battery may be full before the estimate of it says so; one that stops on the way is another matter.
-        has_come = docking.has_charged or begun_soc >= task.until_soc
-        if soc < task.until_soc - FULL_ERROR or not has_come:
+        has_come = docking.has_charged or begun_soc >= until_soc
+        if soc < until_soc - FULL_ERROR or not has_come:
             if docking.has_charged:
                 raise Failed(f"the charger has stopped at {soc:.0%}")
             raise Failed(f"the charger gives nothing, {docked_m:.2f} m from its place")
         return {"soc": round(soc, 3), "docked_m": round(docked_m, 3), "charged_j": round(self._charged_j, 1)}
 
-    def _measure(self, run: Run) -> None:
+    def _measure(self, run: Run[Recharge]) -> None:
         """What is used at the charger comes from the charger: `energy_j` is what the way to it has cost."""
         before_j = run.energy_j
         super()._measure(run)
@@ -147,19 +149,19 @@ class RechargeBehavior(Errand):
 
     # -- told to --------------------------------------------------------------------------------------------
 
-    def why_not(self, run: Run) -> None:
+    def why_not(self, run: Run[Recharge]) -> None:
         """Nothing: to run out of energy on the way to a charger is no worse than to wait for it."""
 
-    def why_go_home(self, run: Run) -> str:
+    def why_go_home(self, run: Run[Recharge]) -> str:
         """Nothing: it is on its way."""
         return ""
 
-    def accept(self, task: Recharge) -> TaskAnswer:
+    def accept(self, task: Task) -> TaskAnswer:
         """Take on a task; its charger is known from now on."""
         answer = super().accept(task)
         if answer.accepted:
             self._wanted = ""
-            self.budget.home.learn(ChargerPlace(task.place.x_m, task.place.y_m, task.yaw_rad))
+            self.budget.home.learn(ChargerPlace(task.place.x_m, task.place.y_m, parameters_of(task, Recharge).yaw_rad))
         return answer
 
     # -- of its own accord ----------------------------------------------------------------------------------
@@ -224,9 +226,9 @@ class RechargeBehavior(Errand):
         is_at_one = any(pose.distance_m(charger.place) <= AT_DOCK_M for charger in chargers)
         if is_at_one and self.budget.docks.waiting(chargers) and self.env.tasks.occupy(self.env.plugin):
             here = Point2D(pose.x_m, pose.y_m)
-            task = Visit(id=f"aside-{self.env.robot}", place=here)
-            queue = Queue(self, Recharge(id=task.id, place=here))
-            self.take_on(Run(task, queue.stand_aside, here, 0.0, 0.0, own="make room"))
+            task = Task(id=f"aside-{self.env.robot}", kind=VISIT, place=here)
+            queue = Queue(self, task, None)
+            self.take_on(Run(task, Recharge(), queue.stand_aside, here, 0.0, 0.0, own="make room"))
 
     def _set_out_home(self) -> None:
         """Go to the nearest charger, or where the robot started; later, if a task has yet to be given back."""
@@ -247,25 +249,12 @@ class RechargeBehavior(Errand):
         name = f"home-{self.env.robot}-{self._count}"
         way_m = length_m([here, *path])
         if charger is not None:
-            task = Recharge(
-                id=name,
-                place=goal,
-                priority=HOMEWARD,
-                yaw_rad=charger.yaw_rad,
-                until_soc=self.parameters.until_soc,
-            )
-            self.take_on(Run(task, lambda: self.play(task, goal), goal, way_m, 0.0, own="recharge"))
+            wanted = Recharge(yaw_rad=charger.yaw_rad, until_soc=self.parameters.until_soc)
+            task = Task(id=name, kind=RECHARGE, place=goal, priority=HOMEWARD, parameters=wanted.json)
+            self.take_on(Run(task, wanted, lambda: self.play(task, wanted), goal, way_m, 0.0, own="recharge"))
         else:
-            self.take_on(
-                Run(
-                    Visit(id=name, place=goal, priority=HOMEWARD),
-                    lambda: self._return(goal),
-                    goal,
-                    way_m,
-                    0.0,
-                    own="go home",
-                )
-            )
+            task = Task(id=name, kind=VISIT, place=goal, priority=HOMEWARD)
+            self.take_on(Run(task, Recharge(), lambda: self._return(goal), goal, way_m, 0.0, own="go home"))
 
     def _return(self, goal: Point2D) -> Script:
         yield from self.go(goal)

@@ -14,7 +14,8 @@ from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.unit.snw_exploration.interface import SnwInterface
 from robrain.plugins.unit.teammates.interface import TeammatesInterface
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Relay
+from robrain.protocol.model.tasks.stock_kinds import RELAY, Relay
+from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.reasons.offers import OfferRefusal
 from robrain.protocol.wire.reasons.reason import Said
@@ -23,7 +24,7 @@ BALANCE_DB = 3.0
 """A step towards the weaker of two links must be worth more than this; about what a step of the usual size changes."""
 
 
-class RelayBehavior(Errand):
+class RelayBehavior(Errand[Relay]):
     """Keeps a radio link to a mote, a robot, or both."""
 
     class Parameters(TravelParameters, frozen=True, forbid_unknown_fields=True):
@@ -43,7 +44,7 @@ class RelayBehavior(Errand):
                 if not getattr(self, name) > 0:
                     raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
 
-    kind = Relay
+    kind = RELAY
     parameters: Parameters
 
     def activate(self) -> None:
@@ -51,60 +52,62 @@ class RelayBehavior(Errand):
         self._mates = self.env.use("teammates", TeammatesInterface)
         super().activate()
 
-    def work(self, task: Relay) -> Work:
+    def work(self, task: Task, relay: Relay) -> Work:
         """Standing, and the way to as far as it may stray."""
-        return Work(path_m=self.parameters.stray_m, wait_s=task.duration_s)
+        return Work(path_m=self.parameters.stray_m, wait_s=relay.duration_s)
 
-    def why_not(self, run: Run) -> OfferRefusal | None:
+    def why_not(self, run: Run[Relay]) -> OfferRefusal | None:
         """Nobody is the link to itself."""
-        if run.task.robot == self.env.robot:
+        if run.parameters.robot == self.env.robot:
             return Said("a robot is no relay to itself")
         return super().why_not(run)
 
-    def do(self, task: Relay) -> Script:
+    def do(self, task: Task, relay: Relay) -> Script:
         """Hold the links. Result: `share_linked` of the time, mean `rssi_dbm`, `moved_m` from the place."""
         begun_ns = last_ns = self.env.clock.now_ns()
-        until_ns, adjust_ns = begun_ns + to_ns(task.duration_s), begun_ns + to_ns(self.parameters.adjust_s)
+        until_ns, adjust_ns = begun_ns + to_ns(relay.duration_s), begun_ns + to_ns(self.parameters.adjust_s)
         linked_ns = 0
         silent_ns = to_ns(self.parameters.silent_s)
-        ends = {"mote": task.mote, "robot": task.robot}
+        ends = {"mote": relay.mote, "robot": relay.robot}
         links = {end: HeldLink(begun_ns, silent_ns) for end, name in ends.items() if name}
         while last_ns < until_ns:
             yield
             now_ns = self.env.clock.now_ns()
-            self._listen(task, links)
+            self._listen(relay, links)
             strengths_dbm = sorted(link.strength_dbm(now_ns) for link in links.values())
-            is_linked = strengths_dbm[0] >= task.rssi_min_dbm
+            is_linked = strengths_dbm[0] >= relay.rssi_min_dbm
             linked_ns += (now_ns - last_ns) * is_linked
             last_ns = now_ns
             if not is_linked and now_ns >= adjust_ns:
                 weakest = min(links.values(), key=lambda link: link.strength_dbm(now_ns))
                 is_clear = len(links) == 1 or strengths_dbm[1] - strengths_dbm[0] > BALANCE_DB
-                nearer = self._nearer(task, weakest.place) if is_clear else None
+                nearer = self._nearer(task.place, weakest.place) if is_clear else None
                 if nearer is not None:
                     yield from self.go(nearer)
                     for link in links.values():
                         link.move()
                 adjust_ns = self.env.clock.now_ns() + to_ns(self.parameters.adjust_s)
         share = round(linked_ns / (last_ns - begun_ns), 3)
-        return self._result(task, links, share, to_seconds(last_ns - begun_ns))
+        return self._result(task, relay, links, share, to_seconds(last_ns - begun_ns))
 
-    def _listen(self, task: Relay, links: dict[str, HeldLink]) -> None:
-        if task.mote:
-            mote = next((heard for heard in self._snw.heard() if heard.mote == task.mote), None)
+    def _listen(self, relay: Relay, links: dict[str, HeldLink]) -> None:
+        if relay.mote:
+            mote = next((heard for heard in self._snw.heard() if heard.mote == relay.mote), None)
             if mote is not None:
                 links["mote"].hear(mote.rssi_dbm, mote.stamp_ns)
                 links["mote"].place = mote.place
-        if task.robot:
-            robot = next((heard for heard in self._snw.robots() if heard.robot == task.robot), None)
+        if relay.robot:
+            robot = next((heard for heard in self._snw.robots() if heard.robot == relay.robot), None)
             if robot is not None:
                 links["robot"].hear(robot.rssi_dbm, robot.stamp_ns)
-            mate = next((mate for mate in self._mates.others() if mate.name == task.robot), None)
+            mate = next((mate for mate in self._mates.others() if mate.name == relay.robot), None)
             if mate is not None:
                 links["robot"].place = Point2D(mate.pose.x_m, mate.pose.y_m)
 
-    def _result(self, task: Relay, links: dict[str, HeldLink], share_linked: float, held_s: float) -> dict[str, Any]:
-        first = links["mote" if task.mote else "robot"]
+    def _result(
+        self, task: Task, relay: Relay, links: dict[str, HeldLink], share_linked: float, held_s: float
+    ) -> dict[str, Any]:
+        first = links["mote" if relay.mote else "robot"]
         result: dict[str, Any] = {
             "share_linked": share_linked,
             "rssi_dbm": first.mean_dbm,
@@ -112,12 +115,12 @@ class RelayBehavior(Errand):
             "moved_m": round(self.away_m(task.place), 2),
             "held_s": round(held_s, 1),
         }
-        if task.mote and task.robot:
+        if relay.mote and relay.robot:
             result["robot_rssi_dbm"] = links["robot"].mean_dbm
             result["robot_packets"] = len(links["robot"].strengths_dbm)
         return result
 
-    def _nearer(self, task: Relay, end: Point2D | None) -> Point2D | None:
+    def _nearer(self, place: Point2D, end: Point2D | None) -> Point2D | None:
         """A step along the way to an end, no farther from the task's place than allowed; None if there is none."""
         if end is None:
             return None
@@ -133,5 +136,5 @@ class RelayBehavior(Errand):
                 at = Point2D(at.x_m + share * (corner.x_m - at.x_m), at.y_m + share * (corner.y_m - at.y_m))
                 break
             at, left_m = corner, left_m - leg_m
-        strays_m = math.hypot(at.x_m - task.place.x_m, at.y_m - task.place.y_m)
+        strays_m = math.hypot(at.x_m - place.x_m, at.y_m - place.y_m)
         return at if strays_m <= self.parameters.stray_m and pose.distance_m(at) > 0.1 else None

@@ -1,15 +1,16 @@
 """Visit: goes to a place and stays there for the task's service time."""
 
 from robrain.plugins.behavior.errand import Errand, Script
-from robrain.protocol.model.tasks.task import Visit
+from robrain.protocol.model.tasks.stock_kinds import VISIT, TaskParameters
+from robrain.protocol.model.tasks.task import Task
 
 
-class VisitBehavior(Errand):
+class VisitBehavior(Errand[TaskParameters]):
     """Drives to a place and stays there."""
 
-    kind = Visit
+    kind = VISIT
 
-    def do(self, task: Visit) -> Script:
+    def do(self, task: Task, parameters: TaskParameters) -> Script:
         """Stay. Result: `off_m`, how far from the place the robot stood."""
         off_m = self.away_m(task.place)
         yield from self.wait(task.service_s)

@@ -139,8 +139,8 @@ def _cast_rays(
         delta_y = 1.0 / abs(direction_y) if direction_y != 0 else np.inf
         gap_x = start_column + 1 - start_x if direction_x > 0 else start_x - start_column
         gap_y = start_row + 1 - start_y if direction_y > 0 else start_y - start_row
-        next_x = gap_x * delta_x if direction_x != 0 else np.inf
-        next_y = gap_y * delta_y if direction_y != 0 else np.inf
+        next_x = gap_x * delta_x if delta_x < np.inf else np.inf  # 1 / 5e-324 is infinite, too
+        next_y = gap_y * delta_y if delta_y < np.inf else np.inf
         row, column = start_row, start_column
         distance = range_max
         turn = -1.0

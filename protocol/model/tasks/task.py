@@ -1,22 +1,25 @@
 """Tasks: what a robot can be asked to do, and the states that it goes through.
 
-`Task` is a tagged union; the tag is the field `type` on the wire. What all kinds have in common has a default, and a
-field that has its default does not travel: a task of an older peer decodes, and an `Explore` still is what it was.
+A task of any kind is one struct. What only one kind has is in `parameters`, plain JSON, which the behavior that does
+this kind reads as a type of its own (`parameters_of`). A field that has its default does not travel.
 """
 
 import math
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Any, TypeVar
 
 import msgspec
 from msgspec import Meta
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.ranges import Duration, Name, Priority, Quantity, Radians, Share, Stamp
+from robrain.protocol.model.ranges import Duration, Name, Priority, Stamp
 
 Needs = Annotated[tuple[Name, ...], Meta(max_length=64)]
 After = Annotated[tuple[Name, ...], Meta(max_length=1000)]
 Team = Annotated[int, Meta(ge=1, le=1000)]
+Parameters = Annotated[dict[str, Any], Meta(max_length=64)]
+"""A JSON object."""
+P = TypeVar("P", bound=msgspec.Struct)
 
 
 class TaskState(StrEnum):
@@ -36,10 +39,14 @@ class TaskState(StrEnum):
         return self in (TaskState.DONE, TaskState.FAILED, TaskState.CANCELLED)
 
 
-class TaskBase(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Fields of every task. Raises ValueError if built with values that make no sense."""
+class Task(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Something to do at one place. Raises ValueError if built with values that make no sense."""
 
     id: Name
+    kind: Name
+    """What is to be done, as the behavior that does it calls it: `visit`."""
+    place: Point2D
+    """Arena frame."""
     priority: Priority = 1.0
     """Reward for doing it: a task of priority 2 is worth two of priority 1."""
     earliest_ns: Stamp = 0
@@ -54,168 +61,77 @@ class TaskBase(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Ids of the tasks that must be done before."""
     robots: Team = 1
     """Number of robots that must work on it at the same time."""
+    parameters: Parameters = {}
+    """What its kind needs besides, as JSON."""
 
     def __post_init__(self) -> None:
-        if not self.id:
-            raise ValueError("expected a task to have an id, got an empty one")
+        for name in ("id", "kind"):
+            if not getattr(self, name):
+                raise ValueError(f"expected a task to have {name}, got an empty one")
         check_numbers(self, above=("priority",), not_below=("earliest_ns", "service_s"))
         if self.deadline_ns is not None and self.deadline_ns <= self.earliest_ns:
             raise ValueError(f"expected deadline_ns after earliest_ns {self.earliest_ns}, got {self.deadline_ns}")
         if self.robots < 1:
             raise ValueError(f"expected robots >= 1, got {self.robots}")
-
-
-class Explore(TaskBase, frozen=True, kw_only=True, tag="explore", omit_defaults=True):
-    """Go to a border of the known and see what lies behind it."""
-
-    goal: Point2D
-    """Arena frame."""
-
-
-class PlacedTask(TaskBase, frozen=True, kw_only=True, omit_defaults=True):
-    """A task that is done at one place."""
-
-    place: Point2D
-    """Arena frame."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
         if not (math.isfinite(self.place.x_m) and math.isfinite(self.place.y_m)):
             raise ValueError(f"expected a finite place, got {self.place}")
 
 
-class Visit(PlacedTask, frozen=True, kw_only=True, tag="visit", omit_defaults=True):
-    """Go to a place, and stay there for `service_s`."""
+class BadParameters(ValueError):
+    """Parameters that do not fit the kind of a task.
 
+    Args:
+        kind: the kind of task.
+        field: the parameter, with dots where it is nested; empty if the mistake is in none alone.
+        why: what is wrong with it; empty if it is missing.
 
-class Inspect(PlacedTask, frozen=True, kw_only=True, tag="inspect", omit_defaults=True):
-    """Go to a place and take a picture. Result: `image`, the key under which it was published."""
-
-    look_at: Point2D | None = None
-    """What is to be in the picture, arena frame; None takes what is in front."""
-
-
-class Collect(PlacedTask, frozen=True, kw_only=True, tag="collect", omit_defaults=True):
-    """Go near a mote and take the readings that it has stored along. Result: `readings`, how many came."""
-
-    mote: Name
-    timeout_s: Duration = 60.0
-    """Longest wait at the mote."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_numbers(self, above=("timeout_s",))
-
-
-class Relay(PlacedTask, frozen=True, kw_only=True, tag="relay", omit_defaults=True):
-    """Be the link to a mote, to another robot, or between the two, for a time.
-
-    Result: `share_linked`, and `rssi_dbm` (the mean) of the mote or, without one, of the robot.
     """
 
-    mote: Name = ""
-    duration_s: Duration
-    rssi_min_dbm: Quantity = -85.0
-    """If a link is weaker than this, the robot moves nearer."""
-    robot: Name = ""
-    """The next robot of a chain; a link to it is held as well."""
+    def __init__(self, kind: str, field: str, why: str) -> None:
+        self.kind = kind
+        self.field = field
+        self.why = why
+        super().__init__(self.words(field))
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_numbers(self, above=("duration_s",), finite=("rssi_min_dbm",))
-        if not (self.mote or self.robot):
-            raise ValueError("expected a mote or a robot to be the link to, got neither")
+    def words(self, name: str) -> str:
+        """What is wrong, with another name for the field, such as an option's."""
+        if not self.why:
+            return f"a task to {self.kind} needs {name}"
+        return f"{name}: {self.why}" if name else self.why
 
 
-class Monitor(PlacedTask, frozen=True, kw_only=True, tag="monitor", omit_defaults=True):
-    """Watch a room: look around at intervals and tell what has changed. Result: `rounds`, `changes`, `images`.
+def parameters_of(task: Task, type_: type[P]) -> P:
+    """The parameters of a task as the type that its kind has for them.
 
-    With a `quantity` a mote that is there may do it instead. Result then: `rounds`, `least`, `greatest`, `mote`.
+    Raises:
+        BadParameters: they do not fit.
+
+    >>> from robrain.protocol.model.tasks.stock_kinds import Relay
+    >>> task = Task(id="t", kind="relay", place=Point2D(0.0, 0.0), parameters={"mote": "m1"})
+    >>> parameters_of(task, Relay)
+    Traceback (most recent call last):
+    robrain.protocol.model.tasks.task.BadParameters: a task to relay needs duration_s
     """
-
-    duration_s: Duration
-    interval_s: Duration = 30.0
-    """From the start of one round to the start of the next."""
-    views: Annotated[int, Meta(ge=1, le=16)] = 4
-    """Directions per round, spread evenly over the circle."""
-    quantity: Name = ""
-    """Quantity that a mote may watch instead of pictures; empty for pictures only."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_numbers(self, above=("duration_s", "interval_s"))
-        if not 1 <= self.views <= 16:
-            raise ValueError(f"expected views from 1 to 16, got {self.views}")
-
-
-class Sense(PlacedTask, frozen=True, kw_only=True, tag="sense", omit_defaults=True):
-    """Bring one reading from a place. Result: `value`, `quantity`, `mote`."""
-
-    quantity: Name = "temperature_c"
-    mote: Name = ""
-    """The mote to read; if empty, the one heard best at the place."""
-    timeout_s: Duration = 30.0
-    """Time limit for a reading."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_numbers(self, above=("timeout_s",))
+    try:
+        return msgspec.convert(task.parameters, type_)
+    except msgspec.ValidationError as error:
+        why, _, path = str(error).partition(" - at `$")
+        field = path.rstrip("`").removeprefix(".")
+        missing = why.removeprefix("Object missing required field ")
+        if missing != why:
+            name = ".".join(part for part in (field, missing.strip("`")) if part)
+            raise BadParameters(task.kind, name, "") from error
+        unknown = why.removeprefix("Object contains unknown field ")
+        if unknown != why:
+            names = ", ".join(sorted(one.name for one in msgspec.structs.fields(type_))) or "none"
+            why = f"a task to {task.kind} has no such parameter, but {names}"
+            raise BadParameters(task.kind, unknown.strip("`"), why) from error
+        raise BadParameters(task.kind, field, why) from error
 
 
-class Replace(PlacedTask, frozen=True, kw_only=True, tag="replace", omit_defaults=True):
-    """Stand in for a mote: sense at its place, as often as it did. Result: `readings`."""
-
-    mote: Name
-    duration_s: Duration
-    period_s: Duration = 4.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_numbers(self, above=("duration_s", "period_s"))
-
-
-class Recharge(PlacedTask, frozen=True, kw_only=True, tag="recharge", omit_defaults=True):
-    """Dock at a charger, which is the place, and stay until the battery is full enough.
-
-    Result: `soc`, `docked_m`, and `charged_j`; `energy_j` is what it took to get there.
-    """
-
-    yaw_rad: Radians | None = None
-    """Heading of the docked robot; None leaves it to the robot."""
-    until_soc: Share = 0.95
-    """State of charge, above 0 to 1."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 0 < self.until_soc <= 1:
-            raise ValueError(f"expected until_soc above 0 and at most 1, got {self.until_soc}")
-        if self.yaw_rad is not None and not math.isfinite(self.yaw_rad):
-            raise ValueError(f"expected a finite yaw_rad, got {self.yaw_rad}")
-
-
-Task = Visit | Inspect | Collect | Relay | Monitor | Explore | Replace | Sense | Recharge
-"""The tagged union of everything a robot can be asked to do."""
-
-
-def place_of(task: Task) -> Point2D:
-    """Where a task is done, arena frame; of an `Explore` its goal."""
-    return task.goal if isinstance(task, Explore) else task.place
-
-
-def kind_of(task: Task) -> str:
-    """The task's kind as its tag says it.
-
-    >>> kind_of(Visit(id="t", place=Point2D(0.0, 0.0)))
-    'visit'
-    """
-    return str(type(task).__struct_config__.tag)
-
-
-def check_numbers(
-    task: msgspec.Struct, *, above: tuple[str, ...] = (), not_below: tuple[str, ...] = (), finite: tuple[str, ...] = ()
-) -> None:
-    """Raise ValueError, naming the field, unless these are finite and above 0, not below 0, or just finite."""
-    for name in (*above, *not_below, *finite):
+def check_numbers(task: msgspec.Struct, *, above: tuple[str, ...] = (), not_below: tuple[str, ...] = ()) -> None:
+    """Raise ValueError, naming the field, unless these are finite and above 0, or not below 0."""
+    for name in (*above, *not_below):
         value = getattr(task, name)
         if not math.isfinite(value):
             raise ValueError(f"expected a finite {name}, got {value}")

@@ -7,9 +7,11 @@ from typing import Any
 from robrain.protocol.wire.border import AHEAD_S
 from robrain.protocol.wire.endpoint import BY
 from robrain.protocol.wire.errors import ErrorCode, ErrorReply
+from robrain.protocol.wire.host_queries import HOST_VERB
 from robrain.protocol.wire.keys import DEFAULT_TEAM, NAME_PATTERN, ROOT
 from robrain.protocol.wire.later import ZENOH_TIMEOUT
-from robrain.protocol.wire.schema.json_schema import DIALECT, definitions, reference_to
+from robrain.protocol.wire.schema.json_schema import definitions, reference_to
+from robrain.protocol.wire.schema.struct_schema import DIALECT
 from robrain.protocol.wire.topic import JSON, Delivery, Query, Token, Topic, WireKey
 from robrain.protocol.wire.topics import TOPICS
 
@@ -34,6 +36,9 @@ USE = {
     "holds are accepted from the holder alone.",
     "plugins": "Functions of plugins are called by `robot_call`. `robot_plugins` lists them with the JSON Schemas of "
     "their parameters and results.",
+    "host_verbs": "A verb that another distribution adds to a robot's host has the key "
+    f"`{ROOT}/{{team}}/{HOST_VERB.pattern}`, with a JSON object as its request and JSON as its reply. A verb that the "
+    f"robot does not have is answered `{ErrorCode.UNKNOWN_FUNCTION}`, with those that it has in the message.",
     "halt": "A halt is published again until the states of all robots say `halted`; whoever halts may end it in the "
     "same way.",
     "tokens": "A liveliness get on the key, with `*` in place of each name, replies the tokens that are there; a "

@@ -5,7 +5,8 @@ from types import NoneType
 from typing import Any, get_args, get_origin
 
 from robrain.protocol.wire.schema.document import COMMON_ERRORS, OTHER_ERRORS
-from robrain.protocol.wire.schema.json_schema import Schema, definitions
+from robrain.protocol.wire.schema.json_schema import definitions
+from robrain.protocol.wire.schema.struct_schema import Schema
 from robrain.protocol.wire.topic import JSON, Delivery, Query, Token, Topic
 from robrain.protocol.wire.topics import PUBLISHED, TOPICS
 
@@ -38,6 +39,10 @@ QUERIES = """\
 Every query is answered: with its reply, or with an error, an `ErrorReply`. An empty request counts as `{}`. A request
 that is too large, does not decode, or holds a value out of range is answered `bad_arguments`, and counted. *free JSON*:
 the two ends agree on the types, as for the arguments of a plugin's function.
+
+An installed distribution may add verbs of its own under `robot/{robot}/host/VERB`, by entry points in the group
+`robrain.host_verbs`. Their requests and replies are JSON. A verb that the robot does not have is answered
+`unknown_function`, with those that it has.
 """
 
 FIELDS = "Fields in italics have a default and may be left out. Unknown fields are ignored."
@@ -160,6 +165,8 @@ def _type(kind: Any) -> str:
         return "free JSON"
     if kind in (None, NoneType):
         return "–"
+    if kind in (str, bool):
+        return "string" if kind is str else "boolean"
     inner = get_args(kind)
     if get_origin(kind) is list:
         return f"list of {_type(inner[0])}"

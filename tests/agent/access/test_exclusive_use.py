@@ -5,12 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.agent.access.exclusive_use import LONGEST_LEASE_S, ExternalLeases
+from robrain.agent.access.exclusive_use import ExternalLeases
 from robrain.agent.errors import PluginBusy
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.errors import BadName, CallError, ErrorCode
-from robrain.protocol.wire.messages import HostRequest
-from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_HOST
+from robrain.protocol.wire.host_messages import LONGEST_LEASE_S, CommandRequest
+from robrain.protocol.wire.host_queries import HOST_COMMAND, HOST_HOLD, HOST_RELEASE
+from robrain.protocol.wire.topics import ROBOT_CALL
 
 LAB = """
     class ArmInterface(Protocol):
@@ -41,8 +42,12 @@ def lab(bench):
     return bench
 
 
-def ask(lab, verb, plugin="arm", **fields):
-    return msgspec.json.decode(lab.wire.ask(ROBOT_HOST, HostRequest(plugin=plugin, **fields), robot="r1", verb=verb))
+def ask(lab, query, **fields):
+    return lab.wire.ask(query, query.request(**{"plugin": "arm", **fields}), robot="r1")
+
+
+def command(lab, by=""):
+    return lab.wire.ask(HOST_COMMAND, CommandRequest(text="call arm reach()", by=by), robot="r1")
 
 
 def reach(lab, by=""):
@@ -58,8 +63,8 @@ def refused(function, *args, **fields):
 
 def test_nobody_but_the_holder_may_call_it_and_the_refusal_names_the_holder(lab):
     assert reach(lab) == "reached"
-    lease = ask(lab, "hold", by="ann", lease_s=2.0)
-    assert (lease["plugin"], lease["holder"], lease["until_ns"]) == ("arm", "ann", to_ns(2.0))
+    lease = ask(lab, HOST_HOLD, by="ann", lease_s=2.0)
+    assert (lease.plugin, lease.holder, lease.until_ns) == ("arm", "ann", to_ns(2.0))
     assert reach(lab, by="ann") == "reached"
     assert refused(reach, lab) == (ErrorCode.BUSY, "ann")
     assert refused(reach, lab, by="bob") == (ErrorCode.BUSY, "ann")
@@ -67,24 +72,24 @@ def test_nobody_but_the_holder_may_call_it_and_the_refusal_names_the_holder(lab)
 
 
 def test_the_text_form_is_called_in_the_holders_name_as_well(lab):
-    ask(lab, "hold", by="ann")
-    assert ask(lab, "command", plugin="", text="call arm reach()", by="ann") == "reached"
-    assert refused(ask, lab, "command", plugin="", text="call arm reach()") == (ErrorCode.BUSY, "ann")
+    ask(lab, HOST_HOLD, by="ann")
+    assert command(lab, by="ann") == "reached"
+    assert refused(command, lab) == (ErrorCode.BUSY, "ann")
 
 
 def test_a_second_holder_is_refused_until_the_first_lets_go(lab):
-    ask(lab, "hold", by="ann")
-    assert refused(ask, lab, "hold", by="bob") == (ErrorCode.BUSY, "ann")
-    assert ask(lab, "release", by="bob") is False
-    assert ask(lab, "release", by="ann") is True
-    assert ask(lab, "release", by="ann") is False
-    assert ask(lab, "hold", by="bob")["holder"] == "bob"
+    ask(lab, HOST_HOLD, by="ann")
+    assert refused(ask, lab, HOST_HOLD, by="bob") == (ErrorCode.BUSY, "ann")
+    assert ask(lab, HOST_RELEASE, by="bob") is False
+    assert ask(lab, HOST_RELEASE, by="ann") is True
+    assert ask(lab, HOST_RELEASE, by="ann") is False
+    assert ask(lab, HOST_HOLD, by="bob").holder == "bob"
 
 
 def test_a_lease_ends_by_itself_unless_it_is_renewed(lab):
-    ask(lab, "hold", by="ann", lease_s=1.0)
+    ask(lab, HOST_HOLD, by="ann", lease_s=1.0)
     lab.tick(40)
-    ask(lab, "hold", by="ann", lease_s=1.0)
+    ask(lab, HOST_HOLD, by="ann", lease_s=1.0)
     lab.tick(49)
     assert refused(reach, lab) == (ErrorCode.BUSY, "ann")
     lab.tick(1)
@@ -94,7 +99,7 @@ def test_a_lease_ends_by_itself_unless_it_is_renewed(lab):
 
 def test_a_plugin_held_from_outside_is_refused_inside_naming_the_holder(lab):
     host = lab.hosts[-1]
-    ask(lab, "hold", by="ann", lease_s=1.0)
+    ask(lab, HOST_HOLD, by="ann", lease_s=1.0)
     with pytest.raises(PluginBusy, match="arm is held by ann"):
         host.manager.load("worker")
     lab.tick(50)
@@ -104,22 +109,22 @@ def test_a_plugin_held_from_outside_is_refused_inside_naming_the_holder(lab):
 
 def test_a_plugin_held_inside_is_refused_outside_also_in_the_holders_name(lab):
     lab.hosts[-1].manager.load("worker")
-    assert refused(ask, lab, "hold", by="ann") == (ErrorCode.BUSY, "worker")
-    assert refused(ask, lab, "hold", by="worker") == (ErrorCode.BUSY, "worker")
+    assert refused(ask, lab, HOST_HOLD, by="ann") == (ErrorCode.BUSY, "worker")
+    assert refused(ask, lab, HOST_HOLD, by="worker") == (ErrorCode.BUSY, "worker")
     assert refused(reach, lab, by="worker") == (ErrorCode.BUSY, "worker")
     lab.hosts[-1].manager.unload("worker")
     assert reach(lab) == "reached"
 
 
 def test_a_fault_and_an_unload_end_the_lease(lab):
-    ask(lab, "hold", by="ann")
+    ask(lab, HOST_HOLD, by="ann")
     lab.plugin("arm").broken = True
     lab.tick(2)
     assert lab.infos()["arm"].state == "faulted"
     manager = lab.hosts[-1].manager
     manager.load("arm")
     assert reach(lab) == "reached"
-    ask(lab, "hold", by="ann")
+    ask(lab, HOST_HOLD, by="ann")
     manager.unload("arm")
     manager.load("arm")
     assert reach(lab) == "reached"
@@ -139,7 +144,7 @@ def test_a_fault_and_an_unload_end_the_lease(lab):
     ],
 )
 def test_what_cannot_be_held_is_refused(lab, plugin, fields, code):
-    assert refused(ask, lab, "hold", plugin, **fields)[0] is code
+    assert refused(ask, lab, HOST_HOLD, plugin=plugin, **{"by": "", **fields})[0] is code
     assert lab.infos()["arm"].holder == ""
 
 

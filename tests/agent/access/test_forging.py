@@ -32,10 +32,11 @@ from robrain.protocol.wire import messages
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.host_messages import HoldRequest, LoadRequest
+from robrain.protocol.wire.host_queries import HOST_HOLD, HOST_LOAD
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import HostRequest
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_EVENT, ROBOT_HOST
+from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_EVENT
 from tests.agent.conftest import Bench
 from tests.patient_endpoint import PatientEndpoint
 from tests.waiting import PATIENCE_S
@@ -141,7 +142,7 @@ def test_a_name_that_is_in_use_is_not_given_to_a_second_plugin(lab, tmp_path):
     forged = elsewhere / "lamp.toml"
     forged.write_bytes((lab.place / "stranger.toml").read_bytes())
     with pytest.raises(CallError, match="lamp is loaded already"):
-        lab.wire.ask(ROBOT_HOST, HostRequest(plugin=str(forged)), robot="r1", verb="load")
+        lab.wire.ask(HOST_LOAD, LoadRequest(plugin=str(forged)), robot="r1")
 
 
 # -- nothing that a plugin is given leads to a tag or to another plugin -----------------------------------------
@@ -325,8 +326,8 @@ def test_one_python_process_is_one_trust_domain_and_who_means_to_forge_its_name_
 
 
 def test_on_the_wire_a_name_is_what_the_asker_says(lab, env):
-    request = HostRequest(plugin="switch", by="ann", lease_s=1.0)
-    lab.wire.ask(ROBOT_HOST, request, robot="r1", verb="hold")
+    request = HoldRequest(plugin="switch", by="ann", lease_s=1.0)
+    lab.wire.ask(HOST_HOLD, request, robot="r1")
     with pytest.raises(CallError) as refused:
         env.wire.ask(ROBOT_CALL, robot="r1", plugin="switch", function="press")
     assert refused.value.code is ErrorCode.BUSY
@@ -345,8 +346,8 @@ def test_on_the_wire_a_plugin_is_loaded_under_any_free_name(lab, env, tmp_path):
     (elsewhere := tmp_path / "elsewhere").mkdir()
     for name in ("lab.py", "friend.toml"):
         (elsewhere / name).write_bytes((lab.place / name).read_bytes())
-    request = HostRequest(plugin=str(elsewhere / "friend.toml"))
-    env.wire.ask(ROBOT_HOST, request, robot="r1", verb="load")
+    request = LoadRequest(plugin=str(elsewhere / "friend.toml"))
+    env.wire.ask(HOST_LOAD, request, robot="r1")
     assert lab.infos()["switch"].holder == "friend"
 
 

@@ -148,6 +148,16 @@ def test_an_empty_folder_is_told(bench):
 # -- classes and parameters -------------------------------------------------------------------------------------
 
 
+KIND = """
+import msgspec
+
+class Wanted(msgspec.Struct):
+    FIELD: float
+
+class Other(Behavior):
+    kind = "a kind"
+    task_parameters = Wanted
+"""
 UNTOLD = """
 class Other(Unit):
     'Cannot tell its function to anybody.'
@@ -168,6 +178,11 @@ class Other(Unit):
         ("class Other: pass", "expected a Device, Unit, Skill or Behavior named Other"),
         (UNTOLD.replace("HINT", "'Nothing'"), "the external functions of Other: name 'Nothing' is not defined"),
         (UNTOLD.replace("HINT", "type(lambda: 0)"), "the external functions of Other: "),
+        (
+            KIND.replace("a kind", "watch").replace("FIELD", "priority"),
+            "the task kind of Other: task_parameters: priority is a field of every task",
+        ),
+        (KIND.replace("a kind", "a/kind"), "the task kind of Other: bad kind of task name 'a/kind'"),
     ],
 )
 def test_a_class_that_cannot_be_loaded_is_found(lamps, source, message):

@@ -1,15 +1,14 @@
-import msgspec
 import pytest
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Explore
+from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.host_messages import HaltRequest, ResumeRequest
+from robrain.protocol.wire.host_queries import HOST_HALT, HOST_RESUME
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import (
     Halt,
-    HaltAnswer,
     HaltStatus,
-    HostRequest,
     RobotState,
     TaskOffer,
     TeamState,
@@ -18,7 +17,6 @@ from robrain.protocol.wire.topics import (
     COORDINATOR_HALT,
     COORDINATOR_STATE,
     HALT,
-    ROBOT_HOST,
     ROBOT_LOG,
     ROBOT_OFFER,
     ROBOT_STATE,
@@ -159,7 +157,7 @@ def test_a_halted_robot_says_so_and_takes_no_tasks(robot):
     halt(robot, halted=True)
     robot.tick(6)
     assert inbox.drain()[-1].message.halted
-    offer = TaskOffer(task=Explore(id="t", goal=Point2D(0.0, 0.0)), epoch=1, lease_s=1.0)
+    offer = TaskOffer(task=Task(id="t", kind="explore", place=Point2D(0.0, 0.0)), epoch=1, lease_s=1.0)
     assert "the robot is halted" in robot.wire.ask(ROBOT_OFFER, offer, robot="r1").why
 
 
@@ -222,8 +220,9 @@ def test_a_halt_and_its_end_are_logged_with_who_and_why(robot, log):
 
 
 def ask(bench, verb, by, reason=""):
-    reply = bench.wire.ask(ROBOT_HOST, HostRequest(by=by, text=reason), robot="r1", verb=verb)
-    return msgspec.json.decode(reply, type=HaltAnswer)
+    if verb == "halt":
+        return bench.wire.ask(HOST_HALT, HaltRequest(by=by, reason=reason), robot="r1")
+    return bench.wire.ask(HOST_RESUME, ResumeRequest(by=by), robot="r1")
 
 
 def test_one_robot_is_halted_and_resumed_by_a_query_to_its_host(robot):

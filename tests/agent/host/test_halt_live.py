@@ -1,12 +1,12 @@
 """The emergency halt in live: nothing that a plugin does delays it."""
 
+import inspect
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
-import msgspec
 import pytest
 
 from robrain.agent.host import halt_desk
@@ -15,21 +15,27 @@ from robrain.agent.host.live_drive import PluginThreads
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.lifecycle.worker_pool import NotBack, WorkerPool
 from robrain.protocol.wire.clock import WallClock
-from robrain.protocol.wire.endpoint import Drive
+from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError
+from robrain.protocol.wire.host_messages import CommandRequest, HaltRequest
+from robrain.protocol.wire.host_queries import HOST_COMMAND, HOST_HALT
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import Halt, HaltAnswer, HostRequest
+from robrain.protocol.wire.messages import Halt
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.topics import HALT, ROBOT_CALL, ROBOT_HOST, ROBOT_STATE
+from robrain.protocol.wire.topics import HALT, ROBOT_CALL, ROBOT_STATE
 from tests.patient_endpoint import PatientEndpoint
 from tests.waiting import PATIENCE_S, until
 
+ANSWERING_THREADS = inspect.signature(Endpoint).parameters["workers"].default
+"""Of one queryable of a host."""
 ROBOT = """
     import threading
+    from robrain.agent.plugin import unlocked
 
     RELEASE = threading.Event()
     INSIDE = threading.Event()
     HALTED = []
+    STUCK = []
 
     class Wheels(Device):
         driven_by = ""
@@ -55,7 +61,9 @@ ROBOT = """
 
     class Deaf(Device):
         @external
+        @unlocked
         def wait(self) -> None:
+            STUCK.append("deaf")
             RELEASE.wait(600)
 """
 
@@ -106,14 +114,13 @@ def start(bench, monkeypatch) -> Iterator[type[Robot]]:
         robot.close()
 
 
-def ask(robot, verb, by="ann"):
-    reply = robot.wire.ask(ROBOT_HOST, HostRequest(by=by), robot="r1", verb=verb)
-    return msgspec.json.decode(reply, type=HaltAnswer)
+def halt(robot):
+    return robot.wire.ask(HOST_HALT, HaltRequest(by="ann"), robot="r1")
 
 
 def test_plugins_that_hang_or_fail_while_they_are_halted_hold_up_no_other(start):
     robot = start("hanging", "raising", "wheels", "above")
-    answer = ask(robot, "halt")
+    answer = halt(robot)
     assert not robot.code["RELEASE"].is_set()  # it came while one of them was still stuck
     assert set(answer.not_halted) == {"hanging", "raising"}
     halted = robot.code["HALTED"]
@@ -124,7 +131,7 @@ def test_plugins_that_hang_or_fail_while_they_are_halted_hold_up_no_other(start)
 def test_a_plugin_that_still_hangs_from_the_last_halt_is_not_entered_again(start):
     robot = start("hanging", "wheels")
     for _ in range(3):
-        assert ask(robot, "halt").not_halted == ["hanging"]
+        assert halt(robot).not_halted == ["hanging"]
     assert robot.code["HALTED"].count("hanging") == 1
     assert robot.code["HALTED"].count("wheels") == 3
 
@@ -137,7 +144,7 @@ def test_a_call_that_was_under_way_does_not_undo_a_halt(start):
     )
     call.start()
     assert code["INSIDE"].wait(PATIENCE_S)
-    ask(robot, "halt")
+    halt(robot)
     assert code["HALTED"] == ["wheels"]
     code["RELEASE"].set()
     call.join(PATIENCE_S)
@@ -157,15 +164,15 @@ def test_a_robot_whose_every_answering_thread_is_stuck_is_halted_by_a_query_all_
     robot = start("deaf", "wheels")
 
     def wait():
-        with suppress(CallError):  # those that were not in the plugin yet are refused by the halt
-            request = HostRequest(text="call deaf wait()")
-            robot.wire.ask(ROBOT_HOST, request, robot="r1", verb="command", timeout_s=PATIENCE_S)
+        with suppress(CallError):
+            request = CommandRequest(text="call deaf wait()")
+            robot.wire.ask(HOST_COMMAND, request, robot="r1", timeout_s=PATIENCE_S)
 
-    calls = [threading.Thread(target=wait) for _ in range(6)]
+    calls = [threading.Thread(target=wait) for _ in range(ANSWERING_THREADS)]
     for call in calls:
         call.start()
-    until(lambda: robot.host.manager.get("deaf").turn.owner is not None)
-    assert ask(robot, "halt").halted
+    until(lambda: len(robot.code["STUCK"]) == ANSWERING_THREADS, "an answering thread is free")
+    assert halt(robot).halted
     assert all(call.is_alive() for call in calls)
     robot.code["RELEASE"].set()
     for call in calls:

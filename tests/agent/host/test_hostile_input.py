@@ -8,8 +8,9 @@ import pytest
 
 from robrain.agent.errors import PluginError
 from robrain.protocol.wire.errors import ErrorCode, ErrorReply
+from robrain.protocol.wire.host_queries import HOST_VERB
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_HOST, ROBOT_STATE
+from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_STATE
 
 COUNT = 2500
 WARM_UP = 500
@@ -143,7 +144,7 @@ def test_call_payloads(lab, function):
 @pytest.mark.parametrize("verb", ["load", "unload", "reload", "command", "halt", "nonsense"])
 def test_requests_to_the_host(lab, verb, monkeypatch, tmp_path_factory):
     monkeypatch.chdir(tmp_path_factory.mktemp("empty"))
-    key = ROBOT_HOST.key("default", robot="r1", verb=verb)
+    key = HOST_VERB.key("default", robot="r1", verb=verb)
     seen = set()
 
     def attempt(data):
@@ -159,7 +160,7 @@ def test_requests_to_the_host(lab, verb, monkeypatch, tmp_path_factory):
 
 
 def test_commands_in_text_form(lab):
-    key = ROBOT_HOST.key("default", robot="r1", verb="command")
+    key = HOST_VERB.key("default", robot="r1", verb="command")
     answers = {"errors": 0, "results": 0}
 
     def attempt(data):
@@ -179,7 +180,7 @@ def test_manifests(lab):
     def attempt(data):
         nonlocal refused, loaded
         odd.write_bytes(data)
-        answer = ask(lab, ROBOT_HOST.key("default", robot="r1", verb="load"), b'{"plugin": "odd"}')
+        answer = ask(lab, HOST_VERB.key("default", robot="r1", verb="load"), b'{"plugin": "odd"}')
         if isinstance(answer, ErrorReply):
             refused += 1
             assert answer.message

@@ -8,7 +8,7 @@ from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import PluginThreads
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock, WallClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
@@ -19,17 +19,18 @@ from tests.waiting import PATIENCE_S, until
 
 PLUGIN = """
 from robrain.agent.plugin import Behavior, external
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.messages import TaskAnswer
 
 class Slow(Behavior):
+    kind = "visit"
     period_s = 1.0
 
     def init(self):
         self.steps_ns = []
 
     def activate(self):
-        self.env.do_tasks(Visit, lambda task: TaskAnswer(accepted=True), lambda why: None)
+        self.env.do_tasks(lambda task: TaskAnswer(accepted=True), lambda why: None)
 
     def step(self):
         self.steps_ns.append(self.env.clock.now_ns())
@@ -105,7 +106,7 @@ def test_hurry_said_twice_is_one_step(lockstep):
 
 def test_robot_says_at_once_that_its_task_has_begun_and_ended(lockstep):
     lockstep.tick(6)
-    offer = TaskOffer(task=Visit(id="t1", place=Point2D(1.0, 1.0)), epoch=1, lease_s=60.0)
+    offer = TaskOffer(task=Task(id="t1", kind="visit", place=Point2D(1.0, 1.0)), epoch=1, lease_s=60.0)
     answer = lockstep.wire.ask(ROBOT_OFFER, offer, robot="r1")
     assert answer.accepted
     lockstep.said()
@@ -153,7 +154,9 @@ def test_end_of_a_task_wakes_the_hosts_loop(robot):
             woken = threading.Event()
             host.on_wanted(woken.set)
             host.start()
-            host.desk.offer(TaskOffer(task=Visit(id="t1", place=Point2D(1.0, 1.0)), epoch=1, lease_s=60.0), 0)
+            host.desk.offer(
+                TaskOffer(task=Task(id="t1", kind="visit", place=Point2D(1.0, 1.0)), epoch=1, lease_s=60.0), 0
+            )
             assert not woken.is_set()
             host.manager.get("slow").plugin.end()
             assert woken.is_set()

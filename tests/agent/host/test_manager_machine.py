@@ -16,8 +16,8 @@ from robrain.agent.errors import PluginError
 from robrain.agent.lifecycle.transitions import TRANSITIONS, TransitionRefused, Trigger
 from robrain.agent.plugin import PluginState
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.wire.messages import HostRequest, PluginInfo
-from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_HOST, ROBOT_PLUGINS
+from robrain.protocol.wire.host_queries import HOST_LOAD, HOST_RELOAD, HOST_UNLOAD
+from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_PLUGINS
 from tests.agent.conftest import Bench
 
 WATCHDOG_S = 500.0
@@ -124,31 +124,30 @@ class Manager(RuleBasedStateMachine):
 
     # -- what is done to it -------------------------------------------------------------------------------------
 
-    def _ask(self, verb, name, **fields):
+    def _ask(self, query, name, **fields):
         try:
-            reply = self.bench.wire.ask(ROBOT_HOST, HostRequest(plugin=name, **fields), robot="r1", verb=verb)
+            infos = self.bench.wire.ask(query, query.request(plugin=name, **fields), robot="r1")
         except CallError as refused:
-            self._check(refused.message != "", f"{verb} of {name} is refused without a word")
+            self._check(refused.message != "", f"{query.name} of {name} is refused without a word")
         else:
-            infos = msgspec.json.decode(reply, type=list[PluginInfo])
             assert infos
         self._watch()
 
     @rule(name=PLUGINS)
     def load(self, name):
-        self._ask("load", name)
+        self._ask(HOST_LOAD, name)
 
     @rule(name=PLUGINS, cascade=st.booleans())
     def unload(self, name, cascade):
         users = [user.name for user in self.manager.registry.users_of(name)]
-        self._ask("unload", name, cascade=cascade)
+        self._ask(HOST_UNLOAD, name, cascade=cascade)
         assert (name in self.manager.plugins) == (bool(users) and not cascade)
 
     @rule(name=PLUGINS)
     def reload(self, name):
         before = self.manager.plugins.get(name)
         ran = before is not None and before.state in RUNS
-        self._ask("reload", name)
+        self._ask(HOST_RELOAD, name)
         assert not ran or self.manager.plugins[name].state in (*RUNS, PluginState.FAULTED)
 
     @rule(name=PLUGINS, where=st.sampled_from(["init", "activate", "deactivate", "step"]))

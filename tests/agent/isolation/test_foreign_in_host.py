@@ -13,9 +13,10 @@ from robrain.agent.manifest import COMMAND
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.messages import HostRequest
+from robrain.protocol.wire.host_messages import CommandRequest
+from robrain.protocol.wire.host_queries import HOST_COMMAND
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_FOREIGN_CALL, ROBOT_HOST, ROBOT_PLUGINS
+from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_FOREIGN_CALL, ROBOT_PLUGINS
 from tests.agent.conftest import Bench
 from tests.agent.isolation.test_foreign import Process, info
 from tests.patient_endpoint import PatientEndpoint
@@ -76,7 +77,7 @@ class Robot:
         return msgspec.json.decode(self.wire.ask(ROBOT_CALL, arguments, robot="r1", plugin=plugin, function=function))
 
     def command(self, text):
-        return msgspec.json.decode(self.wire.ask(ROBOT_HOST, HostRequest(text=text), robot="r1", verb="command"))
+        return self.wire.ask(HOST_COMMAND, CommandRequest(text=text), robot="r1")
 
     def tag(self, name):
         return self.host.manager.get(name)

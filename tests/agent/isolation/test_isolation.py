@@ -381,7 +381,7 @@ def test_it_knows_robot_time_and_its_own_name(bench):
     [
         ("self.env.wire.ask", "finds no way to the wire"),
         ("self.env.tasks", "has no env.tasks"),
-        ("self.env.do_tasks(int, None, None)", "cannot do tasks"),
+        ("self.env.do_tasks(None, None)", "cannot do tasks"),
         ("self.env.observe(Event(), print)", "can observe events of the plugins that it uses"),
     ],
 )

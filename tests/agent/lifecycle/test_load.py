@@ -12,8 +12,8 @@ from robrain.agent.lifecycle.instance import Instance
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.plugin import Plugin
 from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.messages import HostRequest
-from robrain.protocol.wire.topics import ROBOT_HOST
+from robrain.protocol.wire.host_messages import LoadRequest
+from robrain.protocol.wire.host_queries import HOST_LOAD
 from tests.waiting import PATIENCE_S
 
 LAB = """
@@ -202,7 +202,7 @@ def test_a_load_while_another_is_under_way_is_refused(lab):
             with pytest.raises(HostBusy, match="r1 is busy with another load, unload or reload"):
                 attempt("lamp")
         with pytest.raises(CallError) as refused:
-            lab.wire.ask(ROBOT_HOST, HostRequest(plugin="lamp"), robot="r1", verb="load")
+            lab.wire.ask(HOST_LOAD, LoadRequest(plugin="lamp"), robot="r1")
         assert refused.value.code is ErrorCode.BUSY
         lab.tick()  # the robot itself goes on
     finally:

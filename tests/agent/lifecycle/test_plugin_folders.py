@@ -1,39 +1,9 @@
-import importlib
-import sys
-from pathlib import Path
-
 import pytest
 
 from robrain.agent.authoring.testing import PluginBench
 from robrain.agent.lifecycle.plugin_folders import entry_point_places
 from robrain.agent.manifest import find_manifests
-
-
-@pytest.fixture
-def install(tmp_path: Path, monkeypatch):
-    """Lay a distribution into a folder that Python looks in, as pip does: its files and its .dist-info."""
-    site = tmp_path / "site"
-    site.mkdir()
-    monkeypatch.syspath_prepend(site)
-    before = set(sys.modules)
-
-    def install(distribution: str, entry_points: dict[str, str], files: dict[str, str]) -> Path:
-        info = site / f"{distribution.replace('-', '_')}-1.0.dist-info"
-        info.mkdir()
-        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {distribution}\nVersion: 1.0\n")
-        lines = [f"{name} = {value}" for name, value in entry_points.items()]
-        (info / "entry_points.txt").write_text("\n".join(["[robrain.plugins]", *lines, ""]))
-        for name, text in files.items():
-            path = site / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text)
-        importlib.invalidate_caches()
-        return site
-
-    yield install
-    for name in set(sys.modules) - before:
-        del sys.modules[name]
-
+from tests.installed_distributions import install  # noqa: F401 - a fixture
 
 LAMP = {
     "lamps/__init__.py": "",
@@ -42,19 +12,19 @@ LAMP = {
 }
 
 
-def test_a_distribution_brings_a_place_and_its_name(install):
+def test_a_distribution_brings_a_place_and_its_name(install):  # noqa: F811
     site = install("robrain-lamps", {"lamps": "lamps"}, LAMP)
     assert entry_point_places() == [((site / "lamps").resolve(), "robrain-lamps")]
     assert [path.name for path in find_manifests(entry_point_places()[0][0])] == ["lamp.toml"]
 
 
-def test_a_place_may_lie_deeper_in_a_package_without_its_plugins_being_imported(install):
+def test_a_place_may_lie_deeper_in_a_package_without_its_plugins_being_imported(install):  # noqa: F811
     files = {"lamps/__init__.py": "", "lamps/plugins/__init__.py": "raise RuntimeError('imported')"}
     site = install("robrain-lamps", {"lamps": "lamps.plugins"}, files)
     assert entry_point_places() == [((site / "lamps" / "plugins").resolve(), "robrain-lamps")]
 
 
-def test_places_are_ordered_by_distribution_and_each_is_there_once(install):
+def test_places_are_ordered_by_distribution_and_each_is_there_once(install):  # noqa: F811
     install("b-lamps", {"z": "lamps", "a": "lamps"}, LAMP)
     install("a-lamps", {"lamps": "more_lamps"}, {"more_lamps/__init__.py": ""})
     assert [(place.name, name) for place, name in entry_point_places()] == [
@@ -74,7 +44,7 @@ def test_places_are_ordered_by_distribution_and_each_is_there_once(install):
         ("not a name", {}, "expected the name of a package"),  # nonsense
     ],
 )
-def test_a_broken_entry_point_is_logged_and_left_out(install, caplog, value, files, why):
+def test_a_broken_entry_point_is_logged_and_left_out(install, caplog, value, files, why):  # noqa: F811
     site = install("good-lamps", {"good": "good_lamps"}, {"good_lamps/__init__.py": ""})
     install("bad-lamps", {"bad": value}, files)
     assert entry_point_places() == [((site / "good_lamps").resolve(), "good-lamps")]
@@ -87,14 +57,14 @@ def test_without_distributions_there_are_no_places():
     assert entry_point_places() == []
 
 
-def test_a_robot_loads_plugins_of_a_distribution_and_tells_where_they_come_from(install):
+def test_a_robot_loads_plugins_of_a_distribution_and_tells_where_they_come_from(install):  # noqa: F811
     install("robrain-lamps", {"lamps": "lamps"}, LAMP)
     with PluginBench(load=["lamp", "scan"]) as bench:
         assert (bench.info("lamp").state, bench.info("lamp").distribution) == ("active", "robrain-lamps")
         assert bench.info("scan").distribution == ""  # robrain's own
 
 
-def test_a_place_of_the_robots_own_comes_before_that_of_a_distribution(install, tmp_path):
+def test_a_place_of_the_robots_own_comes_before_that_of_a_distribution(install, tmp_path):  # noqa: F811
     install("robrain-lamps", {"lamps": "lamps"}, LAMP)
     own = tmp_path / "own"
     own.mkdir()

@@ -11,9 +11,9 @@ from robrain.agent.lifecycle.worker_pool import WorkerPool
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.host_queries import HOST_LOAD, HOST_RELOAD
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import HostRequest
-from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_HOST, ROBOT_STATE
+from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_STATE
 from tests.agent.live_robot import PATIENCE_S, LiveRobot, until
 
 START_S = 1.2
@@ -64,8 +64,8 @@ SHOP = """
 class LiveShop(LiveRobot):
     """A robot with a bell and a guard, into which a shop is loaded."""
 
-    def ask(self, verb, plugin):
-        return self.wire.ask(ROBOT_HOST, HostRequest(plugin=plugin), robot="r1", verb=verb, timeout_s=PATIENCE_S)
+    def ask(self, query, plugin):
+        return self.wire.ask(query, query.request(plugin=plugin), robot="r1", timeout_s=PATIENCE_S)
 
     def which(self):
         return self.call("shop", "which")
@@ -117,12 +117,12 @@ def test_a_load_that_hangs_is_refused_in_time_and_the_next_one_is_not_kept_waiti
     robot = shop(start_s=START_S)
     robot.space["WHERE"].add(where)
     with pytest.raises(CallError, match=WHY) as refused:
-        robot.ask("load", "shop")
+        robot.ask(HOST_LOAD, "shop")
     assert refused.value.code is ErrorCode.TIMEOUT
     assert "shop" not in robot.infos()
     robot.space["WHERE"].clear()
     write_shop(bench, LONG_S)
-    robot.ask("load", "shop")
+    robot.ask(HOST_LOAD, "shop")
     assert robot.which() == b"1"
 
 
@@ -132,10 +132,10 @@ def test_what_a_plugin_does_that_was_left_behind_in_its_start_has_no_consequence
     space = robot.space
     space["WHERE"].add(where)
     with pytest.raises(CallError):
-        robot.ask("load", "shop")
+        robot.ask(HOST_LOAD, "shop")
     space["WHERE"].clear()
     write_shop(bench, LONG_S)
-    robot.ask("load", "shop")
+    robot.ask(HOST_LOAD, "shop")
     space["GO"].set()
     until(lambda: space["ENDED"] == [where])
     assert space["PRESSED"] == ["this instance of shop has gone"]
@@ -146,32 +146,32 @@ def test_what_a_plugin_does_that_was_left_behind_in_its_start_has_no_consequence
 @pytest.mark.parametrize("where", ["init", "activate"])
 def test_a_reload_that_hangs_leaves_the_old_instance_running(shop, bench, where):
     robot = shop()
-    robot.ask("load", "shop")
+    robot.ask(HOST_LOAD, "shop")
     waits = f'WHERE.add("{where}"); self.wait("{where}")'
     path = bench.place / "shop_code.py"
     path.write_text(path.read_text().replace(f'self.wait("{where}")', waits).replace("version = 1", "version = 2"))
     robot.limit_start("shop", START_S)
     with pytest.raises(CallError, match=WHY):
-        robot.ask("reload", "shop")
+        robot.ask(HOST_RELOAD, "shop")
     robot.limit_start("shop", LONG_S)
     assert robot.infos()["shop"].state == "active"
     assert robot.which() == b"1"
     path.write_text(path.read_text().replace(waits, f'self.wait("{where}")').replace("version = 2", "version = 3"))
-    robot.ask("reload", "shop")
+    robot.ask(HOST_RELOAD, "shop")
     assert robot.which() == b"3"
 
 
 def test_an_old_instance_that_hangs_while_it_is_replaced_is_faulted(shop):
     robot = shop()
-    robot.ask("load", "shop")
+    robot.ask(HOST_LOAD, "shop")
     robot.space["WHERE"].add("deactivate")
     robot.limit_start("shop", START_S)
     with pytest.raises(CallError, match=WHY):
-        robot.ask("reload", "shop")
+        robot.ask(HOST_RELOAD, "shop")
     assert robot.infos()["shop"].state == "faulted"
     robot.space["WHERE"].clear()
     robot.limit_start("shop", LONG_S)
-    robot.ask("reload", "shop")
+    robot.ask(HOST_RELOAD, "shop")
     assert robot.which() == b"1"
 
 
@@ -207,7 +207,7 @@ def test_a_load_waits_for_the_hosts_own_look_at_faults_and_is_not_refused_for_it
 
     monkeypatch.setattr(manager.faults, "look", look)
     assert looking.wait(PATIENCE_S)
-    load = threading.Thread(target=robot.ask, args=("load", "shop"))
+    load = threading.Thread(target=robot.ask, args=(HOST_LOAD, "shop"))
     load.start()
     until(manager._changing.locked)
     may_end.set()
@@ -231,7 +231,7 @@ def test_a_plugin_that_exits_is_faulted_and_the_robot_does_not_end(shop):
     robot = shop()
     robot.host.manager.get("guard").plugin.fails = True
     until(lambda: robot.infos()["guard"].why == "SystemExit: I leave")
-    robot.ask("load", "shop")
+    robot.ask(HOST_LOAD, "shop")
     for _ in range(3):  # the answering threads do not end either
         with pytest.raises(CallError, match="SystemExit: bye") as refused:
             robot.wire.ask(ROBOT_CALL, ["bye"], robot="r1", plugin="shop", function="leave")

@@ -11,11 +11,9 @@ from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.lifecycle.transitions import TRANSITIONS, Step, TransitionRefused, Trigger, transition
 from robrain.agent.manifest import read_manifest
 from robrain.agent.plugin import PluginState
-from robrain.protocol.model.tasks.task import Explore
 from robrain.protocol.wire.topics import ROBOT_FOREIGN_CALL
 
 BUZZER = """
-    from robrain.protocol.model.tasks.task import Explore
     from robrain.protocol.wire.messages import TaskAnswer
     from robrain.protocol.wire.topics import ROBOT_FOREIGN_CALL
 
@@ -28,7 +26,8 @@ BUZZER = """
         rung = Event[int]()
         def ring(self): return 1
 
-    class Buzzer(Unit):
+    class Buzzer(Behavior):
+        kind = "explore"
         interface = Interface
         rung = Event[int]()
         period_s = 0.1
@@ -36,7 +35,7 @@ BUZZER = """
         def activate(self):
             bell = self.env.use("bell", Interface)
             self.env.observe(bell.rung, self.log.append)
-            self.env.do_tasks(Explore, lambda task: TaskAnswer(accepted=True), self.log.append)
+            self.env.do_tasks(lambda task: TaskAnswer(accepted=True), self.log.append)
             self.env.at_end(self.log.append)
             self.env.answer(ROBOT_FOREIGN_CALL, lambda request: b"1", robot="r1", plugin="b", function="f")
         def deactivate(self): self.log.append("asked")
@@ -125,7 +124,7 @@ class Counts:
         self._patch = monkeypatch
         registry, buzzer = house.manager.registry, house.manager.get("buzzer")
         self._count("observed event", house.manager.get("bell").plugin.rung, "remove")
-        self._count("task", registry.desk, "unregister", only=Explore)
+        self._count("task", registry.desk, "unregister", only="explore")
         self._count("lease", registry.leases, "drop", only="buzzer", when=lambda: registry.leases.holder("buzzer"))
         wires = {"wire of activate": buzzer.environment.wire, "wire of init": buzzer.instance.wire}
         for name, wire in wires.items():

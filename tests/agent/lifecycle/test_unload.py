@@ -4,8 +4,9 @@ import pytest
 
 from robrain.agent.errors import PluginInUse, PluginMissing, PluginUnloaded
 from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.messages import HostRequest
-from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_HOST
+from robrain.protocol.wire.host_messages import UnloadRequest
+from robrain.protocol.wire.host_queries import HOST_UNLOAD
+from robrain.protocol.wire.topics import ROBOT_CALL
 
 STACK = """
     DIARY = []
@@ -53,7 +54,7 @@ def test_what_others_require_is_not_unloaded_and_they_are_named(stack):
     assert no.value.users == ["top", "middle"]
     assert {info.state for info in stack.infos().values()} == {"active"}
     with pytest.raises(CallError) as refused:
-        stack.wire.ask(ROBOT_HOST, HostRequest(plugin="low"), robot="r1", verb="unload")
+        stack.wire.ask(HOST_UNLOAD, UnloadRequest(plugin="low"), robot="r1")
     assert refused.value.code is ErrorCode.REFUSED
 
 

@@ -138,3 +138,13 @@ def test_robots_of_a_team_job_that_do_not_start_at_once_are_a_fault():
 def test_nonsense_is_refused_with_its_field(build, said):
     with pytest.raises(ValueError, match=said):
         build()
+
+
+@pytest.mark.parametrize("field", ["arrive_s", "start_s", "end_s", "left_j"])
+def test_a_number_that_is_none_is_a_fault(field):
+    problem = line([job("a", 2)], [worker("r1")])
+    plan = make_plan(problem, [["a"]], Objective.ENERGY)
+    route = plan.routes[0]
+    stop = msgspec.structs.replace(route.stops[0], **{field: math.nan})
+    routes = (msgspec.structs.replace(route, stops=(stop,)), *plan.routes[1:])
+    assert validate(problem, msgspec.structs.replace(plan, routes=routes)) != []

@@ -2,7 +2,7 @@
 
 from robrain.coordinator.planning.snapshot import Member, Situation
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages import RobotState
 from robrain.protocol.wire.task_messages import TaskRecord
 
@@ -11,7 +11,8 @@ def open_floor_situation(number: int, tasks: int, robots: int = 2) -> Situation:
     """Tasks all over a floor without walls, and robots with all the energy that they want."""
     records = tuple(
         TaskRecord(
-            task=Visit(id=f"t{k}", place=Point2D((7 * k) % 11 + 0.5, (5 * k) % 13 + 0.5)), state=TaskState.QUEUED
+            task=Task(id=f"t{k}", kind="visit", place=Point2D((7 * k) % 11 + 0.5, (5 * k) % 13 + 0.5)),
+            state=TaskState.QUEUED,
         )
         for k in range(tasks)
     )

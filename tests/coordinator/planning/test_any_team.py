@@ -13,7 +13,8 @@ from robrain.coordinator.planning.recorded_plans import plan_again
 from robrain.protocol.model.energy.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
-from robrain.protocol.model.tasks.task import Recharge, TaskState, Visit
+from robrain.protocol.model.tasks.stock_kinds import Recharge
+from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.session import open_lockstep_session
@@ -102,8 +103,8 @@ class Watch:
         if worker.ready_s > 0:
             at = self.team.coordinator.tasks.of_robot(worker.name)
             assert all(stop.arrive_s >= worker.ready_s for stop in route.stops)
-            if at is not None and isinstance(at.task, Recharge):  # else it has come free since
-                usable_j = max(usable_j, at.task.until_soc * CAPACITY_J)
+            if at is not None and at.task.kind == "recharge":  # else it has come free since
+                usable_j = max(usable_j, parameters_of(at.task, Recharge).until_soc * CAPACITY_J)
         assert estimate(told.energy, work).high_j(0.95) <= usable_j - RESERVE_J + 60.0, robot
 
 
@@ -129,8 +130,9 @@ def test_no_plan_breaks_what_it_must_keep_and_every_task_ends(team_of, wanted, o
         run(team, workers, 1.0, check=watch.check)
         asked = {}
         for number, (x_m, y_m, service_s, deadline_s, earliest_s, needs, priority, after, robots) in enumerate(wanted):
-            task = Visit(
+            task = Task(
                 id=f"t{number}",
+                kind="visit",
                 place=Point2D(x_m, y_m),
                 service_s=service_s,
                 needs=needs,
@@ -177,7 +179,7 @@ def check_ends(team, workers, records):
         assert worker.least_j > 0.0
         for offer in worker.robot.offers:
             task = offer.task
-            if isinstance(task, Recharge):
+            if task.kind == "recharge":
                 continue
             assert set(task.needs) <= set(worker.robot.plugins)
             assert all(records[other].state is TaskState.DONE for other in task.after)

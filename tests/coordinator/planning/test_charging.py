@@ -12,7 +12,8 @@ from robrain.coordinator.planning.policy import Charging, PlanningPolicy
 from robrain.coordinator.planning.recorded_plans import plan_again
 from robrain.coordinator.planning.snapshot import AfterCharge
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.tasks.task import Recharge, TaskState, Visit
+from robrain.protocol.model.tasks.stock_kinds import Recharge
+from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages import BatteryState, RobotState
 from robrain.protocol.wire.plan_messages import PlanningStatus
@@ -37,7 +38,7 @@ DEAR = 100.0
 
 
 def visit(name, x_m=6.0, y_m=4.0, **fields):
-    return Visit(id=name, place=Point2D(x_m, y_m), **fields)
+    return Task(id=name, kind="visit", place=Point2D(x_m, y_m), **fields)
 
 
 def staff(team, socs, docks=1, *, dearer=1.0):
@@ -60,7 +61,11 @@ def all_done(team):
 
 
 def charges_of(worker):
-    return [offer.task for offer in worker.robot.offers if isinstance(offer.task, Recharge)]
+    return [offer.task for offer in worker.robot.offers if offer.task.kind == "recharge"]
+
+
+def to_soc_of(charge):
+    return parameters_of(charge, Recharge).until_soc
 
 
 # -- the whole ------------------------------------------------------------------------------------------------------
@@ -117,7 +122,7 @@ def test_a_task_that_only_a_robot_that_charges_can_do_waits_for_it_and_says_so(t
     assert "when it has charged to 95%" in why.now
     assert why.record.why.startswith("waits until r1 has charged to 95%, in about ")
     assert status(team).planned == 1
-    assert [type(offer.task) for offer in worker.robot.offers] == [Recharge]  # offered when it is free
+    assert [offer.task.kind for offer in worker.robot.offers] == ["recharge"]  # offered when it is free
     assert run(team, [worker], 120.0, until=all_done(team))
     problems = [received.message for received in ears.drain()]
     assert all(plan_again(one) == one.routes for one in problems)
@@ -194,7 +199,7 @@ def test_who_waits_is_told_for_which_charger_and_sets_out_so_as_to_be_there_in_t
 def test_a_charge_ends_for_one_that_is_much_lower_while_tasks_wait_for_energy(team):
     workers = staff(team, (0.118, 0.11), dearer=60.0)
     assert run(team, workers, 30.0, until=lambda: workers[1].at_charger is not None)
-    assert charges_of(workers[1])[0].until_soc == TO_SOC  # nothing else is wanted
+    assert to_soc_of(charges_of(workers[1])[0]) == TO_SOC  # nothing else is wanted
     for number in range(30):
         team.submit(visit(f"t{number}", 3.5 + 4.5 * (number % 2), 3.0 + 0.05 * number))
     assert run(team, workers, 200.0, until=lambda: workers[1].at_charger is None)
@@ -226,7 +231,7 @@ def test_a_charge_of_its_own_accord_that_has_brought_enough_is_ended_as_well(tea
         team.run(0.1)
         low.step(0.1)
     (charge,) = charges_of(own)
-    assert charge.until_soc == pytest.approx(0.6, abs=0.02)
+    assert to_soc_of(charge) == pytest.approx(0.6, abs=0.02)
     own.robot.behavior = ""
     assert run(team, [low, own], 900.0, until=all_done(team))
 
@@ -252,7 +257,7 @@ def test_who_has_had_a_short_turn_and_done_nothing_with_it_gets_a_whole_one(team
     monkeypatch.setattr("robrain.coordinator.charging.charge_desk.schedule_charges", schedule)
     (worker,) = staff(team, (0.2,))
     assert run(team, [worker], 60.0, until=lambda: charges_of(worker))
-    assert charges_of(worker)[0].until_soc == to_soc
+    assert to_soc_of(charges_of(worker)[0]) == to_soc
     assert set(seen) == {("r1", False)}
     ended = charges_of(worker)[0].id
     seen.clear()

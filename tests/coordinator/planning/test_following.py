@@ -13,7 +13,7 @@ from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Explore, TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages import RobotState, TaskStatus
@@ -73,7 +73,7 @@ class Office:
 
     def add(self, *names: str, **fields) -> None:
         for name in names:
-            self.book.add(Visit(id=name, place=PLACE, **fields))
+            self.book.add(Task(id=name, kind="visit", place=PLACE, **fields))
 
     def state(self, name: str) -> TaskState:
         return self.book.find(name).state
@@ -130,7 +130,7 @@ def test_so_many_are_offered_in_one_step_and_no_more(office, due, is_more):
 
 def test_what_a_robot_explores_is_called_off_for_a_task(office):
     office.robot("r1")
-    office.book.add(Explore(id="explore-1", goal=PLACE), own=True)
+    office.book.add(Task(id="explore-1", kind="explore", place=PLACE), own=True)
     office.tasks.offer("explore-1", "r1", 0)
     office.add("t1")
     office.plan.offers = [Due("t1", "r1", "")]

@@ -7,7 +7,7 @@ from robrain.coordinator.planning.replan_trigger import DEARER_SHARE, DRAINED_SH
 from robrain.coordinator.planning.snapshot import Member
 from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages import BatteryState, RobotState
 from robrain.protocol.wire.task_messages import TaskRecord
 from tests.coordinator.planning.worlds import model
@@ -36,7 +36,7 @@ def member(
 
 
 def record(name: str, state: TaskState = TaskState.QUEUED, robot: str = "") -> TaskRecord:
-    return TaskRecord(task=Visit(id=name, place=HOME), state=state, robot=robot)
+    return TaskRecord(task=Task(id=name, kind="visit", place=HOME), state=state, robot=robot)
 
 
 @pytest.fixture

@@ -7,14 +7,14 @@ import pytest
 from robrain.coordinator.planning.own_decisions import DETOUR, DOCK_S, own_decision
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.tasks.task import Explore, Recharge
+from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.messages import RobotState
 from tests.coordinator.planning.worlds import J_PER_M, PACE_M_S, STANDING_W, model
 
 POLICY = PlanningPolicy(time_margin=1.25)
 STATE = RobotState(robot="r1", pose=Pose2D(1.0, 2.0, 0.5), energy=model(50_000.0))
-EXPLORE = Explore(id="explore-1", goal=Point2D(4.0, 6.0))
-RECHARGE = Recharge(id="recharge-1", place=Point2D(4.0, 6.0), until_soc=0.95)
+EXPLORE = Task(id="explore-1", kind="explore", place=Point2D(4.0, 6.0))
+RECHARGE = Task(id="recharge-1", kind="recharge", place=Point2D(4.0, 6.0), parameters={"until_soc": 0.95})
 
 
 def takes(way_m: float, wait_s: float = 0.0) -> tuple[float, float]:

@@ -6,12 +6,12 @@ import msgspec
 import pytest
 
 from robrain.coordinator.planning.lockstep_planner import LockstepPlanner
-from robrain.coordinator.planning.policy import Method, PlanningPolicy
+from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_codec import decode
 from robrain.coordinator.planning.recorded_plans import plan_again
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
-from robrain.protocol.model.tasks.task import Explore, Recharge, TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.plan_messages import ObjectiveRequest, PlanningStatus
@@ -27,8 +27,8 @@ from robrain.protocol.wire.topics import (
 from tests.coordinator.planning.worlds import CAPACITY_J, Worker, run
 
 
-def visit(name: str, x_m: float = 6.0, y_m: float = 4.0, **fields) -> Visit:
-    return Visit(id=name, place=Point2D(x_m, y_m), **fields)
+def visit(name: str, x_m: float = 6.0, y_m: float = 4.0, **fields) -> Task:
+    return Task(id=name, kind="visit", place=Point2D(x_m, y_m), **fields)
 
 
 class Ears:
@@ -89,7 +89,7 @@ def test_a_robot_that_explores_is_taken_away_from_it_for_a_task(team):
     robot = team.robot("r1")
     team.hall()
     team.run(1.0)
-    assert isinstance(robot.offers[-1].task, Explore)
+    assert robot.offers[-1].task.kind == "explore"
     explored = robot.task.id
     team.submit(visit("t1", 5.0))
     team.run(0.1)
@@ -172,7 +172,7 @@ def test_a_robot_that_is_low_charges_first_and_then_does_what_was_left_out(team)
     team.run(1.0)
     team.submit(visit("t1", 8.5))
     assert run(team, [worker], 120.0, until=lambda: team.states() == {"t1": TaskState.DONE})
-    assert [type(offer.task) for offer in robot.offers][:2] == [Recharge, Visit]
+    assert [offer.task.kind for offer in robot.offers][:2] == ["recharge", "visit"]
     records = team.coordinator.tasks.journal
     assert records.find(robot.offers[0].task.id).own
 
@@ -280,7 +280,7 @@ def test_the_objective_is_told_and_changed_while_the_team_works(team, ears):
 
 
 def test_without_plans_the_nearest_idle_robot_is_taken(team, ears):
-    team.begin(None, PlanningPolicy(method=Method.NEAREST))
+    team.begin(None, PlanningPolicy(method="nearest"))
     robot = team.robot("r1")
     team.closed_room()
     team.run(1.0)
@@ -321,7 +321,7 @@ def test_a_coordinator_that_plans_has_its_planner_prepared_and_closed_with_it(te
             called.append("close")
 
     monkeypatch.setattr("robrain.coordinator.planning.planning._planner_of", lambda _: Planner())
-    for method, expected in ((Method.OPTIMAL, ["prepare", "close"]), (Method.NEAREST, ["close"])):
+    for method, expected in (("optimal", ["prepare", "close"]), ("nearest", ["close"])):
         team.begin(None, PlanningPolicy(method=method))
         team.coordinator.planning.prepare()
         team.coordinator.close()

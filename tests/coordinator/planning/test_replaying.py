@@ -13,7 +13,7 @@ from robrain.coordinator.recording.writer.provenance import Provenance
 from robrain.coordinator.recording.writer.recorder import Recorder
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.plan_messages import PlanProblem
 from robrain.protocol.wire.session import open_lockstep_session
@@ -32,7 +32,9 @@ def test_a_recorded_run_decides_the_same_again(team, tmp_path):
     run(team, workers, 1.0)
     for number in range(8):
         after = (f"t{number - 3}",) if number % 4 == 3 else ()
-        task = Visit(id=f"t{number}", place=Point2D(3.5 + 0.6 * number, 2.5 + 3.0 * (number % 2)), after=after)
+        task = Task(
+            id=f"t{number}", kind="visit", place=Point2D(3.5 + 0.6 * number, 2.5 + 3.0 * (number % 2)), after=after
+        )
         team.submit(task, deadline_in_s=100.0 if number % 3 else None)
     done = run(
         team,
@@ -55,8 +57,8 @@ def test_another_question_is_decided_otherwise(team):
     team.endpoint().subscribe(inbox, TASK_PROBLEM)
     team.robot("r1")
     team.closed_room()
-    team.submit(Visit(id="a", place=Point2D(4.0, 4.0)))
-    team.submit(Visit(id="b", place=Point2D(8.0, 4.0)))
+    team.submit(Task(id="a", kind="visit", place=Point2D(4.0, 4.0)))
+    team.submit(Task(id="b", kind="visit", place=Point2D(8.0, 4.0)))
     team.run(1.0)
     told = inbox.drain()[-1].message
     assert plan_again(told) == told.routes
@@ -86,7 +88,7 @@ def digest() -> str:
         for number in range(9):
             needs = ((), ("camera", "arm"), ("sensor_board",))[number % 3]
             place = Point2D(3.5 + 0.6 * number, 2.5 + 3.0 * (number % 2))
-            team.submit(Visit(id=f"t{number}", place=place, needs=needs), deadline_in_s=60.0)
+            team.submit(Task(id=f"t{number}", kind="visit", place=place, needs=needs), deadline_in_s=60.0)
         run(team, workers, 40.0)
         found = hashlib.sha256(b"".join(payload for _, _, payload in inbox.drain_raw())).hexdigest()
         team.close()

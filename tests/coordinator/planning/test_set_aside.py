@@ -6,11 +6,11 @@ import pytest
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning import plan_search as drafting
 from robrain.coordinator.planning.plan_search import Drafting
-from robrain.coordinator.planning.policy import Method, PlanningPolicy
+from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.ranges import METRES_MAX, PRIORITY_MAX, STAMP_MAX
-from robrain.protocol.model.tasks.task import TaskState, Visit
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.messages import BatteryState, RobotState
 from robrain.protocol.wire.reasons.tasks import AfterUnplanned, CannotBePlanned
@@ -23,7 +23,7 @@ HUGE = {"priority": 1e308, "service_s": 1e308}
 
 def queued(name, **fields):
     place = fields.pop("place", Point2D(2.0, 3.0))
-    return TaskRecord(task=Visit(id=name, place=place, **fields), state=TaskState.QUEUED)
+    return TaskRecord(task=Task(id=name, kind="visit", place=place, **fields), state=TaskState.QUEUED)
 
 
 def with_tasks(*records, tasks=3):
@@ -31,7 +31,7 @@ def with_tasks(*records, tasks=3):
     return msgspec.structs.replace(situation, records=(*situation.records, *records))
 
 
-def plan(situation, method=Method.OPTIMAL):
+def plan(situation, method="optimal"):
     draft = Drafting().draft(situation, PlanningPolicy(method=method))
     for _ in draft.improve():
         if draft.thinking.rounds >= 1:
@@ -71,7 +71,7 @@ def test_tasks_that_can_be_planned_each_but_not_together_are_not_tried_together_
     assert tried == [3, 1, 1, 1]
 
 
-@pytest.mark.parametrize("method", [Method.GREEDY, Method.AUCTION, Method.OPTIMAL])
+@pytest.mark.parametrize("method", ["greedy", "auction", "optimal"])
 @pytest.mark.parametrize(
     "fields",
     [
@@ -135,7 +135,10 @@ def test_a_task_with_absurd_numbers_is_refused_with_a_message_on_submission(team
     team.robot("r1")
     team.run(0.5)
     with pytest.raises(CallError, match=rf"at `\$.task.{field}`"):
-        team.ask(TASK_SUBMIT, TaskSubmission(task=Visit(id="bad", place=Point2D(6.0, 4.0), **{field: HUGE[field]})))
+        team.ask(
+            TASK_SUBMIT,
+            TaskSubmission(task=Task(id="bad", kind="visit", place=Point2D(6.0, 4.0), **{field: HUGE[field]})),
+        )
     assert team.states() == {}
 
 
@@ -167,10 +170,10 @@ def test_a_plan_that_cannot_be_made_at_all_is_told_as_the_reason(team, monkeypat
         raise OverflowError("a defect")
 
     monkeypatch.setattr(Drafting, "_draft", faulty)
-    team.submit(Visit(id="v", place=Point2D(6.0, 4.0)))
+    team.submit(Task(id="v", kind="visit", place=Point2D(6.0, 4.0)))
     team.run(1.0)
     monkeypatch.setattr(Drafting, "_find_wrong", lambda *_: {})
-    team.submit(Visit(id="w", place=Point2D(6.0, 4.0)))
+    team.submit(Task(id="w", kind="visit", place=Point2D(6.0, 4.0)))
     team.run(1.0)
     why = team.ask(TASK_WHY, TaskRequest(id="v"), TaskWhy)
     assert why.now == "it is queued: no plan can be made: OverflowError: a defect"

@@ -9,7 +9,6 @@ import pytest
 from robrain.coordinator.allocation.plan import Plan
 from robrain.coordinator.allocation.problem import Job, Objective, Problem, Worker
 from robrain.coordinator.planning import solver as thinking_module
-from robrain.coordinator.planning.policy import Method
 from robrain.coordinator.planning.solver import FRUITLESS, Thinking, think
 
 
@@ -25,7 +24,7 @@ def job(name, place):
 
 
 def orders_after(asked, objective=Objective.ENERGY, *, gain_min, orders):
-    plan, _ = think(asked, objective, Method.AUCTION, seed=0, rounds=0, iterations=1, gain_min=gain_min, orders=orders)
+    plan, _ = think(asked, objective, "auction", seed=0, rounds=0, iterations=1, gain_min=gain_min, orders=orders)
     return {route.worker: route.jobs for route in plan.routes if route.jobs}
 
 
@@ -66,12 +65,12 @@ def test_a_task_that_nobody_was_to_do_is_done_however_little_it_gains():
     assert sorted(name for jobs in found.values() for name in jobs) == ["a", "b"]
 
 
-def thinking_of(*jobs, method=Method.OPTIMAL):
+def thinking_of(*jobs, method="optimal"):
     return Thinking(problem(*jobs), Objective.ENERGY, method, seed=5, iterations=10, gain_min=0.0, orders={})
 
 
 @pytest.mark.parametrize(
-    ("jobs", "method", "rounds"), [(1, Method.OPTIMAL, 0), (2, Method.OPTIMAL, FRUITLESS), (2, Method.AUCTION, 0)]
+    ("jobs", "method", "rounds"), [(1, "optimal", 0), (2, "optimal", FRUITLESS), (2, "auction", 0)]
 )
 def test_better_plans_are_looked_for_where_there_may_be_any(jobs, method, rounds):
     thinking = thinking_of(*(job(f"t{k}", 1 + k) for k in range(jobs)), method=method)
@@ -80,10 +79,7 @@ def test_better_plans_are_looked_for_where_there_may_be_any(jobs, method, rounds
 
 def test_before_there_is_a_plan_the_problem_is_what_was_asked():
     asked = problem(job("a", 1))
-    assert (
-        Thinking(asked, Objective.ENERGY, Method.AUCTION, seed=0, iterations=1, gain_min=0.0, orders={}).problem
-        is asked
-    )
+    assert Thinking(asked, Objective.ENERGY, "auction", seed=0, iterations=1, gain_min=0.0, orders={}).problem is asked
 
 
 def test_a_task_that_a_robot_is_at_is_none_that_can_be_planned_better():
@@ -94,7 +90,7 @@ def test_a_task_that_a_robot_is_at_is_none_that_can_be_planned_better():
 def test_thinking_ends_after_the_rounds_that_are_asked_for():
     jobs = (job("a", 1), job("b", 2), job("c", 3))
     for rounds in (1, 2):
-        _, done = think(problem(*jobs), Objective.ENERGY, Method.OPTIMAL, seed=0, rounds=rounds, iterations=5,
+        _, done = think(problem(*jobs), Objective.ENERGY, "optimal", seed=0, rounds=rounds, iterations=5,
                         gain_min=0.0, orders={})  # fmt: skip
         assert done == rounds
 

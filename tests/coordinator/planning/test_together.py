@@ -6,7 +6,7 @@ import pytest
 
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import TaskState, Visit, place_of
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.reasons.tasks import Gather, PartsUntold
 from robrain.protocol.wire.task_messages import TaskRequest
@@ -16,8 +16,8 @@ from tests.coordinator.planning.worlds import CAPACITY_J, Worker, run
 PLACE = Point2D(6.0, 4.0)
 
 
-def together(name: str = "lift", robots: int = 2, **fields) -> Visit:
-    return Visit(id=name, place=PLACE, robots=robots, service_s=5.0, **fields)
+def together(name: str = "lift", robots: int = 2, **fields) -> Task:
+    return Task(id=name, kind="visit", place=PLACE, robots=robots, service_s=5.0, **fields)
 
 
 @pytest.fixture
@@ -49,7 +49,7 @@ def test_robots_gather_around_the_place_and_begin_when_all_are_there(team, crew)
     assert team.history("lift") == [TaskState.QUEUED, TaskState.OFFERED, TaskState.RUNNING, TaskState.DONE]
     assert len(at_it(crew)) == 2
     assert max(begun[0]) < 0.6  # all of them were there when the first began
-    spots = [place_of(parts(worker, "gather")[0]) for worker in at_it(crew)]
+    spots = [parts(worker, "gather")[0].place for worker in at_it(crew)]
     assert math.dist((spots[0].x_m, spots[0].y_m), (spots[1].x_m, spots[1].y_m)) >= 0.6
     assert [len(worker.robot.offers) for worker in at_it(crew)] == [2, 2]
     record = team.coordinator.tasks.find("lift")
@@ -60,7 +60,7 @@ def test_those_that_wait_for_the_others_are_given_nothing_else(team, crew):
     team.submit(together())
     run(team, crew, 0.5)
     first, second = at_it(crew)
-    team.submit(Visit(id="other", place=Point2D(6.1, 4.1)))
+    team.submit(Task(id="other", kind="visit", place=Point2D(6.1, 4.1)))
     run(team, crew, 2.0)
     assert {offer.task.id.split("-")[0] for one in (first, second) for offer in one.robot.offers} == {"gather"}
     assert run(team, crew, 60.0, until=lambda: set(team.states().values()) == {TaskState.DONE})
@@ -151,7 +151,7 @@ def test_more_robots_than_there_are_is_refused(team, crew):
 
 def test_three_at_once_and_what_comes_after(team, crew):
     team.submit(together(robots=3))
-    team.submit(Visit(id="then", place=PLACE, after=("lift",)))
+    team.submit(Task(id="then", kind="visit", place=PLACE, after=("lift",)))
     assert run(team, crew, 90.0, until=lambda: set(team.states().values()) == {TaskState.DONE})
     assert team.history("then")[-1] is TaskState.DONE
 
@@ -164,7 +164,7 @@ def test_a_coordinator_that_was_killed_before_all_had_been_told_has_it_planned_a
     book.add(together())
     book.begin_together("lift", Gather(("r0", "r1")))
     for number in range(told):
-        book.add(Visit(id=f"gather-{number}", place=PLACE), by="lift", own=True)
+        book.add(Task(id=f"gather-{number}", kind="visit", place=PLACE), by="lift", own=True)
     assert team.coordinator.tasks.find("lift").state is TaskState.RUNNING
     team.begin(journal)
     team.run(0.1)

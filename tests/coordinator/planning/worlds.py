@@ -6,7 +6,8 @@ import msgspec
 
 from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.tasks.task import Recharge, TaskState, place_of
+from robrain.protocol.model.tasks.stock_kinds import Recharge
+from robrain.protocol.model.tasks.task import TaskState, parameters_of
 from robrain.protocol.wire.messages import BatteryState
 from tests.coordinator.conftest import TICK_S, FakeRobot, Team
 
@@ -88,10 +89,10 @@ class Worker:
         if self._at != task.id:
             self._at, self._working_s = task.id, 0.0
             self.at_charger = None  # it may have been called away from one
-        place = place_of(task)
+        place = task.place
         away_m = math.hypot(place.x_m - robot.pose.x_m, place.y_m - robot.pose.y_m)
         go_m = min(away_m, PACE_M_S * dt_s)
-        if isinstance(task, Recharge) and away_m <= BESIDE_M and any(mate.at_charger == place for mate in self.mates):
+        if task.kind == "recharge" and away_m <= BESIDE_M and any(mate.at_charger == place for mate in self.mates):
             self._waits_s += dt_s
             self.waited_s = max(self.waited_s, self._waits_s)
             return
@@ -103,10 +104,10 @@ class Worker:
             robot.pose = Pose2D(x_m, y_m, 0.0)
             self._spend(self.dearer * J_PER_M * go_m)
             return
-        if isinstance(task, Recharge):
+        if task.kind == "recharge":
             self.at_charger = place
             self.remaining_j = min(CAPACITY_J, self.remaining_j + CHARGE_W * dt_s)
-            if self.remaining_j < task.until_soc * CAPACITY_J:
+            if self.remaining_j < parameters_of(task, Recharge).until_soc * CAPACITY_J:
                 return
         else:
             self._working_s += dt_s

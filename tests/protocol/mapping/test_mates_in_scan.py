@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from robrain.protocol.model.geometry import Pose2D
@@ -209,6 +209,7 @@ def goes_through(told, ranges_m, sensor=SENSOR):
 
 @settings(deadline=None, max_examples=60)
 @given(bearing_rad=st.floats(-math.pi, math.pi), away_m=st.floats(0.8, 2.4), yaw_rad=st.floats(-math.pi, math.pi))
+@example(bearing_rad=0.0, away_m=1.0, yaw_rad=-5e-324)
 def test_a_place_that_beams_go_through_is_that_of_no_mate(bearing_rad, away_m, yaw_rad):
     sensor = Pose2D(SENSOR.x_m, SENSOR.y_m, yaw_rad)
     x_m, y_m = sensor.x_m + away_m * math.cos(bearing_rad), sensor.y_m + away_m * math.sin(bearing_rad)

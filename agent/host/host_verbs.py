@@ -1,0 +1,165 @@
+"""The verbs of a robot's host, `robot/R/host/VERB`: a registry of them, and what each does.
+
+A distribution brings a verb of its own by an entry point in the group `robrain.host_verbs`:
+
+    BLINK = host_query("blink", BlinkRequest, int, "Blink the lamp: replies how often")
+    blink = HostVerb(BLINK, lambda host, request: lamp.blink(request.asked.times))
+"""
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, Protocol
+
+from robrain.agent.errors import ManifestError, PluginError
+from robrain.agent.host.command_door import TextCommandDoor
+from robrain.agent.host.halt_desk import HaltDesk
+from robrain.agent.host.plugin_manager import PluginManager
+from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
+from robrain.agent.plugin_traceback import log_error, plugin_traceback
+from robrain.protocol.registry import Registry, UnknownEntry
+from robrain.protocol.wire import host_messages as ask
+from robrain.protocol.wire import host_queries as rows
+from robrain.protocol.wire.endpoint import Endpoint, Request
+from robrain.protocol.wire.errors import BadName, CallError, ErrorCode
+from robrain.protocol.wire.messages import PluginInfo
+from robrain.protocol.wire.refusals import RefusalCode
+from robrain.protocol.wire.topic import Q, Query, R
+
+logger = logging.getLogger(__name__)
+
+Infos = list[PluginInfo]
+
+
+class Host(Protocol):
+    """What a verb may use of its robot's host."""
+
+    name: str
+    manager: PluginManager
+    halting: HaltDesk
+    door: TextCommandDoor
+
+    @property
+    def loadable(self) -> Sequence[Path]:
+        """Folders from which plugins may be loaded by path."""
+
+    def info(self, plugin: ManagedPlugin) -> PluginInfo:
+        """A plugin as the host reports it."""
+
+
+@dataclass(frozen=True)
+class HostVerb(Generic[Q, R]):
+    """A verb of the host.
+
+    It runs on one of several threads, so verbs may run side by side.
+    """
+
+    query: Query[Q, R]
+    """Its row, with the types of request and reply; made by `host_query`."""
+    run: Callable[[Host, Request[Q]], R]
+    """Does it. A PluginError or CallError refuses it in words; anything else is logged, and answered `failed`."""
+
+    @property
+    def name(self) -> str:
+        """The last chunk of its key."""
+        return self.query.chunks[-1]
+
+
+def answer_verb(host: Host, wire: Endpoint, request: Request[bytes]) -> bytes:
+    """Run the verb in a query's key; the reply, encoded.
+
+    Raises:
+        CallError: it is unknown (counted as a refused message) or refused, or its request is not as its row says.
+
+    """
+    name = request.names["verb"]
+    key = rows.HOST_VERB.key(wire.team, robot=host.name, verb=name)
+    try:
+        HOST_VERBS.check(name)
+    except UnknownEntry as error:
+        wire.refusals.note(rows.HOST_VERB.name, key, RefusalCode.MALFORMED, str(error))
+        raise CallError(ErrorCode.UNKNOWN_FUNCTION, str(error)) from error
+    verb = _imported(name)
+    asked = wire.read_request(verb.query, key, request.asked)
+    try:
+        result = verb.run(host, Request(request.names, asked, request.by))
+    except PluginError as error:
+        code = ErrorCode.REFUSED if error.code is ErrorCode.FAILED else error.code
+        detail = plugin_traceback(error)
+        if detail:
+            log_error(logger, f"{host.name}: {name} {error.plugin}", error)
+        raise CallError(code, str(error), getattr(error, "holder", "") or detail) from error
+    return verb.query.payloads.write(result)
+
+
+def _imported(name: str) -> "HostVerb[Any, Any]":
+    try:
+        verb: object = HOST_VERBS.get(name)
+    except UnknownEntry as error:
+        raise CallError(ErrorCode.FAILED, str(error)) from error
+    if not isinstance(verb, HostVerb) or verb.query.pattern != rows.HOST_VERB.pattern.replace("{verb}", name):
+        raise CallError(ErrorCode.FAILED, f"the entry point {name} of {HOST_VERBS.group} is no HostVerb of that name")
+    return verb
+
+
+# -- the stock verbs ----------------------------------------------------------------------------------------------
+
+
+def _load(host: Host, request: Request[ask.LoadRequest]) -> Infos:
+    try:
+        return [host.info(plugin) for plugin in host.manager.load(request.asked.plugin, host.loadable)]
+    except ManifestError as error:
+        raise error.for_outside() from error
+
+
+def _unload(host: Host, request: Request[ask.UnloadRequest]) -> Infos:
+    asked = request.asked
+    return [host.info(plugin) for plugin in host.manager.unload(asked.plugin, cascade=asked.cascade)]
+
+
+def _reload(host: Host, request: Request[ask.ReloadRequest]) -> Infos:
+    return [host.info(host.manager.reload(request.asked.plugin))]
+
+
+def _command(host: Host, request: Request[ask.CommandRequest]) -> str:
+    return host.door.call_text(request.asked.text, by=request.asked.by or request.by)
+
+
+def _hold(host: Host, request: Request[ask.HoldRequest]) -> ask.Lease:
+    asked = request.asked
+    try:
+        return host.manager.get(asked.plugin).hold(asked.by, asked.lease_s)
+    except BadName as error:
+        raise CallError(ErrorCode.BAD_ARGUMENTS, f"hold: {error}") from error
+
+
+def _release(host: Host, request: Request[ask.ReleaseRequest]) -> bool:
+    plugin = host.manager.get(request.asked.plugin)
+    return host.manager.registry.leases.release(plugin.name, request.asked.by)
+
+
+def _halt(host: Host, request: Request[ask.HaltRequest]) -> ask.HaltAnswer:
+    return host.halting.halt(request.asked.by or request.by, request.asked.reason)
+
+
+def _resume(host: Host, request: Request[ask.ResumeRequest]) -> ask.HaltAnswer:
+    return host.halting.resume(request.asked.by or request.by)
+
+
+LOAD = HostVerb(rows.HOST_LOAD, _load)
+UNLOAD = HostVerb(rows.HOST_UNLOAD, _unload)
+RELOAD = HostVerb(rows.HOST_RELOAD, _reload)
+COMMAND = HostVerb(rows.HOST_COMMAND, _command)
+HOLD = HostVerb(rows.HOST_HOLD, _hold)
+RELEASE = HostVerb(rows.HOST_RELEASE, _release)
+HALT = HostVerb(rows.HOST_HALT, _halt)
+RESUME = HostVerb(rows.HOST_RESUME, _resume)
+AT_ONCE = (HALT.name, RESUME.name)
+"""Answered even when all threads are busy."""
+HOST_VERBS: Registry[HostVerb[Any, Any]] = Registry(
+    "host verb",
+    "robrain.host_verbs",
+    {name.lower(): f"{__name__}:{name}" for name, verb in list(globals().items()) if isinstance(verb, HostVerb)},
+)
+"""The verbs by name."""

@@ -1,0 +1,26 @@
+"""The default method of planning: an auction at once, then searches that improve its plan."""
+
+from typing import Protocol, runtime_checkable
+
+from robrain.coordinator.allocation.allocator import Allocator
+from robrain.coordinator.allocation.auction import AuctionAllocator
+
+
+@runtime_checkable
+class Searching(Protocol):
+    """An allocator whose plans another can improve, search by search."""
+
+    def search(self) -> Allocator | None:
+        """The one that improves them; None if what it needs is not installed."""
+
+
+class SearchedAuction(AuctionAllocator):
+    """The auction, whose plans PyVRP improves."""
+
+    def search(self) -> Allocator | None:
+        """See `Searching`."""
+        try:
+            from robrain.coordinator.allocation.optimal import OptimalAllocator
+        except ImportError:  # PyVRP comes with the extra `team`
+            return None
+        return OptimalAllocator(self.objective, lambda: 0.0)  # without a deadline the clock is not read

@@ -1,0 +1,156 @@
+"""What tasks take at their places, as the robots' own plugins tell it.
+
+One query asks for many tasks. An answer holds for all tasks of that kind with the same service time and parameters, and
+for all robots that announce the kind alike, so that few queries are needed however many tasks and robots there are.
+"""
+
+from collections.abc import Collection, Iterable
+from typing import NamedTuple
+
+import msgspec
+
+from robrain.coordinator.team.capabilities import Capabilities
+from robrain.protocol.model.energy.energy_model import Work
+from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.cost_messages import CostsRequest, TaskCost
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.topics import ROBOT_COSTS
+
+QUERY_TASKS_MAX = 256
+ANSWER_NS = to_ns(1.0)
+"""A robot that has not answered by then counts as silent, and another of its type is asked."""
+PATIENCE_NS = to_ns(3.0)
+"""A task is planned without an answer after this time: its robot still judges by itself what it can afford."""
+KEPT_COSTS = 10_000
+
+
+class _Key(NamedTuple):
+    announcement: int
+    """Of the kind by robots of one type."""
+    service_s: float
+    parameters: bytes
+
+
+class _Question(NamedTuple):
+    robot: str
+    task: str
+    """The task that was sent for all with this key."""
+    asked_ns: int
+
+
+class _Known(NamedTuple):
+    version: int
+    """Of the announcements."""
+    works: tuple[Work, ...]
+
+
+class TaskCosts:
+    """Asks robots what tasks take, without waiting for the answers.
+
+    Args:
+        wire: the coordinator's endpoint.
+        capabilities: which robot does which kinds.
+
+    """
+
+    def __init__(self, wire: Endpoint, capabilities: Capabilities) -> None:
+        self._wire = wire
+        self._capabilities = capabilities
+        self._inbox = Inbox()
+        self._costs: dict[_Key, Work | None] = {}
+        """None where a robot cannot tell."""
+        self._questions: dict[_Key, _Question] = {}
+        """What was asked last and is not answered."""
+        self._attempts: dict[_Key, int] = {}
+        self._version = -1
+        self._version_ns = 0
+        """Since when the announcements are as they are."""
+        self._first_ns: dict[str, int] = {}
+        self._known: dict[str, _Known] = {}
+        self.is_waiting = False
+        """Whether the cost of an open task is not known yet."""
+
+    def follow(self, tasks: Iterable[Task], up: Collection[str], now_ns: int) -> None:
+        """Take in what was answered, and ask for what is missing.
+
+        Args:
+            tasks: all that are to be planned.
+            up: names of the robots that can be asked.
+            now_ns: the time.
+
+        """
+        for received in self._inbox.drain():
+            for cost in received.message:
+                self._take(received.names["robot"], cost)
+        if self._version != self._capabilities.version:
+            self._version, self._version_ns = self._capabilities.version, now_ns
+        open_ids = set()
+        missing: dict[str, list[Task]] = {}
+        for task in tasks:
+            open_ids.add(task.id)
+            since_ns = max(self._first_ns.setdefault(task.id, now_ns), self._version_ns)
+            known = self._known.get(task.id)
+            if known is not None and known.version == self._version:
+                continue
+            keys = self._keys(task)
+            unknown = [key for key in keys if key not in self._costs]
+            if unknown and now_ns - since_ns <= PATIENCE_NS:  # what was known before holds until then
+                for key in unknown:
+                    if robot := self._to_be_asked(task, key, keys[key], up, now_ns):
+                        missing.setdefault(robot, []).append(task)
+                continue
+            found = (self._costs.get(key) for key in keys)
+            works = tuple(dict.fromkeys(one for one in found if one is not None))
+            self._known[task.id] = _Known(self._version, works)
+        for gone in self._first_ns.keys() - open_ids:
+            self._first_ns.pop(gone)
+            self._known.pop(gone, None)
+        self.is_waiting = len(self._known) < len(self._first_ns)
+        if not self._first_ns:
+            self._questions.clear()
+            self._attempts.clear()
+        for robot, asked in missing.items():
+            for start in range(0, len(asked), QUERY_TASKS_MAX):
+                request = CostsRequest(tasks=asked[start : start + QUERY_TASKS_MAX])
+                self._wire.ask_into(self._inbox, ROBOT_COSTS, ROBOT_COSTS, request, robot=robot)
+
+    def of(self, task: Task) -> tuple[Work, ...] | None:
+        """What a task takes robots of the types that can do it; empty if none can tell, None if that is yet to come."""
+        known = self._known.get(task.id)
+        return None if known is None else known.works
+
+    def _keys(self, task: Task) -> dict[_Key, list[str]]:
+        """What is to be known of a task, and which robots can tell."""
+        parameters = msgspec.json.encode(task.parameters, order="deterministic")
+        keys: dict[_Key, list[str]] = {}
+        for robot, announcement in self._capabilities.announcements(task.kind):
+            keys.setdefault(_Key(announcement, task.service_s, parameters), []).append(robot)
+        return keys
+
+    def _to_be_asked(self, task: Task, key: _Key, robots: list[str], up: Collection[str], now_ns: int) -> str:
+        """The robot to ask now; empty if an answer is awaited, or nobody is there."""
+        question = self._questions.get(key)
+        if question is not None and now_ns - question.asked_ns <= ANSWER_NS:
+            return ""
+        able = [robot for robot in robots if robot in up]
+        if not able:
+            return ""
+        attempt = self._attempts.get(key, 0)
+        self._attempts[key] = attempt + 1
+        robot = able[attempt % len(able)]
+        self._questions[key] = _Question(robot, task.id, now_ns)
+        return robot
+
+    def _take(self, robot: str, cost: TaskCost) -> None:
+        asked = ((key, one) for key, one in self._questions.items() if (one.robot, one.task) == (robot, cost.id))
+        key, _ = next(asked, (None, None))
+        if key is None:  # nobody asked, or another has answered
+            return
+        del self._questions[key]
+        self._attempts.pop(key, None)
+        work = Work(cost.path_m, cost.turn_rad, cost.wait_s, cost.radio_packets)
+        self._costs[key] = None if cost.why else work
+        if len(self._costs) > KEPT_COSTS:
+            del self._costs[next(iter(self._costs))]

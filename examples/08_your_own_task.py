@@ -1,0 +1,26 @@
+"""A kind of task of your own: the folder beside this file has it, and nothing else in the team knows of it."""
+
+from pathlib import Path
+
+from robrain import CallError, Scenario
+
+FOLDER = Path(__file__).with_name("08_your_own_task")
+
+with Scenario.builtin("arena_small").replace(robots=2).team() as team:
+    team.run_for(20.0)
+    team.load("r1", FOLDER)
+    team.run_for(2.0)  # the coordinator asks r1 what it can do now
+    (sweep,) = [known for known in team.kinds() if known.kind == "sweep"]
+    print(f"{', '.join(sweep.robots)} can {sweep.kind}: {', '.join(sweep.parameters['properties'])}")
+
+    try:
+        team.submit("sweep", place=(3.0, 3.0), parameters={"width_m": -1.0, "height_m": 1.0})
+    except CallError as refused:
+        print(refused)
+
+    task = team.submit("sweep", place=(3.0, 3.0), parameters={"width_m": 1.5, "height_m": 0.8})
+    team.run_for(1.0)
+    for verdict in team.why(task).robots:
+        print(f"{verdict.robot}: {f'{verdict.energy_j:.0f} J' if verdict.energy_j else verdict.why_not}")
+    done = team.wait(task)
+    print(f"{done.task.id} {done.state} by {done.robot}: {done.result}")

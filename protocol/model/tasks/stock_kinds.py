@@ -1,0 +1,135 @@
+"""Parameters of the stock kinds of tasks."""
+
+from types import MappingProxyType
+from typing import Annotated, Any, ClassVar, Final
+
+import msgspec
+from msgspec import Meta
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import Name, PositiveDuration, Quantity, Radians
+from robrain.protocol.model.tasks.task import Task, parameters_of
+
+EXPLORE: Final = "explore"
+VISIT: Final = "visit"
+INSPECT: Final = "inspect"
+COLLECT: Final = "collect"
+RELAY: Final = "relay"
+MONITOR: Final = "monitor"
+SENSE: Final = "sense"
+REPLACE: Final = "replace"
+RECHARGE: Final = "recharge"
+
+
+class TaskParameters(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
+    """What a kind of task needs besides what all tasks have; derive from it. By itself: nothing."""
+
+    @property
+    def json(self) -> dict[str, Any]:
+        """As a task carries them."""
+        content: dict[str, Any] = msgspec.to_builtins(self)
+        return content
+
+
+class Inspect(TaskParameters, frozen=True, kw_only=True):
+    """Go to a place and take a picture. Result: `image`, the key under which it was published."""
+
+    look_at: Point2D | None = None
+    """What is to be in the picture, arena frame; None takes what is in front."""
+
+
+class Collect(TaskParameters, frozen=True, kw_only=True):
+    """Go near a mote and take the readings that it has stored along. Result: `readings`, how many came."""
+
+    mote: Name
+    timeout_s: PositiveDuration = 60.0
+    """Longest wait at the mote."""
+
+
+class Relay(TaskParameters, frozen=True, kw_only=True):
+    """Be the link to a mote, to another robot, or between the two, for a time.
+
+    Result: `share_linked`, and `rssi_dbm` (the mean) of the mote or, without one, of the robot.
+    """
+
+    mote: Name = ""
+    duration_s: PositiveDuration
+    rssi_min_dbm: Quantity = -85.0
+    """If a link is weaker than this, the robot moves nearer."""
+    robot: Name = ""
+    """The next robot of a chain; a link to it is held as well."""
+    SCHEMA_RULES: ClassVar[dict[str, Any]] = {
+        "$comment": "expected a mote or a robot to be the link to, got neither",
+        "anyOf": [{"required": [name], "properties": {name: {"minLength": 1}}} for name in ("mote", "robot")],
+    }
+
+    def __post_init__(self) -> None:
+        if not (self.mote or self.robot):
+            raise ValueError("expected a mote or a robot to be the link to, got neither")
+
+
+class Monitor(TaskParameters, frozen=True, kw_only=True):
+    """Watch a room: look around at intervals and tell what has changed. Result: `rounds`, `changes`, `images`.
+
+    With a `quantity` a mote that is there may do it instead. Result then: `rounds`, `least`, `greatest`, `mote`.
+    """
+
+    duration_s: PositiveDuration
+    interval_s: PositiveDuration = 30.0
+    """From the start of one round to the start of the next."""
+    views: Annotated[int, Meta(ge=1, le=16)] = 4
+    """Directions per round, spread evenly over the circle."""
+    quantity: Name = ""
+    """Quantity that a mote may watch instead of pictures; empty for pictures only."""
+
+
+class Sense(TaskParameters, frozen=True, kw_only=True):
+    """Bring one reading from a place. Result: `value`, `quantity`, `mote`."""
+
+    quantity: Name = "temperature_c"
+    mote: Name = ""
+    """The mote to read; if empty, the one heard best at the place."""
+    timeout_s: PositiveDuration = 30.0
+    """Time limit for a reading."""
+
+
+class Replace(TaskParameters, frozen=True, kw_only=True):
+    """Stand in for a mote: sense at its place, as often as it did. Result: `readings`."""
+
+    mote: Name
+    duration_s: PositiveDuration
+    period_s: PositiveDuration = 4.0
+
+
+class Recharge(TaskParameters, frozen=True, kw_only=True):
+    """Dock at a charger, which is the place, and stay until the battery is full enough.
+
+    Result: `soc`, `docked_m`, and `charged_j`; `energy_j` is what it took to get there.
+    """
+
+    yaw_rad: Radians | None = None
+    """Heading of the docked robot; None leaves it to the robot."""
+    until_soc: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.95
+    """State of charge."""
+
+
+STOCK_KINDS: MappingProxyType[str, type[TaskParameters]] = MappingProxyType(
+    {
+        VISIT: TaskParameters,
+        INSPECT: Inspect,
+        COLLECT: Collect,
+        RELAY: Relay,
+        MONITOR: Monitor,
+        EXPLORE: TaskParameters,
+        REPLACE: Replace,
+        SENSE: Sense,
+        RECHARGE: Recharge,
+    }
+)
+"""The type of the parameters of each kind."""
+
+
+def check_parameters(task: Task) -> None:
+    """Raise BadParameters if a task of a stock kind has parameters that do not fit; of other kinds nothing is known."""
+    if task.kind in STOCK_KINDS:
+        parameters_of(task, STOCK_KINDS[task.kind])

@@ -1,0 +1,171 @@
+"""The verbs of a robot's host: each takes only its own requests; unknown ones are refused; others may be installed."""
+
+import json
+
+import msgspec
+import pytest
+
+from robrain.agent.host import host_verbs
+from robrain.protocol.registry import Registry
+from robrain.protocol.wire.codec import BadPayload
+from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.host_messages import CommandRequest, HoldRequest, UnloadRequest
+from robrain.protocol.wire.host_queries import (
+    HOST_COMMAND,
+    HOST_HALT,
+    HOST_HOLD,
+    HOST_LOAD,
+    HOST_QUERIES,
+    HOST_RELEASE,
+    HOST_RELOAD,
+    HOST_RESUME,
+    HOST_UNLOAD,
+    HOST_VERB,
+    host_query,
+)
+from tests.hostile_payloads import fixed_payloads
+from tests.installed_distributions import install  # noqa: F401 - a fixture
+
+LAB = """
+    class Lamp(Device):
+        @external
+        def hello(self) -> str: return "hello"
+"""
+BLINK = """
+import msgspec
+from robrain.agent.host.host_verbs import HostVerb
+from robrain.protocol.model.ranges import Count
+from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.host_queries import host_query
+
+class BlinkRequest(msgspec.Struct, frozen=True, kw_only=True):
+    times: Count
+
+def run(host, request):
+    if request.asked.times == 13:
+        raise CallError(ErrorCode.REFUSED, "13 brings bad luck")
+    if request.asked.times == 14:
+        raise SystemExit
+    return [host.name] * request.asked.times
+
+blink = HostVerb(host_query("blink", BlinkRequest, list[str], "Blink", ErrorCode.REFUSED), run)
+"""
+
+
+@pytest.fixture
+def lab(bench):
+    bench.code("lab", LAB)
+    bench.manifest("lamp", "lab:Lamp", visibility=["command"], shared=False)
+    bench.start("lamp")
+    return bench
+
+
+@pytest.fixture
+def verbs(monkeypatch):
+    """The registry as it is when a process starts: it has not looked at what is installed."""
+    stock = {verb: f"robrain.agent.host.host_verbs:{verb.upper()}" for verb in STOCK}
+    monkeypatch.setattr(host_verbs, "HOST_VERBS", Registry("host verb", "robrain.host_verbs", stock))
+
+
+STOCK = [query.chunks[-1] for query in HOST_QUERIES]
+
+
+def refusals(lab, topic):
+    return sum(one.count for one in lab.hosts[-1]._refusals.counts() if one.topic == topic)
+
+
+def ask(lab, verb, data):
+    return lab.wire.ask(HOST_VERB, data, robot="r1", verb=verb)
+
+
+def refused(lab, verb, data=b"{}"):
+    with pytest.raises(CallError) as error:
+        ask(lab, verb, data)
+    return error.value.code, error.value.message
+
+
+def test_the_registry_has_a_verb_for_each_row_of_the_table():
+    assert set(STOCK) <= set(host_verbs.HOST_VERBS.names)
+    for query in HOST_QUERIES:
+        assert host_verbs.HOST_VERBS.get(query.chunks[-1]).query is query
+
+
+def test_every_reply_decodes_as_its_row_says(lab):
+    lease = lab.wire.ask(HOST_HOLD, HoldRequest(plugin="lamp", by="ann"), robot="r1")
+    assert (lease.plugin, lease.holder) == ("lamp", "ann")
+    assert lab.wire.ask(HOST_COMMAND, CommandRequest(text="call lamp hello()", by="ann"), robot="r1") == "hello"
+    assert lab.wire.ask(HOST_RELEASE, HOST_RELEASE.request(plugin="lamp", by="ann"), robot="r1") is True
+    assert lab.wire.ask(HOST_HALT, robot="r1").halted
+    assert not lab.wire.ask(HOST_RESUME, robot="r1").halted
+    assert [info.name for info in lab.wire.ask(HOST_RELOAD, HOST_RELOAD.request(plugin="lamp"), robot="r1")] == ["lamp"]
+    assert [info.name for info in lab.wire.ask(HOST_UNLOAD, UnloadRequest(plugin="lamp"), robot="r1")] == ["lamp"]
+    assert [info.name for info in lab.wire.ask(HOST_LOAD, HOST_LOAD.request(plugin="lamp"), robot="r1")] == ["lamp"]
+
+
+@pytest.mark.parametrize("query", HOST_QUERIES, ids=lambda query: query.name)
+def test_a_hostile_request_is_refused_counted_and_reaches_no_verb(lab, query):
+    bad = 0
+    for data in fixed_payloads(query):
+        try:
+            query.requests.read(data)
+        except BadPayload as error:
+            if error.is_too_large:  # refused before the verb is known
+                continue
+            bad += 1
+            assert refused(lab, query.chunks[-1], data)[0] is ErrorCode.BAD_ARGUMENTS
+    assert bad
+    assert refusals(lab, query.name) == bad
+    assert lab.infos()["lamp"].state == "active"
+
+
+def test_a_halt_for_a_long_reason_is_a_halt(lab):
+    assert lab.wire.ask(HOST_HALT, HOST_HALT.request(reason="x" * 100_000), robot="r1").halted
+
+
+def test_an_unknown_verb_is_refused_with_the_list_and_the_nearest_and_counted(lab):
+    code, words = refused(lab, "lod", b"{")
+    assert code is ErrorCode.UNKNOWN_FUNCTION
+    assert all(verb in words for verb in STOCK)
+    assert words.endswith("got lod; did you mean load?")
+    assert refusals(lab, HOST_VERB.name) == 1
+
+
+def test_a_distribution_brings_a_verb(lab, verbs, install):  # noqa: F811
+    install("blinkers", {"blink": "blinkers:blink"}, {"blinkers.py": BLINK}, "robrain.host_verbs")
+    assert json.loads(ask(lab, "blink", b'{"times": 2}')) == ["r1", "r1"]
+    assert refused(lab, "blink", b'{"times": -1}')[0] is ErrorCode.BAD_ARGUMENTS
+    assert refusals(lab, "host_blink") == 1
+    assert refused(lab, "blink", b'{"times": 13}') == (ErrorCode.REFUSED, "13 brings bad luck")
+    assert refused(lab, "blink", b'{"times": 14}')[0] is ErrorCode.FAILED
+    assert "did you mean blink?" in refused(lab, "blonk")[1]
+
+
+class Blinks(msgspec.Struct):
+    times: int
+
+
+def test_a_verb_of_another_distribution_is_asked_by_its_own_row(lab, verbs, install):  # noqa: F811
+    install("blinkers", {"blink": "blinkers:blink"}, {"blinkers.py": BLINK}, "robrain.host_verbs")
+    row = host_query("blink", Blinks, list[str], "Blink")
+    assert lab.wire.ask(row, Blinks(times=1), robot="r1") == ["r1"]
+
+
+@pytest.mark.parametrize(
+    ("points", "code", "words"),
+    [
+        ({"blonk": "blinkers:blink"}, BLINK, "is no HostVerb of that name"),  # its row has another name
+        ({"blonk": "blinkers:run"}, BLINK, "is no HostVerb of that name"),  # a mere function
+        ({"blonk": "blinkers:blink"}, "raise RuntimeError('no bulbs')", "cannot be imported: no bulbs"),
+    ],
+)
+def test_a_verb_that_is_none_fails_in_words(lab, verbs, install, points, code, words):  # noqa: F811
+    install("blinkers", points, {"blinkers.py": code}, "robrain.host_verbs")
+    assert refused(lab, "blonk")[0] is ErrorCode.FAILED
+    assert words in refused(lab, "blonk")[1]
+    assert lab.infos()["lamp"].state == "active"
+
+
+def test_no_distribution_replaces_a_halt(lab, verbs, install):  # noqa: F811
+    install("blinkers", {"halt": "blinkers:blink"}, {"blinkers.py": BLINK}, "robrain.host_verbs")
+    assert lab.wire.ask(HOST_HALT, robot="r1").halted
+    assert lab.hosts[-1].manager.halted
