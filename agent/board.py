@@ -12,7 +12,7 @@ from robrain.protocol.model.localization.rssi_ranging import RssiSample
 from robrain.protocol.model.mapping.local_map import ArenaFix, LocalMap, LocalPose
 from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
-from robrain.protocol.wire.messages import BatteryState
+from robrain.protocol.wire.messages.robot_messages import BatteryState
 
 
 class Board:

@@ -14,7 +14,7 @@ from robrain.agent.events_outside import EventsOutside
 from robrain.agent.task_desk import Accept, LetGo, TaskDesk, TaskWork, work_at_place
 from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Handler
-from robrain.protocol.wire.messages import PluginInfo
+from robrain.protocol.wire.messages.plugin_messages import PluginInfo
 from robrain.protocol.wire.topic import Q, Query, R
 
 logger = logging.getLogger(__name__)

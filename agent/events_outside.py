@@ -10,8 +10,8 @@ import zenoh
 
 from robrain.agent.event import Event
 from robrain.agent.text_form import encode_own
-from robrain.protocol.wire import messages
 from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.messages import plugin_messages
 from robrain.protocol.wire.publisher import Publisher
 from robrain.protocol.wire.topics import ROBOT_EVENT
 
@@ -55,7 +55,7 @@ class _WayOut:
     def __init__(self, event: Event[Any], publisher: Publisher, robot: str, plugin: str, name: str) -> None:
         self._event = event
         self._publisher = publisher
-        self._message = messages.Event(robot=robot, plugin=plugin, event=name)
+        self._message = plugin_messages.Event(robot=robot, plugin=plugin, event=name)
         self._lock = threading.Lock()
         self._is_open = True
         event.leave = self.put

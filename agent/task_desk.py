@@ -21,8 +21,9 @@ from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
-from robrain.protocol.wire.cost_messages import TaskCost
-from robrain.protocol.wire.messages import TaskAnswer, TaskOffer, TaskStatus, TaskWithdrawal
+from robrain.protocol.wire.messages.cost_messages import TaskCost
+from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.wire.messages.robot_messages import TaskStatus
 from robrain.protocol.wire.reasons.offers import EpochAhead, EpochOld, NoBehavior, NotAtTask, Occupied, OfferRefusal
 from robrain.protocol.wire.reasons.reason import Said
 from robrain.protocol.wire.reasons.words import told

@@ -36,14 +36,6 @@ from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.errors import CallError
-from robrain.protocol.wire.host_messages import (
-    CommandRequest,
-    HoldRequest,
-    LoadRequest,
-    ReleaseRequest,
-    ReloadRequest,
-    UnloadRequest,
-)
 from robrain.protocol.wire.host_queries import (
     HOST_COMMAND,
     HOST_HOLD,
@@ -54,16 +46,28 @@ from robrain.protocol.wire.host_queries import (
 )
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM
-from robrain.protocol.wire.messages import (
-    Halt,
-    MoteReading,
-    PluginInfo,
-    RobotState,
-    TaskEvent,
-    TeamState,
+from robrain.protocol.wire.messages.host_messages import (
+    CommandRequest,
+    HoldRequest,
+    LoadRequest,
+    ReleaseRequest,
+    ReloadRequest,
+    UnloadRequest,
 )
-from robrain.protocol.wire.plan_messages import ObjectiveRequest, PlanningStatus
-from robrain.protocol.wire.task_messages import KnownKind, TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
+from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.plan_messages import ObjectiveRequest, PlanningStatus
+from robrain.protocol.wire.messages.plugin_messages import PluginInfo
+from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.task_messages import (
+    KnownKind,
+    TaskEvent,
+    TaskFilter,
+    TaskRecord,
+    TaskRequest,
+    TaskSubmission,
+    TaskWhy,
+)
+from robrain.protocol.wire.messages.team_messages import Halt, TeamState
 from robrain.protocol.wire.topics import (
     COORDINATOR_OBJECTIVE,
     COORDINATOR_PLANNING,

@@ -25,16 +25,17 @@ from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE, Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.border import Received
+from robrain.protocol.wire.border.border import Received
+from robrain.protocol.wire.border.record_guard import RecordGuard
+from robrain.protocol.wire.border.refusals import RefusalCode, most_refused
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.map_messages import MapPatch
-from robrain.protocol.wire.messages import FrontierSummary, RobotState, TaskStatus, TeamState
+from robrain.protocol.wire.messages.map_messages import MapPatch
+from robrain.protocol.wire.messages.robot_messages import RobotState, TaskStatus
+from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.team_messages import FrontierSummary, TeamState
 from robrain.protocol.wire.reasons.idle import IdleReason, PlanPending, TaskSoon, TeamHalted
-from robrain.protocol.wire.record_guard import RecordGuard
-from robrain.protocol.wire.refusals import RefusalCode, most_refused
-from robrain.protocol.wire.task_messages import TaskRecord
 from robrain.protocol.wire.topics import (
     COORDINATOR_ALIVE,
     COORDINATOR_STATE,

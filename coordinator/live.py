@@ -8,7 +8,7 @@ from collections.abc import Callable
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.protocol.wire.collector import CalmCollector
+from robrain.protocol.wire.answers.collector import CalmCollector
 from robrain.protocol.wire.endpoint import Endpoint
 
 PERIOD_S = 0.02

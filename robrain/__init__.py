@@ -28,18 +28,21 @@ if TYPE_CHECKING:
     from robrain.protocol.model.tasks.stock_kinds import TaskParameters
     from robrain.protocol.model.tasks.task import Task, TaskState
     from robrain.protocol.wire.errors import BadName, CallError, ErrorCode, NobodyThere, RobrainError, WireError
-    from robrain.protocol.wire.messages import MoteReading, PluginInfo, RobotState, TaskEvent, TeamState
-    from robrain.protocol.wire.plan_messages import PlanningStatus
-    from robrain.protocol.wire.task_messages import KnownKind, TaskFilter, TaskRecord, TaskWhy
-    from robrain.sim.chargers import ChargerSpec
+    from robrain.protocol.wire.messages.mote_messages import MoteReading
+    from robrain.protocol.wire.messages.plan_messages import PlanningStatus
+    from robrain.protocol.wire.messages.plugin_messages import PluginInfo
+    from robrain.protocol.wire.messages.robot_messages import RobotState
+    from robrain.protocol.wire.messages.task_messages import KnownKind, TaskEvent, TaskFilter, TaskRecord, TaskWhy
+    from robrain.protocol.wire.messages.team_messages import TeamState
     from robrain.sim.disturbance import DisturbanceSpec, PauseSpec
     from robrain.sim.errors import ScenarioError
     from robrain.sim.firmware.battery import BatterySpec
+    from robrain.sim.lockstep.result import RunResult
     from robrain.sim.maps.drawing import Block, FloorDrawing, Pillar, Wall, rasterise
-    from robrain.sim.result import RunResult
-    from robrain.sim.robot_hardware import RobotHardware
-    from robrain.sim.scenario import Progress, Scenario
-    from robrain.sim.surfaces import SurfaceSpec
+    from robrain.sim.maps.surfaces import SurfaceSpec
+    from robrain.sim.robot.robot_hardware import RobotHardware
+    from robrain.sim.scenarios.scenario import Progress, Scenario
+    from robrain.sim.world.chargers import ChargerSpec
 
 __all__ = [
     "AccessDenied",
@@ -137,18 +140,21 @@ _NAMES = {
     "robrain.protocol.model.tasks.stock_kinds": ("TaskParameters",),
     "robrain.protocol.model.tasks.task": ("Task", "TaskState"),
     "robrain.protocol.wire.errors": ("BadName", "CallError", "ErrorCode", "NobodyThere", "RobrainError", "WireError"),
-    "robrain.protocol.wire.messages": ("MoteReading", "PluginInfo", "RobotState", "TaskEvent", "TeamState"),
-    "robrain.protocol.wire.plan_messages": ("PlanningStatus",),
-    "robrain.protocol.wire.task_messages": ("KnownKind", "TaskFilter", "TaskRecord", "TaskWhy"),
-    "robrain.sim.chargers": ("ChargerSpec",),
+    "robrain.protocol.wire.messages.mote_messages": ("MoteReading",),
+    "robrain.protocol.wire.messages.plan_messages": ("PlanningStatus",),
+    "robrain.protocol.wire.messages.plugin_messages": ("PluginInfo",),
+    "robrain.protocol.wire.messages.robot_messages": ("RobotState",),
+    "robrain.protocol.wire.messages.task_messages": ("KnownKind", "TaskEvent", "TaskFilter", "TaskRecord", "TaskWhy"),
+    "robrain.protocol.wire.messages.team_messages": ("TeamState",),
+    "robrain.sim.world.chargers": ("ChargerSpec",),
     "robrain.sim.disturbance": ("DisturbanceSpec", "PauseSpec"),
     "robrain.sim.errors": ("ScenarioError",),
     "robrain.sim.firmware.battery": ("BatterySpec",),
     "robrain.sim.maps.drawing": ("Block", "FloorDrawing", "Pillar", "Wall", "rasterise"),
-    "robrain.sim.result": ("RunResult",),
-    "robrain.sim.robot_hardware": ("RobotHardware",),
-    "robrain.sim.scenario": ("Progress", "Scenario"),
-    "robrain.sim.surfaces": ("SurfaceSpec",),
+    "robrain.sim.lockstep.result": ("RunResult",),
+    "robrain.sim.robot.robot_hardware": ("RobotHardware",),
+    "robrain.sim.scenarios.scenario": ("Progress", "Scenario"),
+    "robrain.sim.maps.surfaces": ("SurfaceSpec",),
 }
 _HOMES = {name: home for home, names in _NAMES.items() for name in names}
 

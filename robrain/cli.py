@@ -18,12 +18,12 @@ from robrain.deploy.commands.team_options import ConnectOption, RobotArgument, T
 from robrain.deploy.recordings.recording_commands import recording_app
 from robrain.deploy.tasks.task_commands import task_app
 from robrain.protocol.model.tasks.objective import Objective
+from robrain.protocol.wire.border.safe_text import safe_text
 from robrain.protocol.wire.errors import CallError, RobrainError
 from robrain.protocol.wire.keys import DEFAULT_REPLAY_TEAM, DEFAULT_TEAM, check_name
-from robrain.protocol.wire.safe_text import safe_text
 
 if TYPE_CHECKING:
-    from robrain.sim.result import RunResult
+    from robrain.sim.lockstep.result import RunResult
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130

@@ -3,8 +3,8 @@
 import time
 from collections.abc import Callable, Sequence
 
-from robrain.sim.arena import Arena
-from robrain.sim.serial_forwarder import SerialForwarder
+from robrain.sim.motes.serial_forwarder import SerialForwarder
+from robrain.sim.world.arena import Arena
 
 CATCH_UP_S = 0.5
 

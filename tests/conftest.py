@@ -14,8 +14,8 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import HealthCheck, settings
 
+from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.hub import CONNECT_VARIABLE, HUB_VARIABLE
-from robrain.protocol.wire.record_guard import RecordGuard
 from tests.own_hub import OwnHub
 from tests.real_maps import WHY_NOT
 

@@ -42,10 +42,10 @@ CLOCKS = {
     "plugins/unit/program/line_process.py": "refused in lockstep",
     "plugins/unit/program/program.py": "refused in lockstep",
     "plugins/unit/tcp_socket/line_server.py": "refused in lockstep",
-    "protocol/wire/answering.py": "answers on threads, in live",
+    "protocol/wire/answers/answering.py": "answers on threads, in live",
     "protocol/wire/clock.py": "the live drive's clock",
     "sim/live_arena.py": "the live drive",
-    "sim/pacing.py": "slows a run down for who watches, and tells how long it took",
+    "sim/lockstep/pacing.py": "slows a run down for who watches, and tells how long it took",
 }
 """Files that import `time`, and why no run in lockstep depends on it."""
 

@@ -14,7 +14,7 @@ from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ROBOT_CALL
-from robrain.sim.scenario import Scenario
+from robrain.sim.scenarios.scenario import Scenario
 
 ROOT = Path(__file__).parent.parent
 

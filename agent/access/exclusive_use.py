@@ -10,8 +10,8 @@ from typing import Protocol
 from robrain.agent.errors import PluginBusy
 from robrain.agent.plugin import PluginState
 from robrain.protocol.wire.clock import Clock, to_ns
-from robrain.protocol.wire.host_messages import Lease
 from robrain.protocol.wire.keys import check_name
+from robrain.protocol.wire.messages.host_messages import Lease
 
 
 class ExternalLeases:

@@ -33,23 +33,17 @@ from robrain.agent.manifest import COMMAND
 from robrain.agent.plugin import PluginState
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.model.ranges import TEXT_MAX, cut
+from robrain.protocol.wire.border.refusals import Refusals, most_refused
 from robrain.protocol.wire.clock import Clock, to_ns
-from robrain.protocol.wire.cost_messages import CostsRequest, TaskCost
 from robrain.protocol.wire.endpoint import Drive, Endpoint, OnOutside, Request, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.host_queries import HOST_VERB
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import (
-    LogRecord,
-    PluginFault,
-    PluginInfo,
-    RobotState,
-    TaskAnswer,
-    TaskOffer,
-    TaskWithdrawal,
-)
+from robrain.protocol.wire.messages.cost_messages import CostsRequest, TaskCost
+from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.wire.messages.plugin_messages import LogRecord, PluginInfo
+from robrain.protocol.wire.messages.robot_messages import PluginFault, RobotState
 from robrain.protocol.wire.reasons.offers import RobotHalted
-from robrain.protocol.wire.refusals import Refusals, most_refused
 from robrain.protocol.wire.topics import (
     COORDINATOR_STATE,
     ROBOT_ALIVE,

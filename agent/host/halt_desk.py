@@ -16,13 +16,15 @@ from robrain.agent.host.plugin_manager import PluginManager
 from robrain.agent.lifecycle.worker_pool import WorkerPool
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.model.tasks.halt_latch import HaltLatch
-from robrain.protocol.wire.border import Heard, Received
+from robrain.protocol.wire.border.border import Heard, Received
+from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.wire.host_messages import HaltAnswer
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import HaltStatus, LogRecord, RobotState, TeamState
-from robrain.protocol.wire.record_guard import RecordGuard
+from robrain.protocol.wire.messages.host_messages import HaltAnswer
+from robrain.protocol.wire.messages.plugin_messages import LogRecord
+from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.team_messages import HaltStatus, TeamState
 from robrain.protocol.wire.topics import COORDINATOR_HALT, COORDINATOR_STATE, HALT, ROBOT_LOG
 
 logger = logging.getLogger(__name__)

@@ -44,8 +44,8 @@ from robrain.agent.task_desk import Accept, LetGo, TaskDesk, TaskWork
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Handler, Serve
-from robrain.protocol.wire.host_messages import Lease
-from robrain.protocol.wire.messages import PluginInfo, TaskKind
+from robrain.protocol.wire.messages.host_messages import Lease
+from robrain.protocol.wire.messages.plugin_messages import PluginInfo, TaskKind
 from robrain.protocol.wire.topic import Query
 
 logger = logging.getLogger(__name__)

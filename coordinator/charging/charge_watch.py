@@ -15,7 +15,7 @@ from robrain.protocol.model.energy.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE, Recharge
 from robrain.protocol.model.tasks.task import parameters_of
-from robrain.protocol.wire.task_messages import TaskRecord
+from robrain.protocol.wire.messages.task_messages import TaskRecord
 
 DETOUR = 1.5
 """How much longer than a straight line a way is taken to be that no plan knows (chosen, as the robots do)."""

@@ -11,8 +11,8 @@ from typing import Any
 import msgspec
 
 from robrain.protocol.model.tasks.old_form import upgraded
+from robrain.protocol.wire.messages.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.tasks import TaskReason
-from robrain.protocol.wire.task_messages import TaskRecord
 
 FIELDS_MAX = 16
 """Maximum number of invalid fields per task."""

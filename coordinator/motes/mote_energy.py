@@ -14,7 +14,7 @@ import math
 
 from robrain.protocol.model.energy.energy_model import EnergyModel, Work, estimate
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.messages import RobotState
+from robrain.protocol.wire.messages.robot_messages import RobotState
 
 CELL_V = 3.0
 SENSE_A, SENSE_S = 0.0087, 0.02

@@ -19,11 +19,13 @@ from robrain.coordinator.tasks.task_explanation import TaskReasons
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.model.tasks.stock_kinds import MONITOR, SENSE, Monitor, Sense
 from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState, parameters_of
-from robrain.protocol.wire.border import Received
+from robrain.protocol.wire.border.border import Received
+from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import MoteDuty, MoteReading
+from robrain.protocol.wire.messages.mote_messages import MoteDuty, MoteReading
+from robrain.protocol.wire.messages.task_messages import RobotVerdict, TaskRecord
 from robrain.protocol.wire.publisher import Publisher
 from robrain.protocol.wire.reasons.robots import (
     BatteryTooSmall,
@@ -36,8 +38,6 @@ from robrain.protocol.wire.reasons.robots import (
     ToldNothing,
 )
 from robrain.protocol.wire.reasons.tasks import DeadlinePassed, MoteUnknown, RobotOut
-from robrain.protocol.wire.record_guard import RecordGuard
-from robrain.protocol.wire.task_messages import RobotVerdict, TaskRecord
 from robrain.protocol.wire.topics import MOTE_DUTY, MOTE_READING
 
 LOOK_NS = to_ns(0.25)

@@ -2,8 +2,8 @@
 
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
+from robrain.protocol.wire.messages.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.robots import Charging, Halted, HeadsHome, PositionUnknown, RobotReason, SentToCharge
-from robrain.protocol.wire.task_messages import TaskRecord
 
 HOMEWARD = frozenset({"recharge", "go home"})
 """Behaviors, as a robot tells them, that it does not leave for any task when it began them of its own accord."""

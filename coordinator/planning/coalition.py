@@ -21,9 +21,9 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, VISIT
 from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.messages.task_messages import TaskFilter, TaskRecord
 from robrain.protocol.wire.reasons.robots import PartFailed, PartUndone, Refused, RobotReason, WithOthers
 from robrain.protocol.wire.reasons.tasks import Gather, NeededFor, PartsUntold, RobotOut, TaskReason, WholeIs
-from robrain.protocol.wire.task_messages import TaskFilter, TaskRecord
 
 PARTS_MAX = 1000
 GATHER, SHARE = "gather", "share"

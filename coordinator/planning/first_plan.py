@@ -11,8 +11,8 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.occupancy_grid import FREE, GridGeometry
 from robrain.protocol.model.tasks.stock_kinds import VISIT
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages import RobotState
-from robrain.protocol.wire.task_messages import TaskRecord
+from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.task_messages import TaskRecord
 
 SIDE = 40
 """Cells of the floor."""

@@ -4,8 +4,8 @@ import math
 
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE
-from robrain.protocol.wire.messages import RobotState
-from robrain.protocol.wire.task_messages import TaskRecord
+from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.task_messages import TaskRecord
 
 AHEAD_S = 3.0
 """A robot that ends its task within this is offered the next one. Chosen: enough for a new plan and an offer on a slow

@@ -9,11 +9,11 @@ import msgspec
 from robrain.coordinator.allocation.plan import Plan
 from robrain.coordinator.allocation.problem import Problem
 from robrain.coordinator.planning.snapshot import ChargerWays, Orders, Situation
-from robrain.protocol.wire.plan_messages import PlanProblem, TaskDecision
+from robrain.protocol.wire.messages.plan_messages import PlanProblem, TaskDecision
+from robrain.protocol.wire.messages.task_messages import RobotVerdict
 from robrain.protocol.wire.reasons.plans import LeftOut
 from robrain.protocol.wire.reasons.tasks import TaskReason
 from robrain.protocol.wire.reasons.words import told
-from robrain.protocol.wire.task_messages import RobotVerdict
 
 if TYPE_CHECKING:
     from robrain.coordinator.allocation.explain import Decision

@@ -13,7 +13,7 @@ from robrain.coordinator.planning.snapshot import Situation
 from robrain.coordinator.planning.solver import Thinking
 from robrain.protocol.model.navigation.clearance import mapped_clearance_m
 from robrain.protocol.model.ranges import cut
-from robrain.protocol.wire.plan_messages import PlanProblem
+from robrain.protocol.wire.messages.plan_messages import PlanProblem
 from robrain.protocol.wire.reasons.tasks import CannotBePlanned, TaskReason
 
 logger = logging.getLogger(__name__)

@@ -33,12 +33,12 @@ from robrain.protocol.model.tasks.stock_kinds import EXPLORE
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
-from robrain.protocol.wire.messages import RobotState
-from robrain.protocol.wire.plan_messages import ObjectiveRequest, PlannedCharge, PlanningStatus, TaskDecision
+from robrain.protocol.wire.messages.plan_messages import ObjectiveRequest, PlannedCharge, PlanningStatus, TaskDecision
+from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.plans import LeftOut
 from robrain.protocol.wire.reasons.robots import RobotReason, WithOthers
 from robrain.protocol.wire.reasons.tasks import NoPlan, PlanLeavesOut, TaskReason, ToBegin
-from robrain.protocol.wire.task_messages import TaskRecord
 from robrain.protocol.wire.topics import COORDINATOR_OBJECTIVE, COORDINATOR_PLANNING, TASK_DECISION, TASK_PROBLEM
 
 logger = logging.getLogger(__name__)

@@ -9,7 +9,7 @@ import msgspec
 from robrain.coordinator.planning.problem_codec import decode
 from robrain.coordinator.planning.solver import think
 from robrain.coordinator.recording.reader.reading import read_messages
-from robrain.protocol.wire.plan_messages import PlanProblem
+from robrain.protocol.wire.messages.plan_messages import PlanProblem
 from robrain.protocol.wire.topics import TASK_PROBLEM
 
 Routes = tuple[tuple[str, tuple[str, ...]], ...]

@@ -6,7 +6,7 @@ from robrain.coordinator.planning.energy_budget import PLENTY_J, profile_of
 from robrain.coordinator.planning.snapshot import Member
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.task_messages import TaskRecord
+from robrain.protocol.wire.messages.task_messages import TaskRecord
 
 DRAINED_SHARE = 0.02
 """Of its full battery: a robot that has used so much more than it had planned is thought about again."""

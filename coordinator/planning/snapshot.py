@@ -8,9 +8,9 @@ import msgspec
 from robrain.coordinator.planning.floor import Floor
 from robrain.protocol.model.energy.energy_model import Work
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.messages import RobotState
+from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.robots import RobotReason
-from robrain.protocol.wire.task_messages import TaskRecord
 
 HANDLING_S = 1.0
 """Every task takes so long besides: to be offered, to come to a stop. So nothing ends when it begins, either."""

@@ -16,9 +16,9 @@ from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
-from robrain.protocol.wire.messages import RobotState
+from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.robots import RobotReason
-from robrain.protocol.wire.task_messages import TaskRecord
 
 AT_PLACE_M = 1.0
 """A robot so near to the place of its task is taken to be at it."""

@@ -17,7 +17,8 @@ from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.errors import BadName
 from robrain.protocol.wire.keys import check_name
-from robrain.protocol.wire.messages import JsonSchema
+from robrain.protocol.wire.messages.message import JsonSchema
+from robrain.protocol.wire.messages.task_messages import TaskRecord, TaskSubmission
 from robrain.protocol.wire.reasons.reason import said
 from robrain.protocol.wire.reasons.tasks import (
     AfterEnded,
@@ -28,7 +29,6 @@ from robrain.protocol.wire.reasons.tasks import (
     TooFewRobots,
 )
 from robrain.protocol.wire.reasons.words import told
-from robrain.protocol.wire.task_messages import TaskRecord, TaskSubmission
 
 if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
     from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid

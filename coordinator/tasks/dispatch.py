@@ -9,8 +9,8 @@ from collections.abc import Callable, Sequence
 
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.wire.messages.task_messages import RobotVerdict, TaskRecord
 from robrain.protocol.wire.reasons.robots import AnotherNearer, PositionUnknown, RobotReason
-from robrain.protocol.wire.task_messages import RobotVerdict, TaskRecord
 
 WhyNot = Callable[[TaskRecord, Robot], RobotReason | None]
 """Why a task cannot go to a robot now; None if it can."""

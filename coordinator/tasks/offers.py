@@ -7,11 +7,11 @@ many are on their way as robots have been asked within the time limit: two offer
 import logging
 from typing import Any, NamedTuple
 
+from robrain.protocol.wire.answers.later import Later
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.wire.later import Later
-from robrain.protocol.wire.messages import TaskAnswer, TaskOffer, TaskWithdrawal
-from robrain.protocol.wire.task_messages import TaskRecord
+from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.wire.messages.task_messages import TaskRecord
 from robrain.protocol.wire.topics import ROBOT_OFFER, ROBOT_WITHDRAW
 
 logger = logging.getLogger(__name__)

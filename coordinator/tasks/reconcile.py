@@ -22,10 +22,10 @@ from typing import NamedTuple
 from robrain.coordinator.team.roster import LOST_AFTER_S, Robot
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.messages import TaskStatus
+from robrain.protocol.wire.messages.robot_messages import TaskStatus
+from robrain.protocol.wire.messages.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.robots import NotHeard
 from robrain.protocol.wire.reasons.tasks import ContactBack, Forgotten, LeaseRanOut, NeverTaken, TaskReason
-from robrain.protocol.wire.task_messages import TaskRecord
 
 LEASE_S = 1.5
 """A robot lets go of its task after so long without a word of its coordinator (chosen: three summaries)."""

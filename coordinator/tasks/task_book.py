@@ -14,12 +14,12 @@ from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import Clock
-from robrain.protocol.wire.messages import TaskEvent, TaskStatus
+from robrain.protocol.wire.messages.robot_messages import TaskStatus
+from robrain.protocol.wire.messages.task_messages import TaskEvent, TaskRecord
 from robrain.protocol.wire.reasons.reason import said
 from robrain.protocol.wire.reasons.robots import Failed, Refused
 from robrain.protocol.wire.reasons.tasks import DoneBefore, RobotOut, TaskReason, Unreadable
 from robrain.protocol.wire.reasons.words import told
-from robrain.protocol.wire.task_messages import TaskRecord
 
 ATTEMPTS = 3
 """So many robots may fail at a task that somebody asked for, until it counts as failed (chosen)."""

@@ -21,16 +21,17 @@ from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.wire.border.record_guard import RecordGuard
+from robrain.protocol.wire.border.refusals import RefusalCode
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.messages import TaskStatus, TaskWithdrawal
+from robrain.protocol.wire.messages.offer_messages import TaskWithdrawal
+from robrain.protocol.wire.messages.robot_messages import TaskStatus
+from robrain.protocol.wire.messages.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.offers import OfferRefusal
 from robrain.protocol.wire.reasons.reason import Said
 from robrain.protocol.wire.reasons.robots import Failed, Refused, RobotReason, Unreachable
 from robrain.protocol.wire.reasons.tasks import DeadlinePassed, IsNext, NotOffered, RobotOut, TaskReason
-from robrain.protocol.wire.record_guard import RecordGuard
-from robrain.protocol.wire.refusals import RefusalCode
-from robrain.protocol.wire.task_messages import TaskRecord
 from robrain.protocol.wire.topics import ROBOT_OFFER
 
 logger = logging.getLogger(__name__)

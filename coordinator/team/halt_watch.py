@@ -7,11 +7,12 @@ from typing import Any
 
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.model.tasks.halt_latch import HaltLatch
-from robrain.protocol.wire.border import Received
+from robrain.protocol.wire.border.border import Received
+from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.endpoint import Endpoint, Request
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import HaltStatus, RobotState
-from robrain.protocol.wire.record_guard import RecordGuard
+from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.team_messages import HaltStatus
 from robrain.protocol.wire.topics import COORDINATOR_HALT, HALT
 
 

@@ -4,11 +4,11 @@ import logging
 from collections import deque
 from typing import TYPE_CHECKING
 
-from robrain.protocol.wire.map_messages import MapPatch
+from robrain.protocol.wire.messages.map_messages import MapPatch
 
 if TYPE_CHECKING:
     from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
-    from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
+    from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
 
 logger = logging.getLogger(__name__)
 
@@ -73,8 +73,8 @@ class TeamMap:
             self._held.append((patch, now_ns))
             return ""
         # Imported here: they load the map's kernels, which a coordinator does once it is up (coordinator/live.py).
-        from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
-        from robrain.protocol.wire.map_patch import MAX_CELLS, check_claim, geometry_of, take_message
+        from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
+        from robrain.protocol.wire.messages.map_patch import MAX_CELLS, check_claim, geometry_of, take_message
 
         try:
             if now_ns is not None:

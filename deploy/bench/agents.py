@@ -29,7 +29,9 @@ from robrain.deploy.processes.live_process import client_session, live_endpoint
 from robrain.protocol.wire.clock import NS_PER_S
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import BatteryState, RobotState, TaskAnswer, TeamState
+from robrain.protocol.wire.messages.offer_messages import TaskAnswer
+from robrain.protocol.wire.messages.robot_messages import BatteryState, RobotState
+from robrain.protocol.wire.messages.team_messages import TeamState
 from robrain.protocol.wire.session import listening_at
 from robrain.protocol.wire.topic import Query
 from robrain.protocol.wire.topics import (
@@ -106,9 +108,9 @@ def measure(robots: int = ROBOTS, minutes: float = MINUTES) -> Iterator[Figure]:
 
 def _template() -> Template:
     """One robot of a real team that has just begun to drive."""
-    from robrain.sim.arena import TICK_S as SIMULATED_TICK_S
-    from robrain.sim.lockstep import LockstepRun
-    from robrain.sim.scenario import Scenario
+    from robrain.sim.lockstep.lockstep import LockstepRun
+    from robrain.sim.scenarios.scenario import Scenario
+    from robrain.sim.world.arena import TICK_S as SIMULATED_TICK_S
 
     run = LockstepRun(Scenario.builtin("arena_small").replace(robots=1).world())
     try:

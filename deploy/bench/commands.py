@@ -169,7 +169,7 @@ def live(
     from robrain.deploy.bench.figure import report
     from robrain.deploy.bench.live_mapping import measure
     from robrain.deploy.errors import UsageError
-    from robrain.sim.scenario import Scenario
+    from robrain.sim.scenarios.scenario import Scenario
 
     if not 0 < minutes < float("inf"):
         raise UsageError(f"--minutes {minutes:g}: expected a number above 0")

@@ -24,12 +24,12 @@ from robrain.deploy.errors import UsageError
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.map_frame import ARENA
-from robrain.protocol.model.mapping.map_overlap import MapMatcher
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
+from robrain.protocol.model.slam.map_overlap import MapMatcher
 from robrain.protocol.wire.errors import RobrainError
-from robrain.sim.lockstep import LockstepRun
+from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.maps.placement import Starts
-from robrain.sim.world import World
+from robrain.sim.world.world import World
 
 KINDS = ("unknown", "carried")
 JOINED_WITHIN_S = 20.0

@@ -20,12 +20,12 @@ from robrain.deploy.bench.live_team import PATIENCE_S, LiveTeam, live_team
 from robrain.deploy.errors import ChildFailed
 from robrain.deploy.processes.children import Child
 from robrain.deploy.run.kernels import prepare_kernels
-from robrain.protocol.wire.arena_messages import ArenaTruth
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.arena_messages import ArenaTruth
 from robrain.protocol.wire.topics import ARENA_TRUTH
-from robrain.sim.scenario import Scenario
+from robrain.sim.scenarios.scenario import Scenario
 
 STOPPED_S = (0.2, 1.5)
 """Least and greatest time for which an agent is stopped."""

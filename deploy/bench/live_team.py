@@ -13,7 +13,7 @@ from robrain.deploy.errors import ChildFailed
 from robrain.deploy.processes.children import Child, Children
 from robrain.deploy.processes.robot_files import write_robot_files
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.sim.scenario import Scenario
+from robrain.sim.scenarios.scenario import Scenario
 
 TEAM = "bench"
 PATIENCE_S = 60.0

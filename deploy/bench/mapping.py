@@ -2,7 +2,8 @@
 
 The same runs can be made with glass and mirrors, and with late messages; these are compared with the runs without.
 
-Each run measures the occupied cells off the walls, the position errors and silent divergence (`sim/accuracy_watch.py`).
+Each run measures the occupied cells off the walls, the position errors and silent divergence
+(`sim/world/accuracy_watch.py`).
 All figures but the wall time depend on the code alone.
 """
 
@@ -22,7 +23,7 @@ from robrain.deploy.commands.terminal import print_line, say
 from robrain.deploy.errors import UsageError
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.protocol.wire.errors import RobrainError
-from robrain.sim.result import RunResult
+from robrain.sim.lockstep.result import RunResult
 
 OFF_BOUND_PERCENT = {"exact": 2.0, "slipping": 3.0}
 RMSE_BOUND_M = 0.15

@@ -7,10 +7,10 @@ import msgspec
 
 from robrain.deploy.errors import UsageError
 from robrain.sim.disturbance import DelaySpec, DisturbanceSpec, FrameDelaySpec, PauseSpec
-from robrain.sim.scenario import MAX_SEED, Scenario
-from robrain.sim.scenario_file import MAX_ROBOTS, builtin_names
-from robrain.sim.surfaces import SurfaceSpec
-from robrain.sim.wheels import WheelSpec
+from robrain.sim.maps.surfaces import SurfaceSpec
+from robrain.sim.robot.wheels import WheelSpec
+from robrain.sim.scenarios.scenario import MAX_SEED, Scenario
+from robrain.sim.scenarios.scenario_file import MAX_ROBOTS, builtin_names
 
 PROJECT = Path(__file__).resolve().parents[2]
 OWN_MAPS = PROJECT / "examples" / "maps"

@@ -25,7 +25,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import RobotState
+from robrain.protocol.wire.messages.robot_messages import RobotState
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_STATE
 
 ROBOT = "r1"

@@ -8,8 +8,8 @@ from robrain.agent.host.text_command import Call, parse_call
 from robrain.agent.text_form import parse_argument, parse_value, print_value
 from robrain.client.team import Team
 from robrain.deploy.errors import UsageError
+from robrain.protocol.wire.border.safe_text import safe_json
 from robrain.protocol.wire.keys import check_name
-from robrain.protocol.wire.safe_text import safe_json
 
 
 def call_command(

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from robrain.deploy.errors import UsageError
-from robrain.sim.scenario import Scenario
+from robrain.sim.scenarios.scenario import Scenario
 
 
 def until_explored(until: str | None) -> float | None:

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from robrain.deploy.commands.team_options import ConnectOption, RobotArgument, TeamOption
+from robrain.protocol.wire.border.safe_text import safe_text
 from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
-from robrain.protocol.wire.safe_text import safe_text
 
 if TYPE_CHECKING:
     from robrain.client.team import Team
-    from robrain.protocol.wire.messages import PluginInfo
+    from robrain.protocol.wire.messages.plugin_messages import PluginInfo
 
 EXIT_MISTAKES = 1
 PLAIN_WIDTH = 200

@@ -6,10 +6,10 @@ import msgspec
 
 from robrain.client.members import team_found
 from robrain.deploy.processes.live_process import client_session, live_endpoint, tell
+from robrain.protocol.wire.border.refusals import Refusal
+from robrain.protocol.wire.border.safe_text import safe_text
 from robrain.protocol.wire.hub import team_endpoints, wrong_team
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.refusals import Refusal
-from robrain.protocol.wire.safe_text import safe_text
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_STATE
 
 STATE_S = 1.0

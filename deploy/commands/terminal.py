@@ -6,7 +6,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from robrain.deploy.processes.live_process import tell
-from robrain.protocol.wire.safe_text import safe_text
+from robrain.protocol.wire.border.safe_text import safe_text
 
 PLAIN_WIDTH = 200
 """Width of a table written to a file or pipe, in columns."""

@@ -13,7 +13,7 @@ from robrain.deploy.processes.robot_files import loadable_from_here, write_robot
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.protocol.wire.session import listening_at
 from robrain.sim.live_arena import run_arena
-from robrain.sim.scenario import Scenario
+from robrain.sim.scenarios.scenario import Scenario
 
 
 def arena_command(scenario: Scenario, place: Place, team: str, robot_files: Path | None) -> None:

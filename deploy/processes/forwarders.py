@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.sim.serial_forwarder import SerialForwarder
+from robrain.sim.motes.serial_forwarder import SerialForwarder
 
 _SAID = "serial forwarder of "
 

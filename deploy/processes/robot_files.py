@@ -8,7 +8,7 @@ import msgspec
 
 from robrain.deploy.processes.forwarders import note
 from robrain.protocol.wire.session import is_loopback
-from robrain.sim.world import World
+from robrain.sim.world.world import World
 
 NO_FORWARDERS: Mapping[str, str] = MappingProxyType({})
 

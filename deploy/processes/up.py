@@ -20,16 +20,16 @@ from robrain.deploy.processes.robot_files import loadable_from_here, write_robot
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.deploy.run.planning_file import write_planning
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
-from robrain.protocol.wire.arena_messages import ArenaTruth
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import WireError
 from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.arena_messages import ArenaTruth
 from robrain.protocol.wire.reasons.words import told
 from robrain.protocol.wire.session import listening_at
 from robrain.protocol.wire.topics import ARENA_TRUTH, COORDINATOR_ALIVE, ROBOT_ALIVE, ROBOT_STATE
-from robrain.sim.manifests import manifest_texts
-from robrain.sim.scenario import Scenario
+from robrain.sim.lockstep.manifests import manifest_texts
+from robrain.sim.scenarios.scenario import Scenario
 
 LOOK_PERIOD_S = 0.1
 

@@ -9,8 +9,8 @@ import msgspec
 import typer
 
 from robrain.deploy.commands.team_options import ConnectOption, TeamOption
+from robrain.protocol.wire.border.safe_text import safe_json
 from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
-from robrain.protocol.wire.safe_text import safe_json
 
 recording_app = typer.Typer(rich_markup_mode=None)
 

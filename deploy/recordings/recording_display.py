@@ -25,7 +25,7 @@ from robrain.coordinator.recording.reader.contents import KeyContents, Recording
 from robrain.coordinator.recording.reader.folded_keys import folded
 from robrain.coordinator.recording.reader.recovering import Recovery
 from robrain.coordinator.recording.writer.recorder import Recorder, RecordingSummary
-from robrain.protocol.wire.safe_text import safe_text
+from robrain.protocol.wire.border.safe_text import safe_text
 
 PLAIN_WIDTH = 200
 """Columns of a table that goes into a file or a pipe."""

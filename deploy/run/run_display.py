@@ -13,9 +13,9 @@ from robrain.deploy.processes.own_program import own_program
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.wire.reasons.idle import NothingUnknown
 from robrain.protocol.wire.reasons.words import words
-from robrain.sim.floor_left import GapTooNarrow
-from robrain.sim.result import RunResult
-from robrain.sim.scenario import Progress as RunProgress
+from robrain.sim.lockstep.result import RunResult
+from robrain.sim.scenarios.scenario import Progress as RunProgress
+from robrain.sim.world.floor_left import GapTooNarrow
 
 
 class _ClockColumn(ProgressColumn):

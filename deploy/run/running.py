@@ -13,8 +13,8 @@ from robrain.deploy.processes.live_process import LiveStop
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.deploy.run.run_display import run_display, show_result
 from robrain.protocol.wire.keys import DEFAULT_TEAM
-from robrain.sim.result import RunResult
-from robrain.sim.scenario import Scenario
+from robrain.sim.lockstep.result import RunResult
+from robrain.sim.scenarios.scenario import Scenario
 
 WATCHING_SPEED = 5.0
 

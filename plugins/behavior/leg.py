@@ -12,7 +12,7 @@ from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.navigation.claim import Claim
 from robrain.protocol.model.navigation.right_of_way import LOOK_AHEAD_M, STEP_M, Release, Way
-from robrain.protocol.wire.messages import PlannedPath
+from robrain.protocol.wire.messages.robot_messages import PlannedPath
 
 NEAR_END_M = 0.3
 """The driver is told of more released way when there is so much of it, or when it comes so near to the end."""

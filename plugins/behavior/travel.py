@@ -23,7 +23,7 @@ from robrain.protocol.model.navigation.claim import Claim
 from robrain.protocol.model.navigation.clearance import least_gap_m
 from robrain.protocol.model.navigation.right_of_way import LONGEST_M, LOOK_AHEAD_M, STEP_M, Release
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.messages import PlannedPath
+from robrain.protocol.wire.messages.robot_messages import PlannedPath
 from robrain.protocol.wire.reasons.offers import PositionLost
 from robrain.protocol.wire.reasons.words import told
 from robrain.protocol.wire.topics import ROBOT_PATH

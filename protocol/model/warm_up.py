@@ -18,15 +18,8 @@ from robrain.protocol.model.localization.scan_match import (
     without_dropouts,
 )
 from robrain.protocol.model.mapping.map_accuracy import measure_map_accuracy
-from robrain.protocol.model.mapping.map_overlap import MapMatcher
-from robrain.protocol.model.mapping.mates_in_scan import mate_circles, wall_ends
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
-from robrain.protocol.model.mapping.place_search import search_places
-from robrain.protocol.model.mapping.pose_graph import Edge, solve
 from robrain.protocol.model.mapping.ray_cast import cast_rays
-from robrain.protocol.model.mapping.submap import IDENTITY
-from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
-from robrain.protocol.model.mapping.surface_match import match_surface
 from robrain.protocol.model.navigation.escape import escape_cells
 from robrain.protocol.model.navigation.frontier import find_frontiers
 from robrain.protocol.model.navigation.inflation import clearance_m
@@ -48,6 +41,13 @@ from robrain.protocol.model.numeric.small_linear_algebra import (
     least_solution,
     quadratic_form,
 )
+from robrain.protocol.model.slam.map_overlap import MapMatcher
+from robrain.protocol.model.slam.mates_in_scan import mate_circles, wall_ends
+from robrain.protocol.model.slam.place_search import search_places
+from robrain.protocol.model.slam.pose_graph import Edge, solve
+from robrain.protocol.model.slam.submap import IDENTITY
+from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
+from robrain.protocol.model.slam.surface_match import match_surface
 
 
 def warm_up() -> None:

@@ -17,18 +17,18 @@ import msgspec
 import zenoh
 from zenoh import ext
 
-from robrain.protocol.wire.answering import Answering
-from robrain.protocol.wire.border import Border, Heard
+from robrain.protocol.wire.answers.answering import Answering
+from robrain.protocol.wire.answers.later import Later, call_error, read_reply
+from robrain.protocol.wire.answers.lockstep_query import NO_LIMIT_S, LockstepReplies, is_from_outside
+from robrain.protocol.wire.border.border import Border, Heard
+from robrain.protocol.wire.border.codec import BadPayload
+from robrain.protocol.wire.border.refusals import RefusalCode, Refusals
 from robrain.protocol.wire.clock import Clock
-from robrain.protocol.wire.codec import BadPayload
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.inbox import NOTHING, Inbox
 from robrain.protocol.wire.keys import check_name
-from robrain.protocol.wire.later import Later, call_error, read_reply
-from robrain.protocol.wire.lockstep_query import NO_LIMIT_S, LockstepReplies, is_from_outside
 from robrain.protocol.wire.presence import Presence
 from robrain.protocol.wire.publisher import PRIORITY, Publisher
-from robrain.protocol.wire.refusals import RefusalCode, Refusals
 from robrain.protocol.wire.topic import JSON, Delivery, Q, Query, R, Token, Topic
 
 logger = logging.getLogger(__name__)

@@ -5,7 +5,7 @@ from typing import Any
 
 import zenoh
 
-from robrain.protocol.wire.border import Border, Heard, Received
+from robrain.protocol.wire.border.border import Border, Heard, Received
 from robrain.protocol.wire.topic import Delivery, Topic
 
 NOTHING = b"null"

@@ -7,7 +7,7 @@ import msgspec
 import zenoh
 
 from robrain.protocol.wire.clock import Clock
-from robrain.protocol.wire.messages import Message
+from robrain.protocol.wire.messages.message import Message
 from robrain.protocol.wire.topic import Topic, Urgency
 
 PRIORITY = {

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Generic, TypeVar, cast, get_args
 
 import msgspec
 
-from robrain.protocol.wire.codec import Codec
+from robrain.protocol.wire.border.codec import Codec
 from robrain.protocol.wire.errors import ErrorCode
 from robrain.protocol.wire.keys import ROOT, check_name, is_name
 

@@ -7,12 +7,30 @@ in the project writes a key by hand.
 from types import NoneType
 from typing import Any, cast
 
-from robrain.protocol.wire import arena_messages, map_messages, messages, plan_messages
-from robrain.protocol.wire.cost_messages import CostsRequest, TaskCost
 from robrain.protocol.wire.errors import PLUGIN_ERRORS, ErrorCode
 from robrain.protocol.wire.host_queries import HOST_QUERIES
-from robrain.protocol.wire.replay_messages import ReplayRequest, ReplayStatus
-from robrain.protocol.wire.task_messages import KnownKind, TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
+from robrain.protocol.wire.messages import (
+    arena_messages,
+    map_messages,
+    mote_messages,
+    offer_messages,
+    plan_messages,
+    plugin_messages,
+    recorder_messages,
+    robot_messages,
+    task_messages,
+    team_messages,
+)
+from robrain.protocol.wire.messages.cost_messages import CostsRequest, TaskCost
+from robrain.protocol.wire.messages.replay_messages import ReplayRequest, ReplayStatus
+from robrain.protocol.wire.messages.task_messages import (
+    KnownKind,
+    TaskFilter,
+    TaskRecord,
+    TaskRequest,
+    TaskSubmission,
+    TaskWhy,
+)
 from robrain.protocol.wire.topic import (
     CAN_FRAME,
     PNG,
@@ -46,7 +64,7 @@ ROBOT_WHO = Query(
     doc="Process that holds the robot's name: replies host, process id and Zenoh id",
     by=Role.ROBOT,
     request=NoneType,
-    reply=messages.ProcessInfo,
+    reply=plugin_messages.ProcessInfo,
     reads_only=True,
 )
 ROBOT_STATE = Topic(
@@ -54,7 +72,7 @@ ROBOT_STATE = Topic(
     pattern="robot/{robot}/state",
     doc="Pose, velocity, battery, current behavior and task",
     by=Role.ROBOT,
-    message=messages.RobotState,
+    message=robot_messages.RobotState,
     rate_hz=10,
     delivery=Delivery.LATEST,
     recorded=True,
@@ -97,7 +115,7 @@ ROBOT_PATH = Topic(
     pattern="robot/{robot}/path",
     doc="The path that the robot means to follow, on change",
     by=Role.ROBOT,
-    message=messages.PlannedPath,
+    message=robot_messages.PlannedPath,
     delivery=Delivery.LATEST,
     recorded=True,
     max_bytes=4_194_304,
@@ -107,7 +125,7 @@ ROBOT_LINKS = Topic(
     pattern="robot/{robot}/links",
     doc="Which motes and robots it hears on the motes' radio, and how well",
     by=Role.ROBOT,
-    message=messages.RobotLinks,
+    message=robot_messages.RobotLinks,
     rate_hz=0.5,
     delivery=Delivery.LATEST,
     urgency=Urgency.DATA_LOW,
@@ -118,7 +136,7 @@ ROBOT_EVENT = Topic(
     pattern="robot/{robot}/event/{plugin}/{event}",
     doc="Notifications that left the robot",
     by=Role.ROBOT,
-    message=messages.Event,
+    message=plugin_messages.Event,
     delivery=Delivery.LOSSLESS,
     urgency=Urgency.INTERACTIVE_HIGH,
     recorded=True,
@@ -129,7 +147,7 @@ ROBOT_LOG = Topic(
     pattern="robot/{robot}/log",
     doc="Log records",
     by=Role.ROBOT,
-    message=messages.LogRecord,
+    message=plugin_messages.LogRecord,
     urgency=Urgency.DATA_LOW,
     recorded=True,
     max_bytes=65_536,
@@ -140,7 +158,7 @@ ROBOT_PLUGINS = Query(
     doc="What is loaded, in which state, with which functions",
     by=Role.ROBOT,
     request=NoneType,
-    reply=list[messages.PluginInfo],
+    reply=list[plugin_messages.PluginInfo],
     reads_only=True,
 )
 ROBOT_CALL = Query(
@@ -161,9 +179,9 @@ def _robot_task(verb: str, request: type[Q], reply: type[R], doc: str, *, reads_
                  reply=reply, urgency=Urgency.INTERACTIVE_HIGH, reads_only=reads_only)  # fmt: skip
 
 
-ROBOT_OFFER = _robot_task("offer", messages.TaskOffer, messages.TaskAnswer,
+ROBOT_OFFER = _robot_task("offer", offer_messages.TaskOffer, offer_messages.TaskAnswer,
                           "The coordinator offers a task with its fencing epoch and lease")  # fmt: skip
-ROBOT_WITHDRAW = _robot_task("withdraw", messages.TaskWithdrawal, messages.TaskAnswer,
+ROBOT_WITHDRAW = _robot_task("withdraw", offer_messages.TaskWithdrawal, offer_messages.TaskAnswer,
                              "The coordinator takes a task back")  # fmt: skip
 ROBOT_COSTS = _robot_task("costs", CostsRequest, list[TaskCost],
                           "What tasks would take at their places, by its own plugins", reads_only=True)  # fmt: skip
@@ -179,7 +197,7 @@ ROBOT_FOREIGN_INFO = Query(
     doc="What such a plugin is: replies a `PluginInfo`",
     by=Role.ROBOT,
     request=NoneType,
-    reply=messages.PluginInfo,
+    reply=plugin_messages.PluginInfo,
     reads_only=True,
 )
 ROBOT_FOREIGN_CALL = Query(
@@ -209,7 +227,7 @@ MOTE_READING = Topic(
     pattern="mote/{mote}/reading",
     doc="A reading brought in by a robot or gateway",
     by=Role.ROBOT,
-    message=messages.MoteReading,
+    message=mote_messages.MoteReading,
     delivery=Delivery.LOSSLESS,
     urgency=Urgency.DATA_LOW,
     recorded=True,
@@ -220,7 +238,7 @@ MOTE_DUTY = Topic(
     pattern="mote/{mote}/duty",
     doc="How often a mote is to sense; a robot that meets it tells it",
     by=Role.COORDINATOR,
-    message=messages.MoteDuty,
+    message=mote_messages.MoteDuty,
     delivery=Delivery.LOSSLESS,
     recorded=True,
     cache=1,
@@ -231,7 +249,7 @@ TASK_EVENT = Topic(
     pattern="task/event",
     doc="Every change of every task, with why",
     by=Role.COORDINATOR,
-    message=messages.TaskEvent,
+    message=task_messages.TaskEvent,
     delivery=Delivery.LOSSLESS,
     recorded=True,
     max_bytes=262_144,
@@ -319,7 +337,7 @@ COORDINATOR_WHO = Query(
     doc="Process that is the coordinator: replies host, process id and Zenoh id",
     by=Role.COORDINATOR,
     request=NoneType,
-    reply=messages.ProcessInfo,
+    reply=plugin_messages.ProcessInfo,
     reads_only=True,
 )
 COORDINATOR_STATE = Topic(
@@ -327,7 +345,7 @@ COORDINATOR_STATE = Topic(
     pattern="coordinator/state",
     doc="Summary of the team",
     by=Role.COORDINATOR,
-    message=messages.TeamState,
+    message=team_messages.TeamState,
     rate_hz=2,
     delivery=Delivery.LATEST,
     recorded=True,
@@ -339,7 +357,7 @@ COORDINATOR_HALT = Query(
     doc="How the team stands to an emergency halt: replies a `HaltStatus`, or null; asked by robots before they start",
     by=Role.COORDINATOR,
     request=NoneType,
-    reply=cast("type[messages.HaltStatus | None]", messages.HaltStatus | None),
+    reply=cast("type[team_messages.HaltStatus | None]", team_messages.HaltStatus | None),
     urgency=Urgency.INTERACTIVE_HIGH,
     reads_only=True,
 )
@@ -348,7 +366,7 @@ RECORDER_STATE = Topic(
     pattern="recorder/{recorder}/state",
     doc="How a recorder does, and what it has lost",
     by=Role.OPERATOR,
-    message=messages.RecorderState,
+    message=recorder_messages.RecorderState,
     rate_hz=1,
     delivery=Delivery.LATEST,
     urgency=Urgency.DATA_LOW,
@@ -368,7 +386,7 @@ HALT = Topic(
     pattern="halt",
     doc="Team-wide emergency halt, or its end",
     by=Role.OPERATOR,
-    message=messages.Halt,
+    message=team_messages.Halt,
     urgency=Urgency.REAL_TIME,
     recorded=True,
     max_bytes=4096,

@@ -1,6 +1,6 @@
 """Limits on the size of a floor that a team of robots can map."""
 
-from robrain.protocol.wire.map_patch import MAX_CELLS as MAX_TEAM_CELLS
+from robrain.protocol.wire.messages.map_patch import MAX_CELLS as MAX_TEAM_CELLS
 
 TEAM_RESOLUTION_M = 0.1
 """Pitch of the team's grid on a simulated floor."""

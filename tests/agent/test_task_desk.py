@@ -12,7 +12,8 @@ from robrain.protocol.model.ranges import WHY_MAX
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import TaskAnswer, TaskOffer, TaskWithdrawal, TeamState
+from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.wire.messages.team_messages import TeamState
 from robrain.protocol.wire.reasons.offers import EpochAhead, EpochOld, NoBehavior, Occupied
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_OFFER, ROBOT_STATE, ROBOT_WITHDRAW
 from tests.agent.desk_of_one import GOAL, NO, YES, Explorer, offer
@@ -289,7 +290,7 @@ TestDesk = Desk.TestCase
 # -- with a behavior, over the wire -----------------------------------------------------------------------------
 
 SEEKER = """
-    from robrain.protocol.wire.messages import TaskAnswer
+    from robrain.protocol.wire.messages.offer_messages import TaskAnswer
 
     class Seeker(Behavior):
         kind = "explore"

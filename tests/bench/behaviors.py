@@ -24,15 +24,15 @@ from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.model.warm_up import warm_up
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages import TeamState
+from robrain.protocol.wire.messages.team_messages import TeamState
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import COORDINATOR_STATE
-from robrain.sim.camera import Camera, CameraSpec, SeenRobot
 from robrain.sim.firmware.battery import BatterySpec
-from robrain.sim.lidar import LidarSpec
-from robrain.sim.scenario import Scenario
-from robrain.sim.wheels import WheelSpec
-from tests.plugins.errands import CHARGER, Errands, room
+from robrain.sim.robot.camera import Camera, CameraSpec, SeenRobot
+from robrain.sim.robot.lidar import LidarSpec
+from robrain.sim.robot.wheels import WheelSpec
+from robrain.sim.scenarios.scenario import Scenario
+from tests.plugins.behavior.errands import CHARGER, Errands, room
 
 ROUNDS = 5
 IDLE_S = 20.0

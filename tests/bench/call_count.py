@@ -10,8 +10,8 @@ from collections.abc import Callable
 
 from robrain import Scenario
 from robrain.protocol.model.warm_up import warm_up
-from robrain.sim.arena import TICK_S
-from robrain.sim.lockstep import LockstepRun
+from robrain.sim.lockstep.lockstep import LockstepRun
+from robrain.sim.world.arena import TICK_S
 
 
 def calls_per_robot_second(

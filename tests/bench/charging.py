@@ -15,11 +15,11 @@ from robrain.coordinator.planning.policy import Charging, PlanningPolicy
 from robrain.deploy.bench.figure import WIDTH, Figure, above, at_least, at_most, deterministic, show_figures
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.sim.chargers import ChargerSpec
 from robrain.sim.firmware.battery import BatterySpec
-from robrain.sim.lockstep import LockstepRun
-from robrain.sim.robot_hardware import RobotHardware
-from robrain.sim.scenario import Scenario
+from robrain.sim.lockstep.lockstep import LockstepRun
+from robrain.sim.robot.robot_hardware import RobotHardware
+from robrain.sim.scenarios.scenario import Scenario
+from robrain.sim.world.chargers import ChargerSpec
 from tests.bench.planning import known_places
 from tests.bench.side_by_side import side_by_side
 

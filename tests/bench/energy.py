@@ -8,7 +8,8 @@ and then somebody is in the way, the floor differs from mission to mission, and 
 more or less than when the mission was planned: chosen, so that plans do not come true to the joule.
 
 The battery, its gauge and the load are the simulator's firmware; the estimators are the ones that the plugins run.
-Speeds are stepped at 5 Hz here, without arena and wire; `tests/plugins/test_energy.py` holds both against each other.
+Speeds are stepped at 5 Hz here, without arena and wire; `tests/plugins/skill/test_energy.py` holds both
+against each other.
 """
 
 import math
@@ -27,7 +28,7 @@ from robrain.protocol.model.energy.soc_filter import PackModel
 from robrain.sim.firmware.battery import Battery, BatterySpec
 from robrain.sim.firmware.battery_manager import Gauge, Load
 from robrain.sim.firmware.power_model import PowerModel
-from robrain.sim.robot_body import MASS_KG
+from robrain.sim.robot.robot_body import MASS_KG
 from tests.bench.side_by_side import side_by_side
 
 SEEDS = 100

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.localization.pose_filter import DriftModel
 from robrain.protocol.model.localization.rssi_ranging import PathLoss
-from robrain.sim.radio import ShadowField
+from robrain.sim.motes.radio import ShadowField
 
 SIDE_M = 20.0
 MOTES = 8

@@ -27,12 +27,12 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_RADIO_RX, MOTE_READING, ROBOT_EVENT, ROBOT_STATE
-from robrain.sim.arena import TICK_S
-from robrain.sim.field import Field
-from robrain.sim.lockstep import LockstepRun
+from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.maps.floor_plan import FloorPlan
-from robrain.sim.mote import ANSWER_GAP_S, ArenaMote
-from robrain.sim.motes import MoteField, SensorNetwork
+from robrain.sim.motes.field import Field
+from robrain.sim.motes.mote import ANSWER_GAP_S, ArenaMote
+from robrain.sim.motes.motes import MoteField, SensorNetwork
+from robrain.sim.world.arena import TICK_S
 
 SIMULATED_S = 20.0
 FIELDS = ((4, 24), (8, 400))

@@ -26,11 +26,11 @@ from robrain.protocol.model.warm_up import warm_up
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.sim.arena import Arena, ArenaRobot, RobotHardware
 from robrain.sim.firmware.bus_line import LineFault
 from robrain.sim.firmware.range_sensors import RangeSensorSpec
 from robrain.sim.maps.floor_plan import FloorPlan
-from robrain.sim.wheels import WheelSpec
+from robrain.sim.robot.wheels import WheelSpec
+from robrain.sim.world.arena import Arena, ArenaRobot, RobotHardware
 
 SEEDS = 8
 SIDE_M = 5.0

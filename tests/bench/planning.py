@@ -17,9 +17,9 @@ from robrain.deploy.bench.figure import WIDTH, Figure, at_least, below, determin
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.sim.lockstep import LockstepRun
+from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.maps.placement import scatter_points
-from robrain.sim.scenario import Scenario
+from robrain.sim.scenarios.scenario import Scenario
 from tests.bench.side_by_side import side_by_side
 
 FLOOR = "depot"

@@ -9,10 +9,10 @@ import pymunk
 from robrain import Scenario
 from robrain.deploy.bench.figure import Figure, timing
 from robrain.protocol.model.warm_up import warm_up
-from robrain.sim.arena import TICK_S
-from robrain.sim.lockstep import LockstepRun
+from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.maps.wall_shapes import add_walls
-from robrain.sim.world import World
+from robrain.sim.world.arena import TICK_S
+from robrain.sim.world.world import World
 
 TEAMS = (1, 4, 16, 64)
 SIMULATED_S = 20.0

@@ -27,8 +27,8 @@ from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.warm_up import warm_up
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.publisher import Publisher
-from robrain.sim.arena import TICK_S, Arena
-from robrain.sim.lockstep import LockstepRun
+from robrain.sim.lockstep.lockstep import LockstepRun
+from robrain.sim.world.arena import TICK_S, Arena
 
 BOUND_MS = 10.0
 ROBOTS = 8

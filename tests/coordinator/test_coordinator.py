@@ -12,11 +12,11 @@ from robrain.coordinator.tasks.reconcile import LEASE_S
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.occupancy_grid import FREE, GridGeometry, PatchCells
 from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.border.refusals import RefusalCode
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.messages.task_messages import TaskRequest
 from robrain.protocol.wire.reasons.idle import PlanPending, TaskSoon
-from robrain.protocol.wire.refusals import RefusalCode
-from robrain.protocol.wire.task_messages import TaskRequest
 from robrain.protocol.wire.topics import (
     ROBOT_ALIVE,
     ROBOT_MAP,

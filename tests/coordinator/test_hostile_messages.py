@@ -8,8 +8,9 @@ from robrain.coordinator.team.roster import ROBOTS_UNSEEN_MAX
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.occupancy_grid import OCCUPIED, GridGeometry, PatchCells
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.map_patch import to_message
-from robrain.protocol.wire.messages import RobotState, TaskAnswer
+from robrain.protocol.wire.messages.map_patch import to_message
+from robrain.protocol.wire.messages.offer_messages import TaskAnswer
+from robrain.protocol.wire.messages.robot_messages import RobotState
 from robrain.protocol.wire.topics import ROBOT_MAP, ROBOT_STATE
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 120, 80)

@@ -11,7 +11,7 @@ from robrain.deploy.bench.mapping import HEADINGS, MappedRun, MappingReport, fig
 from robrain.deploy.bench.mapping_plan import OWN_MAPS, Case, Plan, choose
 from robrain.deploy.errors import UsageError
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
-from robrain.sim.result import RunResult
+from robrain.sim.lockstep.result import RunResult
 
 CLINIC = OWN_MAPS / "clinic.yaml"
 SMALL = Case(map="arena_small", path="", robots=1, seed=3, wheels="exact", time_limit_s=2.0)

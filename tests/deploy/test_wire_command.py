@@ -9,9 +9,9 @@ import zenoh
 from typer.testing import CliRunner
 
 from robrain.cli import app
+from robrain.protocol.wire.answers.later import ZENOH_TIMEOUT
 from robrain.protocol.wire.endpoint import BY, CONGESTION
 from robrain.protocol.wire.keys import DEFAULT_TEAM
-from robrain.protocol.wire.later import ZENOH_TIMEOUT
 from robrain.protocol.wire.publisher import PRIORITY
 from robrain.protocol.wire.topic import Query, Topic
 from robrain.protocol.wire.topics import PUBLISHED, TOPICS

@@ -13,16 +13,12 @@ from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.model.warm_up import warm_up
-from robrain.protocol.wire.arena_messages import Scan
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import (
-    Halt,
-    RobotState,
-    TaskAnswer,
-    TaskOffer,
-    TeamState,
-)
+from robrain.protocol.wire.messages.arena_messages import Scan
+from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskOffer
+from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.team_messages import Halt, TeamState
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (
@@ -33,10 +29,10 @@ from robrain.protocol.wire.topics import (
     ROBOT_OFFER,
     ROBOT_STATE,
 )
-from robrain.sim.arena import Arena, ArenaRobot
-from robrain.sim.lidar import LidarSpec
 from robrain.sim.maps.floor_plan import FloorPlan
-from robrain.sim.referee import team_geometry
+from robrain.sim.robot.lidar import LidarSpec
+from robrain.sim.world.arena import Arena, ArenaRobot
+from robrain.sim.world.referee import team_geometry
 
 TICK_NS = 20_000_000
 RESOLUTION_M = 0.05

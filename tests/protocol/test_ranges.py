@@ -12,23 +12,13 @@ import pytest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import EPOCH_MAX, METRES_MAX, TEXT_MAX, Metres, cut
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire import (
-    arena_messages,
-    host_messages,
-    map_messages,
-    messages,
-    plan_messages,
-    replay_messages,
-    task_messages,
-)
-from robrain.protocol.wire.messages import RobotState
+from robrain.protocol.wire.messages.offer_messages import TaskOffer
+from robrain.protocol.wire.messages.robot_messages import RobotState
+from tests.message_modules import message_modules
 
 GOLDEN = Path(__file__).parent / "golden"
 FREE = {"result", "value", "parameters", "returns", "signature", "doc", "cells", "payload", "question", "text"}
 """Fields that may hold any JSON, text of a plugin's author, bytes, or a command line."""
-MODULES = (
-    arena_messages, host_messages, map_messages, messages, plan_messages, replay_messages, task_messages
-)  # fmt: skip
 LONG = {("HaltRequest", "reason"): 1_000_000}
 """Longer limits than `TEXT_MAX`. A halt with a long reason is accepted, and the reason is cut."""
 NUMBERS = [1e308, -1e308, 10**30, 2**63]
@@ -40,19 +30,7 @@ CASES = sorted(
 def kind_of(path) -> Any:
     if path.parent.name == "tasks":
         return Task
-    return next(
-        found
-        for one in (
-            arena_messages,
-            host_messages,
-            map_messages,
-            messages,
-            plan_messages,
-            replay_messages,
-            task_messages,
-        )
-        if (found := getattr(one, path.stem, None))
-    )
+    return next(found for one in message_modules() if (found := getattr(one, path.stem, None)))
 
 
 def leaves(value: Any, where: tuple[str | int, ...] = ()) -> Iterator[tuple[tuple[str | int, ...], Any]]:
@@ -121,10 +99,10 @@ def test_what_is_not_a_number_does_not_decode_as_one() -> None:
 
 def test_an_epoch_is_a_number_that_every_peer_can_hold() -> None:
     said = b'{"task":{"id":"t","kind":"visit","place":{"x_m":0,"y_m":0}},"lease_s":1,"epoch":%d}'
-    assert msgspec.json.decode(said % EPOCH_MAX, type=messages.TaskOffer).epoch == 2**53 - 1
+    assert msgspec.json.decode(said % EPOCH_MAX, type=TaskOffer).epoch == 2**53 - 1
     for epoch in (EPOCH_MAX + 1, -1, 10**25):
         with pytest.raises(msgspec.ValidationError, match="epoch"):
-            msgspec.json.decode(said % epoch, type=messages.TaskOffer)
+            msgspec.json.decode(said % epoch, type=TaskOffer)
 
 
 def test_a_text_that_is_cut_fits() -> None:

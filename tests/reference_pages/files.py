@@ -9,7 +9,7 @@ import msgspec
 from robrain.agent.host.robot_file import RobotFile
 from robrain.agent.manifest import ManifestTables
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.sim.scenario_file import ScenarioTables, builtin_names
+from robrain.sim.scenarios.scenario_file import ScenarioTables, builtin_names
 from tests.reference_pages.markdown import page
 from tests.reference_pages.struct_tables import Struct, struct_table, summary
 

@@ -23,8 +23,8 @@ from robrain.sim.disturbance import (
     PauseSpec,
 )
 from robrain.sim.errors import ScenarioError
-from robrain.sim.lockstep import LockstepRun
-from robrain.sim.scenario_file import parse_scenario
+from robrain.sim.lockstep.lockstep import LockstepRun
+from robrain.sim.scenarios.scenario_file import parse_scenario
 
 TICK_NS = to_ns(0.02)
 PLAIN = Scenario.builtin("arena_small").replace(robots=2)

@@ -21,9 +21,10 @@ from robrain.protocol.model.localization import localiser
 from robrain.protocol.model.localization.mote_relocalisation import Signals, find_robot
 from robrain.protocol.model.localization.pose_mixture import PoseMixture
 from robrain.protocol.model.localization.rssi_ranging import PathLoss
-from robrain.protocol.model.mapping import map_overlap, wall_points
-from robrain.sim.camera import Camera
-from robrain.sim.radio import RadioModel
+from robrain.protocol.model.mapping import wall_points
+from robrain.protocol.model.slam import map_overlap
+from robrain.sim.motes.radio import RadioModel
+from robrain.sim.robot.camera import Camera
 
 BEFORE_S, AFTER_S = 12.0, 12.0
 """Duration before a robot is lost, and afterwards."""

@@ -7,12 +7,14 @@ import zlib
 import numpy as np
 
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.wire.arena_messages import ArenaTruth
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.map_messages import MapPatch
-from robrain.protocol.wire.messages import BatteryState, Event, LogRecord, MoteReading, PlannedPath, RobotState
+from robrain.protocol.wire.messages.arena_messages import ArenaTruth
+from robrain.protocol.wire.messages.map_messages import MapPatch
+from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.plugin_messages import Event, LogRecord
+from robrain.protocol.wire.messages.robot_messages import BatteryState, PlannedPath, RobotState
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import (
     ARENA_TRUTH,

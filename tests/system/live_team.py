@@ -5,11 +5,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from robrain.protocol.wire.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ARENA_TRUTH, COORDINATOR_STATE, ROBOT_CALL, ROBOT_STATE, TASK_LIST
 from tests.system.conftest import Commands

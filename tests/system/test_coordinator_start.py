@@ -11,7 +11,7 @@ from robrain.protocol.model.mapping.occupancy_grid import FREE, GridGeometry, Pa
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.map_patch import to_message
+from robrain.protocol.wire.messages.map_patch import to_message
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import (
     COORDINATOR_ALIVE,

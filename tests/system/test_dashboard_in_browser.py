@@ -13,7 +13,7 @@ from robrain.coordinator.dashboard import run_dashboard
 from robrain.coordinator.drawing.palette import FREE
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages import Halt
+from robrain.protocol.wire.messages.team_messages import Halt
 from robrain.protocol.wire.session import open_session
 from tests.system.browser import (
     browser_process,

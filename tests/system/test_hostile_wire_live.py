@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 
+from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.clock import WallClock
-from robrain.protocol.wire.codec import BadPayload
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.task_messages import TaskFilter
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.task_messages import TaskFilter
 from robrain.protocol.wire.topic import Delivery, Query, Topic
 from robrain.protocol.wire.topics import (
     MOTE_READING,

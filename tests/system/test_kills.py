@@ -13,7 +13,7 @@ import pytest
 
 from robrain import Team
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.task_messages import TaskChange, TaskRecord
+from robrain.protocol.wire.messages.task_messages import TaskChange, TaskRecord
 from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system

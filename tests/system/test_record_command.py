@@ -12,7 +12,8 @@ from robrain.coordinator.recording.reader.checking import check_recording
 from robrain.coordinator.recording.reader.reading import read_messages, recording_info
 from robrain.coordinator.recording.reader.recovering import recover
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.messages import RecorderState, RobotState
+from robrain.protocol.wire.messages.recorder_messages import RecorderState
+from robrain.protocol.wire.messages.robot_messages import RobotState
 from robrain.protocol.wire.topics import ROBOT_STATE
 from tests.system.speaker import Speaker
 from tests.waiting import PATIENCE_S

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from robrain.coordinator.recording.reader.reading import read_messages, recording_info
-from robrain.protocol.wire.messages import RecorderState
+from robrain.protocol.wire.messages.recorder_messages import RecorderState
 from robrain.protocol.wire.topics import ROBOT_LOG
 from tests.system.speaker import Speaker
 from tests.waiting import PATIENCE_S

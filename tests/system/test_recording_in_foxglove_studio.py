@@ -20,7 +20,7 @@ from playwright.sync_api import Page
 
 from robrain.coordinator.drawing.palette import FREE, ROBOT_COLORS
 from robrain.coordinator.recording.reader.reading import recording_info
-from robrain.sim.scenario import Scenario
+from robrain.sim.scenarios.scenario import Scenario
 from tests.system.browser import chromium, keep, share_of, wait_for
 from tests.system.npm_packages import installed
 from tests.waiting import until

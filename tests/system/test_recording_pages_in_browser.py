@@ -11,8 +11,8 @@ from playwright.sync_api import BrowserContext, Page
 from robrain.coordinator.drawing.palette import FREE, UNKNOWN
 from robrain.coordinator.recording.replay.html_player import write_html
 from robrain.coordinator.recording.report.report import write_report
-from robrain.sim.scenario import Scenario
-from tests.coordinator.test_recording_report import hostile_said, write
+from robrain.sim.scenarios.scenario import Scenario
+from tests.coordinator.recording.test_report import hostile_said, write
 from tests.system.browser import chromium, colors_in, keep, share_of, wait_for
 
 pytestmark = pytest.mark.system

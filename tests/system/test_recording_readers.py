@@ -19,7 +19,7 @@ from robrain.coordinator.recording.reader.reading import read_messages
 from robrain.coordinator.recording.reader.recovering import recover, with_visual
 from robrain.coordinator.recording.writer.recorder import Recorder
 from robrain.coordinator.recording.writer.recording_files import SplitAt
-from robrain.sim.scenario import Scenario
+from robrain.sim.scenarios.scenario import Scenario
 from tests.system.npm_packages import absent, installed
 from tests.waiting import PATIENCE_S
 
@@ -83,7 +83,7 @@ def test_each_part_of_a_split_recording_is_read_by_itself(
         made.append(Recorder(*arguments, **options, split=SplitAt(duration_s=2.0)))
         return made[-1]
 
-    monkeypatch.setattr("robrain.sim.lockstep.Recorder", split_recorder)
+    monkeypatch.setattr("robrain.sim.lockstep.lockstep.Recorder", split_recorder)
     Scenario.builtin("depot").replace(robots=2, motes=6).run(time_limit_s=7.0, record=tmp_path / "run.mcap")
     summary = made[0].close()
     found = read_with_typescript(typescript, summary.paths)

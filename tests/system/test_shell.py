@@ -23,7 +23,7 @@ from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.host_queries import HOST_COMMAND
-from robrain.protocol.wire.messages import PluginInfo
+from robrain.protocol.wire.messages.plugin_messages import PluginInfo
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import ROBOT_PLUGINS
 from tests.waiting import PATIENCE_S, until

@@ -8,7 +8,7 @@ from robrain.coordinator.dashboard.state.robot_view import RobotView
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.drawing.palette import battery_class, look_of
 from robrain.protocol.model.localization.pose_accuracy import position_sigma_m
-from robrain.protocol.wire.messages import PluginInfo
+from robrain.protocol.wire.messages.plugin_messages import PluginInfo
 
 LEVELS = ("device", "unit", "skill", "behavior")
 STATES: dict[str, tuple[str, str]] = {

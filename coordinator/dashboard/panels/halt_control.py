@@ -15,7 +15,7 @@ from robrain.coordinator.dashboard.html.html_words import natural_key, text
 from robrain.coordinator.dashboard.server.page_head import CLOSE_MARK
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.messages import Halt
+from robrain.protocol.wire.messages.team_messages import Halt
 from robrain.protocol.wire.topics import HALT
 
 WIDTH_PX = 290

@@ -10,10 +10,10 @@ from robrain.coordinator.dashboard.scene.scene import Scene
 from robrain.coordinator.dashboard.server.asker import TIMEOUT_S, Answer, Asker, Then
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS
-from robrain.protocol.wire.messages import PluginInfo
-from robrain.protocol.wire.plan_messages import PlanningStatus
+from robrain.protocol.wire.messages.plan_messages import PlanningStatus
+from robrain.protocol.wire.messages.plugin_messages import PluginInfo
+from robrain.protocol.wire.messages.task_messages import KnownKind
 from robrain.protocol.wire.schema.struct_schema import parameters_schema
-from robrain.protocol.wire.task_messages import KnownKind
 from robrain.protocol.wire.topic import Q, Query, R
 from robrain.protocol.wire.topics import COORDINATOR_PLANNING, ROBOT_PLUGINS, TASK_KINDS
 

@@ -20,9 +20,9 @@ from robrain.coordinator.dashboard.panels.gui_values import set_html, set_option
 from robrain.coordinator.dashboard.panels.hand_drive import HandDrive
 from robrain.coordinator.dashboard.panels.page_context import PluginsOf
 from robrain.coordinator.dashboard.server.asker import Answer
-from robrain.protocol.wire.host_messages import LoadRequest, ReloadRequest, UnloadRequest
 from robrain.protocol.wire.host_queries import HOST_LOAD, HOST_RELOAD, HOST_UNLOAD
-from robrain.protocol.wire.messages import FunctionInfo, PluginInfo
+from robrain.protocol.wire.messages.host_messages import LoadRequest, ReloadRequest, UnloadRequest
+from robrain.protocol.wire.messages.plugin_messages import FunctionInfo, PluginInfo
 from robrain.protocol.wire.topics import ROBOT_CALL
 
 if TYPE_CHECKING:

@@ -20,8 +20,8 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.plan_messages import ObjectiveRequest, PlanningStatus
-from robrain.protocol.wire.task_messages import KnownKind, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
+from robrain.protocol.wire.messages.plan_messages import ObjectiveRequest, PlanningStatus
+from robrain.protocol.wire.messages.task_messages import KnownKind, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
 from robrain.protocol.wire.topics import COORDINATOR_OBJECTIVE, TASK_CANCEL, TASK_SUBMIT, TASK_WHY
 
 if TYPE_CHECKING:

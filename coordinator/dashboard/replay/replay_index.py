@@ -12,10 +12,13 @@ from robrain.coordinator.dashboard.state.robot_view import TRAIL_POINTS, Conditi
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.recording.reader.reading import RecordedMessage
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.border import Received
+from robrain.protocol.wire.border.border import Received
+from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.clock import to_seconds
-from robrain.protocol.wire.codec import BadPayload
-from robrain.protocol.wire.messages import Halt, LogRecord, RobotState, TaskEvent
+from robrain.protocol.wire.messages.plugin_messages import LogRecord
+from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.task_messages import TaskEvent
+from robrain.protocol.wire.messages.team_messages import Halt
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (
     ARENA_TRUTH,

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from robrain.coordinator.dashboard.state.recorder_view import RecorderView
 from robrain.coordinator.dashboard.state.robot_view import Condition, RobotView
 from robrain.coordinator.dashboard.state.team_view import TeamView
-from robrain.protocol.wire.refusals import Refusal
+from robrain.protocol.wire.border.refusals import Refusal
 
 LOW_SOC = 0.2
 LOW_MOTE_V = 2.4

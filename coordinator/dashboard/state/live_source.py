@@ -2,9 +2,9 @@
 
 from robrain.coordinator.dashboard.state.map_fetcher import MapFetcher
 from robrain.coordinator.dashboard.state.team_view import TeamView
+from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.record_guard import RecordGuard
 from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
 
 LINK_PERIOD_S = 1.0

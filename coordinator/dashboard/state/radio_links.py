@@ -13,7 +13,7 @@ from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RELAY, Relay
 from robrain.protocol.model.tasks.task import BadParameters, parameters_of
-from robrain.protocol.wire.messages import MoteReading
+from robrain.protocol.wire.messages.mote_messages import MoteReading
 
 STRONGEST_DBM = 20.0
 """No packet is heard as well as that."""

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from robrain.protocol.wire.messages import RecorderState
+from robrain.protocol.wire.messages.recorder_messages import RecorderState
 
 TELLS_EVERY_S = 2.0
 """Two states no farther apart than this are of a recorder that tells each second, as a live one does."""

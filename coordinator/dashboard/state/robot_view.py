@@ -6,8 +6,11 @@ from enum import StrEnum
 
 from robrain.coordinator.drawing.robot_history import RobotHistory
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.wire.arena_messages import RobotTruth, Scan
-from robrain.protocol.wire.messages import Event, MoteReading, RadioLink, RobotState, RobotSummary
+from robrain.protocol.wire.messages.arena_messages import RobotTruth, Scan
+from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.plugin_messages import Event
+from robrain.protocol.wire.messages.robot_messages import RadioLink, RobotState
+from robrain.protocol.wire.messages.team_messages import RobotSummary
 
 SILENT_AFTER_S = 3.0
 """A robot whose token stands but whose state is older than this may hang: its liveliness would last 10 s more."""

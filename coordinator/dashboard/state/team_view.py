@@ -11,25 +11,19 @@ from robrain.coordinator.dashboard.state.robot_view import MoteView, RobotView
 from robrain.coordinator.dashboard.state.task_board import TaskBoard
 from robrain.coordinator.drawing.map_view import FAR_M, MapView
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.wire.arena_messages import ArenaClock, ArenaTruth, Scan
-from robrain.protocol.wire.border import Received
-from robrain.protocol.wire.map_messages import MapPatch
-from robrain.protocol.wire.messages import (
-    Event,
-    Halt,
-    LogRecord,
-    MoteReading,
-    PlannedPath,
-    RecorderState,
-    RobotLinks,
-    RobotState,
-    TaskEvent,
-    TeamState,
-)
-from robrain.protocol.wire.plan_messages import ChargeSchedule, PlannedCharge
+from robrain.protocol.wire.border.border import Received
+from robrain.protocol.wire.border.reading_sieve import ReadingSieve, taken_at_ns
+from robrain.protocol.wire.border.refusals import Refusal
+from robrain.protocol.wire.messages.arena_messages import ArenaClock, ArenaTruth, Scan
+from robrain.protocol.wire.messages.map_messages import MapPatch
+from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.plan_messages import ChargeSchedule, PlannedCharge
+from robrain.protocol.wire.messages.plugin_messages import Event, LogRecord
+from robrain.protocol.wire.messages.recorder_messages import RecorderState
+from robrain.protocol.wire.messages.robot_messages import PlannedPath, RobotLinks, RobotState
+from robrain.protocol.wire.messages.task_messages import TaskEvent
+from robrain.protocol.wire.messages.team_messages import Halt, TeamState
 from robrain.protocol.wire.presence import Change
-from robrain.protocol.wire.reading_sieve import ReadingSieve, taken_at_ns
-from robrain.protocol.wire.refusals import Refusal
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (
     ARENA_CLOCK,

@@ -17,9 +17,13 @@ from robrain.coordinator.recording.foxglove import visual_topics
 from robrain.coordinator.recording.writer.known_map import KnownMap
 from robrain.coordinator.recording.writer.plain_schema import plain_schema
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.arena_messages import Scan
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.messages import Halt, LogRecord, MoteReading, PlannedPath, RobotState, TaskEvent
+from robrain.protocol.wire.messages.arena_messages import Scan
+from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.plugin_messages import LogRecord
+from robrain.protocol.wire.messages.robot_messages import PlannedPath, RobotState
+from robrain.protocol.wire.messages.task_messages import TaskEvent
+from robrain.protocol.wire.messages.team_messages import Halt
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (
     ARENA_SCAN,

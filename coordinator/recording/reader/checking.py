@@ -12,8 +12,8 @@ from robrain.coordinator.recording.foxglove.visual_topics import is_visual
 from robrain.coordinator.recording.reader.contents import several_senders
 from robrain.coordinator.recording.reader.reading import RecordedMessage, read_messages, recording_info
 from robrain.coordinator.recording.writer.provenance import SUMMARY_METADATA
+from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.clock import to_seconds
-from robrain.protocol.wire.codec import BadPayload
 from robrain.protocol.wire.topic import JSON, Topic
 from robrain.protocol.wire.topics import topic_of
 

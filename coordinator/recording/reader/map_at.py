@@ -10,9 +10,9 @@ from typing import NamedTuple
 import msgspec
 
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
-from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
-from robrain.protocol.wire.map_messages import MapPatch
-from robrain.protocol.wire.map_patch import MAX_CELLS, geometry_of, submap_message, take_message, whole_map
+from robrain.protocol.model.slam.submap_atlas import SubmapAtlas, SubmapKey
+from robrain.protocol.wire.messages.map_messages import MapPatch
+from robrain.protocol.wire.messages.map_patch import MAX_CELLS, geometry_of, submap_message, take_message, whole_map
 
 PATCHES_BETWEEN = 250
 KEPT_MAX = 400

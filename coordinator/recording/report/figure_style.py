@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from robrain.coordinator.drawing.palette import ROBOT_COLORS, css
-from robrain.protocol.wire.safe_text import safe_text
+from robrain.protocol.wire.border.safe_text import safe_text
 
 YELLOW = 5
 PRINT_COLORS = tuple("#1b1b1b" if place == YELLOW else css(color) for place, color in enumerate(ROBOT_COLORS))

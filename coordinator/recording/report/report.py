@@ -19,7 +19,7 @@ from robrain.coordinator.recording.report.figure_style import figure_style, png
 from robrain.coordinator.recording.report.run_comparison import comparison_figure
 from robrain.coordinator.recording.report.run_data import RunData, read_run
 from robrain.coordinator.recording.report.run_totals import totals
-from robrain.protocol.wire.safe_text import safe_html
+from robrain.protocol.wire.border.safe_text import safe_html
 
 ROWS_MAX = 300
 """Rows of a table in the page."""

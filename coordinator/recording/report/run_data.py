@@ -13,12 +13,15 @@ from robrain.coordinator.recording.reader.reading import read_messages
 from robrain.coordinator.recording.report.happenings import Happening, Happenings
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
-from robrain.protocol.wire.arena_messages import ArenaTruth
+from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.clock import to_seconds
-from robrain.protocol.wire.codec import BadPayload
-from robrain.protocol.wire.map_messages import MapPatch
-from robrain.protocol.wire.messages import MoteReading, RobotState, TaskEvent, TeamState
-from robrain.protocol.wire.plan_messages import TaskDecision
+from robrain.protocol.wire.messages.arena_messages import ArenaTruth
+from robrain.protocol.wire.messages.map_messages import MapPatch
+from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.plan_messages import TaskDecision
+from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.task_messages import TaskEvent
+from robrain.protocol.wire.messages.team_messages import TeamState
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import topic_of
 

@@ -4,7 +4,7 @@ import msgspec
 
 from robrain.coordinator.drawing.map_view import MapView
 from robrain.coordinator.recording.reader.map_at import patches_of
-from robrain.protocol.wire.map_messages import MapPatch
+from robrain.protocol.wire.messages.map_messages import MapPatch
 
 PENDING_MAX = 256
 """Patches that wait to be merged."""

@@ -17,10 +17,10 @@ from robrain.coordinator.recording.writer.provenance import Provenance
 from robrain.coordinator.recording.writer.recorder_inbox import RecorderInbox
 from robrain.coordinator.recording.writer.recorder_status import RecorderTelling
 from robrain.coordinator.recording.writer.recording_files import RecordingFiles, SplitAt
-from robrain.protocol.wire.border import Border
+from robrain.protocol.wire.border.border import Border
+from robrain.protocol.wire.border.refusals import Refusal, Refusals, most_refused
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages import LostMessages, RecorderState
-from robrain.protocol.wire.refusals import Refusal, Refusals, most_refused
+from robrain.protocol.wire.messages.recorder_messages import LostMessages, RecorderState
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, PUBLISHED, RECORDER_STATE, ROBOT_MAP, ROBOT_MAP_WHOLE
 

@@ -2,7 +2,7 @@
 
 from collections import Counter
 
-from robrain.protocol.wire.border import Border, Heard
+from robrain.protocol.wire.border.border import Border, Heard
 from robrain.protocol.wire.inbox import Inbox
 
 

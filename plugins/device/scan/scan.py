@@ -13,9 +13,9 @@ from robrain.agent.errors import PluginError
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
-from robrain.protocol.wire.arena_messages import Scan
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.arena_messages import Scan
 from robrain.protocol.wire.topics import ARENA_SCAN
 
 MM_PER_M = 1000.0

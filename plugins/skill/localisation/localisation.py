@@ -26,10 +26,10 @@ from robrain.protocol.model.localization.scan_agreement import COMPARED_MIN, agr
 from robrain.protocol.model.mapping.accuracy import recent_agreement
 from robrain.protocol.model.mapping.local_map import ArenaFix, LocalPose
 from robrain.protocol.model.mapping.map_frame import ARENA
-from robrain.protocol.model.mapping.mates_in_scan import mate_circles, wall_ends
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
-from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.ranges import STAMP_MAX
+from robrain.protocol.model.slam.mates_in_scan import mate_circles, wall_ends
+from robrain.protocol.model.slam.submap import IDENTITY
 from robrain.protocol.wire.clock import to_ns
 
 logger = logging.getLogger(__name__)

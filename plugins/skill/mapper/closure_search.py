@@ -3,8 +3,8 @@
 import math
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
-from robrain.protocol.model.mapping.submap_graph import SubmapGraph
+from robrain.protocol.model.slam.submap_atlas import SubmapAtlas, SubmapKey
+from robrain.protocol.model.slam.submap_graph import SubmapGraph
 
 OCCUPIED_MIN = 60
 """Least number of occupied cells of a submap: fewer do not determine a pose."""

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from robrain.plugins.skill.mapper.closure_search import ClosureSearch
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import Variances
-from robrain.protocol.model.mapping.loop_closure import Contradiction, Lying, lay_on
-from robrain.protocol.model.mapping.submap_atlas import SUBMAPS_MAX, SubmapAtlas, SubmapKey
-from robrain.protocol.model.mapping.submap_graph import SubmapGraph, is_information
 from robrain.protocol.model.numeric.small_linear_algebra import symmetric
-from robrain.protocol.wire.map_messages import Closure, Closures, MapPatch
-from robrain.protocol.wire.map_patch import is_near_grid
+from robrain.protocol.model.slam.loop_closure import Contradiction, Lying, lay_on
+from robrain.protocol.model.slam.submap_atlas import SUBMAPS_MAX, SubmapAtlas, SubmapKey
+from robrain.protocol.model.slam.submap_graph import SubmapGraph, is_information
+from robrain.protocol.wire.messages.map_messages import Closure, Closures, MapPatch
+from robrain.protocol.wire.messages.map_patch import is_near_grid
 
 WAY_M = 0.4
 """Metres that the robot moves between two attempts."""

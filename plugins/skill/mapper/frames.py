@@ -19,11 +19,11 @@ from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import ArenaFix
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
-from robrain.protocol.model.mapping.map_overlap import EVIDENCE_MIN, MapMatcher, cells_outside
-from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
-from robrain.protocol.model.mapping.submap_graph import SubmapGraph
-from robrain.protocol.wire.map_messages import MapPatch
-from robrain.protocol.wire.map_patch import pose_message
+from robrain.protocol.model.slam.map_overlap import EVIDENCE_MIN, MapMatcher, cells_outside
+from robrain.protocol.model.slam.submap_atlas import SubmapAtlas, SubmapKey
+from robrain.protocol.model.slam.submap_graph import SubmapGraph
+from robrain.protocol.wire.messages.map_messages import MapPatch
+from robrain.protocol.wire.messages.map_patch import pose_message
 
 logger = logging.getLogger(__name__)
 

@@ -7,13 +7,13 @@ import msgspec
 
 from robrain.plugins.skill.mapper.closures import ClosureDesk
 from robrain.plugins.skill.mapper.frames import Frames
-from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas, SubmapKey
-from robrain.protocol.wire.border import Received
+from robrain.protocol.model.slam.submap_atlas import SubmapAtlas, SubmapKey
+from robrain.protocol.wire.border.border import Received
+from robrain.protocol.wire.border.record_guard import RecordGuard
+from robrain.protocol.wire.border.refusals import RefusalCode
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.map_messages import Closures, MapPatch
-from robrain.protocol.wire.map_patch import check_claim, map_stamp_ms, take_message, whole_map
-from robrain.protocol.wire.record_guard import RecordGuard
-from robrain.protocol.wire.refusals import RefusalCode
+from robrain.protocol.wire.messages.map_messages import Closures, MapPatch
+from robrain.protocol.wire.messages.map_patch import check_claim, map_stamp_ms, take_message, whole_map
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 if TYPE_CHECKING:

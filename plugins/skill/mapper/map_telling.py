@@ -6,10 +6,10 @@ from numpy.typing import NDArray
 from robrain.plugins.skill.mapper.own_submaps import OwnPatch, OwnSubmaps
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
-from robrain.protocol.model.mapping.submap import IDENTITY
-from robrain.protocol.model.mapping.submap_graph import OwnSubmap
-from robrain.protocol.wire.map_messages import MapPatch
-from robrain.protocol.wire.map_patch import joined_message, pose_message, to_message
+from robrain.protocol.model.slam.submap import IDENTITY
+from robrain.protocol.model.slam.submap_graph import OwnSubmap
+from robrain.protocol.wire.messages.map_messages import MapPatch
+from robrain.protocol.wire.messages.map_patch import joined_message, pose_message, to_message
 
 
 class MapTelling:

@@ -23,14 +23,14 @@ from robrain.plugins.unit.teammates.interface import TeammatesInterface
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import LocalPose
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
-from robrain.protocol.model.mapping.mates_in_scan import mate_circles, sees_through, wall_ends
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
-from robrain.protocol.model.mapping.submap import IDENTITY
-from robrain.protocol.model.mapping.submap_atlas import SubmapAtlas
-from robrain.protocol.model.mapping.submap_graph import GraphSpec, SubmapGraph
+from robrain.protocol.model.slam.mates_in_scan import mate_circles, sees_through, wall_ends
+from robrain.protocol.model.slam.submap import IDENTITY
+from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
+from robrain.protocol.model.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.map_messages import Closures
-from robrain.protocol.wire.map_patch import (
+from robrain.protocol.wire.messages.map_messages import Closures
+from robrain.protocol.wire.messages.map_patch import (
     map_stamp_ms,
 )
 from robrain.protocol.wire.topics import ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE

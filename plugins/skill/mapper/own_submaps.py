@@ -12,9 +12,9 @@ from robrain.protocol.model.localization.scan_match import without_dropouts
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, Drift, LocalMap
 from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid, PatchCells
-from robrain.protocol.model.mapping.submap import IDENTITY, PARTS, SURFACE, SURFACES_MAX, VIEW_PARTS
-from robrain.protocol.model.mapping.submap_graph import SubmapGraph
 from robrain.protocol.model.numeric.elementary_functions import arctan2
+from robrain.protocol.model.slam.submap import IDENTITY, PARTS, SURFACE, SURFACES_MAX, VIEW_PARTS
+from robrain.protocol.model.slam.submap_graph import SubmapGraph
 
 Floats = NDArray[np.float64]
 GRID_REACH_M = 20.0

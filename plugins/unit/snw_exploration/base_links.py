@@ -10,7 +10,7 @@ from robrain.protocol.tinyos.payloads import DECI, SEQUENCES, sequences_after
 from robrain.protocol.wire.clock import NS_PER_S
 from robrain.protocol.wire.errors import BadName
 from robrain.protocol.wire.keys import check_name
-from robrain.protocol.wire.messages import RadioLink, RobotLinks
+from robrain.protocol.wire.messages.robot_messages import RadioLink, RobotLinks
 
 MAX_ROBOTS = 256
 

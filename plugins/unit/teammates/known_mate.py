@@ -10,7 +10,7 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.navigation.claim import Claim
 from robrain.protocol.model.navigation.right_of_way import MATE_AHEAD_M, STEP_M, Track, Way
-from robrain.protocol.wire.messages import PlannedPath, RobotState
+from robrain.protocol.wire.messages.robot_messages import PlannedPath, RobotState
 
 MOVED_M = 0.1
 """Less than this is no motion."""

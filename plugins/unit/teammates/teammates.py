@@ -7,10 +7,10 @@ from robrain.plugins.unit.teammates.interface import Mate, Teammate, TeammatesIn
 from robrain.plugins.unit.teammates.known_mate import KnownMate, is_near
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.map_frame import MapFrame
-from robrain.protocol.wire.border import Received
+from robrain.protocol.wire.border.border import Received
+from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.record_guard import RecordGuard
 from robrain.protocol.wire.topics import ROBOT_PATH, ROBOT_STATE
 
 HEAR_NS = to_ns(0.15)

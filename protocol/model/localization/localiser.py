@@ -17,9 +17,9 @@ from robrain.protocol.model.localization.scan_agreement import COMPARED_MIN, agr
 from robrain.protocol.model.localization.scan_match import ScanFit, search_scan
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, NONE, Drift, LocalMap
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
-from robrain.protocol.model.mapping.submap import IDENTITY
-from robrain.protocol.model.mapping.surface_match import match_surface
 from robrain.protocol.model.numeric.small_linear_algebra import innovation_squared
+from robrain.protocol.model.slam.submap import IDENTITY
+from robrain.protocol.model.slam.surface_match import match_surface
 
 COMPARE_EVERY = 24
 """After so many signals the estimate is held against all other places."""

@@ -4,12 +4,12 @@ from importlib.metadata import version
 from types import NoneType
 from typing import Any
 
-from robrain.protocol.wire.border import AHEAD_S
+from robrain.protocol.wire.answers.later import ZENOH_TIMEOUT
+from robrain.protocol.wire.border.border import AHEAD_S
 from robrain.protocol.wire.endpoint import BY
 from robrain.protocol.wire.errors import ErrorCode, ErrorReply
 from robrain.protocol.wire.host_queries import HOST_VERB
 from robrain.protocol.wire.keys import DEFAULT_TEAM, NAME_PATTERN, ROOT
-from robrain.protocol.wire.later import ZENOH_TIMEOUT
 from robrain.protocol.wire.schema.json_schema import definitions, reference_to
 from robrain.protocol.wire.schema.struct_schema import DIALECT
 from robrain.protocol.wire.topic import JSON, Delivery, Query, Token, Topic, WireKey

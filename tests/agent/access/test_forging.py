@@ -28,13 +28,13 @@ from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.manifest import read_manifest
 from robrain.agent.plugin import Plugin
 from robrain.agent.task_desk import TaskDesk
-from robrain.protocol.wire import messages
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.host_messages import HoldRequest, LoadRequest
 from robrain.protocol.wire.host_queries import HOST_HOLD, HOST_LOAD
 from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages import plugin_messages
+from robrain.protocol.wire.messages.host_messages import HoldRequest, LoadRequest
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_EVENT
 from tests.agent.conftest import Bench
@@ -338,7 +338,7 @@ def test_on_the_wire_an_event_is_whose_its_sender_says(lab, env):
     heard = Inbox(every=True)
     lab.wire.subscribe(heard, ROBOT_EVENT)
     forged = env.wire.publisher(ROBOT_EVENT, robot="r1", plugin="lamp", event="pressed")
-    forged.put(messages.Event(robot="r1", plugin="lamp", event="pressed"))
+    forged.put(plugin_messages.Event(robot="r1", plugin="lamp", event="pressed"))
     assert [received.message.plugin for received in heard.drain()] == ["lamp"]
 
 

@@ -7,9 +7,8 @@ import pytest
 
 from robrain.agent.host import host_verbs
 from robrain.protocol.registry import Registry
-from robrain.protocol.wire.codec import BadPayload
+from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.host_messages import CommandRequest, HoldRequest, UnloadRequest
 from robrain.protocol.wire.host_queries import (
     HOST_COMMAND,
     HOST_HALT,
@@ -23,6 +22,7 @@ from robrain.protocol.wire.host_queries import (
     HOST_VERB,
     host_query,
 )
+from robrain.protocol.wire.messages.host_messages import CommandRequest, HoldRequest, UnloadRequest
 from tests.hostile_payloads import fixed_payloads
 from tests.installed_distributions import install  # noqa: F401 - a fixture
 

@@ -12,8 +12,8 @@ from robrain.agent.lifecycle.instance import Instance
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.plugin import Plugin
 from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.host_messages import LoadRequest
 from robrain.protocol.wire.host_queries import HOST_LOAD
+from robrain.protocol.wire.messages.host_messages import LoadRequest
 from tests.waiting import PATIENCE_S
 
 LAB = """

@@ -10,7 +10,7 @@ from robrain.coordinator.allocation.schedule import make_plan
 from robrain.coordinator.planning import plan_in_force as planned_module
 from robrain.coordinator.planning.plan_in_force import Step, planned
 from robrain.coordinator.planning.problem_builder import Asked
-from robrain.protocol.wire.plan_messages import PlanProblem
+from robrain.protocol.wire.messages.plan_messages import PlanProblem
 from robrain.protocol.wire.reasons.offers import NoPath
 from robrain.protocol.wire.reasons.plans import NoRobots
 from robrain.protocol.wire.reasons.robots import Refused

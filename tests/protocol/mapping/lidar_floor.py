@@ -11,8 +11,8 @@ from robrain.protocol.model.localization.scan_match import beam_ends
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, NONE, Drift, LocalMap, Variances
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
 from robrain.protocol.model.mapping.ray_cast import cast_rays
-from robrain.protocol.model.mapping.submap import IDENTITY, Submap
-from robrain.protocol.model.mapping.submap_graph import GraphSpec, SubmapGraph
+from robrain.protocol.model.slam.submap import IDENTITY, Submap
+from robrain.protocol.model.slam.submap_graph import GraphSpec, SubmapGraph
 
 Floats = NDArray[np.float64]
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 120, 80)

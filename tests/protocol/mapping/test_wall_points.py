@@ -5,13 +5,13 @@ import pytest
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from robrain.protocol.model.mapping.submap import IDENTITY
 from robrain.protocol.model.mapping.wall_points import (
     is_same_place,
     some_points,
     wall_points,
 )
-from tests.protocol.mapping.test_map_overlap import WIDE
+from robrain.protocol.model.slam.submap import IDENTITY
+from tests.protocol.slam.test_map_overlap import WIDE
 
 
 def test_the_middles_of_occupied_cells_are_the_points():

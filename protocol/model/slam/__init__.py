@@ -1,0 +1,1 @@
+"""Submaps, scan matching against them, loop closures and the graph of poses."""

@@ -1,0 +1,1 @@
+"""Answers to queries, on threads and in lockstep."""

@@ -1,0 +1,1 @@
+"""The border: what comes from outside is decoded, checked and counted here."""

@@ -1,0 +1,76 @@
+"""Messages of a simulated world."""
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
+from robrain.protocol.model.ranges import Count, Joules, Length, Metres, Name, Radians, Seconds, Share, Text
+from robrain.protocol.wire.messages.message import Message
+
+Ranges = Annotated[list[Annotated[int, Meta(ge=0, le=10_000_000)]], Meta(max_length=100_000)]
+
+
+class Scan(Message, frozen=True, kw_only=True):
+    """One turn of a lidar. The sensor sits at the robot's centre."""
+
+    robot: Name
+    angle_min_rad: Radians
+    """Bearing of the first beam, body frame."""
+    angle_increment_rad: Radians
+    """Angle from a beam to the next, counter-clockwise."""
+    range_max_m: Length
+    """Range of the lidar."""
+    ranges_mm: Ranges
+    """Millimetres; 0 is no return within `range_max_m`."""
+
+
+class ArenaClock(Message, frozen=True, kw_only=True):
+    """The arena's time."""
+
+    sim_time_s: Seconds
+
+
+class RobotTruth(msgspec.Struct, frozen=True, kw_only=True):
+    """True pose of a simulated robot, and the accuracy of its own poses so far."""
+
+    robot: Name
+    pose: Pose2D
+    collisions: Count
+    """Collisions so far."""
+    distance_m: Metres
+    """Path driven so far."""
+    energy_j: Joules
+    accuracy: PoseAccuracy | None = None
+    """Accuracy of its own poses so far; null before the first."""
+
+
+class MoteTruth(msgspec.Struct, frozen=True, kw_only=True):
+    """True position of a simulated mote."""
+
+    mote: Name
+    place: Point2D
+
+
+class ArenaTruth(Message, frozen=True, kw_only=True):
+    """The true state of the simulated world and the accuracy of the team's map, for referees and viewers only."""
+
+    sim_time_s: Seconds
+    robots: Annotated[list[RobotTruth], Meta(max_length=100_000)]
+    motes: Annotated[list[MoteTruth], Meta(max_length=100_000)] = msgspec.field(default_factory=list)
+    """Motes, one entry each."""
+    explored_fraction: Share = 0.0
+    """Share of the reachable floor that the team's maps know."""
+    map_accuracy: MapAccuracy | None = None
+    """Accuracy of the team's map; null if it was not judged yet."""
+
+
+class OutsideInput(Message, frozen=True, kw_only=True):
+    """What reached a lockstep run from another process and may have changed it."""
+
+    key: Text
+    """Key that it came under."""
+    payload: bytes
+    """The payload, at most the first megabyte."""

@@ -1,0 +1,43 @@
+"""Readings and duties of sensor motes."""
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import (
+    Count,
+    Name,
+    Quantity,
+    Seconds,
+    Stamp,
+)
+from robrain.protocol.wire.messages.message import Message
+
+
+class MoteReading(Message, frozen=True, kw_only=True):
+    """A mote's reading, brought in by a robot or a gateway."""
+
+    mote: Name
+    place: Point2D | None
+    quantity: Name
+    value: Quantity
+    """The measured value, in the unit of the quantity."""
+    voltage_v: Quantity
+    rssi_dbm: Quantity
+    """Strength of the packet at the receiver."""
+    via: Name
+    """The robot or gateway that heard it."""
+    sequence: Count | None = None
+    """Number of the reading, counted by the mote and wrapping at 65536: mote and number name a reading."""
+    taken_ns: Stamp = 0
+    """When it was sensed, as well as the mote's clock can tell; 0 if that is not known."""
+    period_s: Seconds = 0.0
+    """How often the mote senses; 0 if that is not known."""
+    stored: Count = 0
+    """Readings before the mote's latest that it still keeps, because nobody has acknowledged them."""
+
+
+class MoteDuty(Message, frozen=True, kw_only=True):
+    """How often a mote is to sense; any robot that meets it passes this on."""
+
+    mote: Name
+    period_s: Seconds
+    by: Name = ""
+    """Who requested it."""

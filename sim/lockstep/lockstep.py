@@ -1,0 +1,213 @@
+"""The lockstep drive: arena, robots, coordinator and recorder in one process and one thread, on one session.
+
+Every tick the clock moves on, then each component takes its step in a fixed order. All that passes between them is
+real Zenoh, delivered before the put returns; so equal seeds give equal runs.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from robrain.agent.host.agent_host import AgentHost
+from robrain.coordinator.coordinator import Coordinator
+from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.recording.writer.provenance import Provenance
+from robrain.coordinator.recording.writer.recorder import Recorder, RecordingSummary
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import TEXT_MAX, cut
+from robrain.protocol.wire.answers.collector import CalmCollector
+from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.keys import DEFAULT_TEAM
+from robrain.protocol.wire.messages.arena_messages import ArenaTruth, OutsideInput
+from robrain.protocol.wire.reasons.idle import IdleReason
+from robrain.protocol.wire.session import listening_at, open_lockstep_session
+from robrain.protocol.wire.topics import ARENA_OUTSIDE, COORDINATOR_STATE, MOTE_READING
+from robrain.sim.disturbance import Disturbance
+from robrain.sim.lockstep.manifests import manifest_texts
+from robrain.sim.world.arena import TICK_S
+from robrain.sim.world.floor_left import FloorLeft, floor_left
+from robrain.sim.world.world import World
+
+TRUTH_TICKS = 10
+OUTSIDE_BYTES = 1_048_576
+"""Of a payload from outside; what is longer is cut off in the recording."""
+
+
+class LockstepRun:
+    """One run, tick by tick. Use `Scenario.run` unless you want to look between the ticks.
+
+    Args:
+        world: what is simulated.
+        record: MCAP file to write, or None.
+        scenario: name of the scenario, for the recording.
+        scenario_toml: its text, for the recording.
+        team: whose keys are used.
+        listen: loopback endpoint on which other processes, a dashboard say, may join; None keeps to itself.
+        planning: objective and settings of the coordinator's planning.
+        should_stop: polled before each robot is set up; True ends the set-up.
+
+    Raises:
+        RobrainError: saying what cannot be opened.
+        KeyboardInterrupt: `should_stop` returned True; everything opened so far is closed.
+
+    """
+
+    def __init__(
+        self,
+        world: World,
+        *,
+        record: Path | None = None,
+        scenario: str = "",
+        scenario_toml: str = "",
+        team: str = DEFAULT_TEAM,
+        listen: str | None = None,
+        planning: PlanningPolicy | None = None,
+        should_stop: Callable[[], bool] = lambda: False,
+    ) -> None:
+        self.world = world
+        self.clock = VirtualClock()
+        self.nothing_left = False
+        self.idle: dict[str, IdleReason] = {}
+        """Why robots have nothing to do, by name, as last published by the coordinator."""
+        self.mote_readings = 0
+        self.wall_overlap_m = 0.0
+        self._ticks = 0
+        self._endpoints: list[Endpoint] = []
+        self._planning = planning
+        self._should_stop = should_stop
+        self._closers: list[Callable[[], object]] = []
+        self._summary: RecordingSummary | None = None
+        self.session = open_lockstep_session(listen)
+        self._closers.append(self.session.close)
+        try:
+            self._build(team, record, scenario, scenario_toml)
+        except BaseException:
+            self.close()
+            raise
+
+    def _build(self, team: str, record: Path | None, scenario: str, scenario_toml: str) -> None:
+        world = self.world
+        self._watcher = self._endpoint(team)
+        manifests = manifest_texts(world, team) if record is not None else {}
+        provenance = Provenance(
+            scenario, scenario_toml, world.seed, world.map_png(), Drive.LOCKSTEP.value, team, manifests
+        )
+        self._recorder = Recorder(self._endpoint(team), record, provenance, visual=True)
+        self._closers.append(self._close_recorder)
+        self._outside = self._watcher.publisher(ARENA_OUTSIDE)
+        self._inbox = Inbox()
+        self._watcher.subscribe(self._inbox, COORDINATOR_STATE)
+        self._watcher.subscribe(self._inbox, MOTE_READING)
+        self.arena = world.arena(self._endpoint(team))
+        self._closers.append(self.arena.close)
+        self._coordinator_wire = self._endpoint(team)
+        self.coordinator = Coordinator(self._coordinator_wire, policy=self._planning)
+        disturbance = Disturbance(world.disturbance, world.seed)
+        self._pauses = [disturbance.steps(index) for index in range(len(world.robots))]
+        self.hosts = []
+        for robot in world.robots:
+            if self._should_stop():
+                raise KeyboardInterrupt
+            host = AgentHost(
+                world.robot_file(robot, team=team),
+                Path(),
+                self.session,
+                self.clock,
+                Drive.LOCKSTEP,
+                seed=world.seed,
+                on_outside=self._note_outside,
+            )
+            self._closers.append(host.close)
+            host.start()
+            self.hosts.append(host)
+        self._closers.append(CalmCollector().release)
+
+    @property
+    def sim_time_s(self) -> float:
+        """Simulated time so far."""
+        return self._ticks * TICK_S
+
+    @property
+    def explored_fraction(self) -> float:
+        """Share of the reachable floor that the team's maps know."""
+        return self.arena.referee.explored_fraction
+
+    def floor_left(self) -> list[FloorLeft]:
+        """Regions of floor that were not seen or cannot be reached, and why."""
+        robots = self.world.robots
+        starts = [Point2D(robot.start.x_m, robot.start.y_m) for robot in robots]
+        radius_m = min((robot.radius_m for robot in robots), default=0.0)
+        return floor_left(self.world.plan, starts, radius_m, self.arena.referee)
+
+    @property
+    def truth(self) -> ArenaTruth:
+        """The world as it is now."""
+        return self.arena.truth
+
+    @property
+    def listening_at(self) -> list[str]:
+        """Endpoints on which other processes can join."""
+        return listening_at(self.session)
+
+    @property
+    def messages(self) -> int:
+        """Messages recorded so far."""
+        return self._recorder.messages
+
+    @property
+    def outside(self) -> int:
+        """How many messages and queries of other processes had a say so far; 0 in a run that can be repeated."""
+        return self._recorder.outside
+
+    def tick(self) -> None:
+        """Move the run on by one tick."""
+        self._ticks += 1
+        self.clock.advance_to(to_ns(self._ticks * TICK_S))
+        self.arena.step()
+        now_ns = self.clock.now_ns()
+        for host, pauses in zip(self.hosts, self._pauses, strict=True):
+            if pauses is None or not pauses.covers(now_ns):
+                host.step()
+        self.coordinator.step()
+        if self._ticks % TRUTH_TICKS == 0:
+            self._watch()
+        for endpoint in self._endpoints:
+            endpoint.serve()
+        self._recorder.step()
+
+    def close(self) -> RecordingSummary | None:
+        """Stop everything and finish the recording."""
+        while self._closers:
+            self._closers.pop()()
+        return self._summary
+
+    def _endpoint(self, team: str) -> Endpoint:
+        endpoint = Endpoint(self.session, team, self.clock, Drive.LOCKSTEP, on_outside=self._note_outside)
+        self._endpoints.append(endpoint)
+        self._closers.append(endpoint.close)
+        return endpoint
+
+    def _close_recorder(self) -> None:
+        self._summary = self._recorder.close()
+
+    def _note_outside(self, key: str, payload: bytes) -> None:
+        self._outside.put(OutsideInput(key=cut(key, TEXT_MAX), payload=payload[:OUTSIDE_BYTES]))
+
+    def _watch(self) -> None:
+        for received in self._inbox.drain():
+            if received.topic is MOTE_READING:
+                self.mote_readings += 1
+            else:
+                self.nothing_left = received.message.all_explored
+                self.idle = {robot.name: robot.idle for robot in received.message.robots if robot.idle is not None}
+        plan = self.world.plan
+        for robot in self.arena.truth.robots:
+            row, column = plan.cell_of(robot.pose.x_m, robot.pose.y_m)
+            clearance_m = float(plan.clearance_m[row, column]) if plan.holds_cell(row, column) else 0.0
+            # A cell's clearance is that of its middle: half a diagonal may be lost on the way from there.
+            slack_m = 0.71 * plan.resolution_m
+            self.wall_overlap_m = max(self.wall_overlap_m, self._radius_m(robot.robot) - clearance_m - slack_m)
+
+    def _radius_m(self, name: str) -> float:
+        return next(robot.radius_m for robot in self.world.robots if robot.name == name)

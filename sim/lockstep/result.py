@@ -1,0 +1,60 @@
+"""What a run tells at its end; this is the JSON of `robrain run --json`."""
+
+import msgspec
+
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
+from robrain.protocol.wire.reasons.idle import IdleReason
+from robrain.sim.world.floor_left import FloorLeft
+
+
+class RobotResult(msgspec.Struct, frozen=True, kw_only=True):
+    """One robot's share of a run; the pose is the true one, arena frame."""
+
+    name: str
+    distance_m: float
+    energy_j: float
+    collisions: int
+    pose: Pose2D
+    pose_accuracy: PoseAccuracy | None = None
+    """Accuracy of its poses over the run."""
+    idle: IdleReason | None = None
+    """Why it was idle when the run ended, according to the coordinator; None if it was not."""
+
+
+class RunResult(msgspec.Struct, frozen=True, kw_only=True):
+    """A run in figures."""
+
+    scenario: str
+    seed: int
+    robots: int
+    motes: int
+    ended: str
+    """Why the run ended: `explored`, `nothing_left`, `time_limit` or `interrupted`."""
+    sim_time_s: float
+    wall_time_s: float
+    """Wall time of the run itself; time before the first tick is `setup_time_s`."""
+    setup_time_s: float
+    real_time_factor: float
+    explored_fraction: float
+    """Share of the reachable floor that the team's maps cover."""
+    floor_left: list[FloorLeft] = []
+    """Regions of floor that were not seen or cannot be reached, and why."""
+    map_accuracy: MapAccuracy | None = None
+    """Accuracy of the team's map at the end; None if nothing was mapped."""
+    explored_curve: list[tuple[float, float]]
+    """Pairs of sim_time_s and explored fraction."""
+    distance_m: float
+    energy_j: float
+    collisions: int
+    wall_overlap_m: float
+    """Greatest depth of a robot's footprint inside a wall, at the resolution of the map."""
+    per_robot: list[RobotResult]
+    messages: int
+    """Messages that the recorder received."""
+    outside_messages: int
+    """Messages from other processes; 0 in a run that can be repeated."""
+    mote_readings: int
+    recording: str | None
+    digest: str
+    """SHA-256 over every recorded message; ends in `+outside:N` if some came from other processes."""

@@ -1,0 +1,1 @@
+"""The field of sensor motes, their radio and the plumes that they sense."""

@@ -1,0 +1,189 @@
+"""The mote field: sensor motes on the floor, and the air between them and the robots' base stations.
+
+What a robot says to everybody is also heard by the base stations of other robots in reach.
+
+Packets meet path loss, shadowing and noise (`radio`), not each other: collisions on the air are not simulated.
+"""
+
+import heapq
+from collections.abc import Sequence
+
+import msgspec
+import numpy as np
+
+from robrain.protocol.tinyos.beacon import BEACON_TYPE
+from robrain.protocol.tinyos.packet import BROADCAST, ActiveMessage, BadPacket
+from robrain.protocol.tinyos.payloads import Quantity, with_rssi
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
+from robrain.sim.motes.field import Field, FieldSpec
+from robrain.sim.motes.mote import ArenaMote, Mote, MoteSpec
+from robrain.sim.motes.radio import FAR_DEVIATIONS, Floats, RadioCounters, RadioLink, RadioModel, ShadowField
+from robrain.sim.motes.robot_air import RobotAir
+from robrain.sim.robot.robot_body import RobotBody
+
+BETWEEN_ROBOTS = 0xBA5E
+"""Keeps the randomness between robots apart from that of any mote, however many there are."""
+
+
+class SensorNetwork(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Motes, radio and field of a scenario."""
+
+    motes: MoteSpec = MoteSpec()
+    radio: RadioModel = RadioModel()
+    field: FieldSpec = FieldSpec()
+
+
+class MoteField:
+    """All motes, woken in order of time.
+
+    Each mote, and each pair of mote and robot, has randomness of its own: more motes or robots leave the others' alone.
+
+    Args:
+        motes: what lies where; the order decides who gets which randomness.
+        robots: names of the robots with a base station, in the order in which `step()` gets their bodies.
+        network: what the motes and their radio are.
+        field: what is sensed.
+        endpoint: where packets that are heard are put, and packets of base stations come from.
+        rng: source of the motes' randomness.
+        tick_s: how long a tick is.
+
+    """
+
+    def __init__(
+        self,
+        motes: Sequence[ArenaMote],
+        robots: Sequence[str],
+        network: SensorNetwork,
+        field: Field,
+        endpoint: Endpoint,
+        rng: np.random.Generator,
+        tick_s: float,
+    ) -> None:
+        quantities = [Quantity[name.upper()] for name in network.motes.quantities]
+        self.counters = RadioCounters()
+        self.motes: list[Mote] = []
+        self._air: list[_Air] = []
+        for index, (mote, both) in enumerate(zip(motes, rng.spawn(len(motes)), strict=True)):
+            own, air = both.spawn(2)
+            quantity = quantities[index % len(quantities)]
+            self.motes.append(Mote(mote, network.motes, quantity, network.radio.transmit_dbm, own, tick_s))
+            self._air.append(_Air(self.motes[-1], network.radio, air, self.counters))
+        self._field = field
+        self._receivers = [endpoint.publisher(ARENA_RADIO_RX, robot=robot) for robot in robots]
+        self._robot_index = {robot: index for index, robot in enumerate(robots)}
+        self._mote_index = {mote.number: index for index, mote in enumerate(motes)}
+        self._xs_m, self._ys_m = np.zeros(len(robots)), np.zeros(len(robots))
+        self._places_tick = -1
+        own_seed = rng.bit_generator.seed_seq
+        assert isinstance(own_seed, np.random.SeedSequence)
+        between = np.random.SeedSequence(own_seed.entropy, spawn_key=(*own_seed.spawn_key, BETWEEN_ROBOTS))
+        self.between_robots = RobotAir(network.radio, between)
+        self._inbox = Inbox()
+        if motes or len(robots) > 1:
+            endpoint.subscribe(self._inbox, ARENA_RADIO_TX)
+        self._tick = 0
+        self._wakes = [(mote.next_tick, index) for index, mote in enumerate(self.motes)]
+        heapq.heapify(self._wakes)
+
+    def step(self, robots: Sequence[RobotBody]) -> None:
+        """Go on by a tick: base stations' packets reach motes; motes whose time has come sense and send."""
+        self._tick += 1
+        if len(self._inbox):
+            self._look_where_robots_are(robots)
+            for received in self._inbox.drain():
+                self._from_robot(received.names["robot"], received.message)
+        while self._wakes and self._wakes[0][0] <= self._tick:
+            tick, index = heapq.heappop(self._wakes)
+            mote = self.motes[index]
+            if mote.battery.is_flat or mote.next_tick != tick:  # flat for good, or woken at another time instead
+                continue
+            self._look_where_robots_are(robots)
+            self._send(index, mote.wake(tick, self._field))
+            heapq.heappush(self._wakes, (mote.next_tick, index))
+
+    def _send(self, index: int, message: ActiveMessage) -> None:
+        """To each robot that hears it, with its own signal strength."""
+        self.counters.sent += 1
+        packet = message.pack()
+        for robot, rssi_dbm in self._air[index].heard_by(self._xs_m, self._ys_m):
+            self._receivers[robot].put_bytes(with_rssi(packet, rssi_dbm))
+
+    def _from_robot(self, name: str, packet: bytes) -> None:
+        robot = self._robot_index.get(name)
+        try:
+            message = ActiveMessage.unpack(packet)
+        except BadPacket:
+            return
+        if robot is None:
+            return
+        if message.destination == BROADCAST:
+            self._to_robots(robot, packet, is_beacon=message.type == BEACON_TYPE)
+        if message.type == BEACON_TYPE:  # motes leave it alone
+            return
+        self.counters.sent += 1
+        addressed = self._mote_index.get(message.destination)
+        wanted = range(len(self.motes)) if message.destination == BROADCAST else [addressed]
+        for index in wanted:
+            if index is None:
+                continue
+            mote = self.motes[index]
+            if mote.listens_at(self._tick) and self._air[index].hears(robot, self._xs_m, self._ys_m):
+                before = mote.next_tick
+                mote.hear(message, self._tick)
+                if mote.next_tick != before:
+                    heapq.heappush(self._wakes, (mote.next_tick, index))
+
+    def _to_robots(self, sender: int, packet: bytes, *, is_beacon: bool) -> None:
+        for robot, rssi_dbm in self.between_robots.heard_by(sender, self._xs_m, self._ys_m, self._tick):
+            self._receivers[robot].put_bytes(with_rssi(packet, rssi_dbm) if is_beacon else packet)
+
+    def _look_where_robots_are(self, robots: Sequence[RobotBody]) -> None:
+        if self._places_tick != self._tick:
+            self._places_tick = self._tick
+            self._xs_m[:] = [robot.x_m for robot in robots]
+            self._ys_m[:] = [robot.y_m for robot in robots]
+
+
+class _Air:
+    """What lies between one mote and all robots; both directions are alike."""
+
+    def __init__(self, mote: Mote, radio: RadioModel, rng: np.random.Generator, counters: RadioCounters) -> None:
+        self._place = mote.mote.place
+        self._radio = radio
+        self._rng = rng
+        self._counters = counters
+        self._shadow = ShadowField(radio.static_db, radio.correlation_m, rng) if radio.static_db > 0 else None
+        self._links: dict[int, RadioLink] = {}
+        self._weakest_dbm = radio.sensitivity_dbm - FAR_DEVIATIONS * max(radio.per_packet_db, 1.0)
+
+    def heard_by(self, xs_m: Floats, ys_m: Floats) -> list[tuple[int, float]]:
+        """Robots that one packet reaches, with its strength in dBm at each."""
+        expected_dbm = self._expected_dbm(xs_m, ys_m)
+        heard = []
+        for robot, strength_dbm in enumerate(expected_dbm.tolist()):
+            if strength_dbm >= self._weakest_dbm:
+                rssi_dbm = self._link(robot).receive_dbm(strength_dbm)
+                if rssi_dbm is not None:
+                    heard.append((robot, rssi_dbm))
+        return heard
+
+    def hears(self, robot: int, xs_m: Floats, ys_m: Floats) -> bool:
+        """Whether one packet of a robot reaches the mote."""
+        strength_dbm = float(self._expected_dbm(xs_m[robot : robot + 1], ys_m[robot : robot + 1])[0])
+        return strength_dbm >= self._weakest_dbm and self._link(robot).receive_dbm(strength_dbm) is not None
+
+    def _expected_dbm(self, xs_m: Floats, ys_m: Floats) -> Floats:
+        distances_m = np.hypot(xs_m - self._place.x_m, ys_m - self._place.y_m)
+        mean_dbm = self._radio.mean_rssi_dbm_of(distances_m)
+        return mean_dbm if self._shadow is None else mean_dbm + self._shadow.at(xs_m, ys_m)
+
+    def _link(self, robot: int) -> RadioLink:
+        link = self._links.get(robot)
+        if link is None:
+            own = self._rng.bit_generator.seed_seq
+            assert isinstance(own, np.random.SeedSequence)
+            seed = np.random.SeedSequence(own.entropy, spawn_key=(*own.spawn_key, robot))
+            link = self._links[robot] = RadioLink(self._radio, np.random.default_rng(seed), self._counters)
+        return link

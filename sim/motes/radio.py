@@ -1,0 +1,182 @@
+"""The radio between motes and robots' base stations: path loss, shadowing that changes with the place, lost packets.
+
+Path loss: Rappaport: Wireless Communications, Principles and Practice, 2nd ed., section 4.9. Shadowing: Gudmundson:
+Correlation Model for Shadow Fading in Mobile Radio Systems, Electronics Letters 27(23), 1991, whose autocorrelation
+falls exponentially with the distance between two places. Reception: Zuniga and Krishnamachari: Analyzing the
+Transitional Region in Low Power Wireless Links, IEEE SECON 2004, for the Mica2's CC1000 (non-coherent FSK, Manchester
+coded, 19.2 kbit/s in a noise bandwidth of 30 kHz).
+
+The exponent lies between those of Rappaport's table for offices; transmit power and sensitivity are in the range of the
+CC1000. All defaults are chosen, so that a packet is heard some 10 m away.
+"""
+
+import math
+from functools import cached_property
+
+import msgspec
+import numpy as np
+import numpy.typing as npt
+
+from robrain.protocol.model.numeric.elementary_functions import log10
+from robrain.sim.motes.mote_power import send_ma
+
+PACKET_BYTES = 45
+"""A reading on the air with preamble, header and CRC."""
+AIRTIME_S = PACKET_BYTES * 8 / 19_200
+RATE_OVER_BANDWIDTH = 0.64
+"""19.2 kbit/s over 30 kHz."""
+CHIPS_PER_PACKET = 2 * 8 * PACKET_BYTES
+"""Manchester coding sends two for each bit."""
+NOTICED_DB = 3.0
+"""So far below the sensitivity a receiver still finds the preamble of most packets, to throw them away for their CRC;
+chosen."""
+FAR_DEVIATIONS = 5.0
+"""A packet that would need so much luck is not even looked at."""
+WAVES = 64
+"""Of which a shadowing field is made; its values at one place are Gaussian over the seeds for any number."""
+
+Floats = npt.NDArray[np.float64]
+
+
+class RadioModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, dict=True):
+    """`[radio]`: path loss and shadowing between motes and base stations.
+
+    Raises ValueError where an exponent or length is not above 0, a deviation is negative or a share not in 0 to 1.
+    """
+
+    transmit_dbm: float = -20.0
+    """Power of motes and of base stations; one of the CC1000's levels, see `mote_power`."""
+    loss_at_1_m_db: float = 40.0
+    """Path loss at a distance of 1 m."""
+    exponent: float = 3.0
+    """Path-loss exponent."""
+    shadowing_db: float = 4.0
+    """Standard deviation of the shadowing, over places and packets together."""
+    static_share: float = 0.7
+    """Share of that variance which belongs to the place: walls and furniture. The rest is drawn for each packet."""
+    correlation_m: float = 3.0
+    """Distance at which the correlation of the static part has fallen to 1/e; indoors a few metres, chosen."""
+    sensitivity_dbm: float = -90.0
+    """Strength at which half of the packets arrive."""
+
+    def __post_init__(self) -> None:
+        send_ma(self.transmit_dbm)  # raises beyond what the radio can
+        for name in ("exponent", "correlation_m"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+        if not self.shadowing_db >= 0:
+            raise ValueError(f"expected shadowing_db >= 0, got {self.shadowing_db}")
+        if not 0 <= self.static_share <= 1:
+            raise ValueError(f"expected static_share from 0 to 1, got {self.static_share}")
+
+    @property
+    def static_db(self) -> float:
+        """Standard deviation of the part that belongs to the place."""
+        return self.shadowing_db * math.sqrt(self.static_share)
+
+    @property
+    def per_packet_db(self) -> float:
+        """Standard deviation of the part that belongs to the packet."""
+        return self.shadowing_db * math.sqrt(1.0 - self.static_share)
+
+    def mean_rssi_dbm(self, distance_m: float) -> float:
+        """Received power without shadowing; nearer than 10 cm counts as 10 cm."""
+        loss_db = self.loss_at_1_m_db + 10.0 * self.exponent * math.log10(max(distance_m, 0.1))
+        return self.transmit_dbm - loss_db
+
+    def mean_rssi_dbm_of(self, distances_m: Floats) -> Floats:
+        """`mean_rssi_dbm` of many distances."""
+        loss_db: Floats = 10.0 * self.exponent * log10(np.maximum(distances_m, 0.1))
+        return self.transmit_dbm - self.loss_at_1_m_db - loss_db
+
+    @property
+    def reach_m(self) -> float:
+        """Distance at which the mean is at the sensitivity.
+
+        >>> RadioModel().reach_m
+        10.0
+        """
+        budget_db = self.transmit_dbm - self.loss_at_1_m_db - self.sensitivity_dbm
+        return float(10.0 ** (budget_db / (10.0 * self.exponent)))
+
+    def arrival_probability(self, rssi_dbm: float) -> float:
+        """Probability that a packet of this strength arrives whole (Zuniga and Krishnamachari, section III).
+
+        >>> round(RadioModel().arrival_probability(-90.0), 6)
+        0.5
+        """
+        snr = 10.0 ** ((rssi_dbm - self._noise_dbm) / 10.0)
+        chip_error = 0.5 * math.exp(-snr / (2.0 * RATE_OVER_BANDWIDTH))
+        return float((1.0 - chip_error) ** CHIPS_PER_PACKET)
+
+    @cached_property
+    def _noise_dbm(self) -> float:
+        """The noise that makes half of the packets arrive at the sensitivity."""
+        chip_error = 1.0 - 0.5 ** (1.0 / CHIPS_PER_PACKET)
+        snr = -2.0 * RATE_OVER_BANDWIDTH * math.log(2.0 * chip_error)
+        return self.sensitivity_dbm - 10.0 * math.log10(snr)
+
+
+class ShadowField:
+    """Static shadowing between one fixed node and any place: a Gaussian field over the floor.
+
+    A sum of waves whose wave vectors are drawn from the spectrum of exp(−d / correlation_m), which in the plane is a
+    Cauchy distribution (Rahimi and Recht: Random Features for Large-Scale Kernel Machines, NIPS 2007, turns a
+    correlation into waves in this way). So a value costs a few microseconds and needs no grid, and the floor no end.
+
+    Args:
+        deviation_db: standard deviation over the seeds.
+        correlation_m: distance at which the correlation has fallen to 1/e.
+        rng: draws the field; not used afterwards.
+
+    """
+
+    def __init__(self, deviation_db: float, correlation_m: float, rng: np.random.Generator) -> None:
+        vectors = rng.standard_normal((2, WAVES)) / np.abs(rng.standard_normal(WAVES)) / correlation_m
+        self._x_rad_per_m, self._y_rad_per_m = vectors
+        self._phases_rad = rng.uniform(0.0, 2.0 * np.pi, WAVES)
+        self._heights_db = deviation_db / math.sqrt(WAVES) * rng.rayleigh(size=WAVES)
+
+    def at(self, xs_m: Floats, ys_m: Floats) -> Floats:
+        """Shadowing at places of the arena frame, dB: (N,) from (N,) and (N,)."""
+        angles = xs_m[:, None] * self._x_rad_per_m + ys_m[:, None] * self._y_rad_per_m + self._phases_rad
+        values: Floats = (np.cos(angles) * self._heights_db).sum(axis=1)
+        return values
+
+
+class RadioCounters(msgspec.Struct):
+    """What became of packets, counted at each receiver that they could have reached."""
+
+    sent: int = 0
+    """Packets, each once."""
+    heard: int = 0
+    crc_errors: int = 0
+    """Noticed, but not whole: the receiver throws them away."""
+    lost: int = 0
+    """Too weak to be noticed."""
+
+
+class RadioLink:
+    """The randomness of one pair of sender and receiver."""
+
+    def __init__(self, model: RadioModel, rng: np.random.Generator, counters: RadioCounters | None = None) -> None:
+        self._model = model
+        self._rng = rng
+        self._counters = counters if counters is not None else RadioCounters()
+
+    def receive_dbm(self, expected_dbm: float) -> float | None:
+        """Strength of one packet sent now, or None if it does not arrive whole.
+
+        Args:
+            expected_dbm: mean of the distance with the shadowing of the place.
+
+        """
+        rssi_dbm = expected_dbm + self._model.per_packet_db * self._rng.standard_normal()
+        if self._rng.random() < self._model.arrival_probability(rssi_dbm):
+            self._counters.heard += 1
+            return rssi_dbm
+        if rssi_dbm >= self._model.sensitivity_dbm - NOTICED_DB:
+            self._counters.crc_errors += 1
+        else:
+            self._counters.lost += 1
+        return None

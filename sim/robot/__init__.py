@@ -1,0 +1,1 @@
+"""A simulated robot: body, wheels, lidar, camera and electronics."""

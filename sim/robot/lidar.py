@@ -1,0 +1,117 @@
+"""A lidar at the centre of a simulated robot: walls and other robots, all around."""
+
+import math
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.ray_cast import cast_rays
+from robrain.protocol.wire.messages.arena_messages import Scan
+from robrain.sim.maps.surfaces import Surfaces
+
+NEAREST_OUTLIER_M = 0.05
+"""Least range of an outlier."""
+
+
+class LidarSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[robot.lidar]`: what a lidar can do. Raises ValueError for impossible values."""
+
+    rays: int = 180
+    """Beams per turn, spread evenly over the full circle; the first points backwards (−π in the robot's frame)."""
+    rate_hz: float = 5.0
+    """Turns per second."""
+    range_max_m: float = 6.0
+    """Greatest measured range."""
+    noise_m: float = 0.01
+    """Standard deviation of a range."""
+    dropout: float = 0.0
+    """Share of the beams, drawn at random, that return nothing: black or wet surfaces, or flat angles."""
+    outlier: float = 0.0
+    """Share of the beams, drawn at random, with a random range: mixed pixels, stray reflections."""
+
+    def __post_init__(self) -> None:
+        for name in ("rays", "rate_hz", "range_max_m"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+        if not self.noise_m >= 0:
+            raise ValueError(f"expected noise_m >= 0, got {self.noise_m}")
+        for name in ("dropout", "outlier"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"expected {name} from 0 to 1, got {getattr(self, name)}")
+
+
+class Lidar:
+    """Turns the true world into scans.
+
+    Args:
+        spec: what it can do.
+        robot: whose it is.
+        walls: (H, W) what is solid.
+        geometry: where `walls` lies in the arena frame.
+        rng: draws the noise, outliers and dropouts.
+        surfaces: glass and mirrors among the walls; None if there are none.
+
+    """
+
+    def __init__(
+        self,
+        spec: LidarSpec,
+        robot: str,
+        walls: NDArray[np.bool_],
+        geometry: GridGeometry,
+        rng: np.random.Generator,
+        surfaces: Surfaces | None = None,
+    ) -> None:
+        self.spec = spec
+        self._robot = robot
+        # A read-only array would be copied for every scan.
+        self._walls = walls if walls.flags.writeable else walls.copy()
+        self._geometry = geometry
+        self._rng = rng
+        self._surfaces = surfaces
+        self._increment_rad = math.tau / spec.rays
+        self.is_frozen = False
+        """A frozen lidar goes on sending the turn before, with new stamps: what a stuck driver or buffer does."""
+        self._last: Scan | None = None
+        self._angles_rad = np.linspace(-math.pi, math.pi, spec.rays, endpoint=False)
+
+    def scan(self, pose: Pose2D, robots: NDArray[np.float64]) -> Scan:
+        """One turn from `pose`, arena frame.
+
+        `robots` (K, 3) are the hulls of all robots, its own too: x, y, radius in metres, arena frame. What the noise
+        carries past the maximum range is no return.
+        """
+        if self.is_frozen and self._last is not None:
+            return self._last
+        spec = self.spec
+        if self._surfaces is None:
+            ranges_m = cast_rays(self._walls, self._geometry, pose, self._angles_rad, spec.range_max_m, robots)
+        else:
+            ranges_m = self._surfaces.cast(pose, self._angles_rad, spec.range_max_m, robots)
+        noisy_m = ranges_m + spec.noise_m * self._rng.standard_normal(spec.rays)
+        noisy_m[(ranges_m >= spec.range_max_m) | (noisy_m >= spec.range_max_m)] = 0.0
+        if spec.outlier or spec.dropout:
+            self._spoil(noisy_m)
+        ranges_mm = np.rint(1000.0 * noisy_m).astype(np.int64)
+        ranges_mm[(ranges_mm < 1) & (noisy_m != 0.0)] = 1
+        self._last = Scan(
+            robot=self._robot,
+            angle_min_rad=-math.pi,
+            angle_increment_rad=self._increment_rad,
+            range_max_m=spec.range_max_m,
+            ranges_mm=ranges_mm.tolist(),
+        )
+        return self._last
+
+    def _spoil(self, ranges_m: NDArray[np.float64]) -> None:
+        """Apply outliers, then dropouts, in place; a range of 0 means no return."""
+        spec = self.spec
+        if spec.outlier:
+            is_outlier = self._rng.random(spec.rays) < spec.outlier
+            anywhere_m = self._rng.uniform(NEAREST_OUTLIER_M, spec.range_max_m, spec.rays)
+            ranges_m[is_outlier] = anywhere_m[is_outlier]
+        if spec.dropout:
+            ranges_m[self._rng.random(spec.rays) < spec.dropout] = 0.0

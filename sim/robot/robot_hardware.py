@@ -1,0 +1,40 @@
+"""What simulated robots are built of."""
+
+import msgspec
+
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.navigation.omni_drive import OmniBase
+from robrain.sim.firmware.battery import BatterySpec
+from robrain.sim.firmware.power_model import PowerModel
+from robrain.sim.firmware.range_sensors import RangeSensorSpec
+from robrain.sim.robot.camera import CameraSpec
+from robrain.sim.robot.lidar import LidarSpec
+from robrain.sim.robot.wheels import WheelSpec
+
+
+class RobotHardware(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[robot]`: hardware of every robot of the scenario.
+
+    Raises ValueError where it is built with a radius that is not above 0.
+    """
+
+    base: OmniBase = OmniBase()
+    radius_m: float = 0.2
+    """Radius of the robot's footprint, a disc."""
+    battery: BatterySpec = BatterySpec()
+    power: PowerModel = PowerModel()
+    lidar: LidarSpec = LidarSpec()
+    range_sensors: RangeSensorSpec = RangeSensorSpec()
+    wheels: WheelSpec = WheelSpec()
+    camera: CameraSpec = CameraSpec()
+
+    def __post_init__(self) -> None:
+        if not self.radius_m > 0:
+            raise ValueError(f"expected radius_m > 0, got {self.radius_m}")
+
+
+class ArenaRobot(RobotHardware, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A robot to be simulated; its nodes sit on the bus `{name}/can0`."""
+
+    name: str
+    start: Pose2D

@@ -1,0 +1,133 @@
+"""One simulated robot: a body on wheels, the nodes on its CAN bus, a battery and a lidar."""
+
+import math
+
+import numpy as np
+import pymunk
+from numpy.typing import NDArray
+
+from robrain.plugins.device.mocdevice.frame_clock import StampedAt
+from robrain.protocol.can.zenoh_bus import ZenohBus
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.topics import ARENA_SCAN
+from robrain.sim.disturbance import Disturbance, DisturbanceSpec
+from robrain.sim.firmware.battery import Battery
+from robrain.sim.firmware.battery_manager import BatteryManager
+from robrain.sim.firmware.bus_line import BusLine, FrameStamps
+from robrain.sim.firmware.motor_controller import MotorController
+from robrain.sim.firmware.range_sensors import RangeSensors
+from robrain.sim.maps.surfaces import Surfaces
+from robrain.sim.robot.lidar import Lidar
+from robrain.sim.robot.robot_body import MASS_KG, RobotBody
+from robrain.sim.robot.robot_hardware import ArenaRobot
+from robrain.sim.robot.wheels import Wheels
+
+CAN_CHANNEL = "can0"
+
+
+class SimulatedRobot:
+    """A body with its firmware and its lidar.
+
+    A tick is `act()`, the step of the space, then `report()`; `measure()` and `scan()` when they are due; `deliver()`.
+
+    Args:
+        spec: what it is built of, and where it starts.
+        space: where its body moves.
+        walls: (H, W) what is solid; writable, as it would be copied otherwise.
+        geometry: where `walls` lies in the arena frame.
+        endpoint: the arena's place on the wire.
+        index: among the robots; they take turns, so that no tick has all the scans.
+        tick_s: how long a tick is.
+        rng: the source of all its randomness.
+        surfaces: glass and mirrors among the walls; None if there are none.
+        disturbance: delays of frames and scans; None for no delays.
+
+    """
+
+    def __init__(
+        self,
+        spec: ArenaRobot,
+        space: pymunk.Space,
+        walls: NDArray[np.bool_],
+        geometry: GridGeometry,
+        endpoint: Endpoint,
+        index: int,
+        tick_s: float,
+        rng: np.random.Generator,
+        surfaces: Surfaces | None = None,
+        disturbance: Disturbance | None = None,
+    ) -> None:
+        battery_rng, (wheels_rng, ranges_rng) = rng.spawn(1)[0], rng.spawn(2)
+        self.name = spec.name
+        disturbance = Disturbance(DisturbanceSpec(), 0) if disturbance is None else disturbance
+        late_frames, stamps = disturbance.frames(index, endpoint.clock), None
+        if late_frames is not None:
+            tells_sending = disturbance.spec.can.stamped_at is StampedAt.SENDING
+            stamps = FrameStamps(endpoint.clock, tells_sending=tells_sending)
+        self._late_scans = disturbance.scans(index, endpoint.clock)
+        self.is_late = late_frames is not None or self._late_scans is not None
+        """Whether frames or scans can be late, so that `deliver` must be called."""
+        self.bus = BusLine(
+            ZenohBus(
+                f"{spec.name}/{CAN_CHANNEL}",
+                session=endpoint.session,
+                team=endpoint.team,
+                direct=endpoint.drive is Drive.LOCKSTEP,
+                now_ns=endpoint.clock.now_ns if stamps is None else stamps.now_ns,
+                on_outside=endpoint.note_outside,
+            ),
+            late_frames,
+            stamps,
+        )
+        wheels = Wheels.draw(spec.base, spec.wheels, wheels_rng)
+        self.body = RobotBody(space, wheels, spec.start, spec.radius_m, tick_s)
+        self.battery = Battery(spec.battery)
+        self.lidar = Lidar(spec.lidar, spec.name, walls, geometry, rng, surfaces)
+        self._scans = endpoint.publisher(ARENA_SCAN, robot=spec.name)
+        self.scan_period_ticks = max(1, round(1.0 / (spec.lidar.rate_hz * tick_s)))
+        self.scan_phase = index % self.scan_period_ticks
+        """A turn of the lidar is complete with each tick that leaves this when it is divided by the period."""
+        self.controller = MotorController(self.bus, spec.base, tick_s, lambda: self.bus.transmit_errors)
+        self.ranges = RangeSensors(
+            self.bus, spec.range_sensors, spec.radius_m, walls, geometry, ranges_rng, tick_s, index
+        )
+        self.manager = BatteryManager(self.bus, self.battery, spec.power, MASS_KG, tick_s, battery_rng)
+        self._per_tick = 1.0 / tick_s
+
+    def act(self) -> None:
+        """Hear the bus, set the wheels."""
+        self.controller.receive()
+        self.controller.powered = not self.battery.is_cut_off
+        self.body.drive(*self.controller.wheel_speeds_rad_s)
+
+    def report(self, tick: int) -> None:
+        """Follow the body's motion and tell it on the bus."""
+        body = self.body
+        body.roll()
+        self.controller.report(body.wheel_turns_rad)
+        self.ranges.feel(tick, body.yaw_rad, body.contacts_rad)
+        speed_m_s = math.hypot(body.forward_m, body.left_m) * self._per_tick
+        self.manager.report(speed_m_s, body.turned_rad * self._per_tick)
+
+    def measures_at(self, tick: int) -> bool:
+        """Whether its range sensors measure with this tick."""
+        return self.ranges.measures_at(tick)
+
+    def measure(self, hulls: NDArray[np.float64]) -> None:
+        """Measure all ranges, and send them; `hulls` (K, 3) are x, y, radius of all robots, arena frame."""
+        self.ranges.measure(self.body.pose, hulls)
+
+    def scan(self, hulls: NDArray[np.float64]) -> None:
+        """Send a turn of the lidar; hulls as for `measure`."""
+        turn = self.lidar.scan(self.body.pose, hulls)
+        if self._late_scans is None:
+            self._scans.put(turn)
+        else:
+            self._late_scans.put(turn)
+
+    def deliver(self) -> None:
+        """Pass on late frames and scans that have arrived; scans keep their time of measurement."""
+        self.bus.deliver()
+        for measured_ns, turn in self._late_scans.arrivals() if self._late_scans is not None else ():
+            self._scans.put(turn, measured_ns)

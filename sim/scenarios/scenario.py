@@ -1,0 +1,351 @@
+"""Scenarios: the way to run a team, from a script as from the command line.
+
+from robrain import Scenario
+
+result = Scenario.builtin("depot").replace(robots=3, seed=7).run(until_explored=0.9)
+print(f"{result.explored_fraction:.0%} explored in {result.sim_time_s:.0f} s")
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+
+import msgspec
+
+from robrain.client.team import Team
+from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.warm_up import warm_up
+from robrain.sim.disturbance import DisturbanceSpec
+from robrain.sim.errors import ScenarioError
+from robrain.sim.lockstep.lockstep import LockstepRun
+from robrain.sim.lockstep.lockstep_transport import LockstepTransport
+from robrain.sim.lockstep.pacing import Pacer, StopOnInterrupt
+from robrain.sim.lockstep.result import RobotResult, RunResult
+from robrain.sim.maps.drawing import FloorDrawing, rasterise
+from robrain.sim.maps.errors import MapError
+from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.maps.map_server import load_map
+from robrain.sim.maps.placement import Starts
+from robrain.sim.maps.surfaces import SurfaceSpec
+from robrain.sim.motes.motes import SensorNetwork
+from robrain.sim.scenarios.scenario_file import MAX_MOTES, MAX_ROBOTS, ScenarioTables, read_builtin, read_scenario_file
+from robrain.sim.world.arena import RobotHardware, clearance_m
+from robrain.sim.world.chargers import ChargerSpec
+from robrain.sim.world.fault_injection import FaultSpec
+from robrain.sim.world.world import World, build_world
+
+CURVE_STEP_S = 5.0
+MAX_SEED = (1 << 63) - 1
+
+
+class Progress(NamedTuple):
+    """Progress of a run, reported about ten times per second of wall time."""
+
+    sim_time_s: float
+    wall_time_s: float
+    explored_fraction: float
+    messages: int
+
+
+class Scenario(msgspec.Struct, frozen=True, kw_only=True):
+    """A floor, a team and its motes."""
+
+    name: str
+    floor: FloorDrawing | Path
+    """A drawing, or a ROS map_server file (map.yaml)."""
+    robots: int = 4
+    motes: int = 0
+    near: Point2D | None = None
+    """Point around which the robots start; where there is most room if None."""
+    starts: Starts = Starts.TOGETHER
+    """Together or scattered over the floor."""
+    starts_known: bool = True
+    """Whether robots are told where they start. If not, only the first robot is: its start defines the arena frame."""
+    hardware: RobotHardware = RobotHardware()
+    """Hardware of each robot."""
+    network: SensorNetwork = SensorNetwork()
+    """The motes, their radio, and the quantities that they measure."""
+    chargers: tuple[ChargerSpec, ...] = ()
+    planning: PlanningPolicy = PlanningPolicy()
+    """Objective and parameters of the coordinator's plans."""
+    faults: tuple[FaultSpec, ...] = ()
+    """Hardware faults and their times."""
+    surfaces: SurfaceSpec = SurfaceSpec()
+    """Glass and mirrors among the walls."""
+    disturbance: DisturbanceSpec = DisturbanceSpec()
+    """Late frames and scans, paused agents."""
+    seed: int = 1
+    until_explored: float = 0.98
+    time_limit_s: float = 900.0
+    toml: str = ""
+    """TOML text that the scenario was read from."""
+
+    def __post_init__(self) -> None:
+        whole = {"robots": (1, MAX_ROBOTS), "motes": (0, MAX_MOTES), "seed": (0, MAX_SEED)}
+        for name, (lowest, highest) in whole.items():
+            value = getattr(self, name)
+            if type(value) is not int or not lowest <= value <= highest:
+                raise ScenarioError(f"{self.name}: expected {name} from {lowest} to {highest}, got {value!r}")
+        if not 0 < self.until_explored <= 1:
+            raise ScenarioError(
+                f"{self.name}: expected until_explored above 0 and at most 1, got {self.until_explored}"
+            )
+        if not self.time_limit_s > 0:
+            raise ScenarioError(f"{self.name}: expected time_limit_s > 0, got {self.time_limit_s}")
+        if self.near is not None and self.starts is Starts.SCATTERED:
+            raise ScenarioError(f"{self.name}: expected either near or scattered starts, got both")
+        if self.near is not None and not (math.isfinite(self.near.x_m) and math.isfinite(self.near.y_m)):
+            raise ScenarioError(f"{self.name}: expected finite coordinates for near, got {self.near}")
+
+    @classmethod
+    def builtin(cls, name: str) -> Self:
+        """A scenario that comes with robrain, such as `depot` (ScenarioError if there is none of that name)."""
+        return cls._from_tables(*read_builtin(name), base=Path())
+
+    @classmethod
+    def from_file(cls, path: Path | str) -> Self:
+        """A scenario TOML (ScenarioError naming file and key if it is wrong)."""
+        path = Path(path)
+        return cls._from_tables(*read_scenario_file(path), base=path.parent)
+
+    @classmethod
+    def from_map(cls, path: Path | str, *, robots: int = 4, motes: int = 0) -> Self:
+        """A team on a floor in the ROS map_server format (map.yaml)."""
+        path = Path(path)
+        return cls(name=path.stem, floor=path, robots=robots, motes=motes)
+
+    @classmethod
+    def _from_tables(cls, tables: ScenarioTables, toml: str, *, base: Path) -> Self:
+        floor = tables.floor if tables.floor is not None else base / tables.map.file if tables.map else None
+        assert floor is not None  # ScenarioTables has checked it
+        return cls(
+            name=tables.scenario.name,
+            floor=floor,
+            robots=tables.team.robots,
+            motes=tables.motes.count,
+            near=Point2D(*tables.team.near_m) if tables.team.near_m is not None else None,
+            starts=tables.team.starts,
+            starts_known=tables.team.starts_known,
+            hardware=tables.robot,
+            network=tables.network,
+            chargers=tables.chargers,
+            planning=tables.planning,
+            faults=tables.faults,
+            surfaces=tables.surfaces,
+            disturbance=tables.disturbance,
+            seed=tables.scenario.seed,
+            until_explored=tables.scenario.until_explored,
+            time_limit_s=tables.scenario.time_limit_s,
+            toml=toml,
+        )
+
+    def replace(self, **changes: Any) -> Self:
+        """The same scenario with some fields changed: `scenario.replace(robots=8, seed=2)`."""
+        try:
+            return msgspec.structs.replace(self, **changes)
+        except TypeError as error:
+            known = ", ".join(self.__struct_fields__)
+            raise ScenarioError(f"{self.name}: {error}; a scenario has {known}") from error
+
+    def plan(self) -> FloorPlan:
+        """The floor (ScenarioError naming file and key if it cannot be read)."""
+        try:
+            return load_map(self.floor) if isinstance(self.floor, Path) else rasterise(self.floor, self.name)
+        except MapError as error:
+            raise ScenarioError(str(error)) from error
+
+    def world(self) -> World:
+        """The floor with robots and motes in their places (ScenarioError if they do not fit)."""
+        try:
+            plan, chargers = self.plan(), self.chargers
+            world = build_world(
+                plan,
+                self.robots,
+                self.motes,
+                self.near,
+                self.seed,
+                self.hardware,
+                self.network,
+                chargers,
+                self.starts,
+            )
+        except MapError as error:
+            raise ScenarioError(str(error)) from error
+        for fault in self.faults:
+            if fault.robot not in (robot.name for robot in world.robots):
+                names = f"r1 to r{self.robots}"
+                raise ScenarioError(f"{self.name}: faults: no robot {fault.robot!r}; there are {names}")
+            if fault.place_m is not None and clearance_m(plan, Point2D(*fault.place_m)) < self.hardware.radius_m:
+                raise ScenarioError(
+                    f"{self.name}: faults: expected room for a robot of radius {self.hardware.radius_m:g} m at place_m "
+                    f"{fault.place_m[0]:g}, {fault.place_m[1]:g}"
+                )
+        return replace(
+            world,
+            faults=self.faults,
+            surfaces=self.surfaces,
+            disturbance=self.disturbance,
+            starts_known=self.starts_known,
+        )
+
+    def team(self, *, seed: int | None = None, record: Path | str | None = None, by: str = "script") -> Team:
+        """The scenario's team in lockstep, for a script; close it, or use it in a `with` block.
+
+        Equal seeds and equal calls give equal runs. Time passes only within the methods of `Team` that wait.
+
+        Args:
+            seed: of everything random; the scenario's own if None.
+            record: MCAP file to write.
+            by: who asks, for the records.
+
+        Raises:
+            RobrainError: in one sentence, what cannot be simulated or opened.
+
+        """
+        scenario = self if seed is None else self.replace(seed=seed)
+        world = scenario.world()
+        warm_up()
+        return Team(LockstepTransport(scenario._open(world, record)), by=by)
+
+    def run(
+        self,
+        *,
+        until_explored: float | None = None,
+        time_limit_s: float | None = None,
+        speed: float = 0.0,
+        record: Path | str | None = None,
+        listen: str | None = None,
+        on_progress: Callable[[Progress], None] | None = None,
+        on_open: Callable[[list[str]], None] | None = None,
+    ) -> RunResult:
+        """Run the scenario in lockstep, to its end or to Ctrl-C.
+
+        Args:
+            until_explored: stop when this share of the reachable floor is known; the scenario's own if None.
+            time_limit_s: stop after this much simulated time; the scenario's own if None.
+            speed: simulated seconds per second; 0 for as fast as possible.
+            record: MCAP file to write.
+            listen: loopback endpoint on which other processes may join, such as `tcp/127.0.0.1:0`.
+            on_progress: called with the progress of the run.
+            on_open: called with the endpoints of `listen`, before the first tick.
+
+        Raises:
+            RobrainError: the scenario cannot be run; the text says why.
+
+        """
+        until = self.until_explored if until_explored is None else until_explored
+        limit_s = self.time_limit_s if time_limit_s is None else time_limit_s
+        setup = Pacer(0.0)
+        world = self.world()
+        warm_up()
+        with StopOnInterrupt() as interrupt:  # else an interrupt could leave something half-opened, and never closed
+            run = self._open(world, record, listen, lambda: interrupt.requested)
+        try:
+            if interrupt.requested:
+                raise KeyboardInterrupt
+            if on_open is not None:
+                on_open(run.listening_at)
+            setup_time_s = setup.wall_time_s
+            pacer = Pacer(speed)
+            ended, curve = _drive(run, until, limit_s, pacer, on_progress)
+            wall_time_s = pacer.wall_time_s
+            run.arena.accuracy.measure_map()
+            truth, left = run.truth, run.floor_left()
+        finally:
+            summary = run.close()
+        assert summary is not None  # the run was built, so it has a recorder
+        return RunResult(
+            scenario=self.name,
+            seed=self.seed,
+            robots=len(world.robots),
+            motes=len(world.motes),
+            ended=ended,
+            sim_time_s=round(truth.sim_time_s, 6),
+            wall_time_s=round(wall_time_s, 3),
+            setup_time_s=round(setup_time_s, 3),
+            real_time_factor=round(truth.sim_time_s / max(wall_time_s, 1e-9), 2),
+            explored_fraction=truth.explored_fraction,
+            floor_left=left,
+            map_accuracy=truth.map_accuracy,
+            explored_curve=curve,
+            distance_m=sum(robot.distance_m for robot in truth.robots),
+            energy_j=sum(robot.energy_j for robot in truth.robots),
+            collisions=sum(robot.collisions for robot in truth.robots),
+            wall_overlap_m=max(0.0, run.wall_overlap_m),
+            per_robot=[
+                RobotResult(
+                    name=robot.robot,
+                    distance_m=robot.distance_m,
+                    energy_j=robot.energy_j,
+                    collisions=robot.collisions,
+                    pose=robot.pose,
+                    pose_accuracy=robot.accuracy,
+                    idle=run.idle.get(robot.robot),
+                )
+                for robot in truth.robots
+            ],
+            messages=summary.messages,
+            outside_messages=summary.outside,
+            mote_readings=run.mote_readings,
+            recording=str(summary.path) if summary.path is not None else None,
+            digest=summary.digest,
+        )
+
+    def _open(
+        self,
+        world: World,
+        record: Path | str | None,
+        listen: str | None = None,
+        should_stop: Callable[[], bool] = lambda: False,
+    ) -> LockstepRun:
+        return LockstepRun(
+            world,
+            record=Path(record) if record is not None else None,
+            scenario=self.name,
+            scenario_toml=self.toml,
+            listen=listen,
+            planning=self.planning,
+            should_stop=should_stop,
+        )
+
+
+def _drive(
+    run: LockstepRun,
+    until_explored: float,
+    time_limit_s: float,
+    pacer: Pacer,
+    on_progress: Callable[[Progress], None] | None,
+) -> tuple[str, list[tuple[float, float]]]:
+    curve: list[tuple[float, float]] = [(0.0, 0.0)]
+    told_s = -1.0
+    with StopOnInterrupt() as interrupt:
+        while True:
+            run.tick()
+            sim_time_s, explored = run.sim_time_s, run.explored_fraction
+            if sim_time_s - curve[-1][0] >= CURVE_STEP_S - 1e-9:
+                curve.append((round(sim_time_s, 3), explored))
+            if on_progress is not None and pacer.wall_time_s - told_s > 0.1:
+                told_s = pacer.wall_time_s
+                on_progress(Progress(sim_time_s, told_s, explored, run.messages))
+            ended = _why_ended(run, until_explored, time_limit_s, interrupted=interrupt.requested)
+            if ended:
+                break
+            pacer.wait(sim_time_s)
+    if curve[-1][0] != round(sim_time_s, 3):
+        curve.append((round(sim_time_s, 3), explored))
+    if on_progress is not None:
+        on_progress(Progress(sim_time_s, pacer.wall_time_s, explored, run.messages))
+    return ended, curve
+
+
+def _why_ended(run: LockstepRun, until_explored: float, time_limit_s: float, *, interrupted: bool) -> str:
+    if interrupted:
+        return "interrupted"
+    if run.explored_fraction >= until_explored:
+        return "explored"
+    if run.sim_time_s >= time_limit_s - 1e-9:
+        return "time_limit"
+    return "nothing_left" if run.nothing_left else ""

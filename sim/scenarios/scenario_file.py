@@ -1,0 +1,164 @@
+"""Scenario files: the TOML that describes a floor, a team and its motes."""
+
+from importlib import resources
+from pathlib import Path
+
+import msgspec
+
+from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.protocol.wire.errors import BadToml
+from robrain.protocol.wire.toml_text import LARGE, parse_toml, read_toml_text
+from robrain.sim.disturbance import DisturbanceSpec
+from robrain.sim.errors import ScenarioError
+from robrain.sim.maps.drawing import FloorDrawing
+from robrain.sim.maps.placement import Starts
+from robrain.sim.maps.surfaces import SurfaceSpec
+from robrain.sim.motes.field import FieldSpec
+from robrain.sim.motes.mote import MoteSpec
+from robrain.sim.motes.motes import SensorNetwork
+from robrain.sim.motes.radio import RadioModel
+from robrain.sim.world.arena import RobotHardware
+from robrain.sim.world.chargers import ChargerSpec
+from robrain.sim.world.fault_injection import FaultSpec
+
+MAX_ROBOTS = 1000
+MAX_MOTES = 10000
+
+
+class ScenarioTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """`[scenario]`: name and end of a run."""
+
+    name: str
+    """Name in results and recordings."""
+    seed: int = 1
+    """Seed of all random numbers."""
+    until_explored: float = 0.98
+    """Share of the reachable floor at which the run ends."""
+    time_limit_s: float = 900.0
+    """Simulated time at which the run ends at the latest."""
+
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise ValueError(f"expected seed >= 0, got {self.seed}")
+        if not 0 < self.until_explored <= 1:
+            raise ValueError(f"expected until_explored above 0 and at most 1, got {self.until_explored}")
+        if not self.time_limit_s > 0:
+            raise ValueError(f"expected time_limit_s > 0, got {self.time_limit_s}")
+
+
+class MapTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """`[map]`: a floor from a ROS map_server file."""
+
+    file: str
+    """map.yaml, relative to the scenario file."""
+
+
+class TeamTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """`[team]`: the robots and their starts."""
+
+    robots: int = 4
+    """Number of robots, named `r1`, `r2` …"""
+    near_m: tuple[float, float] | None = None
+    """Point around which the robots start; if absent, where there is most room."""
+    starts: Starts = Starts.TOGETHER
+    """How the robots are placed at the start."""
+    starts_known: bool = True
+    """Whether robots are told where they start. If not, only the first robot is: its start defines the arena frame."""
+
+    def __post_init__(self) -> None:
+        if self.starts is Starts.SCATTERED and self.near_m is not None:
+            raise ValueError("expected either near_m or scattered starts, got both")
+        if not 1 <= self.robots <= MAX_ROBOTS:
+            raise ValueError(f"expected robots from 1 to {MAX_ROBOTS}, got {self.robots}")
+
+
+class MotesTable(MoteSpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[motes]`: number and kind of the sensor motes."""
+
+    count: int = 0
+    """Number of motes, named `m1`, `m2` …"""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 <= self.count <= MAX_MOTES:
+            raise ValueError(f"expected count from 0 to {MAX_MOTES}, got {self.count}")
+
+
+class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The whole file: either `[floor]`, a drawing, or `[map]`, a map_server file; `[robot]` is what all robots are."""
+
+    scenario: ScenarioTable
+    floor: FloorDrawing | None = None
+    map: MapTable | None = None
+    team: TeamTable = TeamTable()
+    motes: MotesTable = MotesTable()
+    radio: RadioModel = RadioModel()
+    field: FieldSpec = FieldSpec()
+    robot: RobotHardware = RobotHardware()
+    chargers: tuple[ChargerSpec, ...] = ()
+    planning: PlanningPolicy = PlanningPolicy()
+    faults: tuple[FaultSpec, ...] = ()
+    surfaces: SurfaceSpec = SurfaceSpec()
+    disturbance: DisturbanceSpec = DisturbanceSpec()
+
+    def __post_init__(self) -> None:
+        if (self.floor is None) == (self.map is None):
+            raise ValueError("expected either [floor] or [map]")
+
+    @property
+    def network(self) -> SensorNetwork:
+        """What `[motes]`, `[radio]` and `[field]` say."""
+        spec = MoteSpec(**{name: getattr(self.motes, name) for name in MoteSpec.__struct_fields__})
+        return SensorNetwork(motes=spec, radio=self.radio, field=self.field)
+
+
+def builtin_names() -> list[str]:
+    """The scenarios that come with robrain."""
+    files = resources.files("robrain.sim.scenarios").iterdir()
+    return sorted(file.name.removesuffix(".toml") for file in files if file.name.endswith(".toml"))
+
+
+def read_builtin(name: str) -> tuple[ScenarioTables, str]:
+    """A scenario that comes with robrain, and its text.
+
+    Raises:
+        ScenarioError: there is none of that name.
+
+    """
+    if name not in builtin_names():
+        raise ScenarioError(f"no scenario {name!r}: built in are {', '.join(builtin_names())}; or give a .toml file")
+    text = resources.files("robrain.sim.scenarios").joinpath(f"{name}.toml").read_text(encoding="utf-8")
+    return parse_scenario(text, f"{name}.toml"), text
+
+
+def read_scenario_file(path: Path) -> tuple[ScenarioTables, str]:
+    """A scenario file, and its text.
+
+    Raises:
+        ScenarioError: naming file, key and what was expected.
+
+    """
+    try:
+        text = read_toml_text(path, LARGE)
+    except FileNotFoundError as error:
+        raise ScenarioError(f"{path}: no such scenario file") from error
+    except BadToml as error:
+        raise ScenarioError(f"{path}: {error}") from error
+    return parse_scenario(text, str(path)), text
+
+
+def parse_scenario(text: str, where: str) -> ScenarioTables:
+    """Scenario tables from TOML text; `where` names the file in errors.
+
+    Raises:
+        ScenarioError: naming file, key and what was expected.
+
+    """
+    try:
+        return msgspec.convert(parse_toml(text, LARGE), ScenarioTables)
+    except BadToml as error:
+        raise ScenarioError(f"{where}: {error}") from error
+    except msgspec.ValidationError as error:
+        what, _, key = str(error).partition(" - at `$")
+        key = key.rstrip("`").lstrip(".")
+        raise ScenarioError(f"{where}: {f'{key}: ' if key else ''}{what}") from error

@@ -1,0 +1,1 @@
+"""The arena: floor, bodies, sensors and chargers, faults, and the referee that knows the truth."""

@@ -1,0 +1,301 @@
+"""The arena: one tick of a simulated world after another, the same in lockstep and in live.
+
+Robots are driven by frames on their CAN buses and by nothing else. The arena counts ticks; its owner calls `step()`
+once a tick and moves the clock that stamps what is sent.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pymunk
+
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.navigation.clearance import least_clearance_m
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.messages.arena_messages import ArenaClock, ArenaTruth, MoteTruth, RobotTruth
+from robrain.protocol.wire.topics import ARENA_CLOCK, ARENA_TRUTH
+from robrain.sim.disturbance import Disturbance
+from robrain.sim.firmware.battery_manager import STATUS_PERIOD_S, Reading
+from robrain.sim.firmware.bus_line import LineFault
+from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.maps.surfaces import Surfaces
+from robrain.sim.maps.wall_shapes import add_walls
+from robrain.sim.motes.field import Field
+from robrain.sim.motes.mote import ArenaMote
+from robrain.sim.motes.motes import MoteField, SensorNetwork
+from robrain.sim.robot.camera import SeenMote
+from robrain.sim.robot.robot_body import (
+    COLLISION_SLOP_M,
+    OVERLAP_LEFT_PER_TICK,
+    WALL_COLLISION,
+    CollisionCounter,
+)
+from robrain.sim.robot.robot_hardware import ArenaRobot, RobotHardware
+from robrain.sim.robot.simulated_robot import SimulatedRobot
+from robrain.sim.world.accuracy_watch import TRUE_POSE_PERIOD_S, AccuracyWatch
+from robrain.sim.world.camera_desk import CameraDesk
+from robrain.sim.world.chargers import Chargers, ChargerSpec
+from robrain.sim.world.fault_injection import FaultSchedule, FaultSpec
+from robrain.sim.world.referee import Referee, team_geometry
+from robrain.sim.world.sensor_desk import SensorDesk
+
+__all__ = ["TICK_S", "Arena", "ArenaRobot", "RobotHardware"]
+
+TICK_S = 0.02
+CLOCK_PERIOD_S = 0.1
+TRUTH_PERIOD_S = 0.2
+
+
+class Arena:
+    """Walls, robots and motes, moved on tick by tick.
+
+    Randomness is spawned from `rng` by place: robots, motes and links keep theirs when others are added after them.
+
+    Args:
+        plan: the floor and its walls.
+        robots: in this order; each starts clear of walls and of the others.
+        motes: in this order.
+        endpoint: says everything that the arena says; its owner closes it after the arena.
+        rng: the source of all randomness.
+        tick_s: how long a tick is.
+        network: what motes and their radio are, and what they sense.
+        chargers: docks on the floor.
+        faults: what breaks, and when.
+        surfaces: glass and mirrors among the walls; None if there are none.
+        disturbance: delays of frames and scans; None for no delays.
+
+    Raises:
+        ValueError: a name is there twice, or a robot's start is taken.
+
+    """
+
+    def __init__(
+        self,
+        plan: FloorPlan,
+        robots: Sequence[ArenaRobot],
+        motes: Sequence[ArenaMote],
+        endpoint: Endpoint,
+        rng: np.random.Generator,
+        *,
+        tick_s: float = TICK_S,
+        network: SensorNetwork = SensorNetwork(),  # noqa: B008 - immutable, so a shared default is safe
+        chargers: Sequence[ChargerSpec] = (),
+        faults: Sequence[FaultSpec] = (),
+        surfaces: Surfaces | None = None,
+        disturbance: Disturbance | None = None,
+    ) -> None:
+        _check_names([robot.name for robot in robots], "robot")
+        _check_names([mote.name for mote in motes], "mote")
+        _check_starts(plan, robots)
+        robots_rng, motes_rng, field_rng = rng.spawn(3)
+
+        self.tick_s = tick_s
+        self._ticks = 0
+        self._space = pymunk.Space()
+        self._space.collision_slop = COLLISION_SLOP_M
+        self._space.collision_bias = OVERLAP_LEFT_PER_TICK ** (1.0 / tick_s)
+        add_walls(self._space, plan, collision_type=WALL_COLLISION)
+
+        walls = plan.occupied.copy()
+        rows, columns = walls.shape
+        geometry = GridGeometry(plan.resolution_m, plan.origin_x_m, plan.origin_y_m, columns, rows)
+        self._robots: list[SimulatedRobot] = []
+        try:
+            for index, (spec, own_rng) in enumerate(zip(robots, robots_rng.spawn(len(robots)), strict=True)):
+                self._robots.append(
+                    SimulatedRobot(
+                        spec, self._space, walls, geometry, endpoint, index, tick_s, own_rng, surfaces, disturbance
+                    )
+                )
+        except BaseException:
+            self.close()  # the caller has no arena to close
+            raise
+        self._late = [robot for robot in self._robots if robot.is_late]
+        self._bodies = [robot.body for robot in self._robots]
+        self.chargers = Chargers(chargers, tick_s)
+        self._charger_period_ticks = max(1, round(STATUS_PERIOD_S / tick_s))
+        self._collisions = CollisionCounter(self._space, self._bodies, tick_s)
+        self._hulls = np.zeros((len(robots), 3))
+        """x, y, radius of each robot, arena frame; filled in when somebody scans."""
+        self._hulls[:, 2] = [robot.radius_m for robot in robots]
+
+        field = Field.draw(network.field, plan, field_rng)
+        self._motes = MoteField(
+            motes,
+            [robot.name for robot in robots],
+            network,
+            field,
+            endpoint,
+            motes_rng,
+            tick_s,
+        )
+        self.cameras = CameraDesk(
+            [robot.name for robot in robots],
+            [robot.camera for robot in robots],
+            self._bodies,
+            [SeenMote(mote.number, mote.place) for mote in motes],
+            walls,
+            geometry,
+            endpoint,
+            rng.spawn(1)[0],
+            lambda: self._ticks,
+            [Point2D(*charger.place_m) for charger in chargers],
+        )
+        self.sensors = SensorDesk(
+            [robot.name for robot in robots],
+            self._bodies,
+            field,
+            endpoint,
+            rng.spawn(1)[0],
+            lambda: self._ticks,
+            tick_s,
+        )
+        self._mote_truths = [MoteTruth(mote=mote.name, place=mote.place) for mote in motes]
+        starts = [Point2D(robot.start.x_m, robot.start.y_m) for robot in robots]
+        radius_m = min((robot.radius_m for robot in robots), default=0.0)
+        self.referee = Referee(plan, starts, least_clearance_m(radius_m), team_geometry(plan), endpoint)
+        names = [robot.name for robot in robots]
+        self.accuracy = AccuracyWatch(names, self._bodies, self.referee, walls, geometry, endpoint)
+        self._faults = FaultSchedule(faults, self, endpoint)
+        self._clock_publisher = endpoint.publisher(ARENA_CLOCK)
+        self._truth_publisher = endpoint.publisher(ARENA_TRUTH)
+        self._clock_period_ticks = max(1, round(CLOCK_PERIOD_S / tick_s))
+        self._truth_period_ticks = max(1, round(TRUTH_PERIOD_S / tick_s))
+        self._true_pose_period_ticks = max(1, round(TRUE_POSE_PERIOD_S / tick_s))
+
+    @property
+    def sim_time_s(self) -> float:
+        """Time simulated so far: ticks times `tick_s`."""
+        return self._ticks * self.tick_s
+
+    @property
+    def collisions(self) -> int:
+        """Sum of all robots' collisions; two that meet count one each."""
+        return sum(self._collisions.count)
+
+    @property
+    def truth(self) -> ArenaTruth:
+        """The world as it is now."""
+        return ArenaTruth(
+            sim_time_s=self.sim_time_s,
+            robots=[
+                RobotTruth(
+                    robot=robot.name,
+                    pose=robot.body.pose,
+                    collisions=collisions,
+                    distance_m=robot.body.distance_m,
+                    energy_j=robot.battery.delivered_j,
+                    accuracy=self.accuracy.pose_accuracy(robot.name),
+                )
+                for robot, collisions in zip(self._robots, self._collisions.count, strict=True)
+            ],
+            motes=self._mote_truths,
+            explored_fraction=self.referee.explored_fraction,
+            map_accuracy=self.accuracy.map_accuracy,
+        )
+
+    def step(self) -> None:
+        """One tick: firmware hears its bus, bodies move, firmware and sensors speak."""
+        self._faults.step(self.sim_time_s)
+        for robot in self._robots:
+            robot.act()
+        self._space.step(self.tick_s)
+        self._collisions.step()
+        self._ticks += 1
+        self._charge()
+        for robot in self._robots:
+            robot.report(self._ticks)
+        self._scan()
+        for robot in self._late:
+            robot.deliver()
+        self._motes.step(self._bodies)
+        if self._ticks % self._clock_period_ticks == 0:
+            self._clock_publisher.put(ArenaClock(sim_time_s=self.sim_time_s))
+        if self._ticks % self._true_pose_period_ticks == 0:
+            self.accuracy.keep()
+        if self._ticks % self._truth_period_ticks == 0:
+            self.referee.step()
+            self.accuracy.step()
+            self._truth_publisher.put(self.truth)
+
+    def break_can(self, robot: str, fault: LineFault) -> None:
+        """Cut or short the line between a robot's nodes and its computer, or repair it (KeyError: no such robot)."""
+        self._named(robot).bus.break_down(fault)
+
+    def freeze_lidar(self, robot: str, *, frozen: bool = True) -> None:
+        """Have a robot's lidar send the same turn again and again, or let it go on (KeyError: no such robot)."""
+        self._named(robot).lidar.is_frozen = frozen
+
+    def fail_motors(self, robot: str, *, failed: bool = True) -> None:
+        """Have a robot's power stage fail, or take the cause away (KeyError: no such robot)."""
+        self._named(robot).controller.has_failed = failed
+
+    def carry_off(self, robot: str, pose: Pose2D) -> None:
+        """Pick a robot up and put it down elsewhere, arena frame (KeyError: no such robot)."""
+        self._named(robot).body.carry_to(pose)
+
+    def lie_about_battery(self, robot: str, lie: Callable[[Reading], Reading] | None) -> None:
+        """Have a robot's battery gauge tell something else than it reads (KeyError: no such robot)."""
+        self._named(robot).manager.lie = lie
+
+    def close(self) -> None:
+        """Leave the robots' buses."""
+        for robot in self._robots:
+            robot.bus.shutdown()
+
+    def _charge(self) -> None:
+        if self.chargers.docked and self._ticks % self._charger_period_ticks == 0:
+            supplies_w = self.chargers.supplies_w(self._bodies)
+            for robot, supply_w in zip(self._robots, supplies_w, strict=True):
+                robot.manager.supply_w = supply_w
+
+    def _named(self, robot: str) -> SimulatedRobot:
+        return {each.name: each for each in self._robots}[robot]
+
+    def _scan(self) -> None:
+        tick = self._ticks
+        due = [robot for robot in self._robots if tick % robot.scan_period_ticks == robot.scan_phase]
+        ranging = [robot for robot in self._robots if robot.measures_at(tick)]
+        if not due and not ranging:
+            return
+        self._hulls[:, :2] = [(body.x_m, body.y_m) for body in self._bodies]
+        for robot in ranging:
+            robot.measure(self._hulls)
+        for robot in due:
+            robot.scan(self._hulls)
+
+
+def _check_names(names: Sequence[str], what: str) -> None:
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"expected each {what} once, got {', '.join(twice)} twice; give it another name")
+
+
+def _check_starts(plan: FloorPlan, robots: Sequence[ArenaRobot]) -> None:
+    for index, robot in enumerate(robots):
+        start = robot.start
+        room_m = clearance_m(plan, start)
+        if room_m < robot.radius_m:
+            raise ValueError(
+                f"expected {robot.name} to start at least its radius of {robot.radius_m:g} m from the walls of "
+                f"{plan.name}, got {room_m:.3f} m at x {start.x_m:g}, y {start.y_m:g}"
+            )
+        for other in robots[:index]:
+            if start.distance_m(other.start) < robot.radius_m + other.radius_m:
+                raise ValueError(
+                    f"expected {robot.name} to start clear of {other.name}, "
+                    f"got {start.distance_m(other.start):.2f} m between them"
+                )
+
+
+def clearance_m(plan: FloorPlan, pose: Pose2D | Point2D) -> float:
+    """Distance from a place to the nearest wall or edge of the plan; 0 inside one and beyond the other."""
+    width_m, height_m = plan.size_m
+    x_m, y_m = pose.x_m - plan.origin_x_m, pose.y_m - plan.origin_y_m
+    to_edge_m = max(0.0, min(x_m, width_m - x_m, y_m, height_m - y_m))
+    rows, columns = np.nonzero(plan.occupied)
+    half_m = plan.resolution_m / 2
+    beyond_x_m = np.maximum(np.abs((columns + 0.5) * plan.resolution_m - x_m) - half_m, 0.0)
+    beyond_y_m = np.maximum(np.abs((rows + 0.5) * plan.resolution_m - y_m) - half_m, 0.0)
+    return min(to_edge_m, float(np.hypot(beyond_x_m, beyond_y_m).min(initial=np.inf)))

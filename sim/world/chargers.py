@@ -1,0 +1,65 @@
+"""Chargers: docks on the floor that feed the robot which stands at one."""
+
+import math
+from collections.abc import Sequence
+
+import msgspec
+
+from robrain.sim.robot.robot_body import RobotBody
+
+STANDS_BELOW_M_S = 0.05
+"""A robot that passes by is not charged; contacts must rest on each other."""
+
+
+class ChargerSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[[chargers]]`: one charger. Raises ValueError for impossible values."""
+
+    place_m: tuple[float, float]
+    """Place of a docked robot's centre, arena frame."""
+    yaw_rad: float | None = None
+    """Direction that a docking robot should face; the contacts work in any direction."""
+    power_w: float = 40.0
+    """Greatest power, including the robot's own consumption. Chosen: an hour charges for two hours."""
+    reach_m: float = 0.25
+    """Greatest distance from the place at which a robot touches the contacts."""
+
+    def __post_init__(self) -> None:
+        if not all(math.isfinite(value) for value in (*self.place_m, self.yaw_rad or 0.0)):
+            raise ValueError(f"expected a finite place_m and yaw_rad, got {self.place_m} and {self.yaw_rad}")
+        for name in ("power_w", "reach_m"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+
+
+class Chargers:
+    """All docks of the arena, and who stands at which. A dock feeds one robot, the one that came first.
+
+    Args:
+        specs: in this order; a robot within reach of two takes the first that is free.
+        tick_s: how long a tick is.
+
+    """
+
+    def __init__(self, specs: Sequence[ChargerSpec], tick_s: float) -> None:
+        self._specs = specs
+        self._step_m = STANDS_BELOW_M_S * tick_s
+        self.docked: list[int | None] = [None] * len(specs)
+        """For each charger the index of the robot that it feeds."""
+
+    def supplies_w(self, bodies: Sequence[RobotBody]) -> list[float]:
+        """What each robot is given now."""
+        supplies = [0.0] * len(bodies)
+        for number, spec in enumerate(self._specs):
+            robot = self.docked[number]
+            if robot is None or not self._touches(spec, bodies[robot]):
+                taken = {other for other in self.docked if other is not None}
+                near = (index for index, body in enumerate(bodies) if self._touches(spec, body))
+                self.docked[number] = robot = next((index for index in near if index not in taken), None)
+            if robot is not None:
+                supplies[robot] = spec.power_w
+        return supplies
+
+    def _touches(self, spec: ChargerSpec, body: RobotBody) -> bool:
+        stands = math.hypot(body.forward_m, body.left_m) < self._step_m
+        x_m, y_m = spec.place_m
+        return stands and math.hypot(body.x_m - x_m, body.y_m - y_m) <= spec.reach_m

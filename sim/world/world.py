@@ -1,0 +1,195 @@
+"""A world: a scenario's floor with its robots and motes in their places, for one seed."""
+
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+from PIL import Image
+
+from robrain.agent.host.robot_file import RobotFile, RobotTable, ZenohTable
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.keys import DEFAULT_TEAM
+from robrain.sim.disturbance import Disturbance, DisturbanceSpec
+from robrain.sim.maps.errors import PlacementError
+from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.maps.placement import Starts, scatter_points, scatter_poses, spawn_poses
+from robrain.sim.maps.surfaces import Surfaces, SurfaceSpec
+from robrain.sim.motes.mote import ArenaMote
+from robrain.sim.motes.motes import SensorNetwork
+from robrain.sim.world.arena import Arena, ArenaRobot, RobotHardware
+from robrain.sim.world.chargers import ChargerSpec
+from robrain.sim.world.fault_injection import FaultSpec
+from robrain.sim.world.referee import team_geometry
+
+ROBOT_SPACING_M = 0.7
+MOTE_CLEARANCE_M = 0.1
+
+
+@dataclass(frozen=True)
+class World:
+    """Everything that is put into an arena."""
+
+    plan: FloorPlan
+    robots: list[ArenaRobot]
+    motes: list[ArenaMote]
+    seed: int
+    network: SensorNetwork = SensorNetwork()  # noqa: RUF009 - immutable, so a shared default is safe
+    """What the motes and their radio are, and what they sense."""
+    chargers: tuple[ChargerSpec, ...] = ()
+    faults: tuple[FaultSpec, ...] = ()
+    surfaces: SurfaceSpec = SurfaceSpec()  # noqa: RUF009 - immutable, so a shared default is safe
+    """Glass and mirrors among the walls."""
+    disturbance: DisturbanceSpec = DisturbanceSpec()  # noqa: RUF009 - immutable, so a shared default is safe
+    """Late frames and scans, paused agents."""
+    starts_known: bool = True
+    """Whether robots are told where they start; if not, only the first robot is."""
+
+    def arena(self, endpoint: Endpoint) -> Arena:
+        """An arena with all of it, that speaks by this endpoint."""
+        return Arena(
+            self.plan,
+            self.robots,
+            self.motes,
+            endpoint,
+            self.arena_rng(),
+            network=self.network,
+            chargers=self.chargers,
+            faults=self.faults,
+            surfaces=None if self.surfaces.is_plain else Surfaces.draw(self.surfaces, self.plan, self.seed),
+            disturbance=Disturbance(self.disturbance, self.seed),
+        )
+
+    def arena_rng(self) -> np.random.Generator:
+        """The randomness of the arena."""
+        return np.random.default_rng([self.seed, 1])
+
+    def robot_file(self, robot: ArenaRobot, *, team: str = DEFAULT_TEAM, connect: tuple[str, ...] = ()) -> RobotFile:
+        """What a robot's agent has to know of this world: where it starts, and the grid to map on."""
+        geometry = team_geometry(self.plan)
+        start, is_known = robot.start, self.starts_known or robot is self.robots[0]
+        if not is_known:
+            width_m, height_m = self.plan.size_m
+            start = Pose2D(self.plan.origin_x_m + 0.5 * width_m, self.plan.origin_y_m + 0.5 * height_m, 0.0)
+        # An exact odometry is better than cells of 0.1 m can tell; late frames and pauses make any odometry inexact.
+        slack_cells = 0.5 if robot.wheels.is_exact and not self.disturbance.is_on else 0.0
+        return RobotFile(
+            robot=RobotTable(robot.name, team),
+            zenoh=ZenohTable(connect=list(connect)),
+            parameters={
+                "localisation": {
+                    "x_m": start.x_m,
+                    "y_m": start.y_m,
+                    "yaw_rad": start.yaw_rad,
+                    **({} if is_known else {"start_known": False}),
+                    "wall_slack_cells": slack_cells,
+                },
+                "mapper": {
+                    "resolution_m": geometry.resolution_m,
+                    "origin_x_m": geometry.origin_x_m,
+                    "origin_y_m": geometry.origin_y_m,
+                    "width_m": geometry.width * geometry.resolution_m,
+                    "height_m": geometry.height * geometry.resolution_m,
+                    "closure_slack_m": slack_cells * geometry.resolution_m,
+                    **({} if robot.lidar.dropout else {"submap": {"misses_min": 1}}),
+                },
+                "battery": {"capacity_wh": robot.battery.capacity_wh},
+                "mocdevice": {
+                    "radius_m": robot.radius_m,
+                    "base": msgspec.structs.asdict(robot.base),
+                    **_stamped_at(self.disturbance),
+                },
+                **_range_sensors(robot),
+                **_home(self.chargers),
+                "obstacle_distance": {"radius_m": robot.radius_m},
+            },
+        )
+
+    def map_png(self) -> bytes:
+        """The true floor as a picture: north up, walls black."""
+        picture = Image.fromarray(np.where(self.plan.occupied, 0, 254).astype(np.uint8)[::-1])
+        buffer = io.BytesIO()
+        picture.save(buffer, format="PNG")
+        return buffer.getvalue()
+
+
+def build_world(
+    plan: FloorPlan,
+    robots: int,
+    motes: int,
+    near: Point2D | None,
+    seed: int,
+    hardware: RobotHardware = RobotHardware(),  # noqa: B008 - immutable, so a shared default is safe
+    network: SensorNetwork = SensorNetwork(),  # noqa: B008 - immutable, so a shared default is safe
+    chargers: Sequence[ChargerSpec] = (),
+    starts: Starts = Starts.TOGETHER,
+) -> World:
+    """Put robots and motes on a floor; `near` counts for robots that start together.
+
+    Raises:
+        PlacementError: they do not fit.
+
+    """
+    rng = np.random.default_rng([seed, 0])
+    if starts is Starts.SCATTERED:
+        poses = scatter_poses(plan, robots, hardware.radius_m, rng=rng, spacing_m=ROBOT_SPACING_M)
+    else:
+        poses = spawn_poses(plan, robots, hardware.radius_m, near=near, rng=rng, spacing_m=ROBOT_SPACING_M)
+    arena_robots = [
+        ArenaRobot(name=f"r{number}", start=pose, **msgspec.structs.asdict(hardware))
+        for number, pose in enumerate(poses, 1)
+    ]
+    reachable = plan.reachable([Point2D(pose.x_m, pose.y_m) for pose in poses], hardware.radius_m)
+    for charger in chargers:
+        _check_charger(charger, plan, hardware.radius_m)
+    places: list[Point2D] = []
+    if motes:
+        area_m2 = float(reachable.sum()) * plan.resolution_m**2
+        spacing_m = 0.7 * math.sqrt(area_m2 / motes)
+        places = scatter_points(plan, motes, reachable, rng=rng, min_clearance_m=MOTE_CLEARANCE_M, spacing_m=spacing_m)
+    arena_motes = [ArenaMote(name=f"m{number}", number=number, place=place) for number, place in enumerate(places, 1)]
+    return World(plan, arena_robots, arena_motes, seed, network, tuple(chargers))
+
+
+def _check_charger(charger: ChargerSpec, plan: FloorPlan, radius_m: float) -> None:
+    row, column = plan.cell_of(*charger.place_m)
+    clearance_m = float(plan.clearance_m[row, column]) if plan.holds_cell(row, column) else 0.0
+    if clearance_m < radius_m:
+        x_m, y_m = charger.place_m
+        raise PlacementError(
+            f"expected room for a robot of radius {radius_m:g} m at the charger at x {x_m:g}, y {y_m:g} on "
+            f"{plan.name}, got {clearance_m:.2f} m to the next wall; move it in [[chargers]]",
+            asked=1,
+            found=0,
+        )
+
+
+def _stamped_at(disturbance: DisturbanceSpec) -> dict[str, object]:
+    """Parameter of `mocdevice` about the stamps of late frames; none if no frames are late."""
+    return {"stamped_at": disturbance.can.stamped_at.value} if disturbance.can.is_on else {}
+
+
+def _home(chargers: Sequence[ChargerSpec]) -> dict[str, dict[str, object]]:
+    """What the agent has to know of the docks; nothing if there are none."""
+    places = []
+    for charger in chargers:
+        place = dict(zip(("x_m", "y_m"), charger.place_m, strict=True))
+        places.append(place if charger.yaw_rad is None else place | {"yaw_rad": charger.yaw_rad})
+    return {"home": {"chargers": places}} if places else {}
+
+
+def _range_sensors(robot: ArenaRobot) -> dict[str, dict[str, object]]:
+    """What the agent has to know of the ring; nothing of one that is not there."""
+    ring = robot.range_sensors
+    if not ring.angles_rad:
+        return {}
+    return {
+        "range_sensors": {
+            "angles_rad": list(ring.angles_rad),
+            "range_max_m": ring.range_max_m,
+            "mounted_m": robot.radius_m,
+        }
+    }

@@ -1,0 +1,460 @@
+"""`kill -9` at any instant: between any two statements the process ends, and what is on disk is opened again.
+
+The end of a process is played by copying the journal's files as they are, which is what a kill leaves in the operating
+system's hands; the connection that wrote them is abandoned without a close.
+"""
+
+import shutil
+import sqlite3
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from robrain.coordinator.journal import journal as journal_module
+from robrain.coordinator.journal.journal import Journal
+from robrain.coordinator.tasks.task_book import LEGAL, TaskBook
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.clock import VirtualClock
+from robrain.protocol.wire.messages.robot_messages import TaskStatus
+from robrain.protocol.wire.messages.task_messages import TaskEvent, TaskFilter
+from robrain.protocol.wire.reasons.robots import LostContact
+from robrain.protocol.wire.reasons.tasks import Cancelled, Forgotten, IsNext, LeaseRanOut
+
+ROBOTS = ("r1", "r2", "r3")
+
+
+class Killed(BaseException):
+    """The process ends here."""
+
+
+class Fuse:
+    """Burns down by one with each statement of all connections; at 0 the process ends. None never burns."""
+
+    def __init__(self) -> None:
+        self.left: int | None = None
+        self.statements = 0
+
+    def burn(self) -> None:
+        self.statements += 1
+        if self.left is not None:
+            if self.left == 0:
+                raise Killed
+            self.left -= 1
+
+
+def connection_with(fuse: Fuse) -> type[sqlite3.Connection]:
+    class Connection(sqlite3.Connection):
+        def execute(self, *arguments: Any) -> sqlite3.Cursor:
+            fuse.burn()
+            if (
+                "synchronous" in arguments[0]
+            ):  # a kill takes nothing from the operating system; to wait for disks is idle
+                return super().execute("PRAGMA synchronous = OFF")
+            return super().execute(*arguments)
+
+    return Connection
+
+
+class Disk:
+    """Where journals are; each start of a coordinator finds what the last one left."""
+
+    def __init__(self, folder: Path) -> None:
+        self.fuse = Fuse()
+        self._folder = folder
+        self._starts = 0
+        self._abandoned: list[Journal] = []
+        self._path = folder / "0" / "team.journal"
+
+    def start(self) -> Journal:
+        """What a coordinator opens that begins anew; the one before has been killed."""
+        self._starts += 1
+        folder = self._folder / str(self._starts)
+        folder.mkdir()
+        for ending in ("", "-wal"):
+            old = self._path.with_name(self._path.name + ending)
+            if old.exists():
+                shutil.copyfile(old, folder / old.name)
+        self._path = folder / "team.journal"
+        journal = Journal(self._path, factory=connection_with(self.fuse))
+        self._abandoned.append(journal)
+        return journal
+
+    def clean_up(self) -> None:
+        self.fuse.left = None
+        for journal in self._abandoned:
+            journal.close()
+        shutil.rmtree(self._folder)
+
+
+class World:
+    """One coordinator after the other with the same journal; robots that remember; and somebody who hears it all."""
+
+    def __init__(self, folder: Path) -> None:
+        self.disk = Disk(folder)
+        self.clock = VirtualClock()
+        self.told: dict[int, TaskEvent] = {}
+        """By number of the change: one that is told again says the same."""
+        self.done: dict[str, int] = {}
+        """Effects in the world: how often robots did a task."""
+        self.said: dict[str, TaskStatus] = {}
+        self.held: dict[str, TaskStatus] = {}
+        """What robots are to begin after that."""
+        self.before: dict[str, TaskStatus] = {}
+        self.begun: list[tuple[str, int]] = []
+        """Tasks that robots went on to, with their epochs."""
+        self.epochs: list[int] = []
+        self.answered: set[str] = set()
+        """Tasks whose acceptance was answered: these must never be lost."""
+        self.begin()
+
+    def begin(self) -> None:
+        self.book = TaskBook(self.clock, 0, self.hear, self.disk.start())
+        self.book.tell_again(100)
+
+    def hear(self, event: TaskEvent) -> None:
+        self.disk.fuse.burn()  # a kill after the commit, before anybody was told
+        if event.state is TaskState.OFFERED and event.change not in self.told:
+            self.epochs.append(event.epoch)
+        assert self.told.setdefault(event.change, event) == event
+
+    def is_killed_in(self, do: Callable[[], None]) -> bool:
+        """Do something; if the fuse burns down in it, begin anew."""
+        try:
+            do()
+        except Killed:
+            self.disk.fuse.left = None
+            self.begin()
+            return True
+        return False
+
+    def run(self, do: Callable[[], None], statements: int | None) -> None:
+        """Do something, and be killed after so many statements of it."""
+        self.disk.fuse.left = statements
+        self.is_killed_in(do)
+        self.disk.fuse.left = None
+
+    # -- what may happen; each may be asked for again after a kill -------------------------------------------
+
+    def submit(self, task_id: str) -> None:
+        if self.book.find(task_id) is None:
+            self.book.add(Task(id=task_id, kind="visit", place=Point2D(1.0, 2.0)), by="ann", asked=b"{}")
+        self.answered.add(task_id)
+
+    def offer(self, task_id: str, robot: str) -> None:
+        record = self.book.find(task_id)
+        if record is None or record.state is not TaskState.QUEUED or self.book.of_robot(robot) is not None:
+            return
+        epoch = self.book.offered(task_id, robot).epoch
+        last = self.said.get(robot)
+        assert last is None or epoch > last.epoch
+        self.said[robot] = TaskStatus(id=task_id, epoch=epoch, state=TaskState.RUNNING)  # the offer reaches it
+        self.book.move(task_id, TaskState.RUNNING)
+
+    def offer_next(self, task_id: str, robot: str) -> None:
+        """For after the task that the robot is at."""
+        record, at, last = self.book.find(task_id), self.book.of_robot(robot), self.said.get(robot)
+        if record is None or record.state is not TaskState.QUEUED or at is None or self.book.next_of(robot) is not None:
+            return
+        if last is None or (last.id, last.epoch) != (at.task.id, at.epoch) or last.state.ended:
+            return
+        epoch = self.book.offered(task_id, robot, IsNext(at.task.id)).epoch
+        self.held[robot] = TaskStatus(id=task_id, epoch=epoch, state=TaskState.OFFERED)  # the offer reaches it
+
+    def work(self, robot: str, state: TaskState) -> None:
+        """The robot ends its task, in the world, and goes on to the next."""
+        status = self.said.get(robot)
+        if status is not None and not status.state.ended:
+            self.done[status.id] = self.done.get(status.id, 0) + (state is TaskState.DONE)
+            ended = TaskStatus(id=status.id, epoch=status.epoch, state=state, why="so it went")
+            self.said[robot] = ended
+            held = self.held.pop(robot, None)
+            if held is not None and state is not TaskState.CANCELLED:
+                self.begun.append((held.id, held.epoch))
+                self.before[robot] = ended
+                self.said[robot] = TaskStatus(id=held.id, epoch=held.epoch, state=TaskState.RUNNING)
+
+    def listen(self, robot: str) -> None:
+        for status in (self.before.get(robot), self.said.get(robot)):
+            if status is not None:
+                self.book.note_status(robot, status)
+
+    def reconcile(self) -> None:
+        """A robot that runs is at it, one that is at nothing has none."""
+        for record in self.book.open:
+            status = self.said.get(record.robot)
+            same = status is not None and (status.id, status.epoch) == (record.task.id, record.epoch)
+            held = self.held.get(record.robot)
+            if held is not None and (held.id, held.epoch) == (record.task.id, record.epoch):
+                continue
+            if record.state is TaskState.OFFERED and same:
+                self.book.move(record.task.id, TaskState.RUNNING)
+            elif record.robot and not same:
+                self.book.give_back(record.task.id, Forgotten("r1"))
+
+    def withdraw(self, robot: str) -> None:
+        """What a robot is at or holds, and the book has for another or for nobody, is taken back from it."""
+        bound = [(record.task.id, record.epoch) for record in self.book.bound_to(robot)]
+        held, status = self.held.get(robot), self.said.get(robot)
+        if held is not None and (held.id, held.epoch) not in bound:
+            del self.held[robot]
+        if status is not None and not status.state.ended and (status.id, status.epoch) not in bound:
+            self.work(robot, TaskState.CANCELLED)
+
+    def lose(self, task_id: str) -> None:
+        record = self.book.find(task_id)
+        if record is not None and record.state is TaskState.RUNNING:
+            self.book.move(task_id, TaskState.LOST_CONTACT, LostContact(1.5))
+            self.book.give_back(task_id, LeaseRanOut("r1"))
+
+    def cancel(self, task_id: str) -> None:
+        record = self.book.find(task_id)
+        if record is not None and not record.state.ended:
+            self.book.move(task_id, TaskState.CANCELLED, Cancelled("ann"))
+
+    # -- what must hold --------------------------------------------------------------------------------------
+
+    def check(self) -> None:
+        journal = self.book.journal
+        records = {record.task.id: record for record in journal.select(TaskFilter())}
+        assert self.answered <= set(records), "lost"
+        assert {record.task.id: record for record in self.book.open} == {
+            name: record for name, record in records.items() if not record.state.ended
+        }
+        assert self.epochs == sorted(set(self.epochs)), "an epoch was given out twice"
+        assert len(self.begun) == len(set(self.begun)), "gone on to twice"
+        for robot in ROBOTS:
+            assert [one.epoch for one in self.book.bound_to(robot)] == sorted(
+                one.epoch for one in records.values() if one.robot == robot and not one.state.ended
+            )
+        for name, record in records.items():
+            history = journal.history(name)
+            before = None
+            for line in history:
+                assert line.state in LEGAL[before], (before, line)
+                before = line.state
+            assert before is record.state
+            assert sum(line.state is TaskState.DONE for line in history) <= 1
+            assert sum(line.state.ended for line in history) <= 1
+            if record.state is TaskState.DONE:
+                assert self.done.get(name, 0) >= 1, "nobody did it"
+        for number, event in self.told.items():
+            lines = {line.number: line.state for line in journal.history(event.task.id)}
+            assert lines[number] is event.state, "told, and not in the journal"
+
+
+SCRIPT: list[Callable[[World], None]] = [
+    lambda world: world.submit("t1"),
+    lambda world: world.submit("t2"),
+    lambda world: world.offer("t1", "r1"),
+    lambda world: world.offer("t2", "r2"),
+    lambda world: world.work("r1", TaskState.DONE),
+    lambda world: world.listen("r1"),
+    lambda world: world.work("r2", TaskState.FAILED),
+    lambda world: world.listen("r2"),
+    lambda world: world.offer("t2", "r1"),
+    lambda world: world.lose("t2"),
+    lambda world: world.submit("t3"),
+    lambda world: world.offer("t2", "r3"),
+    lambda world: world.work("r1", TaskState.DONE),
+    lambda world: world.listen("r1"),
+    lambda world: world.cancel("t3"),
+]
+NEXT: list[Callable[[World], None]] = [
+    lambda world: world.submit("t1"),
+    lambda world: world.submit("t2"),
+    lambda world: world.submit("t3"),
+    lambda world: world.offer("t1", "r1"),
+    lambda world: world.offer_next("t2", "r1"),
+    lambda world: world.work("r1", TaskState.DONE),
+    lambda world: world.listen("r1"),
+    World.reconcile,
+    lambda world: world.offer_next("t3", "r1"),
+    lambda world: world.work("r1", TaskState.DONE),
+    lambda world: world.listen("r1"),
+    lambda world: world.work("r1", TaskState.DONE),
+    lambda world: world.listen("r1"),
+]
+FINISH = [*[lambda world, name=name: world.listen(name) for name in ROBOTS], World.reconcile]
+
+
+def statements_of_the_script(folder: Path) -> int:
+    world = World(folder)
+    before = world.disk.fuse.statements
+    for step in SCRIPT:
+        step(world)
+    count = world.disk.fuse.statements - before
+    world.check()
+    assert {record.task.id: record.state for record in world.book.journal.select(TaskFilter())} == {
+        "t1": TaskState.DONE,
+        "t2": TaskState.DONE,
+        "t3": TaskState.CANCELLED,
+    }
+    world.disk.clean_up()
+    return count
+
+
+def test_a_kill_between_any_two_statements_loses_nothing_and_does_nothing_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(journal_module, "EPOCH_BLOCK", 2)
+    (tmp_path / "whole").mkdir()
+    count = statements_of_the_script(tmp_path / "whole")
+    assert count > 80
+    for at in range(count):
+        folder = tmp_path / str(at)
+        folder.mkdir()
+        world = World(folder)
+        kills = 0
+        world.disk.fuse.left = at
+        for step in SCRIPT:
+            if world.is_killed_in(lambda step=step, world=world: step(world)):
+                kills += 1
+                for settle in FINISH:  # the coordinator begins anew, hears the robots, and goes on where it was
+                    settle(world)
+                world.check()
+                step(world)  # whoever asked and got no answer asks again
+        world.disk.fuse.left = None
+        assert kills == 1
+        world.check()
+        states = {record.task.id: record.state for record in world.book.journal.select(TaskFilter())}
+        assert set(states) == {"t1", "t2", "t3"}
+        assert states["t1"] is TaskState.DONE
+        assert world.done["t1"] == 1
+        assert states["t3"] is TaskState.CANCELLED
+        world.disk.clean_up()
+
+
+def test_a_kill_while_a_robot_goes_from_one_task_to_the_next_loses_neither(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(journal_module, "EPOCH_BLOCK", 2)
+    at, was_killed = 0, True
+    while was_killed:
+        folder = tmp_path / str(at)
+        folder.mkdir()
+        world = World(folder)
+        world.disk.fuse.left = at
+        was_killed = False
+        for step in NEXT:
+            if world.is_killed_in(lambda step=step, world=world: step(world)):
+                was_killed = True
+                for settle in FINISH:
+                    settle(world)
+                world.check()
+                step(world)
+        world.disk.fuse.left = None
+        for settle in [*FINISH, *(lambda world, name=name: world.withdraw(name) for name in ROBOTS)]:
+            settle(world)
+        world.check()
+        records = {record.task.id: record for record in world.book.journal.select(TaskFilter())}
+        assert set(records) == {"t1", "t2", "t3"}
+        assert max(world.done.values()) == 1
+        for name, record in records.items():
+            assert (record.state is TaskState.DONE) == (world.done.get(name, 0) == 1), record
+        world.disk.clean_up()
+        at += 1
+    assert at > 60
+
+
+def test_a_kill_while_the_journal_is_made_or_migrated_leaves_one_that_opens(tmp_path: Path) -> None:
+    for at in range(60):
+        folder = tmp_path / str(at)
+        folder.mkdir()
+        disk = Disk(folder)
+        disk.fuse.left = at
+        try:
+            disk.start()
+        except Killed:
+            disk.fuse.left = None
+            journal = disk.start()
+            assert journal.told == []
+            assert journal.open_records() == []
+        disk.clean_up()
+
+
+class CrashMachine(RuleBasedStateMachine):
+    """Anything, in any order, with a kill after any statement."""
+
+    folders: Path
+    runs = 0
+    kills = st.one_of(st.none(), st.integers(0, 12))
+    names = st.sampled_from(["t1", "t2", "t3", "t4"])
+    robots = st.sampled_from(ROBOTS)
+
+    @initialize()
+    def begin(self) -> None:
+        CrashMachine.runs += 1
+        folder = self.folders / f"run{CrashMachine.runs}"
+        folder.mkdir(parents=True)
+        self.world = World(folder)
+
+    def teardown(self) -> None:
+        if hasattr(self, "world"):
+            self.world.disk.clean_up()
+
+    @rule(name=names, kill=kills)
+    def submit(self, name: str, kill: int | None) -> None:
+        self.world.run(lambda: self.world.submit(name), kill)
+
+    @rule(name=names, robot=robots, kill=kills)
+    def offer(self, name: str, robot: str, kill: int | None) -> None:
+        self.world.run(lambda: self.world.offer(name, robot), kill)
+
+    @rule(name=names, robot=robots, kill=kills)
+    def offer_next(self, name: str, robot: str, kill: int | None) -> None:
+        self.world.run(lambda: self.world.offer_next(name, robot), kill)
+
+    @rule(robot=robots)
+    def withdraw(self, robot: str) -> None:
+        self.world.withdraw(robot)
+
+    @rule(robot=robots, state=st.sampled_from([TaskState.DONE, TaskState.FAILED, TaskState.CANCELLED]))
+    def work(self, robot: str, state: TaskState) -> None:
+        self.world.work(robot, state)
+
+    @rule(robot=robots, kill=kills)
+    def listen(self, robot: str, kill: int | None) -> None:
+        self.world.run(lambda: self.world.listen(robot), kill)
+
+    @rule(kill=kills)
+    def reconcile(self, kill: int | None) -> None:
+        self.world.run(self.world.reconcile, kill)
+
+    @rule(name=names, kill=kills)
+    def lose(self, name: str, kill: int | None) -> None:
+        self.world.run(lambda: self.world.lose(name), kill)
+
+    @rule(name=names, kill=kills)
+    def cancel(self, name: str, kill: int | None) -> None:
+        self.world.run(lambda: self.world.cancel(name), kill)
+
+    @rule(robot=robots)
+    def forget(self, robot: str) -> None:
+        """The agent is killed and starts anew."""
+        self.world.said.pop(robot, None)
+        self.world.held.pop(robot, None)
+        self.world.before.pop(robot, None)
+
+    @rule()
+    def kill(self) -> None:
+        self.world.begin()
+
+    @invariant()
+    def nothing_is_lost_or_done_twice(self) -> None:
+        if hasattr(self, "world"):
+            self.world.check()
+
+
+@pytest.fixture(autouse=True)
+def folders(tmp_path: Path) -> None:
+    CrashMachine.folders = tmp_path / "machine"
+
+
+TestCrashMachine = CrashMachine.TestCase
+TestCrashMachine.settings = settings(max_examples=30, stateful_step_count=25, deadline=None)

@@ -1,0 +1,385 @@
+"""Motes as members of the team: what they do in place of robots, and what becomes of it when they fall silent."""
+
+from contextlib import nullcontext
+
+import pytest
+
+from robrain.coordinator.motes import mote_registry as motes
+from robrain.coordinator.motes.mote_energy import (
+    CAPACITY_J,
+    FLAT_V,
+    FRESH_V,
+    mote_left_j,
+    mote_share,
+    reading_j,
+    robot_share,
+)
+from robrain.coordinator.motes.mote_registry import MoteTable
+from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.protocol.model.energy.energy_model import EnergyModel
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.errors import CallError
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.task_messages import TaskRequest, TaskWhy
+from robrain.protocol.wire.topics import MOTE_DUTY, MOTE_READING, TASK_CANCEL, TASK_GET, TASK_WHY
+from tests.coordinator.conftest import TICK_S
+
+PLACE = Point2D(6.5, 4.0)
+MODEL = EnergyModel(
+    coefficients=(8.0, 0.5, 7.5, 1.25, 8.0),
+    covariance=(0.0,) * 15,
+    residual_w2_s=0.0,
+    drift_w2_per_s=0.0,
+    relative_sd=0.0,
+    way_ratio=1.0,
+    pace_m_s=0.5,
+    turn_rate_rad_s=1.2,
+    packet_j=0.0008,
+    usable_j=60_000.0,
+    power_w=12.0,
+    usual_power_w=11.0,
+)
+
+
+class Mote:
+    """A mote as the wire knows it; r1 brings its readings in."""
+
+    def __init__(self, team, name="m1", place=PLACE, *, period_s=4.0, voltage_v=3.0, quantity="temperature_c"):
+        wire = team.endpoint()
+        self._readings = wire.publisher(MOTE_READING, mote=name)
+        self.duties = Inbox(every=True)
+        wire.subscribe(self.duties, MOTE_DUTY, mote=name)
+        self.team, self.name, self.place, self.voltage_v, self.quantity = team, name, place, voltage_v, quantity
+        self.period_s = period_s
+        self.speaks = True
+        self._sequence = 0
+        self._due_s = 0.0
+
+    def step(self, now_s):
+        for received in self.duties.drain():
+            self.period_s = received.message.period_s
+        if self.speaks and now_s >= self._due_s:
+            self._due_s = now_s + self.period_s
+            self.say(20.0 + 0.5 * self._sequence)
+
+    def say(self, value, *, age_s=0.0):
+        self._sequence += 1
+        self._readings.put(
+            MoteReading(
+                mote=self.name,
+                place=self.place,
+                quantity=self.quantity,
+                value=value,
+                voltage_v=self.voltage_v,
+                rssi_dbm=-60.0,
+                via="r1",
+                sequence=self._sequence,
+                taken_ns=self.team.clock.now_ns() - to_ns(age_s),
+                period_s=self.period_s,
+            )
+        )
+
+
+class Field:
+    """A team of one robot that can sense, and some motes."""
+
+    def __init__(self, team):
+        self.team, self.motes = team, []
+        self.robot = team.robot("r1", 4.5, 3.0)
+        self.robot.plugins = ["explore", "sense", "monitor"]
+        self.robot.energy = MODEL
+        team.closed_room()
+
+    def mote(self, *args, **fields):
+        self.motes.append(Mote(self.team, *args, **fields))
+        return self.motes[-1]
+
+    def run(self, seconds):
+        for _ in range(round(seconds / 0.1)):
+            for mote in self.motes:
+                mote.step(self.team.clock.now_ns() / 1e9)
+            self.team.run(0.1)
+
+    def get(self, task_id):
+        return self.team.ask(TASK_GET, TaskRequest(id=task_id))
+
+    def verdicts(self, task_id):
+        return {one.robot: one for one in self.team.ask(TASK_WHY, TaskRequest(id=task_id), TaskWhy).robots}
+
+
+@pytest.fixture
+def field(team):
+    return Field(team)
+
+
+def test_mote_that_is_at_the_place_senses_and_no_robot_drives(field):
+    field.mote()
+    field.run(2.0)
+    field.team.submit(Task(id="s", kind="sense", place=PLACE))
+    field.run(5.0)
+    record = field.get("s")
+    assert (record.state, record.robot) == (TaskState.DONE, "mote:m1")
+    assert record.result["mote"] == "m1"
+    assert record.result["value"] == 20.5  # the reading after the task, not the one before
+    assert field.robot.offers == [] or all(offer.task.id != "s" for offer in field.robot.offers)
+
+
+def test_a_verdict_of_each_member_says_what_share_of_its_energy_it_would_take(field):
+    field.mote()
+    field.mote("m2", Point2D(4.0, 3.0))
+    field.run(2.0)
+    field.team.submit(Task(id="s", kind="sense", place=PLACE))
+    field.run(5.0)
+    verdicts = field.verdicts("s")
+    assert verdicts["m1"].chosen
+    assert verdicts["m2"].why_not == "is 2.7 m from the place"
+    assert "of its energy; m1 takes" in verdicts["r1"].why_not
+    assert verdicts["r1"].energy_j > 1000 * verdicts["m1"].energy_j
+
+
+def test_why_a_mote_was_not_asked_is_told_when_a_robot_does_it(field):
+    field.mote()
+    field.run(2.0)
+    field.team.submit(Task(id="s", kind="sense", place=PLACE, parameters={"quantity": "light_lx"}))
+    field.run(1.5)
+    verdicts = field.verdicts("s")
+    assert verdicts["r1"].chosen
+    assert verdicts["m1"].why_not == "senses temperature_c, not light_lx"
+
+
+def test_mote_whose_cells_are_nearly_flat_is_spared(field):
+    field.mote(voltage_v=FLAT_V + 1e-7)
+    field.run(2.0)
+    field.team.submit(Task(id="s", kind="sense", place=PLACE))
+    field.run(1.5)
+    assert field.get("s").robot == "r1"
+
+
+def test_mote_that_falls_silent_gives_its_task_to_a_robot(field):
+    mote = field.mote()
+    field.run(5.0)
+    mote.speaks = False
+    field.team.submit(Task(id="s", kind="sense", place=PLACE, parameters={"timeout_s": 10.0}))
+    field.run(1.0)
+    assert field.get("s").robot == "mote:m1"
+    field.run(14.0)
+    assert field.get("s").robot == "r1"
+    assert field.team.history("s")[-3:] == [TaskState.QUEUED, TaskState.OFFERED, TaskState.RUNNING]
+
+
+def test_task_that_a_mote_gave_up_is_offered_to_a_robot_in_the_same_step(field):
+    team = field.team
+    team.begin(None, PlanningPolicy(method="nearest"))  # no plan is made for it
+    mote = field.mote()
+    field.run(5.0)
+    mote.speaks = False
+    team.submit(Task(id="s", kind="sense", place=PLACE, parameters={"timeout_s": 10.0}))
+    field.run(1.0)
+    assert field.get("s").robot == "mote:m1"
+    for _ in range(round(14.0 / TICK_S)):
+        if field.get("s").robot == "mote:m1":
+            team.run(TICK_S)
+    freed, offered = (event.stamp_ns for event in team.heard[-3:-1])
+    assert [event.state for event in team.heard[-3:]] == [TaskState.QUEUED, TaskState.OFFERED, TaskState.RUNNING]
+    assert freed == offered
+
+
+@pytest.mark.parametrize(
+    ("task", "why"),
+    [
+        (
+            Task(id="s", kind="sense", place=PLACE, parameters={"quantity": "light_lx"}),
+            "senses temperature_c, not light_lx",
+        ),
+        (Task(id="s", kind="sense", place=Point2D(4.0, 2.5)), "m from the place"),
+        (Task(id="s", kind="sense", place=PLACE, needs=("sensor_board",)), "has no sensor_board"),
+        (
+            Task(id="s", kind="sense", place=PLACE, parameters={"timeout_s": 2.0}),
+            "speaks each 4 s, and 2 s is all that is waited",
+        ),
+    ],
+)
+def test_what_a_mote_cannot_do_it_is_not_asked_for(field, task, why):
+    field.mote()
+    field.run(2.0)
+    field.robot.plugins.append("sensor_board")
+    field.run(11.0)
+    field.team.submit(task)
+    field.run(0.2)
+    record = field.get("s")
+    verdicts, mote = field.team.coordinator.motes.judge(record, field.team.clock.now_ns())
+    assert mote is None
+    assert why in next(one.why_not for one in verdicts if one.robot == "m1")
+
+
+def test_mote_that_was_last_heard_long_ago_is_out_of_reach(field):
+    mote = field.mote()
+    field.run(2.0)
+    known = field.team.coordinator.motes.table.motes["m1"]
+    assert known.why_out_of_reach(field.team.coordinator.roster, field.team.clock.now_ns()) is None
+    mote.speaks = False
+    field.run(20.0)
+    field.team.submit(Task(id="s", kind="sense", place=PLACE))
+    field.run(1.5)
+    assert field.get("s").robot == "r1"
+
+
+def test_mote_monitors_at_the_interval_asked_for_and_has_its_own_back_after(field):
+    mote = field.mote()
+    field.run(2.0)
+    field.team.submit(
+        Task(
+            id="w",
+            kind="monitor",
+            place=PLACE,
+            parameters={"duration_s": 20.0, "interval_s": 1.0, "quantity": "temperature_c"},
+        )
+    )
+    field.run(10.0)
+    assert mote.period_s == 1.0
+    field.run(16.0)
+    record = field.get("w")
+    assert (record.state, record.robot) == (TaskState.DONE, "mote:m1")
+    assert 15 <= record.result["rounds"] <= 22
+    assert record.result["least"] < record.result["greatest"]
+    assert mote.period_s == 4.0
+
+
+def test_monitoring_with_pictures_is_for_robots(field):
+    field.mote()
+    field.run(2.0)
+    field.team.submit(Task(id="w", kind="monitor", place=PLACE, parameters={"duration_s": 20.0}))
+    field.run(2.0)
+    assert field.get("w").robot == "r1"
+
+
+def test_monitoring_that_is_called_off_leaves_the_mote_as_it_was(field):
+    mote = field.mote()
+    field.run(2.0)
+    field.team.submit(
+        Task(
+            id="w",
+            kind="monitor",
+            place=PLACE,
+            parameters={"duration_s": 60.0, "interval_s": 1.0, "quantity": "temperature_c"},
+        )
+    )
+    field.run(8.0)
+    field.team.ask(TASK_CANCEL, TaskRequest(id="w"))
+    field.run(6.0)
+    assert mote.period_s == 4.0
+    assert field.get("w").state is TaskState.CANCELLED
+
+
+def test_mote_s_task_does_not_outlive_its_deadline(field):
+    mote = field.mote()
+    field.run(5.0)
+    mote.speaks = False
+    field.team.submit(Task(id="s", kind="sense", place=PLACE), deadline_in_s=3.0)
+    field.run(5.0)
+    record = field.get("s")
+    assert (record.state, record.why) == (TaskState.FAILED, "its deadline has passed")
+
+
+def test_a_task_that_a_mote_is_at_comes_free_for_nobody_nor_when_its_deadline_has_passed(field):
+    mote = field.mote()
+    field.run(5.0)
+    mote.speaks = False
+    field.team.submit(Task(id="s", kind="sense", place=PLACE), deadline_in_s=3.0)
+    field.run(1.0)
+    assert field.get("s").robot == "mote:m1"
+    desk = field.team.coordinator.motes
+    assert not desk.step(field.team.clock.now_ns() + to_ns(0.5), nullcontext())
+    assert field.get("s").robot == "mote:m1"
+    assert not desk.step(field.team.clock.now_ns() + to_ns(3.0), nullcontext())
+    assert field.get("s").state is TaskState.FAILED
+
+
+def test_of_more_motes_than_there_is_room_for_the_first_are_known(monkeypatch):
+    monkeypatch.setattr(motes, "MOTES_MAX", 2)
+    table = MoteTable()
+    for mote in ("m1", "m2", "m3", "m1"):
+        table.note(MoteReading(mote=mote, place=PLACE, quantity="t", value=1.0, voltage_v=3.0, rssi_dbm=0, via="r1"), 0)
+    assert list(table.motes) == ["m1", "m2"]
+    assert table.refused == 1
+
+
+def test_coordinator_that_begins_anew_asks_again_for_what_a_mote_was_at(field, tmp_path):
+    from robrain.coordinator.journal.journal import Journal
+
+    journal = Journal(tmp_path / "t.journal")
+    field.team.begin(journal)
+    mote = field.mote()
+    field.run(2.0)
+    field.team.submit(
+        Task(
+            id="w",
+            kind="monitor",
+            place=PLACE,
+            parameters={"duration_s": 6.0, "interval_s": 1.0, "quantity": "temperature_c"},
+        )
+    )
+    field.run(2.0)
+    journal.close()
+    journal = Journal(tmp_path / "t.journal")
+    field.team.begin(journal)
+    field.run(1.0)
+    assert field.get("w").state in (TaskState.QUEUED, TaskState.RUNNING)
+    field.run(30.0)
+    record = field.get("w")
+    assert record.state is TaskState.DONE or record.robot == "r1"
+    assert mote.speaks
+    journal.close()
+
+
+def test_stored_reading_from_before_the_task_does_not_count(field):
+    mote = field.mote(period_s=8.0)
+    field.run(0.5)
+    field.team.submit(Task(id="s", kind="sense", place=PLACE))
+    field.run(1.0)
+    mote.say(99.0, age_s=5.0)
+    field.run(1.0)
+    assert field.get("s").state is TaskState.RUNNING
+    field.run(8.0)
+    assert field.get("s").result["value"] != 99.0
+
+
+def test_a_team_without_motes_has_its_tasks_done_by_robots_as_ever(field):
+    field.run(2.0)
+    field.team.submit(Task(id="s", kind="sense", place=PLACE))
+    field.run(1.5)
+    assert field.get("s").robot == "r1"
+
+
+def test_task_for_a_named_mote_is_that_mote_s_wherever_it_is(field):
+    field.mote("m2", Point2D(4.0, 3.0))
+    field.run(2.0)
+    field.team.submit(Task(id="s", kind="sense", place=PLACE, parameters={"mote": "m2"}))
+    field.run(5.0)
+    assert field.get("s").robot == "mote:m2"
+
+
+def test_share_is_of_what_a_member_has_left():
+    assert mote_left_j(FRESH_V) == CAPACITY_J
+    assert mote_left_j(0.5 * (FRESH_V + FLAT_V)) == pytest.approx(0.5 * CAPACITY_J)
+    assert mote_left_j(1.0) > 0
+    assert mote_share(10, 2.6) == pytest.approx(10 * reading_j() / (0.5 * CAPACITY_J))
+    state = RobotState(robot="r1", pose=Pose2D(0.0, 0.0, 0.0), energy=MODEL)
+    assert robot_share(state, Point2D(0.0, 0.0), 10.0) == pytest.approx(10.0 * 8.0 / 60_000.0)
+    assert robot_share(RobotState(robot="r1"), PLACE, 1.0) == float("inf")
+
+
+def test_more_hops_take_more_of_the_network():
+    assert reading_j(1) < reading_j(2) < reading_j(3)
+
+
+def test_two_tasks_of_one_id_are_still_one(field):
+    field.mote()
+    field.run(2.0)
+    field.team.submit(Task(id="s", kind="sense", place=PLACE))
+    with pytest.raises(CallError, match="there is another task s"):
+        field.team.submit(Task(id="s", kind="sense", place=PLACE, parameters={"quantity": "light_lx"}))

@@ -1,0 +1,136 @@
+"""What can never be done is refused at once, with the reason; what may be possible is not."""
+
+import itertools
+
+import msgspec
+import numpy as np
+import pytest
+
+from robrain.coordinator.tasks.admission import difference, why_dependency_ended, why_impossible, with_times
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, GridGeometry, OccupancyGrid
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.messages.task_messages import TaskRecord, TaskSubmission
+from robrain.protocol.wire.reasons.reason import Said
+from robrain.protocol.wire.reasons.tasks import AfterEnded
+
+NOW_NS = to_ns(1000.0)
+ALL = {"r1": frozenset({"visit", "explore"}), "r2": frozenset({"visit", "inspect", "camera"})}
+
+
+@pytest.fixture(scope="module")
+def grid() -> OccupancyGrid:
+    """Ten by five metres: the first five are free, with a wall at x from 2 to 2.1; the rest is unknown."""
+    made = OccupancyGrid(GridGeometry(0.1, 0.0, 0.0, 100, 50))
+    cells = np.full((50, 50), FREE, np.int8)
+    cells[:, 20] = OCCUPIED
+    made.merge_patch(0, 0, cells, 5)
+    return made
+
+
+def visit(x_m: float = 1.0, y_m: float = 1.0, **fields) -> Task:
+    return Task(id=fields.pop("id", "t1"), kind="visit", place=Point2D(x_m, y_m), **fields)
+
+
+def why(task, grid=None, plugins=ALL, others=()) -> str:
+    return why_impossible(
+        task, NOW_NS, grid=grid, plugins=plugins, others={record.task.id: record for record in others}
+    )
+
+
+def known(task_id: str, state: TaskState = TaskState.QUEUED, after=(), told="") -> TaskRecord:
+    return TaskRecord(task=visit(id=task_id, after=after), state=state, why=told)
+
+
+def test_a_task_that_can_be_done_is_not_refused(grid) -> None:
+    assert why(visit(needs=("camera",), deadline_ns=NOW_NS + 1, after=("t0",)), grid, others=[known("t0")]) == ""
+
+
+@pytest.mark.parametrize(
+    ("task", "reason"),
+    [
+        (visit(11.0, 1.0), "(11, 1) is outside of the map: x 0 to 10 m, y 0 to 5 m"),
+        (visit(1.0, -0.1), "(1, -0.1) is outside of the map: x 0 to 10 m, y 0 to 5 m"),
+        (visit(2.05, 1.0), "(2.05, 1) is in a wall, or in something else that is known to stand there"),
+        (Task(id="e", kind="explore", place=Point2D(2.05, 1.0)), "(2.05, 1) is in a wall, or in something else"),
+        (visit(deadline_ns=NOW_NS - to_ns(2.5)), "its deadline was 2.5 s ago"),
+        (visit(deadline_ns=NOW_NS), "its deadline was 0.0 s ago"),
+        (visit(deadline_ns=NOW_NS + to_ns(5.0), service_s=6.0), "it takes 6 s at its place alone, and there are 5.0 s"),
+        (
+            visit(earliest_ns=NOW_NS + to_ns(9.0), deadline_ns=NOW_NS + to_ns(10.0), service_s=2.0),
+            "it takes 2 s at its place alone, and there are 1.0 s",
+        ),
+        (visit(needs=("arm",)), "no robot of the team has arm"),
+        (visit(needs=("camera", "explore")), "no robot of the team has all of visit, camera, explore"),
+        (visit(robots=3), "it needs 3 robots at once that have visit, and the team has 2"),
+        (visit(id="a/b"), "bad task name 'a/b'"),
+    ],
+)  # fmt: skip
+def test_what_can_never_be_done_is_refused_with_the_reason(task, reason: str, grid) -> None:
+    assert why(task, grid).startswith(reason)
+
+
+def test_what_is_not_known_is_not_held_against_a_task(grid) -> None:
+    assert why(visit(8.0, 1.0), grid) == ""  # nobody has been there
+    assert why(visit(8000.0, 1.0), None) == ""  # there is no map yet
+    assert why(visit(needs=("arm",)), plugins={}) == ""  # there is no robot yet
+    assert why(visit(needs=("arm",)), plugins={**ALL, "r3": None}) == ""  # r3 has not said what it has
+    assert why(visit(after=("later",))) == ""  # somebody may ask for it yet
+
+
+@pytest.mark.parametrize("state", [TaskState.FAILED, TaskState.CANCELLED])
+def test_a_task_that_waits_for_one_that_was_not_done_is_refused(state: TaskState) -> None:
+    other = known("t0", state, told="the way is blocked")
+    said = f"t0, which it waits for, was not done: {state}, the way is blocked"
+    assert why(visit(after=("t0",)), others=[other]) == said
+    ended = AfterEnded("t0", state, Said("the way is blocked"))
+    assert why_dependency_ended(visit(after=("t0",)), {"t0": other}) == ended
+    assert why(visit(after=("t0",)), others=[known("t0", TaskState.DONE)]) == ""
+
+
+def test_of_a_chain_of_tasks_that_wait_the_reason_of_the_first_is_kept() -> None:
+    blocked = Said("the way is blocked")
+    chain = {"a": msgspec.structs.replace(known("a", TaskState.FAILED, told="the way is blocked"), reason=blocked)}
+    for before, name in itertools.pairwise("abcd"):
+        reason = why_dependency_ended(visit(after=(before,)), chain)
+        chain[name] = msgspec.structs.replace(known(name, TaskState.CANCELLED), reason=reason)
+    assert chain["d"].reason == AfterEnded("c", TaskState.CANCELLED, blocked)
+
+
+def test_a_circle_of_tasks_that_wait_for_each_other_is_refused() -> None:
+    assert why(visit(id="a", after=("a",))) == "it would wait for itself: a after a"
+    others = [known("b", after=("c", "x")), known("c", after=("a",)), known("x")]
+    assert why(visit(id="a", after=("b",)), others=others) == "it would wait for itself: a after b after c after a"
+    assert why(visit(id="d", after=("b", "c")), others=others) == ""
+
+
+def test_times_may_be_given_from_now_on() -> None:
+    asked = TaskSubmission(task=visit(priority=2.0), earliest_in_s=1.5, deadline_in_s=60.0)
+    task = with_times(asked, NOW_NS)
+    assert (task.earliest_ns, task.deadline_ns) == (NOW_NS + to_ns(1.5), NOW_NS + to_ns(60.0))
+    assert (task.id, task.priority, task.place) == ("t1", 2.0, Point2D(1.0, 1.0))
+    assert with_times(TaskSubmission(task=task), NOW_NS) is task
+
+
+@pytest.mark.parametrize(
+    ("times", "named"),
+    [
+        ({"deadline_in_s": -1.0}, "deadline_in_s"),
+        ({"earliest_in_s": float("inf")}, "earliest_in_s"),
+        ({"earliest_in_s": 5.0, "deadline_in_s": 4.0}, "deadline_ns after earliest_ns"),
+    ],
+)
+def test_times_that_make_no_sense_are_named(times, named: str) -> None:
+    with pytest.raises((ValueError, msgspec.ValidationError), match=named):
+        with_times(TaskSubmission(task=visit(), **times), NOW_NS)
+
+
+def test_the_difference_of_two_submissions_is_told_field_by_field() -> None:
+    one = msgspec.json.encode(TaskSubmission(task=visit(priority=2.0, needs=("camera",)), deadline_in_s=5.0))
+    other = msgspec.json.encode(TaskSubmission(task=visit(1.0, 2.0)))
+    assert difference(one, one) == ""
+    assert difference(other, one) == (
+        'deadline_in_s is 5.0, not unset, needs is ["camera"], not unset, place.y_m is 1.0, not 2.0,'
+        " priority is 2.0, not unset"
+    )

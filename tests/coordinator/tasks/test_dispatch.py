@@ -1,0 +1,104 @@
+"""Who gets which task when nobody plans."""
+
+from robrain.coordinator.tasks.backoff import FIRST_PAUSE_S, KEPT, LONGEST_PAUSE_S, Shunning
+from robrain.coordinator.tasks.dispatch import dispatch, verdicts
+from robrain.coordinator.team.roster import Robot
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.task_messages import RobotVerdict, TaskRecord
+from robrain.protocol.wire.reasons.offers import NoPath
+from robrain.protocol.wire.reasons.robots import (
+    AnotherNearer,
+    Halted,
+    LacksPlugins,
+    PositionUnknown,
+    Refused,
+    RobotReason,
+)
+
+
+def task(name: str, x_m: float, submitted_ns: int = 0, **fields) -> TaskRecord:
+    made = Task(id=name, kind="visit", place=Point2D(x_m, 0.0), **fields)
+    return TaskRecord(task=made, state=TaskState.QUEUED, submitted_ns=submitted_ns)
+
+
+def robot(name: str, x_m: float | None) -> Robot:
+    made = Robot(name)
+    made.state = RobotState(robot=name, pose=None if x_m is None else Pose2D(x_m, 0.0, 0.0))
+    return made
+
+
+def free(_task, _robot) -> None:
+    return None
+
+
+def test_the_nearest_robot_gets_the_task_and_the_others_hear_why_not() -> None:
+    robots = [robot("r1", 0.0), robot("r2", 4.0), robot("r3", None), robot("r4", 4.5)]
+    wanted = task("t1", 5.0)
+
+    def why_not(_task: TaskRecord, one: Robot) -> RobotReason | None:
+        return LacksPlugins(("camera",)) if one.name == "r4" else None
+
+    assert dispatch([wanted], robots, why_not) == [("t1", "r2")]
+    assert verdicts(wanted, robots, why_not, "r2") == [
+        RobotVerdict(robot="r1", why_not="r2 is nearer", reason=AnotherNearer("r2"), distance_m=5.0),
+        RobotVerdict(robot="r2", chosen=True, distance_m=1.0),
+        RobotVerdict(robot="r3", why_not="does not know where it is", reason=PositionUnknown()),
+        RobotVerdict(robot="r4", why_not="has no camera", reason=LacksPlugins(("camera",)), distance_m=0.5),
+    ]
+    assert [verdict.reason for verdict in verdicts(wanted, robots, why_not)] == [
+        None, None, PositionUnknown(), LacksPlugins(("camera",)),
+    ]  # fmt: skip
+
+
+def test_priority_goes_before_deadline_and_deadline_before_age() -> None:
+    ready = [
+        task("late", 0.0, 1),
+        task("old", 0.0, 0),
+        task("soon", 0.0, 2, deadline_ns=9),
+        task("dear", 0.0, 3, priority=2.0),
+    ]
+    for order in (["dear"], ["dear", "soon"], ["dear", "soon", "old"], ["dear", "soon", "old", "late"]):
+        robots = [robot(f"r{number}", 0.0) for number in range(len(order))]
+        assert [name for name, _ in dispatch(ready, robots, free)] == order
+
+
+def test_no_robot_gets_two_tasks_and_no_task_two_robots() -> None:
+    robots = [robot("r1", 0.0), robot("r2", 10.0)]
+    ready = [task("t1", 0.0), task("t2", 1.0), task("t3", 2.0)]
+    assert dispatch(ready, robots, free) == [("t1", "r1"), ("t2", "r2")]
+
+
+def test_a_task_that_nobody_idle_can_do_does_not_hold_up_the_next() -> None:
+    ready = [task("dear", 0.0, priority=9.0), task("plain", 0.0)]
+    found = dispatch(ready, [robot("r1", 0.0)], lambda one, _robot: Halted() if one.task.id == "dear" else None)
+    assert found == [("plain", "r1")]
+
+
+def test_of_robots_at_the_same_distance_the_first_name_is_taken() -> None:
+    assert dispatch([task("t1", 0.0)], [robot("b", 1.0), robot("a", -1.0)], free) == [("t1", "a")]
+
+
+def test_who_refused_is_asked_again_after_growing_pauses() -> None:
+    shunning = Shunning()
+    now_ns, pauses = 0, []
+    for _ in range(8):
+        shunning.note("t1", "r1", Refused(NoPath()), now_ns)
+        pause_s = FIRST_PAUSE_S
+        while shunning.why("t1", "r1", now_ns + to_ns(pause_s)):
+            pause_s += 1.0
+        pauses.append(pause_s)
+        now_ns += to_ns(pause_s)
+    assert pauses == [2.0, 4.0, 8.0, 16.0, 32.0, LONGEST_PAUSE_S, LONGEST_PAUSE_S, LONGEST_PAUSE_S]
+    assert shunning.why("t1", "r2", 0) is None
+    assert shunning.why("t2", "r1", 0) is None
+
+
+def test_refusals_are_not_remembered_without_end() -> None:
+    shunning = Shunning()
+    for number in range(KEPT + 10):
+        shunning.note(f"t{number}", "r1", Refused(NoPath()), 0)
+    assert len(shunning._shunned) == KEPT
+    assert shunning.why(f"t{KEPT + 9}", "r1", 0) == Refused(NoPath())

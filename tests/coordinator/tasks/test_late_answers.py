@@ -1,0 +1,362 @@
+"""Late answers and answers with an old epoch: only an answer to the current offer counts."""
+
+from collections.abc import Iterator
+
+import pytest
+import zenoh
+
+from robrain.coordinator.journal.errors import JournalUnwritable
+from robrain.coordinator.tasks.backoff import REFUSALS_MAX
+from robrain.coordinator.tasks.offers import Answered
+from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.tasks.task_lifecycle import COMPLAIN_AGAIN_NS, WITHDRAW_AGAIN_NS, TaskLifecycle
+from robrain.coordinator.team.capabilities import Capabilities
+from robrain.coordinator.team.roster import Roster
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskWithdrawal
+from robrain.protocol.wire.messages.robot_messages import RobotState, TaskStatus
+from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.presence import Change
+from robrain.protocol.wire.reasons.reason import Said
+from robrain.protocol.wire.reasons.robots import Failed, Refused
+from robrain.protocol.wire.reasons.tasks import LeaseRanOut, NeverTaken, NobodyDoes, RobotOut
+from robrain.protocol.wire.session import open_lockstep_session
+
+YES, NO = TaskAnswer(accepted=True), TaskAnswer(accepted=False, why="no way there")
+NOW_NS = to_ns(5.0)
+
+
+class Mail:
+    """Offers and withdrawals that stay pending until the test delivers the answers."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[TaskRecord, str]] = []
+        self.withdrawn: list[tuple[str, TaskWithdrawal]] = []
+        self.arrived: list[Answered] = []
+
+    def offer(self, record: TaskRecord, after: str) -> None:
+        self.asked.append((record, after))
+
+    def withdraw(self, robot: str, withdrawal: TaskWithdrawal) -> None:
+        self.withdrawn.append((robot, withdrawal))
+
+    def answer(self, index: int, answer: TaskAnswer) -> None:
+        self.arrived.append(Answered(*self.asked[index], answer))
+
+    def answered(self) -> list[Answered]:
+        arrived, self.arrived = self.arrived, []
+        return arrived
+
+
+@pytest.fixture(scope="module")
+def session() -> Iterator[zenoh.Session]:
+    with open_lockstep_session() as session:
+        yield session
+
+
+class Desk:
+    """A task lifecycle whose offers the test answers; robots r1 and r2 are present."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self.clock = VirtualClock(NOW_NS)
+        self.wire = Endpoint(session, "late", self.clock, Drive.LOCKSTEP)
+        self.book = TaskBook(self.clock, 0, lambda _event: None)
+        self.roster = Roster()
+        self.tasks = TaskLifecycle(self.wire, self.book, self.roster, Capabilities(self.wire))
+        self.mail = Mail()
+        self.tasks._offers = self.mail
+        self.refused: list[tuple[str, str, int]] = []
+        self.tasks.on_refused = lambda record, robot, now_ns: self.refused.append((record.task.id, robot, now_ns))
+        for name in ("r1", "r2"):
+            self.roster.note_presence(Change({"robot": name}, True))
+            self.say(name)
+
+    def say(self, name: str, task: TaskStatus | None = None, held: TaskStatus | None = None) -> None:
+        self.roster.note_state(RobotState(robot=name, task=task, next_task=held), self.clock.now_ns())
+
+    def add(self, task_id: str = "t1", *, own: bool = False) -> None:
+        task = (
+            Task(id=task_id, kind="explore", place=Point2D(1.0, 1.0))
+            if own
+            else Task(id=task_id, kind="visit", place=Point2D(1.0, 1.0))
+        )
+        self.book.add(task, own=own)
+
+    def stands(self, task_id: str = "t1") -> tuple[TaskState, str]:
+        record = self.book.find(task_id)
+        assert record is not None
+        return record.state, record.robot
+
+
+@pytest.fixture
+def desk(session: zenoh.Session) -> Iterator[Desk]:
+    one = Desk(session)
+    yield one
+    one.wire.close()
+
+
+def test_answer_that_comes_later_begins_the_task_or_queues_it_again(desk: Desk) -> None:
+    desk.add("t1")
+    desk.add("t2")
+    assert desk.tasks.offer("t1", "r1", NOW_NS) is None
+    assert desk.tasks.offer("t2", "r2", NOW_NS) is None
+    assert (desk.stands("t1"), desk.stands("t2")) == ((TaskState.OFFERED, "r1"), (TaskState.OFFERED, "r2"))
+    assert desk.tasks.hear_answers(NOW_NS) is False
+    desk.mail.answer(0, YES)
+    assert desk.tasks.hear_answers(NOW_NS) is False
+    desk.mail.answer(1, NO)
+    assert desk.tasks.hear_answers(NOW_NS) is True
+    assert (desk.stands("t1"), desk.stands("t2")) == ((TaskState.RUNNING, "r1"), (TaskState.QUEUED, ""))
+    assert desk.book.find("t2").why == "r2 refused: no way there"
+    assert desk.tasks.shunning.why("t2", "r2", NOW_NS) == Refused(Said("no way there"))
+
+
+@pytest.mark.parametrize("answer", [YES, NO])
+@pytest.mark.parametrize("robot", ["r1", "r2"])
+def test_late_answer_to_an_old_offer_changes_nothing_of_the_new_one(desk: Desk, answer: TaskAnswer, robot: str) -> None:
+    desk.add()
+    desk.tasks.offer("t1", "r1", NOW_NS)
+    desk.book.give_back("t1", NeverTaken("r1"))
+    desk.tasks.offer("t1", robot, NOW_NS)
+    old, new = (record.epoch for record, _ in desk.mail.asked)
+    assert old < new
+    desk.mail.answer(0, answer)
+    assert desk.tasks.hear_answers(NOW_NS) is False
+    assert desk.stands() == (TaskState.OFFERED, robot)
+    assert desk.tasks.shunning.why("t1", "r1", NOW_NS) is None
+    desk.mail.answer(1, YES)
+    desk.tasks.hear_answers(NOW_NS)
+    assert desk.stands() == (TaskState.RUNNING, robot)
+
+
+@pytest.mark.parametrize("answer", [YES, NO])
+@pytest.mark.parametrize("state", [TaskState.QUEUED, TaskState.RUNNING, TaskState.DONE, TaskState.CANCELLED])
+def test_answer_to_an_offer_that_does_not_stand_any_more_changes_nothing(
+    desk: Desk, state: TaskState, answer: TaskAnswer
+) -> None:
+    desk.add()
+    desk.tasks.offer("t1", "r1", NOW_NS)
+    desk.book.move("t1", state) if state is not TaskState.QUEUED else desk.book.give_back("t1", None)
+    before = desk.book.find("t1")
+    desk.mail.answer(0, answer)
+    assert desk.tasks.hear_answers(NOW_NS) is False
+    assert desk.book.find("t1") == before
+
+
+def test_answer_for_a_task_that_nobody_knows_changes_nothing(desk: Desk) -> None:
+    stranger = TaskRecord(
+        task=Task(id="t9", kind="visit", place=Point2D(0.0, 0.0)), state=TaskState.OFFERED, robot="r1", epoch=1
+    )
+    desk.mail.asked.append((stranger, ""))
+    desk.mail.answer(0, YES)
+    assert desk.tasks.hear_answers(NOW_NS) is False
+    assert desk.book.find("t9") is None
+
+
+def test_offer_for_later_stays_offered_when_it_is_accepted_and_is_not_shunned_when_it_is_not(desk: Desk) -> None:
+    desk.add("t1")
+    desk.add("t2")
+    assert desk.tasks.may_be_next("r1", "t0")
+    for task_id in ("t1", "t2"):
+        desk.tasks.offer(task_id, "r1", NOW_NS, after="t0")
+    assert not desk.tasks.may_be_next("r1", "t0")
+    assert desk.tasks.may_be_next("r1", "t1")
+    assert desk.tasks.may_be_next("r2", "t0")
+    desk.mail.answer(0, YES)
+    desk.mail.answer(1, NO)
+    assert desk.tasks.hear_answers(NOW_NS) is True
+    assert (desk.stands("t1"), desk.stands("t2")) == ((TaskState.OFFERED, "r1"), (TaskState.QUEUED, ""))
+    assert desk.tasks.shunning.why("t2", "r1", NOW_NS) is None
+    assert [after for _, after in desk.mail.asked] == ["t0", "t0"]
+    assert desk.book.find("t1").why == "it is next, after t0"
+
+
+def test_immediate_offer_has_no_predecessor(desk: Desk) -> None:
+    desk.add()
+    desk.tasks.offer("t1", "r1", NOW_NS)
+    assert desk.mail.asked[0][1] == ""
+    assert desk.book.find("t1").why == ""
+    assert desk.tasks.may_be_next("r1", "t9")
+
+
+def test_task_that_every_robot_has_refused_for_good_has_failed(desk: Desk) -> None:
+    desk.add()
+    for round_number in range(REFUSALS_MAX):
+        assert desk.stands()[0] is TaskState.QUEUED
+        for robot in ("r1", "r2"):
+            now_ns = NOW_NS + to_ns(100.0 * round_number)
+            desk.clock.advance_to(now_ns)
+            desk.say("r1")
+            desk.say("r2")
+            desk.tasks.offer("t1", robot, now_ns)
+            desk.mail.answer(-1, NO)
+            desk.tasks.hear_answers(now_ns)
+    assert desk.stands()[0] is TaskState.FAILED
+    out = Refused(Said("no way there"))
+    assert desk.book.find("t1").reason == NobodyDoes((RobotOut("r1", out), RobotOut("r2", out)))
+
+
+def test_offer_that_is_answered_at_once_says_why_it_was_refused(desk: Desk) -> None:
+    desk.add("t1")
+    desk.add("t2")
+    desk.tasks.offer("t1", "r1", NOW_NS)
+    desk.mail.answer(0, NO)
+    assert desk.tasks.offer("t2", "r2", NOW_NS) is None  # it was the other that was refused
+    assert desk.stands("t1") == (TaskState.QUEUED, "")
+    at_once = desk.mail.offer
+    for why, told in (("no way there", "no way there"), ("", "it does not say why")):
+
+        def refuse(record: TaskRecord, after: str, why: str = why) -> None:
+            at_once(record, after)
+            desk.mail.answer(-1, TaskAnswer(accepted=False, why=why))
+
+        desk.mail.offer = refuse
+        assert desk.tasks.offer("t1", "r1", NOW_NS) == Said(told)
+
+
+def test_task_of_the_coordinators_own_that_is_refused_ends_and_is_told_and_anothers_is_not(desk: Desk) -> None:
+    desk.add("e1", own=True)
+    desk.add("t1")
+    for index, task_id in enumerate(("e1", "t1")):
+        desk.tasks.offer(task_id, f"r{index + 1}", NOW_NS)
+        desk.mail.answer(index, NO)
+    desk.tasks.hear_answers(NOW_NS)
+    assert desk.refused == [("e1", "r1", NOW_NS)]
+    assert desk.stands("e1")[0] is TaskState.CANCELLED
+    assert desk.stands("t1")[0] is TaskState.QUEUED
+
+
+# -- withdrawals ------------------------------------------------------------------------------------------------
+
+
+def at(task_id: str, epoch: int, state: TaskState = TaskState.RUNNING) -> TaskStatus:
+    return TaskStatus(id=task_id, epoch=epoch, state=state)
+
+
+def test_robot_that_is_at_a_task_with_an_old_epoch_is_told_to_stop_with_that_epoch(desk: Desk) -> None:
+    desk.add()
+    desk.tasks.offer("t1", "r1", NOW_NS)
+    desk.book.give_back("t1", LeaseRanOut("r1"))
+    desk.tasks.offer("t1", "r2", NOW_NS)
+    first, second = (record.epoch for record, _ in desk.mail.asked)
+    desk.say("r1", at("t1", first))
+    desk.say("r2", at("t1", second))
+    desk.tasks.withdraw_strays(NOW_NS)
+    assert desk.mail.withdrawn == [
+        ("r1", TaskWithdrawal(id="t1", epoch=first, why="it was given to others: it is offered at r2"))
+    ]
+
+
+def test_stray_is_told_again_twice_a_second_and_no_more_often(desk: Desk) -> None:
+    told = []
+    for now_ns in (0, WITHDRAW_AGAIN_NS - 1, WITHDRAW_AGAIN_NS, 2 * WITHDRAW_AGAIN_NS - 1, 2 * WITHDRAW_AGAIN_NS):
+        desk.clock.advance_to(NOW_NS + now_ns)
+        desk.say("r1", at("t7", 3))
+        desk.tasks.withdraw_strays(NOW_NS + now_ns)
+        told.append(len(desk.mail.withdrawn))
+    assert told == [1, 1, 2, 2, 3]
+    assert desk.mail.withdrawn[0][1].why == "the coordinator knows nothing of it"
+
+
+def test_what_was_told_is_forgotten_when_it_may_be_told_again(desk: Desk) -> None:
+    for second in range(5):
+        now_ns = NOW_NS + to_ns(second)
+        desk.clock.advance_to(now_ns)
+        desk.say("r1", at(f"t{second}", 3))
+        desk.say("r2")
+        desk.tasks.withdraw_strays(now_ns)
+    assert len(desk.mail.withdrawn) == 5
+    assert list(desk.tasks._withdrawn_ns) == [("r1", "t4", 3)]
+
+
+def test_held_task_that_was_called_off_is_withdrawn_with_the_reason(desk: Desk) -> None:
+    desk.add("t2")
+    desk.tasks.offer("t2", "r1", NOW_NS, after="t1")
+    epoch = desk.mail.asked[0][0].epoch
+    desk.book.move("t2", TaskState.CANCELLED, Said("ann does not want it"))
+    desk.say("r1", None, at("t2", epoch, TaskState.OFFERED))
+    desk.tasks.withdraw_strays(NOW_NS)
+    assert desk.mail.withdrawn == [("r1", TaskWithdrawal(id="t2", epoch=epoch, why="ann does not want it"))]
+
+
+def test_robot_that_is_not_there_or_at_nothing_is_told_nothing(desk: Desk) -> None:
+    desk.say("r1", at("t7", 3))
+    desk.clock.advance_to(NOW_NS + to_ns(2.0))
+    desk.say("r2")
+    desk.tasks.withdraw_strays(desk.clock.now_ns())
+    assert desk.mail.withdrawn == []
+
+
+# -- the book ---------------------------------------------------------------------------------------------------
+
+
+def test_deadline_is_passed_only_after_it(desk: Desk) -> None:
+    desk.book.add(Task(id="t1", kind="visit", place=Point2D(0.0, 0.0), deadline_ns=NOW_NS))
+    desk.tasks.settle(NOW_NS)
+    assert desk.stands()[0] is TaskState.QUEUED
+    desk.tasks.settle(NOW_NS + 1)
+    assert (desk.stands()[0], desk.book.find("t1").why) == (TaskState.FAILED, "its deadline has passed")
+
+
+def test_task_of_the_coordinators_own_that_was_offered_to_nobody_ends(desk: Desk) -> None:
+    desk.add("e1", own=True)
+    desk.tasks.settle(NOW_NS)
+    assert (desk.stands("e1")[0], desk.book.find("e1").why) == (TaskState.CANCELLED, "it was offered to nobody")
+
+
+def test_task_whose_dependency_has_ended_otherwise_is_called_off(desk: Desk) -> None:
+    desk.add("t1")
+    desk.book.add(Task(id="t2", kind="visit", place=Point2D(0.0, 0.0), after=["t1"]))
+    desk.tasks.settle(NOW_NS)
+    assert desk.stands("t2")[0] is TaskState.QUEUED
+    desk.book.move("t1", TaskState.FAILED, Said("blocked"))
+    desk.tasks.settle(NOW_NS)
+    assert desk.stands("t2")[0] is TaskState.CANCELLED
+
+
+def test_silent_robot_gives_its_task_back_and_settle_says_that_one_came_free(desk: Desk) -> None:
+    desk.add()
+    desk.tasks.offer("t1", "r1", NOW_NS)
+    desk.book.move("t1", TaskState.RUNNING)
+    assert desk.tasks.settle(NOW_NS) is False
+    later_ns = NOW_NS + to_ns(2.0)
+    desk.clock.advance_to(later_ns)
+    assert desk.tasks.settle(later_ns) is False
+    assert desk.stands() == (TaskState.LOST_CONTACT, "r1")
+    assert desk.tasks.settle(later_ns + 1) is True
+    assert desk.stands() == (TaskState.QUEUED, "")
+
+
+def test_robot_that_failed_is_not_asked_again_at_once_and_one_that_was_told_to_stop_is(desk: Desk) -> None:
+    for index, (state, why) in enumerate(((TaskState.FAILED, Failed("blocked")), (TaskState.CANCELLED, None))):
+        task_id = f"t{index}"
+        desk.add(task_id)
+        desk.tasks.offer(task_id, "r1", NOW_NS)
+        desk.book.move(task_id, TaskState.RUNNING)
+        status = TaskStatus(id=task_id, epoch=desk.mail.asked[-1][0].epoch, state=state, why="blocked")
+        assert desk.tasks.hear("r1", status, NOW_NS).task.id == task_id
+        assert desk.tasks.shunning.why(task_id, "r1", NOW_NS) == why
+        assert desk.stands(task_id)[0] is TaskState.QUEUED
+        assert desk.tasks.hear("r1", status, NOW_NS) is None
+
+
+def test_held_task_that_is_refused_when_its_turn_comes_is_not_asked_again_at_once(desk: Desk) -> None:
+    desk.add("t2")
+    desk.tasks.offer("t2", "r1", NOW_NS, after="t1")
+    status = TaskStatus(id="t2", epoch=desk.mail.asked[0][0].epoch, state=TaskState.CANCELLED, why="no way")
+    desk.tasks.hear("r1", status, NOW_NS)
+    assert desk.tasks.shunning.why("t2", "r1", NOW_NS) == Refused(Said("no way"))
+
+
+def test_journal_that_cannot_be_written_is_complained_of_every_ten_seconds(
+    desk: Desk, caplog: pytest.LogCaptureFixture
+) -> None:
+    counts = []
+    for late_ns in (0, 1, COMPLAIN_AGAIN_NS, COMPLAIN_AGAIN_NS + 1):
+        with desk.tasks.as_far_as_written(NOW_NS + late_ns):
+            raise JournalUnwritable(None, "cannot be written: disk full")
+        counts.append(len(caplog.records))
+    assert counts == [1, 1, 1, 2]

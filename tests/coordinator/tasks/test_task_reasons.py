@@ -1,0 +1,171 @@
+"""Why a task is not offered to a robot, and which words of a robot about its task count against it."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
+from robrain.coordinator.team.capabilities import Capabilities
+from robrain.coordinator.team.roster import Robot, Roster
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.messages.offer_messages import TaskAnswer
+from robrain.protocol.wire.messages.robot_messages import RobotState, TaskStatus
+from robrain.protocol.wire.reasons.reason import Said
+from robrain.protocol.wire.reasons.robots import (
+    AtTask,
+    Failed,
+    Gone,
+    Halted,
+    LacksPlugins,
+    LostContact,
+    NotHeard,
+    Refused,
+    RobotReason,
+)
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.topics import ROBOT_OFFER
+
+NOW_NS = to_ns(100.0)
+
+
+class Office:
+    """Tasks, robots r1 and r2 that accept whatever they are offered, and the life of the tasks."""
+
+    def __init__(self, wire: Endpoint) -> None:
+        self.book = TaskBook(wire.clock, 1, lambda _event: None)
+        self.roster = Roster()
+        self.capabilities = Capabilities(wire)
+        self.life = TaskLifecycle(wire, self.book, self.roster, self.capabilities)
+        for name in ("r1", "r2"):
+            robot = self.roster.robots[name] = Robot(name)
+            robot.state = RobotState(robot=name)
+            robot.heard_ns = NOW_NS
+            robot.has_token = True
+            self.capabilities.plugins[name] = frozenset({"visit"})
+            wire.answer(ROBOT_OFFER, lambda _request: TaskAnswer(accepted=True), robot=name)
+
+    def add(self, *names: str) -> None:
+        for name in names:
+            self.book.add(Task(id=name, kind="visit", place=Point2D(1.0, 2.0)))
+
+    def hold(self, task: str, after: str) -> None:
+        """r1 is at one task and holds another for afterwards."""
+        self.add(after, task)
+        self.life.offer(after, "r1", NOW_NS)
+        self.life.offer(task, "r1", NOW_NS, after=after)
+
+    def why_not(self, task: str = "t", robot: str = "r1", now_ns: int = NOW_NS) -> RobotReason | None:
+        record = self.book.find(task)
+        assert record is not None
+        return self.life.reasons.not_for(record, self.roster.robots[robot], now_ns)
+
+    def say(self, task: str, state: TaskState, why: str = "") -> None:
+        record = self.book.find(task)
+        assert record is not None
+        self.life.hear("r1", TaskStatus(id=task, epoch=record.epoch, state=state, why=why), NOW_NS)
+
+
+@pytest.fixture
+def office() -> Iterator[Office]:
+    with open_lockstep_session() as session:
+        clock = VirtualClock()
+        clock.advance_to(NOW_NS)
+        wire = Endpoint(session, "default", clock, Drive.LOCKSTEP)
+        yield Office(wire)
+        wire.close()
+
+
+# -- what speaks against a robot ------------------------------------------------------------------------------------
+
+
+def test_nothing_speaks_against_a_robot_that_is_there_idle_and_has_what_it_takes(office: Office) -> None:
+    office.add("t")
+    assert office.why_not() is None
+
+
+def test_a_robot_that_is_silent_or_gone_is_not_asked(office: Office) -> None:
+    office.add("t")
+    assert office.why_not(now_ns=NOW_NS + to_ns(1.0)) is None
+    assert office.why_not(now_ns=NOW_NS + to_ns(1.5)) == LostContact(1.5)
+    office.roster.robots["r1"].has_token = False
+    assert office.why_not() == Gone()
+    office.roster.robots["r1"].heard_ns = None
+    assert office.why_not() == NotHeard()
+
+
+def test_a_robot_that_is_halted_is_not_asked(office: Office) -> None:
+    office.add("t")
+    office.roster.robots["r1"].state = RobotState(robot="r1", halted=True)
+    assert office.why_not() == Halted()
+    assert office.why_not(robot="r2") is None
+
+
+def test_a_robot_without_the_plugin_is_not_asked_and_one_whose_plugins_are_not_known_is(office: Office) -> None:
+    office.add("t")
+    office.capabilities.plugins["r1"] = frozenset({"explore"})
+    assert office.why_not() == LacksPlugins(("visit",))
+    office.capabilities.plugins["r1"] = None
+    assert office.why_not() is None
+
+
+def test_a_robot_that_has_a_task_is_not_asked_for_another(office: Office) -> None:
+    office.add("t", "other")
+    office.life.offer("other", "r1", NOW_NS)
+    assert office.why_not() == AtTask("other")
+    assert office.why_not(robot="r2") is None
+
+
+# -- what a robot says of its task ----------------------------------------------------------------------------------
+
+
+def test_a_robot_that_failed_at_a_task_is_not_asked_for_it_at_once(office: Office) -> None:
+    office.add("t")
+    office.life.offer("t", "r1", NOW_NS)
+    office.say("t", TaskState.FAILED, "no way")
+    assert office.why_not() == Failed("no way")
+    assert office.why_not(robot="r2") is None
+    assert office.life.shunning.why("t", "r1", NOW_NS + to_ns(2.0)) is None
+
+
+def test_a_task_that_was_held_and_is_not_begun_when_its_turn_comes_was_refused(office: Office) -> None:
+    office.hold("t", after="first")
+    office.say("t", TaskState.CANCELLED, "no way")
+    assert office.life.shunning.why("t", "r1", NOW_NS) == Refused(Said("no way"))
+
+
+def test_a_task_that_was_held_and_then_begun_was_not_refused_if_it_is_given_up(office: Office) -> None:
+    office.hold("t", after="first")
+    office.say("first", TaskState.DONE)
+    office.book.move("t", TaskState.RUNNING)
+    office.say("t", TaskState.CANCELLED, "halted")
+    assert office.life.shunning.why("t", "r1", NOW_NS) is None
+
+
+def test_only_the_task_that_was_held_counts_as_refused(office: Office) -> None:
+    office.hold("t", after="first")
+    office.say("first", TaskState.CANCELLED, "halted")
+    assert office.life.shunning.why("first", "r1", NOW_NS) is None
+
+
+def test_a_robot_is_offered_something_for_after_its_task_once(office: Office) -> None:
+    office.add("first", "t")
+    office.life.offer("first", "r1", NOW_NS)
+    assert office.life.may_be_next("r1", "first")
+    office.life.offer("t", "r1", NOW_NS, after="first")
+    assert not office.life.may_be_next("r1", "first")
+    assert office.life.may_be_next("r1", "t")
+    assert office.life.may_be_next("r2", "first")
+
+
+def test_a_task_that_was_offered_for_at_once_and_is_called_off_was_not_held(office: Office) -> None:
+    office.hold("t", after="first")
+    office.say("first", TaskState.DONE)
+    office.say("t", TaskState.DONE)
+    office.add("later")
+    office.book.offered("later", "r1")  # the robot's answer is still on its way
+    office.say("later", TaskState.CANCELLED, "halted")
+    assert office.life.shunning.why("later", "r1", NOW_NS) is None

@@ -1,0 +1,407 @@
+"""Submitting, cancelling and looking at tasks over the wire."""
+
+import pytest
+
+from robrain.coordinator.journal.errors import JournalUnwritable
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.messages.task_messages import TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
+from robrain.protocol.wire.topics import TASK_CANCEL, TASK_GET, TASK_LIST, TASK_SUBMIT, TASK_WHY
+
+
+def visit(task_id="t1", x_m=6.0, y_m=4.0, **fields):
+    return Task(id=task_id, kind="visit", place=Point2D(x_m, y_m), **fields)
+
+
+def refused(team, task, **fields) -> CallError:
+    with pytest.raises(CallError) as caught:
+        team.submit(task, **fields)
+    return caught.value
+
+
+# -- submit ---------------------------------------------------------------------------------------------------
+
+
+def test_a_submitted_task_goes_to_the_nearest_robot_and_is_done(team):
+    far, near = team.robot("r1", 3.0), team.robot("r2", 7.0)
+    team.closed_room()
+    team.run(1.0)
+    record = team.submit(visit(priority=3.0), by="ann")
+    assert (record.state, record.by, record.task.priority) == (TaskState.QUEUED, "ann", 3.0)
+    team.run(0.1)
+    assert [offer.task.id for offer in near.offers] == ["t1"]
+    assert far.offers == []
+    near.end(TaskState.DONE, "there", off_m=0.1)
+    team.run(0.2)
+    found = team.ask(TASK_GET, TaskRequest(id="t1"))
+    assert (found.state, found.robot, found.result, found.why) == (TaskState.DONE, "r2", {"off_m": 0.1}, "there")
+    assert team.history("t1") == [TaskState.QUEUED, TaskState.OFFERED, TaskState.RUNNING, TaskState.DONE]
+
+
+def test_the_same_submission_again_has_the_same_answer_whatever_became_of_the_task(team):
+    robot = team.robot("r1")
+    team.closed_room()
+    team.run(1.0)
+    first = team.submit(visit(), by="ann", deadline_in_s=60.0)
+    assert team.submit(visit(), by="ann", deadline_in_s=60.0) == first
+    team.run(2.0)
+    assert team.submit(visit(), by="bob", deadline_in_s=60.0).state is TaskState.RUNNING  # who asks is no matter
+    robot.end(TaskState.DONE)
+    team.run(0.2)
+    done = team.submit(visit(), deadline_in_s=60.0)
+    assert (done.state, done.task) == (TaskState.DONE, first.task)
+    assert len(robot.offers) == 1
+    assert team.history("t1").count(TaskState.QUEUED) == 1
+
+
+def test_another_task_of_the_same_id_is_refused_with_the_difference(team):
+    team.submit(visit(priority=2.0))
+    error = refused(team, visit(priority=2.0, y_m=5.0, needs=("camera",)))
+    assert error.code is ErrorCode.REFUSED
+    assert error.message == 'there is another task t1: needs is unset, not ["camera"], place.y_m is 4.0, not 5.0'
+    assert refused(team, Task(id="t1", kind="explore", place=Point2D(6.0, 4.0))).message.startswith(
+        "there is another task t1: "
+    )
+    assert team.ask(TASK_GET, TaskRequest(id="t1")).task.needs == ()
+
+
+def test_what_can_never_be_done_is_refused_at_once(team):
+    team.robot("r1")
+    team.closed_room()
+    team.run(1.0)
+    for task, words in (
+        (visit(x_m=-3.0), "task t1 is refused: (-3, 4) is outside of the map"),
+        (visit(y_m=1.95), "task t1 is refused: (6, 1.95) is in a wall"),
+        (visit(needs=("arm",)), "task t1 is refused: no robot of the team has arm"),
+        (visit(deadline_ns=1), "task t1 is refused: its deadline was"),
+        (visit(after=("t1",)), "task t1 is refused: it would wait for itself"),
+    ):
+        error = refused(team, task)
+        assert error.code is ErrorCode.REFUSED
+        assert error.message.startswith(words)
+    assert team.states() == {}
+    assert team.submit(visit()).state is TaskState.QUEUED  # a refusal leaves the name free
+
+
+@pytest.mark.parametrize(
+    ("payload", "named"),
+    [
+        (b"", "TaskSubmission"),
+        (b"[]", "TaskSubmission"),
+        (b'{"task":{"id":"t1","place":{"x_m":1,"y_m":1}}}', "kind"),
+        (b'{"task":{"kind":"visit","id":"t1","place":{"x_m":1,"y_m":1},"parameters":[1]}}', "parameters"),
+        (b'{"task":{"kind":"visit","id":"t1"}}', "place"),
+        (b'{"task":{"kind":"visit","id":"t1","place":{"x_m":"a","y_m":1}}}', "x_m"),
+        (
+            b'{"task":{"kind":"visit","id":"t1","priority":-1,"place":{"x_m":1,"y_m":1}}}',
+            "> 0.0 - at `$.task.priority`",
+        ),
+        (b'{"task":{"kind":"visit","id":"t1","place":{"x_m":1,"y_m":1}},"deadline_in_s":-4}', "deadline_in_s"),
+    ],
+)
+def test_what_is_no_task_is_told_so(team, payload, named):
+    with pytest.raises(CallError) as caught:
+        team.asker.ask(TASK_SUBMIT, payload)
+    assert caught.value.code is ErrorCode.BAD_ARGUMENTS
+    assert named in caught.value.message
+
+
+def test_a_task_waits_for_those_before_it_and_for_its_time(team):
+    robot = team.robot("r1")
+    team.closed_room()
+    team.run(1.0)
+    team.submit(visit("second", after=("first",)))
+    team.submit(visit("later"), earliest_in_s=3.0)
+    team.run(1.0)
+    assert robot.offers == []
+    assert team.ask(TASK_WHY, TaskRequest(id="second"), TaskWhy).now == (
+        "it is queued: first, which it waits for, is not known yet"
+    )
+    team.submit(visit("first"))
+    team.run(0.5)
+    assert team.ask(TASK_WHY, TaskRequest(id="second"), TaskWhy).now.endswith("first, which it waits for, is running")
+    robot.end(TaskState.DONE)
+    team.run(0.2)
+    assert [offer.task.id for offer in robot.offers] == ["first", "second"]
+    robot.end(TaskState.DONE)
+    team.run(0.2)
+    assert len(robot.offers) == 2
+    team.run(2.0)
+    assert robot.offers[-1].task.id == "later"
+
+
+def test_those_that_wait_for_a_failed_task_are_cancelled_one_after_the_other(team):
+    team.submit(visit("a"))
+    team.submit(visit("b", after=("a",)))
+    team.submit(visit("c", after=("b",)))
+    team.ask(TASK_CANCEL, TaskRequest(id="a", by="ann"))
+    team.run(0.1)
+    assert set(team.states().values()) == {TaskState.CANCELLED}
+    assert team.why("b") == "a, which it waits for, was not done: cancelled, cancelled by ann"
+    assert refused(team, visit("d", after=("a",))).detail.startswith("a, which it waits for, was not done")
+
+
+def test_a_queued_task_fails_when_its_deadline_passes(team):
+    team.submit(visit(), deadline_in_s=1.0)
+    team.run(0.9)
+    assert team.states() == {"t1": TaskState.QUEUED}
+    team.run(0.2)
+    assert team.states() == {"t1": TaskState.FAILED}
+    assert team.why("t1") == "its deadline has passed"
+
+
+def test_a_task_that_a_robot_fails_at_is_tried_by_others_and_fails_in_the_end(team):
+    robots = [team.robot("r1", 5.0), team.robot("r2", 7.0)]
+    team.closed_room()
+    team.run(1.0)
+    team.submit(visit())
+    failures = []
+    for _ in range(3):
+        team.run(8.0)
+        [at] = [robot for robot in robots if robot.task is not None and not robot.task.state.ended]
+        failures.append(at.name)
+        at.end(TaskState.FAILED, "the way is blocked")
+    team.run(0.3)
+    assert set(failures) == {"r1", "r2"}
+    assert team.states() == {"t1": TaskState.FAILED}
+    whys = [event.why for event in team.heard if event.state is TaskState.QUEUED and event.why]
+    assert whys == [f"{name} failed: the way is blocked; attempt {number} of 3"
+                    for number, name in enumerate(failures[:2], start=1)]  # fmt: skip
+
+
+def test_a_refused_task_stays_and_is_offered_again_with_growing_pauses(team):
+    robot = team.robot("r1")
+    robot.accepts = False
+    team.closed_room()
+    team.run(1.0)
+    team.submit(visit())
+    team.run(35.0)
+    assert 4 <= len(robot.offers) <= 5
+    assert team.why("t1") == "r1 refused: no way there"
+    robot.accepts = True
+    team.run(40.0)
+    assert team.states() == {"t1": TaskState.RUNNING}
+
+
+def test_a_task_that_every_robot_refuses_again_and_again_fails_with_what_each_said(team):
+    robots = [team.robot("r1"), team.robot("r2", 7.0)]
+    other = team.robot("r3", 5.0)
+    other.plugins = ["explore"]  # whoever cannot do it anyway has no say
+    for robot in robots:
+        robot.accepts = False
+    team.closed_room()
+    team.run(1.0)
+    team.submit(visit("never"))
+    team.submit(visit("soon"), deadline_in_s=200.0)
+    team.run(60.0)
+    assert team.states()["never"] is TaskState.QUEUED
+    team.run(60.0)
+    assert team.states() == {"never": TaskState.FAILED, "soon": TaskState.QUEUED}
+    assert team.why("never") == "nobody does it: r1 refused: no way there; r2 refused: no way there"
+    assert len([offer for robot in robots for offer in robot.offers if offer.task.id == "never"]) <= 12
+    team.run(90.0)
+    assert team.states()["soon"] is TaskState.FAILED
+    assert team.why("soon").startswith("its deadline has passed; r")
+
+
+def test_that_nobody_can_do_a_task_is_told_when_it_turns_out_and_not_tried(team):
+    team.submit(visit(needs=("arm",)))  # no robot has come yet
+    robot = team.robot("r1")
+    team.closed_room()
+    team.run(3.0)
+    assert robot.offers == []
+    assert team.why("t1") == "no robot of the team has arm"
+    assert team.history("t1") == [TaskState.QUEUED, TaskState.QUEUED]
+    robot.plugins.append("arm")
+    team.run(12.0)
+    assert team.states() == {"t1": TaskState.RUNNING}
+
+
+def test_what_somebody_asks_for_goes_before_exploring(team):
+    robot = team.robot("r1")
+    team.submit(visit(x_m=4.5))
+    team.hall()
+    team.run(1.0)
+    assert [offer.task.id for offer in robot.offers] == ["t1"]
+    robot.end(TaskState.DONE)
+    team.run(0.2)
+    assert robot.offers[-1].task.kind == "explore"
+
+
+# -- cancel ---------------------------------------------------------------------------------------------------
+
+
+def test_a_queued_task_is_cancelled_with_who_and_why(team):
+    team.submit(visit())
+    record = team.ask(TASK_CANCEL, TaskRequest(id="t1", by="ann", why="too late"))
+    assert (record.state, record.why) == (TaskState.CANCELLED, "cancelled by ann: too late")
+    assert team.ask(TASK_CANCEL, TaskRequest(id="t1")) == record  # again, the same
+
+
+def test_a_running_task_is_withdrawn_from_its_robot(team):
+    robot = team.robot("r1")
+    team.closed_room()
+    team.run(1.0)
+    team.submit(visit())
+    team.run(1.0)
+    epoch = robot.task.epoch
+    team.ask(TASK_CANCEL, TaskRequest(id="t1", by="ann"))
+    team.run(0.04)
+    assert [(one.id, one.epoch, one.why) for one in robot.withdrawals] == [("t1", epoch, "cancelled by ann")]
+    assert robot.task.state is TaskState.CANCELLED
+    team.run(2.0)
+    assert len(robot.withdrawals) == 1
+    assert team.history("t1")[-1] is TaskState.CANCELLED
+
+
+def test_what_has_ended_or_never_was_cannot_be_cancelled(team):
+    robot = team.robot("r1")
+    team.closed_room()
+    team.run(1.0)
+    team.submit(visit())
+    team.run(0.2)
+    robot.end(TaskState.DONE)
+    team.run(0.2)
+    with pytest.raises(CallError, match="task t1 has ended already: it is done"):
+        team.ask(TASK_CANCEL, TaskRequest(id="t1"))
+    with pytest.raises(CallError, match="there is no task t9"):
+        team.ask(TASK_CANCEL, TaskRequest(id="t9"))
+    assert team.states() == {"t1": TaskState.DONE}
+
+
+# -- list, get, why -------------------------------------------------------------------------------------------
+
+
+def test_tasks_are_listed_as_they_are_asked_for(team):
+    team.robot("r1")
+    team.hall()
+    team.submit(visit("a"))
+    team.submit(visit("b", x_m=7.0), by="ann")
+    team.run(1.0)
+
+    def names(**wanted):
+        return [record.task.id for record in team.ask(TASK_LIST, TaskFilter(**wanted), list[TaskRecord])]
+
+    assert names() == ["a", "b"]
+    assert names(by="ann") == ["b"]
+    assert names(states=[TaskState.RUNNING]) == ["a"]
+    assert names(robot="r1", kinds=["visit"]) == ["a"]
+    assert team.asker.ask(TASK_LIST)[0].task.id == "a"
+
+
+def test_why_says_how_each_robot_was_judged_and_what_happened(team):
+    near, blind = team.robot("r1", 5.0), team.robot("r2", 6.0)
+    blind.plugins = ["explore"]
+    lost = team.robot("r3", 6.0)
+    team.closed_room()
+    team.run(1.0)
+    lost.speaks = False
+    team.run(1.5)
+    team.submit(visit(), by="ann")
+    team.run(0.2)
+    found = team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy)
+    assert found.now == "it is running at r1"
+    assert [(verdict.robot, verdict.chosen, verdict.why_not.split(" 1.")[0]) for verdict in found.robots] == [
+        ("r1", True, ""),
+        ("r2", False, "has no visit"),
+        ("r3", False, "lost contact"),
+    ]
+    assert found.robots[0].distance_m == 1.0
+    assert found.decided_ns > 0
+    assert [change.state for change in found.changes] == [TaskState.QUEUED, TaskState.OFFERED, TaskState.RUNNING]
+    near.halted = True
+    team.submit(visit("t2"))
+    team.run(0.6)
+    found = team.ask(TASK_WHY, TaskRequest(id="t2"), TaskWhy)
+    assert found.now == "it is queued: it waits for a robot to be free"
+    assert found.robots[0].why_not == "is halted"
+
+
+def test_why_a_task_is_done_names_the_robot_that_did_it_and_not_the_one_that_was_chosen_last(team):
+    """A robot that was lost did it all the same, and another had got it meanwhile."""
+    first = team.robot("r1", 5.5)
+    team.closed_room()
+    team.run(1.0)
+    team.submit(visit())
+    team.run(0.2)
+    assert team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy).robots[0].chosen
+    second = team.robot("r2", 8.0)
+    first.speaks = False
+    team.run(3.0)
+    assert second.offers[-1].task.id == "t1"
+    first.end(TaskState.DONE)
+    first.speaks = True
+    team.run(1.0)
+    found = team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy)
+    assert (found.record.state, found.record.robot) == (TaskState.DONE, "r1")
+    assert [(verdict.robot, verdict.chosen) for verdict in found.robots] == [("r1", True), ("r2", False)]
+    assert found.robots[0].why_not == ""
+
+
+# -- the disk ---------------------------------------------------------------------------------------------------
+
+
+def test_on_a_full_disk_new_tasks_are_refused_and_the_rest_goes_on(team, monkeypatch, caplog):
+    robot = team.robot("r1")
+    team.closed_room()
+    team.run(1.0)
+    team.submit(visit("before"))
+    team.run(0.5)
+    journal = team.coordinator.tasks.journal
+
+    def full(*_arguments):
+        raise JournalUnwritable(None, "cannot be written: database or disk is full")
+
+    with monkeypatch.context() as disk:
+        for name in ("accept", "change", "new_epoch"):
+            disk.setattr(journal, name, full)
+        error = refused(team, visit("new"))
+        assert error.code is ErrorCode.REFUSED
+        assert "disk is full" in error.message
+        robot.end(TaskState.DONE)
+        team.run(5.0)
+        assert team.states() == {"before": TaskState.RUNNING}  # what is not written is not told either
+        assert team.history("before")[-1] is TaskState.RUNNING
+        assert len([one for one in caplog.records if "disk is full" in one.getMessage()]) == 1
+        assert team.summary.robots[0].up
+    team.run(0.3)
+    assert team.states() == {"before": TaskState.DONE}
+    assert team.submit(visit("new")).state is TaskState.QUEUED
+
+
+def test_on_a_full_disk_a_task_is_not_cancelled_and_who_asks_is_told_so(team, monkeypatch):
+    robot = team.robot("r1")
+    team.closed_room()
+    team.run(1.0)
+    team.submit(visit())
+    team.run(0.5)
+
+    def full(*_arguments):
+        raise JournalUnwritable(None, "cannot be written: database or disk is full")
+
+    with monkeypatch.context() as disk:
+        disk.setattr(team.coordinator.tasks.journal, "change", full)
+        with pytest.raises(CallError, match=r"task t1 is not cancelled: .*disk is full") as caught:
+            team.ask(TASK_CANCEL, TaskRequest(id="t1"))
+    assert caught.value.code is ErrorCode.REFUSED
+    team.run(1.0)
+    assert (team.states(), robot.withdrawals) == ({"t1": TaskState.RUNNING}, [])
+    assert team.ask(TASK_CANCEL, TaskRequest(id="t1")).state is TaskState.CANCELLED
+
+
+def test_the_clock_of_the_run_stamps_everything(team):
+    team.run(2.0)
+    record = team.submit(visit())
+    assert record.submitted_ns == record.changed_ns == to_ns(2.0)
+
+
+def test_a_submission_is_answered_when_it_is_in_the_journal(team):
+    seen = []
+    journal = team.coordinator.tasks.journal
+    accept = journal.accept
+    journal.accept = lambda *given: seen.append(journal.find("t1")) or accept(*given)
+    team.ask(TASK_SUBMIT, TaskSubmission(task=visit()))
+    assert seen == [None]
+    assert journal.find("t1") is not None

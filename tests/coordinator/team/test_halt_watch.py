@@ -1,0 +1,91 @@
+"""The team is told of a halt on each halt message, and when a robot has stopped or no longer reports so."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from robrain.coordinator.team.halt_watch import HaltWatch
+from robrain.coordinator.team.roster import Roster
+from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.team_messages import Halt
+from robrain.protocol.wire.presence import Change
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.topics import HALT
+
+
+class Team:
+    """A watch, and one robot that the test speaks for."""
+
+    def __init__(self, wire: Endpoint, clock: VirtualClock) -> None:
+        self.clock = clock
+        self.roster = Roster()
+        self.watch = HaltWatch(wire, self.roster)
+        self._halts = wire.publisher(HALT)
+        self.roster.note_presence(Change({"robot": "r1"}, True))
+
+    def halt(self, by: str, *, halted: bool = True) -> None:
+        self._halts.put(Halt(halted=halted, by=by))
+
+    def say(self, *, halted: bool, team_halt_ns: int = 0, halted_by: list[str] | None = None) -> None:
+        state = RobotState(robot="r1", halted=halted, team_halt_ns=team_halt_ns, halted_by=halted_by or [])
+        self.roster.note_state(state, self.clock.now_ns())
+        self.watch.note_state(state)
+
+
+@pytest.fixture
+def team() -> Iterator[Team]:
+    clock = VirtualClock(to_ns(5.0))
+    with open_lockstep_session() as session:
+        wire = Endpoint(session, "halts", clock, Drive.LOCKSTEP)
+        yield Team(wire, clock)
+        wire.close()
+
+
+def test_without_a_halt_there_is_no_news_whatever_robots_do(team: Team) -> None:
+    for halted in (False, True, False):
+        team.say(halted=halted)
+        assert team.watch.hear() is False
+    assert team.watch.status(team.clock.now_ns()) is None
+
+
+def test_each_halt_and_each_stop_of_a_robot_is_news_once(team: Team) -> None:
+    team.say(halted=False)
+    team.halt("ann")
+    assert [team.watch.hear() for _ in range(2)] == [True, False]
+    team.say(halted=True)
+    assert [team.watch.hear() for _ in range(2)] == [True, False]
+    team.say(halted=False)
+    assert [team.watch.hear() for _ in range(2)] == [True, False]
+    team.halt("bob")
+    assert [team.watch.hear() for _ in range(2)] == [True, False]
+
+
+def test_end_of_a_halt_is_news_and_what_robots_do_after_it_is_none(team: Team) -> None:
+    team.say(halted=True)
+    team.halt("ann")
+    team.watch.hear()
+    team.halt("ann", halted=False)
+    assert team.watch.hear() is True
+    assert not team.watch.is_halted
+    team.say(halted=False)
+    assert team.watch.hear() is False
+    assert team.watch.status(team.clock.now_ns()).by == ["ann"]
+
+
+def test_halt_that_a_robot_knows_and_the_coordinator_does_not_is_taken_over_with_its_holders(team: Team) -> None:
+    team.say(halted=True, team_halt_ns=to_ns(4.0), halted_by=["ann", "bob"])
+    assert team.watch.is_halted
+    status = team.watch.status(team.clock.now_ns())
+    assert (status.by, status.reason, status.stopped, status.not_stopped) == (
+        ["ann", "bob"],
+        "r1 was told so",
+        ["r1"],
+        [],
+    )
+    stamp_ns = status.stamp_ns
+    team.say(halted=True, team_halt_ns=stamp_ns, halted_by=["eve"])  # it is no later than what is known
+    assert team.watch.status(team.clock.now_ns()).by == ["ann", "bob"]
+    team.say(halted=True, team_halt_ns=stamp_ns + 1, halted_by=["eve"])
+    assert team.watch.status(team.clock.now_ns()).by == ["ann", "bob", "eve"]

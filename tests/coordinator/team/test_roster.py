@@ -1,0 +1,97 @@
+import pytest
+
+from robrain.coordinator.team.roster import LOST_AFTER_S, Roster
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.messages.robot_messages import BatteryState, RobotState, TaskStatus
+from robrain.protocol.wire.presence import Change
+from robrain.protocol.wire.reasons.robots import Gone, LostContact, NotHeard
+
+BATTERY = BatteryState(voltage_v=12.0, current_a=1.0, temperature_c=20.0, soc=0.5, remaining_j=100.0)
+
+
+def comes(roster, name):
+    roster.note_presence(Change({"team": "default", "robot": name}, True))
+
+
+def goes(roster, name):
+    roster.note_presence(Change({"team": "default", "robot": name}, False))
+
+
+def says(roster, name, at_s, **fields):
+    roster.note_state(RobotState(robot=name, **fields), to_ns(at_s))
+
+
+def names_up(roster, at_s):
+    return [robot.name for robot in roster.up(to_ns(at_s))]
+
+
+def test_a_robot_with_a_token_that_speaks_is_up():
+    roster = Roster()
+    comes(roster, "r1")
+    says(roster, "r1", 1.0)
+    assert names_up(roster, 1.5) == ["r1"]
+    assert roster.robots["r1"].why_not_up(to_ns(1.5)) is None
+
+
+def test_robots_are_told_by_name():
+    roster = Roster()
+    for name in ("r2", "r10", "a"):
+        comes(roster, name)
+        says(roster, name, 0.0)
+    assert names_up(roster, 0.0) == ["a", "r10", "r2"]
+    assert [summary.name for summary in roster.summaries(0)] == ["a", "r10", "r2"]
+
+
+@pytest.mark.parametrize("order", [(comes, says), (says, comes)])
+def test_token_and_state_may_come_in_either_order(order):
+    roster = Roster()
+    for step in order:
+        step(roster, "r1", 0.0) if step is says else step(roster, "r1")
+    assert names_up(roster, 0.1) == ["r1"]
+
+
+def test_a_token_alone_is_no_robot_to_count_on():
+    roster = Roster()
+    comes(roster, "r1")
+    assert names_up(roster, 0.0) == []
+    (summary,) = roster.summaries(0)
+    assert (summary.up, summary.out, summary.why, summary.age_s) == (False, NotHeard(), "nothing heard yet", 1e6)
+
+
+def test_a_robot_that_falls_silent_is_not_counted_on_though_its_token_is_there():
+    roster = Roster()
+    comes(roster, "r1")
+    says(roster, "r1", 1.0)
+    assert names_up(roster, 1.0 + LOST_AFTER_S) == ["r1"]
+    assert names_up(roster, 1.1 + LOST_AFTER_S) == []
+    assert roster.robots["r1"].why_not_up(to_ns(3.5)) == LostContact(2.5)
+    says(roster, "r1", 4.0)
+    assert names_up(roster, 4.0) == ["r1"]
+
+
+def test_a_robot_whose_token_went_is_gone():
+    roster = Roster()
+    comes(roster, "r1")
+    says(roster, "r1", 1.0)
+    goes(roster, "r1")
+    assert names_up(roster, 1.0) == []
+    (summary,) = roster.summaries(to_ns(1.0))
+    assert (summary.out, summary.why) == (Gone(), "gone")
+
+
+def test_a_summary_says_what_the_robot_last_said():
+    roster = Roster()
+    comes(roster, "r1")
+    task = TaskStatus(id="explore-1", epoch=4, state=TaskState.RUNNING)
+    says(roster, "r1", 2.0, battery=BATTERY, behavior="explore", task=task, halted=True)
+    (summary,) = roster.summaries(to_ns(2.25))
+    assert (summary.up, summary.out, summary.age_s, summary.halted) == (True, None, 0.25, True)
+    assert (summary.soc, summary.behavior, summary.task) == (0.5, "explore", "explore-1")
+
+
+@pytest.mark.parametrize("state", [state for state in TaskState if state.ended])
+def test_a_task_that_has_ended_is_not_in_the_summary(state):
+    roster = Roster()
+    says(roster, "r1", 0.0, task=TaskStatus(id="explore-1", epoch=4, state=state))
+    assert roster.summaries(0)[0].task == ""

@@ -1,0 +1,279 @@
+"""What all behaviors that do tasks have in common, shown with the simplest of them."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.messages.team_messages import Halt
+from robrain.protocol.wire.reasons.offers import NeedsEnergy, NeedsTime, NoPath
+from robrain.protocol.wire.topics import HALT, ROBOT_PATH, ROBOT_STATE
+from tests.plugins.behavior.errands import START, Build, Errands, open_errands
+
+FAR = Point2D(5.0, 3.0)
+WALLED = Point2D(-3.0, 1.0)
+START_PLACE = Point2D(START.x_m, START.y_m)
+UNSEEN = Point2D(5.6, 2.0)
+"""Behind the pillar, where the robot has not looked."""
+
+
+@pytest.fixture
+def errands() -> Iterator[Build]:
+    yield from open_errands()
+
+
+def usable(run: Errands, energy_j: float) -> None:
+    """Have the robot believe that its battery surely gives so much."""
+    run.hosts["r1"].manager.get("energy").live_plugin().usable_j = lambda: energy_j
+
+
+def behavior(run: Errands) -> str:
+    return run.hosts["r1"].board.behavior
+
+
+# -- one task -------------------------------------------------------------------------------------------------------
+
+
+def test_a_visit_goes_there_stays_and_tells_what_it_took(errands):
+    run = errands("visit")
+    battery = run.hosts["r1"].board.battery
+    status = run.finish(Task(id="v", kind="visit", place=FAR, service_s=3.0))
+    assert (status.state, status.why) == (TaskState.DONE, "")
+    assert run.pose().distance_m(FAR) < 0.15
+    assert status.result["off_m"] == pytest.approx(run.pose().distance_m(FAR), abs=0.05)
+    assert status.result["way_m"] == pytest.approx(run.way_m(), rel=0.05)
+    assert battery is not None
+    assert status.result["energy_j"] > 3.0 * 5.0
+    assert behavior(run) == "idle"
+
+
+def test_what_a_way_has_cost_is_a_lesson_for_the_next_one(errands):
+    run = errands("visit")
+    energy, told = run.hosts["r1"].manager.get("energy").live_plugin(), []
+    energy.outcome = lambda work, cost_j: told.append((work, cost_j))
+    status = run.finish(Task(id="v", kind="visit", place=FAR, service_s=5.0))
+    ((work, cost_j),) = told
+    assert work.path_m == pytest.approx(run.way_m(), rel=0.15)
+    assert work.wait_s == 0.0
+    assert 0.5 * status.result["energy_j"] < cost_j < status.result["energy_j"] - 5.0 * 5.0
+    run.finish(Task(id="here", kind="visit", place=FAR))
+    assert len(told) == 1  # that was no way to learn from
+
+
+def test_a_task_that_is_taken_back_on_the_way_teaches_nothing(errands):
+    run = errands("visit")
+    told = []
+    run.hosts["r1"].manager.get("energy").live_plugin().outcome = lambda work, cost_j: told.append(work)
+    run.offer(Task(id="v", kind="visit", place=FAR))
+    run.run(2.0)
+    run.withdraw("v")
+    run.run(2.0)
+    assert told == []
+
+
+@pytest.mark.parametrize(
+    "task",
+    [Task(id="t", kind="visit", place=FAR, priority=7.0), Task(id="t", kind="explore", place=UNSEEN, priority=7.0)],
+)
+def test_the_priority_of_a_task_is_that_of_its_right_of_way(errands, task):
+    run = errands("visit", "explore")
+    paths = run.inbox(ROBOT_PATH, robot="r1")
+    assert run.offer(task).accepted
+    run.run(0.5)
+    assert paths.drain()[-1].message.claim.priority == 7
+
+
+def test_the_energy_of_a_task_is_that_which_the_battery_gave(errands):
+    run = errands("visit")
+    before_j = run.arena.truth.robots[0].energy_j
+    status = run.finish(Task(id="v", kind="visit", place=FAR, service_s=10.0))
+    assert status.result["energy_j"] == pytest.approx(run.arena.truth.robots[0].energy_j - before_j, rel=0.1)
+
+
+def test_the_wheels_turn_at_once_and_the_path_is_told(errands):
+    run = errands("visit")
+    paths = run.inbox(ROBOT_PATH, robot="r1")
+    run.offer(Task(id="v", kind="visit", place=FAR))
+    run.run(0.02)
+    assert paths.drain()[0].message.points
+    run.run(0.3)
+    assert run.way_m() > 0.01
+    assert behavior(run) == "visit"
+    assert run.call("visit", "doing") == "v"
+
+
+def test_a_task_that_must_not_begin_yet_waits_at_its_place(errands):
+    run = errands("visit")
+    begin_ns = 20_000_000_000
+    run.finish(Task(id="v", kind="visit", place=Point2D(2.5, 1.0), earliest_ns=begin_ns))
+    assert begin_ns <= run.clock.now_ns() < begin_ns + 1_500_000_000
+
+
+def test_a_visit_to_where_the_robot_is_takes_no_way(errands):
+    run = errands("visit")
+    status = run.finish(Task(id="v", kind="visit", place=START_PLACE, service_s=1.0))
+    assert (status.state, status.result["way_m"]) == (TaskState.DONE, 0.0)
+
+
+def test_a_place_that_cannot_be_reached_is_refused(errands):
+    run = errands("visit")
+    assert run.offer(Task(id="v", kind="visit", place=WALLED)).reason == NoPath()
+    assert run.hosts["r1"].desk.status is None
+
+
+def test_a_robot_that_nobody_talks_to_sleeps(errands):
+    run = errands("visit")
+    info = run.hosts["r1"].manager.get("visit").info()
+    assert info.period_s is None
+    run.finish(Task(id="v", kind="visit", place=Point2D(2.0, 1.5)))
+    run.run(1.0)
+    assert run.hosts["r1"].manager.get("visit").info().period_s is None
+
+
+# -- ends before its time -------------------------------------------------------------------------------------------
+
+
+def test_a_task_that_is_withdrawn_is_let_go_and_the_robot_stands(errands):
+    run = errands("visit")
+    run.offer(Task(id="v", kind="visit", place=FAR))
+    run.run(2.0)
+    assert run.withdraw("v").accepted
+    run.run(1.5)
+    here = run.pose()
+    run.run(2.0)
+    assert run.pose() == here
+    assert run.status().state is TaskState.CANCELLED
+    assert run.call("visit", "doing") == ""
+    assert run.finish(Task(id="again", kind="visit", place=FAR)).state is TaskState.DONE
+
+
+def test_a_halt_ends_the_task_and_afterwards_another_can_be_taken_on(errands):
+    run = errands("visit")
+    run.offer(Task(id="v", kind="visit", place=FAR))
+    run.run(2.0)
+    halt = run.wire.publisher(HALT)
+    halt.put(Halt(halted=True, by="test"))
+    run.run(1.0)
+    here = run.pose()
+    run.run(2.0)
+    assert run.pose() == here
+    assert (run.status().state, run.status().why) == (TaskState.CANCELLED, "the robot is halted")
+    halt.put(Halt(halted=False, by="test"))
+    run.run(1.0)
+    assert run.pose() == here
+    assert run.finish(Task(id="again", kind="visit", place=FAR)).state is TaskState.DONE
+
+
+def test_a_task_whose_deadline_passes_has_failed(errands):
+    run = errands("visit")
+    assert run.offer(Task(id="v", kind="visit", place=FAR, deadline_ns=run.clock.now_ns() + 12_000_000_000)).accepted
+    for _ in range(22):
+        run.run(0.5)
+        run.call("driver", "stop")  # somebody holds it up
+    assert run.status().state is TaskState.RUNNING
+    run.run(2.0)
+    assert (run.status().state, run.status().why) == (TaskState.FAILED, "the deadline has passed")
+
+
+def test_a_deadline_that_cannot_be_kept_is_refused_with_the_seconds(errands):
+    run = errands("visit")
+    answer = run.offer(
+        Task(id="v", kind="visit", place=FAR, service_s=30.0, deadline_ns=run.clock.now_ns() + 20_000_000_000)
+    )
+    assert not answer.accepted
+    assert 34.0 < answer.reason.needed_s < 45.0
+    assert answer.reason == NeedsTime(answer.reason.needed_s, left_s=20.0)
+
+
+# -- energy ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_task_that_would_not_leave_the_way_home_is_refused_with_the_joules(errands):
+    run = errands("visit")
+    usable(run, 300.0)
+    answer = run.offer(Task(id="v", kind="visit", place=FAR, service_s=60.0))
+    assert not answer.accepted
+    needed_j = answer.reason.needed_j
+    assert answer.reason == NeedsEnergy(needed_j, usable_j=300.0)
+    assert needed_j > 300.0
+    usable(run, needed_j + 1.0)
+    assert run.offer(Task(id="v", kind="visit", place=FAR, service_s=60.0)).accepted
+
+
+def test_the_way_home_counts_and_a_charger_nearby_makes_it_short(errands):
+    needed_j = []
+    for x_m in (0.8, 4.6):
+        run = errands("visit", parameters={"home": {"chargers": [{"x_m": x_m, "y_m": 3.0}]}})
+        usable(run, 1.0)
+        needed_j.append(run.offer(Task(id="v", kind="visit", place=FAR)).reason.needed_j)
+    assert needed_j[0] > needed_j[1] * 1.3
+
+
+def test_a_robot_that_does_not_know_its_battery_takes_nothing_on(errands):
+    run = errands("visit")
+    usable(run, 0.0)
+    assert run.offer(Task(id="v", kind="visit", place=START_PLACE)).reason.usable_j == 0.0
+
+
+def test_a_task_that_turns_out_dearer_is_given_back_and_the_robot_is_sent_home(errands):
+    run = errands("visit")
+    asked: list[str] = []
+    home = run.hosts["r1"].manager.get("home").live_plugin()
+    home.asked.notify = asked.append
+    assert run.offer(Task(id="v", kind="visit", place=FAR, service_s=60.0)).accepted
+    run.run(4.0)
+    usable(run, 200.0)
+    run.run(2.5)
+    assert run.status().state is TaskState.FAILED
+    assert run.status().why.endswith("J of 200 J usable")
+    assert asked == [f"v {run.status().why}"]
+    here = run.pose()
+    run.run(2.0)
+    assert run.pose().distance_m(here) < 0.05
+
+
+# -- one drives at a time -------------------------------------------------------------------------------------------
+
+
+def test_a_visit_takes_the_place_of_exploring_and_the_other_way_round(errands):
+    run = errands("visit", "explore")
+    assert run.offer(Task(id="x", kind="explore", place=UNSEEN)).accepted
+    run.run(0.5)
+    assert run.offer(Task(id="v", kind="visit", place=FAR)).accepted
+    run.run(1.0)
+    assert run.call("explore", "goal") is None
+    assert behavior(run) == "visit"
+    before_m = run.way_m()
+    run.run(1.0)
+    assert run.way_m() > before_m + 0.1
+    assert run.offer(Task(id="x2", kind="explore", place=UNSEEN)).accepted
+    assert run.call("visit", "doing") == ""
+    run.run(0.5)
+    assert run.status().id == "x2"
+
+
+def test_of_two_visits_the_later_one_is_done(errands):
+    run = errands("visit")
+    run.offer(Task(id="first", kind="visit", place=FAR))
+    run.run(2.0)
+    status = run.finish(Task(id="second", kind="visit", place=Point2D(2.5, 1.0)))
+    assert (status.id, status.state) == ("second", TaskState.DONE)
+    assert run.pose().distance_m(Point2D(2.5, 1.0)) < 0.15
+
+
+def test_a_second_visit_that_is_refused_leaves_the_first_as_it_is(errands):
+    run = errands("visit")
+    run.offer(Task(id="first", kind="visit", place=FAR))
+    run.run(1.0)
+    assert not run.offer(Task(id="second", kind="visit", place=WALLED)).accepted
+    run.run(20.0)
+    assert (run.status().id, run.status().state) == ("first", TaskState.DONE)
+
+
+def test_the_result_travels_with_the_state(errands):
+    run = errands("visit")
+    states = run.inbox(ROBOT_STATE, robot="r1")
+    status = run.finish(Task(id="v", kind="visit", place=Point2D(2.0, 1.5)))
+    run.run(0.2)
+    assert states.drain()[-1].message.task.result == status.result

@@ -1,0 +1,142 @@
+"""Robots that meet: nobody touches anybody, nobody waits for ever, and no coordinator is asked.
+
+All that is real but the world: arena, hosts, stock plugins. The corridor is as narrow as the map's cells and the
+planner's margin allow; there the lidars are without noise, because one wrong reading closes it for a moment.
+"""
+
+import math
+
+import numpy as np
+import pytest
+
+from robrain.plugins.behavior.travel import Progress
+from robrain.protocol.model.geometry import Point2D
+from robrain.sim.robot.lidar import LidarSpec
+from tests.plugins.behavior.crossing import Crossing, floor
+
+P = Point2D
+DEADLOCK_S = 10.0
+ROOMS_AND_CORRIDOR = (12.0, 4.0, (0.3, 0.5, 2.1, 3.5), (9.9, 0.5, 11.7, 3.5), (2.1, 1.7, 9.9, 2.3))
+BAY = (5.6, 2.3, 6.4, 3.0)
+DEAD_END = (9.0, 4.0, (0.3, 0.5, 3.1, 3.5), (3.1, 1.7, 8.5, 2.3))
+DOORWAY = (8.0, 5.0, (0.3, 0.3, 3.9, 4.7), (4.1, 0.3, 7.7, 4.7), (3.9, 2.0, 4.1, 2.9))
+CROSSING = (9.0, 9.0, (0.3, 4.0, 8.7, 5.0), (4.0, 0.3, 5.0, 8.7))
+HALL = (7.0, 7.0, (0.3, 0.3, 6.7, 6.7))
+EXACT = LidarSpec(noise_m=0.0)
+
+
+@pytest.fixture
+def cross(session):
+    opened = []
+
+    def build(plan, ways, **more):
+        opened.append(Crossing(session, floor(*plan), ways, **more))
+        return opened[-1]
+
+    yield build
+    for one in reversed(opened):
+        one.close()
+
+
+def antipodal(count, radius_m=2.6, middle_m=3.5):
+    angles = [k * math.tau / count + 0.1 for k in range(count)]
+    places = [P(middle_m + radius_m * math.cos(angle), middle_m + radius_m * math.sin(angle)) for angle in angles]
+    return [(place, places[(k + count // 2) % count]) for k, place in enumerate(places)]
+
+
+@pytest.mark.parametrize(
+    ("plan", "ways", "lidar", "limit_s"),
+    [
+        # head-on, each from its own room
+        ((*ROOMS_AND_CORRIDOR, BAY), [(P(1.2, 2.0), P(10.8, 2.0)), (P(10.8, 2.0), P(1.2, 2.0))], EXACT, 60.0),
+        # head-on within the corridor, the bay between them
+        ((*ROOMS_AND_CORRIDOR, BAY), [(P(3.0, 2.0), P(10.8, 2.0)), (P(9.0, 2.0), P(1.2, 2.0))], EXACT, 60.0),
+        # head-on within the corridor, the bay behind one of them
+        ((*ROOMS_AND_CORRIDOR, BAY), [(P(7.0, 2.0), P(10.8, 2.0)), (P(9.0, 2.0), P(1.2, 2.0))], EXACT, 60.0),
+        # one comes out of a dead end that the other wants into; whoever has the shorter way, the second has to yield
+        (DEAD_END, [(P(8.0, 2.0), P(1.0, 1.0)), (P(1.2, 2.0), P(8.0, 2.0))], EXACT, 60.0),
+        (DEAD_END, [(P(1.2, 2.0), P(8.0, 2.0)), (P(8.0, 2.0), P(1.0, 1.0))], EXACT, 60.0),
+        (DOORWAY, [(P(1.5, 2.45), P(6.5, 2.45)), (P(6.5, 2.45), P(1.5, 2.45))], LidarSpec(), 30.0),
+        # corridors of 1 m, too narrow for two: each way lies over the start of another robot
+        (
+            CROSSING,
+            [
+                (P(1.0, 4.5), P(8.0, 4.5)),
+                (P(8.0, 4.5), P(1.0, 4.5)),
+                (P(4.5, 1.0), P(4.5, 8.0)),
+                (P(4.5, 8.0), P(4.5, 1.0)),
+            ],
+            LidarSpec(),
+            80.0,
+        ),
+        (HALL, antipodal(8), LidarSpec(), 60.0),
+    ],
+    ids=["corridor", "inside", "bay behind", "dead end", "into it", "doorway", "crossing", "hall"],
+)
+def test_robots_that_meet_pass_without_touching_and_without_a_deadlock(cross, plan, ways, lidar, limit_s):
+    one = cross(plan, ways, lidar=lidar)
+    one.go()
+    took_s = one.run_until_all_arrived(limit_s)
+    assert set(one.arrived_s) == set(one.goals), f"after {took_s:.1f} s"
+    assert one.collisions == 0
+    assert one.deadlock_s <= DEADLOCK_S
+
+
+def test_the_task_of_higher_priority_goes_first(cross):
+    """The door lies nearer to r1; without the priority its shorter way would count."""
+    one = cross(DOORWAY, [(P(2.5, 2.45), P(5.5, 2.45)), (P(6.5, 2.45), P(1.5, 2.45))])
+    one.go("r1")
+    one.go("r2", priority=1)
+    one.run_until_all_arrived(30.0)
+    assert one.collisions == 0
+    claims = {name: one.courier(name).travel._standing.claim for name in one.goals}
+    assert claims["r2"].beats("r2", claims["r1"], "r1")
+    assert one.arrived_s["r2"] < one.arrived_s["r1"]
+
+
+def test_one_that_stands_idle_in_a_corridor_makes_room(cross):
+    one = cross((*ROOMS_AND_CORRIDOR, BAY), [(P(1.2, 2.0), P(10.8, 2.0)), (P(7.0, 2.0), P(7.0, 2.0))], lidar=EXACT)
+    one.go("r1")
+    one.run_until_all_arrived(60.0, "r1")
+    assert "r1" in one.arrived_s
+    assert one.collisions == 0
+
+
+def test_a_lost_mate_is_an_obstacle_where_it_was_last_seen(cross):
+    one = cross(DOORWAY, [(P(1.5, 2.45), P(6.5, 2.45)), (P(4.0, 2.45), P(4.0, 2.45))])
+    one.run(1.0)
+    one.lose("r2")
+    one.run(2.5)
+    assert not one.courier("r1").go(6.5, 2.45)  # it stands in the only door
+    assert one.courier("r1").go(1.5, 4.0)
+
+
+def test_a_halted_mate_is_driven_around(cross):
+    one = cross(HALL, [(P(1.0, 3.5), P(6.0, 3.5)), (P(6.0, 3.5), P(1.0, 3.5))])
+    one.go()
+    one.run(2.0)
+    one.hosts["r2"].halting.halt("operator", "test")
+    took_s = one.run_until_all_arrived(30.0, "r1")
+    assert "r1" in one.arrived_s, took_s
+    assert one.collisions == 0
+
+
+def test_one_that_nobody_hears_of_is_not_run_into(cross):
+    """A robot without a host stands in the way: only the lidar knows."""
+    one = cross(HALL, [(P(1.0, 3.5), P(6.0, 3.5))], silent=(P(3.5, 3.5),))
+    one.go()
+    one.run_until_all_arrived(30.0)
+    assert one.courier("r1").progress is Progress.ARRIVED
+    assert one.collisions == 0
+
+
+def test_equal_runs_give_way_equally(session):
+    poses = []
+    for _ in range(2):
+        one = Crossing(session, floor(*CROSSING), [(P(1.0, 4.5), P(8.0, 4.5)), (P(4.5, 1.0), P(4.5, 8.0))])
+        one.go()
+        one.run(8.0)
+        poses.append([one.pose(name) for name in one.goals])
+        one.close()
+    assert poses[0] == poses[1]
+    assert np.isfinite(one.nearest_m)

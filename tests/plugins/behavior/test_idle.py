@@ -1,0 +1,78 @@
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task
+from tests.plugins.behavior.errands import Errands
+
+HOME = Point2D(1.0, 3.0)
+FAR = Point2D(5.0, 1.5)
+
+
+@pytest.fixture
+def errands() -> Iterator[Callable[..., Errands]]:
+    opened: list[Errands] = []
+
+    def build(**parameters: object) -> Errands:
+        opened.append(Errands("idle", "visit", parameters={"idle": {"return_after_s": 5.0, **parameters}}))
+        opened[-1].run(1.0)
+        assert not opened[-1].why_not_running()
+        return opened[-1]
+
+    yield build
+    for one in opened:
+        one.close()
+
+
+def test_a_robot_without_a_home_stays_where_it_is(errands):
+    run = errands()
+    run.finish(Task(id="v", kind="visit", place=FAR))
+    run.run(1.0)
+    here = run.pose()
+    run.run(20.0)
+    assert run.pose() == here
+    assert run.call("idle", "idle_s") == pytest.approx(21.0, abs=2.1)
+
+
+def test_a_robot_with_nothing_to_do_goes_home_after_a_while(errands):
+    run = errands(home=[HOME.x_m, HOME.y_m])
+    run.finish(Task(id="v", kind="visit", place=FAR))
+    run.run(3.0)
+    assert run.pose().distance_m(FAR) < 0.2
+    run.run(25.0)
+    assert run.pose().distance_m(HOME) < 0.4
+    assert run.hosts["r1"].board.behavior == "idle"
+    way_m = run.way_m()
+    run.run(10.0)
+    assert run.way_m() == pytest.approx(way_m, abs=0.01)
+
+
+def test_home_can_be_told(errands):
+    run = errands()
+    run.call("idle", "wait_at", HOME.x_m, HOME.y_m)
+    run.run(25.0)
+    assert run.pose().distance_m(HOME) < 0.4
+
+
+def test_a_task_on_the_way_home_is_done_first(errands):
+    run = errands(home=[HOME.x_m, HOME.y_m])
+    run.finish(Task(id="v", kind="visit", place=FAR))
+    run.run(7.0)
+    assert run.hosts["r1"].board.behavior == "return"
+    run.finish(Task(id="again", kind="visit", place=FAR))
+    assert run.pose().distance_m(FAR) < 0.2
+
+
+def test_a_home_that_cannot_be_reached_keeps_nobody_busy(errands):
+    run = errands(home=[-5.0, 1.0])
+    run.run(20.0)
+    assert run.way_m() == 0.0
+    assert run.finish(Task(id="v", kind="visit", place=FAR)).state == "done"
+
+
+@pytest.mark.parametrize("home", [[1.0], [1.0, 2.0, 3.0], [float("nan"), 1.0]])
+def test_a_home_that_is_no_place_is_refused(home):
+    run = Errands("idle", parameters={"idle": {"home": home}})
+    assert "expected home to be empty or two finite numbers" in run.why_not_running()["idle"]
+    run.close()

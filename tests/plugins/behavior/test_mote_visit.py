@@ -1,0 +1,143 @@
+"""Robots' base stations among simulated motes, on one air: visits, duty, and what two robots make of the same motes."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.wire.messages.mote_messages import MoteDuty
+from robrain.protocol.wire.topics import MOTE_DUTY, MOTE_READING
+from robrain.sim.motes.field import Field, FieldSpec
+from robrain.sim.motes.mote import ArenaMote, MoteSpec
+from robrain.sim.motes.motes import MoteField, SensorNetwork
+from robrain.sim.motes.radio import RadioModel
+
+TICK_S = 0.02
+FAR = Point2D(500.0, 0.0)
+
+
+class Air:
+    """Motes in a row, 2 m from each other, and robots that stand where the test puts them."""
+
+    def __init__(self, one, *, motes=1, robots=1, network=None, **parameters):
+        self.one = one
+        self.places = [FAR] * robots
+        names = [f"r{number}" for number in range(1, robots + 1)]
+        for name in names:
+            one.host("snw_exploration", robot=name, snw_exploration=parameters)
+        self._readings = one.inbox(MOTE_READING)
+        network = network or SensorNetwork(radio=RadioModel())
+        specs = [ArenaMote(name=f"m{n}", number=n, place=Point2D(2.0 * n, 0.0)) for n in range(1, motes + 1)]
+        field = Field(FieldSpec(), [], Point2D(0.0, 0.0), (10.0, 10.0))
+        self.field = MoteField(specs, names, network, field, one.wire, np.random.default_rng(5), TICK_S)
+
+    def run(self, seconds):
+        self.one.run(seconds, each=lambda: self.field.step(self.places))
+
+    def readings(self):
+        return [received.message for received in self._readings.drain()]
+
+    def heard(self, robot="r1"):
+        return self.one.call("snw_exploration", "heard", robot=robot)
+
+
+@pytest.fixture
+def air(stage):
+    return lambda **options: Air(stage(), **options)
+
+
+def test_a_visit_brings_in_everything_that_was_sensed_before(air):
+    visit = air(motes=3)
+    visit.run(400.0)
+    assert visit.readings() == []
+    visit.places = [Point2D(4.0, 2.0)]
+    visit.run(30.0)
+    readings = visit.readings()
+    brought = {name: sorted(each.sequence for each in readings if each.mote == name) for name in ("m1", "m2", "m3")}
+    for sequences in brought.values():
+        assert sequences == list(range(len(sequences)))
+        assert len(sequences) > 100
+    assert [row["missing"] for row in visit.heard()] == [0, 0, 0]
+    ages_s = [(each.stamp_ns - each.taken_ns) / 1e9 for each in readings]
+    assert max(ages_s) == pytest.approx(400.0, abs=10.0)
+
+
+def test_after_a_visit_the_motes_have_let_go_of_what_is_safe(air):
+    visit = air()
+    visit.run(200.0)
+    visit.places = [Point2D(2.0, 2.0)]
+    visit.run(60.0)
+    mote = visit.field.motes[0]
+    visit.places = [FAR]
+    kept = sum(number in mote.log for number in range(70))
+    assert kept <= 8 + 1  # fewer than are acknowledged together, and the last
+
+
+def test_at_the_edge_of_reach_what_the_air_loses_is_asked_for_again(air):
+    visit = air(network=SensorNetwork(radio=RadioModel(shadowing_db=2.0, static_share=0.0)))
+    visit.run(100.0)
+    visit.places = [Point2D(2.0, 9.5)]
+    visit.run(120.0)
+    assert visit.field.counters.crc_errors > 10
+    sequences = [each.sequence for each in visit.readings()]
+    assert len(sequences) == len(set(sequences))
+    assert visit.heard()[0]["missing"] <= 1
+    assert len(sequences) >= 50
+
+
+def test_two_robots_at_the_same_motes_put_each_reading_on_the_wire_once(air):
+    visit = air(motes=4, robots=2)
+    visit.run(100.0)
+    visit.places = [Point2D(4.0, 1.0), Point2D(5.0, 1.0)]
+    visit.run(60.0)
+    readings = visit.readings()
+    counts = Counter((each.mote, each.sequence) for each in readings)
+    assert len(counts) > 100
+    assert max(counts.values()) == 1
+    assert {each.via for each in readings} >= {"r1"}
+
+
+def test_a_second_robot_does_not_ask_for_what_the_first_has_brought_in(air):
+    visit = air(robots=2)
+    visit.run(200.0)
+    visit.places = [Point2D(2.0, 1.0), FAR]
+    visit.run(20.0)
+    visit.places = [FAR, Point2D(2.0, 1.0)]
+    visit.run(20.0)
+    counters = [visit.one.call("snw_exploration", "counters", robot=name) for name in ("r1", "r2")]
+    assert counters[0]["requests"] > 0
+    assert counters[1]["requests"] == 0
+
+
+def test_a_duty_that_somebody_wants_reaches_the_mote_at_the_next_visit(air):
+    visit = air(motes=2)
+    visit.one.publisher(MOTE_DUTY, mote="m2").put(MoteDuty(mote="m2", period_s=20.0, by="operator"))
+    visit.run(20.0)
+    assert [mote.period_ds for mote in visit.field.motes] == [40, 40]
+    visit.places = [Point2D(3.0, 1.0)]
+    visit.run(20.0)
+    assert [mote.period_ds for mote in visit.field.motes] == [40, 200]
+    sent = visit.one.call("snw_exploration", "counters")["duties"]
+    visit.run(60.0)
+    assert visit.one.call("snw_exploration", "counters")["duties"] == sent
+
+
+def test_strengths_tell_near_from_far(air):
+    visit = air(motes=4, network=SensorNetwork(radio=RadioModel(shadowing_db=0.0)))
+    visit.places = [Point2D(2.0, 0.5)]
+    visit.run(20.0)
+    means_dbm = [row["mean_rssi_dbm"] for row in visit.heard()]
+    assert means_dbm == sorted(means_dbm, reverse=True)
+
+
+def test_equal_seeds_give_equal_readings(air):
+    runs = []
+    for _ in range(2):
+        visit = air(motes=3, network=SensorNetwork(motes=MoteSpec(quantities=("temperature", "light"))))
+        visit.run(50.0)
+        visit.places = [Point2D(4.0, 1.0)]
+        visit.run(20.0)
+        runs.append([(each.mote, each.sequence, each.value, each.rssi_dbm) for each in visit.readings()])
+        visit.one.close()
+    assert runs[0] == runs[1]

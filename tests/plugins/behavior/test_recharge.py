@@ -1,0 +1,176 @@
+import re
+from collections.abc import Iterator
+
+import pytest
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.topics import ROBOT_EVENT
+from robrain.sim.firmware.battery import BatterySpec
+from tests.plugins.behavior.errands import CHARGER, START, Build, Errands, open_errands
+
+KNOWN = {"home": {"chargers": [{"x_m": CHARGER.x_m, "y_m": CHARGER.y_m, "yaw_rad": 0.0}]}}
+FAR = Point2D(5.0, 3.0)
+
+
+@pytest.fixture
+def errands() -> Iterator[Build]:
+    yield from open_errands("recharge", "visit")
+
+
+def usable(run: Errands, energy_j: float | None) -> None:
+    """Have the robot believe that its battery surely gives so much; None: what it really believes."""
+    energy = run.hosts["r1"].manager.get("energy").live_plugin()
+    if energy_j is None:
+        del energy.usable_j
+    else:
+        energy.usable_j = lambda: energy_j
+
+
+def behavior(run: Errands) -> str:
+    return run.hosts["r1"].board.behavior
+
+
+def docked(run: Errands) -> bool:
+    return run.arena.chargers.docked == [0]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_robot_that_is_told_to_docks_within_5_cm_and_is_charged(errands, seed):
+    run = errands(parameters=KNOWN, seed=seed)
+    run.finish(Task(id="v", kind="visit", place=FAR, service_s=60.0))
+    before = run.hosts["r1"].board.battery.soc
+    status = run.finish(
+        Task(id="c", kind="recharge", place=CHARGER, parameters={"yaw_rad": 1.0, "until_soc": before + 0.002}), 300.0
+    )
+    assert (status.state, status.why) == (TaskState.DONE, "")
+    assert run.pose().distance_m(CHARGER) < 0.05
+    assert status.result["docked_m"] < 0.05
+    assert run.pose().yaw_rad == pytest.approx(1.0, abs=0.06)
+    assert status.result["soc"] >= before + 0.0015  # told to three places
+    assert docked(run)
+
+
+def test_what_the_charger_gave_is_told_apart_from_what_the_way_to_it_took(errands):
+    run = errands(hardware={"battery": BatterySpec(soc_at_start=0.7)})
+    before = run.hosts["r1"].board.battery
+    status = run.finish(
+        Task(id="c", kind="recharge", place=CHARGER, parameters={"until_soc": before.soc + 0.004}), 300.0
+    )
+    gained_j = run.hosts["r1"].board.battery.remaining_j - before.remaining_j
+    assert status.result["charged_j"] > 0.5 * gained_j > 0.0
+    assert 10.0 < status.result["energy_j"] < 400.0
+
+
+def test_a_charger_that_a_task_names_is_known_from_then_on(errands):
+    run = errands()
+    assert run.call("home", "chargers") == []
+    assert run.offer(Task(id="c", kind="recharge", place=CHARGER, parameters={"yaw_rad": 0.5})).accepted
+    assert run.call("home", "chargers") == [{"x_m": CHARGER.x_m, "y_m": CHARGER.y_m, "yaw_rad": 0.5}]
+
+
+def test_a_charger_that_gives_nothing_is_named(errands):
+    run = errands(hardware={"battery": BatterySpec(soc_at_start=0.7)})
+    status = run.finish(Task(id="c", kind="recharge", place=Point2D(3.0, 3.0)))
+    assert status.state is TaskState.FAILED
+    assert re.fullmatch(r"the charger gives nothing, 0\.0\d m from its place", status.why)
+
+
+def test_a_dock_that_is_not_quite_where_it_should_be_is_found(errands):
+    run = errands(hardware={"battery": BatterySpec(soc_at_start=0.7)})
+    beside = Point2D(CHARGER.x_m + 0.33, CHARGER.y_m)  # the contacts reach 0.25 m
+    before = run.hosts["r1"].board.battery.soc
+    status = run.finish(Task(id="c", kind="recharge", place=beside, parameters={"until_soc": before + 0.003}), 300.0)
+    assert (status.state, status.why) == (TaskState.DONE, "")
+    assert docked(run)
+
+
+def test_a_battery_that_is_full_before_the_robot_thinks_so_is_full(errands):
+    run = errands()
+    status = run.finish(Task(id="c", kind="recharge", place=CHARGER, parameters={"until_soc": 1.0}), 900.0)
+    assert (status.state, status.why) == (TaskState.DONE, "")
+
+
+def test_a_charger_that_is_switched_off_meanwhile_is_named(errands):
+    run = errands(hardware={"battery": BatterySpec(soc_at_start=0.6)})
+    assert run.offer(Task(id="c", kind="recharge", place=CHARGER)).accepted
+    run.run(60.0)
+    assert docked(run)
+    run.arena.chargers.supplies_w = lambda bodies: [0.0] * len(bodies)
+    run.run(30.0)
+    assert run.status().state is TaskState.FAILED
+    assert re.fullmatch(r"the charger has stopped at \d\d%", run.status().why)
+
+
+def test_a_robot_with_little_left_goes_to_charge_by_itself_and_is_free_afterwards(errands):
+    run = errands(parameters=KNOWN)
+    run.finish(Task(id="v", kind="visit", place=FAR))
+    usable(run, 600.0)
+    run.run(4.0)
+    assert behavior(run) == "recharge"
+    answer = run.offer(Task(id="v2", kind="visit", place=Point2D(2.0, 2.0)))
+    assert not answer.accepted
+    assert answer.why.startswith("r1 goes home: the way home needs ")
+    usable(run, None)
+    run.run(60.0)
+    assert behavior(run) == "idle"
+    assert docked(run)
+    assert run.offer(Task(id="v3", kind="visit", place=Point2D(2.0, 2.0))).accepted
+
+
+def test_a_task_that_is_running_is_given_back_when_the_way_home_can_just_be_paid(errands):
+    run = errands("explore", parameters=KNOWN)
+    run.offer(Task(id="x", kind="explore", place=Point2D(5.6, 2.0)))
+    run.run(0.5)
+    usable(run, 1.0)
+    run.run(2.5)
+    assert run.status().state is TaskState.FAILED
+    assert run.status().why.startswith("the way home needs ")
+    assert run.status().why.endswith("J of 1 J usable")
+    run.run(1.0)
+    assert behavior(run) == "recharge"
+
+
+def test_who_fails_for_want_of_energy_goes_home_at_once(errands):
+    run = errands(parameters=KNOWN)
+    told = run.inbox(ROBOT_EVENT, plugin="home")
+    run.offer(Task(id="v", kind="visit", place=FAR, service_s=60.0))
+    run.run(3.0)
+    usable(run, 500.0)  # enough for the way home with what it keeps for it, not for the task
+    run.run(3.5)
+    assert run.status().state is TaskState.FAILED
+    assert told.drain()[0].message.value.startswith("v needs ")
+    assert behavior(run) == "recharge"
+    usable(run, None)
+    run.run(25.0)
+    assert docked(run)
+
+
+def test_without_a_charger_the_robot_goes_back_to_where_it_started(errands):
+    run = errands()
+    run.finish(Task(id="v", kind="visit", place=FAR))
+    usable(run, 500.0)
+    run.run(25.0)
+    assert run.pose().distance_m(START) < 0.3
+    assert behavior(run) == "idle"
+    here = run.way_m()
+    run.run(10.0)
+    assert run.way_m() == pytest.approx(here, abs=0.01)  # it is at home, and stays there
+
+
+def test_a_robot_with_plenty_left_stays_where_it_is(errands):
+    run = errands(parameters=KNOWN)
+    run.run(20.0)
+    assert run.way_m() == 0.0
+    assert behavior(run) != "recharge"
+
+
+def test_an_offer_to_recharge_is_taken_even_on_the_way_home(errands):
+    run = errands(parameters=KNOWN)
+    run.finish(Task(id="v", kind="visit", place=FAR))
+    usable(run, 600.0)
+    run.run(3.0)
+    assert behavior(run) == "recharge"
+    assert run.offer(Task(id="c", kind="recharge", place=CHARGER, parameters={"until_soc": 0.5})).accepted
+    run.run(25.0)
+    assert (run.status().id, run.status().state) == ("c", TaskState.DONE)

@@ -1,0 +1,240 @@
+"""When a robot decides to charge, and when it yields its charger; the behavior on fakes."""
+
+import pytest
+
+from robrain.plugins.behavior.errand import STEP_S
+from robrain.plugins.behavior.recharge.recharge import (
+    AT_HOME_M,
+    GUARD_S,
+    HOMEWARD,
+    QUEUE_S,
+    RETRY_NS,
+)
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.tasks.stock_kinds import Recharge
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.messages.offer_messages import TaskOffer
+from tests.plugins.behavior.bare_errand import mate, run
+from tests.plugins.behavior.bare_recharge import CHARGER, RESERVE_S, BareRecharge
+
+# -- when it must -----------------------------------------------------------------------------------------------
+
+
+def test_robot_with_just_enough_for_the_way_and_the_reserve_stays_and_with_less_goes_to_charge():
+    robot = BareRecharge(CHARGER)
+    robot.has(RESERVE_S, 4.0)
+    robot.guard()
+    assert robot.it.run is None
+    robot.has(RESERVE_S, 4.0, -0.1)
+    robot.guard()
+    made = robot.it.run
+    assert made.own == "recharge"
+    assert made.task == Task(
+        id="home-r5-1",
+        kind="recharge",
+        place=CHARGER.place,
+        priority=HOMEWARD,
+        parameters=Recharge(yaw_rad=1.0, until_soc=0.95).json,
+    )
+    assert (made.goal, made.way_m) == (CHARGER.place, 4.0)
+    assert robot.tasks.occupies("recharge")
+    refused = robot.tasks.offer(
+        TaskOffer(task=Task(id="e", kind="explore", place=Point2D(0.0, 0.0)), epoch=1, lease_s=60.0), 0
+    )
+    assert refused.why == "r5 goes home: the way home needs 680 J of 680 J usable"
+
+
+def test_while_others_have_all_chargers_it_keeps_what_the_queue_takes_as_well():
+    robot = BareRecharge(CHARGER)
+    robot.errand.mates = [mate("r1", 4.0, 0.0)]
+    robot.has(RESERVE_S + QUEUE_S, 4.0)
+    robot.guard()
+    assert robot.it.run is None
+    robot.has(RESERVE_S + QUEUE_S, 4.0, -0.1)
+    robot.guard()
+    assert robot.it.run.own == "recharge"
+
+
+def test_robot_at_a_task_keeps_no_reserve_and_gives_the_task_back_before_it_goes():
+    robot = BareRecharge(CHARGER)
+    robot.work_at_a_task()
+    robot.has(0.0, 4.0)
+    robot.guard()
+    robot.tasks.check_lease(0)
+    assert robot.tasks.is_busy
+    robot.has(0.0, 4.0, -0.1)
+    robot.guard()
+    assert robot.it.run is None
+    assert robot.it.period_s == STEP_S
+    robot.tasks.check_lease(0)
+    status = robot.tasks.status
+    assert (status.state, status.why) == (TaskState.FAILED, "the way home needs 80 J of 80 J usable")
+    robot.it.step()
+    assert robot.it.run.own == "recharge"
+
+
+@pytest.mark.parametrize("what", ["battery", "pose", "charging"])
+def test_robot_that_cannot_judge_or_is_being_charged_stays(what):
+    robot = BareRecharge(CHARGER)
+    robot.usable_j = 0.0
+    if what == "charging":
+        robot.battery.charging = True
+    else:
+        setattr(robot.board, what, None)
+    robot.guard()
+    assert robot.it.run is None
+    assert robot.it._wanted == ""
+
+
+def test_energy_is_checked_every_two_seconds():
+    robot = BareRecharge(CHARGER)
+    robot.it.step()
+    robot.usable_j = 0.0
+    robot.errand.wait(GUARD_S - 0.001)
+    robot.it.step()
+    assert robot.it.run is None
+    robot.errand.wait(0.001)
+    robot.it.step()
+    assert robot.it.run is not None
+
+
+def test_way_home_is_planned_again_only_when_its_bound_is_not_enough_or_other_chargers_are_free():
+    robot = BareRecharge(CHARGER)
+    robot.has(RESERVE_S, 6.0)
+    robot.guard()
+    assert robot.ways_home == 1
+    robot.errand.at = Pose2D(2.0, 0.0, 0.0)  # at most 6 m now
+    robot.guard()
+    assert robot.ways_home == 1
+    robot.errand.at = Pose2D(0.0, 2.01, 0.0)
+    robot.guard()
+    assert robot.ways_home == 2
+    robot.has(RESERVE_S + QUEUE_S, 6.0)
+    robot.errand.mates = [mate("r1", 4.0, 0.0)]
+    robot.guard()
+    assert robot.ways_home == 3
+    robot.guard()
+    assert robot.ways_home == 3
+
+
+@pytest.mark.parametrize(("away_m", "goes"), [(AT_HOME_M - 0.01, False), (AT_HOME_M, True)])
+def test_without_a_charger_the_robot_goes_back_to_its_start_if_it_is_not_there(away_m, goes):
+    robot = BareRecharge(start=Point2D(away_m, 0.0))
+    robot.start_m = away_m
+    robot.usable_j = 0.0
+    robot.guard()
+    assert (robot.it.run is not None) is goes
+    if goes:
+        made = robot.it.run
+        assert (made.own, made.goal, made.task.priority) == ("go home", Point2D(away_m, 0.0), HOMEWARD)
+        assert made.task.id == "home-r5-1"
+        assert robot.errand.set_out == [(made.goal, round(HOMEWARD))]
+        assert run(made.script) == {}
+
+
+def test_robot_without_a_way_home_tries_again_after_its_time():
+    robot = BareRecharge(CHARGER)
+    robot.errand.no_way_to = [CHARGER.place]
+    robot.usable_j = 0.0
+    robot.guard()
+    assert robot.it.run is None
+    planned = len(robot.errand.ways)
+    robot.errand.wait((RETRY_NS - 1) / 1e9)
+    robot.it.step()
+    assert len(robot.errand.ways) == planned
+    robot.errand.wait(1e-9)
+    robot.errand.no_way_to = []
+    robot.it.step()
+    assert robot.it.run.own == "recharge"
+
+
+@pytest.mark.parametrize(("state", "waits"), [(TaskState.FAILED, True), (TaskState.DONE, False)])
+def test_after_a_way_home_that_failed_the_next_try_comes_later(state, waits):
+    robot = BareRecharge(CHARGER)
+    robot.usable_j = 0.0
+    robot.errand.wait(GUARD_S)
+    robot.it.ended_own(state, "")
+    robot.it.step()
+    assert (robot.it.run is None) is waits
+
+
+# -- when it is asked -------------------------------------------------------------------------------------------
+
+
+def test_robot_that_is_asked_to_go_home_goes_at_once_unless_it_charges_already():
+    robot = BareRecharge(CHARGER)
+    robot.it._ask("the task cannot be paid")
+    first = robot.it.run
+    assert first.own == "recharge"
+    assert robot.it._wanted == ""
+    robot.it._ask("again")
+    assert robot.it.run is first
+    assert robot.it._wanted == ""
+
+
+def test_robot_that_is_asked_while_it_is_at_a_task_goes_when_that_has_been_given_back():
+    robot = BareRecharge(CHARGER)
+    robot.work_at_a_task()
+    robot.it._ask("the task cannot be paid")
+    assert robot.it.run is None
+    robot.it.step()
+    assert robot.it.run is None
+    robot.tasks.end("e", TaskState.FAILED)
+    assert robot.tasks.status.state is TaskState.FAILED
+    robot.it.step()
+    assert robot.it.run.own == "recharge"
+
+
+def test_other_behavior_that_is_firm_keeps_the_robot():
+    robot = BareRecharge(CHARGER)
+    robot.tasks.occupy("search", firm="looks for itself")
+    robot.it._ask("home")
+    assert robot.it.run is None
+
+
+def test_each_way_home_has_a_name_of_its_own():
+    robot = BareRecharge(CHARGER)
+    names = []
+    for _ in range(2):
+        robot.it._ask("home")
+        names.append(robot.it.doing())
+        robot.it.drop()
+    assert names == ["home-r5-1", "home-r5-2"]
+
+
+def test_halted_robot_does_not_want_home_any_more():
+    robot = BareRecharge(CHARGER)
+    robot.work_at_a_task()
+    robot.it._ask("home")
+    robot.it.emergency_halt()
+    assert (robot.it._wanted, robot.it.run) == ("", None)
+
+
+# -- making way -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "leaves"),
+    [
+        (lambda robot: None, True),
+        (lambda robot: robot.errand.mates.clear(), False),
+        (lambda robot: setattr(robot.errand, "at", Pose2D(3.49, 0.0, 0.0)), False),
+        (lambda robot: setattr(robot.errand, "at", Pose2D(3.5, 0.0, 0.0)), True),
+        (lambda robot: setattr(robot.board, "pose", None), False),
+        (lambda robot: setattr(robot.errand.travel, "lost", "it is lost"), False),
+        (lambda robot: robot.work_at_a_task(), False),
+        (lambda robot: robot.tasks.occupy("search", firm="looks for itself"), False),
+        (lambda robot: robot.errand.chargers.clear(), False),
+    ],
+)
+def test_robot_that_needs_its_charger_no_more_leaves_it_to_a_mate_that_waits(change, leaves):
+    robot = BareRecharge(CHARGER)
+    robot.errand.at = Pose2D(4.0, 0.0, 0.0)
+    robot.errand.mates = [mate("r1", 2.0, 3.0, Point2D(9.0, 9.0), behavior="recharge")]
+    change(robot)
+    robot.it.step()
+    assert (robot.it.run is not None) is leaves
+    if leaves:
+        assert robot.it.run.own == "make room"
+        assert robot.tasks.occupies("recharge")
+        assert robot.it.run.task.id == "aside-r5"

@@ -1,0 +1,88 @@
+"""Several robots and several chargers: nobody waits at one that is taken while another is free, nobody is stranded."""
+
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.sim.firmware.battery import BatterySpec
+from tests.plugins.behavior.errands import CHARGER, Errands
+
+DOCKS = (CHARGER, Point2D(0.8, 3.2), Point2D(5.2, 3.2), Point2D(5.2, 0.8), Point2D(2.4, 3.3))
+SMALL_WH = 1.5
+
+
+@pytest.fixture
+def team() -> Iterator[Callable[..., Errands]]:
+    opened: list[Errands] = []
+
+    def build(robots: int, docks: int, soc: float) -> Errands:
+        starts = {"r2": Pose2D(2.4, 1.0, 0.0), "r3": Pose2D(2.4, 2.2, 0.0)}
+        known = [{"x_m": dock.x_m, "y_m": dock.y_m} for dock in DOCKS[:docks]]
+        opened.append(
+            Errands(
+                *("recharge", "visit", "explore"),
+                starts={name: starts[name] for name in [*starts][: robots - 1]},
+                parameters={"home": {"chargers": known}, "battery": {"capacity_wh": SMALL_WH}},
+                hardware={"battery": BatterySpec(capacity_wh=SMALL_WH, soc_at_start=soc)},
+                docks=DOCKS[:docks],
+            )
+        )
+        return opened[-1]
+
+    yield build
+    for one in opened:
+        one.close()
+
+
+def charging(run: Errands) -> set[int]:
+    return {robot for robot in run.arena.chargers.docked if robot is not None}
+
+
+def test_two_robots_that_have_to_charge_go_to_two_of_five_chargers(team):
+    run = team(2, 5, 0.3)
+    run.run(60.0)
+    assert charging(run) == {0, 1}
+    assert run.arena.collisions == 0
+
+
+def test_the_second_of_two_robots_that_are_told_the_same_charger_takes_the_next(team):
+    run = team(2, 2, 0.5)
+    run.run(1.0)
+    for number, robot in enumerate(run.hosts):
+        assert run.offer(
+            Task(id=f"c{number}", kind="recharge", place=CHARGER, parameters={"until_soc": 0.9}), robot
+        ).accepted
+    run.run(45.0)
+    assert charging(run) == {0, 1}
+    run.run(150.0)
+    for robot in run.hosts:
+        assert (run.status(robot).state, run.status(robot).why) == (TaskState.DONE, "")
+    assert run.arena.collisions == 0
+
+
+@pytest.mark.parametrize("robots", [2, 3])
+def test_more_robots_than_chargers_take_turns_and_none_is_stranded(team, robots):
+    run = team(robots, robots - 1, 0.3)
+    least = dict.fromkeys(run.hosts, 1.0)
+    charged: set[int] = set()
+    for _ in range(160):
+        run.run(2.0)
+        charged |= charging(run)
+        for name, host in run.hosts.items():
+            least[name] = min(least[name], host.board.battery.soc)
+        assert not any(run.is_cut_off(name) for name in run.hosts), least
+    assert charged == set(range(robots))
+    assert run.arena.collisions == 0
+
+
+def test_one_that_is_charged_leaves_the_charger_to_a_mate_that_waits(team):
+    run = team(2, 1, 0.6)
+    run.run(1.0)
+    run.finish(Task(id="a", kind="recharge", place=CHARGER, parameters={"until_soc": 0.65}), robot="r1")
+    assert run.pose("r1").distance_m(CHARGER) < 0.1
+    status = run.finish(Task(id="b", kind="recharge", place=CHARGER, parameters={"until_soc": 0.65}), robot="r2")
+    assert (status.state, status.why) == (TaskState.DONE, "")
+    assert run.pose("r1").distance_m(CHARGER) > 0.8
+    assert run.arena.collisions == 0

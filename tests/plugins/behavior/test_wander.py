@@ -1,0 +1,87 @@
+from collections.abc import Iterator
+
+import pytest
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.errors import CallError
+from robrain.protocol.wire.messages.team_messages import Halt
+from robrain.protocol.wire.topics import HALT
+from tests.plugins.behavior.errands import Build, open_errands
+
+
+@pytest.fixture
+def errands() -> Iterator[Build]:
+    yield from open_errands("wander")
+
+
+def test_a_robot_does_not_wander_before_it_is_told_to(errands):
+    run = errands()
+    run.run(5.0)
+    assert run.way_m() == 0.0
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_robot_that_wanders_gets_about_and_runs_into_nothing(errands, seed):
+    run = errands(seed=seed)
+    assert run.call("wander", "start", 60.0) is True
+    run.run(59.0)
+    assert run.call("wander", "wandering") is True
+    assert run.way_m() > 10.0
+    assert run.arena.collisions == 0
+    run.run(3.0)
+    assert run.call("wander", "wandering") is False
+    here = run.pose()
+    run.run(2.0)
+    assert run.pose() == here
+
+
+def test_wandering_ends_when_told(errands):
+    run = errands()
+    run.call("wander", "start")
+    run.run(3.0)
+    run.call("wander", "stop")
+    run.run(1.5)
+    here = run.pose()
+    run.run(3.0)
+    assert run.pose() == here
+    assert run.hosts["r1"].board.behavior == "idle"
+
+
+def test_wandering_gives_way_to_a_task_and_does_not_come_back(errands):
+    run = errands("visit")
+    run.call("wander", "start", 100.0)
+    run.run(3.0)
+    status = run.finish(Task(id="v", kind="visit", place=Point2D(4.8, 1.6), service_s=1.0))
+    assert status.state is TaskState.DONE
+    assert run.call("wander", "wandering") is False
+    here = run.pose()
+    run.run(5.0)
+    assert run.pose().distance_m(here) < 0.05
+
+
+def test_a_robot_with_a_task_does_not_wander(errands):
+    run = errands("visit")
+    run.offer(Task(id="v", kind="visit", place=Point2D(4.8, 1.6)))
+    assert run.call("wander", "start") is False
+
+
+def test_a_halt_ends_wandering(errands):
+    run = errands()
+    run.call("wander", "start")
+    run.run(2.0)
+    halt = run.wire.publisher(HALT)
+    halt.put(Halt(halted=True, by="test"))
+    run.run(0.5)
+    halt.put(Halt(halted=False, by="test"))
+    run.run(1.0)
+    here = run.pose()
+    run.run(3.0)
+    assert run.pose() == here
+    assert run.call("wander", "start") is True
+
+
+@pytest.mark.parametrize("duration_s", [0.0, -5.0, 1e400])
+def test_a_duration_that_is_none_is_refused(errands, duration_s):
+    with pytest.raises((CallError, ValueError)):
+        errands().call("wander", "start", duration_s)

@@ -1,0 +1,391 @@
+"""The motor controller's device, frame by frame, on a fake bus."""
+
+import math
+
+import can
+import pytest
+
+from robrain.plugins.device.mocdevice.errors import BusFault, MotorFault
+from robrain.plugins.device.mocdevice.frame_clock import StampedAt
+from robrain.plugins.device.mocdevice.interface import ControllerStatus, Counters
+from robrain.plugins.device.mocdevice.mocdevice import ECHOES, Condition, MocDevice
+from robrain.protocol.can.bus_state import BusState, error_frame
+from robrain.protocol.model.geometry import Pose2D, Twist2D
+from robrain.protocol.model.navigation.omni_drive import OmniBase
+from robrain.protocol.wire.clock import to_ns
+from tests.plugins.device.bare_device import BareDevice
+
+WELL = {"rejected_frames": 1, "lost_commands": 2, "bus_state": 3, "transmit_errors": 4, "receive_errors": 5}
+FAILED, RUNNING = 3, 0
+
+
+@pytest.fixture
+def device():
+    """A device whose controller has not sent anything yet."""
+    one = BareDevice(MocDevice)
+    one.it.activate()
+    return one
+
+
+@pytest.fixture
+def again():
+    """The same after a restart: the controller has sent frames before."""
+    one = BareDevice(MocDevice)
+    one.board.T_odom_robot, one.board.wheel_ticks = Pose2D(1.0, 2.0, 0.5), (10, 20, 30)
+    one.it.activate()
+    return one
+
+
+def encoders(one, counter=1, ticks=(0, 0, 0)):
+    return one.hear("WheelEncoders", counter, **{f"wheel_{n + 1}_ticks": tick for n, tick in enumerate(ticks)})
+
+
+def status(one, state, counter=1):
+    return one.hear("MotorStatus", counter, state=state, **WELL)
+
+
+# -- commands ---------------------------------------------------------------------------------------------------
+
+
+def test_commands_and_stops_count_up_together_and_wrap_at_a_byte(device):
+    device.it.drive(Twist2D(0.1))
+    device.it.stop()
+    device.it.drive(Twist2D(0.1))
+    assert [(name, signals["counter"]) for name, signals in device.sent()] == [
+        ("WheelCommand", 1),
+        ("Stop", 2),
+        ("WheelCommand", 3),
+    ]
+    for _ in range(255):
+        device.it.stop()
+    assert [signals["counter"] for _, signals in device.sent()][-4:] == [255, 0, 1, 2]
+
+
+def test_stop_does_not_latch(device):
+    device.it.stop()
+    ((name, signals),) = device.sent()
+    assert (name, signals["latched"]) == ("Stop", 0)
+
+
+def test_command_at_the_wheels_limit_is_sent_as_it_is_and_one_beyond_keeps_its_direction(device):
+    base = OmniBase()
+    limit = base.twist(32.0, -16.0, 8.0)
+    for share in (0.5, 1.0, 3.0):
+        device.it.drive(Twist2D(*(share * each for each in (limit.forward_m_s, limit.left_m_s, limit.yaw_rad_s))))
+    sent = [[signals[f"wheel_{n}_rad_s"] for n in (1, 2, 3)] for _, signals in device.sent()]
+    assert sent == [
+        pytest.approx([16.0, -8.0, 4.0], abs=2e-3),
+        pytest.approx([32.0, -16.0, 8.0], abs=2e-3),
+        pytest.approx([32.0, -16.0, 8.0], abs=2e-3),
+    ]
+
+
+@pytest.mark.parametrize("twist", [Twist2D(math.nan), Twist2D(0.0, math.inf), Twist2D(0.0, 0.0, -math.inf)])
+def test_velocity_that_is_no_number_is_refused_and_nothing_is_sent(device, twist):
+    with pytest.raises(ValueError, match="expected a finite velocity"):
+        device.it.drive(twist)
+    assert device.sent() == []
+
+
+def test_deactivated_device_stops_the_wheels_leaves_the_bus_and_says_nothing_more(device):
+    device.it.deactivate()
+    assert [name for name, _ in device.sent()] == ["Stop"]
+    assert not device.bus.is_open
+    device.it.stop()
+    device.it.drive(Twist2D(0.1))
+    device.it.deactivate()
+    device.step()
+    assert device.sent() == []
+
+
+def test_halt_stops_the_wheels(device):
+    device.it.emergency_halt()
+    assert [name for name, _ in device.sent()] == ["Stop"]
+
+
+def test_bus_is_opened_as_the_parameters_say():
+    one = BareDevice(MocDevice, interface="slcan", channel="tty", options={"bitrate": 500})
+    one.it.activate()
+    assert one.opened == [("slcan", "tty", {"bitrate": 500})]
+
+
+@pytest.mark.parametrize("name", ["radius_m", "silent_s"])
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
+def test_radius_and_patience_are_above_nothing(name, value):
+    with pytest.raises(ValueError, match=f"expected {name} > 0"):
+        MocDevice.Parameters(**{name: value})
+
+
+# -- a bus that takes no frames ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("error", [can.CanOperationError("no buffer"), OSError("gone")])
+def test_caller_is_not_to_blame_for_a_bus_that_takes_no_frames_and_the_devices_own_step_tells(device, error):
+    conditions = device.told(device.it.condition)
+    device.bus.fails = error
+    device.it.drive(Twist2D(0.1))
+    device.it.stop()
+    device.bus.fails = None
+    with pytest.raises(BusFault, match="the CAN bus takes no frames: "):
+        device.step()
+    assert [(one.ok, one.why.startswith("the CAN bus takes no frames")) for one in conditions] == [(False, True)]
+
+
+@pytest.mark.parametrize("error", [can.CanOperationError("broken"), OSError("gone")])
+def test_bus_that_cannot_be_read_is_a_fault_and_told(device, error):
+    conditions = device.told(device.it.condition)
+    device.bus.fails = error
+    with pytest.raises(BusFault, match="the CAN bus cannot be read: "):
+        device.step()
+    assert [one.ok for one in conditions] == [False]
+
+
+def test_device_that_is_opened_again_has_forgotten_what_was_broken(device):
+    device.bus.fails = OSError("gone")
+    device.it.stop()
+    device.it.activate()
+    device.step()
+
+
+# -- silence ----------------------------------------------------------------------------------------------------
+
+
+def test_controller_that_has_never_spoken_may_take_its_time(device):
+    device.step(60.0)
+    assert not device.it.is_fresh()
+
+
+def test_controller_that_falls_silent_is_fresh_for_just_so_long_and_then_a_fault(device):
+    encoders(device)
+    device.step()
+    device.step(0.4)
+    assert device.it.is_fresh()
+    assert device.it.pose_if_fresh()[1] is True
+    device.wait(1e-9)
+    assert not device.it.is_fresh()
+    assert device.it.pose_if_fresh()[1] is False
+    with pytest.raises(BusFault, match=r"no encoder frame for 0\.40 s: the CAN bus zenoh:can0 is cut"):
+        device.step()
+
+
+def test_controller_that_does_not_speak_after_a_restart_is_a_fault_after_the_same_time(again):
+    again.step(0.4)
+    with pytest.raises(BusFault, match="no encoder frame"):
+        again.step(0.001)
+
+
+def test_after_a_restart_nothing_is_driven_before_the_controller_speaks_but_a_stop_is_sent(again):
+    conditions = again.told(again.it.condition)
+    again.it.drive(Twist2D(0.1))
+    again.it.stop()
+    assert [name for name, _ in again.sent()] == ["Stop"]
+    encoders(again)
+    again.step()
+    again.it.drive(Twist2D(0.1))
+    assert [name for name, _ in again.sent()] == ["WheelCommand"]
+    encoders(again, 2)
+    again.step()
+    assert conditions == [Condition(True, "the motor controller speaks again")]
+
+
+def test_at_the_first_start_the_first_frame_is_no_news(device):
+    conditions = device.told(device.it.condition)
+    device.it.drive(Twist2D(0.1))
+    assert [name for name, _ in device.sent()] == ["WheelCommand"]
+    encoders(device)
+    device.step()
+    assert conditions == []
+
+
+# -- frames -----------------------------------------------------------------------------------------------------
+
+
+def test_frames_are_counted_by_what_they_are(device):
+    encoders(device, 1)
+    encoders(device, 4)
+    encoders(device, 5, (30_000, 0, 0))  # no wheel can have turned so far
+    corrupt = encoders(device, 6)
+    corrupt.data[-1] ^= 1
+    corrupt = status(device, RUNNING)
+    corrupt.data[-1] ^= 1
+    device.hear("BatteryStatus", 1, voltage_v=15.0, current_a=1.0, temperature_c=20.0)
+    for changes in ({"is_extended_id": True}, {"is_remote_frame": True}):
+        frame = encoders(device, 7)
+        device.bus.arrived[-1] = can.Message(
+            arbitration_id=frame.arbitration_id,
+            data=None if "is_remote_frame" in changes else frame.data,
+            **{"is_extended_id": False} | changes,
+        )
+    device.bus.arrived.append(can.Message(arbitration_id=0x7FF, is_extended_id=False))
+    device.bus.arrived.append(error_frame(BusState.PASSIVE))
+    device.step()
+    assert device.it.counters() == Counters(believed=2, rejected=3, foreign=3, lost=2, errors=1)
+
+
+def test_commands_that_another_gives_are_foreign_and_echoes_of_the_own_are_not(device):
+    device.it.drive(Twist2D(0.1))
+    device.it.stop()
+    device.bus.arrived.extend(device.bus.sent)
+    device.hear("WheelCommand", 200, wheel_1_rad_s=1.0, wheel_2_rad_s=1.0, wheel_3_rad_s=1.0)
+    device.hear("Stop", 200, latched=1)
+    device.step()
+    assert device.it.counters().foreign == 2
+
+
+def test_echo_that_comes_very_late_is_not_known_any_more(device):
+    for _ in range(ECHOES + 1):
+        device.it.stop()
+    device.bus.arrived.extend(device.bus.sent[:2])
+    device.step()
+    assert device.it.counters().foreign == 1
+
+
+def test_status_is_told_as_the_controller_says_it(device):
+    assert device.it.status() is None
+    status(device, RUNNING)
+    device.step()
+    assert device.it.status() == ControllerStatus(state=RUNNING, **WELL)
+
+
+def test_bus_off_is_a_fault_and_error_passive_is_a_warning(device, caplog):
+    device.bus.arrived.append(error_frame(BusState.PASSIVE))
+    device.bus.arrived.append(error_frame(BusState.WARNING))
+    device.step()
+    assert [record.message for record in caplog.records] == [
+        "r1: the CAN bus is error passive: does another node acknowledge frames?"
+    ]
+    device.bus.arrived.append(error_frame(BusState.OFF))
+    with pytest.raises(BusFault, match="bus off"):
+        device.step()
+    assert device.it.counters().errors == 3
+
+
+# -- the power stage --------------------------------------------------------------------------------------------
+
+
+def test_power_stage_that_has_failed_is_a_fault_at_once(device):
+    status(device, FAILED)
+    with pytest.raises(MotorFault, match="power stage has failed"):
+        device.step()
+
+
+def test_after_a_restart_the_failure_is_acknowledged_once_and_held_against_it_if_it_stays(again):
+    for late_s in (0.0, 0.1):
+        encoders(again)
+        status(again, FAILED)
+        again.step(late_s)
+    assert [(name, signals["latched"]) for name, signals in again.sent()] == [("Stop", 0)]
+    status(again, FAILED)
+    with pytest.raises(MotorFault):
+        again.step(0.001)
+
+
+def test_failure_that_is_cleared_by_the_acknowledgement_is_forgotten(again):
+    status(again, FAILED)
+    again.step()
+    for _ in range(5):
+        encoders(again)
+        status(again, RUNNING)
+        again.step(0.2)
+
+
+# -- odometry ---------------------------------------------------------------------------------------------------
+
+
+def test_odometry_goes_on_where_it_was_and_is_left_on_the_board(again):
+    assert again.it.pose() == Pose2D(1.0, 2.0, 0.5)
+    encoders(again, 1, (11, 21, 31))
+    again.step()
+    turned_rad = OmniBase().twist(*[OmniBase().rad_per_tick] * 3).yaw_rad_s
+    assert again.it.pose().yaw_rad == pytest.approx(0.5 + turned_rad)
+    assert (again.board.T_odom_robot, again.board.wheel_ticks) == (again.it.pose(), (11, 21, 31))
+    assert again.it.radius_m() == 0.2
+
+
+def test_odometry_begins_at_the_origin_with_the_first_counts(device):
+    encoders(device, 1, (500, 600, 700))
+    device.step()
+    assert (device.it.pose(), device.board.wheel_ticks) == (Pose2D(0.0, 0.0, 0.0), (500, 600, 700))
+
+
+def test_velocity_is_that_over_the_frames_that_came_and_those_that_are_missing(device):
+    encoders(device, 1)
+    encoders(device, 4, (30, 30, 30))
+    device.step()
+    turned_rad = OmniBase().twist(*[30 * OmniBase().rad_per_tick] * 3).yaw_rad_s
+    assert device.it.velocity().yaw_rad_s == pytest.approx(turned_rad / 0.06)
+    assert device.it.velocity().forward_m_s == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(("off_s", "is_taken"), [(-0.9, True), (0.9, True), (-1.1, False), (50.0, False)])
+def test_stamp_of_a_frame_counts_unless_it_is_of_another_clock(device, off_s, is_taken):
+    frame = encoders(device, 1)
+    frame.timestamp += off_s
+    device.step()
+    now_ns = device.clock.now_ns()
+    stamp_ns = now_ns + round(off_s * 1e9) if is_taken else now_ns
+    assert device.it.odometry_until_ns() == pytest.approx(stamp_ns, abs=1000)
+
+
+@pytest.mark.parametrize("late_s", [0.3, 1.5])
+def test_late_frames_that_say_when_they_were_sent_were_measured_then(device, late_s):
+    sent_ns = hear_late(device, late_s)
+    turn_rad = device.it.pose_at(sent_ns[-1]).yaw_rad
+    for number, stamp_ns in enumerate(sent_ns):
+        assert device.it.pose_at(stamp_ns).yaw_rad == pytest.approx(turn_rad * number / (len(sent_ns) - 1), abs=1e-9)
+    assert device.it.odometry_until_ns() == pytest.approx(sent_ns[-1], abs=1000)
+
+
+def test_burst_on_an_interface_that_stamps_on_arrival_is_spread_by_the_frames_counter():
+    device = BareDevice(MocDevice, interface="socketcan")
+    device.it.activate()
+    sent_ns = hear_late(device, 0.3, stamps_arrival=True)
+    assert device.it.odometry_until_ns() == pytest.approx(sent_ns[-1], abs=1000)
+    turn_rad = device.it.pose().yaw_rad
+    assert device.it.pose_at(sent_ns[8]).yaw_rad == pytest.approx(turn_rad * 8 / (len(sent_ns) - 1), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "counts"),
+    [
+        ({}, False),
+        ({"interface": "socketcan"}, True),
+        ({"stamped_at": StampedAt.ARRIVAL}, True),
+        ({"interface": "socketcan", "stamped_at": StampedAt.SENDING}, False),
+    ],
+)
+def test_parameters_say_what_the_stamps_stand_for(parameters, counts):
+    device = BareDevice(MocDevice, **parameters)
+    device.it.activate()
+    sent_ns = hear_late(device, 0.3, stamps_arrival=True)
+    late_ns = 0 if counts else to_ns(0.3)
+    assert device.it.odometry_until_ns() == pytest.approx(sent_ns[-1] + late_ns, abs=1000)
+
+
+def test_odometry_of_counts_that_jumped_goes_on_from_the_stamp_of_the_next_frame():
+    device = BareDevice(MocDevice, interface="socketcan")
+    device.it.activate()
+    for counter, ticks in ((1, 0), (2, 30_000), (7, 30_000)):
+        encoders(device, counter, (ticks, 0, 0))
+        device.step(0.02)
+    assert device.it.odometry_until_ns() == pytest.approx(device.clock.now_ns() - to_ns(0.02), abs=1000)
+
+
+def hear_late(device, late_s, *, stamps_arrival=False):
+    """When a frame in time and then sixteen, each with 10 ticks more, that arrive together, were sent.
+
+    The last is `late_s` late. They are stamped when they are sent; with `stamps_arrival`, when they arrive.
+    """
+    sent_ns = []
+    for number in range(17):
+        encoders(device, number, (10 * number,) * 3)
+        sent_ns.append(device.clock.now_ns())
+        if number == 0:
+            device.step()
+        device.wait(0.02)
+    device.wait(late_s - 0.02)
+    if stamps_arrival:
+        for frame in device.bus.arrived:
+            frame.timestamp = device.clock.now_ns() / 1e9
+    device.step()
+    return sent_ns

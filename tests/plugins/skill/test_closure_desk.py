@@ -1,0 +1,317 @@
+import math
+
+import numpy as np
+import pytest
+
+from robrain.plugins.skill.mapper import closures
+from robrain.plugins.skill.mapper.closures import UNSAID, WAY_M, ClosureDesk
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.local_map import NONE
+from robrain.protocol.model.numeric.small_linear_algebra import symmetric
+from robrain.protocol.model.slam.submap import IDENTITY, Submap
+from robrain.protocol.model.slam.submap_atlas import SubmapAtlas, SubmapKey
+from robrain.protocol.model.slam.submap_graph import GraphSpec, SubmapGraph, is_information
+from robrain.protocol.wire.messages.map_messages import Closure, Closures, MapPatch
+from robrain.protocol.wire.messages.map_patch import joined_message, pose_message
+from tests.protocol.mapping.lidar_floor import GEOMETRY, ROOM, ROOM_PLACES
+
+MATE = ("r2", 7)
+TRUE = Pose2D(2.3, 4.1, 0.8)
+SURE = (1e-4, 0.0, 0.0, 0.0, 1e-4, 0.0, 0.0, 0.0, 1e-5)
+PRIOR = np.diag((0.04, 0.04, 0.01))
+EVEN = (1e3, 0.0, 0.0, 1e3, 0.0, 1e4)
+SEEN = ROOM.submap(*ROOM_PLACES)
+
+
+def beside(pose: Pose2D, x_m: float, y_m: float, turn_rad: float = 0.0) -> Pose2D:
+    return Pose2D(pose.x_m + x_m, pose.y_m + y_m, pose.yaw_rad + turn_rad)
+
+
+def off(pose: Pose2D, other: Pose2D) -> tuple[float, float, float]:
+    turned_rad = math.remainder(pose.yaw_rad - other.yaw_rad, math.tau)
+    return pose.x_m - other.x_m, pose.y_m - other.y_m, turned_rad
+
+
+class Scene:
+    """A robot r1 in ROOM with its current submap 3; others' submaps show the room."""
+
+    def __init__(self, *keys: SubmapKey, T_arena_local: Pose2D = IDENTITY, slack_m: float = 0.0) -> None:
+        self.graph = SubmapGraph("r1", GraphSpec())
+        self.atlas = SubmapAtlas(GEOMETRY)
+        self.desk = ClosureDesk("r1", self.graph, self.atlas, slack_m)
+        for key in keys:
+            submap = Submap(T_arena_local)
+            submap.take(SEEN.row, SEEN.column, SEEN.classes(), 1)
+            submap.surfaces = SEEN.surfaces
+            self.atlas.submaps[key] = submap
+        self.graph.begin(3, IDENTITY, IDENTITY, 0, PRIOR)
+
+    def look(
+        self, true: Pose2D, local: Pose2D, sensor: Pose2D | None = None, covariance: tuple[float, ...] = SURE
+    ) -> bool:
+        return self.desk.look(3, local, sensor or local, lambda: ROOM.points(true), covariance)
+
+    def solved(self) -> Pose2D:
+        """T_arena_local of the robot's submap, once the graph is solved."""
+        self.graph.solve(self.atlas.place_of, self.desk.variances_of)
+        return self.graph.own[3].T_arena_local
+
+
+@pytest.mark.parametrize("wrong", [(0.06, -0.04, 0.02), (-0.05, 0.08, -0.03)])
+def test_a_scan_that_lies_on_a_mates_submap_puts_the_robots_submap_right(wrong: tuple[float, float, float]) -> None:
+    scene = Scene(MATE)
+    local = beside(TRUE, *wrong)
+    assert scene.look(TRUE, local)
+    assert (scene.desk.closed, scene.desk.contradicted) == (1, 0)
+    assert off(scene.solved().compose(local), TRUE) == pytest.approx((0.0, 0.0, 0.0), abs=0.015)
+
+
+def test_a_closure_with_a_mate_is_told_to_it_in_both_frames() -> None:
+    T_arena_local = Pose2D(1.0, -0.5, 0.3)
+    scene = Scene(MATE, T_arena_local=T_arena_local)
+    local = Pose2D(0.3, 0.2, -1.0)
+    assert scene.look(TRUE, local, T_arena_local.compose(beside(TRUE, 0.03, -0.02, 0.01)))
+    (closure,) = scene.desk.found
+    assert (closure.submap, closure.mate, closure.mate_submap) == (3, *MATE)
+    assert off(closure.at_mate, Pose2D(TRUE.x_m, TRUE.y_m, 0.0)) == pytest.approx((0.0, 0.0, 0.0), abs=0.02)
+    assert closure.at_mate.yaw_rad == 0.0, "its axes are those of the mate's frame"
+    assert (closure.at.x_m, closure.at.y_m) == (local.x_m, local.y_m)
+    assert closure.at.yaw_rad == pytest.approx(local.yaw_rad - TRUE.yaw_rad, abs=0.01)
+    information = symmetric(closure.information)
+    assert is_information(information)
+    assert np.linalg.eigvalsh(information).min() > 100.0
+
+
+def test_a_mate_that_is_told_a_closure_moves_its_submap_by_it() -> None:
+    """What one robot finds and tells makes the other's map agree with it."""
+    finder = Scene(MATE)
+    assert finder.look(TRUE, beside(TRUE, 0.06, 0.05, 0.02))
+    mate = SubmapGraph("r2", GraphSpec())
+    mate.begin(7, IDENTITY, IDENTITY, 0, PRIOR)
+    atlas = SubmapAtlas(GEOMETRY)
+    atlas.submaps["r1", 3] = Submap(IDENTITY)
+    desk = ClosureDesk("r2", mate, atlas, 0.0)
+    desk.hear(Closures(robot="r1", closures=finder.desk.found))
+    moved = mate.solve(atlas.place_of, desk.variances_of)[7]
+    assert off(moved.compose(TRUE), beside(TRUE, 0.06, 0.05, 0.02)) == pytest.approx((0.0, 0.0, 0.0), abs=0.015)
+
+
+def test_a_closure_with_an_old_submap_of_its_own_is_told_to_nobody() -> None:
+    scene = Scene(("r1", 1))
+    for number in (4, 5):
+        scene.graph.begin(number, IDENTITY, IDENTITY, 0, PRIOR)
+    assert scene.look(TRUE, beside(TRUE, 0.05, 0.0))
+    assert scene.desk.closed == 1
+    assert scene.desk.found == []
+    assert scene.solved().x_m == pytest.approx(-0.05, abs=0.015)
+
+
+def test_without_a_submap_that_shows_the_place_there_is_nothing_to_look_at() -> None:
+    assert Scene().look(TRUE, TRUE) is False
+    scene = Scene(MATE)
+    assert not scene.look(TRUE, Pose2D(30.0, 30.0, 0.0))
+    assert scene.look(TRUE, TRUE), "the place where there was nothing does not count as tried"
+
+
+def test_the_robot_moves_on_between_two_closures() -> None:
+    scene = Scene(MATE, ("r3", 1), ("r4", 1))
+    assert scene.look(TRUE, TRUE)
+    near, far = beside(TRUE, WAY_M - 0.01, 0.0), beside(TRUE, WAY_M + 0.01, 0.0)
+    assert scene.look(near, near) is False
+    assert scene.desk.closed == 1
+    assert scene.look(far, far)
+    assert scene.desk.closed == 2
+    assert not scene.look(near, near), "the way counts from the last one"
+
+
+@pytest.mark.parametrize(
+    ("scanned", "contradicted"),
+    [
+        (Pose2D(6.8, 1.0, 2.2), 1),  # from elsewhere: a sixth of the beams agree
+        (beside(TRUE, 0.0, 0.0, 0.3), 0),  # most of them agree: it may be the believed place that is wrong
+    ],
+)
+def test_a_scan_that_lies_nowhere_on_a_submap_that_knows_the_place_contradicts_it(
+    scanned: Pose2D, contradicted: int
+) -> None:
+    scene = Scene(MATE)
+    assert scene.look(scanned, TRUE)
+    assert (scene.desk.closed, scene.desk.contradicted) == (0, contradicted)
+    assert scene.desk.found == []
+    assert not scene.graph.has_news
+
+
+FAR_X, FAR_Y, TURNED = beside(TRUE, 0.9, 0.0), beside(TRUE, 0.0, -0.7), beside(TRUE, 0.0, 0.0, 0.4)
+
+
+@pytest.mark.parametrize(
+    ("believed", "own", "mates"),
+    [
+        (FAR_X, (0.16, 1e-4, 0.0001), NONE),
+        (FAR_Y, (1e-4, 0.16, 0.0001), NONE),
+        (TURNED, (1e-4, 1e-4, 0.04), NONE),
+        (FAR_X, (1e-4, 1e-4, 0.0001), (0.16, 0.16, 1e-6)),
+        (FAR_X, (0.05, 1e-4, 0.0001), (0.05, 0.05, 1e-6)),
+        (FAR_Y, (1e-4, 0.03, 0.0001), (0.03, 0.03, 1e-6)),
+        (TURNED, (1e-4, 1e-4, 0.0001), (1e-4, 1e-4, 0.04)),
+    ],
+)
+def test_the_less_sure_robot_and_mate_are_the_farther_the_scan_is_looked_for(
+    believed: Pose2D, own: tuple[float, float, float], mates: tuple[float, float, float]
+) -> None:
+    x, y, yaw = own
+    scene = Scene(MATE)
+    scene.desk.hear_places(pose_message("r2", GEOMETRY, 7, IDENTITY, variances=(mates[0], mates[2])))
+    assert scene.look(TRUE, believed, covariance=(x, 0.0, 0.0, 0.0, y, 0.0, 0.0, 0.0, yaw))
+    assert scene.desk.closed == 1
+    (closure,) = scene.desk.found
+    assert off(closure.at_mate, Pose2D(TRUE.x_m, TRUE.y_m, 0.0)) == pytest.approx((0.0, 0.0, 0.0), abs=0.02)
+    sure = Scene(MATE)
+    assert sure.look(TRUE, believed)
+    assert sure.desk.closed == 0, "a robot that is sure of its place does not look for it"
+
+
+@pytest.mark.parametrize(
+    ("slack_m", "left"),
+    [
+        (0.0, (0.0, 0.0, 0.0)),
+        (0.05, (0.03, 0.04, 0.01)),  # 0.1 m off, half of which is slack; 0.02 rad, of which the slack is 0.01
+        (0.2, (0.06, 0.08, 0.02)),
+    ],
+)
+def test_offsets_within_the_slack_are_taken_for_none(slack_m: float, left: tuple[float, float, float]) -> None:
+    scene = Scene(MATE, slack_m=slack_m)
+    believed = beside(TRUE, 0.06, 0.08, 0.02)
+    assert scene.look(TRUE, believed)
+    (closure,) = scene.desk.found
+    lies = Pose2D(closure.at_mate.x_m, closure.at_mate.y_m, believed.yaw_rad - closure.at.yaw_rad)
+    assert off(lies, TRUE) == pytest.approx(left, abs=0.012)
+
+
+def test_a_turn_the_other_way_round_has_the_same_slack() -> None:
+    for yaw_rad in (math.pi - 0.005, -math.pi + 0.005):
+        scene = Scene(MATE, slack_m=0.05)
+        true = Pose2D(TRUE.x_m, TRUE.y_m, yaw_rad)
+        assert scene.look(true, beside(true, 0.0, 0.0, -0.02))
+        (closure,) = scene.desk.found
+        found_rad = yaw_rad - 0.02 - closure.at.yaw_rad
+        assert math.remainder(found_rad - yaw_rad, math.tau) == pytest.approx(-0.01, abs=0.005)
+
+
+def closure_on(mate: str, number: int = 3, information: tuple[float, ...] = EVEN) -> Closures:
+    closure = Closure(
+        submap=7, at=IDENTITY, mate=mate, mate_submap=number, at_mate=Pose2D(0.1, 0.0, 0.0), information=information
+    )
+    return Closures(robot="r2", closures=[closure])
+
+
+def test_a_mates_scan_on_its_own_submap_moves_it() -> None:
+    scene = Scene(MATE)
+    scene.desk.hear(closure_on("r1"))
+    assert scene.graph.rests_on("r2")
+    assert scene.solved().x_m == pytest.approx(-0.1, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        closure_on("r3"),  # on the submap of somebody else
+        closure_on("r1", 99),  # of which it knows nothing
+        closure_on("r1", information=(-1.0, 0.0, 0.0, 1.0, 0.0, 1.0)),
+        closure_on("r1", information=(1.0, 2.0, 0.0, 1.0, 0.0, 1.0)),
+        closure_on("r1", information=(0.0,) * 6),
+        closure_on("r1", information=(1e12, 0.0, 0.0, 1e12, 0.0, 1e12)),
+    ],
+)
+def test_closures_that_are_not_its_own_or_make_no_sense_are_left_out(message: Closures) -> None:
+    scene = Scene(MATE)
+    scene.desk.hear(message)
+    assert not scene.graph.has_news
+
+
+def told(number: int, *, robot: str = "r2", variances: tuple[float, float] = (0.04, 0.01), **how: bool) -> MapPatch:
+    return pose_message(robot, GEOMETRY, number, IDENTITY, variances=variances, **how)
+
+
+def test_a_mate_tells_how_sure_it_is_of_where_its_submaps_lie() -> None:
+    desk = Scene().desk
+    assert desk.variances_of(MATE) == UNSAID
+    desk.hear_places(told(7))
+    assert desk.variances_of(MATE) == (0.04, 0.04, 0.01)
+    assert desk.variances_of(("r2", 8)) == UNSAID
+    desk.hear_places(joined_message("r2", GEOMETRY, [told(7, variances=(0.09, 0.02)), told(8)]))
+    assert desk.variances_of(MATE) == (0.09, 0.09, 0.02)
+    assert desk.variances_of(("r2", 8)) == (0.04, 0.04, 0.01)
+    desk.hear_places(told(7, variances=(0.0, 0.0)))
+    assert desk.variances_of(MATE) == (0.09, 0.09, 0.02), "a message of cells alone says nothing of it"
+
+
+def test_nobody_is_believed_to_be_surer_than_what_one_takes_for_granted() -> None:
+    desk = Scene().desk
+    desk.hear_places(told(7, variances=(0.0, 0.01)))
+    assert desk.variances_of(MATE) == (UNSAID[0], UNSAID[1], 0.01)
+    desk.hear_places(told(7, variances=(0.04, 0.0)))
+    assert desk.variances_of(MATE) == (0.04, 0.04, UNSAID[2])
+
+
+def test_what_a_mate_says_of_others_submaps_and_of_withdrawn_ones_is_left_out() -> None:
+    desk = Scene().desk
+    parts = [told(5, robot="r3"), told(6, withdrawn=True), told(7)]
+    desk.hear_places(joined_message("r2", GEOMETRY, parts))
+    assert desk.variances_of(("r3", 5)) == desk.variances_of(("r2", 6)) == UNSAID
+    assert desk.variances_of(MATE) == (0.04, 0.04, 0.01)
+
+
+def test_memory_for_mates_submaps_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(closures, "MATE_SUBMAPS_MAX", 2)
+    desk = Scene(("r2", 1), ("r2", 2)).desk
+    for number in (1, 2, 3):
+        desk.hear_places(told(number))
+    assert [desk.variances_of(("r2", number)) == UNSAID for number in (1, 2, 3)] == [False, False, True]
+    desk.hear_places(told(2, variances=(0.09, 0.02)))
+    assert desk.variances_of(("r2", 2)) == (0.09, 0.09, 0.02)
+
+
+def test_submaps_that_do_not_exist_do_not_take_the_memory_of_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(closures, "MATE_SUBMAPS_MAX", 3)
+    desk = Scene(("r2", 4)).desk
+    for number in (4, 1, 2, 3):
+        desk.hear_places(told(number))
+    assert [desk.variances_of(("r2", number)) == UNSAID for number in (4, 1, 2, 3)] == [False, True, True, False]
+
+
+@pytest.mark.parametrize(
+    ("robot", "cells", "is_news"),
+    [("r2", b"", True), ("r2", b"cells", False), ("r3", b"", False)],
+)
+def test_a_mates_submap_that_was_moved_is_news_if_the_robot_goes_by_it(robot: str, cells: bytes, is_news: bool) -> None:
+    scene = Scene(MATE)
+    scene.desk.hear(closure_on("r1"))
+    scene.solved()
+    assert not scene.graph.has_news
+    patch = told(7, robot=robot)
+    parts = [patch if not cells else MapPatch(**{**patch_fields(patch), "cells": cells})]
+    scene.desk.hear_places(joined_message(robot, GEOMETRY, parts))
+    assert scene.graph.has_news == is_news
+
+
+def test_one_submap_of_several_that_was_moved_is_news_enough() -> None:
+    for order in (1, -1):
+        scene = Scene(MATE)
+        scene.desk.hear(closure_on("r1"))
+        scene.solved()
+        parts = [told(7), MapPatch(**{**patch_fields(told(8)), "cells": b"cells"})][::order]
+        scene.desk.hear_places(joined_message("r2", GEOMETRY, parts))
+        assert scene.graph.has_news
+
+
+def patch_fields(patch: MapPatch) -> dict[str, object]:
+    return {name: getattr(patch, name) for name in patch.__struct_fields__}
+
+
+def test_where_own_submaps_lie_is_as_sure_as_the_graph_says() -> None:
+    scene = Scene(("r1", 1))
+    assert scene.desk.variances_of(("r1", 3)) == (0.04, 0.04, 0.01)
+    assert scene.desk.variances_of(("r1", 1)) == UNSAID, "one that cannot be moved any more"
+    scene.desk.hear_places(told(3))
+    assert scene.desk.variances_of(("r2", 3)) == (0.04, 0.04, 0.01)

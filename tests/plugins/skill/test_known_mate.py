@@ -1,0 +1,133 @@
+"""What one robot makes of another's states and paths."""
+
+import math
+
+import pytest
+
+from robrain.plugins.unit.teammates.interface import Doing, Mate
+from robrain.plugins.unit.teammates.known_mate import KnownMate, is_near
+from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.wire.messages.robot_messages import PlannedPath, RobotState
+
+S = 1_000_000_000
+STALLED_S, FRESH_S = 4, 2
+
+
+class Watched:
+    """A mate r2 that speaks to the robot that watches it."""
+
+    def __init__(self) -> None:
+        self.known = KnownMate("r2", STALLED_S * S, 0.6)
+
+    def state(self, x_m: float, at_s: float, y_m: float = 0.0, yaw_rad: float = 0.0, **fields: object) -> None:
+        state = RobotState(robot="r2", pose=Pose2D(x_m, y_m, yaw_rad), radius_m=0.2, **fields)  # type: ignore[arg-type]
+        self.known.hear_state(state, round(at_s * S))
+
+    def path(self, at_s: float, *points: tuple[float, float], held_at_m: float | None = None) -> None:
+        path = PlannedPath(robot="r2", points=[Point2D(*point) for point in points], held_at_m=held_at_m)
+        self.known.hear_path(path, round(at_s * S))
+
+    def at(self, at_s: float) -> Mate:
+        mate = self.known.mate(round(at_s * S), FRESH_S * S)
+        assert mate is not None
+        return mate
+
+
+@pytest.mark.parametrize(
+    ("left_m", "doing"), [(0.0, Doing.STANDING), (0.2, Doing.STANDING), (0.3, Doing.UNDER_WAY), (1.0, Doing.UNDER_WAY)]
+)
+def test_a_mate_with_two_decimetres_of_way_left_has_arrived(left_m: float, doing: Doing) -> None:
+    mate = Watched()
+    mate.path(0, (0.0, 0.0), (1.0, 0.0))
+    mate.state(1.0 - left_m, 0)
+    assert mate.at(0).doing is doing
+
+
+@pytest.mark.parametrize(
+    ("yaw_rad", "velocity", "way"),
+    [
+        (0.0, Twist2D(0.38, 0.0, 0.0), (0.6, 0.0)),
+        (math.pi, Twist2D(0.38, 0.0, 0.0), (-0.6, 0.0)),
+        (0.0, Twist2D(0.0, 0.38, 0.0), (0.0, 0.6)),
+        (math.pi / 2, Twist2D(0.0, -0.38, 0.0), (0.6, 0.0)),
+        (0.3, Twist2D(-0.228, 0.304, 0.0), (0.6 * math.cos(0.3 + 2.2143), 0.6 * math.sin(0.3 + 2.2143))),
+        (0.0, Twist2D(0.09, 0.0, 0.0), (0.0, 0.0)),  # it all but stands
+    ],
+)
+def test_a_mate_that_rolls_without_a_path_goes_on_as_it_rolls_for_a_second_and_a_half(
+    yaw_rad: float, velocity: Twist2D, way: tuple[float, float]
+) -> None:
+    mate = Watched()
+    mate.state(3.0, 0, 2.0, yaw_rad, velocity=velocity)
+    track = mate.at(0).track
+    assert tuple(track.positions[0]) == (3.0, 2.0)
+    assert tuple(track.positions[-1] - (3.0, 2.0)) == pytest.approx(way, abs=1e-3)
+    assert track.speed_m_s == pytest.approx(math.hypot(velocity.forward_m_s, velocity.left_m_s))
+
+
+def test_a_mate_that_falls_silent_while_it_rolls_is_an_obstacle_where_it_was() -> None:
+    mate = Watched()
+    mate.state(3.0, 0, velocity=Twist2D(0.38, 0.0, 0.0))
+    assert mate.at(FRESH_S).doing is Doing.STANDING
+    assert mate.at(FRESH_S + 0.001).doing is Doing.OBSTACLE
+    assert mate.at(FRESH_S + 0.001).track.positions.tolist() == [[3.0, 0.0]]
+
+
+def test_a_mate_under_way_that_does_not_move_is_an_obstacle_after_four_seconds() -> None:
+    mate = Watched()
+    mate.state(0.0, 0)
+    mate.path(0, (0.0, 0.0), (4.0, 0.0))
+    for at_s in (1, 2, 3, 4):
+        mate.state(0.0, at_s)
+        assert mate.at(at_s).doing is Doing.UNDER_WAY
+    mate.state(0.1, 4.001)
+    assert mate.at(4.001).doing is Doing.OBSTACLE, "a decimetre is no motion"
+    mate.state(0.11, 5)
+    assert mate.at(5).doing is Doing.UNDER_WAY
+
+
+def test_a_mate_that_has_waited_for_others_is_given_time_to_set_out() -> None:
+    mate = Watched()
+    mate.state(0.0, 0)
+    mate.path(0, (0.0, 0.0), (4.0, 0.0), held_at_m=0.0)
+    mate.state(0.0, 20)
+    assert mate.at(20).doing is Doing.UNDER_WAY
+    mate.path(20, (0.0, 0.0), (4.0, 0.0))
+    mate.state(0.0, 23)
+    assert mate.at(23).doing is Doing.UNDER_WAY
+    mate.state(0.0, 24.1)
+    assert mate.at(24.1).doing is Doing.OBSTACLE
+    mate.path(25, (0.0, 0.0), (4.0, 0.0))
+    mate.state(0.0, 25.1)
+    assert mate.at(25.1).doing is Doing.OBSTACLE, "to say the same again is no motion"
+
+
+def test_where_a_path_ends_exactly_at_the_distance_the_mate_is_near() -> None:
+    mate = Watched()
+    mate.path(0, (20.0, 0.0), (4.0, 0.0))
+    mate.state(20.0, 0)
+    assert is_near(mate.at(0), Point2D(1.0, 0.0), 3.0)
+    assert not is_near(mate.at(0), Point2D(1.0, 0.0), 2.99)
+    mate.path(1, (20.0, 0.0), (25.0, 0.0))
+    mate.state(20.0, 1)
+    assert not is_near(mate.at(1), Point2D(1.0, 0.0), 3.0)
+
+
+def test_a_mate_that_waits_for_nobody_goes_to_the_end_of_its_way_as_fast_as_it_says_or_as_robots_usually_do() -> None:
+    mate = Watched()
+    mate.state(0.0, 0)
+    for speed_m_s, expected_m_s in ((0.0, 0.6), (0.3, 0.3), (-1.0, 0.6)):
+        points = [Point2D(0.0, 0.0), Point2D(4.0, 0.0)]
+        mate.known.hear_path(PlannedPath(robot="r2", points=points, speed_m_s=speed_m_s), 0)
+        track = mate.at(0).track
+        assert track.speed_m_s == expected_m_s
+        assert track.held_at == len(track.positions) - 1
+        assert mate.at(0).bound == Point2D(4.0, 0.0)
+
+
+@pytest.mark.parametrize(("held_at_m", "held_at"), [(0.0, 0), (1.5, 15), (3.0, 30), (9.0, 40), (-1.0, 0)])
+def test_a_mate_waits_on_its_way_where_it_says(held_at_m: float, held_at: int) -> None:
+    mate = Watched()
+    mate.state(0.0, 0)
+    mate.path(0, (0.0, 0.0), (4.0, 0.0), held_at_m=held_at_m)
+    assert mate.at(0).track.held_at == held_at

@@ -1,0 +1,196 @@
+"""A robot compares its first scans with its team's map: whether its start is right, and later how well they fit."""
+
+import math
+
+import numpy as np
+import pytest
+
+from robrain.protocol.can.frames import codec
+from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.localization.odometry import moved_along
+from robrain.protocol.model.localization.rssi_ranging import PathLoss, RssiSample
+from robrain.protocol.model.mapping.local_map import NO_DRIFT, NONE, LocalMap
+from robrain.protocol.model.mapping.map_frame import MapFrame
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, GridGeometry, OccupancyGrid
+from robrain.protocol.model.navigation.omni_drive import OmniBase
+from robrain.protocol.model.slam.submap import IDENTITY
+from robrain.protocol.wire.topics import ROBOT_EVENT
+
+GEOMETRY = GridGeometry(0.1, -8.0, -8.0, 160, 160)
+GRID = {"resolution_m": 0.1, "origin_x_m": -8.0, "origin_y_m": -8.0, "width_m": 16.0, "height_m": 16.0}
+SQUARE_M = [min(2.0 / max(abs(math.cos(a)), abs(math.sin(a))), 5.0) for a in np.linspace(-np.pi, np.pi, 361)[:-1]]
+NARROW_M = [0.5 * range_m for range_m in SQUARE_M]
+
+
+def room_of_others(half_m=2.0):
+    """A square room about the origin that the others know, in one statement."""
+    cells = np.full((60, 60), FREE, np.int8)
+    wall = round(half_m / 0.1)
+    inner = np.s_[30 - wall : 30 + wall, 30 - wall : 30 + wall]
+    around = np.full((60, 60), OCCUPIED, np.int8)
+    around[inner] = cells[inner]
+    grid = OccupancyGrid(GEOMETRY)
+    grid.merge_patch(50, 50, around, 5)
+    return grid
+
+
+def started(stage, **parameters):
+    one = stage()
+    host = one.host("localisation", localisation=parameters)
+    return one, host
+
+
+def standing(one, seconds, ranges_m=SQUARE_M):
+    one.run(seconds, lambda: one.stand_and_scan(ranges_m))
+
+
+@pytest.mark.parametrize(("half_m", "is_lost"), [(2.0, False), (1.0, True)])
+def test_a_robot_that_does_not_see_what_the_others_have_mapped_there_started_elsewhere(stage, half_m, is_lost):
+    one, host = started(stage)
+    events = one.inbox(ROBOT_EVENT, robot="r1", plugin="localisation", event="diverged")
+    host.board.map_of_others = room_of_others(half_m)
+    standing(one, 0.3)
+    assert bool(host.board.lost) == host.board.false_start == is_lost
+    said = [received.message.value for received in events.drain()]
+    assert [each["is_lost"] for each in said] == [True] * is_lost
+    assert all("on the map of the others" in each["why"] for each in said)
+
+
+def test_without_a_map_of_others_every_start_is_believed(stage):
+    one, host = started(stage)
+    standing(one, 0.3)
+    assert host.board.lost == ""
+    host.board.map_of_others = OccupancyGrid(GEOMETRY)
+    standing(one, 0.3)
+    assert (host.board.lost, host.board.false_start) == ("", False)
+
+
+def test_each_state_of_the_others_map_is_looked_at_once(stage):
+    """What comes to stand in the way afterwards does not make the start a false one."""
+    one, host = started(stage)
+    others = host.board.map_of_others = room_of_others()
+    standing(one, 0.3)
+    standing(one, 0.3, NARROW_M)
+    assert host.board.lost == ""
+    others.merge_patch(0, 0, np.full((1, 1), FREE, np.int8), 6)
+    standing(one, 0.3, NARROW_M)
+    assert host.board.false_start
+    assert "on the map of the others" in host.board.lost
+
+
+def test_a_robot_that_was_told_that_it_starts_elsewhere_is_held_against_the_map_there(stage):
+    one, host = started(stage, x_m=1.0, y_m=-0.5, yaw_rad=0.3)
+    host.board.map_of_others = room_of_others()
+    standing(one, 0.3)
+    assert host.board.false_start, "what it sees is seen from the middle"
+
+
+@pytest.mark.parametrize(("beams", "is_told"), [(0, False), (1, True), (90, True)])
+def test_whoever_sees_a_wall_tells_how_well_it_fits_the_teams_map(stage, beams, is_told):
+    one = stage()
+    host = one.host("localisation", "mapper", mapper=GRID)
+    standing(one, 1.0)
+    host.board.map_agreement = None
+    standing(one, 2.0, [2.0] * beams or [0.0] * 90)
+    assert (host.board.map_agreement is not None) == is_told
+
+
+def test_where_the_teams_map_knows_less_than_half_of_what_is_seen_nothing_is_told(stage):
+    one = stage()
+    host = one.host("localisation", "mapper", mapper=GRID)
+    standing(one, 1.0)
+    host.board.map_agreement = None
+    host.manager.get("localisation").plugin._localiser.shift(Pose2D(5.0, 0.0, 0.0))
+    standing(one, 1.2)
+    assert host.board.map_agreement is None
+    assert host.board.T_arena_odom != IDENTITY
+
+
+@pytest.mark.parametrize("scan_matching", [True, False])
+def test_scans_wait_for_localisation_only_if_it_lays_them_on_the_map(stage, scan_matching):
+    one = stage()
+    host = one.host("mapper", "localisation", mapper=GRID, localisation={"scan_matching": scan_matching})
+    assert (host.board.local_pose.until_ns > 0) != scan_matching
+    standing(one, 1.0)
+    assert one.call("mapper", "counters")["scans"] > 0
+    assert (one.call("localisation", "health")["matches"] > 0) == scan_matching
+
+
+def walls_at(T_arena_local):
+    """The robot's own map of the square room, and where that lies."""
+    grid = OccupancyGrid(GEOMETRY, surfaces=True)
+    angles_rad = np.linspace(-np.pi, np.pi, 361)[:-1]
+    grid.integrate_scan(IDENTITY, angles_rad, np.array(SQUARE_M), 6.0, 1, np.empty((0, 3)))
+    return LocalMap(grid, T_arena_local, IDENTITY, NONE, NO_DRIFT, 1, 1, 0)
+
+
+def test_a_scan_is_laid_on_the_map_in_the_tick_in_which_odometry_covers_its_time(stage):
+    one, host = started(stage)
+    host.board.map, host.board.local_map = OccupancyGrid(GEOMETRY), walls_at(IDENTITY)
+    standing(one, 0.1)
+    assert host.board.local_pose.until_ns == one.clock.now_ns()
+    assert host.board.local_pose.checked
+
+
+def test_a_scan_that_comes_just_after_a_loop_closure_moved_the_map_still_lies_on_it(stage):
+    one, host = started(stage, scan_period_s=0.001)
+    host.board.map, host.board.local_map = OccupancyGrid(GEOMETRY), walls_at(IDENTITY)
+    standing(one, 0.3)
+    for number in range(1, 7):
+        moved = Pose2D(0.7 * number, -0.4, 0.2)
+        host.board.local_map = walls_at(moved)
+        for _ in range(3):
+            standing(one, 0.02)
+            assert host.board.local_pose.fits
+    assert host.manager.get("localisation").plugin.pose().distance_m(moved) < 0.05
+
+
+MOTES = [Point2D(float(x), float(y)) for x in (-2, 5, 12) for y in (-3, 4, 11)]
+LOSS = PathLoss(shadowing_db=1.0, fading_db=1.0)
+BASE, STEP = OmniBase(), Twist2D(0.05, 0.0, 0.015)
+
+
+def drive_past_motes(one, host):
+    """Drive a curve of 6 m somewhere among motes; where that ends."""
+    bus, counts, true = one.bus(), [0.0, 0.0, 0.0], Pose2D(3.0, 6.0, 1.0)
+    for step in range(120):
+        for wheel, turn_rad in enumerate(BASE.wheel_speeds_rad_s(STEP)):
+            counts[wheel] += turn_rad / BASE.rad_per_tick
+        ticks = {f"wheel_{wheel}_ticks": round(count) % 65536 for wheel, count in enumerate(counts, 1)}
+        bus.send(codec("WheelEncoders").pack(step, **ticks))
+        true = moved_along(true, STEP)
+        if step % 2:
+            mote = MOTES[step // 2 % len(MOTES)]
+            rssi_dbm = LOSS.mean_dbm(math.hypot(true.x_m - mote.x_m, true.y_m - mote.y_m))
+            host.board.mote_ranges.append(RssiSample(f"m{step // 2 % len(MOTES)}", mote, rssi_dbm))
+        one.run(0.02)
+    one.run(0.2)
+    return true
+
+
+def unknown_start(stage):
+    return started(stage, start_known=False, path_loss={"shadowing_db": 1.0, "fading_db": 1.0})
+
+
+def test_motes_tell_a_lost_robot_where_the_frame_that_it_maps_in_lies(stage):
+    one, host = unknown_start(stage)
+    lost = host.board.lost
+    host.board.local_map = walls_at(IDENTITY)._replace(trajectory=1, frame=MapFrame(20, "r1"), why=lost)
+    true = drive_past_motes(one, host)
+    fix = host.board.arena_fix
+    assert fix.trajectory == 1
+    assert fix.at.distance_m(true) < 0.5
+    assert fix.T_arena_frame.compose(host.board.pose).distance_m(true) < 0.3
+    assert host.board.may_be_at(true)
+    assert not host.board.may_be_at(Pose2D(true.x_m + 6.0, true.y_m - 5.0, true.yaw_rad))
+    assert host.board.lost == lost, "until the mapper has moved its map there"
+    assert host.board.pose.distance_m(true) > 3.0
+
+
+def test_a_lost_robot_that_has_mapped_nothing_is_where_motes_tell(stage):
+    one, host = unknown_start(stage)
+    true = drive_past_motes(one, host)
+    assert host.board.lost == ""
+    assert host.board.arena_fix is None
+    assert host.board.pose.distance_m(true) < 0.5
+    assert host.board.local_pose.trajectory == 2, "its map begins where it was found"

@@ -1,0 +1,174 @@
+"""A robot whose wheels are wrong drives around a block; the plugins map, close the loop, and put the map right."""
+
+import math
+
+import numpy as np
+import pytest
+
+from robrain.protocol.can.frames import codec
+from robrain.protocol.model.geometry import Pose2D, Twist2D
+from robrain.protocol.model.localization.odometry import moved_along
+from robrain.protocol.model.mapping.map_accuracy import measure_map_accuracy
+from robrain.protocol.model.navigation.omni_drive import OmniBase
+from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
+from robrain.protocol.wire.messages.arena_messages import Scan
+from robrain.protocol.wire.messages.map_patch import take_message
+from robrain.protocol.wire.topics import ARENA_SCAN, ROBOT_MAP
+from tests.protocol.mapping.lidar_floor import ANGLES_RAD, LidarFloor
+
+BASE = OmniBase()
+GRID = {"resolution_m": 0.1, "origin_x_m": -2.0, "origin_y_m": -2.0, "width_m": 16.0, "height_m": 12.0}
+BLOCK = LidarFloor(
+    (0, 0, 12, 0.2),
+    (0, 0, 0.2, 8),
+    (0, 7.8, 12, 8),
+    (11.8, 0, 12, 8),
+    (3, 3, 9, 5),
+    (5.5, 0.2, 6, 0.7),
+    (0.2, 5, 0.8, 5.5),
+)
+RANGE_M = 5.0
+START = Pose2D(1.5, 1.5, 0.0)
+ROUND = [(9.0, 0.0), (0.0, math.pi / 2), (5.0, 0.0), (0.0, math.pi / 2)] * 2
+"""Once around: way ahead, and turn."""
+STEP_M, STEP_RAD = 0.012, 0.04
+CURVING = (0.0, 0.0, 0.003)
+"""Shares by which the wheels count too much: after a round it is 0.8 m off, and 5° turned."""
+ERRORS = {"scale": 0.004, "curve_rad_per_m": 0.004, "turn": 0.004}
+
+
+class Driver:
+    """Drives a robot around the block, and says what its wheels count and its lidar sees."""
+
+    def __init__(self, stage, wrong=CURVING, *, scan_matching=False, **mapper):
+        self.one = stage()
+        self.patches = self.one.inbox(ROBOT_MAP)
+        localisation = {"x_m": START.x_m, "y_m": START.y_m, "scan_matching": scan_matching, "errors": ERRORS}
+        self.host = self.one.host("mapper", "localisation", mapper=GRID | mapper, localisation=localisation)
+        self.localisation = self.host.manager.get("localisation").plugin
+        self.true = START
+        self.errors_m = []
+        self.sigmas_m = []
+        self.frames = []
+        """T_arena_odom and T_local_odom after each tick."""
+        self._wrong = wrong
+        self._bus = self.one.bus()
+        self._counts = [0.0, 0.0, 0.0]
+        self._tick = 0
+
+    @property
+    def view(self):
+        return self.host.manager.get("mapper").plugin.view()
+
+    @property
+    def map_accuracy(self):
+        return measure_map_accuracy(self.view.classes, self.view.geometry, BLOCK.solid, BLOCK.FINE)
+
+    def drive_around(self):
+        for way_m, turn_rad in ROUND:
+            steps = max(round(way_m / STEP_M), round(turn_rad / STEP_RAD))
+            for _ in range(steps):
+                self._step(Twist2D(way_m / steps, 0.0, turn_rad / steps))
+
+    def stand(self, seconds):
+        for _ in range(round(50 * seconds)):
+            self._step(Twist2D())
+
+    def _step(self, by):
+        self.true = moved_along(self.true, by)
+        for wheel, turn_rad in enumerate(BASE.wheel_speeds_rad_s(by)):
+            self._counts[wheel] += turn_rad * (1.0 + self._wrong[wheel]) / BASE.rad_per_tick
+        self._tick += 1
+        ticks = {f"wheel_{wheel}_ticks": round(count) % 65536 for wheel, count in enumerate(self._counts, 1)}
+        self._bus.send(codec("WheelEncoders").pack(self._tick % 256, **ticks))
+        if self._tick % 8 == 0:
+            self._scan()
+        self.one.run(0.02)
+        self.errors_m.append(self.localisation.pose().distance_m(self.true))
+        self.sigmas_m.append(self.localisation.health().sigma_m)
+        self.frames.append((self.host.board.T_arena_odom, self.host.board.local_pose.T_local_odom))
+
+    def _scan(self):
+        ranges_m = BLOCK.ranges_m(self.true, range_max_m=RANGE_M)
+        scan = Scan(
+            robot="r1",
+            stamp_ns=self.one.clock.now_ns(),
+            angle_min_rad=float(ANGLES_RAD[0]),
+            angle_increment_rad=float(ANGLES_RAD[1] - ANGLES_RAD[0]),
+            range_max_m=RANGE_M,
+            ranges_mm=[round(1000 * range_m) if range_m < RANGE_M else 0 for range_m in ranges_m.tolist()],
+        )
+        self.one.publisher(ARENA_SCAN, robot="r1").put(scan)
+
+
+def test_a_robot_that_comes_back_to_where_it_began_finds_out_how_far_it_has_drifted(stage):
+    driver = Driver(stage)
+    driver.drive_around()
+    assert max(driver.errors_m) > 0.7
+    assert driver.one.call("mapper", "counters")["closures"] > 0
+    driver.stand(3.0)
+    assert driver.errors_m[-1] < 0.1
+    assert driver.localisation.health().lost == ""
+
+
+def test_when_the_loop_is_closed_the_whole_map_is_put_right(stage):
+    maps = {}
+    for closures_max in (0, 512):
+        driver = Driver(stage, graph={"closures_max": closures_max})
+        driver.drive_around()
+        driver.drive_around()
+        driver.stand(1.0)
+        maps[closures_max] = driver.map_accuracy
+        driver.one.hosts.remove(driver.host)
+        driver.host.close()
+    assert maps[0].share_off > 0.1, "without closures it draws the floor twice"
+    assert maps[512].share_off < 0.01
+    assert maps[512].occupied_cells > 400
+
+
+def test_a_robot_that_goes_by_walls_too_is_right_all_the_way_though_its_wheels_are_worse(stage):
+    driver = Driver(stage, (0.0, 0.004, 0.01), scan_matching=True)
+    driver.drive_around()
+    driver.drive_around()
+    assert max(driver.errors_m) < 0.08
+    assert driver.map_accuracy.cells_off == 0
+    counters = driver.one.call("mapper", "counters")
+    assert counters["closures"] > 10
+    assert counters["contradictions"] == 0
+    assert counters["submaps"] > 8
+
+
+@pytest.mark.parametrize("scan_matching", [False, True])
+def test_it_always_says_how_far_off_it_may_be(stage, scan_matching):
+    driver = Driver(stage, scan_matching=scan_matching)
+    driver.drive_around()
+    driver.drive_around()
+    assert np.all(np.array(driver.errors_m) < 3.0 * np.array(driver.sigmas_m))
+    assert max(driver.sigmas_m) < 2.0
+
+
+def test_closing_a_loop_moves_the_frame_of_the_map_and_not_the_robot_on_it(stage):
+    driver = Driver(stage)
+    driver.drive_around()
+    driver.stand(3.0)
+    steps = list(zip(driver.frames[1:], driver.frames, strict=False))
+    jumps_m = [now[0].distance_m(before[0]) for now, before in steps]
+    assert max(jumps_m) > 0.3
+    assert max(now[1].distance_m(before[1]) for now, before in steps) < 0.02
+
+
+def test_the_team_is_told_of_every_submap_that_is_moved(stage):
+    driver = Driver(stage)
+    driver.drive_around()
+    driver.drive_around()
+    driver.stand(3.0)
+    team = SubmapAtlas(driver.view.geometry)
+    moved = 0
+    for received in driver.patches.drain():
+        take_message(team, received.message)
+        moved += len(received.message.parts)
+    assert moved > 5
+    assert np.array_equal(team.grid.classes(), driver.view.classes)
+    finished = [submap for submap in team.submaps.values() if submap.surfaces is not None]
+    assert len(finished) == len(team.submaps) - 1
+    assert all(len(submap.surfaces) > 20 for submap in finished)

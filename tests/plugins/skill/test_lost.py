@@ -1,0 +1,169 @@
+"""A robot that does not know where it is takes on nothing, looks for itself slowly, and goes on once it is found."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from robrain.plugins.behavior.explore.explore import LOOK_PERIOD_S
+from robrain.plugins.behavior.search import PATIENCE_S, SPEED_M_S, TASK_PATIENCE_S
+from robrain.plugins.skill.mapper.frames import Frames
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.mapping.map_frame import ARENA
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.topics import ROBOT_PATH
+from tests.plugins.behavior.errands import CHARGER, Build, Errands, open_errands
+
+FAR = Point2D(5.0, 3.0)
+WHY = "walls and wheels disagree"
+SAYS = f"r1 does not know where it is: {WHY}"
+
+
+@pytest.fixture
+def errands() -> Iterator[Build]:
+    yield from open_errands("visit")
+
+
+def lose(run: Errands) -> None:
+    """Have localisation say that it is lost, and not find itself on the map of the team, until `find`."""
+    run.hosts["r1"].manager.get("localisation").live_plugin()._localiser.lose(WHY)
+    frames(run).search = lambda *_: None
+
+
+def find(run: Errands) -> None:
+    """Have it know again."""
+    here = run.hosts["r1"].board.pose
+    truth = run.pose()
+    frames(run)._join(ARENA, truth.compose(here.inverse()), truth, np.diag((1e-4, 1e-4, 1e-4)))
+
+
+def frames(run: Errands) -> Frames:
+    return run.hosts["r1"].manager.get("mapper").live_plugin()._frames
+
+
+def speed_m_s(run: Errands) -> float:
+    velocity = run.hosts["r1"].board.velocity
+    return math.hypot(velocity.forward_m_s, velocity.left_m_s)
+
+
+def test_a_lost_robot_refuses_what_it_is_offered_and_says_why(errands):
+    run = errands("explore", "recharge")
+    lose(run)
+    run.run(0.3)
+    for task in (
+        Task(id="v", kind="visit", place=FAR),
+        Task(id="x", kind="explore", place=FAR),
+        Task(id="c", kind="recharge", place=CHARGER),
+    ):
+        answer = run.offer(task)
+        assert (answer.accepted, answer.why) == (False, SAYS)
+    find(run)
+    run.run(0.3)
+    assert run.finish(Task(id="v", kind="visit", place=FAR)).state is TaskState.DONE
+
+
+@pytest.mark.parametrize(
+    "task", [Task(id="t", kind="visit", place=FAR, service_s=1.0), Task(id="t", kind="explore", place=FAR)]
+)
+def test_a_task_pauses_while_the_robot_looks_for_itself_slowly_and_then_goes_on(errands, task):
+    run = errands("explore")
+    explore = run.hosts["r1"].manager.get("explore").live_plugin()
+    explore._is_seen = lambda *_: False  # there is nothing unknown in this room
+    assert run.offer(task).accepted
+    run.run(2.0)
+    paths = run.inbox(ROBOT_PATH, robot="r1")
+    lose(run)
+    run.run(1.5)
+    assert paths.drain()[-1].message.points == []
+    way_m = run.way_m()
+    for _ in range(60):
+        run.run(0.2)
+        assert speed_m_s(run) <= SPEED_M_S + 0.01
+    assert run.status().state is TaskState.RUNNING
+    assert run.way_m() - way_m > 2.0  # what localisation needs to find it by motes
+    assert run.arena.collisions == 0
+    find(run)
+    for _ in range(100):
+        run.run(0.2)
+        if run.status().state.ended:
+            break
+    assert run.status().state is TaskState.DONE, run.status().why
+    assert run.pose().distance_m(FAR) < 0.5
+
+
+@pytest.mark.parametrize("task", [Task(id="t", kind="visit", place=FAR), Task(id="t", kind="explore", place=FAR)])
+def test_others_do_the_task_of_a_robot_that_maps_in_a_frame_of_its_own(errands, task):
+    run = errands("explore")
+    run.hosts["r1"].manager.get("explore").live_plugin()._is_seen = lambda *_: False
+    assert run.offer(task).accepted
+    run.run(1.0)
+    lose(run)
+    run.run(TASK_PATIENCE_S - 1.0)
+    assert run.status().state is TaskState.RUNNING
+    run.run(3.0)
+    assert run.status().state is TaskState.FAILED
+    assert "does not know where it is" in run.status().why
+
+
+def test_a_task_whose_robot_does_not_find_itself_fails_with_why_and_the_robot_stands(errands):
+    run = errands()
+    assert run.offer(Task(id="v", kind="visit", place=FAR)).accepted
+    run.run(1.0)
+    lose(run)
+    run.run(PATIENCE_S + 3.0)
+    assert (run.status().state, run.status().why) == (TaskState.FAILED, SAYS)
+    way_m = run.way_m()
+    run.run(10.0)
+    assert run.way_m() == way_m
+    assert run.arena.collisions == 0
+
+
+def test_one_with_nothing_to_do_looks_for_itself_once_and_stands_when_it_is_found(errands):
+    run = errands("idle")
+    lose(run)
+    run.run(5.0)
+    assert run.hosts["r1"].board.behavior == "find itself"
+    assert run.offer(Task(id="v", kind="visit", place=FAR)).why == SAYS
+    run.run(10.0)
+    assert run.way_m() > 1.5
+    find(run)
+    run.run(3.0)
+    assert run.hosts["r1"].board.behavior == "idle"
+    way_m = run.way_m()
+    run.run(5.0)
+    assert run.way_m() == way_m
+    assert run.finish(Task(id="v", kind="visit", place=FAR)).state is TaskState.DONE
+
+
+def test_one_that_does_not_find_itself_stands_until_it_is_found(errands):
+    run = errands("idle")
+    lose(run)
+    run.run(PATIENCE_S + 5.0)
+    way_m = run.way_m()
+    run.run(60.0)
+    assert run.way_m() == way_m
+    assert run.hosts["r1"].board.behavior == "idle"
+
+
+def test_one_that_looks_for_itself_explores_as_soon_as_it_sees_where(errands):
+    run = errands("idle", "explore")
+    explore = run.hosts["r1"].manager.get("explore").live_plugin()
+    frontiers = explore._frontiers
+    explore._frontiers = list
+    lose(run)
+    run.run(8.0)
+    assert run.hosts["r1"].board.behavior == "find itself"
+    here = run.hosts["r1"].board.pose
+    goal = Point2D(here.x_m + 1.0, here.y_m)
+    explore._frontiers = lambda: [goal]
+    explore._is_seen = lambda *_: False
+    seen = set()
+    for _ in range(round(5.0 * LOOK_PERIOD_S) + 2):
+        run.run(0.2)
+        seen.add((run.hosts["r1"].board.behavior, explore.goal()))
+    assert ("explore alone", goal) in seen
+    explore._frontiers = frontiers
+    run.run(20.0)
+    assert run.hosts["r1"].board.behavior == "find itself", "there is no other frontier"
+    assert run.arena.collisions == 0

@@ -1,0 +1,355 @@
+import math
+
+import msgspec
+import numpy as np
+import pytest
+
+from robrain.protocol.can.frames import codec
+from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.mapping.local_map import NO_DRIFT, LocalPose
+from robrain.protocol.model.mapping.occupancy_grid import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    GridGeometry,
+    OccupancyGrid,
+    PatchCells,
+)
+from robrain.protocol.model.ranges import STAMP_MAX
+from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
+from robrain.protocol.wire.messages.arena_messages import Scan
+from robrain.protocol.wire.messages.map_messages import MapPatch
+from robrain.protocol.wire.messages.map_patch import take_message, to_message
+from robrain.protocol.wire.topics import ARENA_SCAN, ROBOT_ALIVE, ROBOT_EVENT, ROBOT_MAP, ROBOT_MAP_WHOLE
+
+GRID = {"resolution_m": 0.1, "origin_x_m": -8.0, "origin_y_m": -8.0, "width_m": 16.0, "height_m": 16.0}
+
+
+def view(host):
+    return host.manager.get("mapper").plugin.view()
+
+
+def drive(host, *places):
+    """Send a robot along these places, arena frame."""
+    localisation = host.manager.get("localisation").plugin
+    host.manager.get("driver").plugin.follow(localisation.to_odom([Point2D(*place) for place in places]))
+
+
+def class_at(seen, x_m, y_m):
+    return seen.classes[seen.geometry.cell_of(x_m, y_m)]
+
+
+def ghosts(seen, plan):
+    """Places that the map says are occupied though no wall is within 0.2 m."""
+    found = []
+    for row, column in np.argwhere(seen.classes == OCCUPIED):
+        place = seen.geometry.center_of(int(row), int(column))
+        cell = plan.cell_of(place.x_m, place.y_m)
+        if plan.holds_cell(*cell) and plan.clearance_m[cell] > 0.2:
+            found.append((place.x_m, place.y_m))
+    return found
+
+
+def lies_at(T_local_odom, sigma_m=0.03):
+    """What localisation would say: scans may be mapped as they come."""
+    return LocalPose(T_local_odom, 0, NO_DRIFT, STAMP_MAX, True, sigma_m)
+
+
+def test_a_room_of_known_size_is_mapped_as_such(stage):
+    one = stage()
+    host = one.host("mapper", "localisation", mapper=GRID)
+    ranges_m = [min(2.0 / max(abs(math.cos(a)), abs(math.sin(a))), 5.0) for a in np.linspace(-np.pi, np.pi, 721)[:-1]]
+    one.run(1.0, lambda: one.stand_and_scan(ranges_m))
+    seen = view(host)
+    for place in ((0.0, 0.0), (1.8, 0.0), (-1.5, -1.5)):
+        assert class_at(seen, *place) == FREE
+    for place in ((2.05, 0.0), (-2.05, 1.0), (0.5, 2.05)):
+        assert class_at(seen, *place) == OCCUPIED
+    for place in ((2.5, 0.0), (-3.0, -3.0), (0.0, 7.0)):
+        assert class_at(seen, *place) == UNKNOWN
+
+
+def test_only_what_was_sensed_is_known(stage):
+    one = stage()
+    host = one.host("mapper", "localisation", mapper=GRID)
+    one.run(0.6, lambda: one.stand_and_scan([3.0]))  # one ray, backwards
+    rows, columns = np.nonzero(view(host).classes != UNKNOWN)
+    places = [view(host).geometry.center_of(int(row), int(column)) for row, column in zip(rows, columns, strict=True)]
+    assert len(places) == pytest.approx(31, abs=1)
+    assert all(-3.1 <= place.x_m <= 0.1 and abs(place.y_m) <= 0.1 for place in places)
+
+
+def test_where_no_ray_returned_the_way_is_free_and_nothing_is_occupied(stage):
+    one = stage()
+    host = one.host("mapper", "localisation", mapper=GRID)
+    one.run(0.6, lambda: one.stand_and_scan([0.0] * 360, range_max_m=3.0))
+    seen = view(host)
+    assert class_at(seen, 2.5, 0.0) == FREE
+    assert class_at(seen, 3.5, 0.0) == UNKNOWN
+    assert not np.any(seen.classes == OCCUPIED)
+
+
+def test_a_robot_that_does_not_know_where_it_is_maps_nothing(stage):
+    one = stage()
+    one.host("mapper", mapper=GRID)
+    patches = one.inbox(ROBOT_MAP)
+    one.run(1.0, lambda: one.stand_and_scan([2.0] * 90))
+    assert one.call("mapper", "known_area_m2") == 0.0
+    assert patches.drain() == []
+
+
+def test_a_scan_is_put_where_the_robot_was_when_it_was_made(stage):
+    one = stage()
+    host = one.host("mapper", "localisation", mapper=GRID)
+    bus, counts = one.bus(), iter(range(0, 30000, 200))
+
+    def turn():
+        ticks = next(counts)
+        bus.send(codec("WheelEncoders").pack(0, wheel_1_ticks=ticks, wheel_2_ticks=ticks, wheel_3_ticks=ticks))
+
+    one.run(0.02, turn)
+    stamp_ns = one.clock.now_ns()
+    one.run(0.4, turn)
+    assert host.manager.get("localisation").plugin.pose().yaw_rad > 1.0
+    late = Scan(
+        robot="r1", stamp_ns=stamp_ns, angle_min_rad=0.0, angle_increment_rad=1.0, range_max_m=6.0, ranges_mm=[3000]
+    )
+    one.publisher(ARENA_SCAN, robot="r1").put_bytes(msgspec.json.encode(late))
+    one.run(0.6)
+    assert class_at(view(host), 3.02, 0.0) == OCCUPIED
+    assert view(host).classes[:, view(host).geometry.cell_of(1.0, 0.0)[1]].tolist().count(FREE) == 1
+
+
+def test_walls_stay_straight_while_the_robot_turns(stage, room):
+    plan = room()
+    one = stage(plan, r1=Pose2D(2.0, 2.0, 0.3))
+    host = one.host("mapper", "localisation")
+    motor = host.manager.get("mocdevice").plugin
+    one.run(4.0, lambda: motor.drive(Twist2D(0.0, 0.0, 2.0)))
+    assert ghosts(view(host), plan) == []
+    assert class_at(view(host), 0.05, 2.0) == OCCUPIED
+
+
+def test_patches_merge_into_an_equal_map_elsewhere(stage, room):
+    plan = room(6.0, 4.0, (2.9, 0.0, 3.1, 2.4))
+    one = stage(plan, r1=Pose2D(1.0, 1.0, 0.0))
+    patches = one.inbox(ROBOT_MAP)
+    host = one.host("mapper", "localisation")
+    drive(host, (2.0, 3.2), (5.0, 3.2))
+    one.run(12.0)
+    elsewhere = SubmapAtlas(view(host).geometry)
+    for received in patches.drain():
+        take_message(elsewhere, received.message)
+    # The last scans may not have been told yet.
+    one.run(0.5)
+    for received in patches.drain():
+        take_message(elsewhere, received.message)
+    assert np.count_nonzero(elsewhere.grid.classes() != UNKNOWN) > 1500
+    assert np.array_equal(elsewhere.grid.classes(), view(host).classes)
+
+
+def test_nothing_new_is_not_told_again(stage):
+    one = stage()
+    one.host("mapper", "localisation", mapper=GRID)
+    patches = one.inbox(ROBOT_MAP)
+    one.run(5.0, lambda: one.stand_and_scan([2.0] * 360))
+    assert len(patches.drain()) in (1, 2)
+
+
+def test_two_robots_end_with_one_map(stage, room):
+    plan = room(8.0, 4.0, (3.9, 0.0, 4.1, 2.6))
+    one = stage(plan, r1=Pose2D(1.0, 1.0, 0.0), r2=Pose2D(7.0, 1.0, 0.0))
+    hosts = [one.host("mapper", "localisation", robot=robot) for robot in ("r1", "r2")]
+    one.run(3.0)
+    maps = [view(host).classes for host in hosts]
+    assert np.array_equal(maps[0], maps[1])
+    assert class_at(view(hosts[0]), 7.0, 1.5) == FREE  # behind the wall: known by the other's word
+
+
+def test_teammates_that_drive_about_leave_no_ghosts(stage, room):
+    plan = room(6.0, 4.0)
+    one = stage(plan, r1=Pose2D(1.5, 2.0, 0.0), r2=Pose2D(3.0, 2.0, 0.0))
+    hosts = [one.host("mapper", "localisation", robot=robot) for robot in ("r1", "r2")]
+    for place in ((4.8, 1.0), (4.8, 3.0), (3.0, 3.2)):
+        drive(hosts[1], place)
+        one.run(4.0)
+        assert [ghosts(view(host), plan) for host in hosts] == [[], []]
+    assert one.truth("r2").distance_m > 4.0
+
+
+def test_a_robot_of_which_nothing_is_known_is_an_obstacle_on_the_map(stage, room):
+    plan = room(6.0, 4.0)
+    one = stage(plan, r1=Pose2D(1.5, 2.0, 0.0), r2=Pose2D(3.0, 2.0, 0.0))
+    host = one.host("mapper", "localisation")
+    one.run(3.0)
+    assert ghosts(view(host), plan)
+
+
+def test_one_who_joins_late_has_the_whole_map(stage, room):
+    plan = room(8.0, 4.0, (3.9, 0.0, 4.1, 2.6))
+    one = stage(plan, r1=Pose2D(1.0, 1.0, 0.0), r2=Pose2D(7.0, 1.0, 0.0))
+    first = one.host("mapper", "localisation")
+    one.run(3.0)
+    before = view(first).classes
+    assert class_at(view(first), 7.0, 1.5) == UNKNOWN
+    late = one.host("mapper", "localisation", robot="r2")
+    known = before != UNKNOWN
+    # Zenoh tells of tokens that were there before on a thread of its own, a little later.
+    one.run_until(lambda: np.array_equal(view(late).classes[known], before[known]), 60.0)
+
+
+def test_the_whole_map_is_there_for_the_asking(stage):
+    one = stage()
+    host = one.host("mapper", "localisation", mapper=GRID)
+    assert one.wire.ask(ROBOT_MAP_WHOLE, robot="r1") is None
+    one.run(1.0, lambda: one.stand_and_scan([2.0] * 360))
+    whole = one.wire.ask(ROBOT_MAP_WHOLE, robot="r1")
+    elsewhere = SubmapAtlas(view(host).geometry)
+    take_message(elsewhere, whole)
+    assert np.array_equal(elsewhere.grid.classes(), view(host).classes)
+    assert one.call("mapper", "known_area_m2") == pytest.approx(0.01 * np.count_nonzero(elsewhere.grid.known()))
+
+
+def test_a_map_on_another_grid_is_refused_with_one_word_in_the_log(stage, caplog):
+    one = stage()
+    host = one.host("mapper", "localisation", mapper=GRID)
+    patch = MapPatch(
+        robot="r2",
+        resolution_m=0.05,
+        origin_x_m=0.0,
+        origin_y_m=0.0,
+        width=4,
+        height=4,
+        row=0,
+        column=0,
+        rows=1,
+        columns=1,
+        observed_ms=5,
+        cells=b"",
+    )
+    one.wire.token(ROBOT_ALIVE, robot="r2")
+    for _ in range(3):
+        one.publisher(ROBOT_MAP, robot="r2").put(patch)
+        one.run(0.6)
+    assert not np.any(view(host).classes != UNKNOWN)
+    refused = [record.getMessage() for record in caplog.records if "cannot be merged" in record.getMessage()]
+    assert len(refused) == 1
+    assert "r2 maps" in refused[0]
+    mapper = host.manager.get("mapper").plugin
+    assert [(each.topic, each.code, each.count) for each in mapper.env.wire.refusals.counts()] == [
+        ("robot_map", "not_plausible", 3)
+    ]
+    assert one.infos()["mapper"].state == "active"
+
+
+def test_its_own_patches_do_not_come_back_to_it(stage):
+    """A robot that was told its own old word as news would undo what it has seen since."""
+    one = stage()
+    host = one.host("mapper", "localisation", mapper=GRID)
+    one.run(1.0, lambda: one.stand_and_scan([2.0] * 360))
+    own = view(host).classes
+    grid = GridGeometry(0.1, -8.0, -8.0, 160, 160)
+    other = OccupancyGrid(grid)
+    other.merge_patch(0, 0, np.full(grid.shape, OCCUPIED, np.int8), 900_000)
+    one.publisher(ROBOT_MAP, robot="r1").put(to_message("r1", grid, other.full_patch()))
+    one.run(0.6)
+    assert np.array_equal(view(host).classes, own)
+
+
+def test_scans_are_left_out_while_the_place_is_not_sure_and_taken_in_again_later(stage):
+    one = stage()
+    host = one.host("mapper", mapper=GRID)
+    paused = one.inbox(ROBOT_EVENT, robot="r1", plugin="mapper", event="paused")
+    board = host.board
+    board.local_pose = lies_at(Pose2D(0.0, 0.0, 0.0), sigma_m=3.0)
+    board.pose_covariance = (9.0, 0.0, 0.0, 0.0, 9.0, 0.0, 0.0, 0.0, 0.01)
+    one.run(1.0, lambda: one.stand_and_scan([2.0] * 90))
+    assert not np.any(view(host).classes != UNKNOWN)
+    assert one.call("mapper", "counters")["scans_left_out"] > 10
+    # Where the own map lies in the arena may be as unsure as it likes: closures move it, and only who maps finds any.
+    board.local_pose = lies_at(Pose2D(0.0, 0.0, 0.0))
+    one.run(1.0, lambda: one.stand_and_scan([2.0] * 90))
+    assert np.any(view(host).classes == OCCUPIED)
+    said = [received.message.value for received in paused.drain()]
+    assert len(said) == 2
+    assert "not sure enough" in said[0]
+    assert said[1] == ""
+
+
+def test_after_a_correction_walls_are_put_where_they_are_in_the_arena(stage):
+    """Cells are the arena's: what is mapped after T_local_odom has jumped is not shifted with the odometry's frame."""
+    one = stage()
+    host = one.host("mapper", mapper=GRID)
+    patches = one.inbox(ROBOT_MAP)
+    host.board.pose_covariance = (1e-4, 0.0, 0.0, 0.0, 1e-4, 0.0, 0.0, 0.0, 1e-5)
+    host.board.local_pose = lies_at(Pose2D(0.0, 0.0, 0.0))
+    one.run(1.0, lambda: one.stand_and_scan([3.0]))  # one ray, backwards
+    host.board.local_pose = lies_at(Pose2D(0.0, 1.0, math.pi))
+    one.run(1.0, lambda: one.stand_and_scan([3.0]))
+    seen = view(host)
+    assert class_at(seen, -3.02, 0.0) == OCCUPIED
+    assert class_at(seen, 3.02, 1.0) == OCCUPIED
+    elsewhere = SubmapAtlas(seen.geometry)
+    for received in patches.drain():
+        take_message(elsewhere, received.message)
+    assert np.array_equal(elsewhere.grid.classes(), seen.classes)
+
+
+def test_memory_is_bounded_whatever_the_others_send_and_drops_are_counted(stage):
+    one = stage()
+    host = one.host("mapper", "localisation", mapper=GRID)
+    grid = GridGeometry(0.1, -8.0, -8.0, 160, 160)
+    other = OccupancyGrid(grid)
+    other.merge_patch(0, 0, np.full((2, 2), FREE, np.int8), 1)
+    patch, publisher = to_message("r2", grid, other.full_patch()), one.publisher(ROBOT_MAP, robot="r2")
+    for _ in range(4096 + 100):
+        publisher.put(patch)
+    one.run(0.6)
+    assert one.call("mapper", "counters")["patches_dropped"] == 100
+    assert view(host).classes.shape == grid.shape
+
+
+def hall(robot, observed_ms):
+    """A patch of 4 × 4 m of floor."""
+    grid = GridGeometry(0.1, -8.0, -8.0, 160, 160)
+    other = OccupancyGrid(grid)
+    other.merge_patch(0, 0, np.full((40, 40), FREE, np.int8), observed_ms)
+    return to_message(robot, grid, other.full_patch())
+
+
+@pytest.mark.parametrize(("observed_ms", "is_taken"), [(500, True), (5_900, True), (20_000, False), (2**31 - 1, False)])
+def test_patches_from_the_future_are_ignored(stage, observed_ms, is_taken):
+    one = stage()
+    host = one.host("mapper", "localisation", mapper=GRID)
+    one.wire.token(ROBOT_ALIVE, robot="r2")
+    one.run(1.0)
+    one.publisher(ROBOT_MAP, robot="r2").put(hall("r2", observed_ms))
+    one.run(0.6)
+    assert np.any(view(host).classes == FREE) == is_taken
+    assert one.infos()["mapper"].state == "active"
+
+
+def test_patches_of_an_absent_robot_are_ignored_until_it_is_there(stage):
+    one = stage()
+    host = one.host("mapper", "localisation", mapper=GRID)
+    one.run(1.0)
+    for is_taken in (False, True):
+        one.publisher(ROBOT_MAP, robot="r2").put(hall("r2", 500))
+        one.run(0.6)
+        assert np.any(view(host).classes == FREE) == is_taken
+        one.wire.token(ROBOT_ALIVE, robot="r2")
+        one.run(0.6)
+
+
+def test_what_a_mate_took_for_a_wall_is_floor_again_once_the_robot_sees_through_it(stage):
+    """As where somebody stood for a moment, whom only the mate saw."""
+    one = stage()
+    host = one.host("mapper", "localisation", mapper=GRID)
+    one.wire.token(ROBOT_ALIVE, robot="r2")
+    one.run(2.0, lambda: one.stand_and_scan([2.0] * 360))
+    geometry = view(host).geometry
+    row, column = geometry.cell_of(1.0, 0.0)
+    wall = PatchCells(row, column, np.array([[OCCUPIED]]), 2_000)
+    one.publisher(ROBOT_MAP, robot="r2").put(to_message("r2", geometry, wall))
+    one.run(5.0, lambda: one.stand_and_scan([2.0] * 360))
+    assert class_at(view(host), 1.0, 0.0) == FREE

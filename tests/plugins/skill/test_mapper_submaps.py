@@ -1,0 +1,362 @@
+"""When a mapper takes a scan in, cuts submaps, tells of them, and moves them by what mates' scans say."""
+
+import math
+
+import numpy as np
+import pytest
+
+from robrain.plugins.skill.mapper.mapper import Mapper
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.local_map import NO_DRIFT, NONE, LocalMap, LocalPose
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
+from robrain.protocol.model.ranges import STAMP_MAX
+from robrain.protocol.model.slam.submap import IDENTITY
+from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
+from robrain.protocol.wire.messages.map_messages import Closure, Closures
+from robrain.protocol.wire.messages.map_patch import pose_message, take_message, to_message
+from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE
+
+GRID = {"resolution_m": 0.1, "origin_x_m": -8.0, "origin_y_m": -8.0, "width_m": 16.0, "height_m": 16.0}
+GEOMETRY = GridGeometry(0.1, -8.0, -8.0, 160, 160)
+SQUARE_M = [min(2.0 / max(abs(math.cos(a)), abs(math.sin(a))), 5.0) for a in np.linspace(-np.pi, np.pi, 361)[:-1]]
+
+
+def covariance(x_m, y_m=0.01, yaw_rad=0.01):
+    return (x_m**2, 0.0, 0.0, 0.0, y_m**2, 0.0, 0.0, 0.0, yaw_rad**2)
+
+
+def lies_at(place=IDENTITY, *, trajectory=0, until_ns=STAMP_MAX, fits=True, sigma_m=0.1):
+    return LocalPose(place, trajectory, NO_DRIFT, until_ns, fits, sigma_m)
+
+
+def mapping(stage, *, local_map=None):
+    """A robot whose localisation says that it stands at the origin."""
+    one = stage()
+    host = one.host("mapper", mapper=GRID, start=False)
+    host.board.local_map = local_map
+    host.start()
+    host.board.local_pose = lies_at()
+    host.board.pose_covariance = covariance(0.1)
+    return one, host
+
+
+def scanned(one, seconds=0.6):
+    one.run(seconds, lambda: one.stand_and_scan(SQUARE_M))
+
+
+def view(host):
+    return host.manager.get("mapper").plugin.view()
+
+
+def class_at(host, x_m, y_m):
+    return view(host).classes[view(host).geometry.cell_of(x_m, y_m)]
+
+
+def test_a_mapper_that_has_paused_goes_on_only_when_the_place_is_clearly_surer(stage):
+    one, host = mapping(stage)
+    paused = []
+    for sigma_m in (1.9, 2.1, 1.9, 1.7, 1.5, 1.9):
+        host.board.local_pose = lies_at(sigma_m=sigma_m)
+        scanned(one, 0.1)
+        paused.append(bool(one.call("mapper", "counters")["why_left_out"]))
+    assert paused == [False, True, True, True, False, False]
+
+
+def test_while_it_is_paused_the_reason_says_how_sure_the_place_has_to_be(stage):
+    one, host = mapping(stage)
+    host.board.local_pose = lies_at(sigma_m=3.0)
+    scanned(one, 0.02)
+    assert "above 2 m" in one.call("mapper", "counters")["why_left_out"]
+    scanned(one, 0.02)
+    assert "above 1.6 m" in one.call("mapper", "counters")["why_left_out"]
+    host.board.lost = "it was carried"
+    scanned(one, 0.02)
+    assert one.call("mapper", "counters")["why_left_out"].endswith("it was carried")
+
+
+def test_how_unsure_it_is_where_its_map_lies_in_the_arena_is_no_reason_to_pause(stage):
+    one, host = mapping(stage)
+    host.board.pose_covariance = covariance(3.0, 3.0)
+    scanned(one, 0.1)
+    assert one.call("mapper", "counters")["why_left_out"] == ""
+    assert one.call("mapper", "counters")["scans"] > 0
+
+
+def test_a_scan_that_does_not_lie_on_the_robots_own_map_is_not_drawn(stage):
+    one, host = mapping(stage)
+    host.board.local_pose = lies_at(fits=False)
+    scanned(one)
+    counters = one.call("mapper", "counters")
+    assert counters["scans"] == 0
+    assert counters["scans_left_out"] > 10
+    assert counters["why_left_out"] == ""
+    assert not np.any(view(host).classes != UNKNOWN)
+
+
+def test_scans_wait_until_localisation_has_laid_them_on_its_map(stage):
+    one, host = mapping(stage)
+    host.board.local_pose = lies_at(until_ns=0)
+    scanned(one, 0.2)
+    assert one.call("mapper", "counters")["scans"] == 0
+    host.board.local_pose = lies_at()
+    scanned(one, 0.02)
+    assert 5 < one.call("mapper", "counters")["scans"] <= 16
+
+
+def test_nobody_is_told_in_the_first_half_second(stage):
+    one, _ = mapping(stage)
+    patches = one.inbox(ROBOT_MAP)
+    scanned(one, 0.48)
+    assert patches.drain() == []
+    scanned(one, 0.6)
+    assert len(patches.drain()) == 1
+
+
+def test_a_submap_begins_with_the_first_scan_and_another_after_five_metres(stage):
+    one, host = mapping(stage)
+    patches = one.inbox(ROBOT_MAP)
+    scanned(one, 1.1)
+    first = host.board.local_map
+    assert first.number == first.oldest == 20, "milliseconds of its first scan"
+    assert first.variances == pytest.approx((0.01, 0.0001, 0.0001), rel=1e-3)
+    for x_m in (1.5, 0.0, 1.5, 0.0):
+        host.board.local_pose = lies_at(Pose2D(x_m, 0.0, 0.0))
+        scanned(one, 0.5)
+    second = host.board.local_map
+    assert second.number > first.number
+    assert second.oldest == first.number
+    scanned(one)
+    told = [received.message for received in patches.drain()]
+    (finished,) = [patch for patch in told if patch.surfaces]
+    assert 0.0 < finished.variance_m2 < 0.1
+    assert 0.0 < finished.variance_rad2 < 0.1
+    assert finished.submap == first.number
+    assert {patch.submap for patch in told} == {first.number, second.number}
+    assert [patch.submap for patch in told] == sorted(patch.submap for patch in told)
+    assert one.call("mapper", "counters")["submaps"] == 2
+
+
+def test_what_was_seen_last_of_a_submap_is_told_with_it(stage):
+    one, host = mapping(stage)
+    scanned(one, 1.1)
+    for x_m in (5.2, 0.0):  # one scan at either place: with the second the submap ends
+        host.board.local_pose = lies_at(Pose2D(x_m, 0.0, 0.0))
+        scanned(one, 0.02)
+    scanned(one)
+    assert class_at(host, 7.25, 0.0) == OCCUPIED
+
+
+def test_what_the_others_had_mapped_before_is_there_to_check_the_start_for_five_seconds(stage):
+    one, host = mapping(stage)
+    scanned(one, 4.6)
+    assert host.board.map_of_others is not None
+    scanned(one, 1.2)
+    assert host.board.map_of_others is None
+
+
+def test_a_robot_that_was_found_again_begins_its_map_anew(stage):
+    one, host = mapping(stage)
+    scanned(one)
+    before = host.board.local_map
+    host.board.local_pose = lies_at(Pose2D(3.0, 0.0, 0.0), trajectory=1)
+    scanned(one)
+    after = host.board.local_map
+    assert (after.trajectory, after.number, after.oldest) == (1, after.oldest, after.number)
+    assert after.number > before.number
+    assert after.anchor.x_m == 3.0
+    assert class_at(host, -2.02, 0.0) == class_at(host, 5.02, 0.0) == OCCUPIED
+    assert after.grid.classes()[after.grid.geometry.cell_of(-2.02, 0.0)] == UNKNOWN, "it goes by what it saw since"
+
+
+QUARTER = Pose2D(1.0, 0.5, math.pi / 2)
+
+
+def in_frame(T_arena_local):
+    return LocalMap(OccupancyGrid(GEOMETRY), T_arena_local, IDENTITY, NONE, NO_DRIFT, 1, 1, 0)
+
+
+def test_a_mapper_that_is_started_again_goes_on_in_the_frame_that_it_had(stage):
+    one, host = mapping(stage, local_map=in_frame(QUARTER))
+    scanned(one)
+    assert host.board.local_map.T_arena_local == QUARTER
+    wall, floor = QUARTER.compose(Pose2D(2.05, 0.35, 0.0)), QUARTER.compose(Pose2D(1.55, 0.35, 0.0))
+    assert class_at(host, wall.x_m, wall.y_m) == OCCUPIED
+    assert class_at(host, floor.x_m, floor.y_m) == FREE
+
+
+@pytest.mark.parametrize("T_arena_local", [IDENTITY, QUARTER, Pose2D(-0.5, 1.0, -0.7)])
+def test_mates_are_left_out_of_the_map_wherever_its_frame_lies(stage, T_arena_local):
+    one, host = mapping(stage, local_map=in_frame(T_arena_local))
+    one.wire.token(ROBOT_ALIVE, robot="r2")
+    mate, wall = T_arena_local.compose(Pose2D(-3.0, 0.1, 0.0)), T_arena_local.compose(Pose2D(3.02, 0.05, 0.0))
+
+    def each():
+        one.say_state("r2", mate)
+        one.stand_and_scan([2.85, 2.9, 3.0, 2.9])  # behind, right, ahead, left
+
+    one.run(1.0, each)
+    place = T_arena_local.compose(Pose2D(-2.87, 0.0, 0.0))
+    assert class_at(host, place.x_m, place.y_m) != OCCUPIED
+    assert class_at(host, wall.x_m, wall.y_m) == OCCUPIED
+
+
+def mates_submap(one):
+    """A submap of r2 at the team's place, and r2 itself."""
+    one.wire.token(ROBOT_ALIVE, robot="r2")
+    other = OccupancyGrid(GEOMETRY)
+    other.merge_patch(0, 0, np.full((4, 4), FREE, np.int8), 10)
+    one.publisher(ROBOT_MAP, robot="r2").put(to_message("r2", GEOMETRY, other.full_patch(), submap=7))
+    scanned(one)
+
+
+def closure(number, off_m):
+    return Closures(
+        robot="r2",
+        closures=[
+            Closure(
+                submap=7,
+                at=Pose2D(off_m, 0.0, 0.0),
+                mate="r1",
+                mate_submap=number,
+                at_mate=IDENTITY,
+                information=(1e6, 0.0, 0.0, 1e6, 0.0, 1e6),
+            )
+        ],
+    )
+
+
+def test_a_mates_scan_on_an_own_submap_moves_it_and_the_team_is_told(stage):
+    one, host = mapping(stage)
+    scanned(one, 1.2)
+    mates_submap(one)
+    patches = one.inbox(ROBOT_MAP, robot="r1")
+    one.publisher(ROBOT_CLOSURES, robot="r2").put(closure(host.board.local_map.number, 0.3))
+    scanned(one, 1.2)
+    moved = host.board.local_map.T_arena_local
+    assert moved.x_m == pytest.approx(0.3 * 0.01 / (0.01 + 4e-4), rel=0.02)
+    assert host.board.local_map.variances[0] == pytest.approx(1 / (1 / 0.01 + 1 / 4e-4), rel=0.05)
+    assert class_at(host, 2.35, 0.0) == OCCUPIED
+    assert class_at(host, -2.05, 0.0) == UNKNOWN, "the wall is where it is now, and not where it was"
+    (part,) = [part for received in patches.drain() for part in received.message.parts]
+    assert (part.robot, part.submap, part.T_arena_local) == ("r1", host.board.local_map.number, moved)
+    assert part.variance_m2 == pytest.approx(max(host.board.local_map.variances[:2]))
+    assert part.variance_rad2 == pytest.approx(host.board.local_map.variances[2])
+
+
+def test_the_graph_is_solved_every_two_seconds_at_most(stage):
+    one, host = mapping(stage)
+    scanned(one, 1.2)
+    mates_submap(one)
+    publisher, places = one.publisher(ROBOT_CLOSURES, robot="r2"), []
+    for off_m in (0.03, 0.06, 0.09, 0.12, 0.15, 0.18):
+        publisher.put(closure(host.board.local_map.number, off_m))
+        scanned(one, 1.0)
+        places.append(round(host.board.local_map.T_arena_local.x_m, 2))
+    assert len(set(places)) in {3, 4}
+    assert places == sorted(places)
+
+
+def test_a_mate_that_moves_its_submap_takes_along_what_is_closed_with_it(stage):
+    one, host = mapping(stage)
+    scanned(one, 1.2)
+    mates_submap(one)
+    one.publisher(ROBOT_CLOSURES, robot="r2").put(closure(host.board.local_map.number, 0.0))
+    scanned(one, 3.0)
+    assert host.board.local_map.T_arena_local == IDENTITY
+    one.publisher(ROBOT_MAP, robot="r2").put(pose_message("r2", GEOMETRY, 7, Pose2D(0.2, 0.0, 0.0)))
+    scanned(one, 3.0)
+    assert host.board.local_map.T_arena_local.x_m == pytest.approx(0.19, abs=0.01)
+
+
+def test_closures_of_a_robot_that_is_not_there_are_refused(stage):
+    one, host = mapping(stage)
+    scanned(one, 1.2)
+    one.publisher(ROBOT_CLOSURES, robot="r3").put(closure(host.board.local_map.number, 0.3))
+    scanned(one, 1.0)
+    assert host.board.local_map.T_arena_local == IDENTITY
+
+
+def test_what_was_mapped_from_a_false_start_is_withdrawn_and_the_team_is_told(stage):
+    one, host = mapping(stage)
+    patches = one.inbox(ROBOT_MAP)
+    scanned(one, 1.2)
+    wrong = host.board.local_map.number
+    team = SubmapAtlas(view(host).geometry)
+    for received in patches.drain():
+        take_message(team, received.message)
+    assert team.grid.known_count > 1000
+    host.board.false_start = True
+    one.run(0.4, lambda: one.stand_and_scan([0.0] * 4))
+    assert not np.any(view(host).classes == OCCUPIED)
+    for received in patches.drain():
+        take_message(team, received.message)
+    assert ("r1", wrong) not in team.submaps
+    host.board.local_pose = lies_at(Pose2D(1.0, 0.0, 0.0), trajectory=1)
+    scanned(one, 1.2)
+    assert host.board.local_map.number > wrong
+    assert class_at(host, 3.05, 0.0) == OCCUPIED, "from now on it maps again, though the start was false"
+    assert class_at(host, -2.05, 0.0) == UNKNOWN
+
+
+def test_a_mates_closure_does_not_bring_back_a_submap_that_was_withdrawn(stage):
+    one, host = mapping(stage)
+    scanned(one, 1.2)
+    mates_submap(one)
+    wrong = host.board.local_map.number
+    host.board.false_start = True
+    one.run(0.6, lambda: one.stand_and_scan([0.0] * 4))
+    patches = one.inbox(ROBOT_MAP, robot="r1")
+    one.publisher(ROBOT_CLOSURES, robot="r2").put(closure(wrong, 0.3))
+    scanned(one, 3.0)
+    told = [part for each in patches.drain() for part in (each.message, *each.message.parts)]
+    assert wrong not in {part.submap for part in told if not part.parts}
+
+
+def test_nothing_that_was_not_told_yet_is_told_of_a_withdrawn_submap(stage):
+    one, host = mapping(stage)
+    patches = one.inbox(ROBOT_MAP)
+    scanned(one, 0.3)
+    host.board.false_start = True
+    one.run(1.0, lambda: one.stand_and_scan([0.0] * 4))
+    told = [received.message for received in patches.drain()]
+    assert all(not message.cells or message.submap > 300 for message in told)
+
+
+def test_a_robot_without_submaps_has_nothing_to_withdraw(stage):
+    one, host = mapping(stage)
+    patches = one.inbox(ROBOT_MAP)
+    host.board.local_pose = None
+    host.board.false_start = True
+    scanned(one, 1.2)
+    assert patches.drain() == []
+
+
+def test_the_whole_map_has_the_submaps_of_robots_that_have_gone(stage, room):
+    one = stage(room(), r1=Pose2D(1.0, 1.0, 0.0), r2=Pose2D(3.0, 3.0, 0.0))
+    hosts = [one.host("mapper", "localisation", robot=robot) for robot in ("r1", "r2")]
+    one.run(2.0)
+
+    def told():
+        whole = one.wire.ask(ROBOT_MAP_WHOLE, robot="r1")
+        return {part.robot for part in whole.parts}
+
+    assert told() == {"r1"}, "r2 can tell its own"
+    one.hosts.remove(hosts[1])
+    hosts[1].close()
+    one.run_until(lambda: told() == {"r1", "r2"}, 30.0)
+
+
+@pytest.mark.parametrize("name", ["resolution_m", "width_m", "height_m", "sigma_max_m"])
+def test_parameters_that_are_no_size_are_refused_by_name(name):
+    for value in (0.0, -1.0):
+        with pytest.raises(ValueError, match=f"{name} > 0"):
+            Mapper.Parameters(**{name: value})
+    assert getattr(Mapper.Parameters(**{name: 0.5}), name) == 0.5
+
+
+@pytest.mark.parametrize(("side_m", "cells"), [(4.0, 40), (4.04, 40), (4.06, 41), (0.01, 1)])
+def test_the_grid_covers_the_area_that_was_asked_for(side_m, cells):
+    geometry = Mapper.Parameters(width_m=side_m, height_m=2.0 * side_m).geometry()
+    assert geometry.width == cells
+    assert geometry.height == max(1, round(20.0 * side_m))
+    assert (geometry.origin_x_m, geometry.origin_y_m, geometry.resolution_m) == (-20.0, -20.0, 0.1)

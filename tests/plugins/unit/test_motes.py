@@ -1,0 +1,443 @@
+"""What a robot makes of the packets that its base station hears, and what it says to the motes."""
+
+import msgspec
+import pytest
+
+from robrain.agent.authoring.testing import PluginBench
+from robrain.plugins.unit.snw_exploration.snw_exploration import SNwExploration
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.tinyos.packet import ActiveMessage
+from robrain.protocol.tinyos.payloads import (
+    ACKNOWLEDGE_TYPE,
+    DUTY_TYPE,
+    NO_PLACE,
+    READING_TYPE,
+    REQUEST_TYPE,
+    STORED_TYPE,
+    DutyPayload,
+    Quantity,
+    ReadingPayload,
+    RequestPayload,
+    SequenceRange,
+)
+from robrain.protocol.wire.errors import CallError
+from robrain.protocol.wire.messages.mote_messages import MoteDuty, MoteReading
+from robrain.protocol.wire.topics import ARENA_RADIO_RX, ARENA_RADIO_TX, MOTE_DUTY, MOTE_READING
+
+# TinyOS 2 serial packets, written out by hand: dispatch, destination, source, length, group, AM type; then the mote's
+# number, sequence, oldest, age and period in 0.1 s, mV, quantity, hundredths, x and y in 0.1 m, dBm.
+WARM = bytes.fromhex("00 ffff 0003 18 22 52  0003 0102 0102 00000000 0028 0b54 01 00000866 0032 ffec b5")
+DARK = bytes.fromhex("00 ffff 0007 18 22 53  0007 ffff fff0 000004b0 0bb8 0834 02 fffffe0c 0000 0141 a6")
+OTHER_TYPE = bytes.fromhex("00 ffff 0003 02 22 0a  0001")
+SHORT_READING = bytes.fromhex("00 ffff 0003 04 22 52  0003 0102")
+MALFORMED = [
+    b"",
+    b"\x00\xff",
+    WARM[:-1],
+    WARM + b"\x00",
+    b"\x45" + WARM[1:],
+]
+
+
+def packet(sequence, *, mote=3, kind=READING_TYPE, oldest=None, rssi_dbm=-70, **changes):
+    reading = ReadingPayload(
+        mote=mote,
+        sequence=sequence,
+        oldest=sequence if oldest is None else oldest,
+        rssi_dbm=rssi_dbm,
+        **{"period_ds": 40, "voltage_mv": 2900, "quantity": Quantity.TEMPERATURE, "value_centi": 2150}
+        | {"x_dm": 50, "y_dm": -20}
+        | changes,
+    )
+    return ActiveMessage(type=kind, payload=reading.pack(), source=mote).pack()
+
+
+class Talk:
+    """A robot without a body, whose radio the test is."""
+
+    def __init__(self, one, **parameters):
+        self.one = one
+        one.host("snw_exploration", snw_exploration=parameters)
+        self._readings = one.inbox(MOTE_READING)
+        self._sent = one.inbox(ARENA_RADIO_TX)
+
+    def hear(self, *packets):
+        """The robot hears packets; what it says to motes thereupon."""
+        self.one.run(0.1)
+        self._sent.drain()
+        for each in packets:
+            self.one.radio(each)
+            self.one.run(0.06)
+        return [ActiveMessage.unpack(received.message) for received in self._sent.drain()]
+
+    def readings(self):
+        return [received.message for received in self._readings.drain()]
+
+    def row(self, mote="m3"):
+        return next(row for row in self.one.call("snw_exploration", "heard") if row["mote"] == mote)
+
+    def counters(self):
+        return self.one.call("snw_exploration", "counters")
+
+
+@pytest.fixture
+def talk(stage):
+    return lambda **parameters: Talk(stage(), **parameters)
+
+
+def asked(said):
+    return [RequestPayload.unpack(each.payload).sequences() for each in said if each.type == REQUEST_TYPE]
+
+
+def acknowledged(said):
+    return [SequenceRange.unpack(each.payload) for each in said if each.type == ACKNOWLEDGE_TYPE]
+
+
+def duties(said):
+    return [DutyPayload.unpack(each.payload).period_ds for each in said if each.type == DUTY_TYPE]
+
+
+# -- to the team ----------------------------------------------------------------------------------------------
+
+
+def test_packets_of_motes_are_readings_for_the_team(talk):
+    one = talk(collect=False)
+    one.hear(WARM, DARK)
+    warm, dark = one.readings()
+    assert (warm.mote, warm.place, warm.via, warm.sequence) == ("m3", Point2D(5.0, -2.0), "r1", 258)
+    assert (warm.quantity, warm.value, warm.voltage_v, warm.rssi_dbm) == ("temperature_c", 21.5, 2.9, -75)
+    assert (warm.period_s, warm.stored) == (4.0, 0)
+    assert (dark.mote, dark.place, dark.quantity, dark.value) == ("m7", Point2D(0.0, 32.1), "light_lx", -5.0)
+    assert (dark.voltage_v, dark.rssi_dbm, dark.period_s, dark.stored) == (2.1, -90, 300.0, 15)
+
+
+def test_a_stored_reading_tells_when_it_was_taken(talk):
+    one = talk()
+    one.one.run(200.0)
+    one.hear(DARK)
+    (reading,) = one.readings()
+    assert reading.stamp_ns - reading.taken_ns == pytest.approx(120e9, abs=1e8)
+
+
+def test_readings_of_a_mote_are_on_its_own_key(stage):
+    one = stage()
+    one.host("snw_exploration")
+    readings = one.inbox(MOTE_READING)
+    one.radio(WARM)
+    one.run(0.3)
+    assert [received.names["mote"] for received in readings.drain()] == ["m3"]
+
+
+def test_a_reading_goes_on_the_wire_once_however_often_it_is_heard(talk):
+    one = talk()
+    one.hear(packet(5), packet(5), packet(6), packet(5, kind=STORED_TYPE))
+    assert [reading.sequence for reading in one.readings()] == [5, 6]
+    assert one.counters()["repeated"] == 2
+
+
+def test_what_another_robot_has_brought_in_is_not_brought_in_again(talk):
+    one = talk()
+    theirs = one.one.publisher(MOTE_READING, mote="m3")
+    reading = MoteReading(
+        mote="m3", place=None, quantity="temperature_c", value=1.0, voltage_v=3.0, rssi_dbm=-80, via="r2", sequence=5
+    )
+    theirs.put(reading)
+    said = one.hear(packet(6, oldest=5), packet(5, kind=STORED_TYPE))
+    assert [(reading.via, reading.sequence) for reading in one.readings()] == [("r2", 5), ("r1", 6)]
+    assert asked(said) == []
+
+
+def test_a_stored_reading_by_another_robot_is_no_new_start_of_the_mote(talk):
+    one = talk()
+    one.hear(packet(5000))
+    stored = MoteReading(
+        mote="m3", place=None, quantity="temperature_c", value=1.0, voltage_v=3.0, rssi_dbm=-80, via="r2", sequence=3
+    )
+    one.one.publisher(MOTE_READING, mote="m3").put(stored)
+    one.hear(packet(5000, kind=STORED_TYPE))
+    assert [(reading.via, reading.sequence) for reading in one.readings()] == [("r1", 5000), ("r2", 3)]
+
+
+def test_a_mote_that_starts_anew_is_believed(talk):
+    one = talk()
+    one.hear(packet(5000), packet(0), packet(1))
+    assert [reading.sequence for reading in one.readings()] == [5000, 0, 1]
+    assert one.row()["missing"] == 0
+
+
+def test_a_mote_that_does_not_know_its_place_has_none(talk):
+    one = talk()
+    one.hear(packet(1, x_dm=NO_PLACE, y_dm=NO_PLACE))
+    assert one.readings()[0].place is None
+    assert one.row()["place"] is None
+
+
+def test_a_quantity_of_a_newer_mote_is_passed_on_by_its_number(talk):
+    one = talk()
+    one.hear(packet(1, quantity=77))
+    assert one.readings()[0].quantity == "quantity_77"
+
+
+# -- the table ------------------------------------------------------------------------------------------------
+
+
+def test_the_robot_tells_which_motes_it_has_heard(talk):
+    one = talk(collect=False)
+    one.hear(DARK, packet(1, rssi_dbm=-60), packet(4, rssi_dbm=-70, oldest=1, value_centi=-500))
+    rows = one.one.call("snw_exploration", "heard")
+    assert [row["mote"] for row in rows] == ["m3", "m7"]
+    row = rows[0]
+    assert (row["rssi_dbm"], row["mean_rssi_dbm"]) == (-70, -65)
+    assert (row["readings"], row["missing"], row["last_value"], row["period_s"]) == (2, 2, -5.0, 4.0)
+    assert row["place"] == {"x_m": 5.0, "y_m": -2.0}
+    assert row["heard_from"] is None
+    assert 0 < row["stamp_ns"] <= one.one.clock.now_ns()
+
+
+def test_each_packet_heard_is_a_measurement_of_its_strength(tmp_path):
+    (tmp_path / "ranger.py").write_text(
+        "from robrain.agent.plugin import Skill, external\n"
+        "from robrain.plugins.unit.snw_exploration.interface import RssiMeasurement, SnwInterface\n"
+        "class Ranger(Skill):\n"
+        "    def activate(self):\n"
+        "        self.got = []\n"
+        "        self.env.observe(self.env.use('snw_exploration', SnwInterface).measured, self.got.append)\n"
+        "    @external\n"
+        "    def all(self) -> list[RssiMeasurement]:\n"
+        "        return self.got\n"
+    )
+    (tmp_path / "ranger.toml").write_text(
+        '[plugin]\nclass = "ranger:Ranger"\n[tag]\nrequires = ["snw_exploration"]\nvisibility = ["command"]\n'
+    )
+    manifest = 'class = "robrain.plugins.unit.snw_exploration.snw_exploration:SNwExploration"'
+    (tmp_path / "snw_exploration.toml").write_text(
+        f'[plugin]\n{manifest}\n[tag]\nrequires = ["mote_base"]\nvisibility = ["ranger", "command"]\n'
+    )
+    with PluginBench(tmp_path, load=["ranger"]) as bench:
+        publisher = bench.wire.publisher(ARENA_RADIO_RX, robot="r1")
+        bench.run(0.1)
+        publisher.put_bytes(packet(1, rssi_dbm=-61))
+        publisher.put_bytes(packet(1, rssi_dbm=-63))
+        bench.run(0.2)
+        got = bench.call("ranger", "all")
+    assert [(each["mote"], each["rssi_dbm"], each["place"]["x_m"]) for each in got] == [("m3", -61, 5), ("m3", -63, 5)]
+
+
+def test_a_packet_that_says_to_be_a_reading_and_is_none_is_counted(talk):
+    one = talk()
+    one.hear(SHORT_READING)
+    assert one.counters()["unreadable"] == 1
+    assert one.one.infos()["snw_exploration"].state == "active"
+    assert one.readings() == []
+
+
+def test_packets_of_other_types_are_none_of_our_business(talk):
+    one = talk()
+    one.hear(OTHER_TYPE)
+    assert one.one.call("mote_base", "counters")["packets"] == 1
+    assert (one.readings(), one.counters()["unreadable"]) == ([], 0)
+
+
+@pytest.mark.parametrize("bytes_", MALFORMED, ids=range(len(MALFORMED)))
+def test_bytes_that_are_no_packet_are_counted_and_dropped(talk, bytes_):
+    one = talk()
+    one.hear(bytes_, WARM)
+    counters = one.one.call("mote_base", "counters")
+    assert (counters["packets"], counters["malformed"], counters["dropped"]) == (1, 1, 0)
+    assert len(one.readings()) == 1
+
+
+def test_motes_beyond_the_most_are_not_taken_in(talk):
+    one = talk(max_motes=2)
+    one.hear(*(packet(1, mote=mote) for mote in (1, 2, 3)))
+    assert [row["mote"] for row in one.one.call("snw_exploration", "heard")] == ["m1", "m2"]
+    assert one.counters()["refused"] == 1
+
+
+# -- asking for what is stored --------------------------------------------------------------------------------
+
+
+def test_what_a_mote_has_kept_is_asked_for_in_its_own_words(talk):
+    said = talk().hear(packet(20, oldest=15))
+    assert [each.pack() for each in said] == [bytes.fromhex("00 0003 0000 06 22 54  000f 0000001f")]
+
+
+def test_a_visit_collects_everything_that_was_missed_and_then_lets_the_mote_forget_it(talk):
+    one = talk(request_span=16)
+    said = one.hear(packet(40, oldest=0))
+    assert asked(said) == [list(range(16))]
+    said = one.hear(*(packet(number, kind=STORED_TYPE, oldest=0) for number in range(16)))
+    assert asked(said) == [list(range(16, 32))]
+    said += one.hear(*(packet(number, kind=STORED_TYPE, oldest=0) for number in range(16, 40)))
+    assert asked(said)[-1] == list(range(32, 40))
+    said += one.hear(packet(41, oldest=0))
+    assert acknowledged(said)[-1] == SequenceRange(0, 41)
+    assert sorted(reading.sequence for reading in one.readings()) == list(range(42))
+    assert one.row()["missing"] == 0
+
+
+def test_an_answer_that_was_lost_is_asked_for_again(talk):
+    one = talk(request_patience_s=1.0)
+    said = one.hear(packet(20, oldest=15), *(packet(number, kind=STORED_TYPE, oldest=15) for number in (15, 17)))
+    assert asked(said) == [[15, 16, 17, 18, 19]]
+    one.one.run(1.0)
+    assert asked(one.hear(packet(21, oldest=15))) == [[16, 18, 19]]
+
+
+def test_what_an_answer_lacks_is_asked_for_at_once_while_the_mote_still_listens(talk):
+    said = talk().hear(packet(20, oldest=15), *(packet(number, kind=STORED_TYPE, oldest=15) for number in (15, 17, 19)))
+    assert asked(said) == [[15, 16, 17, 18, 19], [16, 18]]
+
+
+def test_on_a_weak_link_more_is_asked_for_at_once_and_each_request_is_said_three_times(talk):
+    said = talk().hear(packet(40, oldest=0, rssi_dbm=-88))
+    assert asked(said) == [list(range(32))] * 3
+
+
+def test_a_mote_that_falls_silent_is_asked_again_as_long_as_it_may_listen(talk):
+    one = talk()
+    one.hear(packet(20, oldest=15))
+    one.one.run(0.4)
+    assert one.counters()["requests"] in (3, 4)  # after 0.12 s each, for 0.2 s and the five packets that it owes
+    one.one.run(20.0)
+    assert one.counters()["requests"] in (3, 4)
+
+
+def test_a_weakly_heard_mote_that_was_not_heard_at_its_time_is_asked_all_the_same_until_it_is_out_of_reach(talk):
+    one = talk(weak_copies=1)
+    one.hear(packet(20, oldest=15, rssi_dbm=-88))
+    one.one.run(2.5)
+    before = one.counters()["requests"]
+    one.one.run(1.0)
+    assert one.counters()["requests"] == before
+    one.one.run(1.5)  # its period is 4 s
+    about_its_time = one.counters()["requests"]
+    assert 5 <= about_its_time - before <= 10
+    one.one.run(30.0)
+    after_six_periods = one.counters()["requests"]
+    one.one.run(30.0)
+    assert one.counters()["requests"] == after_six_periods > about_its_time
+
+
+def test_no_more_than_three_motes_are_asked_unheard(talk):
+    one = talk(weak_copies=1)
+    one.hear(*(packet(20, mote=mote, oldest=15, rssi_dbm=-88) for mote in range(1, 9)))
+    one.one.run(2.0)
+    one._sent.drain()
+    one.one.run(3.0)
+    sought = {ActiveMessage.unpack(received.message).destination for received in one._sent.drain()}
+    assert len(sought) == 3
+
+
+def test_without_collecting_only_those_are_asked_that_somebody_wants(talk):
+    one = talk(collect=False)
+    assert asked(one.hear(packet(20, oldest=15))) == []
+    one.one.call("snw_exploration", "request_stored", "m3")
+    assert asked(one.hear(packet(21, oldest=15))) == [[15, 16, 17, 18, 19]]
+
+
+def test_sequence_numbers_wrap(talk):
+    one = talk()
+    said = one.hear(packet(2, oldest=65533))
+    assert asked(said) == [[65533, 65534, 65535, 0, 1]]
+    one.hear(*(packet(number % 65536, kind=STORED_TYPE, oldest=65533) for number in range(65533, 65538)))
+    assert one.row()["missing"] == 0
+
+
+def test_readings_that_have_arrived_are_acknowledged_a_few_at_a_time(talk):
+    one = talk(acknowledge_every=4)
+    said = one.hear(*(packet(number, oldest=10) for number in range(10, 16)))
+    assert acknowledged(said)[0] == SequenceRange(10, 13)
+
+
+# -- duty -----------------------------------------------------------------------------------------------------
+
+
+def test_a_duty_on_the_wire_reaches_the_mote_when_it_is_heard_and_until_it_has_it(talk):
+    one = talk()
+    one.one.publisher(MOTE_DUTY, mote="m3").put(MoteDuty(mote="m3", period_s=30.0))
+    assert duties(one.hear(packet(1), packet(2))) == [300, 300]
+    assert duties(one.hear(packet(3, period_ds=300), packet(4, period_ds=300))) == []
+
+
+def test_a_duty_can_be_set_from_outside(talk):
+    one = talk()
+    one.one.call("snw_exploration", "set_duty", "m3", 12.5)
+    assert duties(one.hear(packet(1, mote=4), packet(1))) == [125]
+
+
+def test_of_two_wishes_the_later_one_counts(talk):
+    one = talk()
+    publisher = one.one.publisher(MOTE_DUTY, mote="m3")
+    publisher.put(MoteDuty(mote="m3", period_s=30.0))
+    one.one.run(1.0)
+    publisher.put(MoteDuty(mote="m3", period_s=60.0))
+    assert duties(one.hear(packet(1))) == [600]
+
+
+def test_a_wish_from_the_future_is_refused_and_the_next_one_counts(talk):
+    one = talk()
+    publisher = one.one.publisher(MOTE_DUTY, mote="m3")
+    publisher.put_bytes(msgspec.json.encode(MoteDuty(mote="m3", period_s=30.0, stamp_ns=2**60)))
+    assert duties(one.hear(packet(1))) == []
+    one.one.run(1.0)
+    publisher.put(MoteDuty(mote="m3", period_s=60.0))
+    assert duties(one.hear(packet(2))) == [600]
+
+
+def test_a_mote_that_never_takes_its_duty_is_given_up(talk):
+    one = talk(duty_tries=3)
+    one.one.call("snw_exploration", "set_duty", "m3", 30.0)
+    assert duties(one.hear(*(packet(number) for number in range(6)))) == [300, 300, 300]
+    assert one.counters()["duties_given_up"] == 1
+
+
+@pytest.mark.parametrize(
+    ("mote", "period_s", "sentence"),
+    [
+        ("m3", 0.0, "expected a period from 0.1 to 6553.5 s, got 0.0"),
+        ("m3", 1e9, "expected a period"),
+        ("3", 4.0, "expected a mote's name, m and its number, got '3'"),
+        ("m65535", 4.0, "expected a mote's name"),
+        ("m²", 4.0, "expected a mote's name"),
+    ],
+)
+def test_a_wish_without_sense_is_refused_in_words(talk, mote, period_s, sentence):
+    with pytest.raises(CallError, match=sentence):
+        talk().one.call("snw_exploration", "set_duty", mote, period_s)
+
+
+def test_wishes_without_sense_on_the_wire_are_counted(talk):
+    one = talk()
+    one.one.publisher(MOTE_DUTY, mote="m3").put(MoteDuty(mote="m3", period_s=0.0))
+    one.one.publisher(MOTE_DUTY, mote="bob").put(MoteDuty(mote="bob", period_s=5.0))
+    one.hear(packet(1))
+    assert one.counters()["refused"] == 2
+
+
+def test_a_wish_for_a_mote_beyond_the_most_is_counted_and_the_next_one_is_taken(talk):
+    one = talk(max_motes=1)
+    one.hear(packet(1))
+    for mote in ("m4", "m3"):
+        one.one.publisher(MOTE_DUTY, mote=mote).put(MoteDuty(mote=mote, period_s=30.0))
+    assert duties(one.hear(packet(2))) == [300]
+    assert one.counters()["refused"] == 1
+
+
+@pytest.mark.parametrize(
+    ("parameters", "sentence"),
+    [
+        ({"window": (1 << 15) + 1}, "expected window of at most 32768, half of the numbers, got 32769"),
+        ({"request_span": 33}, "expected request_span of at most 32, got 33"),
+        ({"window": 0}, "expected window > 0, got 0"),
+        ({"beacon_s": 0.0}, "expected beacon_s > 0, got 0.0"),
+    ],
+)
+def test_parameter_out_of_bounds_is_refused_in_words(parameters, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        SNwExploration.Parameters(**parameters)
+
+
+def test_parameter_may_be_as_large_as_its_bound():
+    allowed = SNwExploration.Parameters(window=1 << 15, request_span=32, collect=False, weak_dbm=-90.0)
+    assert (allowed.window, allowed.request_span) == (32768, 32)

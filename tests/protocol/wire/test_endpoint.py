@@ -1,0 +1,411 @@
+import threading
+import time
+from types import SimpleNamespace
+
+import msgspec
+import pytest
+import zenoh
+
+from robrain.protocol.wire import endpoint as endpoint_module
+from robrain.protocol.wire.answers.lockstep_query import LockstepReplies
+from robrain.protocol.wire.clock import VirtualClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import BadName, CallError, ErrorCode, ErrorReply, NobodyThere
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.offer_messages import TaskAnswer
+from robrain.protocol.wire.messages.plugin_messages import Event
+from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.team_messages import Halt
+from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session
+from robrain.protocol.wire.topics import (
+    ARENA_CAN,
+    HALT,
+    ROBOT_CALL,
+    ROBOT_EVENT,
+    ROBOT_MAP_WHOLE,
+    ROBOT_PLUGINS,
+    ROBOT_STATE,
+)
+from tests.waiting import PATIENCE_S, until
+
+SLOW_S = 0.2
+FOO = {"robot": "r1", "plugin": "p", "function": "foo"}
+
+
+@pytest.fixture(scope="module")
+def session():
+    session = open_lockstep_session()
+    yield session
+    session.close()
+
+
+class Wire:
+    """Two components on one session, and what came from outside."""
+
+    def __init__(self, session):
+        self.session = session
+        self.clock = VirtualClock()
+        self.outside = []
+        self.robot = Endpoint(session, "t", self.clock, Drive.LOCKSTEP, on_outside=self._note)
+        self.other = Endpoint(session, "t", self.clock, Drive.LOCKSTEP)
+
+    def _note(self, key, payload):
+        self.outside.append((key, payload))
+
+    def close(self):
+        self.robot.close()
+        self.other.close()
+
+
+@pytest.fixture
+def wire(session):
+    wire = Wire(session)
+    yield wire
+    wire.close()
+
+
+@pytest.fixture
+def foreign_queryable(session):
+    """Has r9's plugins answered by something that is not ours."""
+    declared = []
+    yield lambda handler: declared.append(session.declare_queryable(ROBOT_PLUGINS.key("t", robot="r9"), handler))
+    for queryable in declared:
+        queryable.undeclare()
+
+
+class Asker(threading.Thread):
+    """Asks from a thread that is not the runner's, as another process would."""
+
+    def __init__(self, session, key, payload=None):
+        super().__init__()
+        self._ask = lambda: list(session.get(key, payload=payload, timeout=PATIENCE_S))
+        self.replies = []
+        self.start()
+
+    def run(self):
+        self.replies = self._ask()
+
+    def reply(self):
+        self.join(PATIENCE_S)
+        (reply,) = self.replies
+        return reply
+
+    def error(self):
+        return msgspec.json.decode(self.reply().err.payload.to_bytes(), type=ErrorReply)
+
+
+def wait_for_queries(endpoint, count=1):
+    until(lambda: len(endpoint._pending) >= count, "the query has not arrived")
+
+
+# -- saying and hearing -----------------------------------------------------------------------------------------
+
+
+def test_a_put_is_delivered_before_it_returns(wire):
+    inbox = Inbox()
+    wire.other.subscribe(inbox, ROBOT_STATE)
+    publisher = wire.robot.publisher(ROBOT_STATE, robot="r1")
+    publisher.put(RobotState(robot="r1", behavior="idle"))
+    (received,) = inbox.drain()
+    assert received.message.behavior == "idle"
+    assert received.names == {"team": "t", "robot": "r1"}
+
+
+def test_what_is_said_bears_the_clocks_time_and_a_number(wire):
+    inbox = Inbox(every=True)
+    wire.other.subscribe(inbox, ROBOT_STATE)
+    publisher = wire.robot.publisher(ROBOT_STATE, robot="r1")
+    for stamp_ns in (5, 5, 9):
+        wire.clock.advance_to(stamp_ns)
+        publisher.put(RobotState(robot="r1", stamp_ns=777, seq=777))
+    assert [(item.message.stamp_ns, item.message.seq) for item in inbox.drain()] == [(5, 0), (5, 1), (9, 2)]
+
+
+def test_what_is_of_another_time_bears_that_one_and_the_next_number(wire):
+    inbox = Inbox(every=True)
+    wire.other.subscribe(inbox, ROBOT_STATE)
+    publisher = wire.robot.publisher(ROBOT_STATE, robot="r1")
+    wire.clock.advance_to(9)
+    for stamp_ns in (3, 0, None):
+        publisher.put(RobotState(robot="r1"), stamp_ns)
+    assert [(item.message.stamp_ns, item.message.seq) for item in inbox.drain()] == [(3, 0), (0, 1), (9, 2)]
+
+
+def test_bytes_are_sent_as_they_are(wire):
+    inbox = Inbox()
+    wire.other.subscribe(inbox, ARENA_CAN)
+    wire.robot.publisher(ARENA_CAN, robot="r1", channel="can0").put_bytes(b"\x00\xff")
+    assert inbox.drain()[0].message == b"\x00\xff"
+
+
+def test_a_subscription_with_a_name_hears_that_one_alone(wire):
+    inbox = Inbox()
+    wire.other.subscribe(inbox, ROBOT_EVENT, robot="r1", event="done")
+    for robot, event in [("r1", "done"), ("r1", "begun"), ("r2", "done")]:
+        message = Event(robot=robot, plugin="p", event=event)
+        wire.robot.publisher(ROBOT_EVENT, robot=robot, plugin="p", event=event).put(message)
+    assert [(item.message.robot, item.message.event) for item in inbox.drain()] == [("r1", "done")]
+
+
+def test_teams_on_one_session_do_not_hear_each_other(wire):
+    inbox = Inbox()
+    wire.other.subscribe(inbox, HALT)
+    blue = Endpoint(wire.session, "blue", wire.clock, Drive.LOCKSTEP)
+    blue.publisher(HALT).put(Halt(halted=True, by="blue"))
+    blue.close()
+    assert inbox.drain() == []
+
+
+def test_a_closed_publisher_can_be_closed_before_its_endpoint(wire):
+    wire.robot.publisher(HALT).close()
+    wire.robot.close()
+    wire.robot.close()
+
+
+def test_after_closing_nothing_is_heard_any_more(wire):
+    inbox = Inbox()
+    wire.other.subscribe(inbox, HALT)
+    publisher = wire.robot.publisher(HALT)
+    wire.other.close()
+    publisher.put(Halt(halted=True, by="me"))
+    assert len(inbox) == 0
+
+
+def test_samples_from_another_thread_count_as_outside(wire):
+    inbox = Inbox()
+    wire.other.subscribe(inbox, HALT)
+    publisher = wire.robot.publisher(HALT)
+    publisher.put(Halt(halted=True, by="runner"))
+    sender = threading.Thread(target=publisher.put, args=(Halt(halted=False, by="outside"),))
+    sender.start()
+    sender.join()
+    assert (inbox.received, inbox.outside) == (2, 1)
+
+
+# -- asking and answering ---------------------------------------------------------------------------------------
+
+
+def test_a_query_from_the_runners_own_thread_is_answered_at_once(wire):
+    asked = []
+
+    def answer(request):
+        asked.append((request.names, request.asked))
+        return TaskAnswer(accepted=True, why="so be it")
+
+    wire.robot.answer(ROBOT_CALL, answer, robot="r1")
+    reply = wire.other.ask(ROBOT_CALL, [1, "two"], **FOO)
+    assert msgspec.json.decode(reply, type=TaskAnswer) == TaskAnswer(accepted=True, why="so be it")
+    assert asked == [({"team": "t", **FOO}, b'[1,"two"]')]
+    assert wire.outside == []
+
+
+def test_bytes_go_both_ways_as_they_are(wire):
+    wire.robot.answer(ROBOT_CALL, lambda request: request.asked[::-1], robot="r1")
+    assert wire.other.ask(ROBOT_CALL, b"abc", **FOO) == b"cba"
+    assert wire.other.ask(ROBOT_CALL, **FOO) == b""
+
+
+def test_a_handler_may_ask_another_component(wire):
+    wire.robot.answer(ROBOT_PLUGINS, lambda _: [], robot="r1")
+    wire.robot.answer(ROBOT_CALL, lambda _: wire.robot.ask(ROBOT_PLUGINS, robot="r1"), robot="r1")
+    assert wire.other.ask(ROBOT_CALL, **FOO) == b"[]"
+
+
+def test_a_query_from_another_thread_waits_for_serve_and_is_told(wire):
+    served_on = []
+
+    def answer(request):
+        served_on.append(threading.get_ident())
+        return request.names["function"]
+
+    wire.robot.answer(ROBOT_CALL, answer, robot="r1")
+    key = ROBOT_CALL.key("t", **FOO)
+    asker = Asker(wire.session, key, b"[1]")
+    wait_for_queries(wire.robot)
+    assert served_on == []
+    assert wire.outside == []
+    wire.robot.serve()
+    assert asker.reply().ok.payload.to_bytes() == b'"foo"'
+    assert served_on == [threading.get_ident()]
+    assert wire.outside == [(key, b"[1]")]
+
+
+def test_queries_from_outside_are_answered_in_the_order_they_came(wire):
+    answered = []
+    wire.robot.answer(ROBOT_CALL, lambda request: answered.append(request.names["function"]), robot="r1")
+    askers = []
+    for number, function in enumerate(["a", "b", "c"]):
+        askers.append(Asker(wire.session, ROBOT_CALL.key("t", robot="r1", plugin="p", function=function)))
+        wait_for_queries(wire.robot, number + 1)
+    wire.robot.serve()
+    for asker in askers:
+        assert asker.reply().ok is not None
+    assert answered == ["a", "b", "c"]
+
+
+def test_when_too_many_wait_the_next_is_told_so(wire, monkeypatch):
+    monkeypatch.setattr(endpoint_module, "PENDING_QUERIES", 1)
+    wire.robot.answer(ROBOT_PLUGINS, lambda _: [], robot="r1")
+    key = ROBOT_PLUGINS.key("t", robot="r1")
+    first = Asker(wire.session, key)
+    wait_for_queries(wire.robot)
+    assert Asker(wire.session, key).error().code is ErrorCode.BUSY
+    assert wire.robot.refused_queries == 1
+    wire.robot.serve()
+    assert first.reply().ok is not None
+
+
+@pytest.mark.parametrize(
+    ("handler", "sentence"),
+    [
+        (lambda _: 1 / 0, "ZeroDivisionError: division by zero"),  # raises
+        (lambda _: object(), "TypeError: Encoding objects of type object is unsupported"),  # returns what JSON is not
+        (lambda request: request.names["mood"], "KeyError: 'mood'"),  # is wrong about its own request
+    ],
+)
+def test_a_handler_that_fails_is_answered_failed_and_logged(wire, caplog, handler, sentence):
+    wire.robot.answer(ROBOT_PLUGINS, handler, robot="r1")
+    with pytest.raises(CallError, match=sentence) as failed:
+        wire.other.ask(ROBOT_PLUGINS, robot="r1")
+    assert failed.value.code is ErrorCode.FAILED
+    assert "a handler of robot_plugins failed" in caplog.text
+
+
+@pytest.mark.parametrize("code", ErrorCode)
+def test_an_error_arrives_with_code_message_and_detail(wire, code):
+    def refuse(_):
+        raise CallError(code, "because", "a detail")
+
+    wire.robot.answer(ROBOT_PLUGINS, refuse, robot="r1")
+    with pytest.raises(CallError, match=r"^because$") as refused:
+        wire.other.ask(ROBOT_PLUGINS, robot="r1")
+    assert (refused.value.code, refused.value.detail) == (code, "a detail")
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [b"", b"nonsense", b"\xff\xfe", b'{"code": "no_such_code", "message": "from a newer peer"}', b"[" * 100_000],
+    ids=["empty", "no JSON", "no UTF-8", "a newer code", "nested too deep"],
+)
+def test_an_error_of_another_make_is_not_taken_for_a_timeout(wire, foreign_queryable, payload):
+    foreign_queryable(zenoh.handlers.Callback(lambda query: query.reply_err(payload), indirect=False))
+    with pytest.raises(CallError, match="none of ours") as refused:
+        wire.other.ask(ROBOT_PLUGINS, robot="r9")
+    assert refused.value.code is ErrorCode.FAILED
+
+
+def test_an_unanswered_query_ends_as_a_timeout(wire, foreign_queryable):
+    kept = []
+    foreign_queryable(kept.append)
+    with pytest.raises(CallError, match="no reply in time") as late:
+        wire.other.ask(ROBOT_PLUGINS, robot="r9", timeout_s=0.1)
+    kept.pop().drop()
+    assert late.value.code is ErrorCode.TIMEOUT
+
+
+def test_a_handler_that_takes_longer_than_the_time_limit_is_waited_for_in_lockstep(wire):
+    def slow(request):
+        time.sleep(SLOW_S)
+        return {"accepted": True, "why": ""}
+
+    wire.robot.answer(ROBOT_CALL, slow, robot="r1")
+    wire.robot.answer(ROBOT_MAP_WHOLE, slow, robot="r1")
+    assert b"true" in wire.other.ask(ROBOT_CALL, **FOO, timeout_s=SLOW_S / 10)
+    assert b"true" in wire.other.ask_later(ROBOT_CALL, **FOO, timeout_s=SLOW_S / 10).take()
+    inbox = Inbox()
+    wire.other.ask_into(inbox, ROBOT_MAP_WHOLE, ROBOT_MAP_WHOLE, robot="r1", timeout_s=SLOW_S / 10)
+    assert len(inbox) == 1
+    wire.other.serve()
+    assert wire.outside == []
+
+
+def test_a_run_that_waits_for_another_process_in_vain_cannot_be_repeated(wire, foreign_queryable):
+    kept = []
+    foreign_queryable(kept.append)
+    with pytest.raises(CallError, match="no reply in time"):
+        wire.robot.ask(ROBOT_PLUGINS, robot="r9", timeout_s=0.1)
+    kept.pop().drop()
+    wire.robot.serve()
+    assert wire.outside == [("robrain/t/robot/r9/plugins", b"")]
+
+
+def test_a_reply_is_from_outside_by_who_sent_it_and_not_by_the_thread_that_delivers_it():
+    own, other = "own", "other"
+    for replier, is_outside in ((own, False), (other, True), (None, True)):
+        sender = SimpleNamespace(zid=replier) if replier is not None else None
+        replies = LockstepReplies(own)
+        replies._take(SimpleNamespace(replier_id=sender, ok=None))  # on the asker's thread
+        assert replies.wait(0.0)
+        assert replies.from_outside == is_outside
+
+
+def test_a_run_that_another_process_answers_cannot_be_repeated():
+    run = open_lockstep_session("tcp/127.0.0.1:0")
+    elsewhere = open_session(connect=listening_at(run))
+    wire = Wire(run)
+    key = ROBOT_PLUGINS.key("t", robot="r9")
+    queryable = elsewhere.declare_queryable(key, lambda query: query.reply(key, b"[]"))
+    try:
+        while not list(run.get(key)):  # discovery takes a moment
+            time.sleep(0.01)
+        assert wire.robot.ask(ROBOT_PLUGINS, robot="r9", timeout_s=PATIENCE_S) == []
+        inbox = Inbox()
+        wire.robot.ask_into(inbox, ROBOT_PLUGINS, ROBOT_PLUGINS, robot="r9")
+        while not len(inbox):
+            time.sleep(0.001)
+        wire.robot.serve()
+        assert wire.outside == [(key, b""), (key, b"[]")]
+    finally:
+        queryable.undeclare()
+        wire.close()
+        elsewhere.close()
+        run.close()
+
+
+def test_where_nobody_answers_nobody_is_there(wire):
+    wire.robot.answer(ROBOT_PLUGINS, lambda _: [], robot="r1")
+    with pytest.raises(NobodyThere, match="nobody answers robrain/t/robot/r2/plugins"):
+        wire.other.ask(ROBOT_PLUGINS, robot="r2")
+
+
+def test_a_wildcard_query_for_one_key_of_many_is_answered_with_an_error(wire):
+    wire.robot.answer(ROBOT_CALL, lambda _: "never", robot="r1")
+    (reply,) = wire.session.get("robrain/t/robot/r1/call/**", timeout=1.0)
+    error = msgspec.json.decode(reply.err.payload.to_bytes(), type=ErrorReply)
+    assert error.code is ErrorCode.BAD_ARGUMENTS
+    assert "ask one concrete key" in error.message
+
+
+def test_a_wildcard_query_for_keys_of_one_each_is_answered_by_each(wire):
+    wire.robot.answer(ROBOT_PLUGINS, lambda _: 1, robot="r1")
+    wire.other.answer(ROBOT_PLUGINS, lambda _: 2, robot="r2")
+    replies = wire.session.get(ROBOT_PLUGINS.selector("t"), timeout=1.0)
+    answers = {str(reply.ok.key_expr): reply.ok.payload.to_bytes() for reply in replies}
+    assert answers == {"robrain/t/robot/r1/plugins": b"1", "robrain/t/robot/r2/plugins": b"2"}
+
+
+def test_bad_names_are_refused_before_anything_is_sent(wire):
+    with pytest.raises(BadName):
+        wire.other.ask(ROBOT_PLUGINS, robot="r*")
+    with pytest.raises(BadName):
+        wire.other.publisher(ROBOT_STATE, robot="r/1")
+
+
+# -- the end ----------------------------------------------------------------------------------------------------
+
+
+def test_queries_that_wait_at_the_end_are_answered_unloaded(wire):
+    asked = []
+    wire.robot.answer(ROBOT_MAP_WHOLE, asked.append, robot="r1")
+    asker = Asker(wire.session, ROBOT_MAP_WHOLE.key("t", robot="r1"))
+    wait_for_queries(wire.robot)
+    wire.robot.close()
+    assert asker.error().code is ErrorCode.UNLOADED
+    assert asked == []
+
+
+def test_after_closing_nobody_is_there(wire):
+    wire.robot.answer(ROBOT_PLUGINS, lambda _: [], robot="r1")
+    wire.robot.close()
+    with pytest.raises(NobodyThere):
+        wire.other.ask(ROBOT_PLUGINS, robot="r1")

@@ -1,0 +1,226 @@
+"""The live drive: a router on the loopback, and clients of it."""
+
+import re
+import threading
+import time
+
+import pytest
+
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
+from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.plugin_messages import Event
+from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.session import listening_at, open_session
+from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_EVENT, ROBOT_STATE
+from tests.waiting import PATIENCE_S, until
+
+EVENT = {"robot": "r1", "plugin": "driver", "event": "arrived"}
+
+
+class Team:
+    """Opens endpoints with sessions of their own."""
+
+    def __init__(self):
+        self.router = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
+        self._connect = listening_at(self.router)
+        self._open = []
+
+    def join(self):
+        session = open_session(connect=self._connect)
+        endpoint = Endpoint(session, "t", WallClock(), Drive.LIVE)
+        self._open.append((endpoint, session))
+        return endpoint
+
+    def leave(self):
+        for endpoint, session in reversed(self._open):
+            endpoint.close()
+            session.close()
+        self._open.clear()
+
+
+@pytest.fixture(scope="module")
+def lan():
+    team = Team()
+    yield team
+    team.router.close()
+
+
+@pytest.fixture
+def team(lan):
+    yield lan
+    lan.leave()
+
+
+def ask(endpoint, topic, payload=None, **names):
+    """Ask, and again as long as the queryable has not become known through the router."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            return endpoint.ask(topic, payload, timeout_s=PATIENCE_S, **names)
+        except NobodyThere:
+            if time.monotonic() > deadline_s:
+                raise
+            time.sleep(0.005)
+
+
+def test_a_late_joiner_gets_what_was_said_losslessly_before(team):
+    publisher = team.join().publisher(ROBOT_EVENT, **EVENT)
+    for number in range(5):
+        publisher.put(Event(robot="r1", plugin="driver", event="arrived", value=number))
+    inbox = Inbox()
+    team.join().subscribe(inbox, ROBOT_EVENT)
+    until(lambda: len(inbox) >= 5)
+    publisher.put(Event(robot="r1", plugin="driver", event="arrived", value=5))
+    until(lambda: len(inbox) >= 6)
+    received = inbox.drain()
+    assert [item.message.value for item in received] == [0, 1, 2, 3, 4, 5]
+    assert [item.message.seq for item in received] == [0, 1, 2, 3, 4, 5]
+    assert all(item.message.stamp_ns > 0 for item in received)
+
+
+def test_what_counts_only_at_its_time_is_not_kept_for_late_joiners(team):
+    sender = team.join()
+    publisher, events = sender.publisher(ROBOT_STATE, robot="r1"), sender.publisher(ROBOT_EVENT, **EVENT)
+    publisher.put(RobotState(robot="r1", behavior="before"))
+    events.put(Event(**EVENT))
+    late, inbox, marks = team.join(), Inbox(every=True), Inbox()
+    late.subscribe(inbox, ROBOT_STATE)
+    late.subscribe(marks, ROBOT_EVENT)
+    until(lambda: len(marks) == 1)
+
+    def say():
+        publisher.put(RobotState(robot="r1", behavior="after"))
+        return len(inbox) > 0
+
+    until(say)
+    assert {item.message.behavior for item in inbox.drain()} == {"after"}
+
+
+def test_presence_follows_tokens_across_the_network(team):
+    presence = team.join().watch(ROBOT_ALIVE)
+    robot = team.join()
+    robot.token(ROBOT_ALIVE, robot="r1")
+    changes = []
+
+    def told(count):
+        changes.extend(presence.changes())
+        return len(changes) >= count
+
+    until(lambda: told(1))
+    robot.close()
+    until(lambda: told(2))
+    assert [(change.names["robot"], change.present) for change in changes] == [("r1", True), ("r1", False)]
+
+
+@pytest.mark.parametrize("serve", [Serve.AT_ONCE, Serve.POOL])
+def test_errors_of_calls_carry_their_code_across_the_network(team, serve):
+    def refuse(request):
+        raise CallError(ErrorCode.BUSY, "mocdevice is held by driver", request.names["plugin"])
+
+    robot, operator = team.join(), team.join()
+    robot.answer(ROBOT_CALL, refuse, serve=serve, robot="r1")
+    with pytest.raises(CallError, match="held by driver") as refused:
+        ask(operator, ROBOT_CALL, robot="r1", plugin="mocdevice", function="stop")
+    assert (refused.value.code, refused.value.detail) == (ErrorCode.BUSY, "mocdevice")
+
+
+def test_in_step_queries_wait_for_serve(team):
+    robot, operator = team.join(), team.join()
+    answered_on = []
+
+    def answer(_):
+        answered_on.append(threading.get_ident())
+        return "now"
+
+    robot.answer(ROBOT_CALL, answer, serve=Serve.IN_STEP, robot="r1")
+    replies = []
+    asker = threading.Thread(
+        target=lambda: replies.append(ask(operator, ROBOT_CALL, robot="r1", plugin="p", function="f"))
+    )
+    asker.start()
+    until(lambda: len(robot._pending) > 0)
+    assert answered_on == []
+    robot.serve()
+    asker.join(PATIENCE_S)
+    assert replies == [b'"now"']
+    assert answered_on == [threading.get_ident()]
+
+
+def test_the_pool_answers_several_at_a_time(team):
+    robot, operator = team.join(), team.join()
+    together = threading.Barrier(2, timeout=PATIENCE_S)
+    robot.answer(ROBOT_CALL, lambda request: together.wait() >= 0, serve=Serve.POOL, robot="r1")
+    replies = []
+    askers = [
+        threading.Thread(
+            target=lambda name=name: replies.append(ask(operator, ROBOT_CALL, robot="r1", plugin="p", function=name))
+        )
+        for name in ("a", "b")
+    ]
+    for asker in askers:
+        asker.start()
+    for asker in askers:
+        asker.join(PATIENCE_S)
+    assert replies == [b"true", b"true"]
+
+
+@pytest.fixture
+def one_at_a_time(team):
+    """A robot that answers one call at a time, and a first one that takes until it is let go."""
+    robot = Endpoint(team.router, "t", WallClock(), Drive.LIVE, workers=1)
+    let_go, started = threading.Event(), threading.Event()
+
+    def hold(request):
+        if request.names["function"] == "first":
+            started.set()
+            assert let_go.wait(PATIENCE_S)
+        return request.names["function"]
+
+    robot.answer(ROBOT_CALL, hold, serve=Serve.POOL, at_once=("urgent",), robot="r1")
+    operator = team.join()
+    outcomes = {}
+
+    def call(function):
+        try:
+            outcomes[function] = ask(operator, ROBOT_CALL, robot="r1", plugin="p", function=function)
+        except CallError as error:
+            outcomes[function] = error.code
+
+    first = threading.Thread(target=call, args=("first",))
+    first.start()
+    assert started.wait(PATIENCE_S)
+    yield robot, call, outcomes, let_go
+    let_go.set()
+    robot.close()
+    first.join(PATIENCE_S)
+
+
+def test_when_all_threads_are_stuck_calls_are_refused_and_not_kept_waiting(one_at_a_time):
+    robot, call, outcomes, let_go = one_at_a_time
+    call("second")
+    call("urgent")
+    assert outcomes == {"second": ErrorCode.BUSY, "urgent": b'"urgent"'}
+    assert robot.refused_queries == 1
+    let_go.set()
+    until(lambda: outcomes.get("first") == b'"first"')
+    until(lambda: call("third") or outcomes["third"] == b'"third"')
+
+
+def test_the_end_waits_for_an_answer_that_is_being_made(one_at_a_time):
+    robot, _, outcomes, let_go = one_at_a_time
+    closing = threading.Thread(target=robot.close)
+    closing.start()
+    until(lambda: robot.is_closed)
+    let_go.set()
+    closing.join(PATIENCE_S)
+    until(lambda: outcomes.get("first") == b'"first"')
+
+
+def test_the_end_does_not_wait_for_ever_for_an_answer_that_is_stuck(one_at_a_time, caplog):
+    robot, _, outcomes, _ = one_at_a_time
+    robot.close()
+    (warning,) = caplog.messages
+    assert re.fullmatch(r"answers that do not come back are left behind: answer-robot_call-[12]", warning)
+    assert outcomes == {}

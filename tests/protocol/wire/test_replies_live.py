@@ -1,0 +1,106 @@
+"""Live: replies and samples wait for the inbox's owner, without a thread for each, and wake who waits for them."""
+
+import threading
+import time
+
+import pytest
+
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
+from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.session import listening_at, open_session
+from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_OFFER, ROBOT_PLUGINS, ROBOT_STATE
+from tests.waiting import until
+
+
+@pytest.fixture
+def pair():
+    with (
+        open_session(mode="router", listen=["tcp/127.0.0.1:0"]) as hub,
+        open_session(mode="client", connect=listening_at(hub)) as client,
+    ):
+        robot, team = (Endpoint(one, "t", WallClock(), Drive.LIVE) for one in (client, hub))
+        yield robot, team
+        robot.close()
+        team.close()
+
+
+def ask_until_there(team, inbox):
+    """The first queries may come before the queryable is known."""
+
+    def asked():
+        team.ask_into(inbox, ROBOT_PLUGINS, ROBOT_PLUGINS, robot="r1")
+        time.sleep(0.02)
+        return inbox.drain()
+
+    return until(asked)
+
+
+def test_reply_waits_for_its_owner_and_begins_no_thread(pair):
+    robot, team = pair
+    robot.answer(ROBOT_PLUGINS, lambda _request: [], robot="r1")
+    inbox = Inbox()
+    ask_until_there(team, inbox)
+    threads = threading.active_count()
+    for _ in range(50):
+        team.ask_into(inbox, ROBOT_PLUGINS, ROBOT_PLUGINS, robot="r1")
+    assert threading.active_count() <= threads
+    got = []
+    until(lambda: got.extend(inbox.drain()) or len(got) >= 50)
+    assert [(one.names["robot"], one.message) for one in got] == [("r1", [])] * 50
+
+
+def test_errors_and_silence_leave_the_inbox_as_it_is(pair):
+    robot, team = pair
+
+    def refuse(_request):
+        raise CallError(ErrorCode.BUSY, "not now")
+
+    robot.answer(ROBOT_PLUGINS, refuse, robot="r1")
+    inbox = Inbox()
+    for name in ("r1", "nobody"):
+        team.ask_into(inbox, ROBOT_PLUGINS, ROBOT_PLUGINS, robot=name, timeout_s=0.5)
+    time.sleep(0.8)
+    assert inbox.drain() == []
+    assert inbox.drain() == []
+
+
+def test_samples_still_arrive_while_tokens_are_followed(pair):
+    robot, team = pair
+    inbox = Inbox(every=True)
+    team.subscribe(inbox, ROBOT_STATE)
+    presence = team.watch(ROBOT_ALIVE)
+    states = {}
+    for name in ("r1", "r2"):
+        robot.token(ROBOT_ALIVE, robot=name)
+        states[name] = robot.publisher(ROBOT_STATE, robot=name)
+    until(lambda: presence.changes() or len(presence.present) == 2)
+    got = set()
+
+    def heard():
+        for name, publisher in states.items():
+            publisher.put(RobotState(robot=name))
+        got.update(one.message.robot for one in inbox.drain())
+        return len(got) == 2 and inbox.received > 20
+
+    until(heard)
+
+
+def test_who_sleeps_is_woken_by_a_query_and_by_a_sample(pair):
+    robot, team = pair
+    woken, heard = threading.Event(), threading.Event()
+    robot.on_waiting = woken.set
+    team.on_heard = heard.set
+    robot.answer(ROBOT_OFFER, lambda _request: None, serve=Serve.IN_STEP, robot="r1")
+    team.subscribe(Inbox(), ROBOT_STATE)
+    states = robot.publisher(ROBOT_STATE, robot="r1")
+    until(lambda: states.put(RobotState(robot="r1")) or heard.wait(0.05))
+
+    def asked():
+        team.ask_into(Inbox(), ROBOT_OFFER, ROBOT_OFFER, robot="r1", timeout_s=0.5)
+        return woken.wait(0.05)
+
+    until(asked)
+    robot.serve()

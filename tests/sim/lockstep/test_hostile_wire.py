@@ -1,0 +1,143 @@
+"""Whatever is sent under whatever key, a team goes on: the bad message is refused and counted, the next one served.
+
+A lockstep run with coordinator, robots, arena and recorder, and a dashboard's view of it, all on one session.
+"""
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+import zenoh
+from hypothesis import HealthCheck, given, settings
+
+from robrain.coordinator.dashboard.state.live_source import LiveSource
+from robrain.protocol.wire.border.codec import BadPayload
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import ErrorCode
+from robrain.protocol.wire.messages.task_messages import TaskFilter
+from robrain.protocol.wire.schema.document import errors_of
+from robrain.protocol.wire.topic import Query, Topic
+from robrain.protocol.wire.topics import PUBLISHED, ROBOT_PLUGINS, TASK_LIST, TOPICS
+from robrain.sim.lockstep.lockstep import LockstepRun
+from robrain.sim.scenarios.scenario import Scenario
+from tests.hostile_payloads import payloads
+
+QUERIES = [row for row in TOPICS if isinstance(row, Query)]
+NAMES = {"robot": "r1", "mote": "m1", "plugin": "driver", "function": "stop", "verb": "hold", "event": "e"}
+NAMES |= {"image": "i", "recorder": "rec_x", "channel": "can0"}
+EXAMPLES = 25
+REFUSED_CODES = {"malformed", "too_large", "wrong_name", "from_future"}
+
+
+class Team:
+    """A run, a dashboard's view of it, and a stranger on its wire."""
+
+    def __init__(self) -> None:
+        self.run = LockstepRun(Scenario.builtin("arena_small").replace(robots=2, motes=2, seed=5).world())
+        self.dashboard = Endpoint(self.run.session, "default", self.run.clock, Drive.LOCKSTEP)
+        self.source = LiveSource(self.dashboard)
+        self.stranger = Endpoint(self.run.session, "default", self.run.clock, Drive.LOCKSTEP)
+        for _ in range(50):
+            self.tick()
+
+    def tick(self) -> None:
+        self.run.tick()
+        self.source.hear(self.run.sim_time_s)
+
+    def listeners(self) -> list[Endpoint]:
+        hosts = [host._wire for host in self.run.hosts]
+        return [*hosts, *self.run._endpoints, self.dashboard]
+
+    def refused(self, topic: str) -> int:
+        """How many messages of a topic all have refused."""
+        refusals = [*(one.refusals for one in self.listeners()), self.run._recorder._refusals]
+        counts = {id(one): one.counts() for one in refusals}
+        return sum(
+            each.count for one in counts.values() for each in one if each.topic == topic and each.code in REFUSED_CODES
+        )
+
+    def is_served(self) -> None:
+        """The next good messages are heard, and the next good queries answered, by everybody."""
+        heard = self.run.messages
+        assert self.stranger.ask(TASK_LIST, TaskFilter()) is not None
+        for robot in ("r1", "r2"):
+            assert self.stranger.ask(ROBOT_PLUGINS, robot=robot)
+        for _ in range(6):
+            self.tick()
+        assert self.run.messages > heard
+        now_s = self.run.sim_time_s
+        assert all(now_s - view.heard_s < 0.5 for view in self.source.view.robots.values() if view.name in ("r1", "r2"))
+
+    def close(self) -> None:
+        self.source.close()
+        self.stranger.close()
+        self.dashboard.close()
+        self.run.close()
+
+
+@pytest.fixture(scope="module")
+def team() -> Iterator[Team]:
+    team = Team()
+    yield team
+    team.close()
+
+
+def is_bad(topic: Topic[Any], payload: bytes) -> bool:
+    try:
+        message = topic.payloads.read(payload)
+    except BadPayload:
+        return True
+    return any(getattr(message, field) != NAMES[field] for field in topic.named_twice)
+
+
+FUZZ = settings(max_examples=EXAMPLES, suppress_health_check=list(HealthCheck), deadline=None)
+
+
+@pytest.mark.parametrize("topic", PUBLISHED, ids=lambda topic: topic.name)
+def test_a_bad_message_is_refused_and_counted_and_the_next_good_one_is_heard(team: Team, topic: Topic[Any]) -> None:
+    publisher = team.stranger.publisher(topic, **{field: NAMES[field] for field in topic.fields})
+
+    @FUZZ
+    @given(payload=payloads(topic))
+    def fuzz(payload: bytes) -> None:
+        before = team.refused(topic.name)
+        publisher.put_bytes(payload)
+        for _ in range(2):
+            team.tick()
+        if topic.recorded and is_bad(topic, payload):
+            assert team.refused(topic.name) > before, payload
+
+    fuzz()
+    publisher.put_bytes(b" " * (topic.max_bytes + 1))
+    team.is_served()
+
+
+@pytest.mark.parametrize("query", QUERIES, ids=lambda query: query.name)
+def test_a_bad_request_is_answered_in_words_and_counted_and_the_next_good_one_served(
+    team: Team, query: Query[Any, Any]
+) -> None:
+    key = query.key("default", **{field: NAMES[field] for field in query.fields})
+
+    @FUZZ
+    @given(payload=payloads(query))
+    def fuzz(payload: bytes) -> None:
+        before = team.refused(query.name)
+        replies: list[zenoh.Reply] = []
+        team.run.session.get(key, zenoh.handlers.Callback(replies.append, indirect=False), payload=payload)
+        team.tick()
+        assert len(replies) <= 1
+        for reply in replies:
+            if reply.err is not None:
+                told = json.loads(reply.err.payload.to_bytes())
+                assert told["code"] in errors_of(query)
+                assert told["message"]
+            try:
+                query.requests.read(payload)
+            except BadPayload:
+                assert reply.err is not None
+                assert told["code"] == ErrorCode.BAD_ARGUMENTS
+                assert team.refused(query.name) == before + 1
+
+    fuzz()
+    team.is_served()

@@ -1,0 +1,274 @@
+import base64
+import json
+import os
+import signal
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import can
+import pytest
+
+from robrain import RunResult, Scenario
+from robrain.coordinator.recording.errors import RecordingError
+from robrain.coordinator.recording.foxglove.visual_topics import is_visual
+from robrain.coordinator.recording.reader.reading import read_messages, recording_info
+from robrain.protocol.can.frames import codec
+from robrain.protocol.wire.errors import PortTaken
+from robrain.protocol.wire.keys import DEFAULT_TEAM
+from robrain.protocol.wire.session import open_session
+from robrain.protocol.wire.topics import ARENA_OUTSIDE, ROBOT_CALL, ROBOT_STATE
+from robrain.sim.lockstep.lockstep import LockstepRun
+
+SMALL = Scenario.builtin("arena_small")
+LIMIT_S = 300.0
+
+DIGEST_SCRIPT = """
+import sys
+from robrain import Scenario
+scenario = Scenario.builtin("arena_small").replace(seed=int(sys.argv[1]))
+print(scenario.run(until_explored=1.0, time_limit_s=10.0).digest)
+"""
+INTERRUPTED_SCRIPT = """
+import sys
+from robrain import Scenario
+result = Scenario.builtin("arena_small").run(
+    until_explored=1.0,
+    speed=2.0,
+    record=sys.argv[1],
+    on_progress=lambda progress: print(f"at {progress.sim_time_s}", flush=True),
+)
+print("ended", result.ended, result.digest, result.messages, flush=True)
+"""
+ASKING_SCRIPT = """
+import json, sys
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.session import open_session
+from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_PLUGINS
+with open_session(connect=[sys.argv[1]]) as session:
+    endpoint = Endpoint(session, "default", WallClock(), Drive.LIVE)
+    {question}
+"""
+LOOKING_SCRIPT = ASKING_SCRIPT.format(
+    question="""infos = endpoint.ask(ROBOT_PLUGINS, robot="r1", timeout_s=20.0)
+    print(sorted(info.name for info in infos))"""
+)
+CALLING_SCRIPT = ASKING_SCRIPT.format(
+    question="""reply = endpoint.ask(ROBOT_CALL, [], robot="r1", plugin="driver", function="stop", timeout_s=20.0)
+    print(reply.decode())"""
+)
+
+
+def short(seed: int = 1, **options) -> RunResult:
+    """Ten simulated seconds in the small arena."""
+    return SMALL.replace(seed=seed).run(until_explored=1.0, time_limit_s=10.0, **options)
+
+
+def start(script: str, *arguments: object, **environment: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", script, *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, **environment},
+    )
+
+
+def tick_until_it_ends(run: LockstepRun, process: subprocess.Popen[str]) -> str:
+    """Go on with the run while another process is at work; returns what that one printed."""
+    for _ in range(round(LIMIT_S / 0.002)):
+        try:
+            process.wait(timeout=0.002)
+        except subprocess.TimeoutExpired:
+            run.tick()
+        else:
+            return process.communicate()[0]
+    process.kill()
+    process.communicate()
+    pytest.fail(f"the other process has not ended in {LIMIT_S} s")
+
+
+# -- the same again -------------------------------------------------------------------------------------------
+
+
+def test_the_same_seed_gives_the_same_run_in_every_process_and_another_seed_another():
+    processes = [
+        start(DIGEST_SCRIPT, seed, PYTHONHASHSEED=hash_seed) for seed, hash_seed in ((5, "1"), (5, "4242"), (6, "1"))
+    ]
+    digests = [process.communicate(timeout=LIMIT_S)[0].strip() for process in processes]
+    assert all(len(digest) == 64 for digest in digests)
+    assert digests[0] == digests[1]
+    assert digests[0] != digests[2]
+    assert short(5).digest == digests[0]
+
+
+def test_two_runs_at_once_in_one_process_do_not_hear_each_other():
+    alone = [short(seed) for seed in (1, 2)]
+    with ThreadPoolExecutor(2) as pool:
+        together = list(pool.map(short, (1, 2)))
+    assert [result.digest for result in together] == [result.digest for result in alone]
+    assert [result.messages for result in together] == [result.messages for result in alone]
+    assert [result.outside_messages for result in together] == [0, 0]
+
+
+def test_an_open_run_that_nobody_speaks_to_is_the_same_as_a_closed_one():
+    endpoints = []
+    opened = short(listen="tcp/127.0.0.1:0", on_open=endpoints.extend)
+    assert len(endpoints) == 1
+    assert not endpoints[0].endswith(":0")
+    assert opened.digest == short().digest
+
+
+def test_a_recording_does_not_change_the_run_and_bears_its_digest(tmp_path):
+    recorded = short(record=tmp_path / "run.mcap")
+    assert recorded.digest == short().digest
+    info = recording_info(tmp_path / "run.mcap")
+    assert (info.digest, info.messages, info.truncated) == (recorded.digest, recorded.messages, False)
+    assert recorded.recording == str(tmp_path / "run.mcap")
+    keys = {message.topic_key for message in read_messages(tmp_path / "run.mcap")}
+    assert {ROBOT_STATE.key(DEFAULT_TEAM, robot=name) for name in ("r1", "r2")} <= keys
+
+
+def test_another_team_is_another_run():
+    world = SMALL.world()
+    digests = []
+    for team in ("red", "blue"):
+        run = LockstepRun(world, team=team)
+        for _ in range(50):
+            run.tick()
+        digests.append(run.close().digest)
+    assert digests[0] != digests[1]
+
+
+# -- what a run comes to --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_two_robots_explore_the_small_arena_and_never_get_into_a_wall(seed):
+    result = SMALL.replace(seed=seed).run(until_explored=0.95, time_limit_s=120.0)
+    assert result.ended == "explored"
+    assert result.explored_fraction >= 0.95
+    assert result.wall_overlap_m < 0.01
+    assert all(robot.distance_m > 0 for robot in result.per_robot)
+
+
+def test_a_run_that_wants_all_ends_when_nothing_is_left():
+    result = SMALL.run(until_explored=1.0, time_limit_s=600.0)
+    assert result.ended in ("nothing_left", "explored")
+    assert result.explored_fraction > 0.97
+
+
+def test_motes_are_heard_and_their_readings_counted(tmp_path):
+    result = short(record=tmp_path / "run.mcap")
+    readings = [key for key in (m.topic_key for m in read_messages(tmp_path / "run.mcap")) if key.endswith("/reading")]
+    assert result.mote_readings == len(readings) > 0
+
+
+# -- interrupting ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_ends_the_run_and_closes_its_recording(tmp_path, number):
+    path = tmp_path / "run.mcap"
+    with start(INTERRUPTED_SCRIPT, path) as process:
+        assert process.stdout.readline().startswith("at ")
+        process.send_signal(number)
+        lines = process.communicate(timeout=LIMIT_S)[0].splitlines()
+    assert process.returncode == 0
+    word, ended, digest, messages = lines[-1].split()
+    assert (word, ended) == ("ended", "interrupted")
+    info = recording_info(path)
+    assert (info.truncated, info.digest, info.messages) == (False, digest, int(messages))
+    assert len([m for m in read_messages(path) if not is_visual(m.topic_key)]) == int(messages) > 0
+
+
+# -- others ---------------------------------------------------------------------------------------------------
+
+
+def test_a_call_of_another_process_is_answered_recorded_and_told_by_the_digest(tmp_path):
+    path = tmp_path / "run.mcap"
+    run = LockstepRun(SMALL.world(), record=path, listen="tcp/127.0.0.1:0")
+    try:
+        (endpoint,) = run.listening_at
+        answer = tick_until_it_ends(run, start(CALLING_SCRIPT, endpoint))
+        run.tick()
+    finally:
+        summary = run.close()
+    assert answer.strip() == "null"
+    assert summary.digest.endswith("+outside:1")
+    assert summary.outside == 1
+    assert recording_info(path).digest == summary.digest
+    key = ARENA_OUTSIDE.key(DEFAULT_TEAM)
+    (outside,) = (json.loads(message.payload) for message in read_messages(path) if message.topic_key == key)
+    assert outside["key"] == ROBOT_CALL.key(DEFAULT_TEAM, robot="r1", plugin="driver", function="stop")
+    assert base64.b64decode(outside["payload"]) == b"[]"
+
+
+def test_a_process_that_only_looks_on_is_answered_and_changes_nothing():
+    run = LockstepRun(SMALL.world(), listen="tcp/127.0.0.1:0")
+    try:
+        (endpoint,) = run.listening_at
+        answer = tick_until_it_ends(run, start(LOOKING_SCRIPT, endpoint))
+        lasted_s = run.sim_time_s
+    finally:
+        summary = run.close()
+    assert "'localisation', 'mapper'" in answer
+    assert summary.outside == 0
+    alone = LockstepRun(SMALL.world())
+    while alone.sim_time_s < lasted_s:
+        alone.tick()
+    assert alone.close().digest == summary.digest
+
+
+def test_what_another_session_puts_is_counted_as_from_outside():
+    run = LockstepRun(SMALL.world(), listen="tcp/127.0.0.1:0")
+    try:
+        run.tick()
+        with open_session(connect=run.listening_at) as other:
+            publisher = other.declare_publisher(ROBOT_STATE.key(DEFAULT_TEAM, robot="stranger"))
+            for _ in range(2000):
+                if "stranger" in run.coordinator.roster.robots:
+                    break
+                publisher.put(b'{"robot":"stranger"}')
+                run.tick()
+    finally:
+        summary = run.close()
+    assert summary.outside > 0
+    assert summary.digest.endswith(f"+outside:{summary.outside}")
+
+
+def test_a_port_that_is_taken_is_said_before_anything_runs():
+    run = LockstepRun(SMALL.world(), listen="tcp/127.0.0.1:0")
+    try:
+        (endpoint,) = run.listening_at
+        with pytest.raises(PortTaken, match="port taken"):
+            SMALL.run(listen=endpoint)
+    finally:
+        run.close()
+
+
+def test_a_recording_that_cannot_be_written_leaves_nothing_open(tmp_path):
+    with pytest.raises(RecordingError):
+        SMALL.run(record=tmp_path / "no" / "such" / "folder" / "run.mcap", time_limit_s=1.0)
+    assert short().ended == "time_limit"
+
+
+def test_closing_twice_is_closing_once():
+    run = LockstepRun(SMALL.world())
+    run.tick()
+    first = run.close()
+    assert run.close() == first
+    assert first.messages > 0
+
+
+def test_can_frames_of_another_process_are_told_by_the_digest():
+    run = LockstepRun(SMALL.world(), listen="tcp/127.0.0.1:0")
+    try:
+        run.tick()
+        with can.Bus(interface="zenoh", channel="r1/can0", connect=run.listening_at[0]) as bus:
+            while not run.outside:
+                bus.send(codec("Stop").pack(0, latched=0))
+                run.tick()
+    finally:
+        summary = run.close()
+    assert "+outside:" in summary.digest

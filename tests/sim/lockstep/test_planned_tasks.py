@@ -1,0 +1,51 @@
+"""A dozen tasks in a floor with walls, done by simulated robots: planned they take less than nearest first."""
+
+from pathlib import Path
+
+import pytest
+
+from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.planning.recorded_plans import replay_decisions
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.sim.scenarios.scenario import Scenario
+from tests.bench.planning import TASKS, Outcome, run_tasks
+
+FLOOR, SEED = "arena_small", 2
+SEEDS = (1, 2, 3, 4)
+"""Of one set of tasks either may come out ahead by luck."""
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("planned") / "run.mcap"
+
+
+@pytest.fixture(scope="module")
+def planned(recording: Path) -> Outcome:
+    return run_tasks(SEED, PlanningPolicy(), FLOOR, recording)
+
+
+def test_planned_tasks_take_less_energy_than_nearest_first(planned: Outcome) -> None:
+    nearest = [run_tasks(seed, PlanningPolicy(method="nearest"), FLOOR) for seed in SEEDS]
+    plans = [planned if seed == SEED else run_tasks(seed, PlanningPolicy(), FLOOR) for seed in SEEDS]
+    assert {run.done for run in nearest + plans} == {TASKS}
+    assert sum(run.energy_j for run in plans) < sum(run.energy_j for run in nearest)
+    assert sum(run.moving_j for run in plans) < 0.7 * sum(run.moving_j for run in nearest)
+    assert sum(run.distance_m for run in plans) < 0.7 * sum(run.distance_m for run in nearest)
+
+
+def test_the_recorded_run_decides_the_same_again(planned: Outcome, recording: Path) -> None:
+    plans = list(replay_decisions(recording))
+    assert planned.done == TASKS
+    assert len(plans) >= TASKS / 3
+    assert all(plan.is_same for plan in plans)
+
+
+def test_simulated_robots_do_a_task_together() -> None:
+    with Scenario.builtin(FLOOR).replace(robots=2, motes=0).team(seed=5) as team:
+        team.run_for(12.0)
+        lift = team.submit("visit", place=(2.0, 2.6), robots=2, service_s=3.0)
+        record = team.wait(lift, timeout_s=108.0)
+    assert record.state is TaskState.DONE, record.why
+    assert record.result["robots"] == ["r1", "r2"]
+    assert record.result["energy_j"] > 0

@@ -1,0 +1,111 @@
+"""Whole runs on floors with passages hardly wider than the robots, or narrower."""
+
+import json
+
+import msgspec
+import pytest
+
+from robrain import Scenario
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.wire.reasons.idle import TooNarrow
+from robrain.sim.lockstep.lockstep import LockstepRun
+from robrain.sim.maps.drawing import Block, FloorDrawing
+from robrain.sim.robot.robot_hardware import RobotHardware
+from robrain.sim.world.floor_left import GapTooNarrow, NotSeen
+
+ROOM_M = 4.0
+HEIGHT_M = 4.4
+
+
+def two_rooms(gap_m, *, long_m=2.0, low_m=2.0, resolution_m=0.05):
+    """Two rooms of 4 × 4.4 m, joined by a corridor."""
+    return FloorDrawing(
+        size_m=(2 * ROOM_M + long_m, HEIGHT_M),
+        resolution_m=resolution_m,
+        blocks=(
+            Block(ROOM_M, 0.0, long_m, low_m),
+            Block(ROOM_M, low_m + gap_m, long_m, HEIGHT_M - low_m - gap_m),
+        ),
+    )
+
+
+def rooms_joined_by_a_bend(gap_m):
+    """Two rooms of 4 × 4.4 m, joined by a corridor that turns left and then right."""
+    height_m, begin_m, turn_m, end_m = HEIGHT_M, ROOM_M, ROOM_M + 1.0, ROOM_M + 3.0
+    low_m, high_m = 1.0, 3.0
+    blocks = (
+        Block(begin_m, 0.0, turn_m - begin_m, low_m),
+        Block(begin_m, low_m + gap_m, turn_m - begin_m, height_m - low_m - gap_m),
+        Block(turn_m, 0.0, gap_m, low_m),
+        Block(turn_m, high_m + gap_m, gap_m, height_m - high_m - gap_m),
+        Block(turn_m + gap_m, 0.0, end_m - turn_m - gap_m, high_m),
+        Block(turn_m + gap_m, high_m + gap_m, end_m - turn_m - gap_m, height_m - high_m - gap_m),
+    )
+    return FloorDrawing(size_m=(end_m + ROOM_M, height_m), resolution_m=0.05, blocks=blocks)
+
+
+def scenario(floor, *, robots=2, seed=1, radius_m=0.2):
+    return Scenario(
+        name="two rooms",
+        floor=floor,
+        robots=robots,
+        near=Point2D(2.0, 2.0),
+        seed=seed,
+        hardware=RobotHardware(radius_m=radius_m),
+        until_explored=0.99,
+        time_limit_s=120.0,
+    )
+
+
+@pytest.mark.parametrize(
+    ("seed", "long_m", "low_m"), [(1, 2.0, 2.0), (2, 2.0, 1.95), (3, 0.1, 1.0), (4, 1.0, 0.5), (5, 2.0, 3.6)]
+)
+def test_two_rooms_joined_by_forty_five_centimetres_are_explored_without_touching_a_wall(seed, long_m, low_m):
+    result = scenario(two_rooms(0.45, long_m=long_m, low_m=low_m), seed=seed).run()
+    assert result.ended == "explored"
+    assert result.collisions == 0
+    assert result.floor_left == []
+
+
+@pytest.mark.parametrize(("gap_m", "seed"), [(0.45, 1), (0.45, 2), (0.55, 1)])
+def test_no_wall_of_a_narrow_corridor_with_bends_is_touched(gap_m, seed):
+    result = scenario(rooms_joined_by_a_bend(gap_m), seed=seed).run()
+    assert result.collisions == 0
+    assert result.ended == "explored" or result.floor_left, "what was not seen is named"
+
+
+def test_floor_behind_a_gap_that_no_robot_fits_through_is_not_asked_of_them_and_is_named():
+    """Robots 0.46 m in diameter in front of the same corridor."""
+    result = scenario(two_rooms(0.45), radius_m=0.23).run()
+    assert result.ended == "explored"
+    (left,) = result.floor_left
+    assert left.place.x_m > ROOM_M
+    assert left.area_m2 == pytest.approx(16.0, rel=0.1)
+    assert left.why == GapTooNarrow(gap_m=pytest.approx(0.45, abs=0.03), needed_m=0.5)
+    assert left.words.endswith("m wide, robots need 0.50 m")
+    told = json.loads(msgspec.json.encode(result))["floor_left"][0]
+    assert told["why"]["code"] == "gap_too_narrow"
+
+
+def test_robots_before_a_gap_that_is_too_narrow_try_it_twice_and_then_say_why_they_are_idle():
+    run = LockstepRun(scenario(two_rooms(0.4)).world())
+    try:
+        while not run.nothing_left:
+            assert run.sim_time_s < 120.0
+            run.tick()
+        assert run.arena.collisions == 0
+        assert set(run.idle) == {"r1", "r2"}
+        for reason in run.idle.values():
+            assert isinstance(reason, TooNarrow)
+            assert reason.gap_m == pytest.approx(0.4, abs=0.04)
+            assert reason.place.x_m < ROOM_M + 0.2
+    finally:
+        run.close()
+
+
+def test_floor_that_could_be_reached_and_was_not_seen_is_named():
+    result = scenario(two_rooms(1.0)).run(time_limit_s=0.4)
+    assert result.ended == "time_limit"
+    (left,) = result.floor_left
+    assert left.why == NotSeen()
+    assert left.area_m2 == pytest.approx((1.0 - result.explored_fraction) * 34.0, rel=0.2)

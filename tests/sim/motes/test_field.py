@@ -1,0 +1,80 @@
+import numpy as np
+import pytest
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.tinyos.payloads import Quantity
+from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.motes.field import Field, FieldSpec, Levels, Plume
+
+PLAN = FloorPlan(np.zeros((100, 200), np.bool_), 0.1, 5.0, -3.0, "hall")
+ORIGIN = Point2D(0.0, 0.0)
+
+
+def still(*plumes):
+    return Field(FieldSpec(), list(plumes), Point2D(-50.0, -50.0), (100.0, 100.0))
+
+
+def test_a_plume_is_warm_in_the_middle_and_fades():
+    field = still(Plume(0.0, 0.0, 0.0, 0.0))
+    values = [field.value(Quantity.TEMPERATURE, Point2D(x_m, 0.0), 7.0) for x_m in (0.0, 1.0, 3.0, 9.0, 30.0)]
+    assert values[0] == 29.0
+    assert values == sorted(values, reverse=True)
+    assert values[-1] == pytest.approx(20.0)
+
+
+def test_a_plume_is_carried_along():
+    field = still(Plume(-4.0, 0.0, 0.2, 0.0))
+    warmest_s = max(range(60), key=lambda time_s: field.value(Quantity.TEMPERATURE, ORIGIN, float(time_s)))
+    assert warmest_s == 20
+
+
+def test_what_leaves_on_one_side_comes_back_on_the_other():
+    field = still(Plume(0.0, 0.0, 1.0, 0.0))
+    assert field.value(Quantity.LIGHT, ORIGIN, 100.0) == pytest.approx(field.value(Quantity.LIGHT, ORIGIN, 0.0))
+    assert field.value(Quantity.LIGHT, ORIGIN, 50.0) == pytest.approx(200.0)
+
+
+def test_plumes_add_up():
+    one, two = Plume(1.0, 0.0, 0.0, 0.0), Plume(-1.0, 0.0, 0.0, 0.0)
+    excess = [still(*plumes).value(Quantity.HUMIDITY, ORIGIN, 0.0) - 40.0 for plumes in ([one], [two], [one, two])]
+    assert excess[2] == pytest.approx(excess[0] + excess[1])
+
+
+@pytest.mark.parametrize("quantity", Quantity)
+def test_each_quantity_has_its_own_levels(quantity):
+    levels = FieldSpec().levels(quantity)
+    assert still().value(quantity, ORIGIN, 0.0) == levels.base
+
+
+def test_the_same_seed_draws_the_same_field_and_another_another():
+    places = [Point2D(x_m, 1.0) for x_m in (6.0, 12.0, 20.0)]
+    values = [
+        [
+            Field.draw(FieldSpec(), PLAN, np.random.default_rng(seed)).value(Quantity.TEMPERATURE, place, 30.0)
+            for place in places
+        ]
+        for seed in (1, 1, 2)
+    ]
+    assert values[0] == values[1] != values[2]
+
+
+def test_drawn_plumes_start_on_the_floor():
+    for seed in range(20):
+        field = Field.draw(FieldSpec(plumes=1), PLAN, np.random.default_rng(seed))
+        grid = [Point2D(x_m, y_m) for x_m in np.arange(5.0, 25.1, 0.5) for y_m in np.arange(-3.0, 7.1, 0.5)]
+        assert max(field.value(Quantity.TEMPERATURE, place, 0.0) for place in grid) > 28.5
+
+
+@pytest.mark.parametrize(
+    "build",
+    [
+        lambda: FieldSpec(plumes=-1),
+        lambda: FieldSpec(plumes=1000),
+        lambda: FieldSpec(width_m=0.0),
+        lambda: FieldSpec(wind_m_s=-1.0),
+        lambda: Levels(base=0.0, plume=1.0, noise=-1.0),
+    ],
+)
+def test_a_field_without_sense_is_refused(build):
+    with pytest.raises(ValueError, match="expected"):
+        build()

@@ -1,0 +1,109 @@
+import numpy as np
+import pytest
+
+from robrain.sim.motes.mote_power import send_ma
+from robrain.sim.motes.radio import RadioCounters, RadioLink, RadioModel, ShadowField
+
+FIELDS = 2000
+
+
+def fields_at(xs_m, correlation_m=3.0):
+    """Values of many fields at places on a line: (fields, places)."""
+    ys_m = np.zeros(len(xs_m))
+    rngs = np.random.default_rng(1).spawn(FIELDS)
+    return np.array([ShadowField(4.0, correlation_m, rng).at(np.array(xs_m), ys_m) for rng in rngs])
+
+
+def test_reach_is_about_ten_metres():
+    assert RadioModel().reach_m == pytest.approx(10.0)
+    assert RadioModel().mean_rssi_dbm(RadioModel().reach_m) == pytest.approx(-90.0)
+
+
+def test_many_distances_give_what_each_alone_gives():
+    model = RadioModel()
+    distances_m = np.array([0.0, 0.05, 1.0, 7.3, 40.0])
+    assert model.mean_rssi_dbm_of(distances_m) == pytest.approx([model.mean_rssi_dbm(each) for each in distances_m])
+
+
+def test_shadowing_has_its_deviation_at_every_place():
+    values = fields_at([0.0, 1.0, 17.0])
+    assert values.mean() == pytest.approx(0.0, abs=0.2)
+    assert values.std(axis=0) == pytest.approx([4.0] * 3, rel=0.05)
+
+
+def test_shadowing_s_correlation_falls_exponentially_with_the_distance():
+    distances_m = [0.0, 0.5, 1.5, 3.0, 6.0]
+    values = fields_at(distances_m)
+    correlations = [np.corrcoef(values[:, 0], values[:, column])[0, 1] for column in range(len(distances_m))]
+    assert correlations == pytest.approx([np.exp(-each / 3.0) for each in distances_m], abs=0.05)
+
+
+def test_shadowing_at_one_place_is_gaussian_over_the_seeds():
+    values = fields_at([2.0])[:, 0] / 4.0
+    assert np.mean(np.abs(values) < 1.0) == pytest.approx(0.683, abs=0.03)
+    assert np.mean(np.abs(values) < 2.0) == pytest.approx(0.954, abs=0.02)
+    assert np.mean(values**4) == pytest.approx(3.0, abs=0.4)
+
+
+def test_the_shares_of_place_and_packet_add_up():
+    model = RadioModel(shadowing_db=4.0, static_share=0.7)
+    assert model.static_db**2 == pytest.approx(0.7 * 16.0)
+    assert model.static_db**2 + model.per_packet_db**2 == pytest.approx(16.0)
+
+
+def test_packets_of_one_link_differ_by_their_own_share():
+    model = RadioModel(shadowing_db=4.0, static_share=0.75, sensitivity_dbm=-200.0)
+    link = RadioLink(model, np.random.default_rng(3))
+    strengths_dbm = [link.receive_dbm(-70.0) for _ in range(4000)]
+    assert np.mean(strengths_dbm) == pytest.approx(-70.0, abs=0.1)
+    assert np.std(strengths_dbm) == pytest.approx(2.0, rel=0.05)
+
+
+def test_half_of_the_packets_arrive_at_the_sensitivity_and_a_few_decibels_make_all_or_none():
+    model = RadioModel()
+    probabilities = [model.arrival_probability(-90.0 + above_db) for above_db in (-4.0, -1.0, 0.0, 1.0, 3.0)]
+    assert probabilities == sorted(probabilities)
+    assert probabilities[0] < 1e-6
+    assert probabilities[2] == pytest.approx(0.5)
+    assert probabilities[4] > 0.99
+
+
+def test_what_does_not_arrive_is_counted_as_broken_or_as_lost():
+    model = RadioModel(shadowing_db=0.0)
+    counters = RadioCounters()
+    link = RadioLink(model, np.random.default_rng(1), counters)
+    for strength_dbm in (-60.0, -91.0, -100.0):
+        for _ in range(1000):
+            link.receive_dbm(strength_dbm)
+    assert counters.heard == pytest.approx(1000 + 1000 * model.arrival_probability(-91.0), abs=60)
+    assert counters.lost == 1000
+    assert counters.heard + counters.crc_errors + counters.lost == 3000
+
+
+def test_the_same_seed_draws_the_same_field_and_another_another():
+    xs_m, ys_m = np.linspace(0.0, 20.0, 5), np.zeros(5)
+    one, same, other = (ShadowField(4.0, 3.0, np.random.default_rng(seed)).at(xs_m, ys_m) for seed in (1, 1, 2))
+    assert (one == same).all()
+    assert (one != other).any()
+
+
+def test_stronger_packets_cost_more_current():
+    currents_ma = [send_ma(power_dbm) for power_dbm in (-30.0, -20.0, -10.0, 0.0, 10.0)]
+    assert currents_ma == sorted(currents_ma)
+    assert (currents_ma[0], currents_ma[-1]) == (4.65, 22.4)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"exponent": 0.0},
+        {"correlation_m": -1.0},
+        {"shadowing_db": -1.0},
+        {"shadowing_db": float("nan")},
+        {"static_share": 1.1},
+        {"transmit_dbm": 11.0},  # more than a CC1000 can
+    ],
+)
+def test_a_radio_model_without_sense_is_refused(values):
+    with pytest.raises(ValueError, match="expected"):
+        RadioModel(**values)

@@ -1,0 +1,70 @@
+"""The tables [motes], [radio] and [field] of a scenario."""
+
+import pytest
+
+from robrain import Scenario
+from robrain.sim.errors import ScenarioError
+from robrain.sim.motes.mote import MoteSpec
+from robrain.sim.motes.motes import SensorNetwork
+from robrain.sim.motes.radio import RadioModel
+
+FLOOR = '[scenario]\nname = "s"\n[floor]\nsize_m = [6.0, 6.0]\n[team]\nrobots = 1\n'
+TABLES = """
+[motes]
+count = 3
+period_s = 1.0
+quantities = ["light", "humidity"]
+[radio]
+shadowing_db = 0.0
+[field]
+plumes = 1
+light = { base = 100.0, plume = 0.0, noise = 0.0 }
+"""
+
+
+def scenario(tmp_path, tables):
+    path = tmp_path / "s.toml"
+    path.write_text(FLOOR + tables)
+    return Scenario.from_file(path)
+
+
+def test_what_a_scenario_says_of_motes_radio_and_field_is_what_is_simulated(tmp_path):
+    found = scenario(tmp_path, TABLES)
+    assert found.motes == 3
+    assert found.network.motes == MoteSpec(period_s=1.0, quantities=("light", "humidity"))
+    assert found.network.radio == RadioModel(shadowing_db=0.0)
+    assert (found.network.field.plumes, found.network.field.light.base) == (1, 100.0)
+    assert found.world().network == found.network
+
+
+def test_without_the_tables_everything_is_as_usual(tmp_path):
+    assert scenario(tmp_path, "").network == SensorNetwork()
+
+
+def test_the_digest_follows_the_seed_and_the_tables_and_nothing_else(tmp_path):
+    def digest(tables, seed):
+        return scenario(tmp_path, tables).replace(seed=seed).run(time_limit_s=6.0, until_explored=1.0).digest
+
+    first = digest(TABLES, 3)
+    assert digest(TABLES, 3) == first
+    assert digest(TABLES, 4) != first
+    assert digest(TABLES.replace("base = 100.0", "base = 101.0"), 3) != first
+
+
+@pytest.mark.parametrize(
+    ("tables", "key", "sentence"),
+    [
+        ("[motes]\nperiod_s = 0.0\n", "motes", "expected period_s from 0.1 to 6553.5, got 0.0"),
+        ("[motes]\ncount = -1\n", "motes", "expected count from 0 to 10000, got -1"),
+        ('[motes]\nquantities = ["colour"]\n', "motes.quantities[0]", "Invalid enum value 'colour'"),
+        ("[motes]\ncolour = 1\n", "motes", "unknown field `colour`"),
+        ("[radio]\nstatic_share = 2.0\n", "radio", "expected static_share from 0 to 1, got 2.0"),
+        ("[radio]\ntransmit_dbm = 30.0\n", "radio", "expected a transmit power of at most 10 dBm, got 30"),
+        ("[field]\nplumes = 65\n", "field", "expected plumes from 0 to 64, got 65"),
+        ("[field.light]\nbase = 1.0\nplume = 1.0\nnoise = -1.0\n", "field.light", "expected noise >= 0, got -1.0"),
+    ],
+)
+def test_a_table_without_sense_is_told_with_file_and_key(tmp_path, tables, key, sentence):
+    with pytest.raises(ScenarioError, match=sentence) as error:
+        scenario(tmp_path, tables)
+    assert str(error.value).startswith(f"{tmp_path / 's.toml'}: {key}: ")

@@ -1,0 +1,173 @@
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.sim.robot.camera import Camera, CameraSpec, SeenMote, SeenRobot
+from robrain.sim.robot.picture_paint import CHARGER_YELLOW, MOTE_POST, PLATE, PLATE_INK, ROBOT_COLORS, number_cells
+
+HERE = Pose2D(1.0, 2.0, 0.0)
+STILL = CameraSpec(noise_levels=0.0)
+
+
+def room(width_m=6.0, height_m=4.0):
+    occupied = np.ones((round(height_m / 0.05), round(width_m / 0.05)), np.bool_)
+    occupied[2:-2, 2:-2] = False
+    return occupied
+
+
+def camera(spec=STILL, walls=None, chargers=()):
+    walls = room() if walls is None else walls
+    rows, columns = walls.shape
+    return Camera(spec, walls, GridGeometry(0.05, 0.0, 0.0, columns, rows), 7, chargers)
+
+
+def pixels_like(picture, color, within=0.15):
+    """(H, W) pixels of a colour, however bright; where it is far from grey."""
+    picture = picture.astype(np.float64)
+    level = picture.sum(axis=2, keepdims=True)
+    return np.abs(picture / np.maximum(level, 1.0) - np.asarray(color) / np.sum(color)).sum(axis=2) < within
+
+
+def robot(x_m, y_m, number=1, yaw_rad=0.0):
+    return SeenRobot(number, Pose2D(x_m, y_m, yaw_rad), 0.2)
+
+
+def test_a_picture_has_the_size_of_its_camera():
+    picture = camera(CameraSpec(width=80, height=60)).picture(HERE, [], [], 0)
+    assert (picture.shape, picture.dtype) == ((60, 80, 3), np.uint8)
+
+
+def test_a_png_is_the_same_picture():
+    one = camera()
+    png = one.png(HERE, [robot(3.0, 2.0)], [], 0)
+    assert np.array_equal(np.asarray(Image.open(io.BytesIO(png))), one.picture(HERE, [robot(3.0, 2.0)], [], 0))
+    assert len(png) < 25_000
+
+
+def test_a_robot_ahead_stands_in_the_middle_and_is_as_wide_as_a_pinhole_shows_it():
+    seen = pixels_like(camera().picture(HERE, [robot(3.0, 2.0)], [], 0), ROBOT_COLORS[1])
+    columns = np.flatnonzero(seen.any(axis=0))
+    assert abs(columns.mean() - 79.5) <= 1.0
+    focal = 80 / np.tan(0.6)
+    expected = 2 * focal * np.tan(np.arcsin(0.2 / 2.0))
+    assert columns.size == pytest.approx(expected, abs=2)
+
+
+@pytest.mark.parametrize(("y_m", "side"), [(2.6, "left"), (1.4, "right")])
+def test_what_stands_to_the_left_is_on_the_left(y_m, side):
+    seen = pixels_like(camera().picture(HERE, [robot(3.0, y_m)], [], 0), ROBOT_COLORS[1])
+    middle = np.flatnonzero(seen.any(axis=0)).mean()
+    assert middle < 70 if side == "left" else middle > 90
+
+
+def test_what_is_behind_or_beyond_the_view_is_not_seen():
+    alone = camera().picture(HERE, [], [], 0)
+    others = [robot(0.4, 2.0), robot(1.2, 3.5)]
+    motes = [SeenMote(3, Point2D(0.5, 2.0)), SeenMote(4, Point2D(1.0, 3.0))]
+    assert np.array_equal(camera().picture(HERE, others, motes, 0), alone)
+
+
+def test_a_wall_hides_what_is_behind_it():
+    walls = room()
+    walls[:, 50:52] = True
+    hidden = camera(walls=walls).picture(HERE, [robot(4.0, 2.0)], [SeenMote(3, Point2D(3.5, 2.2))], 0)
+    assert np.array_equal(hidden, camera(walls=walls).picture(HERE, [], [], 0))
+
+
+def test_a_nearer_robot_hides_a_farther_one_whatever_their_order():
+    near, far = robot(2.5, 2.0, number=1), robot(4.5, 2.0, number=2)
+    one, other = camera().picture(HERE, [near, far], [], 0), camera().picture(HERE, [far, near], [], 0)
+    assert np.array_equal(one, other)
+    assert not pixels_like(one, ROBOT_COLORS[2], within=0.05)[60:].any()
+
+
+def test_the_front_of_a_robot_is_dark():
+    towards = camera().picture(HERE, [robot(3.0, 2.0, yaw_rad=np.pi)], [], 0)
+    away = camera().picture(HERE, [robot(3.0, 2.0)], [], 0)
+    body = (slice(66, 72), slice(76, 84))
+    assert towards[body].max() < 40
+    assert away[body].max() > 120
+
+
+@pytest.mark.parametrize("away_m", [1.0, 2.0, 3.0])
+def test_a_charger_is_a_mat_on_the_floor_where_it_lies(away_m):
+    place = Point2D(HERE.x_m + away_m, 2.0)
+    picture, bare = (camera(chargers=each).picture(HERE, [], [], 0) for each in ([place], []))
+    changed = np.any(picture != bare, axis=2)
+    rows, columns = np.nonzero(changed)
+    assert abs(columns.mean() - 79.5) < 1.0
+    focal = 80 / np.tan(0.6)
+    assert (rows.min(), rows.max()) == pytest.approx(
+        (60 + focal * 0.3 / (away_m + 0.3), 60 + focal * 0.3 / (away_m - 0.3)), abs=1.5
+    )
+    assert pixels_like(picture, CHARGER_YELLOW)[changed].mean() > 0.15
+
+
+def test_a_charger_behind_a_wall_or_under_a_robot_is_hidden():
+    walls = room()
+    walls[20:60, 50:52] = True
+    place = Point2D(3.5, 2.0)
+    assert np.array_equal(
+        camera(walls=walls, chargers=[place]).picture(HERE, [], [], 0), camera(walls=walls).picture(HERE, [], [], 0)
+    )
+    docked = [robot(place.x_m, place.y_m)]
+    seen = pixels_like(camera(chargers=[place]).picture(HERE, docked, [], 0), CHARGER_YELLOW)
+    alone = pixels_like(camera(chargers=[place]).picture(HERE, [], [], 0), CHARGER_YELLOW)
+    assert seen.sum() < alone.sum()
+
+
+def test_a_mote_is_a_post_with_its_number():
+    picture = camera().picture(HERE, [], [SeenMote(4, Point2D(2.0, 2.0))], 0)
+    assert pixels_like(picture, MOTE_POST).any()
+    plate = pixels_like(picture, PLATE, within=0.1)
+    rows, columns = np.flatnonzero(plate.any(axis=1)), np.flatnonzero(plate.any(axis=0))
+    cells = number_cells(4)
+    shown = picture[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1].max(axis=2) < 2 * PLATE_INK.max() + 20
+    height, width = shown.shape
+    sampled = shown[
+        np.ix_(
+            ((np.arange(cells.shape[0]) + 0.5) * height / cells.shape[0]).astype(int),
+            ((np.arange(cells.shape[1]) + 0.5) * width / cells.shape[1]).astype(int),
+        )
+    ]
+    assert np.mean(sampled == cells) > 0.9
+
+
+def test_two_rooms_do_not_look_alike():
+    one = camera().picture(HERE, [], [], 0).astype(np.float64)
+    other = camera().picture(Pose2D(5.0, 2.0, np.pi), [], [], 0).astype(np.float64)
+    assert np.abs(one - other).mean() > 5.0
+
+
+def test_a_picture_is_the_same_however_often_and_by_whom_it_is_asked_for():
+    one, other = camera(CameraSpec()), camera(CameraSpec())
+    first = one.picture(HERE, [], [], 5)
+    for moment in (1, 9, 5):
+        again = one.picture(HERE, [], [], moment)
+    assert np.array_equal(first, again)
+    assert np.array_equal(first, other.picture(HERE, [], [], 5))
+    assert not np.array_equal(first, one.picture(HERE, [], [], 6))
+
+
+def test_a_camera_within_a_wall_still_gives_a_picture():
+    assert camera().picture(Pose2D(0.0, 0.0, 0.0), [robot(3.0, 2.0)], [], 0).shape == (120, 160, 3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"width": 0}, "width from 16 to 1024 pixels, got 0"),
+        ({"height": 5000}, "height from 16 to 1024 pixels"),
+        ({"view_rad": 3.2}, "view_rad from 0.1 to 2.8"),
+        ({"height_m": 3.0}, "height_m above 0 and below 2.5"),
+        ({"range_m": 0.0}, "range_m > 0"),
+        ({"noise_levels": -1.0}, "noise_levels >= 0"),
+    ],
+)
+def test_a_camera_that_makes_no_sense_is_refused(changes, expected):
+    with pytest.raises(ValueError, match=expected):
+        CameraSpec(**changes)

@@ -1,0 +1,123 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from robrain import Scenario
+from robrain.protocol.model.geometry import Point2D
+from robrain.sim.errors import ScenarioError
+from robrain.sim.maps.drawing import FloorDrawing
+from robrain.sim.scenarios.scenario_file import builtin_names
+from robrain.sim.world.arena import RobotHardware
+
+TINY = '[scenario]\nname = "tiny"\nseed = 3\n[floor]\nsize_m = [1.5, 1.5]\n[team]\nrobots = 9\n'
+SMALL = Scenario.builtin("arena_small")
+
+
+@pytest.mark.parametrize("name", builtin_names())
+def test_of_each_built_in_floor_the_robots_can_reach_nearly_everything(name):
+    world = Scenario.builtin(name).world()
+    starts = [Point2D(robot.start.x_m, robot.start.y_m) for robot in world.robots]
+    reachable = world.plan.reachable(starts, RobotHardware().radius_m)
+    free = np.count_nonzero(~world.plan.occupied)
+    assert np.count_nonzero(reachable) / free >= 0.97
+
+
+@pytest.mark.parametrize("name", builtin_names())
+def test_each_built_in_scenario_starts_and_its_robots_see(name):
+    result = Scenario.builtin(name).run(time_limit_s=1.0)
+    assert (result.scenario, result.ended, result.sim_time_s) == (name, "time_limit", 1.0)
+    assert result.explored_fraction > 0.05
+    assert len(result.digest) == 64
+
+
+def test_a_map_that_is_missing_is_named(tmp_path: Path):
+    path = tmp_path / "mine.toml"
+    path.write_text('[scenario]\nname = "s"\n[map]\nfile = "maps/office.yaml"\n')
+    scenario = Scenario.from_file(path)
+    for use in (scenario.plan, scenario.world, scenario.run):
+        with pytest.raises(ScenarioError) as error:
+            use()
+        assert str(tmp_path / "maps" / "office.yaml") in str(error.value)
+        assert "\n" not in str(error.value)
+
+
+def test_a_map_is_looked_for_beside_its_scenario_file(tmp_path: Path, monkeypatch):
+    (tmp_path / "maps").mkdir()
+    picture = np.zeros((40, 60), np.uint8)
+    picture[2:-2, 2:-2] = 254
+    Image.fromarray(picture).save(tmp_path / "maps" / "office.png")
+    (tmp_path / "maps" / "office.yaml").write_text(
+        "image: office.png\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\n"
+    )
+    (tmp_path / "mine.toml").write_text('[scenario]\nname = "s"\n[map]\nfile = "maps/office.yaml"\n')
+    monkeypatch.chdir("/")
+    assert Scenario.from_file(tmp_path / "mine.toml").plan().size_m == (6.0, 4.0)
+    scenario = Scenario.from_map(tmp_path / "maps" / "office.yaml", robots=2, motes=3)
+    world = scenario.world()
+    assert (scenario.name, len(world.robots), len(world.motes)) == ("office", 2, 3)
+
+
+def test_more_robots_than_fit_is_told_with_how_many_do(tmp_path: Path):
+    path = tmp_path / "tiny.toml"
+    path.write_text(TINY)
+    with pytest.raises(ScenarioError) as error:
+        Scenario.from_file(path).world()
+    said = str(error.value)
+    assert said.startswith("tiny: 9 robots")
+    assert "fit" in said
+    assert "\n" not in said
+
+
+@pytest.mark.parametrize("robots", [0, -3, 1001])
+def test_a_number_of_robots_that_is_none_is_refused_in_a_script_too(robots):
+    with pytest.raises(ScenarioError, match=f"arena_small: expected robots from 1 to 1000, got {robots}"):
+        SMALL.replace(robots=robots).run()
+
+
+def test_replacing_changes_only_what_is_named():
+    changed = SMALL.replace(robots=3, seed=9)
+    assert (changed.robots, changed.seed) == (3, 9)
+    assert (changed.floor, changed.motes, changed.name) == (SMALL.floor, SMALL.motes, SMALL.name)
+    assert SMALL.robots == 2
+
+
+def test_replacing_what_a_scenario_does_not_have_is_answered_with_what_it_has():
+    with pytest.raises(ScenarioError, match=r"arena_small: .*robot.*; a scenario has name, floor, robots"):
+        SMALL.replace(robot=3)
+
+
+def test_a_scenario_can_be_drawn_in_a_script():
+    scenario = Scenario(name="mine", floor=FloorDrawing(size_m=(5.0, 4.0)), robots=1)
+    result = scenario.run(until_explored=0.9, time_limit_s=60.0)
+    assert (result.scenario, result.ended, result.motes) == ("mine", "explored", 0)
+
+
+def test_the_curve_of_a_run_begins_at_nothing_and_ends_with_the_result():
+    result = SMALL.run(until_explored=1.0, time_limit_s=12.0)
+    times_s, shares = zip(*result.explored_curve, strict=True)
+    assert (times_s[0], shares[0]) == (0.0, 0.0)
+    assert times_s[:-1] == tuple(5.0 * step for step in range(len(times_s) - 1))
+    assert times_s[-1] == result.sim_time_s
+    assert shares[-1] == result.explored_fraction
+    assert list(shares) == sorted(shares)
+
+
+def test_progress_is_told_to_the_end():
+    told = []
+    result = SMALL.run(time_limit_s=3.0, until_explored=1.0, on_progress=told.append)
+    assert told[-1].sim_time_s == result.sim_time_s
+    assert told[-1].explored_fraction == result.explored_fraction
+    assert [progress.sim_time_s for progress in told] == sorted(progress.sim_time_s for progress in told)
+
+
+def test_figures_of_the_robots_add_up_to_those_of_the_team():
+    result = SMALL.run(time_limit_s=5.0, until_explored=1.0)
+    assert [robot.name for robot in result.per_robot] == ["r1", "r2"]
+    assert result.distance_m == pytest.approx(sum(robot.distance_m for robot in result.per_robot))
+    assert result.energy_j == pytest.approx(sum(robot.energy_j for robot in result.per_robot))
+    assert result.distance_m > 1.0
+    # Two robots that idle draw 8 W each.
+    assert result.energy_j > 2 * 8.0 * 5.0
+    assert result.mote_readings > 0

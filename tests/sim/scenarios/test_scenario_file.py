@@ -1,0 +1,114 @@
+from pathlib import Path
+
+import pytest
+
+from robrain.sim.errors import ScenarioError
+from robrain.sim.maps.placement import Starts
+from robrain.sim.scenarios.scenario_file import builtin_names, parse_scenario, read_builtin, read_scenario_file
+from robrain.sim.world.fault_injection import FaultKind
+
+FLOOR = "[floor]\nsize_m = [4.0, 3.0]\n"
+GOOD = f'[scenario]\nname = "s"\n{FLOOR}'
+
+PLACE = "place_m = [1.0, 1.0]"
+
+
+def fault(kind: str, *more: str) -> str:
+    """A scenario with one fault, of robot r1 after a second."""
+    return "\n".join((f'{GOOD}[[faults]]\nrobot = "r1"\nkind = "{kind}"\nat_s = 1.0', *more)) + "\n"
+
+
+# What is wrong, the text, the key that must be named, what was expected.
+WRONG = {
+    "no TOML": ("[scenario\n", "", "is not TOML"),
+    "empty": ("", "", "missing required field `scenario`"),
+    "no name": (f"[scenario]\n{FLOOR}", "scenario", "missing required field `name`"),
+    "unknown table": (f"{GOOD}[robots]\ncount = 3\n", "", "unknown field `robots`"),
+    "unknown key": (GOOD + "[team]\nrobot = 3\n", "team", "unknown field `robot`"),
+    "unknown key of the floor": (f"{GOOD}colour = 3\n", "floor", "unknown field `colour`"),
+    "seed of another type": (GOOD.replace("[floor]", 'seed = "7"\n[floor]'), "scenario.seed", "Expected `int`"),
+    "robots of another type": (GOOD + "[team]\nrobots = 2.5\n", "team.robots", "Expected `int`"),
+    "a place with one number": (GOOD + "[team]\nnear_m = [1.0]\n", "team.near_m", "length 2"),
+    "neither floor nor map": ('[scenario]\nname = "s"\n', "", "either [floor] or [map]"),
+    "floor and map": (f'{GOOD}[map]\nfile = "map.yaml"\n', "", "either [floor] or [map]"),
+    "no robots": (GOOD + "[team]\nrobots = 0\n", "team", "expected robots from 1 to 1000, got 0"),
+    "too many robots": (GOOD + "[team]\nrobots = 1001\n", "team", "expected robots from 1 to 1000, got 1001"),
+    "a negative number of motes": (GOOD + "[motes]\ncount = -1\n", "motes", "expected count from 0 to 10000, got -1"),
+    "too many motes": (GOOD + "[motes]\ncount = 10001\n", "motes", "expected count from 0 to 10000, got 10001"),
+    "a negative seed": (GOOD.replace("[floor]", "seed = -1\n[floor]"), "scenario", "expected seed >= 0, got -1"),
+    "nothing to explore": (GOOD.replace("[floor]", "until_explored = 0\n[floor]"), "scenario", "above 0 and at most 1"),
+    "more than all": (GOOD.replace("[floor]", "until_explored = 1.01\n[floor]"), "scenario", "above 0 and at most 1"),
+    "no number to explore": (GOOD.replace("[floor]", "until_explored = nan\n[floor]"), "scenario", "above 0"),
+    "no time": (GOOD.replace("[floor]", "time_limit_s = 0\n[floor]"), "scenario", "expected time_limit_s > 0, got 0"),
+    "starts of a kind that there is not": (GOOD + '[team]\nstarts = "apart"\n', "team.starts", "'apart'"),
+    "starts near and scattered": (f'{GOOD}[team]\nstarts = "scattered"\nnear_m = [1, 1]\n', "team", "got both"),
+    "starts known to some": (GOOD + '[team]\nstarts_known = "some"\n', "team.starts_known", "Expected `bool`"),
+    "carried to nowhere": (fault("carried_off"), "faults[0]", "expected place_m for carried_off"),
+    "a place for a bus": (fault("can_cut", PLACE), "faults[0]", "for nothing else"),
+    "carried back": (fault("carried_off", PLACE, "until_s = 2.0"), "faults[0]", "expected no until_s"),
+    "carried to no place": (fault("carried_off", "place_m = [1.0, inf]"), "faults[0]", "expected finite place_m"),
+    "a fault that there is not": (fault("stolen"), "faults[0].kind", "'stolen'"),
+    "a floor without size": (GOOD.replace("4.0", "0.0"), "floor", "size_m"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "key", "expected"), WRONG.values(), ids=WRONG)
+def test_a_wrong_scenario_is_told_in_one_sentence_with_file_and_key(tmp_path: Path, text, key, expected):
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    with pytest.raises(ScenarioError) as error:
+        read_scenario_file(path)
+    said = str(error.value)
+    assert said.startswith(f"{path}: {key}")
+    assert expected in said
+    assert "\n" not in said
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path):
+    with pytest.raises(ScenarioError, match=r"nothing\.toml: no such scenario file"):
+        read_scenario_file(tmp_path / "nothing.toml")
+
+
+def test_a_folder_and_a_file_of_other_bytes_are_no_scenarios(tmp_path: Path):
+    with pytest.raises(ScenarioError, match="cannot be read"):
+        read_scenario_file(tmp_path)
+    (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ScenarioError, match=r"bytes\.toml: cannot be read"):
+        read_scenario_file(tmp_path / "bytes.toml")
+
+
+def test_what_is_left_out_has_its_default():
+    tables = parse_scenario(GOOD, "s.toml")
+    assert (tables.scenario.seed, tables.team.robots, tables.motes.count) == (1, 4, 0)
+    assert (tables.scenario.until_explored, tables.scenario.time_limit_s) == (0.98, 900.0)
+    assert tables.team.near_m is None
+
+
+def test_starts_and_a_robot_that_is_carried_off_are_read():
+    faults = '[[faults]]\nrobot = "r1"\nkind = "carried_off"\nat_s = 3\nplace_m = [1.0, 2.0]\nyaw_rad = 0.5\n'
+    tables = parse_scenario(GOOD + '[team]\nstarts = "scattered"\nstarts_known = false\n' + faults, "s.toml")
+    assert (tables.team.starts, tables.team.starts_known) == (Starts.SCATTERED, False)
+    (fault,) = tables.faults
+    assert (fault.kind, fault.at_s, fault.place_m, fault.yaw_rad) == (FaultKind.CARRIED_OFF, 3.0, (1.0, 2.0), 0.5)
+    tables = parse_scenario(GOOD, "s.toml")
+    assert (tables.team.starts, tables.team.starts_known) == (Starts.TOGETHER, True)
+
+
+def test_the_text_comes_with_the_tables(tmp_path: Path):
+    path = tmp_path / "mine.toml"
+    path.write_text(GOOD + "[team]\nrobots = 3\nnear_m = [1.0, 2.0]\n")
+    tables, text = read_scenario_file(path)
+    assert text == path.read_text()
+    assert (tables.team.robots, tables.team.near_m) == (3, (1.0, 2.0))
+
+
+@pytest.mark.parametrize("name", builtin_names())
+def test_each_built_in_scenario_bears_the_name_of_its_file(name):
+    tables, text = read_builtin(name)
+    assert tables.scenario.name == name
+    assert name in text
+
+
+def test_an_unknown_name_is_answered_with_those_that_there_are():
+    with pytest.raises(ScenarioError, match="no scenario 'depo': built in are arena_small, depot"):
+        read_builtin("depo")

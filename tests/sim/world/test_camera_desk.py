@@ -1,0 +1,69 @@
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.wire.errors import CallError, NobodyThere
+from robrain.protocol.wire.topics import ARENA_CAMERA, ARENA_SENSE
+from robrain.sim.errors import ScenarioError
+from robrain.sim.scenarios.scenario_file import parse_scenario
+from tests.plugins.behavior.errands import Errands
+
+
+@pytest.fixture
+def run():
+    one = Errands("counter", starts={"r2": Pose2D(3.0, 1.5, 0.0)})
+    one.run(0.1)
+    yield one
+    one.close()
+
+
+def test_each_robot_has_a_camera_of_its_own_that_is_asked_over_the_wire(run):
+    first, second = (run.wire.ask(ARENA_CAMERA, robot=name) for name in ("r1", "r2"))
+    assert first != second
+    assert np.asarray(Image.open(io.BytesIO(first))).shape == (120, 160, 3)
+    assert first == run.arena.cameras.png("r1")
+
+
+def test_a_board_measures_what_there_is_with_the_noise_of_a_mote(run):
+    values = run.wire.ask(ARENA_SENSE, robot="r1")
+    assert set(values) == {"temperature_c", "light_lx", "humidity_pct"}
+    assert values == run.arena.sensors.values("r1")
+    run.run(0.02)
+    later = run.arena.sensors.values("r1")
+    assert later != values
+    assert later["temperature_c"] == pytest.approx(values["temperature_c"], abs=1.0)
+
+
+def test_a_robot_that_is_not_there_has_neither(run):
+    for topic in (ARENA_CAMERA, ARENA_SENSE):
+        with pytest.raises((NobodyThere, CallError)):
+            run.wire.ask(topic, robot="r9")
+
+
+def test_who_looks_changes_nothing():
+    digests = []
+    for looks in (0, 7):
+        one = Errands("visit", seed=4)
+        for _ in range(looks):
+            one.run(0.2)
+            one.wire.ask(ARENA_CAMERA, robot="r1")
+            one.wire.ask(ARENA_SENSE, robot="r1")
+        one.run(3.0 - 0.2 * looks)
+        digests.append(one.close())
+    assert digests[0] == digests[1]
+
+
+FLOOR = '[scenario]\nname = "x"\n[floor]\nsize_m = [4.0, 4.0]\n'
+
+
+def test_a_scenario_says_what_cameras_its_robots_have():
+    tables = parse_scenario(f"{FLOOR}[robot.camera]\nwidth = 80\nview_rad = 0.9\n", "x.toml")
+    assert (tables.robot.camera.width, tables.robot.camera.view_rad) == (80, 0.9)
+
+
+def test_a_camera_that_makes_no_sense_is_named_with_file_and_key():
+    with pytest.raises(ScenarioError, match=r"x\.toml: robot\.camera: expected width from 16 to 1024 pixels, got 2"):
+        parse_scenario(f"{FLOOR}[robot.camera]\nwidth = 2\n", "x.toml")

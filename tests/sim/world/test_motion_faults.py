@@ -1,0 +1,91 @@
+"""The whole stack, and a bus that is cut or a lidar that freezes in the middle of an exploration."""
+
+import pytest
+
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.topics import ROBOT_EVENT, ROBOT_PLUGINS
+from robrain.sim.firmware.bus_line import LineFault
+from robrain.sim.lockstep.lockstep import LockstepRun
+from robrain.sim.scenarios.scenario import Scenario
+
+
+@pytest.fixture
+def team():
+    """Two robots that explore, for four seconds so far, and all that they tell the team."""
+    run = LockstepRun(Scenario.builtin("depot").replace(robots=2, motes=0, seed=3).world())
+    watcher = Endpoint(run.session, "default", run.clock, Drive.LOCKSTEP)
+    run.events = Inbox(100_000, every=True)
+    watcher.subscribe(run.events, ROBOT_EVENT)
+    run.watcher = watcher
+    ticks(run, 4.0)
+    assert speed_m_s(run, "r1") > 0.2
+    yield run
+    watcher.close()
+    run.close()
+
+
+def ticks(run, seconds):
+    for _ in range(round(seconds / 0.02)):
+        run.tick()
+
+
+def truth(run, name):
+    return next(robot for robot in run.truth.robots if robot.robot == name)
+
+
+def speed_m_s(run, name):
+    before = truth(run, name).distance_m
+    ticks(run, 0.5)
+    return (truth(run, name).distance_m - before) / 0.5
+
+
+def told(run, plugin, event):
+    return [
+        each.message.value
+        for each in run.events.drain()
+        if each.names["robot"] == "r1" and (each.message.plugin, each.message.event) == (plugin, event)
+    ]
+
+
+def why(run, plugin):
+    infos = run.watcher.ask(ROBOT_PLUGINS, robot="r1")
+    return next(f"{info.state}: {info.why}" for info in infos if info.name == plugin)
+
+
+def test_a_robot_whose_bus_is_cut_stands_the_team_is_told_and_the_others_go_on(team):
+    team.arena.break_can("r1", LineFault.CUT)
+    ticks(team, 0.5)
+    assert why(team, "mocdevice").startswith("faulted: BusFault: no encoder frame for 0.4")
+    assert told(team, "mocdevice", "condition")[0]["ok"] is False
+    ticks(team, 0.5)
+    place, others_m = truth(team, "r1").pose, truth(team, "r2").distance_m
+    ticks(team, 10.0)
+    assert truth(team, "r1").pose == place
+    assert truth(team, "r1").collisions == 0
+    assert truth(team, "r2").distance_m > others_m + 1.0
+
+
+def test_when_its_bus_is_whole_again_it_explores_on_from_where_it_really_is(team):
+    team.arena.break_can("r1", LineFault.CUT)
+    ticks(team, 3.0)
+    team.arena.break_can("r1", LineFault.NONE)
+    ticks(team, 15.0)
+    assert truth(team, "r1").distance_m > 3.0
+    believed = team.hosts[0].manager.get("localisation").plugin.pose()
+    assert believed.distance_m(truth(team, "r1").pose) < 0.3
+    assert truth(team, "r1").collisions == 0
+
+
+def test_a_robot_whose_lidar_freezes_stands_and_maps_nothing_of_it(team):
+    team.arena.freeze_lidar("r1")
+    ticks(team, 1.0)
+    assert "the lidar is frozen" in told(team, "scan", "trouble")[0]
+    ticks(team, 0.5)
+    place = truth(team, "r1").pose
+    ticks(team, 10.0)
+    assert truth(team, "r1").pose == place
+    assert truth(team, "r1").collisions == 0
+    team.arena.freeze_lidar("r1", frozen=False)
+    ticks(team, 20.0)
+    assert truth(team, "r1").pose.distance_m(place) > 0.5
