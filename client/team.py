@@ -55,12 +55,12 @@ from robrain.protocol.wire.messages.host_messages import (
     UnloadRequest,
 )
 from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.plan_messages import ObjectiveRequest, PlanningStatus
 from robrain.protocol.wire.messages.plugin_messages import PluginInfo
 from robrain.protocol.wire.messages.robot_messages import RobotState
 from robrain.protocol.wire.messages.task_messages import (
     KnownKind,
-    TaskEvent,
     TaskFilter,
     TaskRecord,
     TaskRequest,

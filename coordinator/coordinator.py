@@ -10,9 +10,9 @@ from robrain.coordinator.exploration.strategies import strategy_of
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.motes.mote_members import MoteDesk
-from robrain.coordinator.planning.coalition import Together
-from robrain.coordinator.planning.executor import Following
+from robrain.coordinator.planning.coalition import Coalitions
 from robrain.coordinator.planning.own_decisions import own_decision
+from robrain.coordinator.planning.plan_executor import PlanExecutor
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.tasks.task_book import TaskBook
@@ -89,16 +89,16 @@ class Coordinator:
             self.tasks,
             self.roster,
             self.capabilities,
-            lifecycle.shunning,
+            lifecycle.backoff,
             self.team_map,
             policy,
             lifecycle.reasons.waits,
         )
         lifecycle.on_refused = self._note_refusal
         self.motes = MoteDesk(wire, self.tasks, self.roster, lifecycle.reasons)
-        self._following = Following(self.planning, lifecycle, self.tasks)
+        self._following = PlanExecutor(self.planning, lifecycle, self.tasks)
         self._charge_desk = ChargeDesk(wire, self.planning, self.tasks, self.roster)
-        self._together = Together(self.planning, lifecycle, self.tasks, self.roster, self.team_map, self._new_id)
+        self._together = Coalitions(self.planning, lifecycle, self.tasks, self.roster, self.team_map, self._new_id)
         self._wire = wire
         self._inbox = Inbox(capacity=16384)
         self._guard = RecordGuard(wire.refusals, (JournalUnwritable,))
@@ -134,7 +134,7 @@ class Coordinator:
             self._decide_due_ns = now_ns
         if stage("halts", True, self.halts.hear):
             self._summary_due_ns = now_ns
-        looks = has_heard or self._requests.news or now_ns >= self._look_due_ns
+        looks = has_heard or self._requests.has_changed or now_ns >= self._look_due_ns
         if looks:
             self._look_due_ns = now_ns + LOOK_PERIOD_NS
             stage("tasks", None, self._look, now_ns)
@@ -247,8 +247,8 @@ class Coordinator:
     def _look(self, now_ns: int) -> None:
         if self.capabilities.follow(self.roster.up(now_ns), now_ns):
             self._decide_due_ns = now_ns
-        if self.lifecycle.settle(now_ns) or self._requests.news:
-            self._requests.news = False
+        if self.lifecycle.settle(now_ns) or self._requests.has_changed:
+            self._requests.has_changed = False
             self._decide_due_ns = now_ns
 
     def _hand_out(self, now_ns: int) -> None:
@@ -272,7 +272,7 @@ class Coordinator:
             self._together.step(now_ns)
 
     def _send_to_charge(self, up: list[Robot], now_ns: int) -> None:
-        pauses = self.lifecycle.shunning.robots
+        pauses = self.lifecycle.backoff.robots
         free = [robot for robot in self._idle(up) if not pauses.why(robot.name, now_ns)]
         for robot, charger, to_soc in self._charge_desk.choose(free, now_ns):
             name = self._new_id("recharge")
@@ -300,7 +300,7 @@ class Coordinator:
         idle = [robot for robot in free if not planning.is_reserved(robot.name, now_ns)]
         why = PlanPending() if planning.has_unplanned() else TaskSoon()
         self._kept_idle = {robot.name: why for robot in self._idle(up) if robot not in idle}
-        paused = [robot for robot in idle if self.lifecycle.shunning.robots.why(robot.name, now_ns)]
+        paused = [robot for robot in idle if self.lifecycle.backoff.robots.why(robot.name, now_ns)]
         if paused:
             idle = [robot for robot in idle if robot not in paused]
         choices = self.explorer.choose(idle, bound, now_ns) if idle else []

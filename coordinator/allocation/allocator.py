@@ -1,14 +1,24 @@
-"""What every allocator promises, and how long it may think."""
+"""What every allocator promises, its time limit, and the allocators by name.
+
+`[planning] method` of a scenario or a planning file chooses one.
+"""
 
 import math
 from collections.abc import Callable
-from typing import Protocol
+from typing import Final, Protocol, runtime_checkable
 
 from robrain.coordinator.allocation.plan import Plan
-from robrain.coordinator.allocation.problem import Objective, Problem
+from robrain.coordinator.allocation.problem import Problem
+from robrain.protocol.model.tasks.objective import Objective
+from robrain.protocol.registry import Registry
 
 Monotonic = Callable[[], float]
 """Seconds from some beginning, never going back; it is passed in, as all time is."""
+
+OPTIMAL: Final = "optimal"
+"""An auction, improved by a search."""
+AUCTION: Final = "auction"
+GREEDY: Final = "greedy"
 
 
 class Allocator(Protocol):
@@ -72,3 +82,23 @@ class Effort:
     def spend(self) -> None:
         """Count one iteration."""
         self._iterations -= 1
+
+
+@runtime_checkable
+class Searching(Protocol):
+    """An allocator whose plans another can improve, search by search."""
+
+    def search(self) -> Allocator | None:
+        """The one that improves them; None if what it needs is not installed."""
+
+
+ALLOCATORS: Registry[Callable[[Objective], Allocator]] = Registry(
+    "method",
+    "robrain.allocators",
+    {
+        OPTIMAL: "robrain.coordinator.allocation.searched_auction:SearchedAuction",
+        AUCTION: "robrain.coordinator.allocation.auction:AuctionAllocator",
+        GREEDY: "robrain.coordinator.allocation.auction:GreedyAllocator",
+    },
+)
+"""Each makes an allocator for an objective."""

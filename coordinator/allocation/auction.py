@@ -6,33 +6,39 @@ into the robot's route costs (MiniSum), or when the robot would be back (MiniMax
 round are tried and the best plan is kept; an auction is quick enough for that.
 """
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 
-from robrain.coordinator.allocation.arrays import ProblemArrays, make_arrays
-from robrain.coordinator.allocation.bidding import (
-    GREATEST_GAIN,
-    LEAST_BID,
-    LEAST_PER_PRIZE,
-    drop_unprofitable,
-    hold_auction,
-    queue_nearest,
-)
+from robrain.coordinator.allocation.arrays import ProblemArrays, TeamArrays, VisitArrays, make_arrays
 from robrain.coordinator.allocation.coupling import coupled_jobs, place_coupled
-from robrain.coordinator.allocation.insertion import BY_ENERGY, BY_FINISH, BY_LEAST_LEFT, Routes, empty_routes
-from robrain.coordinator.allocation.plan import Plan
+from robrain.coordinator.allocation.explain import reasons
+from robrain.coordinator.allocation.insertion import (
+    BY_ENERGY,
+    BY_FINISH,
+    BY_LEAST_LEFT,
+    Routes,
+    cheapest_insertion,
+    empty_routes,
+    insert,
+    insertion_at,
+    refresh,
+    remove,
+)
+from robrain.coordinator.allocation.plan import Plan, make_plan
 from robrain.coordinator.allocation.problem import Objective, Problem
-from robrain.coordinator.allocation.refusal import reasons
 from robrain.coordinator.allocation.repair import keep
-from robrain.coordinator.allocation.schedule import make_plan
 from robrain.protocol.wire.reasons.plans import LeftOut
 
 FEW_PAIRS = 2000
 """Up to so many robots × jobs all three auctions are held; beyond, one, so that the first plan is there at once."""
 PRICELESS = 1e12
 """Prizes so much greater, or so many joules more, outweigh every way."""
-
+LEAST_BID, GREATEST_GAIN, LEAST_PER_PRIZE = 0, 1, 2
+"""Which bid wins a round: the least; the one with most prize left over it; the least in proportion to its prize."""
 
 ROUNDS = {
     Objective.ENERGY: ((BY_ENERGY, LEAST_PER_PRIZE), (BY_ENERGY, LEAST_BID), (BY_ENERGY, GREATEST_GAIN)),
@@ -136,3 +142,189 @@ def _by_id(problem: Problem, why: Mapping[int, LeftOut | None]) -> dict[str, Lef
 def _indispensable(problem: Problem) -> set[int]:
     """Jobs that others wait for or that several robots are at: they are not dropped for what they alone cost."""
     return {index for index, others in coupled_jobs(problem).items() if others or problem.jobs[index].robots > 1}
+
+
+@njit(cache=True, nogil=True)
+def hold_auction(
+    team: TeamArrays, visits: VisitArrays, routes: Routes, open_visits: NDArray[np.bool_], rule: int, choice: int
+) -> None:
+    """Hand out visits one a round until nobody bids; `routes` and `open_visits` are changed in place.
+
+    Each worker bids for each open visit what its cheapest insertion costs; one bid wins; only the winner's bids
+    change. Under the rule of energy nobody bids more than the prize.
+    """
+    workers, count = visits.allowed.shape
+    bids = np.full((workers, count), math.inf)
+    more_j = np.full((workers, count), math.inf)
+    positions = np.full((workers, count), -1)
+    best = np.full(count, -1)
+    for visit in range(count):
+        if open_visits[visit]:
+            for worker in range(workers):
+                found = cheapest_insertion(team, visits, routes, worker, visit, rule)
+                bids[worker, visit], more_j[worker, visit], positions[worker, visit] = found
+            best[visit] = _best_worker(bids, more_j, visit)
+    while True:
+        winner = -1
+        least = math.inf
+        for visit in range(count):
+            if not open_visits[visit] or best[visit] < 0:
+                continue
+            value = bids[best[visit], visit]
+            if rule == BY_ENERGY and not value < visits.prize_j[visit]:
+                continue
+            if choice == GREATEST_GAIN:
+                value -= visits.prize_j[visit]
+            elif choice == LEAST_PER_PRIZE:
+                value /= max(visits.prize_j[visit], 1e-9)
+            if value < least:
+                winner, least = visit, value
+        if winner < 0:
+            return
+        taker = best[winner]
+        inserted_at = positions[taker, winner]
+        insert(team, visits, routes, taker, winner, inserted_at)
+        open_visits[winner] = False
+        for visit in range(count):
+            if not open_visits[visit]:
+                continue
+            if positions[taker, visit] >= 0:
+                found = _bid_again(team, visits, routes, taker, visit, rule, positions[taker, visit], inserted_at)
+                bids[taker, visit], more_j[taker, visit], positions[taker, visit] = found
+            other = best[visit]
+            if other == taker:
+                best[visit] = _best_worker(bids, more_j, visit)
+            elif _is_less(bids, more_j, visit, taker, other):
+                best[visit] = taker
+
+
+@njit(cache=True, nogil=True)
+def _bid_again(
+    team: TeamArrays,
+    visits: VisitArrays,
+    routes: Routes,
+    worker: int,
+    visit: int,
+    rule: int,
+    old_position: int,
+    inserted_at: int,
+) -> tuple[float, float, int]:
+    """The cheapest insertion after a visit was put in at `inserted_at`.
+
+    Two ways are new and one is gone, so only the old best and the new two are looked at, unless the old best was on
+    the way that is gone or has become too late. That is exact where detours are never shorter and waiting is free.
+    """
+    if old_position == inserted_at or team.wait_w[worker] > 0 or routes.wait_s[worker] > 0:
+        return cheapest_insertion(team, visits, routes, worker, visit, rule)
+    position = old_position if old_position < inserted_at else old_position + 1
+    bid, more_j = insertion_at(team, visits, routes, worker, visit, position, rule)
+    if more_j == math.inf:
+        return cheapest_insertion(team, visits, routes, worker, visit, rule)
+    for other in (inserted_at, inserted_at + 1):
+        other_bid, other_more_j = insertion_at(team, visits, routes, worker, visit, other, rule)
+        if other_bid < bid or (other_bid == bid and other_bid < math.inf and other_more_j < more_j):
+            bid, more_j, position = other_bid, other_more_j, other
+    return (bid, more_j, position) if bid < math.inf else (math.inf, math.inf, -1)
+
+
+@njit(cache=True, nogil=True)
+def drop_unprofitable(
+    team: TeamArrays, visits: VisitArrays, routes: Routes, open_visits: NDArray[np.bool_], kept: NDArray[np.bool_]
+) -> None:
+    """Take out what costs more than its prize: single visits, and whole routes.
+
+    `routes` and `open_visits` are changed in place; visits that are `kept`, (V,), stay.
+    """
+    for worker in range(len(routes.length)):
+        while True:
+            before_j = routes.spent_j[worker]
+            worst, worst_j = -1, 1e-9
+            for position in range(routes.length[worker]):
+                visit = routes.order[worker, position]
+                if kept[visit]:
+                    continue
+                remove(team, visits, routes, worker, position)
+                saved_j = before_j - routes.spent_j[worker] - visits.prize_j[visit]
+                insert(team, visits, routes, worker, visit, position)
+                if saved_j > worst_j:
+                    worst, worst_j = position, saved_j
+            if worst < 0:
+                break
+            open_visits[routes.order[worker, worst]] = True
+            remove(team, visits, routes, worker, worst)
+        prize_j = 0.0
+        for position in range(routes.length[worker]):
+            visit = routes.order[worker, position]
+            prize_j += math.inf if kept[visit] else visits.prize_j[visit]
+        if prize_j < routes.spent_j[worker]:
+            for position in range(routes.length[worker]):
+                open_visits[routes.order[worker, position]] = True
+            routes.length[worker] = 0
+            refresh(team, visits, routes, worker)
+
+
+@njit(cache=True, nogil=True)
+def _best_worker(bids: NDArray[np.float64], more_j: NDArray[np.float64], visit: int) -> int:
+    best = -1
+    for worker in range(bids.shape[0]):
+        if _is_less(bids, more_j, visit, worker, best):
+            best = worker
+    return best
+
+
+@njit(cache=True, nogil=True)
+def _is_less(bids: NDArray[np.float64], more_j: NDArray[np.float64], visit: int, one: int, other: int) -> bool:
+    if not bids[one, visit] < math.inf:
+        return False
+    if other < 0 or bids[one, visit] < bids[other, visit]:
+        return True
+    return bool(bids[one, visit] == bids[other, visit] and more_j[one, visit] < more_j[other, visit])
+
+
+@njit(cache=True, nogil=True)
+def queue_nearest(
+    team: TeamArrays, visits: VisitArrays, routes: Routes, open_visits: NDArray[np.bool_], rule: int
+) -> None:
+    """The greedy baseline: whoever is free first takes the open visit that it reaches with least energy.
+
+    It is done at the end of the route; who finds none that it may do is out. `routes` and `open_visits` are changed in
+    place.
+    """
+    workers, count = visits.allowed.shape
+    is_in = np.ones(workers, np.bool_)
+    while True:
+        taker = -1
+        for worker in range(workers):
+            free_s = routes.leave_s[worker, routes.length[worker]]
+            if is_in[worker] and (taker < 0 or free_s < routes.leave_s[taker, routes.length[taker]]):
+                taker = worker
+        if taker < 0:
+            return
+        winner, least_j = -1, math.inf
+        length = routes.length[taker]
+        profile = team.profile[taker]
+        place = team.start[taker] if length == 0 else visits.place[routes.order[taker, length - 1]]
+        for visit in range(count):
+            if not open_visits[visit] or not visits.allowed[taker, visit]:
+                continue
+            here = visits.place[visit]
+            way_j = team.energy_j[profile, place, here] + visits.service_j[visit]
+            if not way_j < least_j or (rule == BY_ENERGY and not way_j < visits.prize_j[visit]):
+                continue
+            arrive_s = routes.leave_s[taker, length] + team.time_s[profile, place, here]
+            start_s = max(arrive_s, visits.earliest_s[visit])
+            end_s = start_s + visits.service_s[visit]
+            if not (start_s <= visits.latest_s[visit] and end_s + team.end_s[taker, here] <= team.horizon_s):
+                continue
+            wait_s = routes.wait_s[taker] + start_s - arrive_s
+            spent_j = routes.spent_j[taker] - routes.wait_s[taker] * team.wait_w[taker]
+            if length > 0:
+                spent_j -= team.end_j[taker, place]
+            if not spent_j + way_j + team.end_j[taker, here] + wait_s * team.wait_w[taker] <= team.usable_j[taker]:
+                continue
+            winner, least_j = visit, way_j
+        if winner < 0:
+            is_in[taker] = False
+            continue
+        insert(team, visits, routes, taker, winner, length)
+        open_visits[winner] = False

@@ -2,13 +2,11 @@
 
 from collections.abc import Sequence
 
-from robrain.coordinator.allocation.allocator import Allocator
-from robrain.coordinator.allocation.allocators import ALLOCATORS
+from robrain.coordinator.allocation.allocator import ALLOCATORS, Allocator, Searching
 from robrain.coordinator.allocation.arrays import make_arrays
+from robrain.coordinator.allocation.explain import reasons
 from robrain.coordinator.allocation.plan import Plan
 from robrain.coordinator.allocation.problem import Objective, Problem
-from robrain.coordinator.allocation.refusal import reasons
-from robrain.coordinator.allocation.searched_auction import Searching
 from robrain.coordinator.allocation.validate import validate
 
 

@@ -20,9 +20,9 @@ from robrain.coordinator.allocation.allocator import Effort, Monotonic
 from robrain.coordinator.allocation.arrays import ProblemArrays, make_arrays
 from robrain.coordinator.allocation.auction import ROUNDS, AuctionAllocator
 from robrain.coordinator.allocation.coupling import HORIZON_SHARE, Windows, coupled_jobs, windows_of
+from robrain.coordinator.allocation.explain import reasons
 from robrain.coordinator.allocation.plan import Plan
 from robrain.coordinator.allocation.problem import Objective, Problem
-from robrain.coordinator.allocation.refusal import reasons
 from robrain.coordinator.allocation.repair import repaired
 from robrain.coordinator.allocation.search import Search
 from robrain.coordinator.allocation.vrp_model import VrpModel

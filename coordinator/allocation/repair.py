@@ -5,9 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from robrain.coordinator.allocation.arrays import make_arrays
-from robrain.coordinator.allocation.plan import Plan, Route
+from robrain.coordinator.allocation.plan import Plan, Route, make_plan
 from robrain.coordinator.allocation.problem import Objective, Problem, Worker
-from robrain.coordinator.allocation.schedule import make_plan
 from robrain.coordinator.allocation.validate import SLACK, validate
 
 

@@ -1,17 +1,7 @@
 """The default method of planning: an auction at once, then searches that improve its plan."""
 
-from typing import Protocol, runtime_checkable
-
 from robrain.coordinator.allocation.allocator import Allocator
 from robrain.coordinator.allocation.auction import AuctionAllocator
-
-
-@runtime_checkable
-class Searching(Protocol):
-    """An allocator whose plans another can improve, search by search."""
-
-    def search(self) -> Allocator | None:
-        """The one that improves them; None if what it needs is not installed."""
 
 
 class SearchedAuction(AuctionAllocator):

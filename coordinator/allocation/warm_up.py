@@ -4,7 +4,7 @@ import numpy as np
 
 from robrain.coordinator.allocation.auction import AuctionAllocator, GreedyAllocator
 from robrain.coordinator.allocation.problem import Job, Objective, Problem, Worker
-from robrain.coordinator.allocation.vrp_matrices import fill_matrix
+from robrain.coordinator.allocation.vrp_model import fill_matrix
 
 
 def warm_up() -> None:

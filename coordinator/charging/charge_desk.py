@@ -6,7 +6,7 @@ brought enough while another robot waits.
 
 from collections.abc import Mapping
 
-from robrain.coordinator.charging.charge_publisher import ChargeTelling
+from robrain.coordinator.charging.charge_publisher import ChargePublisher
 from robrain.coordinator.charging.charge_schedule import Demand, Seeker, Turn, is_same_charger, schedule_charges
 from robrain.coordinator.charging.charge_turns import FULL_ENOUGH, TO_SOC, Charge, Idle, assign_chargers, nearest
 from robrain.coordinator.charging.charge_watch import ChargeWatch
@@ -49,7 +49,7 @@ class ChargeDesk:
         self._book = book
         self._roster = roster
         self._watch = ChargeWatch(planning, book, roster)
-        self._telling = ChargeTelling(wire, planning, book)
+        self._telling = ChargePublisher(wire, planning, book)
         self._not_before_ns: dict[str, int] = {}
         self._to_soc: dict[str, float] = {}
         """What each robot was last sent to charge to."""

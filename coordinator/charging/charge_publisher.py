@@ -17,7 +17,7 @@ MOVED_NS, MOVED_SHARE = to_ns(10.0), 0.1
 else has changed (chosen)."""
 
 
-class ChargeTelling:
+class ChargePublisher:
     """Tells.
 
     Args:

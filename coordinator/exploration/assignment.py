@@ -26,7 +26,7 @@ frontiers; with twice the worth it is 32 and 78 s."""
 CROWD_RADIUS_M = 5.0
 CROWD_PENALTY_M = 10.0
 SNAP_M = 0.8
-SHUN_RADIUS_M = 1.0
+AVOID_RADIUS_M = 1.0
 UNREACHABLE = 1e9
 
 
@@ -44,7 +44,7 @@ class Seeker(NamedTuple):
 
     name: str
     place: Point2D
-    shunned: tuple[Point2D, ...] = ()
+    avoided: tuple[Point2D, ...] = ()
     """Places that it could not get to a short while ago."""
 
 
@@ -124,7 +124,7 @@ def assign(
     for row, seeker in enumerate(seekers):
         for column, candidate in enumerate(candidates):
             way_m = ways_m[row, column]
-            if math.isfinite(way_m) and not is_shunned(candidate, seeker):
+            if math.isfinite(way_m) and not is_avoided(candidate, seeker):
                 costs[row, column] = way_m - worth_m[column] + crowd_m[column]
     rows, columns = linear_sum_assignment(costs)
     return [
@@ -159,7 +159,7 @@ def nearest_frontier(
         able = [
             (float(ways_m[row, column]), column)
             for column in free
-            if math.isfinite(ways_m[row, column]) and not is_shunned(candidates[column], seeker)
+            if math.isfinite(ways_m[row, column]) and not is_avoided(candidates[column], seeker)
         ]
         if able:
             way_m, column = min(able)
@@ -168,9 +168,9 @@ def nearest_frontier(
     return choices
 
 
-def is_shunned(candidate: Candidate, seeker: Seeker) -> bool:
+def is_avoided(candidate: Candidate, seeker: Seeker) -> bool:
     """Whether a robot must not be sent to a frontier now."""
-    return _near_any(candidate.place, seeker.shunned, SHUN_RADIUS_M)
+    return _near_any(candidate.place, seeker.avoided, AVOID_RADIUS_M)
 
 
 def _crowding_m(candidates: Sequence[Candidate], taken: Sequence[Point2D]) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from robrain.coordinator.exploration.assignment import (
     Seeker,
     assign,
     assign_frontiers,
-    is_shunned,
+    is_avoided,
     ways_to,
 )
 from robrain.coordinator.exploration.narrow_ways import NarrowWays
@@ -41,7 +41,7 @@ NARROW_LOOK_NS = to_ns(2.0)
 """Period of the search for narrow paths for idle robots; each search takes some milliseconds."""
 GAP_M = (0.0, 10.0)
 """Plausible range of a gap's width reported by a robot."""
-SHUN_NS = to_ns(15.0)
+AVOID_NS = to_ns(15.0)
 BEYOND_M = 2.0
 """Unknown floor within this distance of a frontier, by rows and columns, is what the frontier promises."""
 LOOK_M = 0.6
@@ -84,7 +84,7 @@ class Explorer:
 
     def note_failure(self, robot: str, place: Point2D, now_ns: int) -> None:
         """A robot could not get to a place: others may, it shuns the place for a while."""
-        self._failures.append(_Failure(robot, place, now_ns + SHUN_NS))
+        self._failures.append(_Failure(robot, place, now_ns + AVOID_NS))
         if place in self._narrow_goals:
             self._narrow_goals.remove(place)
             self._narrow.note_failure(place)
@@ -92,7 +92,7 @@ class Explorer:
     def note_gap(self, place: Point2D, gap_m: object, now_ns: int) -> None:
         """A robot at `place` does not fit through a gap of this width; implausible widths are ignored."""
         if isinstance(gap_m, float | int) and GAP_M[0] < gap_m < GAP_M[1]:
-            self._narrow.note_gap(place, float(gap_m), now_ns + SHUN_NS)
+            self._narrow.note_gap(place, float(gap_m), now_ns + AVOID_NS)
             self._vain = None
 
     def note_visit(self, place: Point2D) -> None:
@@ -122,7 +122,7 @@ class Explorer:
         radius_m = max((robot.state.radius_m for robot in idle if robot.state is not None), default=0.0)
         needed_m = PREFERRED_MARGIN_M + radius_m
         seekers = [
-            Seeker(robot.name, Point2D(robot.state.pose.x_m, robot.state.pose.y_m), self._shunned(robot.name))
+            Seeker(robot.name, Point2D(robot.state.pose.x_m, robot.state.pose.y_m), self._avoided_places(robot.name))
             for robot in idle
             if robot.state is not None and robot.state.pose is not None
         ]
@@ -176,7 +176,7 @@ class Explorer:
         self, seeker: Seeker, candidates: list[Candidate], within: list[Candidate], radius_m: float
     ) -> IdleReason:
         """Why a robot has nothing to explore, given the frontiers that it has some path to."""
-        tried = [one for one in within if is_shunned(one, seeker) or self._narrow.is_given_up(one.place)]
+        tried = [one for one in within if is_avoided(one, seeker) or self._narrow.is_given_up(one.place)]
         if len(tried) < len(within):
             return OthersExplore(frontiers=len(within) - len(tried))
         needed_m = round(least_gap_m(radius_m), 3)
@@ -213,7 +213,7 @@ class Explorer:
         before = self._visited.get(place)
         return before is not None and self._map.grid is not None and before == _unknown_around(self._map.grid, place)
 
-    def _shunned(self, robot: str) -> tuple[Point2D, ...]:
+    def _avoided_places(self, robot: str) -> tuple[Point2D, ...]:
         return tuple(failure.place for failure in self._failures if failure.robot == robot)
 
 

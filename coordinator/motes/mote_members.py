@@ -15,7 +15,7 @@ import msgspec
 from robrain.coordinator.motes.mote_energy import mote_share, reading_j, robot_j, robot_share
 from robrain.coordinator.motes.mote_registry import MEMBER_PREFIX, Mote, MoteTable
 from robrain.coordinator.tasks.task_book import TaskBook
-from robrain.coordinator.tasks.task_explanation import TaskReasons
+from robrain.coordinator.tasks.task_explanation import TaskExplanation
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.model.tasks.stock_kinds import MONITOR, SENSE, Monitor, Sense
 from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState, parameters_of
@@ -103,7 +103,7 @@ class MoteDesk:
 
     """
 
-    def __init__(self, wire: Endpoint, book: TaskBook, roster: Roster, reasons: TaskReasons) -> None:
+    def __init__(self, wire: Endpoint, book: TaskBook, roster: Roster, reasons: TaskExplanation) -> None:
         self.table = MoteTable()
         self._wire = wire
         self._book = book
@@ -174,7 +174,7 @@ class MoteDesk:
         if silent_s <= errand.patience_s:
             return False
         reason = ToldNothing(round(silent_s, 3))
-        self._reasons.shun(record.task.id, record.robot, reason, now_ns)
+        self._reasons.avoid(record.task.id, record.robot, reason, now_ns)
         self._book.give_back(record.task.id, RobotOut(errand.mote.name, reason))
         return True
 
@@ -256,7 +256,7 @@ class MoteDesk:
             return out
         if mote_share(_readings(wanted, mote), mote.latest.voltage_v) >= 1.0:
             return BatteryTooSmall()
-        return self._reasons.shunned(task.id, f"{MEMBER_PREFIX}{mote.name}", now_ns)
+        return self._reasons.avoided(task.id, f"{MEMBER_PREFIX}{mote.name}", now_ns)
 
     def _robots(
         self, record: TaskRecord, wanted: Sense | Monitor, now_ns: int

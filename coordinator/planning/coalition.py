@@ -6,12 +6,13 @@ the task. When all parts of that are done, the task is; when one is not, the oth
 queued again. As the parts are in the journal like all tasks, a coordinator that begins anew goes on from them.
 """
 
+import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
+import numpy as np
 
-from robrain.coordinator.planning.coalition_spots import spots_around
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
@@ -25,9 +26,16 @@ from robrain.protocol.wire.messages.task_messages import TaskFilter, TaskRecord
 from robrain.protocol.wire.reasons.robots import PartFailed, PartUndone, Refused, RobotReason, WithOthers
 from robrain.protocol.wire.reasons.tasks import Gather, NeededFor, PartsUntold, RobotOut, TaskReason, WholeIs
 
+if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
+    from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
+
 PARTS_MAX = 1000
 GATHER, SHARE = "gather", "share"
 """What the ids of parts begin with."""
+
+ROOM_M = 0.3
+"""Between the edges of two robots at their spots (chosen: they give way to each other on less)."""
+DIRECTIONS = 24
 
 
 class _Group(NamedTuple):
@@ -41,7 +49,7 @@ class _Group(NamedTuple):
     """The same of the task itself; empty as long as they gather."""
 
 
-class Together:
+class Coalitions:
     """Has tasks done by several robots at once.
 
     Args:
@@ -145,7 +153,7 @@ class Together:
 
     def _fail(self, task_id: str, robot: str, reason: RobotReason, now_ns: int, *, failed: bool) -> None:
         """A robot does not do its part: all come free, for a new plan that leaves it out for a while."""
-        self._lifecycle.shunning.note(task_id, robot, reason, now_ns)
+        self._lifecycle.backoff.note(task_id, robot, reason, now_ns)
         self._call_off(task_id, RobotOut(robot, reason))
         record = self._book.give_back(task_id, RobotOut(robot, reason), failed=failed)
         if not record.state.ended and (hopeless := self._lifecycle.reasons.hopeless(record, now_ns)):
@@ -203,3 +211,39 @@ class Together:
             for robot in group.robots:
                 held[robot] = WithOthers(task_id, tuple(name for name in group.robots if name != robot))
         self._planning.held = held
+
+
+def spots_around(place: Point2D, robots: int, radius_m: float, grid: "OccupancyGrid | None") -> list[Point2D]:
+    """Spots on a ring around a place, evenly spread, turned so that most of them are on floor known to be free.
+
+    Args:
+        place: what they are to be at, arena frame.
+        robots: how many spots.
+        radius_m: of the greatest robot.
+        grid: what is known of the floor.
+
+    Returns:
+        As many as robots; the place itself if it is one.
+
+    """
+    if robots == 1:
+        return [place]
+    ring_m = (2.0 * radius_m + ROOM_M) / (2.0 * math.sin(math.pi / robots))
+    turns = [math.tau * turn / DIRECTIONS / robots for turn in range(DIRECTIONS)]
+    rings = [[_on_ring(place, ring_m, turn + math.tau * k / robots) for k in range(robots)] for turn in turns]
+    return max(rings, key=lambda ring: sum(_is_free(spot, radius_m, grid) for spot in ring))
+
+
+def _on_ring(place: Point2D, ring_m: float, angle_rad: float) -> Point2D:
+    return Point2D(
+        round(place.x_m + ring_m * math.cos(angle_rad), 3), round(place.y_m + ring_m * math.sin(angle_rad), 3)
+    )  # fmt: skip
+
+
+def _is_free(spot: Point2D, radius_m: float, grid: "OccupancyGrid | None") -> bool:
+    if grid is None:
+        return True
+    row, column = grid.geometry.cell_of(spot.x_m, spot.y_m)
+    reach = math.ceil(radius_m / grid.geometry.resolution_m)
+    box = grid.log_odds[max(0, row - reach) : row + reach + 1, max(0, column - reach) : column + reach + 1]
+    return box.shape == (2 * reach + 1, 2 * reach + 1) and bool(np.all(box < 0))

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.coordinator.planning.floor import Floor
+from robrain.coordinator.planning.snapshot import Floor
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.occupancy_grid import FREE
 from robrain.protocol.model.navigation.navigation_grid import NavigationGrid
@@ -31,7 +31,7 @@ KEPT_BYTES = 96_000_000
 """Of fields; beyond, the oldest are made anew when they are needed."""
 
 
-class Ways:
+class PathLengths:
     """Path lengths on one floor, for robots of one size.
 
     Args:

@@ -8,7 +8,8 @@ import msgspec
 
 from robrain.coordinator.allocation.plan import Plan
 from robrain.coordinator.allocation.problem import Problem
-from robrain.coordinator.planning.snapshot import ChargerWays, Orders, Situation
+from robrain.coordinator.planning.plan_passes import PlanFailure
+from robrain.coordinator.planning.snapshot import ChargerWays, Orders, Snapshot
 from robrain.protocol.wire.messages.plan_messages import PlanProblem, TaskDecision
 from robrain.protocol.wire.messages.task_messages import RobotVerdict
 from robrain.protocol.wire.reasons.plans import LeftOut
@@ -17,7 +18,7 @@ from robrain.protocol.wire.reasons.words import told
 
 if TYPE_CHECKING:
     from robrain.coordinator.allocation.explain import Decision
-    from robrain.coordinator.planning.problem_builder import Asked
+    from robrain.coordinator.planning.problem_builder import BuiltProblem
 
 BIDS_MAX = 4000
 """In the decisions that are told of one plan, those first that are to be begun first; the rest follow with the next
@@ -34,7 +35,7 @@ class Step(msgspec.Struct, frozen=True):
     start_ns: int
 
 
-class Planned(msgspec.Struct, frozen=True, kw_only=True):
+class PlanInForce(msgspec.Struct, frozen=True, kw_only=True):
     """A plan that was made."""
 
     problem: PlanProblem
@@ -46,6 +47,8 @@ class Planned(msgspec.Struct, frozen=True, kw_only=True):
     """Tasks that could be no part of the plan, and why."""
     decisions: list[TaskDecision]
     """Those that are new."""
+    failures: tuple[PlanFailure, ...] = ()
+    """What failed of other distributions' code while the plan was made."""
     took_s: float = 0.0
     charger_ways: dict[str, ChargerWays] = {}
     """How far it was to the chargers, for each robot that was free."""
@@ -57,8 +60,14 @@ class Planned(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def planned(
-    situation: Situation, asked: "Asked", problem: Problem, plan: Plan, written: PlanProblem, took_s: float
-) -> Planned:
+    snapshot: Snapshot,
+    asked: "BuiltProblem",
+    problem: Problem,
+    plan: Plan,
+    written: PlanProblem,
+    took_s: float,
+    failures: tuple[PlanFailure, ...] = (),
+) -> PlanInForce:
     """What the coordinator makes of a plan."""
     # Here: it brings the allocators' kernels, and who only follows plans in live does without them.
     from robrain.coordinator.allocation.explain import explain
@@ -73,7 +82,7 @@ def planned(
             free_s = stop.end_s
             if stop.job not in pinned:
                 leave_s = max(stop.arrive_s, earliest_s[stop.job]) - way_s
-                found.append(Step(stop.job, _at(situation, leave_s), way_s, _at(situation, stop.start_s)))
+                found.append(Step(stop.job, _at(snapshot, leave_s), way_s, _at(snapshot, stop.start_s)))
         steps[route.worker] = tuple(found)
     left_out: dict[str, LeftOut] = {}
     for one in plan.unassigned:
@@ -88,20 +97,20 @@ def planned(
     new = [
         job.id
         for job in problem.jobs
-        if job.id not in pinned and situation.told.get(job.id) != tuple(robots.get(job.id, ()))
+        if job.id not in pinned and snapshot.told.get(job.id) != tuple(robots.get(job.id, ()))
     ]
     new.sort(key=lambda job: start_s.get(job, math.inf))
     del new[max(1, BIDS_MAX // max(1, len(problem.workers))) :]
-    decisions = [_told(one, situation, written.plan) for one in explain(problem, plan, new)]
-    return Planned(problem=written, steps=steps, left_out=left_out, waiting=asked.waiting, decisions=decisions,
-                   took_s=took_s, charger_ways=asked.charger_ways)  # fmt: skip
+    decisions = [_told(one, snapshot, written.plan) for one in explain(problem, plan, new)]
+    return PlanInForce(problem=written, steps=steps, left_out=left_out, waiting=asked.waiting, decisions=decisions,
+                   failures=failures, took_s=took_s, charger_ways=asked.charger_ways)  # fmt: skip
 
 
-def _at(situation: Situation, in_s: float) -> int:
-    return situation.now_ns + round(1e9 * in_s)
+def _at(snapshot: Snapshot, in_s: float) -> int:
+    return snapshot.now_ns + round(1e9 * in_s)
 
 
-def _told(decision: "Decision", situation: Situation, number: int) -> TaskDecision:
+def _told(decision: "Decision", snapshot: Snapshot, number: int) -> TaskDecision:
     return TaskDecision(
         task=decision.job,
         plan=number,
@@ -109,13 +118,13 @@ def _told(decision: "Decision", situation: Situation, number: int) -> TaskDecisi
         start_in_s=None if decision.start_s is None else round(decision.start_s, 2),
         why=told(decision.reason),
         reason=decision.reason,
-        bids=tuple(_bids(decision, situation)),
+        bids=tuple(_bids(decision, snapshot)),
     )
 
 
-def _bids(decision: "Decision", situation: Situation) -> Iterable[RobotVerdict]:
+def _bids(decision: "Decision", snapshot: Snapshot) -> Iterable[RobotVerdict]:
     for option in decision.options:
-        why_not = situation.pauses.get((decision.job, option.worker)) or option.why_not
+        why_not = snapshot.pauses.get((decision.job, option.worker)) or option.why_not
         yield RobotVerdict.judged(
             option.worker,
             why_not,

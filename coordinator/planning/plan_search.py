@@ -1,52 +1,68 @@
-"""From a situation to a plan: first the auction's, then better ones for as long as the caller asks for more."""
+"""From a snapshot to a plan: first the auction's, then better ones for as long as the caller asks for more.
+
+`LockstepPlanner` makes them at once, with rounds instead of seconds; `rehearse` makes a small one, so that the first
+that counts does not wait for code to be loaded.
+"""
 
 import logging
 from collections.abc import Iterator
+from functools import cache
 
 import msgspec
+import numpy as np
 
-from robrain.coordinator.planning.path_lengths import Ways
-from robrain.coordinator.planning.plan_in_force import Planned, planned
+from robrain.coordinator.allocation.warm_up import warm_up
+from robrain.coordinator.planning.path_lengths import PathLengths
+from robrain.coordinator.planning.plan_in_force import PlanInForce, planned
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.planning.problem_builder import Asked, ask, greatest_radius_m, needed_m
-from robrain.coordinator.planning.snapshot import Situation
-from robrain.coordinator.planning.solver import Thinking
+from robrain.coordinator.planning.problem_builder import BuiltProblem, ask, greatest_radius_m, needed_m
+from robrain.coordinator.planning.snapshot import Floor, Member, Snapshot
+from robrain.coordinator.planning.solver import PlanSolver
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.mapping.occupancy_grid import FREE, GridGeometry
 from robrain.protocol.model.navigation.clearance import mapped_clearance_m
 from robrain.protocol.model.ranges import cut
+from robrain.protocol.model.tasks.stock_kinds import VISIT
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.plan_messages import PlanProblem
+from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.tasks import CannotBePlanned, TaskReason
 
 logger = logging.getLogger(__name__)
 
+SIDE = 40
+"""Cells of the floor."""
 
-class Drafting:
-    """Turns situations into plans, the auction's first; caches path lengths until the floor changes."""
+
+class PlanSearch:
+    """Turns snapshots into plans, the auction's first; caches path lengths until the floor changes."""
 
     def __init__(self) -> None:
-        self._ways: Ways | None = None
+        self._ways: PathLengths | None = None
 
-    def draft(self, situation: Situation, policy: PlanningPolicy) -> "Draft":
+    def draft(self, snapshot: Snapshot, policy: PlanningPolicy) -> "Draft":
         """Start a plan; tasks that cannot be planned are set aside, each with its reason.
 
         Re-raises the planner's error if it is not due to single tasks.
         """
         try:
-            return self._draft(situation, policy)
+            return self._draft(snapshot, policy)
         except Exception:
             # The figures come from outside and the solver may raise anything; one bad task must not block all others.
-            logger.exception("no plan %d can be made; looking for the tasks that prevent it", situation.number)
-            wrong = self._find_wrong(situation, policy)
+            logger.exception("no plan %d can be made; looking for the tasks that prevent it", snapshot.number)
+            wrong = self._find_wrong(snapshot, policy)
             if not wrong:
                 raise
-        sound = tuple(record for record in situation.records if record.task.id not in wrong)
-        draft = self._draft(msgspec.structs.replace(situation, records=sound), policy)
+        sound = tuple(record for record in snapshot.records if record.task.id not in wrong)
+        draft = self._draft(msgspec.structs.replace(snapshot, records=sound), policy)
         draft.asked.waiting.update(wrong)
         return draft
 
-    def _find_wrong(self, situation: Situation, policy: PlanningPolicy) -> dict[str, TaskReason]:
+    def _find_wrong(self, snapshot: Snapshot, policy: PlanningPolicy) -> dict[str, TaskReason]:
         wrong: dict[str, TaskReason] = {}
-        for record in situation.records:
-            alone = msgspec.structs.replace(situation, records=(record,), orders={})
+        for record in snapshot.records:
+            alone = msgspec.structs.replace(snapshot, records=(record,), orders={})
             try:
                 self._draft(alone, policy)
             except Exception as error:  # see `draft`
@@ -54,57 +70,133 @@ class Drafting:
                 wrong[record.task.id] = CannotBePlanned(cut(f"{type(error).__name__}: {error}"))
         return wrong
 
-    def _draft(self, situation: Situation, policy: PlanningPolicy) -> "Draft":
-        needed = needed_m(situation)
-        version = 0 if situation.floor is None else situation.floor.version
+    def _draft(self, snapshot: Snapshot, policy: PlanningPolicy) -> "Draft":
+        needed = needed_m(snapshot)
+        version = 0 if snapshot.floor is None else snapshot.floor.version
         ways = self._ways
         if ways is None or (ways.version, ways.needed_m, ways.unknown_cost) != (version, needed, policy.unknown_cost):
-            floor, radius_m = situation.floor, greatest_radius_m(situation)
+            floor, radius_m = snapshot.floor, greatest_radius_m(snapshot)
             narrow_m = None if floor is None else mapped_clearance_m(radius_m, floor.geometry.resolution_m)
-            ways = self._ways = Ways(floor, needed, policy.unknown_cost, narrow_m)
-        return Draft(situation, policy, ask(situation, ways, policy))
+            ways = self._ways = PathLengths(floor, needed, policy.unknown_cost, narrow_m)
+        return Draft(snapshot, policy, ask(snapshot, ways, policy))
 
 
 class Draft:
     """One plan in the making."""
 
-    def __init__(self, situation: Situation, policy: PlanningPolicy, asked: Asked) -> None:
-        self._situation = situation
+    def __init__(self, snapshot: Snapshot, policy: PlanningPolicy, asked: BuiltProblem) -> None:
+        self._snapshot = snapshot
         self._policy = policy
         self.asked = asked
         self._problem = asked.question.problem()
         visits = sum(job.robots for job in self._problem.jobs if not job.pinned_to)
         self._iterations = policy.iterations_for(visits)
-        self.thinking = Thinking(
+        self.solver = PlanSolver(
             self._problem,
             policy.objective,
             policy.method,
             seed=policy.seed,
             iterations=self._iterations,
             gain_min=policy.gain_min,
-            orders=situation.orders,
+            orders=snapshot.orders,
+            passes=policy.passes,
         )
 
     def improve(self) -> Iterator[None]:
         """Yields before each search."""
-        return self.thinking.improve()
+        return self.solver.improve()
 
-    def planned(self, took_s: float = 0.0) -> Planned:
+    def planned(self, took_s: float = 0.0) -> PlanInForce:
         """The plan as it is so far."""
-        situation, policy = self._situation, self._policy
-        plan = self.thinking.plan
+        snapshot, policy = self._snapshot, self._policy
+        plan = self.solver.plan
         written = PlanProblem(
-            plan=situation.number,
-            asked_ns=situation.now_ns,
+            plan=snapshot.number,
+            asked_ns=snapshot.now_ns,
             objective=policy.objective,
             method=policy.method,
             seed=policy.seed,
-            rounds=self.thinking.rounds,
+            rounds=self.solver.rounds,
             iterations=self._iterations,
             gain_min=policy.gain_min,
             question=self.asked.question.encode(),
-            warm_start=tuple(situation.orders.items()),
+            warm_start=tuple(snapshot.orders.items()),
             routes=tuple((route.worker, route.jobs) for route in plan.routes if route.stops),
-            cause=situation.cause,
+            cause=snapshot.cause,
+            passes=list(policy.passes),
         )
-        return planned(situation, self.asked, self.thinking.problem, plan, written, took_s)
+        return planned(snapshot, self.asked, self.solver.problem, plan, written, took_s, self.solver.failures)
+
+
+def rehearse() -> None:
+    """Load and call whatever makes plans: the allocators' kernels, those of the floor's ways, and the search."""
+    warm_up()
+    places = [Point2D(1.0, 1.0), Point2D(3.0, 1.0), Point2D(1.0, 3.0)]
+    here = Point2D(2.0, 2.0)
+    snapshot = Snapshot(
+        number=0,
+        now_ns=0,
+        cause="",
+        records=tuple(
+            TaskRecord(task=Task(id=f"t{k}", kind=VISIT, place=at), state=TaskState.QUEUED)
+            for k, at in enumerate(places)
+        ),
+        ended=frozenset(),
+        members={
+            name: Member(RobotState(robot=name, pose=Pose2D(here.x_m, here.y_m, 0.0)), None, (), here)
+            for name in ("r1", "r2")
+        },
+        pauses={},
+        served_s={},
+        floor=Floor(np.full((SIDE, SIDE), FREE), GridGeometry(0.1, 0.0, 0.0, SIDE, SIDE), 1),
+        orders={},
+        told={},
+    )
+    draft = PlanSearch().draft(snapshot, PlanningPolicy(iterations=1))
+    for _ in draft.improve():
+        if draft.solver.rounds:
+            break
+    draft.planned()
+
+
+class LockstepPlanner:
+    """Plans when it is asked to, with so many rounds: equal runs have equal plans."""
+
+    def __init__(self) -> None:
+        _warm_up_once()
+        self._search = PlanSearch()
+        self._made: list[PlanInForce] = []
+        self.why_failed = ""
+        """See `Planner`."""
+
+    def prepare(self) -> None:
+        """See `Planner`."""
+
+    def ask(self, snapshot: Snapshot, policy: PlanningPolicy) -> None:
+        """See `Planner`."""
+        try:
+            draft = self._search.draft(snapshot, policy)
+            for _ in draft.improve():
+                if draft.solver.rounds >= policy.rounds:
+                    break
+            self._made.append(draft.planned())
+            self.why_failed = ""
+        except Exception as error:  # as in live: a planning error must not end the coordinator
+            logger.exception("no plan %d could be made", snapshot.number)
+            self.why_failed = f"{type(error).__name__}: {error}"
+
+    def take(self) -> list[PlanInForce]:
+        """See `Planner`."""
+        made, self._made = self._made, []
+        return made
+
+    @property
+    def is_busy(self) -> bool:
+        """See `Planner`."""
+        return False
+
+    def close(self) -> None:
+        """See `Planner`."""
+
+
+_warm_up_once = cache(warm_up)

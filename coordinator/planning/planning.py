@@ -13,16 +13,15 @@ from typing import NamedTuple
 import msgspec
 
 from robrain.coordinator.charging.chargers import KnownChargers
-from robrain.coordinator.planning.available_robots import HOMEWARD, why_out
-from robrain.coordinator.planning.look_ahead import LATEST_S, free_in_s, is_ending
-from robrain.coordinator.planning.plan_in_force import Planned, Step
+from robrain.coordinator.planning.available_robots import HOMEWARD, LATEST_S, free_in_s, is_ending, why_out
+from robrain.coordinator.planning.plan_in_force import PlanInForce, Step
 from robrain.coordinator.planning.planner import Planner
 from robrain.coordinator.planning.policy import NEAREST, PlanningPolicy
-from robrain.coordinator.planning.replan_trigger import News
-from robrain.coordinator.planning.snapshot import AfterCharge, ChargerWays, Situation
-from robrain.coordinator.planning.snapshot_builder import TeamWatch
+from robrain.coordinator.planning.replan_trigger import ReplanTrigger
+from robrain.coordinator.planning.snapshot import AfterCharge, ChargerWays, Snapshot
+from robrain.coordinator.planning.snapshot_builder import SnapshotBuilder
 from robrain.coordinator.planning.worker.live_planner import LivePlanner
-from robrain.coordinator.tasks.backoff import Shunning
+from robrain.coordinator.tasks.backoff import Backoff
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_costs import TaskCosts
 from robrain.coordinator.team.capabilities import Capabilities
@@ -31,6 +30,7 @@ from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE
 from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.wire.border.refusals import RefusalCode
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
 from robrain.protocol.wire.messages.plan_messages import ObjectiveRequest, PlannedCharge, PlanningStatus, TaskDecision
@@ -70,11 +70,11 @@ class Planning:
     """Makes and follows plans.
 
     Args:
-        wire: the coordinator's place on the wire.
+        wire: the coordinator's endpoint.
         book: of its tasks.
         roster: the robots that there are.
         capabilities: what they can do.
-        shunning: what they refused or failed at.
+        backoff: tasks that robots refused or failed at, and until when they are not offered again.
         team_map: what is known of the floor.
         policy: what plans are for.
         waits: why a task cannot be offered to anybody yet, given the way to it in seconds; None if it can.
@@ -87,7 +87,7 @@ class Planning:
         book: TaskBook,
         roster: Roster,
         capabilities: Capabilities,
-        shunning: Shunning,
+        backoff: Backoff,
         team_map: TeamMap,
         policy: PlanningPolicy,
         waits: Callable[[TaskRecord, int, float], TaskReason | None],
@@ -104,16 +104,18 @@ class Planning:
         """Tasks that nobody is to do by the plan, why, and since when."""
         self.waiting: dict[str, TaskReason] = {}
         """Tasks that could be no part of the plan, and why."""
-        self._clock = wire.clock
+        self._wire = wire
         self._book = book
         self._roster = roster
-        self._shunning = shunning
-        self._watch = TeamWatch(book, roster, capabilities, team_map, self.chargers, self.why_out, self.after_charge)
+        self._backoff = backoff
+        self._watch = SnapshotBuilder(
+            book, roster, capabilities, team_map, self.chargers, self.why_out, self.after_charge
+        )
         self._waits = waits
         self._costs = TaskCosts(wire, capabilities)
-        self._news = News()
+        self._trigger = ReplanTrigger()
         self._planner = _planner_of(wire)
-        self._plan: Planned | None = None
+        self._plan: PlanInForce | None = None
         self._number = 0
         self._told: dict[str, tuple[str, ...]] = {}
         self._decisions: dict[str, tuple[int, TaskDecision]] = {}
@@ -170,12 +172,12 @@ class Planning:
             self._look_ns = now_ns + LOOK_NS
             self.chargers.follow(self._watch.places(now_ns), now_ns)
         records = self._plannable(now_ns)
-        if not records and not self._news.has_tasks:
+        if not records and not self._trigger.has_tasks:
             return
         members = self._watch.members(now_ns)
-        pauses = self._shunning.pauses(now_ns)
+        pauses = self._backoff.pauses(now_ns)
         area_m2 = self._watch.area_m2
-        cause = self._news.since(records, members, pauses, area_m2, left_out=len(self.left_out))
+        cause = self._trigger.since(records, members, pauses, area_m2, left_out=len(self.left_out))
         if not cause and records and now_ns - (self._asked_ns or now_ns) > to_ns(self.policy.refresh_s):
             cause = "a while has passed"
         self._cause = self._cause or cause
@@ -190,8 +192,8 @@ class Planning:
     def _ask(self, now_ns: int) -> None:
         cause, self._cause = self._cause, ""
         self._asked_ns = now_ns
-        records, members, pauses = self._plannable(now_ns), self._watch.members(now_ns), self._shunning.pauses(now_ns)
-        self._news.note(records, members, pauses, self._watch.area_m2)
+        records, members, pauses = self._plannable(now_ns), self._watch.members(now_ns), self._backoff.pauses(now_ns)
+        self._trigger.note(records, members, pauses, self._watch.area_m2)
         if not members or not records:
             self._plan = None
             self.left_out, self.waiting = {}, {}
@@ -199,7 +201,7 @@ class Planning:
         self._not_before_ns = now_ns + to_ns(self.policy.settle_s)
         self._number += 1
         open_ids = {record.task.id for record in records}
-        situation = Situation(
+        snapshot = Snapshot(
             number=self._number,
             now_ns=now_ns,
             cause=cause,
@@ -215,13 +217,15 @@ class Planning:
             orders=self._orders(),
             told=dict(self._told),
         )
-        self._planner.ask(situation, self.policy)
+        self._planner.ask(snapshot, self.policy)
 
     def _take(self, now_ns: int) -> bool:
         made = self._planner.take()
         for plan in made:
             self._plan = plan
             self._say_problem.put(plan.problem)
+            for failure in plan.failures:
+                self._wire.refusals.note(failure.what, failure.name, RefusalCode.FAILED, failure.why)
             for decision in plan.decisions:
                 self._told.pop(decision.task, None)
                 self._told[decision.task] = decision.robots
@@ -258,7 +262,7 @@ class Planning:
             after = "" if not bound or bound[0].own else bound[0].task.id
             if after and left_s > LATEST_S and self._plan.problem.asked_ns < self._ending_ns.get(name, 0):
                 continue  # the plan is being made anew for this
-            if self._shunning.why(step.task, name, now_ns) is None:
+            if self._backoff.why(step.task, name, now_ns) is None:
                 yield Due(step.task, name, after)
 
     def ends_soon(self, before: RobotState | None, state: RobotState, now_ns: int) -> None:
@@ -289,7 +293,7 @@ class Planning:
 
     def begun(self, task_id: str, robot: str) -> None:
         """A task was offered as it was planned, and taken."""
-        self._news.begun(task_id, robot)
+        self._trigger.begun(task_id, robot)
 
     def is_reserved(self, robot: str, now_ns: int) -> bool:
         """Whether a robot has something to do soon, so that it is not to be sent elsewhere."""
@@ -418,7 +422,7 @@ def _planner_of(wire: Endpoint) -> Planner:
     if wire.drive is Drive.LIVE:
         return LivePlanner(lambda: _wake(wire))
     # Here: it brings the allocators, which in live are another process'.
-    from robrain.coordinator.planning.lockstep_planner import LockstepPlanner
+    from robrain.coordinator.planning.plan_search import LockstepPlanner
 
     return LockstepPlanner()
 

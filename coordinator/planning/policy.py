@@ -6,8 +6,9 @@ from typing import Final
 
 import msgspec
 
-from robrain.coordinator.allocation.allocators import ALLOCATORS, OPTIMAL
+from robrain.coordinator.allocation.allocator import ALLOCATORS, OPTIMAL
 from robrain.coordinator.exploration.strategies import ASSIGNMENT, STRATEGIES
+from robrain.coordinator.planning.plan_passes import PASSES, STOCK_PASSES
 from robrain.protocol.model.ranges import Name
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.registry import UnknownEntry
@@ -33,6 +34,8 @@ class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """The allocator that makes the plans, by its name in `ALLOCATORS`; or NEAREST."""
     exploration: Name = ASSIGNMENT
     """Which idle robot is sent to which frontier: the strategy's name in `STRATEGIES`."""
+    passes: tuple[Name, ...] = STOCK_PASSES
+    """Refinement passes, in their order: their names in `PASSES`."""
     seed: int = 0
     prize_j: float = 1e6
     """What a task of priority 1 is worth; one of priority p is worth p times that. More than any robot's battery
@@ -72,6 +75,10 @@ class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
     def __post_init__(self) -> None:
         STRATEGIES.check(self.exploration)
+        for name in self.passes:
+            PASSES.check(name)
+        if len(set(self.passes)) < len(self.passes):
+            raise ValueError(f"expected each pass once, got {', '.join(self.passes)}")
         if self.method != NEAREST:
             try:
                 ALLOCATORS.check(self.method)

@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 from robrain.coordinator.allocation.problem import Job, Worker
 from robrain.coordinator.planning.energy_budget import UNKNOWN, kinds_of, means_of, profile_of
-from robrain.coordinator.planning.path_lengths import Ways
+from robrain.coordinator.planning.path_lengths import PathLengths
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.planning.problem_codec import Question, pack_ways
-from robrain.coordinator.planning.snapshot import HANDLING_S, ChargerWays, Member, Situation, urgency
+from robrain.coordinator.planning.problem_codec import ProblemRecord, pack_ways
+from robrain.coordinator.planning.snapshot import HANDLING_S, ChargerWays, Member, Snapshot, urgency
 from robrain.coordinator.tasks.admission import GATHERING, needed_plugins
 from robrain.protocol.model.energy.energy_model import EnergyModel, Work, estimate
 from robrain.protocol.model.geometry import Point2D
@@ -21,37 +21,37 @@ from robrain.protocol.wire.reasons.reason import Said
 from robrain.protocol.wire.reasons.tasks import AfterUnplanned, HolderOut, Outranked, TaskReason
 
 
-class Asked(NamedTuple):
+class BuiltProblem(NamedTuple):
     """A question, and what could not be part of it."""
 
-    question: Question
+    question: ProblemRecord
     waiting: dict[str, TaskReason]
     """Tasks that no plan can have yet, and why."""
     charger_ways: dict[str, ChargerWays]
     """Of each robot that is free."""
 
 
-def ask(situation: Situation, ways: Ways, policy: PlanningPolicy) -> Asked:
+def ask(snapshot: Snapshot, ways: PathLengths, policy: PlanningPolicy) -> BuiltProblem:
     """The question.
 
     A task that a robot is at is pinned to it; one that it is about to end is taken for done, and the robot for free
     there and now. A robot that explores counts as free.
     """
-    chosen, waiting = _chosen(situation, policy)
-    names = sorted(situation.members)
-    members = [situation.members[name] for name in names]
+    chosen, waiting = _chosen(snapshot, policy)
+    names = sorted(snapshot.members)
+    members = [snapshot.members[name] for name in names]
     profiles, kinds = kinds_of([profile_of(member.state.energy, policy.time_margin) for member in members])
     models = [member.state.energy for member in members]
-    at_place = {record.task.id: _at_place(record.task, situation, models) for record in chosen}
+    at_place = {record.task.id: _at_place(record.task, snapshot, models) for record in chosen}
     waits_s = sum(service_s for service_s, _ in at_place.values())
-    waits_s += max((to_seconds(max(0, record.task.earliest_ns - situation.now_ns)) for record in chosen), default=0.0)
+    waits_s += max((to_seconds(max(0, record.task.earliest_ns - snapshot.now_ns)) for record in chosen), default=0.0)
     means = [means_of(member.state, waits_s, policy) for member in members]
     standing_w = max((mean.standing_w for mean in means), default=0.0)
 
     goals: dict[Point2D, int] = {}
     for place in [record.task.place for record in chosen] + [end for one in members for end in _ends(one)]:
         goals.setdefault(place, len(goals))
-    ending = situation.ending
+    ending = snapshot.ending
     starts = [
         ending[name].place if name in ending else _here(member) for name, member in zip(names, members, strict=True)
     ]
@@ -59,13 +59,13 @@ def ask(situation: Situation, ways: Ways, policy: PlanningPolicy) -> Asked:
 
     prize_j = max([policy.prize_j, *(2.0 * mean.capacity_j for mean in means)])
     paused: dict[str, set[str]] = {}
-    for task, robot in situation.pauses:
+    for task, robot in snapshot.pauses:
         paused.setdefault(task, set()).add(robot)
     jobs = [
         _job(
             record,
             goals[record.task.place],
-            situation,
+            snapshot,
             prize_j,
             (*at_place[record.task.id], standing_w),
             paused.get(record.task.id, ()),
@@ -83,14 +83,14 @@ def ask(situation: Situation, ways: Ways, policy: PlanningPolicy) -> Asked:
                 ends=tuple(goals[end] for end in _ends(member)),
                 usable_j=mean.usable_j,
                 offers=offers & everything,
-                ready_s=max(0.0, to_seconds(member.free_ns - situation.now_ns)) if member.free_ns else 0.0,
+                ready_s=max(0.0, to_seconds(member.free_ns - snapshot.now_ns)) if member.free_ns else 0.0,
                 profile=kinds[index],
                 wait_w=mean.standing_w,
                 capacity_j=mean.capacity_j,
                 reserve_j=mean.reserve_j,
             )
         )
-    question = Question(
+    question = ProblemRecord(
         jobs=tuple(jobs),
         workers=tuple(workers),
         profiles=tuple(profiles),
@@ -105,27 +105,27 @@ def ask(situation: Situation, ways: Ways, policy: PlanningPolicy) -> Asked:
         for index, (name, member) in enumerate(zip(names, members, strict=True))
         if not member.free_ns
     }
-    return Asked(question, waiting, charger_ways)
+    return BuiltProblem(question, waiting, charger_ways)
 
 
-def needed_m(situation: Situation) -> float:
+def needed_m(snapshot: Snapshot) -> float:
     """Preferred clearance of the largest robot."""
-    return PREFERRED_MARGIN_M + greatest_radius_m(situation)
+    return PREFERRED_MARGIN_M + greatest_radius_m(snapshot)
 
 
-def greatest_radius_m(situation: Situation) -> float:
+def greatest_radius_m(snapshot: Snapshot) -> float:
     """Radius of the largest robot."""
-    return max((member.state.radius_m for member in situation.members.values()), default=0.0)
+    return max((member.state.radius_m for member in snapshot.members.values()), default=0.0)
 
 
-def _chosen(situation: Situation, policy: PlanningPolicy) -> tuple[list[TaskRecord], dict[str, TaskReason]]:
+def _chosen(snapshot: Snapshot, policy: PlanningPolicy) -> tuple[list[TaskRecord], dict[str, TaskReason]]:
     """The most urgent tasks, those that robots are at first; and why the others cannot be in a plan."""
-    there = situation.members
-    at_work = [record for record in situation.records if record.robot]
-    ended = {one.task for one in situation.ending.values()}
+    there = snapshot.members
+    at_work = [record for record in snapshot.records if record.robot]
+    ended = {one.task for one in snapshot.ending.values()}
     running = [record for record in at_work if record.robot in there and record.task.id not in ended]
-    running.sort(key=lambda record: record.task.id in situation.held)  # what a robot holds comes after what it is at
-    free = [record for record in situation.records if not record.robot]
+    running.sort(key=lambda record: record.task.id in snapshot.held)  # what a robot holds comes after what it is at
+    free = [record for record in snapshot.records if not record.robot]
     queued = sorted((record for record in free if record.state is TaskState.QUEUED), key=urgency)
     waiting: dict[str, TaskReason] = {
         record.task.id: HolderOut(record.robot) for record in at_work if record.robot not in there
@@ -143,7 +143,7 @@ def _chosen(situation: Situation, policy: PlanningPolicy) -> tuple[list[TaskReco
             for record in queued
             if record.task.id in known
             for other in record.task.after
-            if other not in known and other not in situation.ended and other not in ended
+            if other not in known and other not in snapshot.ended and other not in ended
         }
         if not late:
             return running + [record for record in queued if record.task.id in known], waiting
@@ -152,10 +152,10 @@ def _chosen(situation: Situation, policy: PlanningPolicy) -> tuple[list[TaskReco
             waiting[task_id] = AfterUnplanned(other)
 
 
-def _at_place(task: Task, situation: Situation, models: Sequence[EnergyModel | None]) -> tuple[float, float]:
+def _at_place(task: Task, snapshot: Snapshot, models: Sequence[EnergyModel | None]) -> tuple[float, float]:
     """Seconds that a task takes at its place, and joules beyond standing so long: of the slowest, dearest robot."""
     service_s = moving_j = 0.0
-    for work in situation.works.get(task.id) or (Work(wait_s=task.service_s),):
+    for work in snapshot.works.get(task.id) or (Work(wait_s=task.service_s),):
         if not (work.path_m or work.turn_rad or work.radio_packets):
             service_s = max(service_s, work.wait_s)
             continue
@@ -173,7 +173,7 @@ def _at_place(task: Task, situation: Situation, models: Sequence[EnergyModel | N
 def _job(
     record: TaskRecord,
     place: int,
-    situation: Situation,
+    snapshot: Snapshot,
     prize_j: float,
     at_place: tuple[float, float, float],
     paused: Iterable[str],
@@ -183,16 +183,16 @@ def _job(
     pinned = record.robot
     if pinned:
         whole_s = takes_s
-        takes_s = max(0.0, takes_s - situation.served_s.get(task.id, 0.0))
+        takes_s = max(0.0, takes_s - snapshot.served_s.get(task.id, 0.0))
         moving_j *= takes_s / whole_s
     needs = set() if pinned else set(needed_plugins(task))
     if task.robots > 1:
         needs.add(GATHERING)
-    ending_s = {one.task: one.in_s for one in situation.ending.values()}
+    ending_s = {one.task: one.in_s for one in snapshot.ending.values()}
     earliest_s = max(
-        0.0, to_seconds(task.earliest_ns - situation.now_ns), *(ending_s.get(name, 0.0) for name in task.after)
+        0.0, to_seconds(task.earliest_ns - snapshot.now_ns), *(ending_s.get(name, 0.0) for name in task.after)
     )
-    latest_s = to_seconds(task.deadline_ns - situation.now_ns) if task.deadline_ns is not None else float("inf")
+    latest_s = to_seconds(task.deadline_ns - snapshot.now_ns) if task.deadline_ns is not None else float("inf")
     return Job(
         id=task.id,
         place=place,
@@ -204,7 +204,7 @@ def _job(
         needs=frozenset(needs),
         after=()
         if pinned
-        else tuple(name for name in task.after if name not in situation.ended and name not in ending_s),
+        else tuple(name for name in task.after if name not in snapshot.ended and name not in ending_s),
         robots=1 if pinned else task.robots,
         pinned_to=pinned,
         forbidden_workers=frozenset() if pinned else frozenset(paused),

@@ -1,4 +1,4 @@
-"""A problem in the form in which it is written down: small, and exact, so that it can be asked again.
+"""A problem as it is recorded: small, and exact, so that it can be solved again.
 
 Ways are whole centimetres; what they take a robot in joules and seconds follows from its profile. A problem with 20
 places takes about 1 kB, one with 1,000 about 0.2 MB.
@@ -11,11 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.coordinator.allocation.problem import Job, Problem, Worker
-from robrain.coordinator.planning.length_codec import NO_WAY, from_deltas, to_deltas
 
 M_PER_CM = 0.01
 LONGEST_CM = 2**30
 """No way is longer: what two differ by is a whole number of 32 bits."""
+
+_ENCODER = msgspec.msgpack.Encoder(order="deterministic")
+NO_WAY = 0xFFFF_FFFF
+_NONE = -1
 
 
 class Profile(msgspec.Struct, frozen=True):
@@ -27,8 +30,8 @@ class Profile(msgspec.Struct, frozen=True):
     s_per_m: float
 
 
-class Question(msgspec.Struct, frozen=True, kw_only=True):
-    """What an allocator is asked."""
+class ProblemRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """What an allocator is asked, as it is recorded."""
 
     jobs: tuple[Job, ...]
     workers: tuple[Worker, ...]
@@ -39,7 +42,7 @@ class Question(msgspec.Struct, frozen=True, kw_only=True):
     where there is none. A way back is as long as the way there."""
 
     ways_deltas: bytes = b""
-    """As they are written down, in place of `ways_cm`: see `way_deltas.py`."""
+    """As they are written down, in place of `ways_cm`: see `to_deltas`."""
 
     def problem(self) -> Problem:
         """The problem as the allocators take it."""
@@ -59,10 +62,10 @@ class Question(msgspec.Struct, frozen=True, kw_only=True):
         return zlib.compress(_ENCODER.encode(msgspec.structs.replace(self, ways_cm=b"", ways_deltas=deltas)), 1)
 
 
-def decode(encoded: bytes) -> Question:
-    """What `Question.encode` made (ValueError if it did not)."""
+def decode(encoded: bytes) -> ProblemRecord:
+    """What `ProblemRecord.encode` made (ValueError if it did not)."""
     try:
-        question = msgspec.msgpack.decode(zlib.decompress(encoded), type=Question)
+        question = msgspec.msgpack.decode(zlib.decompress(encoded), type=ProblemRecord)
         if not question.ways_deltas:
             return question  # with few places there are none; and this is how it was written once
         cm = from_deltas(question.ways_deltas, question.places)
@@ -72,10 +75,62 @@ def decode(encoded: bytes) -> Question:
 
 
 def pack_ways(length_m: NDArray[np.float64]) -> bytes:
-    """Lengths (n, n), metres, symmetric, as `Question.ways_cm` has them; infinite where there is no way."""
+    """Lengths (n, n), metres, symmetric, as `ProblemRecord.ways_cm` has them; infinite where there is no way."""
     upper = length_m[np.triu_indices(len(length_m), 1)]
     cm = np.where(np.isfinite(upper), np.ceil(np.where(np.isfinite(upper), upper, 0.0) / M_PER_CM), NO_WAY)
     return np.where(cm == NO_WAY, NO_WAY, np.minimum(cm, LONGEST_CM)).astype("<u4").tobytes()
 
 
-_ENCODER = msgspec.msgpack.Encoder(order="deterministic")
+def to_deltas(cm: NDArray[np.uint32], places: int) -> bytes:
+    """Pack lengths.
+
+    Args:
+        cm: the upper triangle without the diagonal, row by row; `NO_WAY` where there is none.
+        places: how many there are.
+
+    Returns:
+        The order, uint32 for each place, and the differences, zigzag uint32, as four planes of bytes, lowest first.
+
+    """
+    table = np.zeros((places, places), np.int64)
+    rows, columns = np.triu_indices(places, 1)
+    table[rows, columns] = table[columns, rows] = np.where(cm == NO_WAY, _NONE, cm.astype(np.int64))
+    order = _chain(table)
+    table = table[np.ix_(order, order)]
+    differences = np.diff(table, axis=0, prepend=0)[rows, columns]
+    zigzag = np.where(differences < 0, -2 * differences - 1, 2 * differences).astype("<u4")
+    return order.astype("<u4").tobytes() + zigzag.view(np.uint8).reshape(-1, 4).T.tobytes()
+
+
+def from_deltas(packed: bytes, places: int) -> NDArray[np.uint32]:
+    """What `to_deltas` packed (ValueError if it did not)."""
+    count = places * (places - 1) // 2
+    if len(packed) != 4 * (places + count):
+        raise ValueError(f"expected {4 * (places + count)} bytes for the ways between {places} places")
+    order = np.frombuffer(packed, "<u4", places).astype(np.int64)
+    if sorted(order.tolist()) != list(range(places)):
+        raise ValueError(f"expected an order of {places} places")
+    planes = np.frombuffer(packed, np.uint8, 4 * count, 4 * places).reshape(4, count)
+    zigzag = np.ascontiguousarray(planes.T).view("<u4").reshape(-1).astype(np.int64)
+    rows, columns = np.triu_indices(places, 1)
+    table = np.zeros((places, places), np.int64)
+    table[rows, columns] = np.where(zigzag % 2, -(zigzag + 1) // 2, zigzag // 2)
+    table = np.cumsum(table, axis=0)
+    table = np.triu(table, 1)
+    table += table.T
+    back = np.empty((places, places), np.int64)
+    back[np.ix_(order, order)] = table
+    cm: NDArray[np.uint32] = np.where(back == _NONE, NO_WAY, back)[rows, columns].astype(np.uint32)
+    return cm
+
+
+def _chain(table: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The places, each followed by the nearest that is left."""
+    places = len(table)
+    order = np.zeros(places, np.int64)
+    left = np.where(table == _NONE, np.iinfo(np.int64).max - 1, table)
+    taken = np.zeros(places, np.bool_)
+    for index in range(1, places):
+        taken[order[index - 1]] = True
+        order[index] = np.argmin(np.where(taken, np.iinfo(np.int64).max, left[order[index - 1]]))
+    return order

@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import msgspec
 
+from robrain.coordinator.planning.plan_passes import STOCK_PASSES
 from robrain.coordinator.planning.problem_codec import decode
-from robrain.coordinator.planning.solver import think
+from robrain.coordinator.planning.solver import solve
 from robrain.coordinator.recording.reader.reading import read_messages
 from robrain.protocol.wire.messages.plan_messages import PlanProblem
 from robrain.protocol.wire.topics import TASK_PROBLEM
@@ -15,7 +16,7 @@ from robrain.protocol.wire.topics import TASK_PROBLEM
 Routes = tuple[tuple[str, tuple[str, ...]], ...]
 
 
-class Again(NamedTuple):
+class ReplayedPlan(NamedTuple):
     """One plan of the recording, and what comes of it now."""
 
     recorded: PlanProblem
@@ -30,7 +31,7 @@ class Again(NamedTuple):
 
 def plan_again(problem: PlanProblem) -> Routes:
     """The routes that the allocator makes of a written problem (ValueError if it is none)."""
-    plan, _ = think(
+    plan, _ = solve(
         decode(problem.question).problem(),
         problem.objective,
         problem.method,
@@ -39,11 +40,12 @@ def plan_again(problem: PlanProblem) -> Routes:
         iterations=problem.iterations,
         gain_min=problem.gain_min,
         orders=dict(problem.warm_start),
+        passes=STOCK_PASSES if problem.passes is None else problem.passes,
     )
     return tuple((route.worker, route.jobs) for route in plan.routes if route.stops)
 
 
-def replay_decisions(recording: Path) -> Iterator[Again]:
+def replay_decisions(recording: Path) -> Iterator[ReplayedPlan]:
     """Each plan of a recording, made again.
 
     Equal versions of the allocators' libraries give equal plans; others may decide otherwise where two plans are as
@@ -57,4 +59,4 @@ def replay_decisions(recording: Path) -> Iterator[Again]:
     for message in read_messages(recording):
         if TASK_PROBLEM.parse(message.topic_key) is not None:
             recorded = decoder.decode(message.payload)
-            yield Again(recorded, plan_again(recorded))
+            yield ReplayedPlan(recorded, plan_again(recorded))

@@ -16,7 +16,7 @@ GROWN_SHARE = 0.05
 """A map that has grown by so much is looked at again."""
 
 
-class News:
+class ReplanTrigger:
     """Compares the team with how it was when it was last planned for."""
 
     def __init__(self) -> None:

@@ -1,21 +1,33 @@
 """The team at one moment, as far as a plan depends on it. Nothing in it changes: others may read it."""
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
-from robrain.coordinator.planning.floor import Floor
 from robrain.protocol.model.energy.energy_model import Work
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.messages.robot_messages import RobotState
 from robrain.protocol.wire.messages.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.robots import RobotReason
 
+if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
+    from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+
 HANDLING_S = 1.0
 """Every task takes so long besides: to be offered, to come to a stop. So nothing ends when it begins, either."""
 Orders = dict[str, tuple[str, ...]]
 """Tasks of robots, in the order in which they are to be done."""
+
+
+class Floor(NamedTuple):
+    """What is known of the floor at one moment."""
+
+    classes: NDArray[np.int8]
+    geometry: "GridGeometry"
+    version: int
 
 
 class AfterCharge(NamedTuple):
@@ -54,7 +66,7 @@ class Ending(NamedTuple):
     in_s: float
 
 
-class Situation(msgspec.Struct, frozen=True, kw_only=True):
+class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     """All that a plan is made from."""
 
     number: int

@@ -4,11 +4,9 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 
 from robrain.coordinator.charging.chargers import KnownChargers
-from robrain.coordinator.planning.available_robots import is_charging
+from robrain.coordinator.planning.available_robots import AHEAD_S, is_charging, left_of
 from robrain.coordinator.planning.energy_budget import when_charged
-from robrain.coordinator.planning.floor import Floor
-from robrain.coordinator.planning.look_ahead import AHEAD_S, left_of
-from robrain.coordinator.planning.snapshot import AfterCharge, Ending, Member
+from robrain.coordinator.planning.snapshot import AfterCharge, Ending, Floor, Member
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot, Roster
@@ -28,7 +26,7 @@ FLOOR_NS = to_ns(10.0)
 """The map is looked at again after so long, or when it has grown and that may help, or a robot was blocked."""
 
 
-class TeamWatch:
+class SnapshotBuilder:
     """Looks at the team for a plan.
 
     Args:

@@ -1,21 +1,19 @@
-"""How a plan is made of a question: an auction, some searches, and no change of hands for next to nothing.
+"""Solves an allocation problem: the allocator's first plan, searches that improve it, then the refinement passes.
 
-Equal questions, seeds, rounds and iterations make equal plans, in both drives: in live the clock decides how many
+Equal problems, seeds, rounds and iterations make equal plans, in both drives: in live the clock decides how many
 rounds there are, and that number is written down with the plan.
 """
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
 
-from robrain.coordinator.allocation.arrays import make_arrays
+from robrain.coordinator.allocation.allocator import Searching
 from robrain.coordinator.allocation.checked_allocator import BadPlan, allocator_of
-from robrain.coordinator.allocation.plan import Plan, Route, Stop
+from robrain.coordinator.allocation.plan import Plan
 from robrain.coordinator.allocation.problem import Problem
-from robrain.coordinator.allocation.refusal import reasons
-from robrain.coordinator.allocation.repair import keep
-from robrain.coordinator.allocation.searched_auction import Searching
-from robrain.coordinator.planning.charging_patience import for_the_ready, with_those_who_charge
-from robrain.coordinator.planning.early_start import without_idling
+from robrain.coordinator.planning.plan_passes import CHARGING_ROBOTS, STOCK_PASSES, PlanDraft, PlanFailure, refined
+from robrain.coordinator.planning.stock_passes import for_the_ready, plan_of
+from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.objective import Objective
 
 logger = logging.getLogger(__name__)
@@ -24,7 +22,7 @@ FRUITLESS = 2
 """After so many rounds one after another that found nothing better there is little to be expected."""
 
 
-class Thinking:
+class PlanSolver:
     """Makes one plan, round by round.
 
     Args:
@@ -33,8 +31,9 @@ class Thinking:
         method: name of its allocator.
         seed: of what is random in it.
         iterations: of each search.
-        gain_min: tasks change hands only for a plan that is better by this share.
-        orders: robots and their tasks, as they are planned so far.
+        gain_min: a task moves to another robot only if the plan becomes better by at least this share.
+        orders: robots and their tasks in order, by the plan before.
+        passes: names of the refinement passes, in their order.
 
     """
 
@@ -48,21 +47,26 @@ class Thinking:
         iterations: int,
         gain_min: float,
         orders: Mapping[str, Sequence[str]],
+        passes: Sequence[str] = STOCK_PASSES,
     ) -> None:
         self.rounds = 0
         """Searches so far."""
+        self.failures: tuple[PlanFailure, ...] = ()
+        """What failed of other distributions' code when `plan` was last read."""
+        self._failures: tuple[PlanFailure, ...] = ()
         first = allocator_of(method, objective)
         self.problem = problem
-        """What was asked; once there is a plan, with what those who charge are not to do."""
+        """What was asked; once there is a plan, the problem that it solves."""
         self._asked = problem
+        self._method = method
         self._allocator = first
-        self._problem = problem = for_the_ready(problem)
+        self._problem = problem = for_the_ready(problem) if CHARGING_ROBOTS in passes else problem
         self._iterations = iterations
         self._gain_min = gain_min
         self._seed = seed
         self._orders = orders
-        self._before = _warm(orders, objective) if orders else None
-        self._best = first.plan(problem, warm_start=self._before, iterations=1)
+        self._passes = passes
+        self._best = first.plan(problem, warm_start=plan_of(orders, objective), iterations=1)
         self._search = first.search() if isinstance(first, Searching) and _is_worth_it(problem) else None
 
     def improve(self) -> Iterator[None]:
@@ -76,6 +80,7 @@ class Thinking:
                 )
             except BadPlan as error:  # the plan that it was to improve is sound
                 logger.warning("the plan is not searched any further: %s", error)
+                self._failures += (PlanFailure("allocator", self._method, cut(str(error))),)
                 return
             self.rounds += 1
             fruitless = 0 if found.rank < self._best.rank else fruitless + 1
@@ -83,30 +88,22 @@ class Thinking:
 
     @property
     def plan(self) -> Plan:
-        """The best so far; the one before, as far as it can be kept, unless the best is worth the change."""
-        chosen = self._chosen()
-        self.problem, plan = with_those_who_charge(self._asked, chosen, self._orders, self._allocator)
-        return without_idling(self.problem, plan)
-
-    def _chosen(self) -> Plan:
-        best = self._best
-        kept = keep(self._problem, self._before, best.objective)
-        if kept is None or not self._changes_hands(best):
-            return best
-        if {one.job for one in kept.unassigned} != {one.job for one in best.unassigned}:
-            return best
-        if _gain(kept, best) >= self._gain_min:
-            return best
-        return reasons(
-            self._problem, make_arrays(self._problem), kept, {one.job: one.reason for one in best.unassigned}
+        """The best plan so far, refined."""
+        draft = PlanDraft(
+            asked=self._asked,
+            problem=self._problem,
+            plan=self._best,
+            orders=self._orders,
+            gain_min=self._gain_min,
+            allocator=self._allocator,
+            failures=self._failures,
         )
+        draft = refined(draft, self._passes)
+        self.problem, self.failures = draft.problem, draft.failures
+        return draft.plan
 
-    def _changes_hands(self, plan: Plan) -> bool:
-        was = {task: robot for robot, tasks in self._orders.items() for task in tasks}
-        return any(was.get(job, route.worker) != route.worker for route in plan.routes for job in route.jobs)
 
-
-def think(
+def solve(
     problem: Problem,
     objective: Objective,
     method: str,
@@ -116,43 +113,18 @@ def think(
     iterations: int,
     gain_min: float,
     orders: Mapping[str, Sequence[str]],
+    passes: Sequence[str] = STOCK_PASSES,
 ) -> tuple[Plan, int]:
     """The plan after at most so many rounds, and how many there were."""
-    thinking = Thinking(
-        problem, objective, method, seed=seed, iterations=iterations, gain_min=gain_min, orders=orders
-    )  # fmt: skip
-    for _ in thinking.improve():
-        if thinking.rounds >= rounds:
+    solver = PlanSolver(
+        problem, objective, method, seed=seed, iterations=iterations, gain_min=gain_min, orders=orders, passes=passes
+    )
+    for _ in solver.improve():
+        if solver.rounds >= rounds:
             break
-    return thinking.plan, thinking.rounds
+    return solver.plan, solver.rounds
 
 
 def _is_worth_it(problem: Problem) -> bool:
     """Whether a search may find what the auction does not: with one task that is free, it cannot."""
     return sum(not job.pinned_to for job in problem.jobs) > 1
-
-
-def _gain(kept: Plan, best: Plan) -> float:
-    """By which share the best plan is better than the kept one."""
-    match best.objective:
-        case Objective.ENERGY:
-            return _share(kept.cost_j - best.cost_j, kept.cost_j)
-        case Objective.MAKESPAN:
-            return _share(kept.makespan_s - best.makespan_s, kept.makespan_s)
-        case Objective.LIFETIME:
-            return _share(best.least_left_j - kept.least_left_j, kept.least_left_j)
-
-
-def _share(gain: float, of: float) -> float:
-    return gain / of if of > 0 else float(gain > 0)
-
-
-def _warm(orders: Mapping[str, Sequence[str]], objective: Objective) -> Plan:
-    """A plan of which the orders count only."""
-    routes = tuple(
-        Route(robot, tuple(Stop(task, 0.0, 0.0, 0.0, 0.0) for task in tasks), 0, 0.0, 0.0, 0.0)
-        for robot, tasks in orders.items()
-    )
-    return Plan(
-        objective=objective, routes=routes, cost_j=0.0, lost_prize_j=0.0, makespan_s=0.0, least_left_j=0.0
-    )  # fmt: skip

@@ -1,10 +1,15 @@
-"""Which tasks are not offered to which robots for a while: a robot that refused or failed a task is asked later."""
+"""Which tasks are not offered to which robots for a while, and which robots are offered nothing for a while.
+
+A robot that refused a task or failed at it is asked again later. So is one that cannot be reached: when a link
+recovers, its token and states arrive before its queryables, and each unanswered offer would be followed at once by
+another task.
+"""
 
 from typing import NamedTuple
 
-from robrain.coordinator.tasks.robot_pauses import RobotPauses
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.reasons.robots import RobotReason
+from robrain.protocol.wire.reasons.offers import OfferRefusal
+from robrain.protocol.wire.reasons.robots import RefusedOften, RobotReason, Unreachable
 
 FIRST_PAUSE_S = 2.0
 LONGEST_PAUSE_S = 60.0
@@ -14,43 +19,103 @@ REFUSALS_MAX = 6
 """After so many refusals, a minute by these pauses, a robot's no to a task is taken for good (chosen)."""
 KEPT = 4096
 
+FIRST_ROBOT_PAUSE_S = 0.5
+LONGEST_ROBOT_PAUSE_S = 8.0
+"""Each pause of a robot is twice as long as the one before (chosen)."""
+REFUSALS_FREE = 3
+"""Consecutive refusals of frontiers without a pause (chosen); the next frontier may be reachable."""
 
-class _Shunned(NamedTuple):
+
+class _Avoided(NamedTuple):
     until_ns: int
     pause_s: float
     times: int
     reason: RobotReason
 
 
-class Shunning:
+class Backoff:
     """Remembers refusals and failures, task by task and robot by robot; the oldest go when there are too many."""
 
     def __init__(self) -> None:
-        self._shunned: dict[tuple[str, str], _Shunned] = {}
+        self._avoided: dict[tuple[str, str], _Avoided] = {}
         self.robots = RobotPauses()
         """Robots that are offered nothing for a while, or none of the coordinator's own tasks."""
 
     def note(self, task_id: str, robot: str, reason: RobotReason, now_ns: int) -> None:
         """A robot refused a task or failed at it."""
-        before = self._shunned.pop((task_id, robot), None)
+        before = self._avoided.pop((task_id, robot), None)
         pause_s = FIRST_PAUSE_S if before is None else min(2.0 * before.pause_s, LONGEST_PAUSE_S)
         times = 1 if before is None else before.times + 1
-        self._shunned[task_id, robot] = _Shunned(now_ns + to_ns(pause_s), pause_s, times, reason)
-        if len(self._shunned) > KEPT:
-            del self._shunned[next(iter(self._shunned))]
+        self._avoided[task_id, robot] = _Avoided(now_ns + to_ns(pause_s), pause_s, times, reason)
+        if len(self._avoided) > KEPT:
+            del self._avoided[next(iter(self._avoided))]
 
     def why(self, task_id: str, robot: str, now_ns: int) -> RobotReason | None:
         """Why a robot is not to be offered a task now; None if it may be."""
-        shunned = self._shunned.get((task_id, robot))
-        if shunned is not None and now_ns < shunned.until_ns:
-            return shunned.reason
+        avoided = self._avoided.get((task_id, robot))
+        if avoided is not None and now_ns < avoided.until_ns:
+            return avoided.reason
         return self.robots.why_unreached(robot, now_ns)
 
     def pauses(self, now_ns: int) -> dict[tuple[str, str], RobotReason]:
         """Which task is not to be offered to which robot now, and why."""
-        return {pair: shunned.reason for pair, shunned in self._shunned.items() if now_ns < shunned.until_ns}
+        return {pair: avoided.reason for pair, avoided in self._avoided.items() if now_ns < avoided.until_ns}
 
     def last_word(self, task_id: str, robot: str) -> RobotReason | None:
         """What a robot said that is not asked again; None if it may be."""
-        shunned = self._shunned.get((task_id, robot))
-        return shunned.reason if shunned is not None and shunned.times >= REFUSALS_MAX else None
+        avoided = self._avoided.get((task_id, robot))
+        return avoided.reason if avoided is not None and avoided.times >= REFUSALS_MAX else None
+
+
+class _Pause(NamedTuple):
+    until_ns: int
+    pause_s: float
+    reason: RobotReason
+
+
+class RobotPauses:
+    """Keeps the current pauses of each robot."""
+
+    def __init__(self) -> None:
+        self._unreached: dict[str, _Pause] = {}
+        self._tired: dict[str, _Pause] = {}
+        self._refusals: dict[str, int] = {}
+
+    def unreached(self, robot: str, reason: Unreachable, now_ns: int) -> None:
+        """Record that an offer did not reach a robot."""
+        _lengthen(self._unreached, robot, reason, now_ns)
+
+    def refused(self, robot: str, refusal: OfferRefusal, now_ns: int) -> None:
+        """Record that a robot refused one of the coordinator's own tasks."""
+        self._unreached.pop(robot, None)
+        self._refusals[robot] = self._refusals.get(robot, 0) + 1
+        if self._refusals[robot] > REFUSALS_FREE:
+            _lengthen(self._tired, robot, RefusedOften(self._refusals[robot], refusal), now_ns)
+
+    def answered(self, robot: str) -> None:
+        """Record that a robot refused a submitted task: it can be reached."""
+        self._unreached.pop(robot, None)
+
+    def accepted(self, robot: str) -> None:
+        """Record that a robot accepted a task; this ends its pauses."""
+        for kept in (self._unreached, self._tired, self._refusals):
+            kept.pop(robot, None)
+
+    def why_unreached(self, robot: str, now_ns: int) -> RobotReason | None:
+        """Why a robot must not be offered anything now; None if it may."""
+        return _why(self._unreached, robot, now_ns)
+
+    def why(self, robot: str, now_ns: int) -> RobotReason | None:
+        """Why a robot must not be offered one of the coordinator's own tasks now; None if it may."""
+        return _why(self._unreached, robot, now_ns) or _why(self._tired, robot, now_ns)
+
+
+def _lengthen(pauses: dict[str, _Pause], robot: str, reason: RobotReason, now_ns: int) -> None:
+    before = pauses.get(robot)
+    pause_s = FIRST_ROBOT_PAUSE_S if before is None else min(2.0 * before.pause_s, LONGEST_ROBOT_PAUSE_S)
+    pauses[robot] = _Pause(now_ns + to_ns(pause_s), pause_s, reason)
+
+
+def _why(pauses: dict[str, _Pause], robot: str, now_ns: int) -> RobotReason | None:
+    pause = pauses.get(robot)
+    return pause.reason if pause is not None and now_ns < pause.until_ns else None

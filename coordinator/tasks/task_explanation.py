@@ -7,8 +7,8 @@ import msgspec
 from robrain.coordinator.motes.mote_registry import MEMBER_PREFIX
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.tasks.admission import needed_plugins, why_nobody_can
-from robrain.coordinator.tasks.backoff import Shunning
-from robrain.coordinator.tasks.dispatch import verdicts
+from robrain.coordinator.tasks.backoff import Backoff
+from robrain.coordinator.tasks.offers import verdicts
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot, Roster
@@ -37,22 +37,22 @@ TOLD_MAX = 8
 """Number of robots that a reason names."""
 
 
-class TaskReasons:
+class TaskExplanation:
     """Finds reasons.
 
     Args:
         book: of the tasks.
         roster: the robots that there are.
         capabilities: what they can do.
-        shunning: what they refused or failed at.
+        backoff: tasks that robots refused or failed at, and until when they are not offered again.
 
     """
 
-    def __init__(self, book: TaskBook, roster: Roster, capabilities: Capabilities, shunning: Shunning) -> None:
+    def __init__(self, book: TaskBook, roster: Roster, capabilities: Capabilities, backoff: Backoff) -> None:
         self._book = book
         self._roster = roster
         self._capabilities = capabilities
-        self._shunning = shunning
+        self._backoff = backoff
         self._verdicts: dict[str, tuple[int, list[RobotVerdict]]] = {}
         self.planning: Planning | None = None
         """Who plans, if anybody does."""
@@ -132,7 +132,7 @@ class TaskReasons:
             return LacksPlugins(missing)
         if self.planning is not None and (out := self.planning.why_out(robot, now_ns)) is not None:
             return out
-        return self._shunning.why(record.task.id, robot.name, now_ns)
+        return self._backoff.why(record.task.id, robot.name, now_ns)
 
     def nobody_can(self, record: TaskRecord) -> TaskReason | None:
         """Why no robot of the team has what the task takes; None if one has, or may have."""
@@ -149,7 +149,7 @@ class TaskReasons:
         for robot in self._roster.up(now_ns):
             if self._lacks(record, robot):
                 continue
-            reason = self._shunning.last_word(record.task.id, robot.name)
+            reason = self._backoff.last_word(record.task.id, robot.name)
             if reason is None:
                 return None
             outs.append(RobotOut(robot.name, reason))
@@ -179,13 +179,13 @@ class TaskReasons:
                 return AfterOpen(name, other.state)
         return None
 
-    def shun(self, task_id: str, member: str, reason: RobotReason, now_ns: int) -> None:
+    def avoid(self, task_id: str, member: str, reason: RobotReason, now_ns: int) -> None:
         """Somebody who was at a task is not to be asked for it for a while."""
-        self._shunning.note(task_id, member, reason, now_ns)
+        self._backoff.note(task_id, member, reason, now_ns)
 
-    def shunned(self, task_id: str, member: str, now_ns: int) -> RobotReason | None:
+    def avoided(self, task_id: str, member: str, now_ns: int) -> RobotReason | None:
         """Why somebody is not to be asked for a task now; None if that may be."""
-        return self._shunning.why(task_id, member, now_ns)
+        return self._backoff.why(task_id, member, now_ns)
 
     def not_for(self, record: TaskRecord, robot: Robot, now_ns: int) -> RobotReason | None:
         """Why a task is not offered to a robot; None if it can be."""
@@ -197,7 +197,7 @@ class TaskReasons:
             return Halted()
         if other := self._book.of_robot(robot.name):
             return AtTask(other.task.id)
-        return self._shunning.why(record.task.id, robot.name, now_ns)
+        return self._backoff.why(record.task.id, robot.name, now_ns)
 
     def _lacks(self, record: TaskRecord, robot: Robot) -> tuple[str, ...]:
         plugins = self._capabilities.plugins.get(robot.name)

@@ -11,12 +11,11 @@ from contextlib import contextmanager
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.motes.mote_registry import MEMBER_PREFIX
 from robrain.coordinator.tasks.admission import standing_reason, why_dependency_ended
-from robrain.coordinator.tasks.backoff import Shunning
-from robrain.coordinator.tasks.dispatch import dispatch, verdicts
-from robrain.coordinator.tasks.offers import Answered, Offers
+from robrain.coordinator.tasks.backoff import Backoff
+from robrain.coordinator.tasks.offers import Answered, Offers, dispatch, verdicts
 from robrain.coordinator.tasks.reconcile import LEASE_S, reconcile, strays
 from robrain.coordinator.tasks.task_book import TaskBook
-from robrain.coordinator.tasks.task_explanation import TaskReasons
+from robrain.coordinator.tasks.task_explanation import TaskExplanation
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.model.ranges import cut
@@ -65,8 +64,8 @@ class TaskLifecycle:
         self._since_ns = wire.clock.now_ns()
         self._refusals = wire.refusals
         self._guard = RecordGuard(wire.refusals, (JournalUnwritable,))
-        self.shunning = self._shunning = Shunning()
-        self.reasons = TaskReasons(book, roster, capabilities, self._shunning)
+        self.backoff = self._backoff = Backoff()
+        self.reasons = TaskExplanation(book, roster, capabilities, self._backoff)
         self._withdrawn_ns: dict[tuple[str, str, int], int] = {}
         self._complained_ns: int | None = None
         self._settled_version = -1
@@ -79,10 +78,10 @@ class TaskLifecycle:
         with self.as_far_as_written(now_ns):
             record = self._book.note_status(robot, status)
         if record is not None and status.state is TaskState.FAILED:
-            self._shunning.note(record.task.id, robot, Failed(cut(status.why)), now_ns)
+            self._backoff.note(record.task.id, robot, Failed(cut(status.why)), now_ns)
         elif record is not None and status.state is TaskState.CANCELLED and self._was_held(record):
             # When its turn came, it was refused.
-            self._shun_refused(status.id, robot, status.reason or Said(cut(status.why)), now_ns)
+            self._avoid_refuser(status.id, robot, status.reason or Said(cut(status.why)), now_ns)
         return record
 
     def _was_held(self, record: TaskRecord) -> bool:
@@ -106,7 +105,7 @@ class TaskLifecycle:
         record = self._book.find(task_id)
         if record is None or record.state is not TaskState.OFFERED or record.epoch != offered.epoch:
             return False  # the robot's state was quicker, or it was called off
-        pauses = self.shunning.robots
+        pauses = self.backoff.robots
         if answer.accepted:
             pauses.accepted(robot)
             if not after:  # a held task stays offered until the robot reports that it has begun it
@@ -126,7 +125,7 @@ class TaskLifecycle:
         else:
             pauses.answered(robot)
         if not after:  # what is refused for later is asked again when the robot is free
-            self._shun_refused(task_id, robot, refusal, now_ns)
+            self._avoid_refuser(task_id, robot, refusal, now_ns)
         if record.own:
             self.on_refused(record, robot, now_ns)
         return True
@@ -149,8 +148,8 @@ class TaskLifecycle:
         self._refusals.note(ROBOT_OFFER.name, robot, RefusalCode.OLD_EPOCH, why)
         return outbids
 
-    def _shun_refused(self, task_id: str, robot: str, refusal: OfferRefusal, now_ns: int) -> None:
-        self._shunning.note(task_id, robot, Refused(refusal), now_ns)
+    def _avoid_refuser(self, task_id: str, robot: str, refusal: OfferRefusal, now_ns: int) -> None:
+        self._backoff.note(task_id, robot, Refused(refusal), now_ns)
         record = self._book.find(task_id)
         if record is not None and not record.state.ended and (hopeless := self.reasons.hopeless(record, now_ns)):
             self._book.move(task_id, TaskState.FAILED, hopeless)

@@ -44,7 +44,7 @@ class TaskRequests:
         capabilities: Capabilities,
         explain: Callable[[TaskRecord, int], TaskWhy],
     ) -> None:
-        self.news = False
+        self.has_changed = False
         """Whether something was submitted or cancelled since whoever reads this set it to False."""
         self._clock: Clock = wire.clock
         self._book = book
@@ -79,7 +79,7 @@ class TaskRequests:
             record = self._book.add(task, by=asked.by or request.by, asked=word)
         except JournalUnwritable as error:
             raise CallError(ErrorCode.REFUSED, f"task {task.id} is refused: {error}", str(error)) from error
-        self.news = True
+        self.has_changed = True
         return record
 
     def _why_impossible(self, task: Task) -> str:
@@ -109,7 +109,7 @@ class TaskRequests:
             record = self._book.move(asked.id, TaskState.CANCELLED, Cancelled(by, asked.why))
         except JournalUnwritable as error:
             raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {error}", str(error)) from error
-        self.news = True  # its robot is told to stop in this very step
+        self.has_changed = True  # its robot is told to stop in this very step
         return record
 
     def _list(self, request: Request[TaskFilter]) -> list[TaskRecord]:

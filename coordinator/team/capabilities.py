@@ -49,7 +49,7 @@ class Capabilities:
 
     def follow(self, robots: Iterable[Robot], now_ns: int) -> bool:
         """Take in what was answered, and ask these robots, which are there, if it is time; True if there is news."""
-        news = False
+        has_changed = False
         self._waiting = {name for name in self._waiting if now_ns - self._asked_ns.get(name, 0) <= ASK_UNHEARD_NS}
         due: list[tuple[int, str, int]] = []
         for robot in robots:
@@ -62,7 +62,7 @@ class Capabilities:
                     continue
             if name not in self.plugins:
                 self.plugins[name] = None
-                news = True
+                has_changed = True
             due.append((-1 if asked_ns is None else asked_ns, name, told))
         for _, name, told in sorted(due)[: max(0, ASKED_MOST - len(self._waiting))]:
             self._asked_ns[name], self._told[name] = now_ns, told
@@ -73,11 +73,11 @@ class Capabilities:
             name, kinds = received.names["robot"], _kinds_in(received.message)
             plugins = frozenset((*(info.name for info in received.message), *kinds))
             if self.plugins.get(name) != plugins or self.kinds.get(name) != kinds:
-                news = True
+                has_changed = True
                 self.plugins[name], self.kinds[name] = plugins, kinds
                 self._announcements[name] = {kind: _number_of(one) for kind, one in kinds.items()}
                 self.version += 1
-        return news
+        return has_changed
 
     def announcements(self, kind: str) -> Iterator[tuple[str, int]]:
         """The robots that do a kind of task, each with a number that is equal where they announce it alike."""

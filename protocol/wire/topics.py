@@ -18,7 +18,6 @@ from robrain.protocol.wire.messages import (
     plugin_messages,
     recorder_messages,
     robot_messages,
-    task_messages,
     team_messages,
 )
 from robrain.protocol.wire.messages.cost_messages import CostsRequest, TaskCost
@@ -249,7 +248,7 @@ TASK_EVENT = Topic(
     pattern="task/event",
     doc="Every change of every task, with why",
     by=Role.COORDINATOR,
-    message=task_messages.TaskEvent,
+    message=offer_messages.TaskEvent,
     delivery=Delivery.LOSSLESS,
     recorded=True,
     max_bytes=262_144,

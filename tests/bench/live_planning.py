@@ -22,14 +22,13 @@ import numpy as np
 from rich.console import Console
 
 from robrain.coordinator.live import LEAST_REST_S, PERIOD_S
-from robrain.coordinator.planning.first_plan import rehearse
 from robrain.coordinator.planning.path_lengths import DETOUR
-from robrain.coordinator.planning.plan_in_force import Planned
-from robrain.coordinator.planning.plan_search import Drafting
+from robrain.coordinator.planning.plan_in_force import PlanInForce
+from robrain.coordinator.planning.plan_search import PlanSearch, rehearse
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.planning.snapshot import Member, Situation
+from robrain.coordinator.planning.snapshot import Member, Snapshot
 from robrain.coordinator.planning.worker.live_planner import LivePlanner
-from robrain.coordinator.planning.worker.worker_link import Question, QuestionReader, Questions
+from robrain.coordinator.planning.worker.worker_link import PlanRequest, RequestReader, RequestWriter
 from robrain.deploy.bench.figure import WIDTH, Figure, at_most, below, show_figures, timing
 from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
@@ -169,24 +168,24 @@ def _first_plan(robots: int, tasks: int, bound_ms: float) -> Figure:
     made = threading.Event()
     planner = LivePlanner(made.set)
     here_ms, through_ms, link_ms = [], [], []
-    drafting = Drafting()
+    search = PlanSearch()
     try:
         for repeat in range(REPEATS[tasks] + 1):
-            situation = team_situation(robots, tasks, seed=repeat)
+            snapshot = team_situation(robots, tasks, seed=repeat)
             began_s = time.perf_counter()
-            planned = drafting.draft(situation, policy).planned()
+            planned = search.draft(snapshot, policy).planned()
             here_s = time.perf_counter() - began_s
             _wait(lambda: not planner.is_busy)
             made.clear()
             began_s = time.perf_counter()
-            planner.ask(situation, policy)
+            planner.ask(snapshot, policy)
             made.wait(START_LIMIT_S)
             through_s = time.perf_counter() - began_s
             _wait(lambda: bool(planner.take()) or not planner.is_busy)
             if repeat:  # the first waits for the process to be there
                 here_ms.append(1e3 * here_s)
                 through_ms.append(1e3 * through_s)
-                link_ms.append(1e3 * _link_s(situation, policy, planned))
+                link_ms.append(1e3 * _link_s(snapshot, policy, planned))
             _wait(lambda: bool(planner.take()) or not planner.is_busy)
     finally:
         planner.close()
@@ -196,14 +195,14 @@ def _first_plan(robots: int, tasks: int, bound_ms: float) -> Figure:
     return timing(what, through, "ms", at_most(bound_ms), beside)
 
 
-def _link_s(situation: Situation, policy: PlanningPolicy, planned: Planned) -> float:
+def _link_s(snapshot: Snapshot, policy: PlanningPolicy, planned: PlanInForce) -> float:
     began_s = time.perf_counter()
-    QuestionReader().read(Questions().encode(Question(1, situation, policy)))
-    msgspec.msgpack.decode(msgspec.msgpack.encode(planned), type=Planned)
+    RequestReader().read(RequestWriter().encode(PlanRequest(1, snapshot, policy)))
+    msgspec.msgpack.decode(msgspec.msgpack.encode(planned), type=PlanInForce)
     return time.perf_counter() - began_s
 
 
-def team_situation(robots: int, tasks: int, seed: int = 0, number: int = 1) -> Situation:
+def team_situation(robots: int, tasks: int, seed: int = 0, number: int = 1) -> Snapshot:
     """Tasks all over an open floor of 6 m a side for each square root of a task, and robots with tight budgets."""
     rng = np.random.default_rng(seed)
     side_m = 6.0 * math.sqrt(tasks)
@@ -216,7 +215,7 @@ def team_situation(robots: int, tasks: int, seed: int = 0, number: int = 1) -> S
         TaskRecord(task=Task(id=f"t{index}", kind="visit", place=place), state=TaskState.QUEUED)
         for index, place in enumerate(places)
     )
-    return Situation(
+    return Snapshot(
         number=number, now_ns=0, cause="bench", records=records, ended=frozenset(), members=members, pauses={},
         served_s={}, floor=None, orders={}, told={},
     )  # fmt: skip
@@ -255,13 +254,13 @@ class _ThreadPlanner:
 
     def __init__(self) -> None:
         self.plans = 0
-        self._situation: Situation | None = None
+        self._snapshot: Snapshot | None = None
         self._policy = PlanningPolicy()
         self._has_ended = False
         self._thread = threading.Thread(target=self._run, daemon=True)
 
-    def ask(self, situation: Situation, policy: PlanningPolicy) -> None:
-        self._situation, self._policy = situation, policy
+    def ask(self, snapshot: Snapshot, policy: PlanningPolicy) -> None:
+        self._snapshot, self._policy = snapshot, policy
         self._thread.start()
 
     def take(self) -> int:
@@ -274,10 +273,10 @@ class _ThreadPlanner:
             self._thread.join()
 
     def _run(self) -> None:
-        drafting = Drafting()
-        assert self._situation is not None
+        search = PlanSearch()
+        assert self._snapshot is not None
         while not self._has_ended:
-            draft = drafting.draft(self._situation, self._policy)
+            draft = search.draft(self._snapshot, self._policy)
             draft.planned()
             began_s = time.monotonic()
             for _ in draft.improve():
@@ -288,23 +287,23 @@ class _ThreadPlanner:
 
 
 def _loop() -> Figure:
-    situation = team_situation(100, 1000)
+    snapshot = team_situation(100, 1000)
     alone = _gaps_ms(lambda: None)
     thread = _ThreadPlanner()
-    thread.ask(situation, PlanningPolicy())
+    thread.ask(snapshot, PlanningPolicy())
     try:
         beside_thread = _gaps_ms(lambda: None)
     finally:
         thread.close()
     planner = LivePlanner(lambda: None)
-    planner.ask(situation, PlanningPolicy())
+    planner.ask(snapshot, PlanningPolicy())
     plans = 0
 
     def follow() -> None:
         nonlocal plans
         plans += len(planner.take())
         if not planner.is_busy:
-            planner.ask(situation, PlanningPolicy())
+            planner.ask(snapshot, PlanningPolicy())
 
     try:
         _wait(lambda: bool(planner.take()))

@@ -6,7 +6,7 @@ import logging
 import numpy as np
 import pytest
 
-from robrain.coordinator.planning.executor import OFFERS_MAX
+from robrain.coordinator.planning.plan_executor import OFFERS_MAX
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.tasks.reconcile import LEASE_S
 from robrain.protocol.model.geometry import Point2D

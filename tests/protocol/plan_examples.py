@@ -39,6 +39,7 @@ EXAMPLES = [
         warm_start=(("r1", ("task-7",)),),
         routes=(("r1", ("task-7", "task-8")),),
         cause="task-8 is queued",
+        passes=["stability", "early_start"],
     ),
     plan_messages.ObjectiveRequest(objective=Objective.LIFETIME, by="ann"),
     plan_messages.PlanningStatus(

@@ -10,18 +10,11 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.localization import mote_relocalisation
-from robrain.protocol.model.mapping import (
-    mates_in_scan,
-    occupancy_grid,
-    pose_graph,
-    ray_cast,
-    submap,
-    submap_atlas,
-    surface_match,
-)
+from robrain.protocol.model.mapping import occupancy_grid, ray_cast
 from robrain.protocol.model.navigation import frontier, inflation, obstacles, path_planning
 from robrain.protocol.model.navigation import navigation_grid as navigation
 from robrain.protocol.model.numeric import small_linear_algebra
+from robrain.protocol.model.slam import mates_in_scan, pose_graph, submap, submap_atlas, surface_match
 from robrain.protocol.model.warm_up import warm_up
 
 MODULES: tuple[ModuleType, ...] = (

@@ -5,7 +5,8 @@ import re
 from robrain.coordinator.dashboard.html.html_words import NONE, clock_text, span_text, task_state_html, text
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.task_messages import RobotVerdict, TaskEvent, TaskWhy
+from robrain.protocol.wire.messages.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.task_messages import RobotVerdict, TaskWhy
 
 LONG_ID = re.compile(r"^(explore|recharge|[a-z_]+(?=-\d{8}))-\d+$")
 """The ids that the coordinator gives its own tasks say no more than the kind."""

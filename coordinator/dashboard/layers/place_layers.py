@@ -10,7 +10,7 @@ from robrain.coordinator.dashboard.scene.scene_nodes import Labels, rows
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.drawing.palette import CHARGER, CHARGER_PLATE, TASK_WAITING, Rgb, look_of
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.task_messages import TaskEvent
+from robrain.protocol.wire.messages.offer_messages import TaskEvent
 
 PLATE_M = (0.55, 0.55, 0.03)
 FLAG, PIN = flag(), pin(0.16, 0.65)

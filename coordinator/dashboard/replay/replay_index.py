@@ -15,9 +15,9 @@ from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.wire.messages.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.plugin_messages import LogRecord
 from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.task_messages import TaskEvent
 from robrain.protocol.wire.messages.team_messages import Halt
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (

@@ -17,11 +17,11 @@ from robrain.protocol.wire.border.refusals import Refusal
 from robrain.protocol.wire.messages.arena_messages import ArenaClock, ArenaTruth, Scan
 from robrain.protocol.wire.messages.map_messages import MapPatch
 from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.plan_messages import ChargeSchedule, PlannedCharge
 from robrain.protocol.wire.messages.plugin_messages import Event, LogRecord
 from robrain.protocol.wire.messages.recorder_messages import RecorderState
 from robrain.protocol.wire.messages.robot_messages import PlannedPath, RobotLinks, RobotState
-from robrain.protocol.wire.messages.task_messages import TaskEvent
 from robrain.protocol.wire.messages.team_messages import Halt, TeamState
 from robrain.protocol.wire.presence import Change
 from robrain.protocol.wire.topic import Topic

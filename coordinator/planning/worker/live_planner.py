@@ -10,10 +10,10 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-from robrain.coordinator.planning.plan_in_force import Planned
+from robrain.coordinator.planning.plan_in_force import PlanInForce
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.planning.snapshot import Situation
-from robrain.coordinator.planning.worker.worker_link import Done, Failed, Made, Question, Ready, Said
+from robrain.coordinator.planning.snapshot import Snapshot
+from robrain.coordinator.planning.worker.worker_link import Done, Failed, Made, PlanRequest, Ready, Said
 from robrain.coordinator.planning.worker.worker_process import PlannerProcess
 
 logger = logging.getLogger(__name__)
@@ -44,8 +44,8 @@ class LivePlanner:
 
     def __init__(self, on_made: Callable[[], None]) -> None:
         self._on_made = on_made
-        self._latest: Question | None = None
-        self._made: deque[Planned] = deque(maxlen=KEPT_PLANS)
+        self._latest: PlanRequest | None = None
+        self._made: deque[PlanInForce] = deque(maxlen=KEPT_PLANS)
         self.why_failed = ""
         """See `Planner`."""
         self._asked = 0
@@ -73,14 +73,14 @@ class LivePlanner:
             self._keeper = threading.Thread(target=self._keep, name="planner", daemon=True)
             self._keeper.start()
 
-    def ask(self, situation: Situation, policy: PlanningPolicy) -> None:
+    def ask(self, snapshot: Snapshot, policy: PlanningPolicy) -> None:
         """See `Planner`; what still waits is forgotten."""
         self._asked += 1
-        self._latest = Question(self._asked, situation, policy)
+        self._latest = PlanRequest(self._asked, snapshot, policy)
         self._wake.set()
         self.prepare()
 
-    def take(self) -> list[Planned]:
+    def take(self) -> list[PlanInForce]:
         """See `Planner`."""
         return [self._made.popleft() for _ in range(len(self._made))]
 
@@ -162,7 +162,7 @@ class LivePlanner:
         losses = losses + 1 if number == question.number else 1
         self._lost = question.number, losses
         if losses >= TRIES:
-            logger.error("no plan %d could be made: %d processes were lost over it", question.situation.number, losses)
+            logger.error("no plan %d could be made: %d processes were lost over it", question.snapshot.number, losses)
             self._answered = question.number
 
     # -- on the process' thread -----------------------------------------------------------------------------

@@ -11,20 +11,19 @@ from typing import NamedTuple
 
 import msgspec
 
-from robrain.coordinator.planning.floor import Floor
-from robrain.coordinator.planning.plan_in_force import Planned
+from robrain.coordinator.planning.plan_in_force import PlanInForce
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.planning.snapshot import Situation
+from robrain.coordinator.planning.snapshot import Floor, Snapshot
 
 RECEIVE_BYTES = 1 << 16
 _LENGTH = struct.Struct("!Q")
 
 
-class Question(NamedTuple):
+class PlanRequest(NamedTuple):
     """What is to be planned; a later one has a greater number."""
 
     number: int
-    situation: Situation
+    snapshot: Snapshot
     policy: PlanningPolicy
 
 
@@ -35,7 +34,7 @@ class Ready(msgspec.Struct, frozen=True, tag=True):
 class Made(msgspec.Struct, frozen=True, tag=True):
     """A plan."""
 
-    planned: Planned
+    planned: PlanInForce
 
 
 class Failed(msgspec.Struct, frozen=True, tag=True):
@@ -54,35 +53,35 @@ Said = Ready | Made | Failed | Done
 """By the process that plans."""
 
 
-class Questions:
+class RequestWriter:
     """Writes questions for one process; the floor goes over once, for as long as it stays the same."""
 
     def __init__(self) -> None:
         self._floor: Floor | None = None
 
-    def encode(self, question: Question) -> bytes:
-        """As `QuestionReader.read` takes it."""
-        situation = question.situation
-        is_known = situation.floor is self._floor
-        self._floor = situation.floor
+    def encode(self, question: PlanRequest) -> bytes:
+        """As `RequestReader.read` takes it."""
+        snapshot = question.snapshot
+        is_known = snapshot.floor is self._floor
+        self._floor = snapshot.floor
         if is_known:
-            situation = msgspec.structs.replace(situation, floor=None)
-        return pickle.dumps((question._replace(situation=situation), is_known), pickle.HIGHEST_PROTOCOL)
+            snapshot = msgspec.structs.replace(snapshot, floor=None)
+        return pickle.dumps((question._replace(snapshot=snapshot), is_known), pickle.HIGHEST_PROTOCOL)
 
 
-class QuestionReader:
-    """Reads what one `Questions` has written, in that order."""
+class RequestReader:
+    """Reads what one `RequestWriter` has written, in that order."""
 
     def __init__(self) -> None:
         self._floor: Floor | None = None
 
-    def read(self, body: bytes) -> Question:
+    def read(self, body: bytes) -> PlanRequest:
         """The question, with its floor."""
-        question: Question
+        question: PlanRequest
         question, is_known = pickle.loads(body)  # from the parent process alone
         if is_known:
-            return question._replace(situation=msgspec.structs.replace(question.situation, floor=self._floor))
-        self._floor = question.situation.floor
+            return question._replace(snapshot=msgspec.structs.replace(question.snapshot, floor=self._floor))
+        self._floor = question.snapshot.floor
         return question
 
 

@@ -20,9 +20,9 @@ from robrain.coordinator.planning.worker.worker_link import (
     Done,
     Failed,
     Made,
-    Question,
-    QuestionReader,
+    PlanRequest,
     Ready,
+    RequestReader,
     Said,
     encode_said,
     receive,
@@ -30,7 +30,7 @@ from robrain.coordinator.planning.worker.worker_link import (
 )
 
 if TYPE_CHECKING:
-    from robrain.coordinator.planning.plan_search import Drafting
+    from robrain.coordinator.planning.plan_search import PlanSearch
 
 NICENESS = 5
 """A third of the coordinator's share, where the two compete for a core (chosen: a plan is soon made even so)."""
@@ -48,8 +48,7 @@ def main() -> None:
 
 def _serve(questions: socket.socket, said: socket.socket) -> None:
     # Here: it takes seconds, and this process is to end with its parent from the beginning.
-    from robrain.coordinator.planning.first_plan import rehearse
-    from robrain.coordinator.planning.plan_search import Drafting
+    from robrain.coordinator.planning.plan_search import PlanSearch, rehearse
 
     def say(what: Said) -> None:
         send(said, encode_said(what))
@@ -59,7 +58,7 @@ def _serve(questions: socket.socket, said: socket.socket) -> None:
 
     rehearse()
     say(Ready())
-    drafting, reader = Drafting(), QuestionReader()
+    search, reader = PlanSearch(), RequestReader()
     while True:
         try:
             question = reader.read(receive(questions))
@@ -68,7 +67,7 @@ def _serve(questions: socket.socket, said: socket.socket) -> None:
         except EOFError:
             return
         try:
-            _answer(drafting, question, is_asked, say)
+            _answer(search, question, is_asked, say)
         except OSError:  # the coordinator has gone, and this process is about to
             return
         except Exception:  # noqa: BLE001 - a planning error must not end the process: the next question may succeed
@@ -77,11 +76,11 @@ def _serve(questions: socket.socket, said: socket.socket) -> None:
 
 
 def _answer(
-    drafting: "Drafting", question: Question, is_asked: Callable[[], bool], say: Callable[[Said], None]
+    search: "PlanSearch", question: PlanRequest, is_asked: Callable[[], bool], say: Callable[[Said], None]
 ) -> None:
     policy = question.policy
     begun_s = time.monotonic()
-    draft = drafting.draft(question.situation, policy)
+    draft = search.draft(question.snapshot, policy)
     first = draft.planned(time.monotonic() - begun_s)
     say(Made(first))
     for _ in draft.improve():

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import msgspec
 
-from robrain.coordinator.planning.worker.worker_link import Question, Questions, Said, decode_said, receive, send
+from robrain.coordinator.planning.worker.worker_link import PlanRequest, RequestWriter, Said, decode_said, receive, send
 
 logger = logging.getLogger(__name__)
 
@@ -40,7 +40,7 @@ class PlannerProcess:
         """The process has gone, or talks nonsense."""
         self._on_said = on_said
         self._on_lost = on_lost
-        self._writer = Questions()
+        self._writer = RequestWriter()
         self._questions, their_questions = socket.socketpair()
         self._said, their_said = socket.socketpair()
         lifeline, self._lifeline = os.pipe()
@@ -70,7 +70,7 @@ class PlannerProcess:
         """Its process id."""
         return self._process.pid
 
-    def ask(self, question: Question, limit_s: float) -> None:
+    def ask(self, question: PlanRequest, limit_s: float) -> None:
         """Hand a question over.
 
         Raises:

@@ -20,9 +20,9 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.arena_messages import Scan
 from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.plugin_messages import LogRecord
 from robrain.protocol.wire.messages.robot_messages import PlannedPath, RobotState
-from robrain.protocol.wire.messages.task_messages import TaskEvent
 from robrain.protocol.wire.messages.team_messages import Halt
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (

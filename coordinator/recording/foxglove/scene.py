@@ -32,8 +32,8 @@ from robrain.coordinator.drawing.palette import (
 )
 from robrain.coordinator.recording.foxglove.messages import ARENA, color, point, pose, timestamp, wall_cubes
 from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.task_messages import TaskEvent
 
 ROBOT_HEIGHT_M = 0.25
 LABEL_M = 0.35

@@ -18,9 +18,9 @@ from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.messages.arena_messages import ArenaTruth
 from robrain.protocol.wire.messages.map_messages import MapPatch
 from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.plan_messages import TaskDecision
 from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.task_messages import TaskEvent
 from robrain.protocol.wire.messages.team_messages import TeamState
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import topic_of

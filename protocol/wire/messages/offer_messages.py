@@ -1,4 +1,4 @@
-"""Offer and withdrawal of a task between coordinator and robot, and the robot's answer."""
+"""Offer and withdrawal of a task between coordinator and robot, the robot's answer, and the events of a task."""
 
 from typing import Annotated
 
@@ -6,12 +6,15 @@ import msgspec
 from msgspec import Meta
 
 from robrain.protocol.model.ranges import (
+    Count,
     Epoch,
     Name,
     Text,
 )
-from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.messages.message import Message, Result
 from robrain.protocol.wire.reasons import OfferRefusal, told
+from robrain.protocol.wire.reasons.tasks import TaskReason
 
 Lease = Annotated[float, Meta(ge=0.0, le=86_400.0)]
 """Lease of a task, seconds."""
@@ -50,3 +53,19 @@ class TaskAnswer(msgspec.Struct, frozen=True, kw_only=True):
     def refused(cls, reason: OfferRefusal, epoch: int | msgspec.UnsetType = msgspec.UNSET) -> "TaskAnswer":
         """The answer no."""
         return cls(accepted=False, why=told(reason), reason=reason, epoch=epoch)
+
+
+class TaskEvent(Message, frozen=True, kw_only=True):
+    """One change of a task."""
+
+    task: Task
+    state: TaskState
+    robot: Name = ""
+    epoch: Epoch = 0
+    why: Text = ""
+    result: Result = msgspec.field(default_factory=dict)
+    """As in the robot's `TaskStatus`."""
+    change: Count = 0
+    """Number of the change in the coordinator's journal; a repeated number is the same change, sent again."""
+    reason: TaskReason | None = None
+    """`why` as a value; None if there was no reason, or only its words are known."""

@@ -9,7 +9,7 @@ import msgspec
 from msgspec import Meta
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.ranges import Charge, Count, Name, Quantity, Seconds, Stamp, Text
+from robrain.protocol.model.ranges import Charge, Count, Name, Names, Quantity, Seconds, Stamp, Text
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.wire.messages.message import Message
 from robrain.protocol.wire.messages.task_messages import RobotVerdict
@@ -64,6 +64,8 @@ class PlanProblem(Message, frozen=True, kw_only=True):
     """Robots and their tasks in order, as planned now; tasks already begun come first."""
     cause: Text = ""
     """What caused the plan to be made."""
+    passes: Names | None = None
+    """Names of the refinement passes, in their order; null in recordings from before they could be chosen."""
 
 
 class ObjectiveRequest(msgspec.Struct, frozen=True, kw_only=True):

@@ -19,28 +19,13 @@ from robrain.protocol.model.ranges import (
     Text,
 )
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.message import JsonSchema, Message, Prose, Result
+from robrain.protocol.wire.messages.message import JsonSchema, Prose, Result
+from robrain.protocol.wire.messages.offer_messages import TaskEvent
 from robrain.protocol.wire.reasons.robots import RobotReason
 from robrain.protocol.wire.reasons.tasks import TaskReason
 from robrain.protocol.wire.reasons.words import told
 
 Limit = Annotated[int, Meta(ge=-1_000_000, le=1_000_000)]
-
-
-class TaskEvent(Message, frozen=True, kw_only=True):
-    """One change of a task."""
-
-    task: Task
-    state: TaskState
-    robot: Name = ""
-    epoch: Epoch = 0
-    why: Text = ""
-    result: Result = msgspec.field(default_factory=dict)
-    """As in the robot's `TaskStatus`."""
-    change: Count = 0
-    """Number of the change in the coordinator's journal; a repeated number is the same change, sent again."""
-    reason: TaskReason | None = None
-    """`why` as a value; None if there was no reason, or only its words are known."""
 
 
 class TaskSubmission(msgspec.Struct, frozen=True, kw_only=True):

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from robrain.coordinator.allocation.auction import AuctionAllocator, GreedyAllocator
 from robrain.coordinator.allocation.optimal import OptimalAllocator
+from robrain.coordinator.allocation.plan import make_plan
 from robrain.coordinator.allocation.problem import Job, Objective, Problem, Worker
 from robrain.coordinator.allocation.repair import keep, repaired
-from robrain.coordinator.allocation.schedule import make_plan
 from robrain.coordinator.allocation.validate import SLACK, validate
 from robrain.protocol.wire.reasons.plans import NotWorthIt
 from tests.coordinator.allocation.instances import team_problem

@@ -3,18 +3,18 @@
 import msgspec
 import pytest
 
-from robrain.coordinator.allocation.allocators import ALLOCATORS
+from robrain.coordinator.allocation.allocator import ALLOCATORS
 from robrain.coordinator.allocation.checked_allocator import BadPlan
 from robrain.coordinator.allocation.problem import Objective
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.planning.solver import Thinking, think
+from robrain.coordinator.planning.solver import PlanSolver, solve
 from robrain.protocol.registry import Registry
 from robrain.protocol.wire.reasons.plans import NobodyHas
-from tests.coordinator.planning.test_thinking import job, problem
+from tests.coordinator.planning.test_plan_solver import job, problem
 from tests.installed_distributions import install  # noqa: F401 - a fixture
 
 IN_TURN = '''
-from robrain.coordinator.allocation.schedule import make_plan
+from robrain.coordinator.allocation.plan import make_plan
 from robrain.coordinator.allocation.validate import validate
 
 
@@ -75,7 +75,7 @@ def in_turn(install, monkeypatch):  # noqa: F811
 
 
 def routes(method, *jobs):
-    plan, _ = think(problem(*jobs), Objective.ENERGY, method, seed=0, rounds=1, iterations=5, gain_min=0.0, orders={})
+    plan, _ = solve(problem(*jobs), Objective.ENERGY, method, seed=0, rounds=1, iterations=5, gain_min=0.0, orders={})
     return {route.worker: sorted(route.jobs) for route in plan.routes}
 
 
@@ -109,7 +109,7 @@ def with_a_charging_camera(method):
     ready, charging = asked.workers
     charging = msgspec.structs.replace(charging, ready_s=60.0, offers=frozenset({"camera"}))
     asked = msgspec.structs.replace(asked, workers=(ready, charging))
-    return Thinking(asked, Objective.ENERGY, method, seed=0, iterations=5, gain_min=0.0, orders={})
+    return PlanSolver(asked, Objective.ENERGY, method, seed=0, iterations=5, gain_min=0.0, orders={})
 
 
 def test_robots_that_charge_get_what_another_distribution_plans_for_them(in_turn):
@@ -130,5 +130,5 @@ def test_a_bad_plan_of_a_search_is_left_out_and_told(in_turn, caplog):
 
 def test_a_job_that_is_left_out_without_a_reason_gets_one(in_turn):
     asked = problem(msgspec.structs.replace(job("photo", 1), needs=frozenset({"camera"})))
-    thinking = Thinking(asked, Objective.ENERGY, "in_turn", seed=0, iterations=5, gain_min=0.0, orders={})
-    assert [one.reason for one in thinking.plan.unassigned] == [NobodyHas(("camera",))]
+    solver = PlanSolver(asked, Objective.ENERGY, "in_turn", seed=0, iterations=5, gain_min=0.0, orders={})
+    assert [one.reason for one in solver.plan.unassigned] == [NobodyHas(("camera",))]

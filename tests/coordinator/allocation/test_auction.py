@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from robrain.coordinator.allocation.arrays import TeamArrays, VisitArrays
-from robrain.coordinator.allocation.bidding import (
+from robrain.coordinator.allocation.auction import (
     GREATEST_GAIN,
     LEAST_BID,
     LEAST_PER_PRIZE,
@@ -15,8 +15,8 @@ from robrain.coordinator.allocation.bidding import (
     hold_auction,
     queue_nearest,
 )
+from robrain.coordinator.allocation.explain import FITS, judge_visit
 from robrain.coordinator.allocation.insertion import BY_ENERGY, BY_FINISH, BY_LEAST_LEFT, Routes, empty_routes, insert
-from robrain.coordinator.allocation.refusal import FITS, judge_visit
 
 HORIZON_S = 2000.0
 

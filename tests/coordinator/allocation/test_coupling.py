@@ -6,8 +6,8 @@ import pytest
 
 from robrain.coordinator.allocation.arrays import make_arrays
 from robrain.coordinator.allocation.coupling import Windows, coupled_jobs, windows_of
+from robrain.coordinator.allocation.plan import make_plan
 from robrain.coordinator.allocation.problem import Objective, Problem
-from robrain.coordinator.allocation.schedule import make_plan
 from robrain.coordinator.allocation.validate import validate
 from tests.coordinator.allocation.test_validate import job, line, worker
 

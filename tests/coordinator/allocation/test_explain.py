@@ -7,8 +7,8 @@ from hypothesis import HealthCheck, given, settings
 
 from robrain.coordinator.allocation.auction import AuctionAllocator
 from robrain.coordinator.allocation.explain import Decision, explain
+from robrain.coordinator.allocation.plan import make_plan
 from robrain.coordinator.allocation.problem import Objective, Problem, Worker
-from robrain.coordinator.allocation.schedule import make_plan
 from robrain.coordinator.allocation.validate import validate
 from robrain.protocol.wire.reasons.plans import Cheapest, IsAtIt, NearestOut, NobodyAllowed, NobodyHas, OnlyThese
 from robrain.protocol.wire.reasons.robots import (

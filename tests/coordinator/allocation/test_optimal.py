@@ -4,8 +4,7 @@ import pytest
 
 from robrain.coordinator.allocation import optimal
 from robrain.coordinator.allocation.allocator import Effort
-from robrain.coordinator.allocation.auction import AuctionAllocator
-from robrain.coordinator.allocation.bidding import GREATEST_GAIN, LEAST_BID, LEAST_PER_PRIZE
+from robrain.coordinator.allocation.auction import GREATEST_GAIN, LEAST_BID, LEAST_PER_PRIZE, AuctionAllocator
 from robrain.coordinator.allocation.insertion import BY_ENERGY
 from robrain.coordinator.allocation.optimal import MODEL_S_PER_CELL, OptimalAllocator, _Improvement
 from robrain.coordinator.allocation.problem import Job, Objective, Worker

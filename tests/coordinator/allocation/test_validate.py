@@ -6,8 +6,8 @@ import msgspec
 import numpy as np
 import pytest
 
+from robrain.coordinator.allocation.plan import make_plan
 from robrain.coordinator.allocation.problem import Job, Objective, Problem, Worker
-from robrain.coordinator.allocation.schedule import make_plan
 from robrain.coordinator.allocation.validate import validate
 
 WAYS = np.abs(np.subtract.outer(np.arange(6.0), np.arange(6.0)))

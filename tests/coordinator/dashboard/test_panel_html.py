@@ -26,9 +26,10 @@ from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.messages.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.plugin_messages import Event, FunctionInfo, LogRecord, PluginInfo
 from robrain.protocol.wire.messages.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
-from robrain.protocol.wire.messages.task_messages import RobotVerdict, TaskChange, TaskEvent, TaskRecord, TaskWhy
+from robrain.protocol.wire.messages.task_messages import RobotVerdict, TaskChange, TaskRecord, TaskWhy
 from robrain.protocol.wire.messages.team_messages import Halt
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import ARENA_TRUTH, HALT, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE, TASK_EVENT

@@ -13,8 +13,8 @@ from robrain.protocol.wire.messages.arena_messages import ArenaClock, ArenaTruth
 from robrain.protocol.wire.messages.map_messages import MapPatch
 from robrain.protocol.wire.messages.message import Message
 from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.robot_messages import PlannedPath, RobotState, TaskStatus
-from robrain.protocol.wire.messages.task_messages import TaskEvent
 from robrain.protocol.wire.messages.team_messages import Halt, RobotSummary, TeamState
 from robrain.protocol.wire.presence import Change
 from robrain.protocol.wire.topic import Topic

@@ -41,8 +41,8 @@ def candidate(x_m, y_m, unknown_m2=1.0):
     return Candidate(Point2D(x_m, y_m), 1.0, unknown_m2)
 
 
-def seeker(name, x_m, y_m, *shunned):
-    return Seeker(name, Point2D(x_m, y_m), tuple(Point2D(*place) for place in shunned))
+def seeker(name, x_m, y_m, *avoided):
+    return Seeker(name, Point2D(x_m, y_m), tuple(Point2D(*place) for place in avoided))
 
 
 def goals(choices):
@@ -83,11 +83,11 @@ PLACES = st.tuples(st.floats(0.5, 9.5), st.floats(0.5, 5.5))
     starts=st.lists(PLACES, min_size=1, max_size=4),
     ends=st.lists(st.tuples(PLACES, st.floats(0.4, 5.0)), min_size=1, max_size=6),
     taken=st.lists(PLACES, max_size=2),
-    shunned=st.lists(PLACES, max_size=2),
+    avoided=st.lists(PLACES, max_size=2),
 )
-def test_the_sum_of_costs_is_the_least_that_there_is(navigation, starts, ends, taken, shunned):
+def test_the_sum_of_costs_is_the_least_that_there_is(navigation, starts, ends, taken, avoided):
     seekers = [
-        Seeker(f"r{number}", Point2D(*place), tuple(Point2D(*away) for away in shunned if number == 0))
+        Seeker(f"r{number}", Point2D(*place), tuple(Point2D(*away) for away in avoided if number == 0))
         for number, place in enumerate(starts)
     ]
     candidates = [Candidate(Point2D(*place), 1.0, unknown_m2) for place, unknown_m2 in ends]

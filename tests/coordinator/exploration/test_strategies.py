@@ -44,7 +44,7 @@ def test_the_nearest_frontier_goes_to_the_first_robot_that_it_is_nearest_to() ->
 
 def test_the_nearest_frontier_is_none_that_is_taken_or_shunned_or_out_of_reach() -> None:
     assert goals(nearest_frontier(WAYS_M, [A, B, C], [R1], [A.place])) == {"r1": B.place}
-    shy = R1._replace(shunned=(A.place,))
+    shy = R1._replace(avoided=(A.place,))
     assert goals(nearest_frontier(WAYS_M, [A, B, C], [shy], [])) == {"r1": B.place}
     assert nearest_frontier(np.full((1, 3), math.inf), [A, B, C], [R1], []) == []
 

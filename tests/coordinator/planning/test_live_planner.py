@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.coordinator.planning.lockstep_planner import LockstepPlanner
+from robrain.coordinator.planning.plan_search import LockstepPlanner
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.recorded_plans import plan_again
 from robrain.coordinator.planning.snapshot import Member
@@ -10,7 +10,7 @@ from robrain.coordinator.planning.worker.live_planner import TRIES, LivePlanner
 from robrain.coordinator.planning.worker.worker_link import Done
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.messages.robot_messages import RobotState
-from tests.coordinator.planning.situations import open_floor_situation
+from tests.coordinator.planning.snapshots import open_floor_snapshot
 from tests.waiting import PATIENCE_S
 
 
@@ -25,29 +25,29 @@ def wait_for(planner, made, until):
 
 
 def test_an_answer_comes_before_the_search_is_over_and_a_better_one_after_it(planner, made):
-    planner.ask(open_floor_situation(1, 30), PlanningPolicy(deadline_s=600.0))  # it gives up by itself
+    planner.ask(open_floor_snapshot(1, 30), PlanningPolicy(deadline_s=600.0))  # it gives up by itself
     plans = wait_for(planner, made, lambda found: found and found[-1].problem.rounds > 0)
     assert plans[0].problem.rounds == 0
     assert [plan_again(plan.problem) == plan.problem.routes for plan in plans] == [True] * len(plans)
     lockstep = LockstepPlanner()
-    lockstep.ask(open_floor_situation(1, 30), PlanningPolicy(rounds=plans[-1].problem.rounds))
+    lockstep.ask(open_floor_snapshot(1, 30), PlanningPolicy(rounds=plans[-1].problem.rounds))
     assert lockstep.take()[0].problem.routes == plans[-1].problem.routes
 
 
 def test_of_many_questions_the_last_is_answered(planner, made):
     for number in range(1, 30):
-        planner.ask(open_floor_situation(number, 12), PlanningPolicy(deadline_s=0.2))
+        planner.ask(open_floor_snapshot(number, 12), PlanningPolicy(deadline_s=0.2))
     plans = wait_for(planner, made, lambda found: found and found[-1].problem.plan == 29)
     assert len({plan.problem.plan for plan in plans}) < 29
 
 
 def test_a_question_that_cannot_be_answered_does_not_end_planning(planner, made, caplog):
-    bad = open_floor_situation(1, 2)
+    bad = open_floor_snapshot(1, 2)
     bad.members["r0"] = Member(RobotState(robot="r0"), None, (), Point2D(0.0, 0.0))  # it has no pose
     planner.ask(bad, PlanningPolicy())
     while not caplog.records:
         made.wait(0.01)
-    planner.ask(open_floor_situation(2, 2), PlanningPolicy())
+    planner.ask(open_floor_snapshot(2, 2), PlanningPolicy())
     plans = wait_for(planner, made, bool)
     assert plans[0].problem.plan == 2
     assert "no plan could be made" in caplog.text
@@ -66,7 +66,7 @@ def lose(planner, times):
 
 
 def test_a_question_that_three_processes_in_a_row_did_not_survive_is_given_up(lonely, caplog):
-    lonely.ask(open_floor_situation(7, 1), PlanningPolicy())
+    lonely.ask(open_floor_snapshot(7, 1), PlanningPolicy())
     lose(lonely, TRIES - 1)
     assert lonely.is_busy
     assert caplog.records == []
@@ -79,7 +79,7 @@ def test_a_question_that_three_processes_in_a_row_did_not_survive_is_given_up(lo
 
 def test_processes_lost_over_one_question_are_not_held_against_the_next(lonely, caplog):
     for number in (1, 2):
-        lonely.ask(open_floor_situation(number, 1), PlanningPolicy())
+        lonely.ask(open_floor_snapshot(number, 1), PlanningPolicy())
         lose(lonely, TRIES - 1)
     assert lonely.is_busy
     assert caplog.records == []
@@ -87,10 +87,10 @@ def test_processes_lost_over_one_question_are_not_held_against_the_next(lonely, 
 
 def test_processes_that_are_lost_while_nothing_is_asked_cost_no_question(lonely, caplog):
     lose(lonely, TRIES)
-    lonely.ask(open_floor_situation(1, 1), PlanningPolicy())
+    lonely.ask(open_floor_snapshot(1, 1), PlanningPolicy())
     lonely._hear(Done(1))
     lose(lonely, TRIES)
     assert caplog.records == []
-    lonely.ask(open_floor_situation(2, 1), PlanningPolicy())
+    lonely.ask(open_floor_snapshot(2, 1), PlanningPolicy())
     lose(lonely, TRIES - 1)
     assert lonely.is_busy

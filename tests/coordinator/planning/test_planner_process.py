@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robrain.coordinator.planning.floor import Floor
 from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.planning.snapshot import Floor
 from robrain.coordinator.planning.worker.live_planner import LivePlanner
-from robrain.coordinator.planning.worker.worker_link import Question, QuestionReader, Questions
+from robrain.coordinator.planning.worker.worker_link import PlanRequest, RequestReader, RequestWriter
 from robrain.coordinator.planning.worker.worker_process import PlannerProcess
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
-from tests.coordinator.planning.situations import open_floor_situation
+from tests.coordinator.planning.snapshots import open_floor_snapshot
 from tests.waiting import PATIENCE_S, has_ended, until
 
 ROOT = Path(__file__).parents[3]
@@ -29,11 +29,11 @@ PARENT = """
 import threading
 from robrain.coordinator.planning.worker.live_planner import LivePlanner
 from robrain.coordinator.planning.policy import PlanningPolicy
-from tests.coordinator.planning.situations import open_floor_situation
+from tests.coordinator.planning.snapshots import open_floor_snapshot
 
 made = threading.Event()
 planner = LivePlanner(made.set)
-planner.ask(open_floor_situation(1, 200, robots=10), PlanningPolicy(deadline_s=600.0, iterations=10**9))
+planner.ask(open_floor_snapshot(1, 200, robots=10), PlanningPolicy(deadline_s=600.0, iterations=10**9))
 made.wait()
 print(planner.pid, flush=True)
 threading.Event().wait()
@@ -47,7 +47,7 @@ def next_plan(planner, made):
 
 
 def test_a_process_that_is_killed_amid_a_plan_is_followed_by_another_that_makes_it(planner, made, caplog):
-    planner.ask(open_floor_situation(7, 200, robots=10), LONG)
+    planner.ask(open_floor_snapshot(7, 200, robots=10), LONG)
     next_plan(planner, made)
     first = planner.pid
     os.kill(first, signal.SIGKILL)
@@ -59,16 +59,16 @@ def test_a_process_that_is_killed_amid_a_plan_is_followed_by_another_that_makes_
 
 
 def test_a_process_that_is_killed_while_nobody_asks_is_there_again_for_the_next_question(planner, made):
-    planner.ask(open_floor_situation(1, 3), SHORT)
+    planner.ask(open_floor_snapshot(1, 3), SHORT)
     next_plan(planner, made)
     until(lambda: not planner.is_busy)
     os.kill(planner.pid, signal.SIGKILL)
-    planner.ask(open_floor_situation(2, 3), SHORT)
+    planner.ask(open_floor_snapshot(2, 3), SHORT)
     assert next_plan(planner, made)[-1].problem.plan == 2
 
 
 def test_a_process_that_never_answers_is_replaced_and_the_last_question_asked_again(planner, made, caplog, monkeypatch):
-    planner.ask(open_floor_situation(1, 3), SHORT)
+    planner.ask(open_floor_snapshot(1, 3), SHORT)
     next_plan(planner, made)
     until(lambda: not planner.is_busy)
     stopped = planner.pid
@@ -76,7 +76,7 @@ def test_a_process_that_never_answers_is_replaced_and_the_last_question_asked_ag
     with monkeypatch.context() as patch:  # for the stopped one alone: the next may be slow, and is to stay
         patch.setattr("robrain.coordinator.planning.worker.live_planner.GRACE_S", 2.0)
         for number in range(2, 5):
-            planner.ask(open_floor_situation(number, 3), SHORT)
+            planner.ask(open_floor_snapshot(number, 3), SHORT)
         until(lambda: planner.pid not in (stopped, None))
     assert next_plan(planner, made)[-1].problem.plan == 4
     assert planner.pid != stopped
@@ -96,19 +96,19 @@ class Poison(str):
 def test_a_question_that_no_process_survives_is_given_up_and_the_next_is_answered(planner, made, caplog, monkeypatch):
     monkeypatch.setattr("robrain.coordinator.planning.worker.live_planner.FIRST_PAUSE_S", 0.01)
     monkeypatch.setattr(planner, "_pause_s", 0.01)
-    poisoned = open_floor_situation(1, 3)
+    poisoned = open_floor_snapshot(1, 3)
     poisoned.told[Poison("t1")] = ()
     planner.ask(poisoned, SHORT)
     until(lambda: not planner.is_busy)
     assert "no plan 1 could be made: 3 processes were lost over it" in caplog.text
     assert caplog.text.count("has ended with status 3") == 3
-    planner.ask(open_floor_situation(2, 3), SHORT)
+    planner.ask(open_floor_snapshot(2, 3), SHORT)
     assert next_plan(planner, made)[-1].problem.plan == 2
 
 
 def test_closing_leaves_no_process_whatever_it_is_at(made):
     planner = LivePlanner(made.set)
-    planner.ask(open_floor_situation(1, 200, robots=10), LONG)
+    planner.ask(open_floor_snapshot(1, 200, robots=10), LONG)
     next_plan(planner, made)
     pid = planner.pid
     planner.close()
@@ -116,7 +116,7 @@ def test_closing_leaves_no_process_whatever_it_is_at(made):
     with pytest.raises(ProcessLookupError):  # it was waited for
         os.kill(pid, 0)
     assert not [one for one in threading.enumerate() if one.name.startswith("planner")]
-    planner.ask(open_floor_situation(2, 3), SHORT)  # nobody does so, but nothing comes of it
+    planner.ask(open_floor_snapshot(2, 3), SHORT)  # nobody does so, but nothing comes of it
     assert planner.pid is None
 
 
@@ -171,12 +171,12 @@ def test_when_the_coordinator_is_killed_the_process_ends_though_it_be_amid_a_sea
 
 
 def test_an_interrupt_for_the_whole_terminal_is_none_for_the_process(planner, made, capfd):
-    planner.ask(open_floor_situation(1, 3), SHORT)
+    planner.ask(open_floor_snapshot(1, 3), SHORT)
     next_plan(planner, made)
     pid = planner.pid
     os.kill(pid, signal.SIGINT)
     until(lambda: not planner.is_busy)
-    planner.ask(open_floor_situation(2, 3), SHORT)
+    planner.ask(open_floor_snapshot(2, 3), SHORT)
     assert next_plan(planner, made)[-1].problem.plan == 2
     assert planner.pid == pid
     assert os.getpgid(pid) != os.getpgid(0)
@@ -186,13 +186,13 @@ def test_an_interrupt_for_the_whole_terminal_is_none_for_the_process(planner, ma
 
 
 def test_the_floor_goes_over_once_for_as_long_as_it_stays_the_same():
-    def asked(number: int, floor: Floor | None) -> Question:
-        situation = open_floor_situation(number, 2)
-        return Question(number, type(situation)(**{**_fields(situation), "floor": floor}), PlanningPolicy())
+    def asked(number: int, floor: Floor | None) -> PlanRequest:
+        snapshot = open_floor_snapshot(number, 2)
+        return PlanRequest(number, type(snapshot)(**{**_fields(snapshot), "floor": floor}), PlanningPolicy())
 
     floor = Floor(np.zeros((200, 300), np.int8), GridGeometry(0.1, 0.0, 0.0, 300, 200), 1)
     grown = floor._replace(classes=np.ones((200, 300), np.int8), version=2)
-    questions, reader = Questions(), QuestionReader()
+    questions, reader = RequestWriter(), RequestReader()
     sizes = []
     for number, sent in enumerate([None, floor, floor, grown, grown, None, floor]):
         body = questions.encode(asked(number, sent))
@@ -200,17 +200,17 @@ def test_the_floor_goes_over_once_for_as_long_as_it_stays_the_same():
         read = reader.read(body)
         assert read.number == number
         assert read.policy == PlanningPolicy()
-        assert {**_fields(read.situation), "floor": None} == {**_fields(asked(number, None).situation)}
+        assert {**_fields(read.snapshot), "floor": None} == {**_fields(asked(number, None).snapshot)}
         if sent is None:
-            assert read.situation.floor is None
+            assert read.snapshot.floor is None
         else:
-            assert read.situation.floor.geometry == sent.geometry
-            assert np.array_equal(read.situation.floor.classes, sent.classes)
+            assert read.snapshot.floor.geometry == sent.geometry
+            assert np.array_equal(read.snapshot.floor.classes, sent.classes)
     assert [size > 60_000 for size in sizes] == [False, True, False, True, False, False, True]
 
 
-def _fields(situation):
-    return {name: getattr(situation, name) for name in situation.__struct_fields__}
+def _fields(snapshot):
+    return {name: getattr(snapshot, name) for name in snapshot.__struct_fields__}
 
 
 def test_a_planner_that_cannot_be_started_is_tried_again_and_says_so(planner, made, caplog, monkeypatch):
@@ -221,5 +221,5 @@ def test_a_planner_that_cannot_be_started_is_tried_again_and_says_so(planner, ma
         patch.setattr(sys, "executable", "/nonexistent/python")
         planner.prepare()
         until(lambda: "cannot be started" in caplog.text)
-    planner.ask(open_floor_situation(1, 3), SHORT)
+    planner.ask(open_floor_snapshot(1, 3), SHORT)
     assert next_plan(planner, made)[-1].problem.plan == 1

@@ -5,7 +5,7 @@ from itertools import pairwise
 import msgspec
 import pytest
 
-from robrain.coordinator.planning.lockstep_planner import LockstepPlanner
+from robrain.coordinator.planning.plan_search import LockstepPlanner
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_codec import decode
 from robrain.coordinator.planning.recorded_plans import plan_again

@@ -3,14 +3,14 @@
 import msgspec
 import pytest
 
-from robrain.coordinator.planning.path_lengths import Ways
+from robrain.coordinator.planning.path_lengths import PathLengths
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_builder import ask
 from robrain.coordinator.planning.snapshot import HANDLING_S
 from robrain.protocol.model.energy.energy_model import EnergyModel, Work, estimate
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.messages.robot_messages import BatteryState
-from tests.coordinator.planning.situations import open_floor_situation
+from tests.coordinator.planning.snapshots import open_floor_snapshot
 
 MODEL = EnergyModel(
     coefficients=(5.0, 4.0, 6.0, 2.0, 0.0), covariance=(0.0,) * 15, residual_w2_s=0.0, drift_w2_per_s=0.0,
@@ -22,7 +22,7 @@ SWEEP = Work(path_m=8.0, turn_rad=3.0, wait_s=2.0, radio_packets=4)
 
 
 def jobs_of(works, model=MODEL, **held):
-    asked = open_floor_situation(1, tasks=1)
+    asked = open_floor_snapshot(1, tasks=1)
     members = {
         name: one._replace(state=msgspec.structs.replace(one.state, energy=model, battery=BATTERY))
         for name, one in asked.members.items()
@@ -31,7 +31,7 @@ def jobs_of(works, model=MODEL, **held):
     asked = msgspec.structs.replace(asked, members=members, works={"t0": works}, records=records)
     if held:
         asked = msgspec.structs.replace(asked, served_s={"t0": 0.5 * (HANDLING_S + estimate(MODEL, SWEEP).duration_s)})
-    return ask(asked, Ways(None, 0.3, 1.5), PlanningPolicy()).question.jobs[0]
+    return ask(asked, PathLengths(None, 0.3, 1.5), PlanningPolicy()).question.jobs[0]
 
 
 def test_standing_takes_its_time_at_standing_power() -> None:

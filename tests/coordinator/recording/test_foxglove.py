@@ -19,9 +19,9 @@ from robrain.coordinator.recording.reader.recovering import with_visual
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.plugin_messages import LogRecord
 from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.task_messages import TaskEvent
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (
     ARENA_SCAN,

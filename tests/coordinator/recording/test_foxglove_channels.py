@@ -23,9 +23,9 @@ from robrain.protocol.wire.messages.arena_messages import Scan
 from robrain.protocol.wire.messages.map_messages import MapPatch
 from robrain.protocol.wire.messages.map_patch import to_message
 from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.plugin_messages import LogRecord
 from robrain.protocol.wire.messages.robot_messages import BatteryState, PlannedPath, RobotState
-from robrain.protocol.wire.messages.task_messages import TaskEvent
 from robrain.protocol.wire.messages.team_messages import Halt, TeamState
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topic import Topic
@@ -83,8 +83,8 @@ def test_scans_paths_and_transforms_are_drawn_once_and_robots_again() -> None:
     say(channels, ARENA_SCAN, SCAN)
     say(channels, ROBOT_PATH, PlannedPath(robot="r1", points=[]))
     first, second = set(told(channels, 0.0)), set(told(channels, 2.0))
-    news = {"/visual/r1/scan", "/visual/r1/points", "/visual/r1/path", "/visual/tf"}
-    assert first - second == {*news, "/visual/r1/trail"}
+    has_changed = {"/visual/r1/scan", "/visual/r1/points", "/visual/r1/path", "/visual/tf"}
+    assert first - second == {*has_changed, "/visual/r1/trail"}
     assert second == {"/visual/robots", "/visual/r1/pose"}
 
 

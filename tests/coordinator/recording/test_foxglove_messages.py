@@ -29,8 +29,8 @@ from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, Occupanc
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.arena_messages import Scan
 from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
-from robrain.protocol.wire.messages.task_messages import TaskEvent
 
 
 def scan(*ranges_mm: int, **fields: Any) -> Scan:

@@ -20,9 +20,10 @@ from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.messages.map_patch import to_message
 from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.plan_messages import TaskDecision
 from robrain.protocol.wire.messages.robot_messages import BatteryState, RobotState
-from robrain.protocol.wire.messages.task_messages import RobotVerdict, TaskEvent
+from robrain.protocol.wire.messages.task_messages import RobotVerdict
 from robrain.protocol.wire.messages.team_messages import TeamState
 from tests.coordinator.planning.worlds import model
 

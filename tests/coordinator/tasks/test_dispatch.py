@@ -1,7 +1,7 @@
 """Who gets which task when nobody plans."""
 
-from robrain.coordinator.tasks.backoff import FIRST_PAUSE_S, KEPT, LONGEST_PAUSE_S, Shunning
-from robrain.coordinator.tasks.dispatch import dispatch, verdicts
+from robrain.coordinator.tasks.backoff import FIRST_PAUSE_S, KEPT, LONGEST_PAUSE_S, Backoff
+from robrain.coordinator.tasks.offers import dispatch, verdicts
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -82,23 +82,23 @@ def test_of_robots_at_the_same_distance_the_first_name_is_taken() -> None:
 
 
 def test_who_refused_is_asked_again_after_growing_pauses() -> None:
-    shunning = Shunning()
+    backoff = Backoff()
     now_ns, pauses = 0, []
     for _ in range(8):
-        shunning.note("t1", "r1", Refused(NoPath()), now_ns)
+        backoff.note("t1", "r1", Refused(NoPath()), now_ns)
         pause_s = FIRST_PAUSE_S
-        while shunning.why("t1", "r1", now_ns + to_ns(pause_s)):
+        while backoff.why("t1", "r1", now_ns + to_ns(pause_s)):
             pause_s += 1.0
         pauses.append(pause_s)
         now_ns += to_ns(pause_s)
     assert pauses == [2.0, 4.0, 8.0, 16.0, 32.0, LONGEST_PAUSE_S, LONGEST_PAUSE_S, LONGEST_PAUSE_S]
-    assert shunning.why("t1", "r2", 0) is None
-    assert shunning.why("t2", "r1", 0) is None
+    assert backoff.why("t1", "r2", 0) is None
+    assert backoff.why("t2", "r1", 0) is None
 
 
 def test_refusals_are_not_remembered_without_end() -> None:
-    shunning = Shunning()
+    backoff = Backoff()
     for number in range(KEPT + 10):
-        shunning.note(f"t{number}", "r1", Refused(NoPath()), 0)
-    assert len(shunning._shunned) == KEPT
-    assert shunning.why(f"t{KEPT + 9}", "r1", 0) == Refused(NoPath())
+        backoff.note(f"t{number}", "r1", Refused(NoPath()), 0)
+    assert len(backoff._avoided) == KEPT
+    assert backoff.why(f"t{KEPT + 9}", "r1", 0) == Refused(NoPath())

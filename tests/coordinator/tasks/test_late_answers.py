@@ -111,7 +111,7 @@ def test_answer_that_comes_later_begins_the_task_or_queues_it_again(desk: Desk) 
     assert desk.tasks.hear_answers(NOW_NS) is True
     assert (desk.stands("t1"), desk.stands("t2")) == ((TaskState.RUNNING, "r1"), (TaskState.QUEUED, ""))
     assert desk.book.find("t2").why == "r2 refused: no way there"
-    assert desk.tasks.shunning.why("t2", "r2", NOW_NS) == Refused(Said("no way there"))
+    assert desk.tasks.backoff.why("t2", "r2", NOW_NS) == Refused(Said("no way there"))
 
 
 @pytest.mark.parametrize("answer", [YES, NO])
@@ -126,7 +126,7 @@ def test_late_answer_to_an_old_offer_changes_nothing_of_the_new_one(desk: Desk, 
     desk.mail.answer(0, answer)
     assert desk.tasks.hear_answers(NOW_NS) is False
     assert desk.stands() == (TaskState.OFFERED, robot)
-    assert desk.tasks.shunning.why("t1", "r1", NOW_NS) is None
+    assert desk.tasks.backoff.why("t1", "r1", NOW_NS) is None
     desk.mail.answer(1, YES)
     desk.tasks.hear_answers(NOW_NS)
     assert desk.stands() == (TaskState.RUNNING, robot)
@@ -169,7 +169,7 @@ def test_offer_for_later_stays_offered_when_it_is_accepted_and_is_not_shunned_wh
     desk.mail.answer(1, NO)
     assert desk.tasks.hear_answers(NOW_NS) is True
     assert (desk.stands("t1"), desk.stands("t2")) == ((TaskState.OFFERED, "r1"), (TaskState.QUEUED, ""))
-    assert desk.tasks.shunning.why("t2", "r1", NOW_NS) is None
+    assert desk.tasks.backoff.why("t2", "r1", NOW_NS) is None
     assert [after for _, after in desk.mail.asked] == ["t0", "t0"]
     assert desk.book.find("t1").why == "it is next, after t0"
 
@@ -338,7 +338,7 @@ def test_robot_that_failed_is_not_asked_again_at_once_and_one_that_was_told_to_s
         desk.book.move(task_id, TaskState.RUNNING)
         status = TaskStatus(id=task_id, epoch=desk.mail.asked[-1][0].epoch, state=state, why="blocked")
         assert desk.tasks.hear("r1", status, NOW_NS).task.id == task_id
-        assert desk.tasks.shunning.why(task_id, "r1", NOW_NS) == why
+        assert desk.tasks.backoff.why(task_id, "r1", NOW_NS) == why
         assert desk.stands(task_id)[0] is TaskState.QUEUED
         assert desk.tasks.hear("r1", status, NOW_NS) is None
 
@@ -348,7 +348,7 @@ def test_held_task_that_is_refused_when_its_turn_comes_is_not_asked_again_at_onc
     desk.tasks.offer("t2", "r1", NOW_NS, after="t1")
     status = TaskStatus(id="t2", epoch=desk.mail.asked[0][0].epoch, state=TaskState.CANCELLED, why="no way")
     desk.tasks.hear("r1", status, NOW_NS)
-    assert desk.tasks.shunning.why("t2", "r1", NOW_NS) == Refused(Said("no way"))
+    assert desk.tasks.backoff.why("t2", "r1", NOW_NS) == Refused(Said("no way"))
 
 
 def test_journal_that_cannot_be_written_is_complained_of_every_ten_seconds(

@@ -128,13 +128,13 @@ def test_a_robot_that_failed_at_a_task_is_not_asked_for_it_at_once(office: Offic
     office.say("t", TaskState.FAILED, "no way")
     assert office.why_not() == Failed("no way")
     assert office.why_not(robot="r2") is None
-    assert office.life.shunning.why("t", "r1", NOW_NS + to_ns(2.0)) is None
+    assert office.life.backoff.why("t", "r1", NOW_NS + to_ns(2.0)) is None
 
 
 def test_a_task_that_was_held_and_is_not_begun_when_its_turn_comes_was_refused(office: Office) -> None:
     office.hold("t", after="first")
     office.say("t", TaskState.CANCELLED, "no way")
-    assert office.life.shunning.why("t", "r1", NOW_NS) == Refused(Said("no way"))
+    assert office.life.backoff.why("t", "r1", NOW_NS) == Refused(Said("no way"))
 
 
 def test_a_task_that_was_held_and_then_begun_was_not_refused_if_it_is_given_up(office: Office) -> None:
@@ -142,13 +142,13 @@ def test_a_task_that_was_held_and_then_begun_was_not_refused_if_it_is_given_up(o
     office.say("first", TaskState.DONE)
     office.book.move("t", TaskState.RUNNING)
     office.say("t", TaskState.CANCELLED, "halted")
-    assert office.life.shunning.why("t", "r1", NOW_NS) is None
+    assert office.life.backoff.why("t", "r1", NOW_NS) is None
 
 
 def test_only_the_task_that_was_held_counts_as_refused(office: Office) -> None:
     office.hold("t", after="first")
     office.say("first", TaskState.CANCELLED, "halted")
-    assert office.life.shunning.why("first", "r1", NOW_NS) is None
+    assert office.life.backoff.why("first", "r1", NOW_NS) is None
 
 
 def test_a_robot_is_offered_something_for_after_its_task_once(office: Office) -> None:
@@ -168,4 +168,4 @@ def test_a_task_that_was_offered_for_at_once_and_is_called_off_was_not_held(offi
     office.add("later")
     office.book.offered("later", "r1")  # the robot's answer is still on its way
     office.say("later", TaskState.CANCELLED, "halted")
-    assert office.life.shunning.why("later", "r1", NOW_NS) is None
+    assert office.life.backoff.why("later", "r1", NOW_NS) is None

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from robrain.sim.lockstep.lockstep import pacing
+from robrain.sim.lockstep import pacing
 from robrain.sim.lockstep.pacing import Pacer, StopOnInterrupt
 
 

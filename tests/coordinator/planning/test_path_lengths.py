@@ -11,10 +11,17 @@ from hypothesis import strategies as st
 from robrain.coordinator.charging.charge_turns import Charge, Idle, assign_chargers
 from robrain.coordinator.charging.chargers import Charger
 from robrain.coordinator.planning.energy_budget import kinds_of, mean_within, profile_of
-from robrain.coordinator.planning.floor import Floor
-from robrain.coordinator.planning.length_codec import NO_WAY, from_deltas, to_deltas
-from robrain.coordinator.planning.path_lengths import DETOUR, Ways
-from robrain.coordinator.planning.problem_codec import Profile, Question, decode, pack_ways
+from robrain.coordinator.planning.path_lengths import DETOUR, PathLengths
+from robrain.coordinator.planning.problem_codec import (
+    NO_WAY,
+    ProblemRecord,
+    Profile,
+    decode,
+    from_deltas,
+    pack_ways,
+    to_deltas,
+)
+from robrain.coordinator.planning.snapshot import Floor
 from robrain.protocol.model.energy.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
@@ -36,7 +43,7 @@ WEST, EAST, NEAR = Point2D(4.0, 1.0), Point2D(6.0, 1.0), Point2D(4.0, 3.0)
 
 
 def test_a_way_goes_around_the_wall():
-    length_m = Ways(floor(), 0.3, 1.5).lengths_m([WEST, EAST], [NEAR])
+    length_m = PathLengths(floor(), 0.3, 1.5).lengths_m([WEST, EAST], [NEAR])
     assert length_m[0, 1] == pytest.approx(9.0, abs=1.0)
     assert length_m[0, 2] == pytest.approx(2.0, abs=0.1)
     assert length_m[1, 2] == pytest.approx(7.0, abs=1.0)
@@ -45,16 +52,16 @@ def test_a_way_goes_around_the_wall():
 
 
 def test_unknown_floor_may_be_gone_over_and_counts_for_more():
-    known = Ways(floor(), 0.3, 1.5).lengths_m([WEST, Point2D(1.0, 1.0)], [])[0, 1]
+    known = PathLengths(floor(), 0.3, 1.5).lengths_m([WEST, Point2D(1.0, 1.0)], [])[0, 1]
     classes = np.full(GEOMETRY.shape, UNKNOWN, np.int8)
-    unknown = Ways(Floor(classes, GEOMETRY, 1), 0.3, 1.5).lengths_m([WEST, Point2D(1.0, 1.0)], [])[0, 1]
+    unknown = PathLengths(Floor(classes, GEOMETRY, 1), 0.3, 1.5).lengths_m([WEST, Point2D(1.0, 1.0)], [])[0, 1]
     assert unknown == pytest.approx(1.5 * known, rel=0.05)
 
 
 def test_there_is_no_way_into_a_wall_or_through_a_gap_that_is_too_narrow():
-    ways = Ways(floor(), 0.3, 1.5)
+    ways = PathLengths(floor(), 0.3, 1.5)
     assert np.isinf(ways.lengths_m([Point2D(-5.0, 1.0), WEST], [])[0, 1])
-    assert np.isinf(Ways(floor(), 1.2, 1.5).lengths_m([WEST, EAST], [])[0, 1])
+    assert np.isinf(PathLengths(floor(), 1.2, 1.5).lengths_m([WEST, EAST], [])[0, 1])
 
 
 def narrow_door(rows: int) -> Floor:
@@ -67,22 +74,22 @@ def narrow_door(rows: int) -> Floor:
 
 def test_a_narrow_path_counts_where_there_is_no_other():
     door = narrow_door(3)
-    assert np.isinf(Ways(door, 0.28, 1.5).lengths_m([WEST, EAST], [NEAR])[0, 1])
-    length_m = Ways(door, 0.28, 1.5, 0.12).lengths_m([WEST, EAST], [NEAR])
+    assert np.isinf(PathLengths(door, 0.28, 1.5).lengths_m([WEST, EAST], [NEAR])[0, 1])
+    length_m = PathLengths(door, 0.28, 1.5, 0.12).lengths_m([WEST, EAST], [NEAR])
     assert 3.0 < length_m[0, 1] < 6.0
-    assert length_m[0, 2] == Ways(door, 0.28, 1.5).lengths_m([WEST, EAST], [NEAR])[0, 2]
+    assert length_m[0, 2] == PathLengths(door, 0.28, 1.5).lengths_m([WEST, EAST], [NEAR])[0, 2]
     assert (length_m == length_m.T).all()
-    assert np.isinf(Ways(narrow_door(1), 0.28, 1.5, 0.12).lengths_m([WEST, EAST], [])[0, 1])
+    assert np.isinf(PathLengths(narrow_door(1), 0.28, 1.5, 0.12).lengths_m([WEST, EAST], [])[0, 1])
 
 
 def test_a_narrow_way_is_not_taken_for_a_short_cut():
     wide = floor()
     wide.classes[20:23, 50] = FREE
-    assert Ways(wide, 0.28, 1.5, 0.12).lengths_m([WEST, EAST], [])[0, 1] > 7.0
+    assert PathLengths(wide, 0.28, 1.5, 0.12).lengths_m([WEST, EAST], [])[0, 1] > 7.0
 
 
 def test_without_a_map_ways_are_straight_and_half_as_long_again():
-    assert Ways(None, 0.3, 1.5).lengths_m([WEST, EAST], [])[0, 1] == DETOUR * 2.0
+    assert PathLengths(None, 0.3, 1.5).lengths_m([WEST, EAST], [])[0, 1] == DETOUR * 2.0
 
 
 def test_what_a_way_takes_is_what_the_robots_own_model_says():
@@ -121,7 +128,7 @@ def test_equal_robots_are_one_kind_and_no_robots_ways_take_more_than_its_kinds()
 
 def test_a_question_is_the_same_after_it_was_written_down():
     length_m = np.array([[0.0, 1.234, np.inf], [1.234, 0.0, 5.0], [np.inf, 5.0, 0.0]])
-    asked = Question(
+    asked = ProblemRecord(
         jobs=(), workers=(), profiles=(Profile(2.0, 10.0, 0.5),), places=3, ways_cm=pack_ways(length_m)
     )  # fmt: skip
     again = decode(asked.encode())
@@ -135,7 +142,9 @@ def test_a_question_is_the_same_after_it_was_written_down():
 
 def test_what_was_written_down_before_lengths_were_written_as_differences_is_still_read():
     length_m = np.array([[0.0, 1.234, np.inf], [1.234, 0.0, 2.0], [np.inf, 2.0, 0.0]])
-    asked = Question(jobs=(), workers=(), profiles=(Profile(2.0, 10.0, 0.5),), places=3, ways_cm=pack_ways(length_m))
+    asked = ProblemRecord(
+        jobs=(), workers=(), profiles=(Profile(2.0, 10.0, 0.5),), places=3, ways_cm=pack_ways(length_m)
+    )
     assert decode(zlib.compress(msgspec.msgpack.encode(asked), 1)) == asked
 
 
@@ -158,7 +167,9 @@ def test_a_thousand_places_are_told_in_few_bytes():
     rng = np.random.default_rng(1)
     xy = rng.uniform(0.0, 30.0, (500, 2))
     length_m = np.hypot(*(xy[:, None] - xy[None]).transpose(2, 0, 1))
-    asked = Question(jobs=(), workers=(), profiles=(Profile(2.0, 10.0, 0.5),), places=500, ways_cm=pack_ways(length_m))
+    asked = ProblemRecord(
+        jobs=(), workers=(), profiles=(Profile(2.0, 10.0, 0.5),), places=500, ways_cm=pack_ways(length_m)
+    )
     assert len(asked.encode()) < 0.45 * len(zlib.compress(asked.ways_cm, 1))
     assert decode(asked.encode()) == asked
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from robrain.coordinator.planning.executor import OFFERS_MAX, TELL_NS, Following
+from robrain.coordinator.planning.plan_executor import OFFERS_MAX, TELL_NS, PlanExecutor
 from robrain.coordinator.planning.planning import Due, Unplanned
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.tasks.task_book import TaskBook
@@ -29,7 +29,7 @@ GIVE_UP_S = 60.0
 
 
 class Plan:
-    """A plan as `Following` asks it."""
+    """A plan as `PlanExecutor` asks it."""
 
     def __init__(self) -> None:
         self.number = 1
@@ -65,7 +65,7 @@ class Office:
         self.tasks._offers = SimpleNamespace(offer=self._send, answered=list)
         self.refuses: set[str] = set()
         self.plan = Plan()
-        self.following = Following(self.plan, self.tasks, self.book)
+        self.following = PlanExecutor(self.plan, self.tasks, self.book)
 
     def robot(self, name: str, task: TaskStatus | None = None) -> None:
         self.roster.note_presence(Change({"robot": name}, True))
@@ -218,7 +218,7 @@ def test_nothing_is_told_of_a_task_that_is_gone_begun_or_paused(office):
     office.robot("r1")
     office.add("t1", "t2")
     office.tasks.offer("t1", "r1", 0)
-    office.tasks.shunning.note("t2", "r1", Refused(NoPath()), 0)
+    office.tasks.backoff.note("t2", "r1", Refused(NoPath()), 0)
     before = len(office.told)
     office.plan.left_out = {name: Unplanned(lacks("r1", 20.0), 0) for name in ("gone", "t1", "t2")}
     office.following.step(1)

@@ -4,8 +4,8 @@ import msgspec
 import pytest
 
 from robrain.coordinator.journal.journal import Journal
-from robrain.coordinator.planning import plan_search as drafting
-from robrain.coordinator.planning.plan_search import Drafting
+from robrain.coordinator.planning import plan_search as search
+from robrain.coordinator.planning.plan_search import PlanSearch
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
@@ -16,7 +16,7 @@ from robrain.protocol.wire.messages.robot_messages import BatteryState, RobotSta
 from robrain.protocol.wire.messages.task_messages import TaskRecord, TaskRequest, TaskSubmission, TaskWhy
 from robrain.protocol.wire.reasons.tasks import AfterUnplanned, CannotBePlanned
 from robrain.protocol.wire.topics import TASK_SUBMIT, TASK_WHY
-from tests.coordinator.planning.situations import open_floor_situation
+from tests.coordinator.planning.snapshots import open_floor_snapshot
 
 HUGE = {"priority": 1e308, "service_s": 1e308}
 
@@ -27,14 +27,14 @@ def queued(name, **fields):
 
 
 def with_tasks(*records, tasks=3):
-    situation = open_floor_situation(1, tasks)
-    return msgspec.structs.replace(situation, records=(*situation.records, *records))
+    snapshot = open_floor_snapshot(1, tasks)
+    return msgspec.structs.replace(snapshot, records=(*snapshot.records, *records))
 
 
-def plan(situation, method="optimal"):
-    draft = Drafting().draft(situation, PlanningPolicy(method=method))
+def plan(snapshot, method="optimal"):
+    draft = PlanSearch().draft(snapshot, PlanningPolicy(method=method))
     for _ in draft.improve():
-        if draft.thinking.rounds >= 1:
+        if draft.solver.rounds >= 1:
             break
     return draft.planned()
 
@@ -59,15 +59,15 @@ def test_what_waits_for_such_a_task_says_so_and_is_not_planned():
 def test_tasks_that_can_be_planned_each_but_not_together_are_not_tried_together_again(monkeypatch):
     tried = []
 
-    def faulty(situation, *_):
-        tried.append(len(situation.records))
-        if len(situation.records) > 1:
+    def faulty(snapshot, *_):
+        tried.append(len(snapshot.records))
+        if len(snapshot.records) > 1:
             raise OverflowError("too many")
 
-    monkeypatch.setattr(drafting, "ask", faulty)
-    monkeypatch.setattr(drafting, "Draft", lambda *_: None)
+    monkeypatch.setattr(search, "ask", faulty)
+    monkeypatch.setattr(search, "Draft", lambda *_: None)
     with pytest.raises(OverflowError, match="too many"):
-        Drafting().draft(open_floor_situation(1, 3), PlanningPolicy())
+        PlanSearch().draft(open_floor_snapshot(1, 3), PlanningPolicy())
     assert tried == [3, 1, 1, 1]
 
 
@@ -120,9 +120,9 @@ def test_whatever_a_robot_says_of_its_energy_there_is_a_plan(fields, caplog):
     odd = RobotState(
         robot="r1", pose=Pose2D(3.0, 2.0, 0.0), battery=battery, energy=msgspec.structs.replace(MODEL, **fields)
     )
-    situation = open_floor_situation(1, 3)
-    members = {**situation.members, "r1": situation.members["r1"]._replace(state=odd)}
-    made = plan(msgspec.structs.replace(situation, members=members))
+    snapshot = open_floor_snapshot(1, 3)
+    members = {**snapshot.members, "r1": snapshot.members["r1"]._replace(state=odd)}
+    made = plan(msgspec.structs.replace(snapshot, members=members))
     assert planned_tasks(made) | made.left_out.keys() == {"t0", "t1", "t2"}
     assert not caplog.records
 
@@ -169,10 +169,10 @@ def test_a_plan_that_cannot_be_made_at_all_is_told_as_the_reason(team, monkeypat
     def faulty(*_):
         raise OverflowError("a defect")
 
-    monkeypatch.setattr(Drafting, "_draft", faulty)
+    monkeypatch.setattr(PlanSearch, "_draft", faulty)
     team.submit(Task(id="v", kind="visit", place=Point2D(6.0, 4.0)))
     team.run(1.0)
-    monkeypatch.setattr(Drafting, "_find_wrong", lambda *_: {})
+    monkeypatch.setattr(PlanSearch, "_find_wrong", lambda *_: {})
     team.submit(Task(id="w", kind="visit", place=Point2D(6.0, 4.0)))
     team.run(1.0)
     why = team.ask(TASK_WHY, TaskRequest(id="v"), TaskWhy)

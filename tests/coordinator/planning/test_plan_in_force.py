@@ -4,18 +4,17 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.coordinator.allocation.plan import Unassigned
+from robrain.coordinator.allocation.plan import Unassigned, make_plan
 from robrain.coordinator.allocation.problem import Job, Objective, Problem, Worker
-from robrain.coordinator.allocation.schedule import make_plan
 from robrain.coordinator.planning import plan_in_force as planned_module
 from robrain.coordinator.planning.plan_in_force import Step, planned
-from robrain.coordinator.planning.problem_builder import Asked
+from robrain.coordinator.planning.problem_builder import BuiltProblem
 from robrain.protocol.wire.messages.plan_messages import PlanProblem
 from robrain.protocol.wire.reasons.offers import NoPath
 from robrain.protocol.wire.reasons.plans import NoRobots
 from robrain.protocol.wire.reasons.robots import Refused
 from robrain.protocol.wire.reasons.tasks import AfterUnplanned
-from tests.coordinator.planning.situations import open_floor_situation
+from tests.coordinator.planning.snapshots import open_floor_snapshot
 
 NOW_S = 100.0
 WRITTEN = PlanProblem(plan=7, asked_ns=0, objective=Objective.ENERGY, method="optimal", seed=0, rounds=0, iterations=0,
@@ -40,9 +39,9 @@ def plan_of(orders, *jobs, **fields):
     assert plan is not None
     unassigned = tuple(Unassigned(one.job, NoRobots()) for one in plan.unassigned)
     plan = msgspec.structs.replace(plan, unassigned=unassigned)
-    situation = msgspec.structs.replace(open_floor_situation(7, 0), now_ns=round(NOW_S * 1e9), **fields)
-    asked = Asked(question=None, waiting={"late": LATE}, charger_ways={})
-    return planned(situation, asked, problem, plan, WRITTEN, 0.25)
+    snapshot = msgspec.structs.replace(open_floor_snapshot(7, 0), now_ns=round(NOW_S * 1e9), **fields)
+    asked = BuiltProblem(question=None, waiting={"late": LATE}, charger_ways={})
+    return planned(snapshot, asked, problem, plan, WRITTEN, 0.25)
 
 
 def ns(in_s):

@@ -18,7 +18,7 @@ TELL_NS = to_ns(5.0)
 """How often what is left out is looked at while the plan stays the same."""
 
 
-class Following:
+class PlanExecutor:
     """Follows plans.
 
     Args:
@@ -67,7 +67,7 @@ class Following:
         self._told_number, self._tell_ns = self._planning.number, now_ns + TELL_NS
         reasons = self._lifecycle.reasons
         is_anybody_out = self._planning.anybody_out(now_ns)
-        paused = {task for task, _ in self._lifecycle.shunning.pauses(now_ns)}
+        paused = {task for task, _ in self._lifecycle.backoff.pauses(now_ns)}
         for task_id, left in self._planning.left_out.items():
             record = self._book.find(task_id)
             if record is None or record.state is not TaskState.QUEUED:

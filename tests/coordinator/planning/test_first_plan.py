@@ -1,14 +1,13 @@
 """A rehearsal loads whatever makes plans: a problem, a search for better routes, and what is told of them."""
 
 from robrain.coordinator.allocation.optimal import OptimalAllocator
-from robrain.coordinator.planning import first_plan as rehearsal
-from robrain.coordinator.planning import plan_search as drafting
+from robrain.coordinator.planning import plan_search
 
 
 def test_a_rehearsal_warms_the_kernels_searches_once_and_makes_a_plan_of_all_tasks(monkeypatch):
     warmed, searches, plans = [], [], []
-    monkeypatch.setattr(rehearsal, "warm_up", lambda: warmed.append(True))
-    search, planned = OptimalAllocator.plan, drafting.planned
+    monkeypatch.setattr(plan_search, "warm_up", lambda: warmed.append(True))
+    search, planned = OptimalAllocator.plan, plan_search.planned
 
     def searching(*args, **fields):
         searches.append(fields["iterations"])
@@ -19,8 +18,8 @@ def test_a_rehearsal_warms_the_kernels_searches_once_and_makes_a_plan_of_all_tas
         return plans[-1]
 
     monkeypatch.setattr(OptimalAllocator, "plan", searching)
-    monkeypatch.setattr(drafting, "planned", telling)
-    rehearsal.rehearse()
+    monkeypatch.setattr(plan_search, "planned", telling)
+    plan_search.rehearse()
     assert warmed == [True]
     assert len(searches) == 1
     (made,) = plans

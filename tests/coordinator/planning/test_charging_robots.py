@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 
 from robrain.coordinator.allocation.auction import AuctionAllocator
 from robrain.coordinator.allocation.validate import validate
-from robrain.coordinator.planning.charging_patience import for_the_ready, with_those_who_charge
-from robrain.coordinator.planning.solver import Thinking
+from robrain.coordinator.planning.solver import PlanSolver
+from robrain.coordinator.planning.stock_passes import for_the_ready, with_those_who_charge
 from robrain.protocol.model.tasks.objective import Objective
 from tests.coordinator.allocation.instances import team_problem
 
@@ -58,13 +58,13 @@ def test_those_who_charge_get_nothing_that_somebody_else_was_to_do(problem, obje
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(problems(), st.sampled_from(list(Objective)))
 def test_a_plan_with_those_who_charge_is_valid_and_the_same_again(problem, objective):
-    def think():
-        thinking = Thinking(problem, objective, "optimal", seed=1, iterations=20, gain_min=0.02, orders={})
-        for _ in thinking.improve():
-            if thinking.rounds >= 1:
+    def solve():
+        solver = PlanSolver(problem, objective, "optimal", seed=1, iterations=20, gain_min=0.02, orders={})
+        for _ in solver.improve():
+            if solver.rounds >= 1:
                 break
-        return thinking.plan, thinking.problem
+        return solver.plan, solver.problem
 
-    plan, shared = think()
+    plan, shared = solve()
     assert validate(shared, plan) == []
-    assert think()[0] == plan
+    assert solve()[0] == plan

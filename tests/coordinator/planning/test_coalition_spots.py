@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from robrain.coordinator.planning.coalition_spots import ROOM_M, spots_around
+from robrain.coordinator.planning.coalition import ROOM_M, spots_around
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
 

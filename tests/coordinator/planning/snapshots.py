@@ -1,13 +1,13 @@
 """Situations to plan from, for tests of what makes the plans."""
 
-from robrain.coordinator.planning.snapshot import Member, Situation
+from robrain.coordinator.planning.snapshot import Member, Snapshot
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.robot_messages import RobotState
 from robrain.protocol.wire.messages.task_messages import TaskRecord
 
 
-def open_floor_situation(number: int, tasks: int, robots: int = 2) -> Situation:
+def open_floor_snapshot(number: int, tasks: int, robots: int = 2) -> Snapshot:
     """Tasks all over a floor without walls, and robots with all the energy that they want."""
     records = tuple(
         TaskRecord(
@@ -20,7 +20,7 @@ def open_floor_situation(number: int, tasks: int, robots: int = 2) -> Situation:
         f"r{k}": Member(RobotState(robot=f"r{k}", pose=Pose2D(3.0 * k, 2.0, 0.0)), None, (), Point2D(3.0 * k, 2.0))
         for k in range(robots)
     }
-    return Situation(
+    return Snapshot(
         number=number, now_ns=0, cause="test", records=records, ended=frozenset(), members=members, pauses={},
         served_s={}, floor=None, orders={}, told={},
     )  # fmt: skip

@@ -8,8 +8,8 @@ import pytest
 
 from robrain.coordinator.allocation.plan import Plan
 from robrain.coordinator.allocation.problem import Job, Objective, Problem, Worker
-from robrain.coordinator.planning import solver as thinking_module
-from robrain.coordinator.planning.solver import FRUITLESS, Thinking, think
+from robrain.coordinator.planning import stock_passes
+from robrain.coordinator.planning.solver import FRUITLESS, PlanSolver, solve
 
 
 def problem(*jobs, j_per_m=1.0):
@@ -24,7 +24,7 @@ def job(name, place):
 
 
 def orders_after(asked, objective=Objective.ENERGY, *, gain_min, orders):
-    plan, _ = think(asked, objective, "auction", seed=0, rounds=0, iterations=1, gain_min=gain_min, orders=orders)
+    plan, _ = solve(asked, objective, "auction", seed=0, rounds=0, iterations=1, gain_min=gain_min, orders=orders)
     return {route.worker: route.jobs for route in plan.routes if route.jobs}
 
 
@@ -55,9 +55,9 @@ def test_any_gain_over_nothing_is_worth_a_change():
         return Plan(objective=Objective.LIFETIME, routes=(), cost_j=0.0, lost_prize_j=0.0, makespan_s=0.0,
                     least_left_j=left_j)  # fmt: skip
 
-    assert thinking_module._gain(plan(0.0), plan(0.001)) == 1.0
-    assert thinking_module._gain(plan(0.0), plan(0.0)) == 0.0
-    assert thinking_module._gain(plan(2.0), plan(3.0)) == 0.5
+    assert stock_passes._gain(plan(0.0), plan(0.001)) == 1.0
+    assert stock_passes._gain(plan(0.0), plan(0.0)) == 0.0
+    assert stock_passes._gain(plan(2.0), plan(3.0)) == 0.5
 
 
 def test_a_task_that_nobody_was_to_do_is_done_however_little_it_gains():
@@ -65,63 +65,65 @@ def test_a_task_that_nobody_was_to_do_is_done_however_little_it_gains():
     assert sorted(name for jobs in found.values() for name in jobs) == ["a", "b"]
 
 
-def thinking_of(*jobs, method="optimal"):
-    return Thinking(problem(*jobs), Objective.ENERGY, method, seed=5, iterations=10, gain_min=0.0, orders={})
+def solver_of(*jobs, method="optimal"):
+    return PlanSolver(problem(*jobs), Objective.ENERGY, method, seed=5, iterations=10, gain_min=0.0, orders={})
 
 
 @pytest.mark.parametrize(
     ("jobs", "method", "rounds"), [(1, "optimal", 0), (2, "optimal", FRUITLESS), (2, "auction", 0)]
 )
 def test_better_plans_are_looked_for_where_there_may_be_any(jobs, method, rounds):
-    thinking = thinking_of(*(job(f"t{k}", 1 + k) for k in range(jobs)), method=method)
-    assert sum(1 for _ in thinking.improve()) == thinking.rounds == rounds
+    solver = solver_of(*(job(f"t{k}", 1 + k) for k in range(jobs)), method=method)
+    assert sum(1 for _ in solver.improve()) == solver.rounds == rounds
 
 
 def test_before_there_is_a_plan_the_problem_is_what_was_asked():
     asked = problem(job("a", 1))
-    assert Thinking(asked, Objective.ENERGY, "auction", seed=0, iterations=1, gain_min=0.0, orders={}).problem is asked
+    assert (
+        PlanSolver(asked, Objective.ENERGY, "auction", seed=0, iterations=1, gain_min=0.0, orders={}).problem is asked
+    )
 
 
 def test_a_task_that_a_robot_is_at_is_none_that_can_be_planned_better():
     pinned = Job(id="b", place=1, prize_j=1.0, pinned_to="r0")
-    assert list(thinking_of(job("a", 1), pinned).improve()) == []
+    assert list(solver_of(job("a", 1), pinned).improve()) == []
 
 
 def test_thinking_ends_after_the_rounds_that_are_asked_for():
     jobs = (job("a", 1), job("b", 2), job("c", 3))
     for rounds in (1, 2):
-        _, done = think(problem(*jobs), Objective.ENERGY, "optimal", seed=0, rounds=rounds, iterations=5,
+        _, done = solve(problem(*jobs), Objective.ENERGY, "optimal", seed=0, rounds=rounds, iterations=5,
                         gain_min=0.0, orders={})  # fmt: skip
         assert done == rounds
 
 
 def test_each_search_begins_with_the_best_plan_and_a_seed_of_its_own():
-    thinking = thinking_of(job("a", 1), job("b", 3))
-    search, asked = thinking._search, []
+    solver = solver_of(job("a", 1), job("b", 3))
+    search, asked = solver._search, []
 
     class Search:
         def plan(self, asked_problem, **fields):
             asked.append((fields["seed"], fields["iterations"], fields["warm_start"].rank))
             return search.plan(asked_problem, **fields)
 
-    thinking._search = Search()
-    rank = thinking.plan.rank
-    for _ in thinking.improve():
+    solver._search = Search()
+    rank = solver.plan.rank
+    for _ in solver.improve():
         pass
     assert asked == [(5, 10, rank), (6, 10, rank)]
 
 
 @pytest.mark.parametrize("better_in", [0, 1, FRUITLESS])
 def test_searching_goes_on_for_as_long_as_something_better_was_found_not_long_ago(better_in):
-    thinking = thinking_of(job("a", 1), job("b", 3))
-    first = thinking._best
+    solver = solver_of(job("a", 1), job("b", 3))
+    first = solver._best
     better = msgspec.structs.replace(first, cost_j=first.cost_j - 1.0)
 
     class Search:
         def plan(self, _, **fields):
             return better if fields["seed"] == 5 + better_in else first
 
-    thinking._search = Search()
+    solver._search = Search()
     found = better_in < FRUITLESS
-    assert sum(1 for _ in thinking.improve()) == (better_in + 1 + FRUITLESS if found else FRUITLESS)
-    assert thinking._best is (better if found else first)
+    assert sum(1 for _ in solver.improve()) == (better_in + 1 + FRUITLESS if found else FRUITLESS)
+    assert solver._best is (better if found else first)

@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from robrain.coordinator.allocation.plan import make_plan
 from robrain.coordinator.allocation.problem import Job, Objective, Problem, Worker
-from robrain.coordinator.allocation.schedule import make_plan
 from robrain.coordinator.allocation.validate import validate
-from robrain.coordinator.planning.early_start import without_idling
+from robrain.coordinator.planning.stock_passes import without_idling
 
 
 def problem(*jobs: Job) -> Problem:

@@ -1,0 +1,126 @@
+"""Refinement passes by name: each takes the solver's plan, one after the other, and returns one that it prefers.
+
+`[planning] passes` of a scenario or a planning file lists them in their order. A pass of another distribution is
+checked: if it fails, or returns a plan that cannot be carried out, that is counted and told, and the plan before stays.
+
+    [project.entry-points."robrain.plan_passes"]
+    rest_at_noon = "my_team.rest:rest_at_noon"
+"""
+
+import logging
+from collections.abc import Mapping, Sequence
+from typing import Final, Protocol
+
+import msgspec
+
+from robrain.coordinator.allocation.allocator import Allocator
+from robrain.coordinator.allocation.plan import Plan
+from robrain.coordinator.allocation.problem import Problem
+from robrain.protocol.model.ranges import cut
+from robrain.protocol.registry import Registry
+
+logger = logging.getLogger(__name__)
+
+STABILITY: Final = "stability"
+CHARGING_ROBOTS: Final = "charging_robots"
+EARLY_START: Final = "early_start"
+STOCK_PASSES: Final = (STABILITY, CHARGING_ROBOTS, EARLY_START)
+"""What is applied unless something else is chosen."""
+
+
+class PlanFailure(msgspec.Struct, frozen=True):
+    """Code of another distribution that failed while a plan was made, or whose plan was not taken."""
+
+    what: str
+    """`plan_pass` or `allocator`."""
+    name: str
+    why: str
+
+
+class PlanDraft(msgspec.Struct, frozen=True, kw_only=True):
+    """A plan to refine, and what it was made from."""
+
+    asked: Problem
+    """As it was asked."""
+    problem: Problem
+    """Which the plan solves: as asked, but some jobs may be for the ready robots only (`Job.ready_only`)."""
+    plan: Plan
+    orders: Mapping[str, Sequence[str]]
+    """Robots and their jobs in order, by the plan before."""
+    gain_min: float
+    """Share by which a plan must be better for jobs to change robots."""
+    allocator: Allocator
+    """Made the plan; may make others."""
+    failures: tuple[PlanFailure, ...] = ()
+    """What failed of other distributions' code."""
+
+    def with_plan(self, plan: Plan) -> "PlanDraft":
+        """The draft with another plan of the same problem."""
+        return msgspec.structs.replace(self, plan=plan)
+
+    def with_failure(self, what: str, name: str, why: str) -> "PlanDraft":
+        """The draft with one failure more."""
+        return msgspec.structs.replace(self, failures=(*self.failures, PlanFailure(what, name, cut(why))))
+
+
+class Pass(Protocol):
+    """Refines plans; equal drafts give equal plans."""
+
+    def __call__(self, draft: PlanDraft) -> PlanDraft:
+        """Return a draft with the plan that is preferred, or the same draft.
+
+        Of what a pass of another distribution returns only `plan` counts. It must pass
+        `robrain.coordinator.allocation.validate.validate`, be for the same objective, and begin each robot's route
+        with the jobs that the robot is at (`Job.pinned_to`).
+        """
+        ...
+
+
+PASSES: Registry[Pass] = Registry(
+    "pass",
+    "robrain.plan_passes",
+    {
+        STABILITY: "robrain.coordinator.planning.stock_passes:stability",
+        CHARGING_ROBOTS: "robrain.coordinator.planning.stock_passes:charging_robots",
+        EARLY_START: "robrain.coordinator.planning.stock_passes:early_start",
+    },
+)
+
+
+def refined(draft: PlanDraft, passes: Sequence[str]) -> PlanDraft:
+    """Apply the named passes in their order (UnknownEntry if there is none of a name)."""
+    for name in passes:
+        refine = PASSES.get(name)
+        if PASSES.is_stock(name):
+            draft = refine(draft)
+            continue
+        try:
+            draft = draft.with_plan(_checked(draft, refine(draft)))
+        except Exception as error:  # noqa: BLE001 - foreign code
+            logger.warning("pass %s is left out: %s: %s", name, type(error).__name__, error)
+            draft = draft.with_failure("plan_pass", name, f"{type(error).__name__}: {error}")
+    return draft
+
+
+def _checked(draft: PlanDraft, refined: object) -> Plan:
+    # Here: it brings the allocators' kernels, and the names of the passes are checked also where nobody plans.
+    from robrain.coordinator.allocation.validate import validate
+
+    if not isinstance(refined, PlanDraft):
+        raise TypeError(f"expected a PlanDraft, got {type(refined).__name__}")
+    plan = refined.plan
+    if plan.objective is not draft.plan.objective:
+        raise ValueError(f"expected a plan for {draft.plan.objective}, got one for {plan.objective}")
+    if faults := validate(draft.problem, plan):
+        raise ValueError(f"the plan cannot be carried out: {'; '.join(faults)}")
+    pinned = {job.id for job in draft.problem.jobs if job.pinned_to}
+    for before, after in zip(draft.plan.routes, plan.routes, strict=True):
+        begun = tuple(job for job in before.jobs if job in pinned)
+        if after.jobs[: len(begun)] != begun:
+            raise ValueError(f"{before.worker} is at {', '.join(begun)}; the plan does not begin with that")
+    known = {one.job: one.reason for one in draft.plan.unassigned}
+    missing = [one.job for one in plan.unassigned if one.reason is None and known.get(one.job) is None]
+    if missing:
+        raise ValueError(f"jobs are left out without a reason: {', '.join(missing)}")
+    left = tuple(msgspec.structs.replace(one, reason=one.reason or known[one.job]) for one in plan.unassigned)
+    return msgspec.structs.replace(plan, unassigned=left)

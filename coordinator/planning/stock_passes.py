@@ -1,0 +1,212 @@
+"""The refinement passes that come with robrain, in the order in which they are applied by default.
+
+`stability` keeps the plan before unless the new one is worth the change; `charging_robots` hands out what the ready
+robots leave; `early_start` has jobs done sooner where that makes nothing worse.
+"""
+
+import logging
+from collections.abc import Mapping, Sequence
+
+import msgspec
+
+from robrain.coordinator.allocation.allocator import Allocator
+from robrain.coordinator.allocation.arrays import make_arrays
+from robrain.coordinator.allocation.checked_allocator import BadPlan
+from robrain.coordinator.allocation.explain import reasons
+from robrain.coordinator.allocation.plan import Plan, Route, Stop, Unassigned, make_plan
+from robrain.coordinator.allocation.problem import Problem
+from robrain.coordinator.allocation.repair import keep, repaired
+from robrain.coordinator.allocation.validate import validate
+from robrain.coordinator.planning.plan_passes import PlanDraft
+from robrain.protocol.model.tasks.objective import Objective
+
+logger = logging.getLogger(__name__)
+
+LOOK_AHEAD = 8
+"""So many jobs behind one that is waited for are tried before it."""
+TRIES_MAX = 200
+TRIED_JOBS_MAX = 20_000
+"""Of other orders in one plan, and of jobs in all of them together: a job takes some microseconds (chosen)."""
+WAITS_S = 0.05
+
+
+def stability(draft: PlanDraft) -> PlanDraft:
+    """Keep the orders of the plan before unless the new plan is better by `gain_min`."""
+    best, before = draft.plan, plan_of(draft.orders, draft.plan.objective)
+    was = {job: robot for robot, jobs in draft.orders.items() for job in jobs}
+    if all(was.get(job, route.worker) == route.worker for route in best.routes for job in route.jobs):
+        return draft
+    kept = keep(draft.problem, before, best.objective) if before is not None else None
+    if kept is None or {one.job for one in kept.unassigned} != {one.job for one in best.unassigned}:
+        return draft
+    if _gain(kept, best) >= draft.gain_min:
+        return draft
+    known = {one.job: one.reason for one in best.unassigned}
+    return draft.with_plan(reasons(draft.problem, make_arrays(draft.problem), kept, known))
+
+
+def charging_robots(draft: PlanDraft) -> PlanDraft:
+    """Hand out to robots that charge what the ready ones leave over.
+
+    To an objective that counts joules, a robot that is free in five minutes is as good as one that is free now; so the
+    plan is made for the robots that are ready first (`for_the_ready`).
+    """
+    try:
+        problem, plan = with_those_who_charge(draft.asked, draft.plan, draft.orders, draft.allocator)
+    except BadPlan as error:  # the plan of the ready robots is sound
+        logger.warning("robots that charge get no tasks in this plan: %s", error)
+        return draft.with_failure("allocator", error.method, str(error))
+    return msgspec.structs.replace(draft, problem=problem, plan=plan)
+
+
+def early_start(draft: PlanDraft) -> PlanDraft:
+    """Of equally good plans take the one that starts earlier: objectives do not mind when jobs are done, people do."""
+    return draft.with_plan(without_idling(draft.problem, draft.plan))
+
+
+def plan_of(orders: Mapping[str, Sequence[str]], objective: Objective) -> Plan | None:
+    """A plan of which only the orders count, for a warm start; None without orders."""
+    if not orders:
+        return None
+    routes = tuple(_in_this_order(robot, jobs) for robot, jobs in orders.items())
+    return Plan(
+        objective=objective, routes=routes, cost_j=0.0, lost_prize_j=0.0, makespan_s=0.0, least_left_j=0.0
+    )  # fmt: skip
+
+
+def _gain(kept: Plan, best: Plan) -> float:
+    """By which share the best plan is better than the kept one."""
+    match best.objective:
+        case Objective.ENERGY:
+            return _share(kept.cost_j - best.cost_j, kept.cost_j)
+        case Objective.MAKESPAN:
+            return _share(kept.makespan_s - best.makespan_s, kept.makespan_s)
+        case Objective.LIFETIME:
+            return _share(best.least_left_j - kept.least_left_j, kept.least_left_j)
+
+
+def _share(gain: float, of: float) -> float:
+    return gain / of if of > 0 else float(gain > 0)
+
+
+def for_the_ready(problem: Problem) -> Problem:
+    """The problem in which only those get jobs who are ready; as it is if all are, or nobody is.
+
+    Args:
+        problem: workers with `ready_s` above 0 are those who charge.
+
+    """
+    return _for_ready_only(problem, {job.id for job in problem.jobs if not job.pinned_to})
+
+
+def with_those_who_charge(
+    problem: Problem, plan: Plan, orders: Mapping[str, Sequence[str]], allocator: Allocator
+) -> tuple[Problem, Plan]:
+    """A plan of those who are ready, and what they leave to the others.
+
+    Args:
+        problem: as it was asked.
+        plan: of `for_the_ready(problem)`.
+        orders: of the plan before.
+        allocator: hands out what is left.
+
+    Returns:
+        The problem, in which no charging robot may do what a ready one does; and its plan.
+
+    Raises:
+        BadPlan: a foreign allocator's plan for what is left cannot be carried out.
+
+    """
+    late = _charging(problem)
+    if not late:
+        return problem, plan
+    done = {job for route in plan.routes if route.worker not in late for job in route.jobs}
+    shared = _for_ready_only(problem, {job.id for job in problem.jobs if not job.pinned_to and job.id in done})
+    left = tuple(job for job in problem.jobs if job.pinned_to in late or not (job.pinned_to or job.id in done))
+    if all(job.pinned_to for job in left):
+        return shared, plan
+    workers = tuple(worker for worker in problem.workers if worker.name in late)
+    rest = msgspec.structs.replace(problem, jobs=left, workers=workers)
+    before = msgspec.structs.replace(plan, routes=tuple(_in_this_order(name, orders.get(name, ())) for name in late))
+    found = allocator.plan(rest, warm_start=before, iterations=1)
+    of_late = {route.worker: route.jobs for route in found.routes}
+    both = repaired(shared, [of_late.get(route.worker, route.jobs) for route in plan.routes], plan.objective)
+    if both is None or both.rank > plan.rank:
+        return shared, plan
+    known = {one.job: one.reason for one in (*plan.unassigned, *found.unassigned)}
+    return shared, reasons(shared, make_arrays(shared), both, known)
+
+
+def _charging(problem: Problem) -> list[str]:
+    late = [worker.name for worker in problem.workers if worker.ready_s > 0]
+    return late if len(late) < len(problem.workers) else []
+
+
+def _for_ready_only(problem: Problem, names: set[str]) -> Problem:
+    if not names or not _charging(problem):
+        return problem
+    jobs = (msgspec.structs.replace(job, ready_only=True) if job.id in names else job for job in problem.jobs)
+    return msgspec.structs.replace(problem, jobs=tuple(jobs))
+
+
+def _in_this_order(worker: str, jobs: Sequence[str]) -> Route:
+    return Route(worker, tuple(Stop(job, 0.0, 0.0, 0.0, 0.0) for job in jobs), 0, 0.0, 0.0, 0.0)
+
+
+def without_idling(problem: Problem, plan: Plan) -> Plan:
+    """The plan, with dear jobs done sooner where that makes nothing worse.
+
+    A tour is as long in the one direction as in the other; and while a robot would wait for a job's time, it may do
+    another. What robots are at already stays first.
+    """
+    tries = min(TRIES_MAX, TRIED_JOBS_MAX // max(1, len(problem.jobs)))
+    for worker in range(len(plan.routes)):
+        pinned = sum(bool(problem.jobs[problem.job_index[job]].pinned_to) for job in plan.routes[worker].jobs)
+        order = plan.routes[worker].jobs
+        if len(order) - pinned < 2 or tries <= 0:
+            continue
+        tries -= 1
+        plan = _better(problem, plan, worker, (*order[:pinned], *reversed(order[pinned:]))) or plan
+        while tries > 0:
+            at = _first_wait(plan.routes[worker])
+            if at is None:
+                break
+            order = plan.routes[worker].jobs
+            for later in range(max(pinned, at + 1), min(len(order), at + 1 + LOOK_AHEAD)):
+                tries -= 1
+                moved = (*order[:at], order[later], *order[at:later], *order[later + 1 :])
+                found = _better(problem, plan, worker, moved)
+                if found is not None:
+                    plan = found
+                    break
+            else:
+                break
+    return plan
+
+
+def _first_wait(route: Route) -> int | None:
+    for index, stop in enumerate(route.stops):
+        if stop.start_s - stop.arrive_s > WAITS_S:
+            return index
+    return None
+
+
+def _better(problem: Problem, plan: Plan, worker: int, order: tuple[str, ...]) -> Plan | None:
+    orders = [order if index == worker else route.jobs for index, route in enumerate(plan.routes)]
+    found = make_plan(problem, orders, plan.objective)
+    if (
+        found is None
+        or found.rank > plan.rank
+        or _lateness(problem, found) >= _lateness(problem, plan)
+        or validate(problem, found)
+    ):
+        return None
+    reasons = {one.job: one.reason for one in plan.unassigned}
+    unassigned = tuple(Unassigned(one.job, reasons[one.job]) for one in found.unassigned)
+    return msgspec.structs.replace(found, unassigned=unassigned)
+
+
+def _lateness(problem: Problem, plan: Plan) -> float:
+    """Sum of the starts, weighted by the prizes."""
+    index = problem.job_index
+    return sum(stop.start_s * problem.jobs[index[stop.job]].prize_j for route in plan.routes for stop in route.stops)

@@ -1,0 +1,188 @@
+"""Refinement passes by name: those of robrain, and one of another distribution."""
+
+import msgspec
+import pytest
+
+from robrain.coordinator.planning.plan_passes import PASSES, STOCK_PASSES
+from robrain.coordinator.planning.plan_search import LockstepPlanner
+from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.planning.recorded_plans import plan_again
+from robrain.coordinator.planning.solver import PlanSolver
+from robrain.protocol.model.tasks.objective import Objective
+from robrain.protocol.registry import Registry
+from tests.coordinator.planning.snapshots import open_floor_snapshot
+from tests.coordinator.planning.test_plan_solver import job, problem
+from tests.installed_distributions import install  # noqa: F401 - a fixture
+
+LAST_FIRST = '''
+import msgspec
+
+from robrain.coordinator.allocation.plan import make_plan
+
+
+def _with_orders(draft, orders):
+    return msgspec.structs.replace(draft, plan=make_plan(draft.problem, orders, draft.plan.objective))
+
+
+def last_first(draft):
+    """Each robot does its tasks in reverse, but begins with what it is at."""
+    pinned = {job.id for job in draft.problem.jobs if job.pinned_to}
+    orders = [
+        (*(job for job in jobs if job in pinned), *reversed([job for job in jobs if job not in pinned]))
+        for jobs in draft.plan.orders
+    ]
+    return _with_orders(draft, orders)
+
+
+def everything(draft):
+    """Robots do everything in reverse, also what they are at."""
+    return _with_orders(draft, [tuple(reversed(jobs)) for jobs in draft.plan.orders])
+
+
+def leaves(draft):
+    """Nobody does what is begun."""
+    pinned = {job.id for job in draft.problem.jobs if job.pinned_to}
+    return _with_orders(draft, [tuple(job for job in jobs if job not in pinned) for jobs in draft.plan.orders])
+
+
+def twice(draft):
+    """Each task is done by all robots."""
+    everybody = [job.id for job in draft.problem.jobs]
+    return _with_orders(draft, [everybody for _ in draft.plan.routes])
+
+
+def nothing(draft):
+    """No plan at all."""
+
+
+def other(draft):
+    """A plan for something else."""
+    plan = msgspec.structs.replace(draft.plan, objective=type(draft.plan.objective).LIFETIME)
+    return msgspec.structs.replace(draft, plan=plan)
+
+
+def idle(draft):
+    """Nobody does anything, and nobody says why."""
+    pinned = {job.id for job in draft.problem.jobs if job.pinned_to}
+    return _with_orders(draft, [tuple(job for job in jobs if job in pinned) for jobs in draft.plan.orders])
+
+
+def broken(draft):
+    raise ZeroDivisionError("by hand")
+
+
+def changed(draft):
+    """Another problem and other gains, which are not for a pass to change."""
+    return msgspec.structs.replace(draft, problem=None, asked=None, gain_min=9.0, allocator=None)
+'''
+BAD = {
+    "everything": "cannot be carried out: r0 is at at",
+    "leaves": "r0 is at at; the plan does not begin with that",
+    "twice": "cannot be carried out",
+    "nothing": "expected a PlanDraft, got NoneType",
+    "other": "expected a plan for energy, got one for lifetime",
+    "idle": "without a reason",
+    "broken": "ZeroDivisionError: by hand",
+}
+
+
+@pytest.fixture
+def last_first(install, monkeypatch):  # noqa: F811
+    names = {name: f"last_first:{name}" for name in ("last_first", "changed", *BAD)}
+    install("last-first", names, {"last_first.py": LAST_FIRST}, PASSES.group)
+    stock = {name: PASSES._points[name][0].value for name in PASSES._stock}
+    fresh = Registry(PASSES.what, PASSES.group, stock)  # as in a new process
+    for module in ("robrain.coordinator.planning.policy", "robrain.coordinator.planning.plan_passes"):
+        monkeypatch.setattr(f"{module}.PASSES", fresh)
+
+
+def solver(*passes, orders=None, gain_min=0.0):
+    begun = msgspec.structs.replace(job("at", 1), pinned_to="r0")
+    asked = problem(begun, job("a", 2), job("b", 1))
+    return PlanSolver(asked, Objective.ENERGY, "auction", seed=0, iterations=5, gain_min=gain_min,
+                      orders=orders or {}, passes=passes)  # fmt: skip
+
+
+def test_the_stock_passes_are_there_and_applied_by_default():
+    assert PlanningPolicy().passes == STOCK_PASSES == ("stability", "charging_robots", "early_start")
+    assert all(PASSES.is_stock(name) and callable(PASSES.get(name)) for name in STOCK_PASSES)
+
+
+def test_an_unknown_pass_is_refused_with_those_that_there_are():
+    with pytest.raises(ValueError, match=r"expected pass to be one of .*stability; got stabilty; did you mean stab"):
+        PlanningPolicy(passes=("stabilty",))
+
+
+def test_a_pass_that_is_listed_twice_is_refused():
+    with pytest.raises(ValueError, match="expected each pass once, got stability, stability"):
+        PlanningPolicy(passes=("stability", "stability"))
+
+
+def test_without_stability_tasks_change_robots_for_the_least_gain():
+    orders = {"r1": ("b", "a")}
+    assert solver("stability", orders=orders, gain_min=0.99).plan.orders == (("at",), ("b", "a"))
+    assert solver(orders=orders, gain_min=0.99).plan.orders == (("at", "a", "b"), ())
+
+
+def with_a_charging_robot(*passes):
+    asked = problem(job("a", 1), job("b", 4))
+    ready, charging = asked.workers
+    asked = msgspec.structs.replace(asked, workers=(ready, msgspec.structs.replace(charging, ready_s=60.0)))
+    return PlanSolver(asked, Objective.ENERGY, "auction", seed=0, iterations=5, gain_min=0.0, orders={}, passes=passes)
+
+
+def test_without_its_pass_charging_robots_are_planned_for_like_all_others():
+    assert with_a_charging_robot("charging_robots").plan.orders == (("b", "a"), ())
+    assert with_a_charging_robot().plan.orders == (("a",), ("b",))
+
+
+def test_a_pass_of_another_distribution_refines_the_plan(last_first):
+    assert PlanningPolicy(passes=("stability", "last_first")).passes == ("stability", "last_first")
+    made = solver("last_first")
+    assert made.plan.orders == (("at", "b", "a"), ())
+    assert made.failures == ()
+
+
+def test_passes_are_applied_in_the_order_in_which_they_are_listed(last_first):
+    assert solver("last_first", "early_start").plan.orders == (("at", "b", "a"), ())
+    assert solver("early_start", "last_first").plan.orders == (("at", "a", "b"), ())
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_plan_of_a_pass_is_left_out_and_told(last_first, caplog, name):
+    made = solver(name)
+    assert made.plan.orders == solver().plan.orders
+    (failure,) = made.failures
+    assert (failure.what, failure.name) == ("plan_pass", name)
+    assert BAD[name] in failure.why
+    assert f"pass {name} is left out" in caplog.text
+
+
+def test_of_what_a_pass_returns_the_plan_counts_alone(last_first):
+    made = solver("changed", "stability", "early_start")
+    assert made.plan.orders == solver("early_start").plan.orders
+    assert made.problem is not None
+    assert made.failures == ()
+
+
+def test_a_recorded_plan_is_made_again_with_its_passes(last_first):
+    planner = LockstepPlanner()
+    planner.ask(open_floor_snapshot(1, 4), PlanningPolicy(passes=("last_first",)))
+    (plan,) = planner.take()
+    assert plan.problem.passes == ["last_first"]
+    assert plan_again(plan.problem) == plan.problem.routes
+    assert plan_again(msgspec.structs.replace(plan.problem, passes=[])) != plan.problem.routes
+
+
+def test_a_recording_from_before_passes_could_be_chosen_is_made_again_with_the_stock_passes():
+    planner = LockstepPlanner()
+    planner.ask(open_floor_snapshot(1, 4), PlanningPolicy())
+    (plan,) = planner.take()
+    assert plan_again(msgspec.structs.replace(plan.problem, passes=None)) == plan.problem.routes
+
+
+def test_what_failed_reaches_the_coordinator_with_the_plan(last_first):
+    planner = LockstepPlanner()
+    planner.ask(open_floor_snapshot(1, 4), PlanningPolicy(passes=("broken",)))
+    (plan,) = planner.take()
+    assert [(one.name, one.why) for one in plan.failures] == [("broken", "ZeroDivisionError: by hand")]
