@@ -13,8 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from robrain.coordinator.allocation.arrays import ProblemArrays, TeamArrays, VisitArrays, make_arrays
-from robrain.coordinator.allocation.coupling import coupled_jobs, place_coupled
+from robrain.coordinator.allocation.coupling import place_coupled
 from robrain.coordinator.allocation.explain import reasons
 from robrain.coordinator.allocation.insertion import (
     BY_ENERGY,
@@ -29,7 +28,14 @@ from robrain.coordinator.allocation.insertion import (
     remove,
 )
 from robrain.coordinator.allocation.plan import Plan, make_plan
-from robrain.coordinator.allocation.problem import Objective, Problem
+from robrain.coordinator.allocation.problem import (
+    Objective,
+    Problem,
+    ProblemArrays,
+    TeamArrays,
+    VisitArrays,
+    make_arrays,
+)
 from robrain.coordinator.allocation.repair import keep
 from robrain.protocol.wire.reasons.plans import LeftOut
 
@@ -68,7 +74,7 @@ class AuctionAllocator:
         tries = ROUNDS[self.objective][: 3 if pairs <= FEW_PAIRS else 1]
         plans = [self.hold(problem, rule, choice) for rule, choice in tries]
         best, why = min(plans, key=lambda plan: plan[0].rank)
-        kept = keep(problem, warm_start, self.objective)
+        kept = None if warm_start is None else keep(problem, warm_start, self.objective)
         if kept is not None and kept.rank < best.rank:
             best, why = kept, {}
         return reasons(problem, make_arrays(problem), best, why)
@@ -80,7 +86,7 @@ class AuctionAllocator:
         arrays = make_arrays(problem)
         routes = empty_routes(arrays.team, arrays.visits)
         open_visits = np.ones(len(arrays.visits.job), np.bool_)
-        why = place_coupled(problem, arrays, routes, open_visits, rule, rng) if coupled_jobs(problem) else {}
+        why = place_coupled(problem, arrays, routes, open_visits, rule, rng) if problem.coupled else {}
         team, visits = arrays.team, arrays.visits
         prize_j = visits.prize_j
         # A prize first counts only against other prizes: the first job in a place is seldom worth the way alone.
@@ -115,7 +121,7 @@ class GreedyAllocator:
         routes = empty_routes(arrays.team, arrays.visits)
         open_visits = np.ones(len(arrays.visits.job), np.bool_)
         rule = BY_ENERGY if self.objective is Objective.ENERGY else BY_FINISH
-        why = place_coupled(problem, arrays, routes, open_visits, rule) if coupled_jobs(problem) else {}
+        why = place_coupled(problem, arrays, routes, open_visits, rule) if problem.coupled else {}
         queue_nearest(arrays.team, arrays.visits, routes, open_visits, rule)
         plan = plan_of(problem, arrays, routes, self.objective)
         return reasons(problem, make_arrays(problem), plan, _by_id(problem, why))
@@ -141,7 +147,7 @@ def _by_id(problem: Problem, why: Mapping[int, LeftOut | None]) -> dict[str, Lef
 
 def _indispensable(problem: Problem) -> set[int]:
     """Jobs that others wait for or that several robots are at: they are not dropped for what they alone cost."""
-    return {index for index, others in coupled_jobs(problem).items() if others or problem.jobs[index].robots > 1}
+    return {index for index, others in problem.coupled.items() if others or problem.jobs[index].robots > 1}
 
 
 @njit(cache=True, nogil=True)

@@ -3,10 +3,9 @@
 from collections.abc import Sequence
 
 from robrain.coordinator.allocation.allocator import ALLOCATORS, Allocator, Searching
-from robrain.coordinator.allocation.arrays import make_arrays
 from robrain.coordinator.allocation.explain import reasons
 from robrain.coordinator.allocation.plan import Plan
-from robrain.coordinator.allocation.problem import Objective, Problem
+from robrain.coordinator.allocation.problem import Objective, Problem, make_arrays
 from robrain.coordinator.allocation.validate import validate
 
 

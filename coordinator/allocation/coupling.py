@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.coordinator.allocation.arrays import ProblemArrays, VisitArrays
 from robrain.coordinator.allocation.insertion import (
     BY_ENERGY,
     BY_FINISH,
@@ -25,25 +24,13 @@ from robrain.coordinator.allocation.insertion import (
     remove,
 )
 from robrain.coordinator.allocation.plan import Plan
-from robrain.coordinator.allocation.problem import Problem
+from robrain.coordinator.allocation.problem import Problem, ProblemArrays, VisitArrays
 from robrain.protocol.wire.reasons.plans import AfterUndone, LeftOut, NotTogether, WaitsForItself
 
 NOISE = (0.6, 1.4)
 """What bids are multiplied by where chance is wanted; chosen."""
 HORIZON_SHARE = 1.25
 """Without a horizon, windows let a plan take so much longer than it would have to; chosen."""
-
-
-def coupled_jobs(problem: Problem) -> dict[int, list[int]]:
-    """Jobs that wait for others, are waited for or need several robots, each with those that wait for it."""
-    waiting: dict[int, list[int]] = {}
-    for index, job in enumerate(problem.jobs):
-        before = problem.predecessors(job)
-        if before or job.robots > 1:
-            waiting.setdefault(index, [])
-        for other in before:
-            waiting.setdefault(problem.job_index[other], []).append(index)
-    return waiting
 
 
 def place_coupled(
@@ -62,7 +49,7 @@ def place_coupled(
         For each of them that nobody does, why, or None if no robot alone can do it. All of them are no longer open.
 
     """
-    waiting = coupled_jobs(problem)
+    waiting = problem.coupled
     visits_of: dict[int, list[int]] = {index: [] for index in waiting}
     for visit, job in enumerate(arrays.visits.job):
         if int(job) in visits_of:
@@ -217,7 +204,7 @@ def windows_of(problem: Problem, arrays: ProblemArrays, plan: Plan, share: float
         end_s: everybody is to be at a charger by then; at least the plan's makespan.
 
     """
-    waiting = coupled_jobs(problem)
+    waiting = problem.coupled
     done = {stop.job: stop for route in plan.routes for stop in route.stops}
     left_out = {index for index in waiting if problem.jobs[index].id not in done}
     chosen = np.array([row for row, job in enumerate(arrays.visits.job) if int(job) not in left_out], np.int64)

@@ -7,11 +7,18 @@ from typing import NamedTuple
 import msgspec
 from numba import njit
 
-from robrain.coordinator.allocation.arrays import ProblemArrays, TeamArrays, VisitArrays, make_arrays
-from robrain.coordinator.allocation.coupling import coupled_jobs, windows_of
+from robrain.coordinator.allocation.coupling import windows_of
 from robrain.coordinator.allocation.insertion import BY_ENERGY, Routes, empty_routes, insertion_at, refresh, remove
 from robrain.coordinator.allocation.plan import Plan, Stop, Unassigned
-from robrain.coordinator.allocation.problem import Job, Problem, Worker
+from robrain.coordinator.allocation.problem import (
+    Job,
+    Problem,
+    ProblemArrays,
+    TeamArrays,
+    VisitArrays,
+    Worker,
+    make_arrays,
+)
 from robrain.protocol.wire.reasons.plans import (
     AfterUndone,
     BestTogether,
@@ -81,7 +88,7 @@ def explain(problem: Problem, plan: Plan, jobs: Iterable[str] | None = None) -> 
 
     """
     arrays = make_arrays(problem)
-    if coupled_jobs(problem):
+    if problem.coupled:
         arrays = _narrowed(problem, arrays, plan)
     routes = routes_of(problem, arrays, plan)
     visit_of = {int(index): visit for visit, index in reversed(list(enumerate(arrays.visits.job)))}

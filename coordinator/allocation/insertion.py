@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from robrain.coordinator.allocation.arrays import Floats, Indices, TeamArrays, VisitArrays
+from robrain.coordinator.allocation.problem import Floats, Indices, TeamArrays, VisitArrays
 
 SLACK_J = 1e-6
 """Sums of joules that differ by less are equal; against rounding in the order of summation."""

@@ -17,12 +17,11 @@ import math
 import numpy as np
 
 from robrain.coordinator.allocation.allocator import Effort, Monotonic
-from robrain.coordinator.allocation.arrays import ProblemArrays, make_arrays
 from robrain.coordinator.allocation.auction import ROUNDS, AuctionAllocator
-from robrain.coordinator.allocation.coupling import HORIZON_SHARE, Windows, coupled_jobs, windows_of
+from robrain.coordinator.allocation.coupling import HORIZON_SHARE, Windows, windows_of
 from robrain.coordinator.allocation.explain import reasons
 from robrain.coordinator.allocation.plan import Plan
-from robrain.coordinator.allocation.problem import Objective, Problem
+from robrain.coordinator.allocation.problem import Objective, Problem, ProblemArrays, make_arrays
 from robrain.coordinator.allocation.repair import repaired
 from robrain.coordinator.allocation.search import Search
 from robrain.coordinator.allocation.vrp_model import VrpModel
@@ -88,7 +87,7 @@ class _Improvement:
         self._effort = effort
         self._seed = seed
         self._arrays: ProblemArrays = make_arrays(problem)
-        self._is_coupled = bool(coupled_jobs(problem))
+        self._is_coupled = bool(problem.coupled)
         self._check_s = CHECK_S_PER_JOB * len(problem.jobs)
         self._auction_s = auction_s
         self._searches = 0

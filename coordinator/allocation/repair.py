@@ -4,16 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robrain.coordinator.allocation.arrays import make_arrays
 from robrain.coordinator.allocation.plan import Plan, Route, make_plan
-from robrain.coordinator.allocation.problem import Objective, Problem, Worker
+from robrain.coordinator.allocation.problem import Objective, Problem, Worker, make_arrays
 from robrain.coordinator.allocation.validate import SLACK, validate
 
 
-def keep(problem: Problem, plan: Plan | None, objective: Objective) -> Plan | None:
-    """An earlier plan's orders in this problem, as far as they can be kept; None if there is no such plan."""
-    if plan is None:
-        return None
+def keep(problem: Problem, plan: Plan, objective: Objective) -> Plan | None:
+    """An earlier plan's orders in this problem, as far as they can be kept; None if none can."""
     orders_of = {route.worker: route.jobs for route in plan.routes}
     orders = [orders_of.get(worker.name, ()) for worker in problem.workers]
     return repaired(problem, orders, objective)

@@ -30,8 +30,7 @@ from numba import njit
 from numpy.typing import NDArray
 from pyvrp import Client, Depot, Location, ProblemData, Route, Solution, VehicleType
 
-from robrain.coordinator.allocation.arrays import Floats, Indices, ProblemArrays, VisitArrays
-from robrain.coordinator.allocation.problem import Objective, Problem
+from robrain.coordinator.allocation.problem import Floats, Indices, Objective, Problem, ProblemArrays, VisitArrays
 
 J_UNITS = 1e4
 """Of a median way with the service at its end; chosen so that rounding costs about 1e-4."""

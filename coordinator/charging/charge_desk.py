@@ -10,10 +10,10 @@ from robrain.coordinator.charging.charge_publisher import ChargePublisher
 from robrain.coordinator.charging.charge_schedule import Demand, Seeker, Turn, is_same_charger, schedule_charges
 from robrain.coordinator.charging.charge_turns import FULL_ENOUGH, TO_SOC, Charge, Idle, assign_chargers, nearest
 from robrain.coordinator.charging.charge_watch import ChargeWatch
-from robrain.coordinator.planning.available_robots import HOMEWARD, is_charging
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.planning.policy import Charging
 from robrain.coordinator.planning.snapshot import AfterCharge
+from robrain.coordinator.planning.snapshot_builder import HOMEWARD, is_charging
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.model.geometry import Point2D

@@ -6,9 +6,9 @@ from robrain.coordinator.charging.charge_power import ChargePower
 from robrain.coordinator.charging.charge_schedule import Seeker, Way, is_same_charger
 from robrain.coordinator.charging.charge_turns import TO_SOC, nearest
 from robrain.coordinator.charging.chargers import Charger
-from robrain.coordinator.planning.available_robots import is_charging
 from robrain.coordinator.planning.energy_budget import SOC_LEAST, profile_of
 from robrain.coordinator.planning.planning import Planning
+from robrain.coordinator.planning.snapshot_builder import is_charging
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.model.energy.energy_model import Work, estimate

@@ -13,13 +13,19 @@ from typing import NamedTuple
 import msgspec
 
 from robrain.coordinator.charging.chargers import KnownChargers
-from robrain.coordinator.planning.available_robots import HOMEWARD, LATEST_S, free_in_s, is_ending, why_out
 from robrain.coordinator.planning.plan_in_force import PlanInForce, Step
 from robrain.coordinator.planning.planner import Planner
 from robrain.coordinator.planning.policy import NEAREST, PlanningPolicy
 from robrain.coordinator.planning.replan_trigger import ReplanTrigger
 from robrain.coordinator.planning.snapshot import AfterCharge, ChargerWays, Snapshot
-from robrain.coordinator.planning.snapshot_builder import SnapshotBuilder
+from robrain.coordinator.planning.snapshot_builder import (
+    HOMEWARD,
+    LATEST_S,
+    SnapshotBuilder,
+    free_in_s,
+    is_ending,
+    why_out,
+)
 from robrain.coordinator.planning.worker.live_planner import LivePlanner
 from robrain.coordinator.tasks.backoff import Backoff
 from robrain.coordinator.tasks.task_book import TaskBook

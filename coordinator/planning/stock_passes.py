@@ -10,11 +10,10 @@ from collections.abc import Mapping, Sequence
 import msgspec
 
 from robrain.coordinator.allocation.allocator import Allocator
-from robrain.coordinator.allocation.arrays import make_arrays
 from robrain.coordinator.allocation.checked_allocator import BadPlan
 from robrain.coordinator.allocation.explain import reasons
 from robrain.coordinator.allocation.plan import Plan, Route, Stop, Unassigned, make_plan
-from robrain.coordinator.allocation.problem import Problem
+from robrain.coordinator.allocation.problem import Problem, make_arrays
 from robrain.coordinator.allocation.repair import keep, repaired
 from robrain.coordinator.allocation.validate import validate
 from robrain.coordinator.planning.plan_passes import PlanDraft

@@ -1,9 +1,12 @@
 """Compiles the kernels before a run, with a message, as the first time on a computer takes a while."""
 
+import pickle
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, ExitStack
+from pathlib import Path
+from types import ModuleType
 
 from numba.core import event
 from numba.core.dispatcher import Dispatcher
@@ -31,6 +34,7 @@ def prepare_kernels(*, quiet: bool = False) -> int:
         The number of kernels compiled.
 
     """
+    remove_stale_caches({Path(str(module.__file__)).parent / "__pycache__" for module in _modules_with_kernels()})
     with ExitStack() as closing:
         notice = _Notice(closing, quiet=quiet)
         closing.enter_context(_LISTENING(COMPILING, notice))
@@ -38,6 +42,25 @@ def prepare_kernels(*, quiet: bool = False) -> int:
             warm_up()
         notice.end()
     return len(notice.compiled)
+
+
+def remove_stale_caches(folders: Iterable[Path]) -> list[Path]:
+    """Remove numba's caches that name modules which are gone: numba fails at them instead of compiling anew.
+
+    Returns:
+        The removed files.
+
+    """
+    removed = []
+    for index in sorted(path for folder in folders for path in folder.glob("*.nbi")):
+        try:
+            with index.open("rb") as file:
+                pickle.load(file)  # numba's version
+                pickle.load(file)
+        except (ImportError, AttributeError):
+            index.unlink(missing_ok=True)
+            removed.append(index)
+    return removed
 
 
 class _Notice(event.Listener):
@@ -80,5 +103,13 @@ class _Notice(event.Listener):
 
 def _all_kernels() -> int:
     """Number of kernels in loaded modules; slightly too high, as a few are only compiled as part of others."""
+    return len({id(one) for module in _modules_with_kernels() for one in _kernels_of(module)})
+
+
+def _modules_with_kernels() -> list[ModuleType]:
     modules = [module for name, module in list(sys.modules.items()) if name.startswith(OURS)]
-    return len({id(one) for module in modules for one in vars(module).values() if isinstance(one, Dispatcher)})
+    return [module for module in modules if _kernels_of(module)]
+
+
+def _kernels_of(module: ModuleType) -> list[Dispatcher]:
+    return [one for one in vars(module).values() if isinstance(one, Dispatcher)]

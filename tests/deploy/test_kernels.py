@@ -1,6 +1,7 @@
 """The first run on a computer reports that kernels are compiled."""
 
 import io
+import pickle
 
 import pytest
 from numba import njit
@@ -46,3 +47,13 @@ def test_a_terminal_shows_how_many_are_compiled(said: io.StringIO, monkeypatch: 
     kernels.prepare_kernels()
     assert "compiling kernels, once on this computer" in said.getvalue()
     assert " 1/" in said.getvalue()
+
+
+def test_a_cache_that_names_a_module_which_is_gone_is_removed(tmp_path):
+    sound, gone, other = (tmp_path / name for name in ("sound.nbi", "gone.nbi", "other.txt"))
+    sound.write_bytes(pickle.dumps("0.1") + pickle.dumps(("stamp", {})))
+    gone.write_bytes(pickle.dumps("0.1") + b"crobrain.no_such_module\nThing\n.")
+    other.write_text("not ours")
+    assert kernels.remove_stale_caches([tmp_path]) == [gone]
+    assert sorted(tmp_path.iterdir()) == [other, sound]
+    assert kernels.remove_stale_caches([tmp_path]) == []

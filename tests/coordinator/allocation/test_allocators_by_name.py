@@ -6,8 +6,8 @@ import pytest
 from robrain.coordinator.allocation.allocator import ALLOCATORS
 from robrain.coordinator.allocation.checked_allocator import BadPlan
 from robrain.coordinator.allocation.problem import Objective
+from robrain.coordinator.planning.plan_search import PlanSolver, solve
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.planning.solver import PlanSolver, solve
 from robrain.protocol.registry import Registry
 from robrain.protocol.wire.reasons.plans import NobodyHas
 from tests.coordinator.planning.test_plan_solver import job, problem

@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from robrain.coordinator.allocation.arrays import TeamArrays, VisitArrays
 from robrain.coordinator.allocation.auction import (
     GREATEST_GAIN,
     LEAST_BID,
@@ -17,6 +16,7 @@ from robrain.coordinator.allocation.auction import (
 )
 from robrain.coordinator.allocation.explain import FITS, judge_visit
 from robrain.coordinator.allocation.insertion import BY_ENERGY, BY_FINISH, BY_LEAST_LEFT, Routes, empty_routes, insert
+from robrain.coordinator.allocation.problem import TeamArrays, VisitArrays
 
 HORIZON_S = 2000.0
 

@@ -4,10 +4,9 @@ import math
 
 import pytest
 
-from robrain.coordinator.allocation.arrays import make_arrays
-from robrain.coordinator.allocation.coupling import Windows, coupled_jobs, windows_of
+from robrain.coordinator.allocation.coupling import Windows, windows_of
 from robrain.coordinator.allocation.plan import make_plan
-from robrain.coordinator.allocation.problem import Objective, Problem
+from robrain.coordinator.allocation.problem import Objective, Problem, make_arrays
 from robrain.coordinator.allocation.validate import validate
 from tests.coordinator.allocation.test_validate import job, line, worker
 
@@ -28,7 +27,7 @@ def windows(problem: Problem, orders: list[list[str]], share: float, end_s: floa
 
 def test_jobs_that_wait_are_waited_for_or_take_several_robots_are_coupled():
     jobs = [job("a", 1), job("b", 2, after=("a", "done")), job("c", 3), job("lift", 4, robots=2)]
-    assert coupled_jobs(line(jobs, [worker("r1")])) == {0: [1], 1: [], 3: []}
+    assert line(jobs, [worker("r1")]).coupled == {0: [1], 1: [], 3: []}
 
 
 def test_without_coupled_jobs_windows_are_the_jobs_own():

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from robrain.coordinator.allocation import vrp_model
-from robrain.coordinator.allocation.arrays import make_arrays
-from robrain.coordinator.allocation.problem import Objective, Problem
+from robrain.coordinator.allocation.problem import Objective, Problem, make_arrays
 from robrain.coordinator.allocation.vrp_model import VrpModel
 from tests.coordinator.allocation.test_validate import job, line, worker
 

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from robrain.coordinator.allocation.auction import AuctionAllocator
 from robrain.coordinator.allocation.validate import validate
-from robrain.coordinator.planning.solver import PlanSolver
+from robrain.coordinator.planning.plan_search import PlanSolver
 from robrain.coordinator.planning.stock_passes import for_the_ready, with_those_who_charge
 from robrain.protocol.model.tasks.objective import Objective
 from tests.coordinator.allocation.instances import team_problem

@@ -4,10 +4,9 @@ import msgspec
 import pytest
 
 from robrain.coordinator.planning.plan_passes import PASSES, STOCK_PASSES
-from robrain.coordinator.planning.plan_search import LockstepPlanner
+from robrain.coordinator.planning.plan_search import LockstepPlanner, PlanSolver
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.recorded_plans import plan_again
-from robrain.coordinator.planning.solver import PlanSolver
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.registry import Registry
 from tests.coordinator.planning.snapshots import open_floor_snapshot

@@ -9,7 +9,7 @@ import pytest
 from robrain.coordinator.allocation.plan import Plan
 from robrain.coordinator.allocation.problem import Job, Objective, Problem, Worker
 from robrain.coordinator.planning import stock_passes
-from robrain.coordinator.planning.solver import FRUITLESS, PlanSolver, solve
+from robrain.coordinator.planning.plan_search import FRUITLESS, PlanSolver, solve
 
 
 def problem(*jobs, j_per_m=1.0):
