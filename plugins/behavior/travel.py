@@ -8,10 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.agent.environment import Environment
-from robrain.plugins.behavior.encounter import ROOM_S, Encounter, circles, zones
-from robrain.plugins.behavior.leg import Leg, Outlet
+from robrain.plugins.behavior.deconfliction import ROOM_S, Encounter, Leg, Outlet, Standing, circles, zones
 from robrain.plugins.behavior.search import PATIENCE_S, TASK_PATIENCE_S, Search
-from robrain.plugins.behavior.standing import Standing
 from robrain.plugins.skill.localisation.interface import LocalisationInterface
 from robrain.plugins.skill.mapper.interface import MapperInterface, MapView
 from robrain.plugins.skill.planner.interface import PlannerInterface

@@ -6,8 +6,7 @@ way home takes: the running task is given back then, and no other is taken on be
 
 from typing import ClassVar
 
-from robrain.plugins.behavior.budget import length_m
-from robrain.plugins.behavior.docks import AT_DOCK_M
+from robrain.plugins.behavior.budget import AT_DOCK_M, length_m
 from robrain.plugins.behavior.errand import STEP_S, Errand, Failed, Run, Script
 from robrain.plugins.behavior.recharge.docking import Docking
 from robrain.plugins.behavior.recharge.queue import Queue

@@ -21,10 +21,9 @@ from robrain.plugins.device.range_sensors.interface import Bump, RangeSensorsInt
 from robrain.plugins.device.scan.interface import ScanInterface
 from robrain.plugins.unit.driver.by_hand import ByHand
 from robrain.plugins.unit.driver.interface import DriverInterface, Motion, OdometryNoise
-from robrain.plugins.unit.driver.lookout import Lookout
-from robrain.plugins.unit.driver.path import Path
-from robrain.plugins.unit.driver.ramp import Ramp, RampLimits, speed_to_stop
-from robrain.plugins.unit.driver.squeeze import BEGIN_M, CREEP_M_S, KEEP_M, KEEP_PER_S, Progress, is_between, squeeze
+from robrain.plugins.unit.driver.path import Path, Ramp, RampLimits, speed_to_stop
+from robrain.plugins.unit.driver.squeeze import BEGIN_M, CREEP_M_S, KEEP_M, KEEP_PER_S, is_between, squeeze
+from robrain.plugins.unit.lookout import Lookout
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D, wrap_angle_rad
 from robrain.protocol.model.ranges import METRES_MAX, Metres, Radians, Seconds, Speed
 from robrain.protocol.wire.clock import to_seconds
@@ -104,7 +103,6 @@ class Driver(Unit):
         self._why = ""
         self._gap_m: float | None = None
         self._squeezes = False
-        self._progress = Progress()
 
     def activate(self) -> None:
         self._moc = self.env.use("mocdevice", MocDeviceInterface)
@@ -136,7 +134,8 @@ class Driver(Unit):
     def follow(self, path: list[Point2D], fastest_m_s: float = math.inf, *, is_narrow: bool = False) -> None:
         """Drive along these points to the last one, at most this fast; `is_narrow` lets it squeeze where needed."""
         _check_range("follow", *(number for point in path for number in (point.x_m, point.y_m)))
-        self._actions.cancel_all("another path was given")
+        if self._action is not None:
+            self._action.cancel("another path was given")
         way = Path(path, ARRIVED_M, fastest_m_s=fastest_m_s, is_narrow=is_narrow) if path else None
         if self._hand.holds(self.env.clock.now_ns()):  # the path waits until the hand lets go
             self._path = way
@@ -292,7 +291,7 @@ class Driver(Unit):
         self._action = None
         self._to_turn_rad = 0.0
         self._path = path
-        self._progress.forget()
+        path.forget_progress()
         if self._motion is Motion.STANDING:
             self._motion = Motion.DRIVING
             self.env.hurry()
@@ -410,7 +409,7 @@ class Driver(Unit):
         )
         if self._squeezes:
             return self._squeeze(path, pose, heading_rad, free_m)
-        self._progress.forget()
+        path.forget_progress()
         self._gap_m = None
         self._note(IN_THE_WAY if free_m < BLOCKED_M and not path.is_at_goal(pose) else "")
         ahead_m = way.ahead(math.cos(heading_rad), math.sin(heading_rad))
@@ -423,7 +422,7 @@ class Driver(Unit):
         """Drive one period through a narrow place or up to one; `free_m` is the room ahead for normal driving."""
         way, limits = self._way, self.parameters
         found = squeeze(self._lookout, pose, heading_rad, path.along_rad(pose), self._moc.radius_m())
-        is_stuck = self._progress.is_stuck(pose, self.env.clock.now_ns()) and not path.is_at_goal(pose)
+        is_stuck = path.is_stuck(pose, self.env.clock.now_ns()) and not path.is_at_goal(pose)
         self._gap_m = found.gap_m if is_stuck else None
         self._note("" if not is_stuck else IN_THE_WAY if found.gap_m is None else TOO_NARROW)
         if way.speed > SLOW_M_S:

@@ -12,10 +12,10 @@ import numpy as np
 from robrain.agent.plugin import Unit, external
 from robrain.plugins.device.range_sensors.interface import RangeSensorsInterface
 from robrain.plugins.device.scan.interface import ScanInterface
+from robrain.plugins.unit.lookout import RING_FRESH_NS, SCAN_FRESH_NS, ring_points_m, scan_points_m
 from robrain.plugins.unit.obstacle_distance.interface import ObstacleDistanceInterface, ObstacleView
-from robrain.plugins.unit.obstacle_points import RING_FRESH_NS, SCAN_FRESH_NS, ring_points_m, scan_points_m
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.navigation.obstacles import sector_distances_m
+from robrain.protocol.model.navigation.clearance import sector_distances_m
 from robrain.protocol.wire.errors import CallError, ErrorCode
 
 SECTORS_MAX = 360
