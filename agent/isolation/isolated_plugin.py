@@ -79,8 +79,6 @@ class IsolatedPlugin(Plugin):
         child = self._child
         return child.pid if child is not None else None
 
-    # -- lifecycle ------------------------------------------------------------------------------------------
-
     def init(self) -> None:
         """Start the process, and run the plugin's own there."""
         if self.env.wire.drive is Drive.LOCKSTEP:
@@ -132,8 +130,6 @@ class IsolatedPlugin(Plugin):
         """End the process, whatever the plugin is at."""
         self._end("was closed")
 
-    # -- what stands for the plugin's own functions ---------------------------------------------------------
-
     def _call(self, name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
         signature = self._contract.functions[name]
         request = Call(OWN, name, signature.write_arguments(args, kwargs))
@@ -141,8 +137,6 @@ class IsolatedPlugin(Plugin):
 
     def _get(self, name: str) -> Any:
         return self._contract.attributes[name].decode(self._ask(Get(OWN, name), self._limits.call_s))
-
-    # -- the process ----------------------------------------------------------------------------------------
 
     def _start(self) -> None:
         self._end("is started anew")

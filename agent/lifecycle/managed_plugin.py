@@ -99,8 +99,6 @@ class ManagedPlugin:
         self._deciding = threading.Lock()
         """Held while a state is looked at and changed; no other lock is taken meanwhile."""
 
-    # -- what it is -----------------------------------------------------------------------------------------
-
     @property
     def code(self) -> PluginCode:
         """The plugin's class and functions; imported on first use (ManifestError if that fails)."""
@@ -197,8 +195,6 @@ class ManagedPlugin:
         settings = zlib.crc32(msgspec.json.encode(parameters, order="deterministic"))
         return msgspec.structs.replace(self._code.task_kind, settings=settings)
 
-    # -- its states -----------------------------------------------------------------------------------------
-
     def apply(self, trigger: Trigger, why: str = "", error: BaseException | None = None, *, lacks: str = "") -> None:
         """Change the state as the table of transitions says, and do what the table says; the only way to do either.
 
@@ -282,8 +278,6 @@ class ManagedPlugin:
         if self._instance is not None:
             self._instance.environment.end(self.why or f"{self.name} is {self.state}")
         self.holdings.release()
-
-    # -- its lifecycle --------------------------------------------------------------------------------------
 
     def load(self) -> None:
         """Create the plugin with its checked parameters and environment, and call its `init`."""
@@ -383,8 +377,6 @@ class ManagedPlugin:
         if environment.has_gone:
             raise PluginHung(self.name, f"this instance of {self.name} was abandoned")
 
-    # -- its step -------------------------------------------------------------------------------------------
-
     def run_step(self) -> None:
         """Deliver what was notified, then the plugin's own step; a plugin that raises is faulted."""
         self._run(steps=True)
@@ -420,8 +412,6 @@ class ManagedPlugin:
             return  # the process of a plugin that it called has ended: that plugin faults, not this one
         self.fault(error)
 
-    # -- what it asks for -----------------------------------------------------------------------------------
-
     def use(self, name: str, interface: type[InterfaceT]) -> InterfaceT:
         """A handle on another plugin for this one; the other decides."""
         if name not in self.manifest.tag.requires:
@@ -446,8 +436,6 @@ class ManagedPlugin:
         if task_kind is None:
             raise PluginError(self.name, f"{self.name} cannot take tasks: its class declares no `kind`")
         self.holdings.do_tasks(desk, task_kind.kind, *task_handlers(self, accept, let_go, work))
-
-    # -- what is asked of it --------------------------------------------------------------------------------
 
     def grant(self, caller: Caller, interface: type) -> Handle:
         """A handle on this plugin for a caller.

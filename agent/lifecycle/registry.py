@@ -79,8 +79,6 @@ class Registry:
         """Know a plugin no more."""
         self.plugins = {name: other for name, other in self.plugins.items() if other is not plugin}
 
-    # -- who requires whom ----------------------------------------------------------------------------------
-
     def requirements(self) -> dict[str, list[str]]:
         """What each plugin requires, by name."""
         return {name: plugin.manifest.tag.requires for name, plugin in self.plugins.items()}
@@ -137,8 +135,6 @@ class Registry:
             if manifest.name in user.manifest.tag.requires and user.plugin_class.level <= plugin_class.level:
                 raise level_conflict(user.name, user.plugin_class, manifest.name, plugin_class)
 
-    # -- who uses whom --------------------------------------------------------------------------------------
-
     def request(self, caller: Caller, name: str, interface: type) -> Handle | ForeignHandle:
         """Pass a plugin's request for another on to the other, or to a foreign process of that name."""
         if self.foreign is not None and self.is_foreign(name):
@@ -155,8 +151,6 @@ class Registry:
         """A plugin has faulted; its users' locks must not be taken from below, so this is seen to later."""
         if plugin not in self.new_faults:
             self.new_faults.append(plugin)
-
-    # -- foreign plugins ------------------------------------------------------------------------------------
 
     def is_foreign(self, name: str) -> bool:
         """Whether it is a process of its own that goes by this name."""

@@ -308,8 +308,6 @@ class Travel:
         self.driver.stop()
         self._paths.put(PlannedPath(robot=self._env.robot, points=[]))
 
-    # -- planning -------------------------------------------------------------------------------------------
-
     def _meet(self, pose: Pose2D, claim: Claim | None = None) -> Encounter:
         mates = self.teammates.mates(Point2D(pose.x_m, pose.y_m), self.mate_near_m)
         radius_m = self.driver.radius_m() if mates else 0.0
@@ -392,8 +390,6 @@ class Travel:
     def _is_contested(self) -> bool:
         since = self._contested_ns
         return since is not None and self._env.clock.now_ns() - since < to_ns(self._parameters.replan_s)
-
-    # -- driving --------------------------------------------------------------------------------------------
 
     def _take(self, path: list[Point2D], pose: Pose2D, *, is_narrow: bool = False) -> Leg:
         """Make this path the way to the goal."""

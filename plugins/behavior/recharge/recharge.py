@@ -80,8 +80,6 @@ class RechargeBehavior(Errand[Recharge]):
         self._wanted = ""
         super().emergency_halt()
 
-    # -- at the charger -------------------------------------------------------------------------------------
-
     def work(self, task: Task, parameters: Recharge) -> Work:
         """Docking; what is used at the charger comes from the charger."""
         return Work(wait_s=DOCK_S)
@@ -146,8 +144,6 @@ class RechargeBehavior(Errand[Recharge]):
             self._charged_j += before_j - run.energy_j
             run.energy_j = before_j
 
-    # -- told to --------------------------------------------------------------------------------------------
-
     def why_not(self, run: Run[Recharge]) -> None:
         """Nothing: to run out of energy on the way to a charger is no worse than to wait for it."""
 
@@ -162,8 +158,6 @@ class RechargeBehavior(Errand[Recharge]):
             self._wanted = ""
             self.budget.home.learn(ChargerPlace(task.place.x_m, task.place.y_m, parameters_of(task, Recharge).yaw_rad))
         return answer
-
-    # -- of its own accord ----------------------------------------------------------------------------------
 
     def step(self) -> None:
         if self.run is None and self.env.clock.now_ns() >= self._not_before_ns:

@@ -177,8 +177,6 @@ class MocDevice(Device):
         """Last status of the motor controller; null before the first."""
         return self._status
 
-    # -- the bus --------------------------------------------------------------------------------------------
-
     def _stamped_at(self) -> StampedAt:
         wanted = self.parameters
         if wanted.stamped_at is not None:

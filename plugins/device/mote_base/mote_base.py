@@ -168,8 +168,6 @@ class MoteBase(Device):
             next_try_s=self._backoff.wait_s(now_ns),
         )
 
-    # -- hearing ------------------------------------------------------------------------------------------------
-
     def _take(self, packets: list[bytes], dropped: int, now_ns: int) -> None:
         arrived = len(packets) + dropped - self._dropped_before
         self._dropped_before = dropped
@@ -208,8 +206,6 @@ class MoteBase(Device):
         if bool(why_down) != bool(self._told_down):
             self._told_down, self._down_ns = why_down, now_ns
             self.trouble.notify(Trouble("lost", why_down) if why_down else Trouble("back", "the line is back"))
-
-    # -- lines --------------------------------------------------------------------------------------------------
 
     def _open_zenoh(self) -> Link:
         return ZenohLink(self.env.wire, self.env.robot, self.parameters.inbox_packets)

@@ -277,8 +277,6 @@ class Driver(Unit):
         """Radius of the round footprint."""
         return self._moc.radius_m()
 
-    # -- starting and ending --------------------------------------------------------------------------------
-
     def _start_path(self, name: str, path: Path) -> str:
         pose = self._moc.pose()
         action = self._actions.start(name)
@@ -337,8 +335,6 @@ class Driver(Unit):
             self._way.stand()
             self._turn.stand()
 
-    # -- by hand --------------------------------------------------------------------------------------------
-
     def _step_by_hand(self, pose: Pose2D, is_fresh: bool) -> None:
         blind_why = self._lookout.look(self.env.clock.now_ns()) if is_fresh else NO_ODOMETRY
         if blind_why:
@@ -355,8 +351,6 @@ class Driver(Unit):
         self._go_towards(pose, heading_rad, min(speed_m_s, limits.speed_m_s), free_m)
         self._turn.follow(max(-limits.turn_rate_rad_s, min(limits.turn_rate_rad_s, wanted.yaw_rad_s)), 0.0)
         self._moc.drive(self._twist(pose))
-
-    # -- turning --------------------------------------------------------------------------------------------
 
     def _step_turn(self, pose: Pose2D, is_fresh: bool) -> None:
         before_rad, self._last_yaw_rad = self._last_yaw_rad, pose.yaw_rad
@@ -380,8 +374,6 @@ class Driver(Unit):
         left_rad = abs(angle_rad) - self._turn.ahead(math.copysign(1.0, angle_rad), 0.0)
         rate_rad_s = min(limits.turn_rate_rad_s, speed_to_stop(left_rad, limits.turn_acceleration_rad_s2, DELAY_S))
         self._turn.follow(math.copysign(rate_rad_s, angle_rad), 0.0)
-
-    # -- following a path -----------------------------------------------------------------------------------
 
     def _step_path(self, path: Path, pose: Pose2D, is_fresh: bool) -> None:
         path.pass_points(pose)

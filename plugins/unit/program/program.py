@@ -149,8 +149,6 @@ class Program(Unit):
             why=self._why,
         )
 
-    # -- the process ----------------------------------------------------------------------------------------
-
     def _find(self, program: str, folder: Path | None) -> None:
         beside = folder / program if folder is not None and os.sep in program else program
         if shutil.which(beside) is None:
@@ -200,8 +198,6 @@ class Program(Unit):
         if process is None or process.status is not None:
             raise ProgramEnded(self.env.plugin, f"{self.env.plugin} does not run: {self._why or 'it has just ended'}")
         return process
-
-    # -- lines ----------------------------------------------------------------------------------------------
 
     def _line(self, text: str) -> str:
         if self.parameters.input == "json":

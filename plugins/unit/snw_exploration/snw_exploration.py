@@ -118,8 +118,6 @@ class SNwExploration(Unit):
         for record in self._records.values():
             record.publisher = None  # it ends with the plugin's place on the wire
 
-    # -- what others may ask ------------------------------------------------------------------------------------
-
     @external
     def heard(self) -> list[HeardMote]:
         """The motes that this robot has heard, by number."""
@@ -165,8 +163,6 @@ class SNwExploration(Unit):
             duties_given_up=self._given_up,
             refused=self._refused,
         )
-
-    # -- from the motes -----------------------------------------------------------------------------------------
 
     def _take(self, packet: HeardPacket) -> None:
         message = packet.message
@@ -221,8 +217,6 @@ class SNwExploration(Unit):
             )
         )
 
-    # -- to the motes -------------------------------------------------------------------------------------------
-
     def _answer(self, record: MoteRecord, now_ns: int) -> None:
         """Say what there is to say, while the mote listens."""
         self._answer_duty(record)
@@ -255,8 +249,6 @@ class SNwExploration(Unit):
             self._duties += 1
             self._base.send(record.number, DUTY_TYPE, DutyPayload(record.wanted_period_ds).pack())
 
-    # -- between robots -----------------------------------------------------------------------------------------
-
     def _take_beacon(self, payload: bytes, stamp_ns: int) -> None:
         try:
             self._links.hear(payload, stamp_ns)
@@ -276,8 +268,6 @@ class SNwExploration(Unit):
         message = self._links.message(now_ns, to_ns(self.parameters.link_fresh_s), self._records.values())
         if message is not None:
             self._links_out.put(message)
-
-    # -- from the team ------------------------------------------------------------------------------------------
 
     def _hear_team(self) -> None:
         if not len(self._inbox):
