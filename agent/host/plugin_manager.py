@@ -287,11 +287,7 @@ class PluginManager:
             self.faults.note(new_faults.popleft(), now_ns)
 
     def _load_one(
-        self,
-        manifest: Manifest,
-        fresh: dict[str, ManagedPlugin],
-        wanted: Mapping[str, Manifest],
-        users: Sequence[str],
+        self, manifest: Manifest, fresh: dict[str, ManagedPlugin], wanted: Mapping[str, Manifest], users: Sequence[str]
     ) -> None:
         registry, name = self.registry, manifest.name
         if name in fresh:

@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from robrain.plugins.skill.localisation.interface import LocalisationInterface
 from robrain.plugins.skill.planner.interface import Circle
@@ -29,6 +28,7 @@ from robrain.protocol.model.navigation.right_of_way import (
     meet,
     release,
 )
+from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.robot_messages import PlannedPath
 
@@ -71,15 +71,15 @@ class Encounter:
             for mate in mates
         ]
 
-    def release(self, ahead: NDArray[np.float64]) -> Release:
+    def release(self, ahead: Floats) -> Release:
         """How far the robot may go along positions (N, 2)."""
         return release(ahead, self._speed_m_s, self.tracks, MARGINS)
 
-    def guard(self, ahead: NDArray[np.float64]) -> Release:
+    def guard(self, ahead: Floats) -> Release:
         """How far it may go without touching anybody; for a robot that is getting out of the way."""
         return release(ahead, self._speed_m_s, [track._replace(goes_first=False) for track in self.tracks], MARGINS)
 
-    def in_the_way_of(self, here: NDArray[np.float64], within_s: float) -> list[str]:
+    def in_the_way_of(self, here: Floats, within_s: float) -> list[str]:
         """Who of those who go first is to pass these positions (N, 2) within that time."""
         found = []
         for mate, track in zip(self.mates, self.tracks, strict=True):
@@ -88,7 +88,7 @@ class Encounter:
                 found.append(mate.name)
         return found
 
-    def still_meets(self, ahead: NDArray[np.float64], names: Sequence[str]) -> bool:
+    def still_meets(self, ahead: Floats, names: Sequence[str]) -> bool:
         """Whether the way of any of these mates meets that of the robot, whoever goes first."""
         return any(
             meet(ahead, track, MARGINS.contest_m)
@@ -179,7 +179,7 @@ class Standing:
         """Act by its own claim again."""
         self._lent = None
 
-    def has_no_refuge(self, encounter: Encounter, here: NDArray[np.float64], now_ns: int) -> None:
+    def has_no_refuge(self, encounter: Encounter, here: Floats, now_ns: int) -> None:
         """There is nowhere to go; that is told once somebody is near enough to be waiting for it."""
         pressed_by = encounter.in_the_way_of(here, PRESSED_S)
         if pressed_by and now_ns - self._cornered_ns >= to_ns(CORNERED_AGAIN_S):
@@ -188,7 +188,7 @@ class Standing:
             most = max(mate.claim.cornered for mate in encounter.mates if mate.name in pressed_by)
             self._own = msgspec.structs.replace(self._own, cornered=1 + most)
 
-    def relieve(self, encounter: Encounter, ahead: NDArray[np.float64]) -> None:
+    def relieve(self, encounter: Encounter, ahead: Floats) -> None:
         """Cornered no more, once the ways of those that had to give way do not meet the robot's any longer."""
         if self._cornered_by and not encounter.still_meets(ahead, self._cornered_by):
             self._cornered_by = []
@@ -218,13 +218,7 @@ class Leg:
     """
 
     def __init__(
-        self,
-        outlet: Outlet,
-        pose: Pose2D,
-        path: list[Point2D],
-        *,
-        is_escape: bool = False,
-        is_narrow: bool = False,
+        self, outlet: Outlet, pose: Pose2D, path: list[Point2D], *, is_escape: bool = False, is_narrow: bool = False
     ) -> None:
         self.is_escape = is_escape
         self.is_narrow = is_narrow

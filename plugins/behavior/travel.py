@@ -5,7 +5,6 @@ from enum import Enum, auto
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from robrain.agent.environment import Environment
 from robrain.plugins.behavior.deconfliction import ROOM_S, Encounter, Leg, Outlet, Standing, circles, zones
@@ -20,6 +19,7 @@ from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.navigation.claim import Claim
 from robrain.protocol.model.navigation.clearance import least_gap_m
 from robrain.protocol.model.navigation.right_of_way import LONGEST_M, LOOK_AHEAD_M, STEP_M, Release
+from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.robot_messages import PlannedPath
 from robrain.protocol.wire.reasons.offers import PositionLost
@@ -375,7 +375,7 @@ class Travel:
         ahead = leg.way.ahead(pose.x_m, pose.y_m, LONGEST_M)
         return self._safe_positions(leg, ahead) == len(ahead)
 
-    def _safe_positions(self, leg: Leg, ahead: NDArray[np.float64]) -> int:
+    def _safe_positions(self, leg: Leg, ahead: Floats) -> int:
         skipped = round(NEXT_LOOK_M / STEP_M)
         safe = self._planner.safe_positions(self.view(), ahead[skipped:], is_narrow=leg.is_narrow)
         return min(len(ahead), skipped + safe)
@@ -424,7 +424,7 @@ class Travel:
             return Progress.UNDER_WAY
         return self._wait()
 
-    def _careful(self, leg: Leg, allowed: Release, ahead: NDArray[np.float64], now_ns: int) -> Release:
+    def _careful(self, leg: Leg, allowed: Release, ahead: Floats, now_ns: int) -> Release:
         """Limit the release to what the map allows, and to small steps after the driver was blocked."""
         if self._lost_ns is not None:
             allowed = _at_most(allowed, self._safe_positions(leg, ahead) - round(NEXT_LOOK_M / STEP_M))
@@ -472,7 +472,7 @@ class Travel:
         return Progress.BLOCKED if held_ns > to_ns(self._parameters.mate_patience_s) else Progress.WAITING
 
 
-def _here(pose: Pose2D) -> NDArray[np.float64]:
+def _here(pose: Pose2D) -> Floats:
     return np.array([(pose.x_m, pose.y_m)])
 
 

@@ -7,13 +7,13 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robrain.plugins.device.mocdevice.interface import MocDeviceInterface
 from robrain.plugins.device.range_sensors.interface import Bump, RangeRing, RangeSensorsInterface
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
 from robrain.protocol.model.navigation.clearance import Passage, contact_distance_m, hold_off, passage
+from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.wire.clock import to_ns
 
 SCAN_FRESH_NS = to_ns(0.6)
@@ -21,21 +21,21 @@ SCAN_FRESH_NS = to_ns(0.6)
 RING_FRESH_NS = to_ns(0.3)
 FROZEN_M, FROZEN_RAD = 0.08, 0.08
 """A robot that has moved so far cannot see the very same ranges, to the millimetre."""
-NOTHING: NDArray[np.float64] = np.empty((2, 0))
+NOTHING: Floats = np.empty((2, 0))
 BUMPED_RAD = math.radians(80.0)
 """The robot does not drive within this angle of a touched direction."""
 SQUEEZED_GAP_M = 0.03
 """In a narrow place the robot's edge stays this far from what is ahead."""
 
 
-def scan_points_m(scan: LaserScan, seen_from: Pose2D) -> NDArray[np.float64]:
+def scan_points_m(scan: LaserScan, seen_from: Pose2D) -> Floats:
     """What a scan has hit (2, N), in the frame of the pose that it was taken from."""
     hit = scan.ranges_m < scan.range_max_m
     angles_rad, ranges_m = scan.angles_rad[hit] + seen_from.yaw_rad, scan.ranges_m[hit]
     return np.stack((seen_from.x_m + ranges_m * np.cos(angles_rad), seen_from.y_m + ranges_m * np.sin(angles_rad)))
 
 
-def ring_points_m(ring: RangeRing, before: RangeRing | None, seen_from: Pose2D) -> NDArray[np.float64]:
+def ring_points_m(ring: RangeRing, before: RangeRing | None, seen_from: Pose2D) -> Floats:
     """What the range sensors hear (2, N), on their axes, in the frame of the pose that they heard it from.
 
     `before` is the measurement before: an echo that is missing once does not open the way.
@@ -58,7 +58,7 @@ class LidarWatch:
     """Sees that a lidar is frozen: its ranges stay equal to the millimetre while the robot moves."""
 
     def __init__(self) -> None:
-        self._ranges_m: NDArray[np.float64] | None = None
+        self._ranges_m: Floats | None = None
         self._before: Pose2D | None = None
         self._moved_m = self._turned_rad = 0.0
         """Since the first scan with these ranges."""

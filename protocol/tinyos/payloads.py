@@ -55,11 +55,7 @@ class Quantity(IntEnum):
         return _WIRE_NAMES[self]
 
 
-_WIRE_NAMES = {
-    Quantity.TEMPERATURE: "temperature_c",
-    Quantity.LIGHT: "light_lx",
-    Quantity.HUMIDITY: "humidity_pct",
-}
+_WIRE_NAMES = {Quantity.TEMPERATURE: "temperature_c", Quantity.LIGHT: "light_lx", Quantity.HUMIDITY: "humidity_pct"}
 
 
 def sequences_after(sequence: int, other: int) -> int:

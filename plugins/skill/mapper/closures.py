@@ -4,12 +4,10 @@ import math
 from collections import deque
 from collections.abc import Callable
 
-import numpy as np
-from numpy.typing import NDArray
-
 from robrain.plugins.skill.mapper.closure_search import ClosureSearch
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import Variances
+from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.model.numeric.small_linear_algebra import symmetric
 from robrain.protocol.model.slam.loop_closure import Contradiction, Lying, lay_on
 from robrain.protocol.model.slam.submap_atlas import SUBMAPS_MAX, SubmapAtlas, SubmapKey
@@ -85,12 +83,7 @@ class ClosureDesk:
         return f"{len(submaps)} submaps of {len(robots)} robots contradict what the lidar sees"
 
     def look(
-        self,
-        number: int,
-        local: Pose2D,
-        sensor: Pose2D,
-        points: Callable[[], NDArray[np.float64]],
-        covariance: tuple[float, ...],
+        self, number: int, local: Pose2D, sensor: Pose2D, points: Callable[[], Floats], covariance: tuple[float, ...]
     ) -> bool:
         """Match a scan against a submap that covers the place: one of another robot, or an old one of this robot.
 

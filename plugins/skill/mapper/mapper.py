@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from robrain.agent.event import Event
 from robrain.agent.plugin import Skill, external
@@ -24,15 +23,14 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import LocalPose
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.model.slam.mates_in_scan import mate_circles, sees_through, wall_ends
 from robrain.protocol.model.slam.submap import IDENTITY
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.model.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.map_messages import Closures
-from robrain.protocol.wire.messages.map_patch import (
-    map_stamp_ms,
-)
+from robrain.protocol.wire.messages.map_patch import map_stamp_ms
 from robrain.protocol.wire.topics import ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 logger = logging.getLogger(__name__)
@@ -253,13 +251,13 @@ class Mapper(Skill):
         self._atlas.take_surfaces((self.env.robot, number), surfaces)
         self._telling.finished(number, self._own, surfaces)
 
-    def _look_for_closure(self, scan: LaserScan, local: Pose2D, circles: NDArray[np.float64]) -> None:
+    def _look_for_closure(self, scan: LaserScan, local: Pose2D, circles: Floats) -> None:
         now_ns, number = self.env.clock.now_ns(), self._own.number
         if now_ns < self._closure_due_ns or number is None:
             return
         sensor = self._own.T_arena_local.compose(local)
 
-        def points() -> NDArray[np.float64]:
+        def points() -> Floats:
             return wall_ends(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, circles)
 
         if self._desk.look(number, local, sensor, points, self.env.board.pose_covariance):
@@ -370,11 +368,11 @@ class Mapper(Skill):
             self.paused.notify(why)
         self._why_paused = why
 
-    def _mates(self) -> NDArray[np.float64]:
+    def _mates(self) -> Floats:
         """(K, 3) published places of mates and their radii, metres, in the robot's map frame."""
         return self._mates_in(self._own.frame)
 
-    def _mates_in(self, frame: MapFrame) -> NDArray[np.float64]:
+    def _mates_in(self, frame: MapFrame) -> Floats:
         """(K, 3) published places of mates in a map frame and their radii, metres."""
         mates = self._teammates.in_frame(frame)
         if not mates:
@@ -390,7 +388,7 @@ class _Seen(NamedTuple):
     """T_local_sensor."""
 
 
-def _in_local(circles: NDArray[np.float64], T_arena_local: Pose2D) -> NDArray[np.float64]:
+def _in_local(circles: Floats, T_arena_local: Pose2D) -> Floats:
     """Circles of the arena frame in the frame `local`."""
     if T_arena_local == IDENTITY or not len(circles):
         return circles

@@ -13,10 +13,10 @@ from robrain.protocol.model.mapping.local_map import NO_DRIFT, Drift, LocalMap
 from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid, PatchCells
 from robrain.protocol.model.numeric.elementary_functions import arctan2
+from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.model.slam.submap import IDENTITY, PARTS, SURFACE, SURFACES_MAX, VIEW_PARTS
 from robrain.protocol.model.slam.submap_graph import SubmapGraph
 
-Floats = NDArray[np.float64]
 GRID_REACH_M = 20.0
 """Distance from the frame's origin, metres, at which its yaw must not shift cells."""
 LEAST = 1e-6

@@ -3,13 +3,13 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robrain.plugins.unit.teammates.interface import Doing, Mate, Teammate
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.navigation.claim import Claim
 from robrain.protocol.model.navigation.right_of_way import MATE_AHEAD_M, STEP_M, Track, Way
+from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.wire.messages.robot_messages import PlannedPath, RobotState
 
 MOVED_M = 0.1
@@ -144,7 +144,7 @@ class KnownMate:
         return Doing.UNDER_WAY
 
 
-def _rolling_on(mate: Teammate, speed_m_s: float) -> NDArray[np.float64]:
+def _rolling_on(mate: Teammate, speed_m_s: float) -> Floats:
     """Where a mate will be that has no path: where it is and, while it moves, straight on."""
     pose = mate.pose
     steps = math.ceil(speed_m_s * ROLLS_S / STEP_M) if speed_m_s > ROLLS_M_S else 0

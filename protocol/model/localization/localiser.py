@@ -17,6 +17,7 @@ from robrain.protocol.model.localization.scan_agreement import COMPARED_MIN, agr
 from robrain.protocol.model.localization.scan_match import ScanFit, search_scan
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, NONE, Drift, LocalMap
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.model.numeric.small_linear_algebra import innovation_squared
 from robrain.protocol.model.slam.submap import IDENTITY
 from robrain.protocol.model.slam.surface_match import match_surface
@@ -112,7 +113,7 @@ class Localiser:
         """Why the robot does not know where it is in the arena; empty while it does."""
         self.beginnings = 0
         """Number of times that the estimate was reset, to another place or to another frame."""
-        self.arena_fix: tuple[Pose2D, NDArray[np.float64]] | None = None
+        self.arena_fix: tuple[Pose2D, Floats] | None = None
         """T_arena_robot and its covariance, as found from motes while the robot is lost and maps in its own frame."""
         self.fits = True
         """Whether the last scan matched the robot's own map."""
@@ -144,7 +145,7 @@ class Localiser:
         return (xx + x, xy, xt, yx, yy + y, yt, tx, ty, tt + yaw)
 
     @property
-    def covariance(self) -> NDArray[np.float64]:
+    def covariance(self) -> Floats:
         """`covariances` as an array (3, 3)."""
         return np.array(self.covariances).reshape(3, 3)
 
@@ -197,7 +198,7 @@ class Localiser:
 
     def see(
         self,
-        points: NDArray[np.float64],
+        points: Floats,
         map: LocalMap,
         T_robot_sensor: Pose2D = Pose2D(0.0, 0.0, 0.0),  # noqa: B008 - immutable, so a shared default is safe
     ) -> ScanFit:
@@ -301,7 +302,7 @@ class Localiser:
         self,
         log_odds: NDArray[np.int8],
         geometry: GridGeometry,
-        points: NDArray[np.float64],
+        points: Floats,
         T_robot_sensor: Pose2D = Pose2D(0.0, 0.0, 0.0),  # noqa: B008 - immutable, so a shared default is safe
     ) -> bool:
         """Hold a scan against a map that others made, as to whether the robot is where it was told that it starts.
@@ -384,7 +385,7 @@ class Localiser:
         if max(covariance[0, 0], covariance[1, 1]) < FOUND_SIGMA_M**2 and covariance[2, 2] < FOUND_SIGMA_RAD**2:
             self.arena_fix = pose, covariance
 
-    def place(self, pose: Pose2D, covariance: NDArray[np.float64]) -> None:
+    def place(self, pose: Pose2D, covariance: Floats) -> None:
         """The robot is here in the arena: m², m·rad, rad²."""
         self._begin_anew("")
         self._of_map = NONE
@@ -398,11 +399,7 @@ class Localiser:
         self.watch.begin_anew()
 
     def _search(
-        self,
-        log_odds: NDArray[np.int8],
-        geometry: GridGeometry,
-        guess: Pose2D,
-        points: NDArray[np.float64],
+        self, log_odds: NDArray[np.int8], geometry: GridGeometry, guess: Pose2D, points: Floats
     ) -> Pose2D | None:
         """Where the scan fits about the guess, if it fits well and in one place only."""
         within_m = min(3.0 * self.filter.sigma_m, self.spec.search_within_m)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.localization.rssi_ranging import PathLoss
 from robrain.protocol.model.numeric.elementary_functions import exp
+from robrain.protocol.model.numeric.kernel_array import Floats
 
 MARGIN_M = 6.0
 """The robot is looked for this far around the motes that it heard."""
@@ -33,17 +34,17 @@ CERTAIN = 0.95
 class Signals(NamedTuple):
     """What was heard on a stretch of way. N signals of M motes."""
 
-    places: NDArray[np.float64]
+    places: Floats
     """(N, 2) where the robot was when it heard, in its own frame *now*: metres, x ahead."""
     motes: NDArray[np.int64]
     """(N,) indices into the following."""
-    mote_places: NDArray[np.float64]
+    mote_places: Floats
     """(M, 2) arena frame, metres."""
-    rssi_dbm: NDArray[np.float64]
+    rssi_dbm: Floats
     """(N,)."""
 
 
-def find_robot(signals: Signals, path_loss: PathLoss) -> tuple[Pose2D, NDArray[np.float64]] | None:
+def find_robot(signals: Signals, path_loss: PathLoss) -> tuple[Pose2D, Floats] | None:
     """Where the robot is now, and the (3, 3) covariance; None if it may be in more than one place."""
     low, high = _field(signals)
     cell_m = max(CELL_M, float((high - low).max()) / COARSE_MAX)
@@ -95,32 +96,20 @@ def better_elsewhere(here: Pose2D, signals: Signals, path_loss: PathLoss) -> flo
     return float(logs[is_far].max() - max(about.max(), logs[~is_far].max(initial=-math.inf)))
 
 
-def _field(signals: Signals) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _field(signals: Signals) -> tuple[Floats, Floats]:
     """Lowest and highest x and y at which the robot is looked for."""
     return signals.mote_places.min(axis=0) - MARGIN_M, signals.mote_places.max(axis=0) + MARGIN_M
 
 
-def _posterior(
-    xs: NDArray[np.float64],
-    ys: NDArray[np.float64],
-    yaws: NDArray[np.float64],
-    signals: Signals,
-    path_loss: PathLoss,
-) -> NDArray[np.float64]:
+def _posterior(xs: Floats, ys: Floats, yaws: Floats, signals: Signals, path_loss: PathLoss) -> Floats:
     logs = _logs(xs, ys, yaws, signals, path_loss)
     weights = exp(logs - logs.max())
     weights /= weights.sum()
     return weights
 
 
-def _logs(
-    xs: NDArray[np.float64],
-    ys: NDArray[np.float64],
-    yaws: NDArray[np.float64],
-    signals: Signals,
-    path_loss: PathLoss,
-) -> NDArray[np.float64]:
-    logs: NDArray[np.float64] = _log_likelihood(
+def _logs(xs: Floats, ys: Floats, yaws: Floats, signals: Signals, path_loss: PathLoss) -> Floats:
+    logs: Floats = _log_likelihood(
         xs,
         ys,
         yaws,
@@ -133,13 +122,7 @@ def _logs(
     return logs
 
 
-def _moments(
-    xs: NDArray[np.float64],
-    ys: NDArray[np.float64],
-    middle_rad: float,
-    step_rad: float,
-    weights: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _moments(xs: Floats, ys: Floats, middle_rad: float, step_rad: float, weights: Floats) -> tuple[Floats, Floats]:
     """Mean and covariance of (x, y, yaw), where the last axis is `step_rad` apart about `middle_rad`."""
     count = weights.shape[2]
     yaws = middle_rad + step_rad * (np.arange(count) - count // 2)
@@ -150,13 +133,7 @@ def _moments(
 
 @njit(cache=True, nogil=True)
 def _add_moments(
-    xs: NDArray[np.float64],
-    ys: NDArray[np.float64],
-    yaws: NDArray[np.float64],
-    weights: NDArray[np.float64],
-    total: float,
-    mean: NDArray[np.float64],
-    covariance: NDArray[np.float64],
+    xs: Floats, ys: Floats, yaws: Floats, weights: Floats, total: float, mean: Floats, covariance: Floats
 ) -> None:
     for i in range(xs.shape[0]):
         for j in range(ys.shape[0]):
@@ -178,18 +155,18 @@ def _add_moments(
 
 @njit(cache=True, nogil=True)
 def _log_likelihood(
-    xs: NDArray[np.float64],
-    ys: NDArray[np.float64],
-    yaws: NDArray[np.float64],
-    places: NDArray[np.float64],
+    xs: Floats,
+    ys: Floats,
+    yaws: Floats,
+    places: Floats,
     motes: NDArray[np.int64],
-    mote_places: NDArray[np.float64],
-    rssi_dbm: NDArray[np.float64],
+    mote_places: Floats,
+    rssi_dbm: Floats,
     at_1_m_dbm: float,
     db_per_fold: float,
     shadow_variance: float,
     variance: float,
-) -> NDArray[np.float64]:
+) -> Floats:
     """(X, Y, A): of all signals, were the robot at each place and yaw."""
     count = mote_places.shape[0]
     logs = np.empty((xs.shape[0], ys.shape[0], yaws.shape[0]))

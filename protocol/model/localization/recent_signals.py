@@ -4,12 +4,12 @@ import math
 from collections import deque
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.model.localization.mote_relocalisation import Signals
 from robrain.protocol.model.localization.odometry import moved_along
 from robrain.protocol.model.localization.rssi_ranging import PathLoss, RssiSample
+from robrain.protocol.model.numeric.kernel_array import Floats
 
 RECORDS = 64
 RECORDS_TO_FIND = 24
@@ -71,5 +71,5 @@ class RecentSignals:
         x_m = here.x_m + cos * places[:, 0] - sin * places[:, 1]
         y_m = here.y_m + sin * places[:, 0] + cos * places[:, 1]
         distances_m = np.hypot(x_m - mote_places[motes, 0], y_m - mote_places[motes, 1])
-        off_db: NDArray[np.float64] = rssi_dbm - [path_loss.mean_dbm(distance_m) for distance_m in distances_m.tolist()]
+        off_db: Floats = rssi_dbm - [path_loss.mean_dbm(distance_m) for distance_m in distances_m.tolist()]
         return float(np.mean(off_db**2)) / (path_loss.shadowing_db**2 + path_loss.fading_db**2)

@@ -9,6 +9,7 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.localization.scan_match import match_walls
 from robrain.protocol.model.localization.scan_match_kernels import distance_window
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
+from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.model.numeric.small_linear_algebra import least_solution
 
 APART_M, APART_RAD = 0.5, 0.2
@@ -17,7 +18,7 @@ NEAR_CELLS = 2.3
 """Walls that are this near to each other are the same wall."""
 
 
-def wall_points(grid: OccupancyGrid) -> NDArray[np.float64]:
+def wall_points(grid: OccupancyGrid) -> Floats:
     """(K, 2) the middles of the occupied cells, metres."""
     geometry = grid.geometry
     rows, columns = np.nonzero(grid.log_odds > 0)
@@ -32,7 +33,7 @@ def distances_to_walls(grid: OccupancyGrid) -> NDArray[np.float32]:
     return distance_window(grid.log_odds, 0, 0, *grid.geometry.shape, math.ceil(NEAR_CELLS) + 1)
 
 
-def some_points(points: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+def some_points(points: Floats, count: int) -> Floats:
     """At most `count` of the points, spread over all of them."""
     return points[np.linspace(0, len(points) - 1, min(count, len(points))).astype(np.int64)]
 
@@ -43,9 +44,7 @@ def is_same_place(one: Pose2D, other: Pose2D) -> bool:
     return one.distance_m(other) < APART_M and abs(turn_rad) < APART_RAD
 
 
-def matched_place(
-    grid: OccupancyGrid, guess: Pose2D, points: NDArray[np.float64], reaches_m: tuple[float, ...]
-) -> Pose2D:
+def matched_place(grid: OccupancyGrid, guess: Pose2D, points: Floats, reaches_m: tuple[float, ...]) -> Pose2D:
     """A pose near a guess at which points, (N, 2) metres in its frame, match the walls of a map."""
     for reach_m in reaches_m:
         held = match_walls(grid.log_odds, grid.geometry, guess, points, reach_m).directions

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from robrain.protocol.model.numeric.kernel_array import BOOL, kernel_array
+from robrain.protocol.model.numeric.kernel_array import BOOL, Floats, kernel_array
 
 PREFERRED_MARGIN_M = 0.08
 """Margin beyond the radius, where there is room."""
@@ -118,13 +118,7 @@ def _clearance_m(occupied: NDArray[np.bool_], resolution_m: float, limit_m: floa
 
 
 @njit(cache=True, nogil=True)
-def contact_distance_m(
-    points_m: NDArray[np.float64],
-    x_m: float,
-    y_m: float,
-    heading_rad: float,
-    reach_m: float,
-) -> float:
+def contact_distance_m(points_m: Floats, x_m: float, y_m: float, heading_rad: float, reach_m: float) -> float:
     """How far a disc can go straight ahead before it touches one of the points; inf if it never does.
 
     `points_m` (2, N) and the disc's centre x, y are in one frame, in which it goes towards `heading_rad`; `reach_m` is
@@ -154,7 +148,7 @@ class Passage(NamedTuple):
     right_m: float
 
 
-def passage(points_m: NDArray[np.float64], x_m: float, y_m: float, heading_rad: float, radius_m: float) -> Passage:
+def passage(points_m: Floats, x_m: float, y_m: float, heading_rad: float, radius_m: float) -> Passage:
     """The room for a disc that squeezes straight ahead; arguments as for `contact_distance_m`.
 
     Distances are to the third nearest point instead of the nearest: with walls this near, the noise of a single range
@@ -165,7 +159,7 @@ def passage(points_m: NDArray[np.float64], x_m: float, y_m: float, heading_rad: 
 
 @njit(cache=True, nogil=True)
 def _passage(
-    points_m: NDArray[np.float64], x_m: float, y_m: float, heading_rad: float, radius_m: float
+    points_m: Floats, x_m: float, y_m: float, heading_rad: float, radius_m: float
 ) -> tuple[float, float, float]:
     cos, sin = math.cos(heading_rad), math.sin(heading_rad)
     core_m = radius_m - SURE_M
@@ -192,7 +186,7 @@ def _passage(
 
 
 @njit(cache=True, nogil=True)
-def _keep_nearest(nearest_m: NDArray[np.float64], distance_m: float) -> None:
+def _keep_nearest(nearest_m: Floats, distance_m: float) -> None:
     """Insert a distance into the sorted list of the least ones."""
     for k in range(nearest_m.shape[0]):
         if distance_m < nearest_m[k]:
@@ -201,14 +195,7 @@ def _keep_nearest(nearest_m: NDArray[np.float64], distance_m: float) -> None:
 
 @njit(cache=True, nogil=True)
 def hold_off(
-    points_m: NDArray[np.float64],
-    x_m: float,
-    y_m: float,
-    x_m_s: float,
-    y_m_s: float,
-    radius_m: float,
-    keep_m: float,
-    per_s: float,
+    points_m: Floats, x_m: float, y_m: float, x_m_s: float, y_m_s: float, radius_m: float, keep_m: float, per_s: float
 ) -> tuple[float, float]:
     """The velocity (x, y) changed so that a disc comes no nearer to any point than `keep_m` beyond its radius.
 
@@ -232,13 +219,7 @@ def hold_off(
 
 
 @njit(cache=True, nogil=True)
-def sector_distances_m(
-    points_m: NDArray[np.float64],
-    x_m: float,
-    y_m: float,
-    yaw_rad: float,
-    sectors: int,
-) -> NDArray[np.float64]:
+def sector_distances_m(points_m: Floats, x_m: float, y_m: float, yaw_rad: float, sectors: int) -> Floats:
     """Distance (`sectors`,) from a place to the nearest point in each of these sectors; inf where there is none.
 
     `points_m` (2, N), x, y and the yaw are in one frame. Sector 0 is centred on the yaw, the others follow

@@ -21,7 +21,7 @@ from robrain.protocol.model.mapping.wall_points import (
     some_points,
     wall_points,
 )
-from robrain.protocol.model.numeric.kernel_array import INT8, kernel_array
+from robrain.protocol.model.numeric.kernel_array import INT8, Floats, kernel_array
 from robrain.protocol.model.slam import map_overlap_kernels as kernels
 from robrain.protocol.model.slam.place_search import search_places
 
@@ -124,8 +124,8 @@ class MapMatcher:
         self,
         own: OccupancyGrid,
         other: OccupancyGrid,
-        own_bodies: NDArray[np.float64] = NOBODY,
-        other_bodies: NDArray[np.float64] = NOBODY,
+        own_bodies: Floats = NOBODY,
+        other_bodies: Floats = NOBODY,
         strangers: int = 0,
         evidence_min: int = EVIDENCE_MIN,
     ) -> None:
