@@ -4,10 +4,9 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from robrain.agent.access.callee import Callee, Caller
+from robrain.agent.access.callee import Callee, Caller, level_conflict
 from robrain.agent.access.exclusive_use import ExternalLeases
 from robrain.agent.access.handle import Handle
-from robrain.agent.access.rules import level_conflict
 from robrain.agent.environment import Environment, PluginRequests
 from robrain.agent.errors import PluginError, PluginMissing
 from robrain.agent.isolation.foreign_plugins import ForeignHandle, ForeignPlugins

@@ -20,6 +20,7 @@ from robrain.protocol.model.navigation.claim import Claim
 from robrain.protocol.model.navigation.clearance import least_gap_m
 from robrain.protocol.model.navigation.right_of_way import LONGEST_M, LOOK_AHEAD_M, STEP_M, Release
 from robrain.protocol.model.numeric.kernel_array import Floats
+from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.robot_messages import PlannedPath
 from robrain.protocol.wire.reasons.offers import PositionLost
@@ -68,9 +69,7 @@ class TravelParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Time of waiting for other robots, without a break, after which the robot gives up."""
 
     def __post_init__(self) -> None:
-        for name in TravelParameters.__struct_fields__:
-            if not getattr(self, name) > 0:
-                raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+        check_positive(self, *TravelParameters.__struct_fields__)
 
 
 class Progress(Enum):

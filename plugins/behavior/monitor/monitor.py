@@ -13,6 +13,7 @@ from robrain.plugins.behavior.travel import TravelParameters
 from robrain.plugins.device.camera.interface import CameraInterface
 from robrain.plugins.skill.energy.interface import Work
 from robrain.protocol.model.numeric.kernel_array import Floats
+from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.model.tasks.stock_kinds import MONITOR, Monitor
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.clock import to_ns, to_seconds
@@ -47,8 +48,7 @@ class MonitorBehavior(Errand[Monitor]):
 
         def __post_init__(self) -> None:
             super().__post_init__()
-            if not self.settle_s > 0:
-                raise ValueError(f"expected settle_s > 0, got {self.settle_s}")
+            check_positive(self, "settle_s")
             if not 0 < self.view_rad < math.pi:
                 raise ValueError(f"expected view_rad above 0 and below a half turn, got {self.view_rad}")
             if not 0 < self.changed_share < 1:

@@ -14,6 +14,7 @@ from robrain.plugins.behavior.travel import TravelParameters
 from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.skill.home.interface import ChargerPlace
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE, VISIT, Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
 from robrain.protocol.wire.clock import to_ns
@@ -49,9 +50,7 @@ class RechargeBehavior(Errand[Recharge]):
 
         def __post_init__(self) -> None:
             super().__post_init__()
-            for name in ("reserve_s", "no_power_s"):
-                if not getattr(self, name) > 0:
-                    raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+            check_positive(self, "reserve_s", "no_power_s")
             if not 0 < self.until_soc <= 1:
                 raise ValueError(f"expected until_soc above 0 and at most 1, got {self.until_soc}")
 

@@ -13,6 +13,7 @@ from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.protocol.model.numeric.kernel_array import Floats
+from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.arena_messages import Scan
@@ -35,8 +36,7 @@ class ScanDevice(Device):
         """Time without a turn after which the lidar faults; the stock lidar turns five times a second."""
 
         def __post_init__(self) -> None:
-            if not self.silent_s > 0:
-                raise ValueError(f"expected silent_s > 0, got {self.silent_s}")
+            check_positive(self, "silent_s")
 
     interface = ScanInterface
     period_s = 0.02

@@ -14,8 +14,7 @@ from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.plugins.skill.mapper.closures import ClosureDesk
 from robrain.plugins.skill.mapper.frames import Frames
 from robrain.plugins.skill.mapper.interface import MapperCounters, MapperInterface, MapView
-from robrain.plugins.skill.mapper.map_hearing import MapHearing
-from robrain.plugins.skill.mapper.map_telling import MapTelling
+from robrain.plugins.skill.mapper.map_exchange import MapHearing, MapTelling
 from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
 from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates.interface import TeammatesInterface
@@ -24,6 +23,7 @@ from robrain.protocol.model.mapping.local_map import LocalPose
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
 from robrain.protocol.model.numeric.kernel_array import Floats
+from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.model.slam.mates_in_scan import mate_circles, sees_through, wall_ends
 from robrain.protocol.model.slam.submap import IDENTITY
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
@@ -67,9 +67,7 @@ class Mapper(Skill):
         """Standard deviation of the place on the robot's own map, metres, above which scans are not mapped."""
 
         def __post_init__(self) -> None:
-            for name in ("resolution_m", "width_m", "height_m", "sigma_max_m"):
-                if getattr(self, name) <= 0:
-                    raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+            check_positive(self, "resolution_m", "width_m", "height_m", "sigma_max_m")
 
         submap: SubmapSpec = SubmapSpec()
         graph: GraphSpec = GraphSpec()

@@ -16,6 +16,7 @@ from robrain.protocol.model.navigation.line_of_sight import standpoint
 from robrain.protocol.model.navigation.navigation_grid import NavigationGrid, Zone
 from robrain.protocol.model.navigation.right_of_way import Track
 from robrain.protocol.model.numeric.kernel_array import Floats
+from robrain.protocol.model.ranges import check_positive
 
 
 class Planner(Skill):
@@ -33,9 +34,7 @@ class Planner(Skill):
         unknown_cost: float = 4.0
 
         def __post_init__(self) -> None:
-            for name in ("margin_m", "snap_m"):
-                if not getattr(self, name) > 0:
-                    raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+            check_positive(self, "margin_m", "snap_m")
             if not self.unknown_cost >= 1:
                 raise ValueError(f"expected unknown_cost >= 1, got {self.unknown_cost}")
 

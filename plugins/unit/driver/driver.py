@@ -25,7 +25,7 @@ from robrain.plugins.unit.driver.path import Path, Ramp, RampLimits, speed_to_st
 from robrain.plugins.unit.driver.squeeze import BEGIN_M, CREEP_M_S, KEEP_M, KEEP_PER_S, is_between, squeeze
 from robrain.plugins.unit.lookout import Lookout
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D, wrap_angle_rad
-from robrain.protocol.model.ranges import METRES_MAX, Metres, Radians, Seconds, Speed
+from robrain.protocol.model.ranges import METRES_MAX, Metres, Radians, Seconds, Speed, check_positive
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.errors import CallError, ErrorCode
 
@@ -74,9 +74,7 @@ class Driver(Unit):
         )
 
         def __post_init__(self) -> None:
-            for name in self.__struct_fields__:
-                if name != "odometry" and getattr(self, name) <= 0:
-                    raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+            check_positive(self, *(name for name in self.__struct_fields__ if name != "odometry"))
 
     interface = DriverInterface
     period_s = PERIOD_S
@@ -336,12 +334,7 @@ class Driver(Unit):
             self._turn.stand()
 
     def _step_by_hand(self, pose: Pose2D, is_fresh: bool) -> None:
-        blind_why = self._lookout.look(self.env.clock.now_ns()) if is_fresh else NO_ODOMETRY
-        if blind_why:
-            self._note(blind_why)
-            self._way.stand()
-            self._turn.stand()
-            self._moc.drive(Twist2D())
+        if not self._sees(is_fresh=is_fresh):
             return
         wanted, limits = self._hand.wanted, self.parameters
         speed_m_s = math.hypot(wanted.forward_m_s, wanted.left_m_s)
@@ -381,13 +374,7 @@ class Driver(Unit):
             self._end(pose)
             self.arrived.notify(path.goal)
             return
-        blind_why = self._lookout.look(self.env.clock.now_ns()) if is_fresh else NO_ODOMETRY
-        if blind_why:
-            self._note(blind_why)
-            self._way.stand()
-            self._turn.stand()
-            self._moc.drive(Twist2D())
-        else:
+        if self._sees(is_fresh=is_fresh):
             self._moc.drive(self._command(path, pose))
             self._tell(path.way_left_m(pose))
         self._give_up_if_blocked()
@@ -463,6 +450,16 @@ class Driver(Unit):
             return False
         free_m = self._lookout.free_m(pose, math.atan2(way.y, way.x))
         return way.stopping(DELAY_S) > free_m + SPARE_M
+
+    def _sees(self, *, is_fresh: bool) -> bool:
+        """Look at what is around; a robot that is blind stands, and says why."""
+        blind_why = self._lookout.look(self.env.clock.now_ns()) if is_fresh else NO_ODOMETRY
+        if blind_why:
+            self._note(blind_why)
+            self._way.stand()
+            self._turn.stand()
+            self._moc.drive(Twist2D())
+        return not blind_why
 
     def _note(self, blocked_why: str) -> None:
         self._why = blocked_why

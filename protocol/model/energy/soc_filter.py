@@ -20,6 +20,7 @@ import numpy as np
 from numba import njit
 
 from robrain.protocol.model.numeric.kernel_array import Floats
+from robrain.protocol.model.ranges import check_positive
 
 J_PER_WH = 3600.0
 SOC_LEAST, SOC_MOST = 0.0, 1.02
@@ -82,9 +83,16 @@ class PackModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     Half of it is taken for its standard deviation."""
 
     def __post_init__(self) -> None:
-        for name in ("capacity_wh", "curve_wander_s", "resistance_ohm", "relaxation_s", "health", "voltage_sd_v"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+        check_positive(
+            self,
+            "capacity_wh",
+            "curve_wander_s",
+            "resistance_ohm",
+            "relaxation_s",
+            "health",
+            "voltage_sd_v",
+            below=math.inf,
+        )
         for name in _NOT_BELOW_ZERO:
             if not 0 <= getattr(self, name) < math.inf:
                 raise ValueError(f"expected {name} >= 0, got {getattr(self, name)}")

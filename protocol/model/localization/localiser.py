@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
 from robrain.protocol.model.localization.divergence_watch import DivergenceWatch, WatchSpec
-from robrain.protocol.model.localization.mote_relocalisation import better_elsewhere, find_robot
+from robrain.protocol.model.localization.mote_relocalisation import RecentSignals, better_elsewhere, find_robot
 from robrain.protocol.model.localization.pose_filter import GATE, DriftModel, PoseFilter
 from robrain.protocol.model.localization.pose_mixture import PoseMixture
-from robrain.protocol.model.localization.recent_signals import RecentSignals
 from robrain.protocol.model.localization.rssi_ranging import PathLoss, RssiSample
 from robrain.protocol.model.localization.scan_agreement import COMPARED_MIN, agreement
 from robrain.protocol.model.localization.scan_match import ScanFit, search_scan
@@ -124,7 +123,8 @@ class Localiser:
         """Variances of the place in the arena of the walls that hold the robot; none while no walls do."""
         self._matched_way_m = 0.0
         self._seen_way_m = 0.0
-        self._way_m = 0.0
+        self.way_m = 0.0
+        """Metres driven since the estimate began or the robot was lost; turns count `TURN_M_PER_RAD`."""
         self._fitted_sigma_m = 0.0
         """Standard deviation of the place at the last scan that fitted."""
         self._T_now_wheels = IDENTITY
@@ -150,11 +150,6 @@ class Localiser:
         return np.array(self.covariances).reshape(3, 3)
 
     @property
-    def way_m(self) -> float:
-        """Metres driven since the estimate began or the robot was lost; turns count `TURN_M_PER_RAD`."""
-        return self._way_m
-
-    @property
     def sigma_m(self) -> float:
         """Standard deviation of the place in the arena frame, no less than along the worst direction."""
         return math.sqrt(self.filter.sigma_m**2 + max(self._of_map[:2]))
@@ -171,7 +166,7 @@ class Localiser:
         forward_m, left_m = displacement.forward_m_s, displacement.left_m_s
         turned_rad = displacement.yaw_rad_s * (1.0 + turn) + curve * forward_m
         self._signals.move(Twist2D((1.0 + scale) * forward_m, (1.0 + scale) * left_m, turned_rad))
-        self._way_m += math.hypot(forward_m, left_m) + TURN_M_PER_RAD * abs(turned_rad)
+        self.way_m += math.hypot(forward_m, left_m) + TURN_M_PER_RAD * abs(turned_rad)
 
     def hear(self, sample: RssiSample) -> None:
         """A mote of known place was heard."""
@@ -184,7 +179,7 @@ class Localiser:
             return
         why = self.watch.heard(self.filter.hear(sample, map_variance_m2=max(self._of_map[:2])).nis)
         self._since_tried += 1
-        if not why and self._since_tried >= COMPARE_EVERY and self._signals.can_find(self._way_m):
+        if not why and self._since_tried >= COMPARE_EVERY and self._signals.can_find(self.way_m):
             self._since_tried = 0
             odds = better_elsewhere(self.pose, self._signals.seen_from_here(), self.spec.path_loss)
             if odds > ELSEWHERE_MAX:
@@ -218,11 +213,11 @@ class Localiser:
         misfits = self.watch.misfits
         if not misfits:
             self._fitted_sigma_m = self.filter.sigma_m
-        way_m = min(self._way_m - self._seen_way_m, DOUBT_WAY_M)
-        self._seen_way_m = self._way_m
+        way_m = min(self.way_m - self._seen_way_m, DOUBT_WAY_M)
+        self._seen_way_m = self.way_m
         doubt_m2, doubt_rad2 = self.spec.doubt_m_per_m**2 * way_m**2, self.spec.doubt_rad_per_m**2 * way_m**2
         self.filter.add((doubt_m2, doubt_m2, doubt_rad2))
-        is_new = self._way_m - self._matched_way_m > MATCH_M or self.filter.sigma_m > MATCH_SIGMA_M
+        is_new = self.way_m - self._matched_way_m > MATCH_M or self.filter.sigma_m > MATCH_SIGMA_M
         if fit.directions and is_new:
             self._go_by(walls_drift)
         is_believed = not is_new or self._correct(fit, believed, guess, map)
@@ -342,7 +337,7 @@ class Localiser:
         self.filter.correct_along(along, off_m, noise)
         floor_m2 = self.spec.floor_m**2
         self.filter.at_least((floor_m2, floor_m2, self.spec.floor_rad**2))
-        self._matched_way_m = self._way_m
+        self._matched_way_m = self.way_m
         return True
 
     def lose(self, why: str) -> None:
@@ -359,7 +354,7 @@ class Localiser:
             self.filter.doubt(self.spec.lost_sigma_m, math.pi / 2)
         self._of_map = NONE
         self._signals.forget()
-        self._way_m = self._matched_way_m = self._seen_way_m = 0.0
+        self.way_m = self._matched_way_m = self._seen_way_m = 0.0
         self._since_tried = 0
 
     def join(self) -> None:
@@ -376,7 +371,7 @@ class Localiser:
     def _find_by_motes(self) -> None:
         found = (
             find_robot(self._signals.seen_from_here(), self.spec.path_loss)
-            if self._signals.can_find(self._way_m)
+            if self._signals.can_find(self.way_m)
             else None
         )
         if found is None:
