@@ -114,12 +114,7 @@ class ActionDesk:
     """
 
     def __init__(
-        self,
-        env: "Environment",
-        progress: Event[ActionProgress],
-        finished: Event[ActionEnd],
-        *,
-        several: bool = False,
+        self, env: "Environment", progress: Event[ActionProgress], finished: Event[ActionEnd], *, several: bool = False
     ) -> None:
         self._clock = env.clock
         self._progress = progress

@@ -9,8 +9,7 @@ import numpy as np
 
 from robrain.agent.board import Board
 from robrain.agent.errors import FOREIGN_ERRORS, HardwareAbsent
-from robrain.agent.event import Event, EventView, Mailbox
-from robrain.agent.events_outside import EventsOutside
+from robrain.agent.event import Event, EventsOutside, EventView, Mailbox
 from robrain.agent.task_desk import Accept, LetGo, TaskDesk, TaskWork, work_at_place
 from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Handler

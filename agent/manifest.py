@@ -10,6 +10,7 @@ import msgspec
 
 from robrain.agent.errors import ManifestError, PluginMissing
 from robrain.agent.transform import TransformTable
+from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.errors import BadName, BadToml
 from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.toml_text import read_toml
@@ -51,9 +52,7 @@ class TagTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """`process`: run it in a process of its own, in live."""
 
     def __post_init__(self) -> None:
-        for name in ("backoff_s", "hang_s", "start_s"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+        check_positive(self, "backoff_s", "hang_s", "start_s")
         if self.restart_limit < 0:
             raise ValueError(f"expected restart_limit >= 0, got {self.restart_limit}")
 

@@ -31,9 +31,6 @@ _NAMED = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)\s*=(?!=)\s*(.*)", re.DOTALL)
 _SHOWN = 60
 
 
-# -- types of one's own -------------------------------------------------------------------------------------------
-
-
 class TextForm(NamedTuple):
     """How one type is written."""
 
@@ -144,9 +141,6 @@ def _foreign(parse: Callable[[Any], Any], given: Any, kind: Any) -> Any:
         return parse(given)
     except FOREIGN_ERRORS as error:  # a plugin's own parser may raise anything
         raise ValueError(f"expected a {kind_name(kind)}, got {shown(given)}: {error}") from error
-
-
-# -- values -------------------------------------------------------------------------------------------------------
 
 
 def parse_value(text: str, hint: Any) -> Any:

@@ -41,7 +41,7 @@ CLOCKS = {
     "coordinator/recording/writer/disk_watch.py": "tells of a slow disk, in live",
     "plugins/unit/program/line_process.py": "refused in lockstep",
     "plugins/unit/program/program.py": "refused in lockstep",
-    "plugins/unit/tcp_socket/line_server.py": "refused in lockstep",
+    "plugins/unit/tcp_socket/tcp_socket.py": "refused in lockstep",
     "protocol/wire/answers/answering.py": "answers on threads, in live",
     "protocol/wire/clock.py": "the live drive's clock",
     "sim/live_arena.py": "the live drive",

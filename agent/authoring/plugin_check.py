@@ -61,8 +61,6 @@ class _Check:
         found = [*self._read(), *self._look(), *self._cycles()]
         return sorted(dict.fromkeys(found), key=lambda finding: finding.path)
 
-    # -- the manifests --------------------------------------------------------------------------------------
-
     def _read(self) -> Iterator[Finding]:
         for place in (stock_place(), *(place for place, _ in entry_point_places())):
             for path in find_manifests(place):
@@ -95,8 +93,6 @@ class _Check:
                 continue  # data too large for a manifest, or a dangling link
             if "tag" in tables or path.with_suffix(".py").is_file():
                 yield Finding(path, "file", "expected a table [plugin]; without one it is passed over")
-
-    # -- each plugin ----------------------------------------------------------------------------------------
 
     def _look(self) -> Iterator[Finding]:
         for manifest in self._own.values():
@@ -135,8 +131,6 @@ class _Check:
             except ManifestError:
                 return None  # it is told where that plugin itself is looked at
         return self._codes[manifest.path]
-
-    # -- who requires and sees whom -------------------------------------------------------------------------
 
     def _visibility(self, manifest: Manifest) -> Iterator[Finding]:
         for name in manifest.tag.visibility:

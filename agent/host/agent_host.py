@@ -198,8 +198,6 @@ class AgentHost:
             self._registry.starters.close()
         self._wire.close()
 
-    # -- its own work ---------------------------------------------------------------------------------------
-
     def _hear(self, now_ns: int) -> None:
         if self._inbox.drain():
             self.desk.coordinator_heard_ns = now_ns
@@ -268,8 +266,6 @@ class AgentHost:
         with self._telling:
             self._state.put(self.halting.mark(self._told))
 
-    # -- being asked ----------------------------------------------------------------------------------------
-
     def _tell_plugins(self, _request: Request[None]) -> list[PluginInfo]:
         return [*map(self.info, self._registry.plugins.values()), *self._registry.foreign_infos()]
 
@@ -307,8 +303,6 @@ class AgentHost:
 
     def _withdraw(self, request: Request[TaskWithdrawal]) -> TaskAnswer:
         return self.desk.withdraw(request.asked)
-
-    # -- what plugins get -----------------------------------------------------------------------------------
 
     def _open_wire(self) -> Endpoint:
         wire = Endpoint(

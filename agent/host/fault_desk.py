@@ -43,10 +43,7 @@ class FaultDesk:
     """
 
     def __init__(
-        self,
-        registry: Registry,
-        begin: Callable[[ManagedPlugin], None],
-        later: Callable[[Callable[[], None]], None],
+        self, registry: Registry, begin: Callable[[ManagedPlugin], None], later: Callable[[Callable[[], None]], None]
     ) -> None:
         self._registry = registry
         self._begin = begin

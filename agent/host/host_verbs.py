@@ -103,9 +103,6 @@ def _imported(name: str) -> "HostVerb[Any, Any]":
     return verb
 
 
-# -- the stock verbs ----------------------------------------------------------------------------------------------
-
-
 def _load(host: Host, request: Request[ask.LoadRequest]) -> Infos:
     try:
         return [host.info(plugin) for plugin in host.manager.load(request.asked.plugin, host.loadable)]

@@ -70,8 +70,6 @@ class PluginManager:
         """The plugin of a name (PluginMissing if there is none)."""
         return self.registry.get(name)
 
-    # -- the start ------------------------------------------------------------------------------------------
-
     def discover(self, places: Iterable[Path], wanted: list[str] | None = None) -> list[str]:
         """Find each manifest in the places; of two with one name the later place wins.
 
@@ -123,8 +121,6 @@ class PluginManager:
                     logger.exception("%s: plugin %s failed while it was stopped", self.robot, plugin.name)
         for plugin in self.plugins.values():
             plugin.apply(Trigger.CLOSE)
-
-    # -- while it runs --------------------------------------------------------------------------------------
 
     def load(self, name_or_path: str, within: Iterable[Path] | None = None) -> list[ManagedPlugin]:
         """Load and activate a plugin, with what it requires, and whatever was left out for want of these.
@@ -230,8 +226,6 @@ class PluginManager:
         else:
             pool.begin(partial(self._do_alone, do))
 
-    # -- emergency halt -------------------------------------------------------------------------------------
-
     def halt(self, pool: WorkerPool | None = None) -> list[str]:
         """Emergency halt; latches until `resume`: all plugins refuse calls, then devices stop, then the levels above.
 
@@ -265,8 +259,6 @@ class PluginManager:
         for plugin in self.plugins.values():
             plugin.apply(Trigger.RESUME)
 
-    # -- inside ---------------------------------------------------------------------------------------------
-
     @contextmanager
     def _alone(self) -> Iterator[None]:
         busy = HostBusy("", f"{self.robot} is busy with another load, unload or reload: try again")
@@ -295,11 +287,7 @@ class PluginManager:
             self.faults.note(new_faults.popleft(), now_ns)
 
     def _load_one(
-        self,
-        manifest: Manifest,
-        fresh: dict[str, ManagedPlugin],
-        wanted: Mapping[str, Manifest],
-        users: Sequence[str],
+        self, manifest: Manifest, fresh: dict[str, ManagedPlugin], wanted: Mapping[str, Manifest], users: Sequence[str]
     ) -> None:
         registry, name = self.registry, manifest.name
         if name in fresh:

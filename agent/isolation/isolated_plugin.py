@@ -2,15 +2,21 @@
 
 It is made by `isolated_class` in place of the real class, and its host need not know: it has the same level, interface,
 parameters, period and external functions, and steps, calls and notifications reach it in the same turns.
+
+The robot reads the class to know its level, interface and functions, so its module is imported in the robot's process
+too. Its top-level code runs first in a process that may crash or hang (`try_import`); what comes through that is
+imported.
 """
 
 import functools
 import inspect
 import json
 import logging
+import subprocess
 import sys
 import weakref
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, ClassVar
 
 import msgspec
@@ -24,6 +30,7 @@ from robrain.agent.isolation.messages import OWN, Begin, Call, Do, Get, Request,
 from robrain.agent.isolation.parent_desk import ParentDesk
 from robrain.agent.isolation.peer import PeerLate, PeerLost
 from robrain.agent.isolation.plain_data import encode
+from robrain.agent.isolation.process_group import how_it_ended
 from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Plugin
 from robrain.protocol.wire.endpoint import Drive
@@ -34,6 +41,8 @@ CALL_SHARE = 0.8
 """Of the manifest's `hang_s`: the process is killed before the host takes the whole plugin for hung."""
 START_SHARE = 0.3
 """Of the manifest's `start_s`, for its process, `init` and `activate`, which may come together."""
+
+IMPORT = "import importlib, runpy, sys; (runpy.run_path if sys.argv[2] else importlib.import_module)(sys.argv[1])"
 
 
 class Limits(msgspec.Struct, frozen=True):
@@ -78,8 +87,6 @@ class IsolatedPlugin(Plugin):
         """Process id of the plugin's process; None if there is none."""
         child = self._child
         return child.pid if child is not None else None
-
-    # -- lifecycle ------------------------------------------------------------------------------------------
 
     def init(self) -> None:
         """Start the process, and run the plugin's own there."""
@@ -132,8 +139,6 @@ class IsolatedPlugin(Plugin):
         """End the process, whatever the plugin is at."""
         self._end("was closed")
 
-    # -- what stands for the plugin's own functions ---------------------------------------------------------
-
     def _call(self, name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
         signature = self._contract.functions[name]
         request = Call(OWN, name, signature.write_arguments(args, kwargs))
@@ -141,8 +146,6 @@ class IsolatedPlugin(Plugin):
 
     def _get(self, name: str) -> Any:
         return self._contract.attributes[name].decode(self._ask(Get(OWN, name), self._limits.call_s))
-
-    # -- the process ----------------------------------------------------------------------------------------
 
     def _start(self) -> None:
         self._end("is started anew")
@@ -285,3 +288,26 @@ def _what(request: Request) -> str:
             return "an event that it observes"
         case _:
             return "its start"
+
+
+def try_import(module: str, file: Path | None, limit_s: float) -> str:
+    """Import a module in a process of its own.
+
+    Args:
+        module: its name, if it is installed.
+        file: where it lies, if it does not.
+        limit_s: how long that may take.
+
+    Returns:
+        How the process came to grief; empty if it did not, also where the import has raised an error, which the
+        robot's own import will tell better.
+
+    """
+    words = [str(file), "file"] if file is not None else [module, ""]
+    try:
+        ended = subprocess.run(
+            [sys.executable, "-c", IMPORT, *words], check=False, timeout=limit_s, capture_output=True
+        )
+    except subprocess.TimeoutExpired:
+        return f"has not come back for {limit_s:g} s"
+    return how_it_ended(ended.returncode) if ended.returncode < 0 else ""

@@ -10,9 +10,6 @@ class Message(msgspec.Struct, frozen=True, tag=True, array_like=True):
     """One frame."""
 
 
-# -- to the plugin's process ------------------------------------------------------------------------------------
-
-
 class Begin(Message, frozen=True):
     """Create the plugin; nothing of it is called yet."""
 
@@ -44,9 +41,6 @@ class Told(Message, frozen=True):
     value: bytes
 
 
-# -- either way -------------------------------------------------------------------------------------------------
-
-
 class Call(Message, frozen=True):
     """Call a function of the plugin, or of one that it has a handle on."""
 
@@ -60,9 +54,6 @@ class Get(Message, frozen=True):
 
     handle: int
     attribute: str
-
-
-# -- from the plugin's process ----------------------------------------------------------------------------------
 
 
 class Use(Message, frozen=True):
@@ -108,9 +99,6 @@ class Log(Message, frozen=True):
     level: int
     source: str
     text: str
-
-
-# -- answers ----------------------------------------------------------------------------------------------------
 
 
 class Answer(Message, frozen=True):

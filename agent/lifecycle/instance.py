@@ -1,13 +1,16 @@
-"""One instance of a plugin, with all that was made for it."""
+"""One instance of a plugin with all that was made for it, and what the plugin holds while it is active."""
 
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
 
 from robrain.agent.environment import Environment
-from robrain.agent.event import Event
+from robrain.agent.event import Event, EventView, Mailbox
 from robrain.agent.lifecycle.plugin_code import PluginCode
+from robrain.agent.lifecycle.robot_context import RobotContext
 from robrain.agent.plugin import Plugin
+from robrain.agent.task_desk import Accept, LetGo, TaskDesk, TaskWork
 from robrain.protocol.wire.endpoint import Endpoint
 
 
@@ -52,3 +55,44 @@ class Instance(msgspec.Struct, frozen=True, eq=False):
     def events(self) -> dict[str, Event[Any]]:
         """The instance's own events, by name."""
         return {name: getattr(self.plugin, name) for name in self.code.events}
+
+
+class Holdings:
+    """Notes what one plugin takes, and gives all of it back at once.
+
+    Args:
+        plugin: its name.
+        context: its robot.
+
+    """
+
+    def __init__(self, plugin: str, context: RobotContext) -> None:
+        self.mailbox = Mailbox()
+        """Where notifications wait for the plugin; another one after each `release`."""
+        self._plugin = plugin
+        self._context = context
+        self._observed: list[Event[Any] | EventView[Any]] = []
+        self._tasks: list[tuple[TaskDesk, str]] = []
+
+    def observe(self, event: Event[Any] | EventView[Any], function: Callable[[Any], None]) -> None:
+        """Have the plugin told of an event, through its mailbox."""
+        event.add(function, self.mailbox)
+        self._observed.append(event)
+
+    def do_tasks(self, desk: TaskDesk, kind: str, accept: Accept, let_go: LetGo, work: TaskWork) -> None:
+        """Have the plugin do tasks of a kind."""
+        desk.register(kind, accept, let_go, work)
+        self._tasks.append((desk, kind))
+
+    def release(self) -> None:
+        """Give everything back, each thing once; what waits in the mailbox is not delivered any more."""
+        observed, self._observed = self._observed, []
+        tasks, self._tasks = self._tasks, []
+        before, self.mailbox = self.mailbox, Mailbox()
+        self.mailbox.wake, self.mailbox.dropped = before.wake, before.dropped
+        for event in observed:
+            event.remove(before)
+        for desk, kind in tasks:
+            desk.unregister(kind)
+        self._context.release(self._plugin)
+        self._context.leases.drop(self._plugin)

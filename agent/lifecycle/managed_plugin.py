@@ -12,12 +12,11 @@ from typing import Any, TypeVar, cast
 
 import msgspec
 
-from robrain.agent.access.callee import Caller
+from robrain.agent.access.callee import Caller, check_outside, check_use
 from robrain.agent.access.exclusive_use import ExclusiveUse
 from robrain.agent.access.external_function import ExternalFunction
 from robrain.agent.access.handle import Handle
 from robrain.agent.access.incoming_calls import call_from_outside, external_function, query_handler, task_handlers
-from robrain.agent.access.rules import check_outside, check_use
 from robrain.agent.access.turn import Turn
 from robrain.agent.environment import Environment
 from robrain.agent.errors import (
@@ -32,8 +31,7 @@ from robrain.agent.errors import (
     short_path,
 )
 from robrain.agent.event import Event, EventView, Mailbox
-from robrain.agent.lifecycle.holdings import Holdings
-from robrain.agent.lifecycle.instance import Instance
+from robrain.agent.lifecycle.instance import Holdings, Instance
 from robrain.agent.lifecycle.plugin_code import PluginCode, check_parameters, import_code
 from robrain.agent.lifecycle.robot_context import RobotContext
 from robrain.agent.lifecycle.transitions import Step, Trigger, transition
@@ -93,13 +91,12 @@ class ManagedPlugin:
         self._context = context
         self.holdings = Holdings(self.name, context)
         self._code: PluginCode | None = None
-        self._instance: Instance | None = None
+        self.instance: Instance | None = None
+        """The instance, if there is one."""
         self._making: Environment | None = None
         self._in_halt: Instance | None = None
         self._deciding = threading.Lock()
         """Held while a state is looked at and changed; no other lock is taken meanwhile."""
-
-    # -- what it is -----------------------------------------------------------------------------------------
 
     @property
     def code(self) -> PluginCode:
@@ -131,17 +128,12 @@ class ManagedPlugin:
     @property
     def period_s(self) -> float | None:
         """How often the plugin wants its step; None if it is passive or not there."""
-        return self._instance.plugin.period_s if self._instance is not None else None
+        return self.instance.plugin.period_s if self.instance is not None else None
 
     @property
     def mailbox(self) -> Mailbox:
         """Where notifications wait for the plugin."""
         return self.holdings.mailbox
-
-    @property
-    def instance(self) -> Instance | None:
-        """The instance, if there is one."""
-        return self._instance
 
     @property
     def plugin(self) -> Plugin:
@@ -156,18 +148,18 @@ class ManagedPlugin:
             PluginInactive: it is there, but not active.
 
         """
-        if self.state is PluginState.ACTIVE and self._instance is not None:
-            return self._instance.plugin
+        if self.state is PluginState.ACTIVE and self.instance is not None:
+            return self.instance.plugin
         kind = PluginUnloaded if self.state is PluginState.UNLOADED else PluginInactive
         raise kind(self.name, f"{self.name} is {self.state}{f': {self.why}' if self.why else ''}")
 
     def holds(self, environment: Environment) -> bool:
         """Whether the instance that was given this is the one that is there now."""
-        return self._instance is not None and self._instance.environment is environment
+        return self.instance is not None and self.instance.environment is environment
 
     def events(self) -> dict[str, Event[Any]]:
         """The events of the instance, by name; none if there is no instance."""
-        return self._instance.events() if self._instance is not None else {}
+        return self.instance.events() if self.instance is not None else {}
 
     def info(self) -> PluginInfo:
         """The plugin as `robot/ROBOT/plugins` lists it."""
@@ -197,8 +189,6 @@ class ManagedPlugin:
         settings = zlib.crc32(msgspec.json.encode(parameters, order="deterministic"))
         return msgspec.structs.replace(self._code.task_kind, settings=settings)
 
-    # -- its states -----------------------------------------------------------------------------------------
-
     def apply(self, trigger: Trigger, why: str = "", error: BaseException | None = None, *, lacks: str = "") -> None:
         """Change the state as the table of transitions says, and do what the table says; the only way to do either.
 
@@ -215,7 +205,7 @@ class ManagedPlugin:
         """
         steps = transition(self.name, self.state, trigger).steps
         wait_s = next((WAITS_S[step] for step in steps if step in WAITS_S), None)
-        if wait_s is None or self._instance is None:
+        if wait_s is None or self.instance is None:
             self._follow(trigger, why, error, lacks)
             return
         turn = self.turn
@@ -235,7 +225,7 @@ class ManagedPlugin:
             to, steps = transition(self.name, self.state, trigger)
             if to is not self.state or (steps and why):
                 self.state, self.why, self.raised, self.lacks = to, why, where, lacks
-        instance, failure = self._instance, None
+        instance, failure = self.instance, None
         for step in steps:
             match step:
                 case Step.ASK if instance is not None:
@@ -254,7 +244,7 @@ class ManagedPlugin:
                 case Step.END_WIRE if instance is not None:
                     instance.end_wire()
                 case Step.DISCARD if instance is not None:
-                    self._instance = None
+                    self.instance = None
                     instance.close()
                 case Step.REPORT:
                     logger.error("%s: plugin %s faulted: %s", self._context.robot, self.name, error, exc_info=error)
@@ -272,22 +262,20 @@ class ManagedPlugin:
 
     def _leave(self) -> None:
         self.leave_new()
-        instance, self._instance = self._instance, None
+        instance, self.instance = self.instance, None
         self.generation += 1
         self.turn = Turn(self.name, self.manifest.tag.hang_s, self._context.clock)
         if instance is not None:
             instance.environment.abandon()
 
     def _release(self) -> None:
-        if self._instance is not None:
-            self._instance.environment.end(self.why or f"{self.name} is {self.state}")
+        if self.instance is not None:
+            self.instance.environment.end(self.why or f"{self.name} is {self.state}")
         self.holdings.release()
-
-    # -- its lifecycle --------------------------------------------------------------------------------------
 
     def load(self) -> None:
         """Create the plugin with its checked parameters and environment, and call its `init`."""
-        self._instance = self.create(self.manifest, self.code)
+        self.instance = self.create(self.manifest, self.code)
         self.apply(Trigger.INITIALISED)
 
     def create(self, manifest: Manifest, code: PluginCode, *, replaces: Instance | None = None) -> Instance:
@@ -322,7 +310,7 @@ class ManagedPlugin:
 
     def swap(self, instance: Instance | None, manifest: Manifest, code: PluginCode | None) -> None:
         """Have this instance, made from this manifest and code."""
-        self.manifest, self._code, self._instance = manifest, code, instance
+        self.manifest, self._code, self.instance = manifest, code, instance
         self.environment = instance.environment if instance is not None else None
         self.turn.set_limit(manifest.tag.hang_s)
 
@@ -355,7 +343,7 @@ class ManagedPlugin:
     def halt(self) -> None:
         """Refuse calls, then call `emergency_halt` without the lock; PluginHung if it still hangs in an earlier one."""
         self.refuse_calls()
-        instance = self._instance
+        instance = self.instance
         if instance is None:
             return
         if self._in_halt is instance:
@@ -375,15 +363,13 @@ class ManagedPlugin:
             self.why = "it was unloaded"
 
     def _there(self) -> Instance:
-        if self._instance is None:
+        if self.instance is None:
             raise PluginInactive(self.name, f"{self.name} is {self.state}{f': {self.why}' if self.why else ''}")
-        return self._instance
+        return self.instance
 
     def _check_there(self, environment: Environment) -> None:
         if environment.has_gone:
             raise PluginHung(self.name, f"this instance of {self.name} was abandoned")
-
-    # -- its step -------------------------------------------------------------------------------------------
 
     def run_step(self) -> None:
         """Deliver what was notified, then the plugin's own step; a plugin that raises is faulted."""
@@ -398,7 +384,7 @@ class ManagedPlugin:
         if not turn.acquire(turn.limit_s):
             return  # a caller is stuck in it: the host sees to that
         try:
-            instance = self._instance
+            instance = self.instance
             if self.state is not PluginState.ACTIVE or instance is None:
                 return
             try:
@@ -407,7 +393,7 @@ class ManagedPlugin:
                 if steps and instance.plugin.period_s is not None:
                     instance.plugin.step()
             except FOREIGN_ERRORS as error:  # foreign plugin code
-                if instance is self._instance:
+                if instance is self.instance:
                     self.blame(error)
         finally:
             turn.release()
@@ -419,8 +405,6 @@ class ManagedPlugin:
         if isinstance(error, PluginCrashed) and error.plugin != self.name:
             return  # the process of a plugin that it called has ended: that plugin faults, not this one
         self.fault(error)
-
-    # -- what it asks for -----------------------------------------------------------------------------------
 
     def use(self, name: str, interface: type[InterfaceT]) -> InterfaceT:
         """A handle on another plugin for this one; the other decides."""
@@ -446,8 +430,6 @@ class ManagedPlugin:
         if task_kind is None:
             raise PluginError(self.name, f"{self.name} cannot take tasks: its class declares no `kind`")
         self.holdings.do_tasks(desk, task_kind.kind, *task_handlers(self, accept, let_go, work))
-
-    # -- what is asked of it --------------------------------------------------------------------------------
 
     def grant(self, caller: Caller, interface: type) -> Handle:
         """A handle on this plugin for a caller.

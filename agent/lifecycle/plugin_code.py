@@ -9,8 +9,7 @@ from robrain.agent.access.external_function import ExternalFunction, external_fu
 from robrain.agent.class_import import import_class, module_file
 from robrain.agent.errors import ManifestError
 from robrain.agent.event import Event
-from robrain.agent.isolation.import_trial import try_import
-from robrain.agent.isolation.isolated_plugin import isolated_class
+from robrain.agent.isolation.isolated_plugin import isolated_class, try_import
 from robrain.agent.manifest import Manifest, where_and_what
 from robrain.agent.plugin import Behavior, Plugin
 from robrain.protocol.model.tasks.task import Task

@@ -4,10 +4,9 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from robrain.agent.access.callee import Callee, Caller
+from robrain.agent.access.callee import Callee, Caller, level_conflict
 from robrain.agent.access.exclusive_use import ExternalLeases
 from robrain.agent.access.handle import Handle
-from robrain.agent.access.rules import level_conflict
 from robrain.agent.environment import Environment, PluginRequests
 from robrain.agent.errors import PluginError, PluginMissing
 from robrain.agent.isolation.foreign_plugins import ForeignHandle, ForeignPlugins
@@ -79,8 +78,6 @@ class Registry:
         """Know a plugin no more."""
         self.plugins = {name: other for name, other in self.plugins.items() if other is not plugin}
 
-    # -- who requires whom ----------------------------------------------------------------------------------
-
     def requirements(self) -> dict[str, list[str]]:
         """What each plugin requires, by name."""
         return {name: plugin.manifest.tag.requires for name, plugin in self.plugins.items()}
@@ -137,8 +134,6 @@ class Registry:
             if manifest.name in user.manifest.tag.requires and user.plugin_class.level <= plugin_class.level:
                 raise level_conflict(user.name, user.plugin_class, manifest.name, plugin_class)
 
-    # -- who uses whom --------------------------------------------------------------------------------------
-
     def request(self, caller: Caller, name: str, interface: type) -> Handle | ForeignHandle:
         """Pass a plugin's request for another on to the other, or to a foreign process of that name."""
         if self.foreign is not None and self.is_foreign(name):
@@ -155,8 +150,6 @@ class Registry:
         """A plugin has faulted; its users' locks must not be taken from below, so this is seen to later."""
         if plugin not in self.new_faults:
             self.new_faults.append(plugin)
-
-    # -- foreign plugins ------------------------------------------------------------------------------------
 
     def is_foreign(self, name: str) -> bool:
         """Whether it is a process of its own that goes by this name."""

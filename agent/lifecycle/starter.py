@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Callable, Iterable
 
-from robrain.agent.access.rules import level_conflict
+from robrain.agent.access.callee import level_conflict
 from robrain.agent.errors import (
     FOREIGN_ERRORS,
     HardwareAbsent,

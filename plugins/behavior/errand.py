@@ -145,8 +145,6 @@ class Errand(Behavior, ABC, Generic[P]):
             if get_origin(base) is Errand and isinstance(get_args(base)[0], type):
                 cls.task_parameters = get_args(base)[0]
 
-    # -- what a behavior says -------------------------------------------------------------------------------
-
     @abstractmethod
     def do(self, task: Task, parameters: P) -> Script:
         """What is to be done at the place; see the module."""
@@ -161,8 +159,6 @@ class Errand(Behavior, ABC, Generic[P]):
     def left_s(self, run: Run[P]) -> float | None:
         """How long a task still takes, as well as is known; None if nobody knows."""
         return self.budget.duration_s(self._left(run))
-
-    # -- what a script may use ------------------------------------------------------------------------------
 
     def go(self, goal: Point2D) -> Part:
         """Go to a place, arena frame, and stand there."""
@@ -206,8 +202,6 @@ class Errand(Behavior, ABC, Generic[P]):
     def away_m(self, place: Point2D) -> float:
         """How far the robot is from a place."""
         return self.travel.pose().distance_m(place)
-
-    # -- lifecycle ------------------------------------------------------------------------------------------
 
     def battery(self) -> BatteryState:
         """What the battery says; Failed if it says nothing."""
@@ -298,8 +292,6 @@ class Errand(Behavior, ABC, Generic[P]):
         if not self.travel.find_itself(for_task=True):
             self.finish(TaskState.FAILED, self.travel.lost)
         return True
-
-    # -- one task -------------------------------------------------------------------------------------------
 
     def accept(self, task: Task) -> TaskAnswer:
         """Take a task on, or say why not; the way begins in the errand's own turn."""
@@ -401,8 +393,6 @@ class Errand(Behavior, ABC, Generic[P]):
         run, self.run = self.run, None
         if run is not None:
             run.script.close()
-
-    # -- what it takes --------------------------------------------------------------------------------------
 
     def _measure(self, run: Run[P]) -> None:
         now_ns, pose = self._now_ns(), self.travel.pose()

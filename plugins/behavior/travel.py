@@ -5,13 +5,10 @@ from enum import Enum, auto
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from robrain.agent.environment import Environment
-from robrain.plugins.behavior.encounter import ROOM_S, Encounter, circles, zones
-from robrain.plugins.behavior.leg import Leg, Outlet
+from robrain.plugins.behavior.deconfliction import ROOM_S, Encounter, Leg, Outlet, Standing, circles, zones
 from robrain.plugins.behavior.search import PATIENCE_S, TASK_PATIENCE_S, Search
-from robrain.plugins.behavior.standing import Standing
 from robrain.plugins.skill.localisation.interface import LocalisationInterface
 from robrain.plugins.skill.mapper.interface import MapperInterface, MapView
 from robrain.plugins.skill.planner.interface import PlannerInterface
@@ -22,6 +19,8 @@ from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.navigation.claim import Claim
 from robrain.protocol.model.navigation.clearance import least_gap_m
 from robrain.protocol.model.navigation.right_of_way import LONGEST_M, LOOK_AHEAD_M, STEP_M, Release
+from robrain.protocol.model.numeric.kernel_array import Floats
+from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.robot_messages import PlannedPath
 from robrain.protocol.wire.reasons.offers import PositionLost
@@ -70,9 +69,7 @@ class TravelParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Time of waiting for other robots, without a break, after which the robot gives up."""
 
     def __post_init__(self) -> None:
-        for name in TravelParameters.__struct_fields__:
-            if not getattr(self, name) > 0:
-                raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+        check_positive(self, *TravelParameters.__struct_fields__)
 
 
 class Progress(Enum):
@@ -310,8 +307,6 @@ class Travel:
         self.driver.stop()
         self._paths.put(PlannedPath(robot=self._env.robot, points=[]))
 
-    # -- planning -------------------------------------------------------------------------------------------
-
     def _meet(self, pose: Pose2D, claim: Claim | None = None) -> Encounter:
         mates = self.teammates.mates(Point2D(pose.x_m, pose.y_m), self.mate_near_m)
         radius_m = self.driver.radius_m() if mates else 0.0
@@ -379,7 +374,7 @@ class Travel:
         ahead = leg.way.ahead(pose.x_m, pose.y_m, LONGEST_M)
         return self._safe_positions(leg, ahead) == len(ahead)
 
-    def _safe_positions(self, leg: Leg, ahead: NDArray[np.float64]) -> int:
+    def _safe_positions(self, leg: Leg, ahead: Floats) -> int:
         skipped = round(NEXT_LOOK_M / STEP_M)
         safe = self._planner.safe_positions(self.view(), ahead[skipped:], is_narrow=leg.is_narrow)
         return min(len(ahead), skipped + safe)
@@ -394,8 +389,6 @@ class Travel:
     def _is_contested(self) -> bool:
         since = self._contested_ns
         return since is not None and self._env.clock.now_ns() - since < to_ns(self._parameters.replan_s)
-
-    # -- driving --------------------------------------------------------------------------------------------
 
     def _take(self, path: list[Point2D], pose: Pose2D, *, is_narrow: bool = False) -> Leg:
         """Make this path the way to the goal."""
@@ -430,7 +423,7 @@ class Travel:
             return Progress.UNDER_WAY
         return self._wait()
 
-    def _careful(self, leg: Leg, allowed: Release, ahead: NDArray[np.float64], now_ns: int) -> Release:
+    def _careful(self, leg: Leg, allowed: Release, ahead: Floats, now_ns: int) -> Release:
         """Limit the release to what the map allows, and to small steps after the driver was blocked."""
         if self._lost_ns is not None:
             allowed = _at_most(allowed, self._safe_positions(leg, ahead) - round(NEXT_LOOK_M / STEP_M))
@@ -478,7 +471,7 @@ class Travel:
         return Progress.BLOCKED if held_ns > to_ns(self._parameters.mate_patience_s) else Progress.WAITING
 
 
-def _here(pose: Pose2D) -> NDArray[np.float64]:
+def _here(pose: Pose2D) -> Floats:
     return np.array([(pose.x_m, pose.y_m)])
 
 

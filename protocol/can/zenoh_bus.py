@@ -276,8 +276,6 @@ class ZenohBus(can.BusABC):
             if thread is not None and thread is not threading.current_thread():
                 thread.join(PERIODIC_END_S)
 
-    # -- inside ---------------------------------------------------------------------------------------------
-
     def _pack_fd(self, msg: can.Message, stamp_ns: int, identifier: int) -> bytes:
         if not self._fd:
             raise can.CanOperationError(

@@ -42,11 +42,7 @@ class Pose2D(msgspec.Struct, frozen=True):
     def inverse(self) -> "Pose2D":
         """T_a_b ⁻¹ = T_b_a."""
         cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
-        return Pose2D(
-            -cos * self.x_m - sin * self.y_m,
-            sin * self.x_m - cos * self.y_m,
-            wrap_angle_rad(-self.yaw_rad),
-        )
+        return Pose2D(-cos * self.x_m - sin * self.y_m, sin * self.x_m - cos * self.y_m, wrap_angle_rad(-self.yaw_rad))
 
     def distance_m(self, other: "Pose2D | Point2D") -> float:
         """Euclidean distance of the two places."""

@@ -7,6 +7,7 @@ that sums, products and conversions to integers stay finite.
 
 from typing import Annotated
 
+import msgspec
 from msgspec import Meta
 
 METRES_MAX = 1e6
@@ -63,3 +64,14 @@ def cut(text: str, limit: int = WHY_MAX) -> str:
     'much to…'
     """
     return text if len(text) <= limit else f"{text[: limit - 1]}…"
+
+
+def check_positive(struct: msgspec.Struct, *names: str, below: float | None = None) -> None:
+    """Check that these fields of a struct, all of them if none is named, are above 0 (ValueError if one is not).
+
+    With `below` they must also be less than that: `math.inf` for fields that have to be finite.
+    """
+    for name in names or struct.__struct_fields__:
+        value = getattr(struct, name)
+        if not value > 0 or (below is not None and not value < below):
+            raise ValueError(f"expected {name} > 0, got {value}")

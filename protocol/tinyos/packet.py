@@ -2,7 +2,7 @@
 
 A packet is the serial format of TinyOS 2: a dispatch byte, then destination, source, payload length, group, AM type
 and the payload, all big-endian (TEP 113, Serial Communication; `serial_header_t` in tos/lib/serial/Serial.h of
-tinyos-main). How packets are told apart on a line is `serial_forwarder` for TCP and `hdlc` for a serial line.
+tinyos-main). How packets are told apart on a line is `serial_forwarder` for TCP and `serial_line` for a serial line.
 """
 
 import struct

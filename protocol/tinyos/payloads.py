@@ -7,10 +7,11 @@
 | 0x54 request | robot → mote | `RequestPayload`: send what you have of these |
 | 0x55 acknowledgement | robot → mote | `SequenceRange`: arrived, forget it |
 | 0x56 duty | robot → mote | `DutyPayload`: sense that often; the next reading's period confirms it |
-| 0x57 beacon | robot → robots | see `beacon` |
+| 0x57 beacon | robot → anybody | `BeaconPayload`, so that base stations can tell how well they hear each other |
 
 A mote listens for a moment after each packet that it sends, so robots speak when they are spoken to. Sequence numbers
-count a mote's readings and wrap at 65536; which of two is the later is decided as in RFC 1982.
+count a mote's readings and wrap at 65536; which of two is the later is decided as in RFC 1982. Motes leave beacons
+alone: a mote's program takes in the AM types that it knows.
 """
 
 import struct
@@ -18,7 +19,7 @@ from enum import IntEnum
 
 import msgspec
 
-from robrain.protocol.tinyos.packet import BadPacket
+from robrain.protocol.tinyos.packet import MAX_PAYLOAD_BYTES, BadPacket
 
 READING_TYPE = 0x52
 STORED_TYPE = 0x53
@@ -41,6 +42,11 @@ _RANGE = struct.Struct(">HH")
 _REQUEST = struct.Struct(">HI")
 _DUTY = struct.Struct(">H")
 
+BEACON_TYPE = 0x57
+_ENDS = struct.Struct(">Hb")
+MAX_NAME_BYTES = MAX_PAYLOAD_BYTES - _ENDS.size
+"""A robot of a longer name cannot be heard by its name."""
+
 
 class Quantity(IntEnum):
     """What is sensed, and in hundredths of what."""
@@ -55,11 +61,7 @@ class Quantity(IntEnum):
         return _WIRE_NAMES[self]
 
 
-_WIRE_NAMES = {
-    Quantity.TEMPERATURE: "temperature_c",
-    Quantity.LIGHT: "light_lx",
-    Quantity.HUMIDITY: "humidity_pct",
-}
+_WIRE_NAMES = {Quantity.TEMPERATURE: "temperature_c", Quantity.LIGHT: "light_lx", Quantity.HUMIDITY: "humidity_pct"}
 
 
 def sequences_after(sequence: int, other: int) -> int:
@@ -245,3 +247,45 @@ def _unpack(layout: struct.Struct, payload: bytes, what: str) -> tuple[int, ...]
     if len(payload) != layout.size:
         raise BadPacket(f"expected {what} of {layout.size} bytes, got {len(payload)}")
     return layout.unpack(payload)
+
+
+class BeaconPayload(msgspec.Struct, frozen=True):
+    """A robot's name, and how well the base station heard it: a number of 16 bits, 1 to 25 bytes of name, dBm."""
+
+    sequence: int
+    """Counts the robot's beacons, wrapping at 65536."""
+    robot: str
+    rssi_dbm: int = 0
+    """Written by the base station that heard the packet; 0 on the air."""
+
+    def pack(self) -> bytes:
+        """The payload's bytes, 4 to 28.
+
+        Raises:
+            BadPacket: the name is empty or too long, or a number does not fit its field.
+
+        """
+        name = self.robot.encode()
+        if not 1 <= len(name) <= MAX_NAME_BYTES:
+            raise BadPacket(f"expected a robot's name of 1 to {MAX_NAME_BYTES} bytes, got {self.robot!r}")
+        try:
+            ends = _ENDS.pack(self.sequence, self.rssi_dbm)
+        except struct.error as error:
+            raise BadPacket(f"expected a sequence number of 16 bits and dBm of 8, got {self}: {error}") from error
+        return ends[:2] + name + ends[2:]
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> "BeaconPayload":
+        """The beacon in a payload.
+
+        Raises:
+            BadPacket: it is too short or too long, or the name is no text.
+
+        """
+        if not _ENDS.size < len(payload) <= MAX_PAYLOAD_BYTES:
+            raise BadPacket(f"expected a beacon of {_ENDS.size + 1} to {MAX_PAYLOAD_BYTES} bytes, got {len(payload)}")
+        sequence, rssi_dbm = _ENDS.unpack(payload[:2] + payload[-1:])
+        try:
+            return cls(sequence % SEQUENCES, payload[2:-1].decode(), rssi_dbm)
+        except UnicodeDecodeError as error:
+            raise BadPacket(f"expected a name in UTF-8, got {payload[2:-1]!r}") from error

@@ -11,9 +11,8 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
-from robrain.protocol.tinyos.beacon import BEACON_TYPE
 from robrain.protocol.tinyos.packet import BROADCAST, ActiveMessage, BadPacket
-from robrain.protocol.tinyos.payloads import Quantity, with_rssi
+from robrain.protocol.tinyos.payloads import BEACON_TYPE, Quantity, with_rssi
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.topics import ARENA_RADIO_RX, ARENA_RADIO_TX

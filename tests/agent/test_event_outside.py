@@ -8,8 +8,7 @@ from contextlib import suppress
 import msgspec
 import pytest
 
-from robrain.agent.event import Event
-from robrain.agent.events_outside import EventsOutside
+from robrain.agent.event import Event, EventsOutside
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint

@@ -19,10 +19,9 @@ import msgspec
 import numpy as np
 
 from robrain.deploy.bench.figure import Figure, at_least, at_most, between, deterministic
-from robrain.protocol.model.energy.battery_tracker import BatteryTracker, Measured
+from robrain.protocol.model.energy.battery_tracker import BatteryTracker, GaugeLimits, Measured
 from robrain.protocol.model.energy.consumption import Consumption, Drawn
 from robrain.protocol.model.energy.energy_model import EnergyEstimate, Work, estimate
-from robrain.protocol.model.energy.gauge_check import GaugeLimits
 from robrain.protocol.model.energy.power_learner import PowerPrior
 from robrain.protocol.model.energy.soc_filter import PackModel
 from robrain.sim.firmware.battery import Battery, BatterySpec

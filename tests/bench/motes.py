@@ -19,9 +19,9 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.deploy.bench.figure import WIDTH, Figure, at_least, at_most, deterministic, show_figures, timing
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.warm_up import warm_up
-from robrain.protocol.tinyos.hdlc import Deframer, frame
 from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.tinyos.payloads import READING_TYPE, ReadingPayload
+from robrain.protocol.tinyos.serial_line import Deframer, frame
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox

@@ -21,7 +21,6 @@ from robrain.protocol.model.localization import localiser
 from robrain.protocol.model.localization.mote_relocalisation import Signals, find_robot
 from robrain.protocol.model.localization.pose_mixture import PoseMixture
 from robrain.protocol.model.localization.rssi_ranging import PathLoss
-from robrain.protocol.model.mapping import wall_points
 from robrain.protocol.model.slam import map_overlap
 from robrain.sim.motes.radio import RadioModel
 from robrain.sim.robot.camera import Camera
@@ -69,7 +68,7 @@ def found_by_motes() -> list[float]:
 if __name__ == "__main__":
     watch(localiser, "match_surface", "better_elsewhere")
     watch(map_overlap, "search_places")
-    watch(wall_points, "match_walls", "least_solution")
+    watch(map_overlap, "match_walls", "least_solution")
     watch(PoseMixture, "hear", "_weigh")
     watch(PowerLearner, "learn")
     watch(Camera, "picture")

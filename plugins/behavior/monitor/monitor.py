@@ -3,8 +3,6 @@
 import math
 
 import msgspec
-import numpy as np
-from numpy.typing import NDArray
 
 from robrain.agent.errors import HardwareAbsent
 from robrain.agent.event import Event
@@ -14,6 +12,8 @@ from robrain.plugins.behavior.monitor.picture_change import VIEW_RAD, changed_sh
 from robrain.plugins.behavior.travel import TravelParameters
 from robrain.plugins.device.camera.interface import CameraInterface
 from robrain.plugins.skill.energy.interface import Work
+from robrain.protocol.model.numeric.kernel_array import Floats
+from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.model.tasks.stock_kinds import MONITOR, Monitor
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.clock import to_ns, to_seconds
@@ -48,8 +48,7 @@ class MonitorBehavior(Errand[Monitor]):
 
         def __post_init__(self) -> None:
             super().__post_init__()
-            if not self.settle_s > 0:
-                raise ValueError(f"expected settle_s > 0, got {self.settle_s}")
+            check_positive(self, "settle_s")
             if not 0 < self.view_rad < math.pi:
                 raise ValueError(f"expected view_rad above 0 and below a half turn, got {self.view_rad}")
             if not 0 < self.changed_share < 1:
@@ -77,7 +76,7 @@ class MonitorBehavior(Errand[Monitor]):
     def do(self, task: Task, monitor: Monitor) -> Script:
         """Look around, again and again. Result: `rounds`, `changes`, `images`."""
         yaws_rad = [view * math.tau / monitor.views for view in range(monitor.views)]
-        seen: dict[float, NDArray[np.float64]] = {}
+        seen: dict[float, Floats] = {}
         images: list[str] = []
         rounds = changes = 0
         next_ns = self.env.clock.now_ns()

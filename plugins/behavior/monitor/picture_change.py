@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robrain.protocol.model.numeric.kernel_array import Floats
+
 HALF = 2
 TURN_MAX_RAD = 0.14
 """How far the robot may face from where it did."""
@@ -28,7 +30,7 @@ OUTLIER_LEVELS = 40.0
 SQUARE = 4
 """In pixels of the picture at half its size; lines that are left are up to three wide."""
 
-Colors = NDArray[np.float64]
+Colors = Floats
 Mask = NDArray[np.bool_]
 
 

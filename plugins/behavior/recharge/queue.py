@@ -6,7 +6,7 @@ stranded beside an occupied charger as long as the chargers together give more t
 
 import math
 
-from robrain.plugins.behavior.docks import AT_DOCK_M
+from robrain.plugins.behavior.budget import AT_DOCK_M
 from robrain.plugins.behavior.errand import SETTLE_S, TROUBLE, Errand, Failed, Part, Script
 from robrain.plugins.behavior.travel import PRIORITY_MAX, Progress
 from robrain.plugins.skill.home.interface import ChargerPlace

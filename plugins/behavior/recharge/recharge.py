@@ -6,8 +6,7 @@ way home takes: the running task is given back then, and no other is taken on be
 
 from typing import ClassVar
 
-from robrain.plugins.behavior.budget import length_m
-from robrain.plugins.behavior.docks import AT_DOCK_M
+from robrain.plugins.behavior.budget import AT_DOCK_M, length_m
 from robrain.plugins.behavior.errand import STEP_S, Errand, Failed, Run, Script
 from robrain.plugins.behavior.recharge.docking import Docking
 from robrain.plugins.behavior.recharge.queue import Queue
@@ -15,6 +14,7 @@ from robrain.plugins.behavior.travel import TravelParameters
 from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.skill.home.interface import ChargerPlace
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE, VISIT, Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
 from robrain.protocol.wire.clock import to_ns
@@ -50,9 +50,7 @@ class RechargeBehavior(Errand[Recharge]):
 
         def __post_init__(self) -> None:
             super().__post_init__()
-            for name in ("reserve_s", "no_power_s"):
-                if not getattr(self, name) > 0:
-                    raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+            check_positive(self, "reserve_s", "no_power_s")
             if not 0 < self.until_soc <= 1:
                 raise ValueError(f"expected until_soc above 0 and at most 1, got {self.until_soc}")
 
@@ -80,8 +78,6 @@ class RechargeBehavior(Errand[Recharge]):
     def emergency_halt(self) -> None:
         self._wanted = ""
         super().emergency_halt()
-
-    # -- at the charger -------------------------------------------------------------------------------------
 
     def work(self, task: Task, parameters: Recharge) -> Work:
         """Docking; what is used at the charger comes from the charger."""
@@ -147,8 +143,6 @@ class RechargeBehavior(Errand[Recharge]):
             self._charged_j += before_j - run.energy_j
             run.energy_j = before_j
 
-    # -- told to --------------------------------------------------------------------------------------------
-
     def why_not(self, run: Run[Recharge]) -> None:
         """Nothing: to run out of energy on the way to a charger is no worse than to wait for it."""
 
@@ -163,8 +157,6 @@ class RechargeBehavior(Errand[Recharge]):
             self._wanted = ""
             self.budget.home.learn(ChargerPlace(task.place.x_m, task.place.y_m, parameters_of(task, Recharge).yaw_rad))
         return answer
-
-    # -- of its own accord ----------------------------------------------------------------------------------
 
     def step(self) -> None:
         if self.run is None and self.env.clock.now_ns() >= self._not_before_ns:

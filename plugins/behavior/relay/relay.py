@@ -8,12 +8,12 @@ import math
 from typing import Any
 
 from robrain.plugins.behavior.errand import Errand, Run, Script
-from robrain.plugins.behavior.relay.held_link import HeldLink
 from robrain.plugins.behavior.travel import TravelParameters
 from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.unit.snw_exploration.interface import SnwInterface
 from robrain.plugins.unit.teammates.interface import TeammatesInterface
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.model.tasks.stock_kinds import RELAY, Relay
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.clock import to_ns, to_seconds
@@ -22,6 +22,54 @@ from robrain.protocol.wire.reasons.reason import Said
 
 BALANCE_DB = 3.0
 """A step towards the weaker of two links must be worth more than this; about what a step of the usual size changes."""
+
+NEW_SHARE = 0.3
+"""How much a packet's strength counts against those before: fading must not move the robot."""
+SILENT_DBM = -1000.0
+"""Counts as the strength of a link on which nothing is heard."""
+
+
+class HeldLink:
+    """The link to one mote or robot.
+
+    Args:
+        begun_ns: what was heard before does not count.
+        silent_ns: who has not been heard for so long has no link.
+
+    """
+
+    def __init__(self, begun_ns: int, silent_ns: int) -> None:
+        self.place: Point2D | None = None
+        """Where the other end is, arena frame; None while that is not known."""
+        self.strengths_dbm: list[float] = []
+        self._begun_ns = begun_ns
+        self._silent_ns = silent_ns
+        self._stamp_ns = 0
+        self._rssi_dbm: float | None = None
+
+    def hear(self, rssi_dbm: float, stamp_ns: int) -> None:
+        """The last packet heard, once more or a new one."""
+        if stamp_ns <= max(self._stamp_ns, self._begun_ns):
+            return
+        self._stamp_ns = stamp_ns
+        old_dbm = rssi_dbm if self._rssi_dbm is None else self._rssi_dbm
+        self._rssi_dbm = old_dbm + NEW_SHARE * (rssi_dbm - old_dbm)
+        self.strengths_dbm.append(rssi_dbm)
+
+    def strength_dbm(self, now_ns: int) -> float:
+        """How strong it is; SILENT_DBM if nothing was heard for too long, or since the robot has moved."""
+        if self._rssi_dbm is None or now_ns - max(self._stamp_ns, self._begun_ns) > self._silent_ns:
+            return SILENT_DBM
+        return self._rssi_dbm
+
+    def move(self) -> None:
+        """The robot has moved: what it heard before tells nothing of its new place."""
+        self._rssi_dbm = None
+
+    @property
+    def mean_dbm(self) -> float | None:
+        """Mean of all packets heard, to a tenth; None if there was none."""
+        return round(sum(self.strengths_dbm) / len(self.strengths_dbm), 1) if self.strengths_dbm else None
 
 
 class RelayBehavior(Errand[Relay]):
@@ -40,9 +88,7 @@ class RelayBehavior(Errand[Relay]):
 
         def __post_init__(self) -> None:
             super().__post_init__()
-            for name in ("step_m", "stray_m", "adjust_s", "silent_s"):
-                if not getattr(self, name) > 0:
-                    raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+            check_positive(self, "step_m", "stray_m", "adjust_s", "silent_s")
 
     kind = RELAY
     parameters: Parameters

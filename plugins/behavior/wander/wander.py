@@ -9,6 +9,7 @@ from robrain.agent.plugin import Behavior, external
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.plugins.unit.driver.interface import DriverInterface, Motion
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.errors import CallError, ErrorCode
 
@@ -32,9 +33,7 @@ class WanderBehavior(Behavior):
         """Distance before an obstacle at which a leg ends."""
 
         def __post_init__(self) -> None:
-            for name in self.__struct_fields__:
-                if not getattr(self, name) > 0:
-                    raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+            check_positive(self)
 
     period_s: float | None = STEP_S
     parameters: Parameters

@@ -25,4 +25,3 @@ class Bm2Interface(Protocol):
 
     def latest(self) -> BatteryMeasurement | None:
         """The last measurement; None before the first."""
-        ...

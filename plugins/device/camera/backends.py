@@ -16,7 +16,6 @@ class Backend(Protocol):
 
     def take(self) -> bytes:
         """One picture as a PNG; CallError if there is none."""
-        ...
 
     def close(self) -> None:
         """Let go of it."""

@@ -7,6 +7,7 @@ import msgspec
 from robrain.agent.plugin import Device, external
 from robrain.plugins.device.camera.backends import Backend, open_backend
 from robrain.plugins.device.camera.interface import CameraInterface, Picture
+from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.errors import CallError, ErrorCode
 
 PNG_HEAD = struct.Struct(">8s4x4sII")
@@ -38,8 +39,7 @@ class CameraDevice(Device):
         """Horizontal angle of view; chosen for the simulator, set that of your camera."""
 
         def __post_init__(self) -> None:
-            if not self.timeout_s > 0:
-                raise ValueError(f"expected timeout_s > 0, got {self.timeout_s}")
+            check_positive(self, "timeout_s")
             if not 0 < self.view_rad < 3.1:
                 raise ValueError(f"expected view_rad above 0 and below 3.1, got {self.view_rad}")
 

@@ -26,4 +26,3 @@ class CameraInterface(Protocol):
             CallError: the camera gives none; the text says why.
 
         """
-        ...

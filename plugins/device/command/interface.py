@@ -13,8 +13,6 @@ class CommandInterface(Protocol):
             `ok`, `ok RESULT`, or `error CODE: MESSAGE` with a code of `ErrorCode`; `help` has several lines.
 
         """
-        ...
 
     def plugins(self) -> str:
         """Names of the plugins that are open to the outside, with blanks between them."""
-        ...

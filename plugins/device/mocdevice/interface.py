@@ -43,39 +43,30 @@ class MocDeviceInterface(Protocol):
 
     def is_fresh(self) -> bool:
         """Whether the wheel encoders speak: without them nobody knows where the robot goes."""
-        ...
 
     def pose(self) -> Pose2D:
         """T_odom_robot from the wheel encoders; the robot starts at the origin of odom."""
-        ...
 
     def pose_if_fresh(self) -> tuple[Pose2D, bool]:
         """`pose` and `is_fresh` in one call, for who asks many times a second."""
-        ...
 
     def pose_at(self, stamp_ns: int) -> Pose2D:
         """T_odom_robot at a time within the last five seconds; after `odometry_until_ns` it is the newest pose."""
-        ...
 
     def odometry_until_ns(self) -> int:
         """Time of measurement of the newest wheel counts, robot's clock; 0 before the first.
 
         For a later time `pose_at` returns the pose at this one.
         """
-        ...
 
     def velocity(self) -> Twist2D:
         """Velocity in the body frame, from the encoders."""
-        ...
 
     def radius_m(self) -> float:
         """Radius of the round footprint."""
-        ...
 
     def counters(self) -> Counters:
         """Frames believed, rejected, foreign and lost, and error frames."""
-        ...
 
     def status(self) -> ControllerStatus | None:
         """The controller's last word on itself; None before the first."""
-        ...

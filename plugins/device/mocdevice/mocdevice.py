@@ -24,6 +24,7 @@ from robrain.protocol.can.frames import BadFrame, codec, known_identifiers
 from robrain.protocol.can.sequence import SequenceWatch
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.model.navigation.omni_drive import OmniBase
+from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 
 logger = logging.getLogger(__name__)
@@ -65,9 +66,7 @@ class MocDevice(Device):
         """Meaning of the interface's time stamps; None is `sending` for `zenoh` and `arrival` for all others."""
 
         def __post_init__(self) -> None:
-            for name in ("radius_m", "silent_s"):
-                if not getattr(self, name) > 0:
-                    raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+            check_positive(self, "radius_m", "silent_s")
 
     interface = MocDeviceInterface
     period_s = 0.02
@@ -176,8 +175,6 @@ class MocDevice(Device):
     def status(self) -> ControllerStatus | None:
         """Last status of the motor controller; null before the first."""
         return self._status
-
-    # -- the bus --------------------------------------------------------------------------------------------
 
     def _stamped_at(self) -> StampedAt:
         wanted = self.parameters

@@ -2,6 +2,7 @@
 
 from bisect import bisect_left
 from collections import deque
+from operator import itemgetter
 
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
 from robrain.protocol.model.localization.odometry import moved
@@ -84,7 +85,7 @@ class WheelOdometry:
         history = self._history
         if not history or stamp_ns >= history[-1][0]:
             return self.pose
-        index = bisect_left(history, stamp_ns, key=lambda entry: entry[0])
+        index = bisect_left(history, stamp_ns, key=itemgetter(0))
         after_ns, after = history[index]
         if index == 0 or after_ns == stamp_ns:
             return after

@@ -15,27 +15,21 @@ class Link(Protocol):
     @property
     def dropped(self) -> int:
         """Packets that came while too many waited already."""
-        ...
 
     def receive(self, now_ns: int) -> list[bytes]:
         """Packets that have arrived; also where a lost line is sought again."""
-        ...
 
     def send(self, packet: bytes, now_ns: int) -> None:
         """Hand a packet on; one that the line cannot take is counted."""
-        ...
 
     def why_down(self) -> str:
         """Why the line is lost; empty while it is not."""
-        ...
 
     def counters(self) -> dict[str, int]:
         """What this kind of line counts."""
-        ...
 
     def close(self) -> None:
         """Let go of it."""
-        ...
 
 
 class Backoff:

@@ -8,15 +8,43 @@ import msgspec
 from robrain.agent.errors import HardwareAbsent, PluginError
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
-from robrain.plugins.device.mote_base.flood_guard import FloodGuard
 from robrain.plugins.device.mote_base.interface import HeardPacket, MoteBaseInterface, Trouble
 from robrain.plugins.device.mote_base.link import Backoff, LineAbsent, Link
 from robrain.plugins.device.mote_base.serial_line_link import SerialLineLink
 from robrain.plugins.device.mote_base.sf_link import SfLink
 from robrain.plugins.device.mote_base.zenoh_link import ZenohLink
+from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
 from robrain.protocol.tinyos.serial_forwarder import DEFAULT_PORT, BadGreeting
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
+
+
+class FloodGuard:
+    """Lets so many packets through in each second, and knows whether there were more.
+
+    Args:
+        limit: packets in a second.
+
+    """
+
+    def __init__(self, limit: int) -> None:
+        self.limit = limit
+        self.since_ns: int | None = None
+        """When the flood began; None while there is none."""
+        self._second_ns = 0
+        self._count = 0
+
+    def admit(self, arrived: int, now_ns: int) -> int:
+        """How many of the packets that have arrived go on. A flood ends with the first second that keeps the limit."""
+        if now_ns - self._second_ns >= NS_PER_S:
+            if self._count <= self.limit:
+                self.since_ns = None
+            self._second_ns, self._count = now_ns, 0
+        room = max(0, self.limit - self._count)
+        self._count += arrived
+        if self._count > self.limit and self.since_ns is None:
+            self.since_ns = now_ns
+        return min(arrived, room)
 
 
 class PacketCounters(msgspec.Struct, frozen=True):
@@ -78,9 +106,7 @@ class MoteBase(Device):
 
         def __post_init__(self) -> None:
             names = ("inbox_packets", "flood_packets_s", "ack_timeout_s", "connect_timeout_s", "reconnect_first_s")
-            for name in (*names, "baud", "port"):
-                if not getattr(self, name) > 0:
-                    raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+            check_positive(self, *names, "baud", "port")
             for name in ("flood_fault_s", "resends"):
                 if not getattr(self, name) >= 0:
                     raise ValueError(f"expected {name} >= 0, got {getattr(self, name)}")
@@ -168,8 +194,6 @@ class MoteBase(Device):
             next_try_s=self._backoff.wait_s(now_ns),
         )
 
-    # -- hearing ------------------------------------------------------------------------------------------------
-
     def _take(self, packets: list[bytes], dropped: int, now_ns: int) -> None:
         arrived = len(packets) + dropped - self._dropped_before
         self._dropped_before = dropped
@@ -208,8 +232,6 @@ class MoteBase(Device):
         if bool(why_down) != bool(self._told_down):
             self._told_down, self._down_ns = why_down, now_ns
             self.trouble.notify(Trouble("lost", why_down) if why_down else Trouble("back", "the line is back"))
-
-    # -- lines --------------------------------------------------------------------------------------------------
 
     def _open_zenoh(self) -> Link:
         return ZenohLink(self.env.wire, self.env.robot, self.parameters.inbox_packets)

@@ -38,8 +38,6 @@ class RangeSensorsInterface(Protocol):
 
     def latest(self) -> RangeRing | None:
         """The last measurement; None before the first, as on a robot without the sensors."""
-        ...
 
     def pressed_rad(self) -> tuple[float, ...]:
         """Directions of the contacts that are pressed now, robot's frame."""
-        ...

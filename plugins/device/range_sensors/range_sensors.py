@@ -21,6 +21,7 @@ from robrain.protocol.model.navigation.range_ring import (
     SENSORS_MAX,
     bump_directions_rad,
 )
+from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 
 FRAMES_ID, FRAMES_MASK = 0x280, 0x7FC
@@ -59,9 +60,7 @@ class RangeSensorsDevice(Device):
         def __post_init__(self) -> None:
             if not 1 <= len(self.angles_rad) <= SENSORS_MAX:
                 raise ValueError(f"expected 1 to {SENSORS_MAX} angles_rad, got {len(self.angles_rad)}")
-            for name in ("range_max_m", "mounted_m", "silent_s"):
-                if not getattr(self, name) > 0:
-                    raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+            check_positive(self, "range_max_m", "mounted_m", "silent_s")
 
     interface = RangeSensorsInterface
     period_s = 0.04

@@ -3,10 +3,9 @@
 from typing import Protocol
 
 import msgspec
-import numpy as np
-from numpy.typing import NDArray
 
 from robrain.agent.event import Event
+from robrain.protocol.model.numeric.kernel_array import Floats
 
 
 class LaserScan(msgspec.Struct, frozen=True, eq=False):
@@ -16,8 +15,8 @@ class LaserScan(msgspec.Struct, frozen=True, eq=False):
     """
 
     stamp_ns: int
-    angles_rad: NDArray[np.float64]
-    ranges_m: NDArray[np.float64]
+    angles_rad: Floats
+    ranges_m: Floats
     range_max_m: float
 
 

@@ -7,12 +7,13 @@ after a restart, so that no map is made of it.
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from robrain.agent.errors import PluginError
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
+from robrain.protocol.model.numeric.kernel_array import Floats
+from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.arena_messages import Scan
@@ -35,8 +36,7 @@ class ScanDevice(Device):
         """Time without a turn after which the lidar faults; the stock lidar turns five times a second."""
 
         def __post_init__(self) -> None:
-            if not self.silent_s > 0:
-                raise ValueError(f"expected silent_s > 0, got {self.silent_s}")
+            check_positive(self, "silent_s")
 
     interface = ScanInterface
     period_s = 0.02
@@ -50,7 +50,7 @@ class ScanDevice(Device):
         self._latest: LaserScan | None = None
         self._ranges_mm: list[int] = []
         self._doubt = ""
-        self._angles_rad: NDArray[np.float64] = np.empty(0)
+        self._angles_rad: Floats = np.empty(0)
         self._fan: tuple[int, float, float] | None = None
 
     def activate(self) -> None:

@@ -22,4 +22,3 @@ class SensorBoardInterface(Protocol):
             CallError: the board does not answer; the text says why.
 
         """
-        ...

@@ -8,6 +8,7 @@ import msgspec
 from robrain.agent.errors import HardwareAbsent
 from robrain.agent.plugin import Device, external
 from robrain.plugins.device.sensor_board.interface import Sensed, SensorBoardInterface
+from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.topics import ARENA_SENSE
 
@@ -22,8 +23,7 @@ class SensorBoard(Device):
         timeout_s: float = 1.0
 
         def __post_init__(self) -> None:
-            if not self.timeout_s > 0:
-                raise ValueError(f"expected timeout_s > 0, got {self.timeout_s}")
+            check_positive(self, "timeout_s")
 
     interface = SensorBoardInterface
     parameters: Parameters

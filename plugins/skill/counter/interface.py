@@ -8,4 +8,3 @@ class CounterInterface(Protocol):
 
     def seconds(self) -> int:
         """Seconds since the start."""
-        ...

@@ -12,16 +12,12 @@ class EnergyInterface(Protocol):
 
     def estimate(self, work: Work) -> EnergyEstimate:
         """What this work will cost; ask for `high_j(0.95)` before promising anything."""
-        ...
 
     def usable_j(self) -> float:
         """Lower 95 % bound of the energy before the cut-off; 0 while the battery is unknown."""
-        ...
 
     def outcome(self, work: Work, cost_j: float) -> None:
         """Tell what a work has cost that went as planned; later estimates of ways heed it."""
-        ...
 
     def power_w(self) -> float:
         """Power drawn, averaged over some seconds; the manifest's standing power before the first measurement."""
-        ...

@@ -29,14 +29,12 @@ class HomeInterface(Protocol):
 
     def chargers(self) -> list[ChargerPlace]:
         """All that are known; those of the manifest first."""
-        ...
 
     def learn(self, charger: ChargerPlace) -> None:
         """Know one more, as from a task; one that is known already is not taken twice."""
 
     def start(self) -> Point2D | None:
         """Where the robot started, arena frame, as far as it knows now; None before it knows where it is."""
-        ...
 
     def ask(self, why: str) -> None:
         """Say that the robot should go home; whoever drives it there observes `asked`."""

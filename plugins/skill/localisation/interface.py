@@ -52,12 +52,9 @@ class LocalisationInterface(Protocol):
 
     def pose(self) -> Pose2D:
         """T_arena_robot now."""
-        ...
 
     def to_odom(self, points: list[Point2D]) -> list[Point2D]:
         """Points of the arena frame in the frame odom."""
-        ...
 
     def health(self) -> LocalisationHealth:
         """How much the estimate is worth."""
-        ...

@@ -9,7 +9,6 @@ from collections import deque
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from robrain.agent.event import Event
 from robrain.agent.plugin import Skill, external
@@ -27,7 +26,8 @@ from robrain.protocol.model.mapping.accuracy import recent_agreement
 from robrain.protocol.model.mapping.local_map import ArenaFix, LocalPose
 from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
-from robrain.protocol.model.ranges import STAMP_MAX
+from robrain.protocol.model.numeric.kernel_array import Floats
+from robrain.protocol.model.ranges import STAMP_MAX, check_positive
 from robrain.protocol.model.slam.mates_in_scan import mate_circles, wall_ends
 from robrain.protocol.model.slam.submap import IDENTITY
 from robrain.protocol.wire.clock import to_ns
@@ -82,9 +82,7 @@ class Localisation(Skill):
         watch: WatchSpec = WatchSpec()
 
         def __post_init__(self) -> None:
-            for name in ("start_sigma_m", "start_sigma_rad", "scan_period_s", "scan_way_m"):
-                if not getattr(self, name) > 0:
-                    raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+            check_positive(self, "start_sigma_m", "start_sigma_rad", "scan_period_s", "scan_way_m")
             if not 0 <= self.wall_slack_cells <= 1:
                 raise ValueError(f"expected wall_slack_cells from 0 to 1, got {self.wall_slack_cells}")
 
@@ -117,10 +115,7 @@ class Localisation(Skill):
         self._odometry = self._driver.pose()
         self._T_arena_odom, sigma_m, sigma_rad = self._where_it_was()
         self._localiser = Localiser(
-            self._T_arena_odom.compose(self._odometry),
-            sigma_m,
-            sigma_rad,
-            start.spec(self._driver.odometry_noise()),
+            self._T_arena_odom.compose(self._odometry), sigma_m, sigma_rad, start.spec(self._driver.odometry_noise())
         )
         board = self.env.board
         if board.frame != ARENA:
@@ -274,7 +269,7 @@ class Localisation(Skill):
             self._agree(points, board.map, T_robot_sensor)
         self._tell()
 
-    def _agree(self, points: NDArray[np.float64], team: OccupancyGrid, T_robot_sensor: Pose2D) -> None:
+    def _agree(self, points: Floats, team: OccupancyGrid, T_robot_sensor: Pose2D) -> None:
         """Compare the scan with the team's map once every `AGREE_PERIOD_S`."""
         now_ns = self.env.clock.now_ns()
         if now_ns < self._agree_due_ns:
@@ -285,7 +280,7 @@ class Localisation(Skill):
         if compared >= COMPARED_MIN * len(points) > 0:
             self.env.board.map_agreement = recent_agreement(self.env.board.map_agreement, share)
 
-    def _wall_points(self, scan: LaserScan, T_robot_sensor: Pose2D) -> NDArray[np.float64]:
+    def _wall_points(self, scan: LaserScan, T_robot_sensor: Pose2D) -> Floats:
         """(K, 2) ends of the beams, sensor's frame, without those that ended at a mate."""
         sensor = self._localiser.pose.compose(T_robot_sensor)
         mates = self.env.board.mate_places

@@ -13,12 +13,12 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import ArenaFix
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
+from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.model.slam.map_overlap import EVIDENCE_MIN, MapMatcher, cells_outside
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.model.slam.submap_graph import SubmapGraph
@@ -90,7 +90,7 @@ class Frames:
         atlas: SubmapAtlas,
         graph: SubmapGraph,
         own: OwnSubmaps,
-        mates_in: Callable[[MapFrame], NDArray[np.float64]],
+        mates_in: Callable[[MapFrame], Floats],
         mates: Callable[[], int],
     ) -> None:
         self.told: list[MapPatch] = []
@@ -217,12 +217,12 @@ class Frames:
         apart_m = max(one.distance_m(other) for one in agreeing for other in agreeing)
         return len(agreeing) >= ANSWERS_MIN and apart_m >= least_apart_m
 
-    def _own_bodies(self, here: Pose2D) -> NDArray[np.float64]:
+    def _own_bodies(self, here: Pose2D) -> Floats:
         """Where others may have seen this robot while they did not know what it was."""
         stood = [here, *(node.pose for node in self._graph.own.values() if node.frame == self.frame)]
         return np.array([(at.x_m, at.y_m, BODY_M) for at in stood])
 
-    def _join(self, frame: MapFrame, T_new_old: Pose2D, at: Pose2D, covariance: NDArray[np.float64]) -> None:
+    def _join(self, frame: MapFrame, T_new_old: Pose2D, at: Pose2D, covariance: Floats) -> None:
         before, why = self.frame, self._own.why
         self._graph.change_frame(before, frame, T_new_old, at, covariance)
         moved = [key for key, each in self._atlas.submaps.items() if key[0] == self._robot and each.frame == before]
@@ -244,7 +244,7 @@ class Frames:
             self.told.append(pose_message(self._robot, geometry, key[1], place, self.frame))
 
 
-def _covariance(sigma_m: float, sigma_rad: float) -> NDArray[np.float64]:
+def _covariance(sigma_m: float, sigma_rad: float) -> Floats:
     return np.diag((sigma_m**2, sigma_m**2, sigma_rad**2))
 
 

@@ -41,4 +41,3 @@ class MapperInterface(Protocol):
 
     def view(self) -> MapView:
         """The map as it is now; do not write to it."""
-        ...

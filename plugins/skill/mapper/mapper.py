@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from robrain.agent.event import Event
 from robrain.agent.plugin import Skill, external
@@ -15,8 +14,7 @@ from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.plugins.skill.mapper.closures import ClosureDesk
 from robrain.plugins.skill.mapper.frames import Frames
 from robrain.plugins.skill.mapper.interface import MapperCounters, MapperInterface, MapView
-from robrain.plugins.skill.mapper.map_hearing import MapHearing
-from robrain.plugins.skill.mapper.map_telling import MapTelling
+from robrain.plugins.skill.mapper.map_exchange import MapHearing, MapTelling
 from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
 from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates.interface import TeammatesInterface
@@ -24,15 +22,15 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import LocalPose
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.numeric.kernel_array import Floats
+from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.model.slam.mates_in_scan import mate_circles, sees_through, wall_ends
 from robrain.protocol.model.slam.submap import IDENTITY
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.model.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.map_messages import Closures
-from robrain.protocol.wire.messages.map_patch import (
-    map_stamp_ms,
-)
+from robrain.protocol.wire.messages.map_patch import map_stamp_ms
 from robrain.protocol.wire.topics import ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 logger = logging.getLogger(__name__)
@@ -69,9 +67,7 @@ class Mapper(Skill):
         """Standard deviation of the place on the robot's own map, metres, above which scans are not mapped."""
 
         def __post_init__(self) -> None:
-            for name in ("resolution_m", "width_m", "height_m", "sigma_max_m"):
-                if getattr(self, name) <= 0:
-                    raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+            check_positive(self, "resolution_m", "width_m", "height_m", "sigma_max_m")
 
         submap: SubmapSpec = SubmapSpec()
         graph: GraphSpec = GraphSpec()
@@ -253,13 +249,13 @@ class Mapper(Skill):
         self._atlas.take_surfaces((self.env.robot, number), surfaces)
         self._telling.finished(number, self._own, surfaces)
 
-    def _look_for_closure(self, scan: LaserScan, local: Pose2D, circles: NDArray[np.float64]) -> None:
+    def _look_for_closure(self, scan: LaserScan, local: Pose2D, circles: Floats) -> None:
         now_ns, number = self.env.clock.now_ns(), self._own.number
         if now_ns < self._closure_due_ns or number is None:
             return
         sensor = self._own.T_arena_local.compose(local)
 
-        def points() -> NDArray[np.float64]:
+        def points() -> Floats:
             return wall_ends(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, circles)
 
         if self._desk.look(number, local, sensor, points, self.env.board.pose_covariance):
@@ -370,11 +366,11 @@ class Mapper(Skill):
             self.paused.notify(why)
         self._why_paused = why
 
-    def _mates(self) -> NDArray[np.float64]:
+    def _mates(self) -> Floats:
         """(K, 3) published places of mates and their radii, metres, in the robot's map frame."""
         return self._mates_in(self._own.frame)
 
-    def _mates_in(self, frame: MapFrame) -> NDArray[np.float64]:
+    def _mates_in(self, frame: MapFrame) -> Floats:
         """(K, 3) published places of mates in a map frame and their radii, metres."""
         mates = self._teammates.in_frame(frame)
         if not mates:
@@ -390,7 +386,7 @@ class _Seen(NamedTuple):
     """T_local_sensor."""
 
 
-def _in_local(circles: NDArray[np.float64], T_arena_local: Pose2D) -> NDArray[np.float64]:
+def _in_local(circles: Floats, T_arena_local: Pose2D) -> Floats:
     """Circles of the arena frame in the frame `local`."""
     if T_arena_local == IDENTITY or not len(circles):
         return circles

@@ -13,10 +13,10 @@ from robrain.protocol.model.mapping.local_map import NO_DRIFT, Drift, LocalMap
 from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid, PatchCells
 from robrain.protocol.model.numeric.elementary_functions import arctan2
+from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.model.slam.submap import IDENTITY, PARTS, SURFACE, SURFACES_MAX, VIEW_PARTS
 from robrain.protocol.model.slam.submap_graph import SubmapGraph
 
-Floats = NDArray[np.float64]
 GRID_REACH_M = 20.0
 """Distance from the frame's origin, metres, at which its yaw must not shift cells."""
 LEAST = 1e-6
@@ -79,27 +79,23 @@ class OwnSubmaps:
             ),
             surfaces=True,
         )
-        self._number: int | None = None
+        self.number: int | None = None
+        """Number of the current submap; None before the first scan."""
         self._oldest = 0
         self._drift = NO_DRIFT
         self._way_m = 0.0
         self._last: Pose2D | None = None
-
-    @property
-    def number(self) -> int | None:
-        """Number of the current submap; None before the first scan."""
-        return self._number
 
     def begin_trajectory(self, trajectory: int) -> None:
         """Clear the map: the robot was lost and may be anywhere now."""
         self.trajectory = trajectory
         self.grid.forget()
         self.grid.begin_stretch()
-        self._number, self._last = None, None
+        self.number, self._last = None, None
 
     def is_over(self) -> bool:
         """Whether the current submap is complete, or there is none, so that the next must begin."""
-        return self._number is None or self._way_m >= self._spec.way_m
+        return self.number is None or self._way_m >= self._spec.way_m
 
     def begin_submap(self, number: int, T_local_robot: Pose2D, drift: Drift, covariance: Floats) -> None:
         """Begin the next submap.
@@ -111,14 +107,14 @@ class OwnSubmaps:
             covariance: (3, 3) of the robot's pose in the arena; used for the first submap of a trajectory.
 
         """
-        self._oldest = number if self._number is None else self._number
-        if self._number is not None:
+        self._oldest = number if self.number is None else self.number
+        if self.number is not None:
             self.grid.begin_stretch()
-            number = max(number, self._number + 1)
+            number = max(number, self.number + 1)
             m2, rad2 = (max(now - then, LEAST) for now, then in zip(drift, self._drift, strict=True))
             covariance = np.diag((m2, m2, rad2))
         self.graph.begin(number, T_local_robot, self.T_arena_local, self.trajectory, covariance, self.frame)
-        self._number, self._way_m, self._drift = number, 0.0, drift
+        self.number, self._way_m, self._drift = number, 0.0, drift
 
     def integrate(
         self,
@@ -153,13 +149,13 @@ class OwnSubmaps:
 
     def take_patch(self) -> OwnPatch | None:
         """Changes of the current submap since the last call; None if there are none."""
-        if self._number is None:
+        if self.number is None:
             return None
         patch = self.grid.take_patch()
         if patch is None:
             return None
         return OwnPatch(
-            self._number, PatchCells(patch.row - self._margin, patch.column - self._margin, patch.cells, patch.stamp_ms)
+            self.number, PatchCells(patch.row - self._margin, patch.column - self._margin, patch.cells, patch.stamp_ms)
         )
 
     def surfaces(self) -> NDArray[np.void]:
@@ -181,7 +177,7 @@ class OwnSubmaps:
     def local_map(self) -> LocalMap | None:
         """The map for localisation; None before the first scan."""
         current = self.graph.current
-        if current is None or self._number is None:
+        if current is None or self.number is None:
             return None
         x, _, x_yaw, _, y, y_yaw, _, _, yaw = current.covariance.ravel().tolist()
         return LocalMap(
@@ -190,7 +186,7 @@ class OwnSubmaps:
             current.anchor,
             (x, y, yaw),
             self._drift,
-            self._number,
+            self.number,
             self._oldest,
             self.trajectory,
             self.frame,

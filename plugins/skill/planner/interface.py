@@ -3,13 +3,11 @@
 from collections.abc import Sequence
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from robrain.plugins.skill.mapper.interface import MapView
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.navigation.navigation_grid import Zone
 from robrain.protocol.model.navigation.right_of_way import Track
+from robrain.protocol.model.numeric.kernel_array import Floats
 
 Circle = tuple[float, float, float]
 """x, y, radius: metres, arena frame."""
@@ -34,7 +32,6 @@ class PlannerInterface(Protocol):
         places with less than the preferred clearance, down to what a robot can squeeze through by the map; the driver
         finds out on the spot whether it fits.
         """
-        ...
 
     def escape(
         self,
@@ -47,16 +44,12 @@ class PlannerInterface(Protocol):
         is_narrow: bool = False,
     ) -> list[Point2D] | None:
         """Waypoints to the nearest place clear of all tracks with right of way; None if there is none."""
-        ...
 
     def is_narrow(self, view: MapView, place: Point2D) -> bool:
         """Whether a place, and all within one cell of it, has less than the preferred clearance but room to squeeze."""
-        ...
 
     def standpoint(self, view: MapView, place: Point2D, within_m: float, *, is_narrow: bool = False) -> Point2D | None:
         """The nearest point, within `within_m`, from which the robot can see a place; None if there is none."""
-        ...
 
-    def safe_positions(self, view: MapView, positions: NDArray[np.float64], *, is_narrow: bool = False) -> int:
+    def safe_positions(self, view: MapView, positions: Floats, *, is_narrow: bool = False) -> int:
         """How many of `positions` (N, 2) on a path precede the first that is too near to a known obstacle."""
-        ...

@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from typing import Literal
 
 import msgspec
-import numpy as np
-from numpy.typing import NDArray
 
 from robrain.agent.plugin import Skill
 from robrain.plugins.skill.mapper.interface import MapView
@@ -17,6 +15,8 @@ from robrain.protocol.model.navigation.escape import escape_cells
 from robrain.protocol.model.navigation.line_of_sight import standpoint
 from robrain.protocol.model.navigation.navigation_grid import NavigationGrid, Zone
 from robrain.protocol.model.navigation.right_of_way import Track
+from robrain.protocol.model.numeric.kernel_array import Floats
+from robrain.protocol.model.ranges import check_positive
 
 
 class Planner(Skill):
@@ -34,9 +34,7 @@ class Planner(Skill):
         unknown_cost: float = 4.0
 
         def __post_init__(self) -> None:
-            for name in ("margin_m", "snap_m"):
-                if not getattr(self, name) > 0:
-                    raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+            check_positive(self, "margin_m", "snap_m")
             if not self.unknown_cost >= 1:
                 raise ValueError(f"expected unknown_cost >= 1, got {self.unknown_cost}")
 
@@ -96,7 +94,7 @@ class Planner(Skill):
         cell = standpoint(view.classes, grid.traversable, grid.geometry.cell_of(place.x_m, place.y_m), reach)
         return None if cell is None else grid.geometry.center_of(*cell)
 
-    def safe_positions(self, view: MapView, positions: NDArray[np.float64], *, is_narrow: bool = False) -> int:
+    def safe_positions(self, view: MapView, positions: Floats, *, is_narrow: bool = False) -> int:
         """How many of `positions` (N, 2) on a path precede the first that is too near to a known obstacle."""
         looked = self._grids.get(is_narrow)
         grid = looked.grid if looked is not None else self._navigation(view, is_narrow=is_narrow)

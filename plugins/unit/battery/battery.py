@@ -4,9 +4,8 @@ from robrain.agent.event import Event
 from robrain.agent.plugin import Unit, external
 from robrain.plugins.device.bm2.interface import BatteryMeasurement, Bm2Interface
 from robrain.plugins.unit.battery.interface import BatteryAlarm, BatteryInterface
-from robrain.protocol.model.energy.battery_tracker import BatteryTracker, Measured
+from robrain.protocol.model.energy.battery_tracker import BatteryTracker, GaugeLimits, Measured
 from robrain.protocol.model.energy.consumption import Drawn
-from robrain.protocol.model.energy.gauge_check import GaugeLimits
 from robrain.protocol.model.energy.soc_filter import PackModel
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.messages.robot_messages import BatteryState

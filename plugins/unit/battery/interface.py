@@ -29,8 +29,6 @@ class BatteryInterface(Protocol):
 
     def state(self) -> BatteryState | None:
         """The battery as it is believed to be; None before the first measurement."""
-        ...
 
     def drawn(self) -> Drawn | None:
         """Energy drawn so far, as of the last measurement; None before the first."""
-        ...

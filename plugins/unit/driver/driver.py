@@ -21,12 +21,11 @@ from robrain.plugins.device.range_sensors.interface import Bump, RangeSensorsInt
 from robrain.plugins.device.scan.interface import ScanInterface
 from robrain.plugins.unit.driver.by_hand import ByHand
 from robrain.plugins.unit.driver.interface import DriverInterface, Motion, OdometryNoise
-from robrain.plugins.unit.driver.lookout import Lookout
-from robrain.plugins.unit.driver.path import Path
-from robrain.plugins.unit.driver.ramp import Ramp, RampLimits, speed_to_stop
-from robrain.plugins.unit.driver.squeeze import BEGIN_M, CREEP_M_S, KEEP_M, KEEP_PER_S, Progress, is_between, squeeze
+from robrain.plugins.unit.driver.path import Path, Ramp, RampLimits, speed_to_stop
+from robrain.plugins.unit.driver.squeeze import BEGIN_M, CREEP_M_S, KEEP_M, KEEP_PER_S, is_between, squeeze
+from robrain.plugins.unit.lookout import Lookout
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D, wrap_angle_rad
-from robrain.protocol.model.ranges import METRES_MAX, Metres, Radians, Seconds, Speed
+from robrain.protocol.model.ranges import METRES_MAX, Metres, Radians, Seconds, Speed, check_positive
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.errors import CallError, ErrorCode
 
@@ -75,9 +74,7 @@ class Driver(Unit):
         )
 
         def __post_init__(self) -> None:
-            for name in self.__struct_fields__:
-                if name != "odometry" and getattr(self, name) <= 0:
-                    raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+            check_positive(self, *(name for name in self.__struct_fields__ if name != "odometry"))
 
     interface = DriverInterface
     period_s = PERIOD_S
@@ -104,7 +101,6 @@ class Driver(Unit):
         self._why = ""
         self._gap_m: float | None = None
         self._squeezes = False
-        self._progress = Progress()
 
     def activate(self) -> None:
         self._moc = self.env.use("mocdevice", MocDeviceInterface)
@@ -136,7 +132,8 @@ class Driver(Unit):
     def follow(self, path: list[Point2D], fastest_m_s: float = math.inf, *, is_narrow: bool = False) -> None:
         """Drive along these points to the last one, at most this fast; `is_narrow` lets it squeeze where needed."""
         _check_range("follow", *(number for point in path for number in (point.x_m, point.y_m)))
-        self._actions.cancel_all("another path was given")
+        if self._action is not None:
+            self._action.cancel("another path was given")
         way = Path(path, ARRIVED_M, fastest_m_s=fastest_m_s, is_narrow=is_narrow) if path else None
         if self._hand.holds(self.env.clock.now_ns()):  # the path waits until the hand lets go
             self._path = way
@@ -278,8 +275,6 @@ class Driver(Unit):
         """Radius of the round footprint."""
         return self._moc.radius_m()
 
-    # -- starting and ending --------------------------------------------------------------------------------
-
     def _start_path(self, name: str, path: Path) -> str:
         pose = self._moc.pose()
         action = self._actions.start(name)
@@ -292,7 +287,7 @@ class Driver(Unit):
         self._action = None
         self._to_turn_rad = 0.0
         self._path = path
-        self._progress.forget()
+        path.forget_progress()
         if self._motion is Motion.STANDING:
             self._motion = Motion.DRIVING
             self.env.hurry()
@@ -338,15 +333,8 @@ class Driver(Unit):
             self._way.stand()
             self._turn.stand()
 
-    # -- by hand --------------------------------------------------------------------------------------------
-
     def _step_by_hand(self, pose: Pose2D, is_fresh: bool) -> None:
-        blind_why = self._lookout.look(self.env.clock.now_ns()) if is_fresh else NO_ODOMETRY
-        if blind_why:
-            self._note(blind_why)
-            self._way.stand()
-            self._turn.stand()
-            self._moc.drive(Twist2D())
+        if not self._sees(is_fresh=is_fresh):
             return
         wanted, limits = self._hand.wanted, self.parameters
         speed_m_s = math.hypot(wanted.forward_m_s, wanted.left_m_s)
@@ -356,8 +344,6 @@ class Driver(Unit):
         self._go_towards(pose, heading_rad, min(speed_m_s, limits.speed_m_s), free_m)
         self._turn.follow(max(-limits.turn_rate_rad_s, min(limits.turn_rate_rad_s, wanted.yaw_rad_s)), 0.0)
         self._moc.drive(self._twist(pose))
-
-    # -- turning --------------------------------------------------------------------------------------------
 
     def _step_turn(self, pose: Pose2D, is_fresh: bool) -> None:
         before_rad, self._last_yaw_rad = self._last_yaw_rad, pose.yaw_rad
@@ -382,21 +368,13 @@ class Driver(Unit):
         rate_rad_s = min(limits.turn_rate_rad_s, speed_to_stop(left_rad, limits.turn_acceleration_rad_s2, DELAY_S))
         self._turn.follow(math.copysign(rate_rad_s, angle_rad), 0.0)
 
-    # -- following a path -----------------------------------------------------------------------------------
-
     def _step_path(self, path: Path, pose: Pose2D, is_fresh: bool) -> None:
         path.pass_points(pose)
         if path.is_done(pose):
             self._end(pose)
             self.arrived.notify(path.goal)
             return
-        blind_why = self._lookout.look(self.env.clock.now_ns()) if is_fresh else NO_ODOMETRY
-        if blind_why:
-            self._note(blind_why)
-            self._way.stand()
-            self._turn.stand()
-            self._moc.drive(Twist2D())
-        else:
+        if self._sees(is_fresh=is_fresh):
             self._moc.drive(self._command(path, pose))
             self._tell(path.way_left_m(pose))
         self._give_up_if_blocked()
@@ -410,7 +388,7 @@ class Driver(Unit):
         )
         if self._squeezes:
             return self._squeeze(path, pose, heading_rad, free_m)
-        self._progress.forget()
+        path.forget_progress()
         self._gap_m = None
         self._note(IN_THE_WAY if free_m < BLOCKED_M and not path.is_at_goal(pose) else "")
         ahead_m = way.ahead(math.cos(heading_rad), math.sin(heading_rad))
@@ -423,7 +401,7 @@ class Driver(Unit):
         """Drive one period through a narrow place or up to one; `free_m` is the room ahead for normal driving."""
         way, limits = self._way, self.parameters
         found = squeeze(self._lookout, pose, heading_rad, path.along_rad(pose), self._moc.radius_m())
-        is_stuck = self._progress.is_stuck(pose, self.env.clock.now_ns()) and not path.is_at_goal(pose)
+        is_stuck = path.is_stuck(pose, self.env.clock.now_ns()) and not path.is_at_goal(pose)
         self._gap_m = found.gap_m if is_stuck else None
         self._note("" if not is_stuck else IN_THE_WAY if found.gap_m is None else TOO_NARROW)
         if way.speed > SLOW_M_S:
@@ -472,6 +450,16 @@ class Driver(Unit):
             return False
         free_m = self._lookout.free_m(pose, math.atan2(way.y, way.x))
         return way.stopping(DELAY_S) > free_m + SPARE_M
+
+    def _sees(self, *, is_fresh: bool) -> bool:
+        """Look at what is around; a robot that is blind stands, and says why."""
+        blind_why = self._lookout.look(self.env.clock.now_ns()) if is_fresh else NO_ODOMETRY
+        if blind_why:
+            self._note(blind_why)
+            self._way.stand()
+            self._turn.stand()
+            self._moc.drive(Twist2D())
+        return not blind_why
 
     def _note(self, blocked_why: str) -> None:
         self._why = blocked_why

@@ -51,70 +51,54 @@ class DriverInterface(Protocol):
 
     def drive_path(self, points: list[Point2D]) -> str:
         """As `follow`, as an action; its id. Whatever moves the robot next cancels it."""
-        ...
 
     def drive(self, distance_m: float) -> str:
         """Drive straight ahead, or back if negative, without turning; returns the action's id."""
-        ...
 
     def go_to(self, x_m: float, y_m: float, yaw_rad: float) -> str:
         """Drive straight to a pose, turning on the way; the action's id."""
-        ...
 
     def turn(self, angle_rad: float) -> str:
         """Turn on the spot, to the left if positive; the action's id."""
-        ...
 
     def cancel(self, action: str) -> bool:
         """Cancel this action and stand still; False if it is not running."""
-        ...
 
     def stop(self) -> None:
         """Stand still."""
 
     def motion(self) -> Motion:
         """Present motion of the driver."""
-        ...
 
     def blocked_s(self) -> float:
         """For how long something has stood in the way; 0 if nothing does."""
-        ...
 
     def blocked_why(self) -> str:
         """Reason why the robot cannot continue; empty if it is not blocked."""
-        ...
 
     def squeezes(self) -> bool:
         """Whether the robot is in a narrow place or in front of one, as seen when it last drove."""
-        ...
 
     def gap_m(self) -> float | None:
         """Width of the gap that is too narrow for the robot and blocks it; None if it is not blocked by a gap."""
-        ...
 
     def pose(self) -> Pose2D:
         """T_odom_robot now."""
-        ...
 
     def pose_at(self, stamp_ns: int) -> Pose2D:
         """T_odom_robot at a time within the last five seconds; after `odometry_until_ns` it is the newest pose."""
-        ...
 
     def odometry_until_ns(self) -> int:
         """Time of measurement of the newest wheel counts, robot's clock; 0 before the first.
 
         For a later time `pose_at` returns the pose at this one.
         """
-        ...
 
     def velocity(self) -> Twist2D:
         """Velocity in the body frame."""
-        ...
 
     def odometry_noise(self) -> OdometryNoise:
         """Growth of the uncertainty of `pose` with distance, from the manifest."""
-        ...
 
     def radius_m(self) -> float:
         """Radius of the round footprint."""
-        ...

@@ -1,9 +1,13 @@
-"""What the driver is to do: a path with the way it is to be looked along, and how fast its corners can be taken."""
+"""A path that the driver follows, how fast it can be driven, and the smooth motion along it.
+
+The speed leaves room to stop in time; velocities have bounded acceleration and jerk.
+"""
 
 import itertools
 import math
 
-from robrain.plugins.unit.driver.ramp import speed_to_stop
+import msgspec
+
 from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
 
 CORNER_M = 0.25
@@ -11,6 +15,9 @@ CORNER_M = 0.25
 NARROW_CORNER_M = 0.15
 """`CORNER_M` on a path through narrow places."""
 TANGENT_M = 0.2
+MOVED_M = 0.05
+STUCK_NS = 3_000_000_000
+"""A robot that has not moved by `MOVED_M` for this long does not fit; creeping takes a third of the time."""
 LOOK_AHEAD_M = 1.5
 """Corners farther off do not matter yet at any speed of a small robot."""
 
@@ -45,6 +52,8 @@ class Path:
         self.yaw_rad = yaw_rad
         self._turned_rad = turned_rad
         self._points = list(points)
+        self._moved_from: Pose2D | None = None
+        self._moved_ns = 0
 
     @property
     def target(self) -> Point2D:
@@ -95,6 +104,16 @@ class Path:
         """How far to turn to look where it should, with the target at `bearing_rad` of the robot's frame."""
         return bearing_rad if self.yaw_rad is None else wrap_angle_rad(self.yaw_rad - pose.yaw_rad)
 
+    def forget_progress(self) -> None:
+        """Start over with `is_stuck`: the robot sets out, or is not in a narrow place."""
+        self._moved_from = None
+
+    def is_stuck(self, pose: Pose2D, now_ns: int) -> bool:
+        """Whether the robot has not moved by `MOVED_M` for `STUCK_NS` in a narrow place."""
+        if self._moved_from is None or pose.distance_m(self._moved_from) > MOVED_M:
+            self._moved_from, self._moved_ns = pose, now_ns
+        return now_ns - self._moved_ns > STUCK_NS
+
     def speed_m_s(self, pose: Pose2D, acceleration_m_s2: float, ahead_m: float, delay_s: float) -> float:
         """How fast the way ahead can be driven: to be at rest at its end, and slow enough at each corner before.
 
@@ -120,3 +139,94 @@ class Path:
             left_m += math.hypot(after.x_m - corner.x_m, after.y_m - corner.y_m)
             before = corner
         return min(fastest_m_s, speed_to_stop(left_m, acceleration_m_s2, delay_s))
+
+
+class RampLimits(msgspec.Struct, frozen=True):
+    """Bounds of one kind of motion, in m or rad and seconds."""
+
+    acceleration: float
+    jerk: float
+
+
+def speed_to_stop(distance: float, acceleration: float, delay_s: float) -> float:
+    """The speed from which a deceleration that begins after `delay_s` ends within a distance; 0 if none is left.
+
+    The solution of v·delay + v²/(2a) = distance.
+    """
+    if distance <= 0.0:
+        return 0.0
+    return acceleration * (math.sqrt(delay_s * delay_s + 2.0 * distance / acceleration) - delay_s)
+
+
+class Ramp:
+    """A velocity in the plane that follows a wanted one; with y left at 0, along a line or about an axis."""
+
+    def __init__(self, limits: RampLimits, period_s: float) -> None:
+        self.limits = limits
+        self.x = self.y = 0.0
+        """The velocity."""
+        self._acceleration_x = self._acceleration_y = 0.0
+        self._period_s = period_s
+
+    @property
+    def speed(self) -> float:
+        """Its length."""
+        return math.hypot(self.x, self.y)
+
+    def ahead(self, direction_x: float, direction_y: float) -> float:
+        """How far it goes in this direction (a unit vector) before a wish to slow down has its full effect.
+
+        To turn its present acceleration round into the full deceleration takes as long as the jerk allows; until it has
+        gone, the speed still grows by its square over twice the jerk.
+        """
+        limits = self.limits
+        speeding_up = max(0.0, direction_x * self._acceleration_x + direction_y * self._acceleration_y)
+        lead_s = (0.5 * limits.acceleration + speeding_up) / limits.jerk + 0.5 * self._period_s
+        gained = speeding_up * speeding_up / (2.0 * limits.jerk)
+        return lead_s * (direction_x * self.x + direction_y * self.y + gained)
+
+    def stopping(self, delay_s: float) -> float:
+        """How far it goes until it is at rest, if it begins to slow down smoothly after `delay_s`.
+
+        An S-curve from v to rest takes v²/(2a) + v·a/(2j) (Biagiotti, Melchiorri: Trajectory Planning for Automatic
+        Machines and Robots, 2008, section 3.4, for speeds that reach the full deceleration; more than lower ones take).
+        """
+        speed, limits = self.speed, self.limits
+        lag_s = limits.acceleration / (2.0 * limits.jerk) + delay_s
+        return speed * (speed / (2.0 * limits.acceleration) + lag_s)
+
+    def stand(self) -> None:
+        """Be at rest from now on, however that is brought about."""
+        self.x = self.y = self._acceleration_x = self._acceleration_y = 0.0
+
+    def follow(self, wanted_x: float, wanted_y: float) -> None:
+        """Go on by a period towards the wanted velocity."""
+        period_s, limits = self._period_s, self.limits
+        missing_x, missing_y = wanted_x - self.x, wanted_y - self.y
+        missing = math.hypot(missing_x, missing_y)
+        step = limits.jerk * period_s
+        acceleration = math.hypot(self._acceleration_x, self._acceleration_y)
+        if missing <= step * period_s and acceleration <= step * 1.001:
+            self.x, self.y = wanted_x, wanted_y
+            self._acceleration_x = self._acceleration_y = 0.0
+            return
+        # The greatest acceleration that can still be taken back, a step each period, until nothing is missing.
+        aim = math.sqrt(0.25 * step * step + 2.0 * limits.jerk * missing) - 0.5 * step
+        aim = min(limits.acceleration, aim, missing / period_s)
+        share = aim / missing if missing > 0.0 else 0.0
+        change_x = share * missing_x - self._acceleration_x
+        change_y = share * missing_y - self._acceleration_y
+        change = math.hypot(change_x, change_y)
+        share = step / change if change > step else 1.0
+        self._acceleration_x += share * change_x
+        self._acceleration_y += share * change_y
+        self.x += period_s * self._acceleration_x
+        self.y += period_s * self._acceleration_y
+
+    def brake(self, deceleration: float) -> None:
+        """Go on by a period towards rest, with this deceleration and at once."""
+        speed = self.speed
+        left = max(0.0, speed - deceleration * self._period_s)
+        share = left / speed if speed > 0.0 else 0.0
+        self.x, self.y = share * self.x, share * self.y
+        self._acceleration_x = self._acceleration_y = 0.0

@@ -8,15 +8,15 @@ its left and right, because the map behind the path is coarser than the room to 
 import math
 from typing import NamedTuple
 
-from robrain.plugins.unit.driver.lookout import Lookout
+from robrain.plugins.unit.lookout import Lookout
 from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
 from robrain.protocol.model.navigation.clearance import (
     LEAST_MARGIN_M,
     PREFERRED_MARGIN_M,
+    Passage,
     least_clearance_m,
     least_gap_m,
 )
-from robrain.protocol.model.navigation.obstacles import Passage
 
 BEGIN_M = 0.3
 """The driver squeezes where normal driving has less room ahead than this."""
@@ -38,9 +38,6 @@ ASIDE_RAD = tuple(math.radians(degrees) for degrees in (10.0, -10.0, 20.0, -20.0
 """Seen at an angle a gap seems narrower than it is. Where the path is not parallel to the walls, one of these is."""
 KEEP_M = 0.01
 KEEP_PER_S = 1.5
-MOVED_M = 0.05
-STUCK_NS = 3_000_000_000
-"""A robot that has not moved by `MOVED_M` for this long does not fit; creeping takes a third of the time."""
 
 
 class Squeeze(NamedTuple):
@@ -63,24 +60,6 @@ class Squeeze(NamedTuple):
         """Velocity (x, y), frame odom, with `forward_m_s` in the direction `heading_rad`."""
         cos, sin = math.cos(self.heading_rad), math.sin(self.heading_rad)
         return forward_m_s * cos - self.left_m_s * sin, forward_m_s * sin + self.left_m_s * cos
-
-
-class Progress:
-    """Whether the robot makes progress in a narrow place."""
-
-    def __init__(self) -> None:
-        self._from: Pose2D | None = None
-        self._since_ns = 0
-
-    def forget(self) -> None:
-        """Start over: the robot is not in a narrow place, or has been given another path."""
-        self._from = None
-
-    def is_stuck(self, pose: Pose2D, now_ns: int) -> bool:
-        """Whether the robot has not moved by `MOVED_M` for `STUCK_NS`."""
-        if self._from is None or pose.distance_m(self._from) > MOVED_M:
-            self._from, self._since_ns = pose, now_ns
-        return now_ns - self._since_ns > STUCK_NS
 
 
 def squeeze(lookout: Lookout, pose: Pose2D, target_rad: float, along_rad: float, radius_m: float) -> Squeeze:

@@ -27,4 +27,3 @@ class ObstacleDistanceInterface(Protocol):
 
     def view(self, sectors: int = 12) -> ObstacleView:
         """The nearest obstacle in each of this many sectors, by sensors with recent data."""
-        ...

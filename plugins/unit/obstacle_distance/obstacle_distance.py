@@ -12,10 +12,11 @@ import numpy as np
 from robrain.agent.plugin import Unit, external
 from robrain.plugins.device.range_sensors.interface import RangeSensorsInterface
 from robrain.plugins.device.scan.interface import ScanInterface
+from robrain.plugins.unit.lookout import RING_FRESH_NS, SCAN_FRESH_NS, ring_points_m, scan_points_m
 from robrain.plugins.unit.obstacle_distance.interface import ObstacleDistanceInterface, ObstacleView
-from robrain.plugins.unit.obstacle_points import RING_FRESH_NS, SCAN_FRESH_NS, ring_points_m, scan_points_m
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.navigation.obstacles import sector_distances_m
+from robrain.protocol.model.navigation.clearance import sector_distances_m
+from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.errors import CallError, ErrorCode
 
 SECTORS_MAX = 360
@@ -31,8 +32,7 @@ class ObstacleDistance(Unit):
         radius_m: float = 0.20
 
         def __post_init__(self) -> None:
-            if not self.radius_m > 0:
-                raise ValueError(f"expected radius_m > 0, got {self.radius_m}")
+            check_positive(self, "radius_m")
 
     interface = ObstacleDistanceInterface
     parameters: Parameters

@@ -55,7 +55,8 @@ class LineProcess:
         self._on_line = on_line
         self._said: deque[str] = deque(maxlen=WAITING_LINES)
         self._change = threading.Condition()
-        self._is_silent = False
+        self.is_silent = False
+        """Whether it has closed its output, so that it will say no more."""
         self._group = ProcessGroup(
             command,
             stdin=subprocess.PIPE,
@@ -90,11 +91,6 @@ class LineProcess:
         """None while it runs, else as in subprocess."""
         return self._group.status
 
-    @property
-    def is_silent(self) -> bool:
-        """Whether it has closed its output, so that it will say no more."""
-        return self._is_silent
-
     def write(self, line: str, limit_s: float) -> bool:
         """Give it a line; False if it does not take it in time.
 
@@ -119,7 +115,7 @@ class LineProcess:
     def next_line(self, limit_s: float) -> str | None:
         """The next line that it says; None if none comes in time, or none will come any more."""
         with self._change:
-            self._change.wait_for(lambda: bool(self._said) or self._is_silent, limit_s)
+            self._change.wait_for(lambda: bool(self._said) or self.is_silent, limit_s)
             return self._said.popleft() if self._said else None
 
     def end(self) -> None:
@@ -152,7 +148,7 @@ class LineProcess:
                     self._said.append(line)
                     self._change.notify_all()
         with self._change:
-            self._is_silent = True
+            self.is_silent = True
             self._change.notify_all()
 
     def _read_stderr(self, stream: IO[bytes]) -> None:

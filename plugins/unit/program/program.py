@@ -28,6 +28,7 @@ from robrain.agent.plugin import Unit, external
 from robrain.plugins.unit.program.errors import BadLine, ProgramAbsent, ProgramEnded, ProgramLate
 from robrain.plugins.unit.program.interface import ProgramInterface, ProgramState, Running
 from robrain.plugins.unit.program.line_process import LineProcess
+from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.endpoint import Drive
 
 logger = logging.getLogger(__name__)
@@ -70,9 +71,7 @@ class Program(Unit):
         def __post_init__(self) -> None:
             if not self.command or not self.command[0]:
                 raise ValueError("expected command = [program, arguments …], got nothing")
-            for name in ("time_limit_s", "max_line_bytes"):
-                if not getattr(self, name) > 0:
-                    raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+            check_positive(self, "time_limit_s", "max_line_bytes")
             if self.restart_limit < 0:
                 raise ValueError(f"expected restart_limit >= 0, got {self.restart_limit}")
 
@@ -149,8 +148,6 @@ class Program(Unit):
             why=self._why,
         )
 
-    # -- the process ----------------------------------------------------------------------------------------
-
     def _find(self, program: str, folder: Path | None) -> None:
         beside = folder / program if folder is not None and os.sep in program else program
         if shutil.which(beside) is None:
@@ -200,8 +197,6 @@ class Program(Unit):
         if process is None or process.status is not None:
             raise ProgramEnded(self.env.plugin, f"{self.env.plugin} does not run: {self._why or 'it has just ended'}")
         return process
-
-    # -- lines ----------------------------------------------------------------------------------------------
 
     def _line(self, text: str) -> str:
         if self.parameters.input == "json":

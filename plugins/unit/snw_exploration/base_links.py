@@ -4,9 +4,8 @@ from collections.abc import Iterable
 
 from robrain.plugins.unit.snw_exploration.interface import HeardRobot
 from robrain.plugins.unit.snw_exploration.mote_record import MoteRecord
-from robrain.protocol.tinyos.beacon import MAX_NAME_BYTES, BeaconPayload
 from robrain.protocol.tinyos.packet import BadPacket
-from robrain.protocol.tinyos.payloads import DECI, SEQUENCES, sequences_after
+from robrain.protocol.tinyos.payloads import DECI, MAX_NAME_BYTES, SEQUENCES, BeaconPayload, sequences_after
 from robrain.protocol.wire.clock import NS_PER_S
 from robrain.protocol.wire.errors import BadName
 from robrain.protocol.wire.keys import check_name

@@ -10,10 +10,11 @@ from robrain.plugins.unit.snw_exploration.base_links import BaseLinks
 from robrain.plugins.unit.snw_exploration.interface import HeardMote, HeardRobot, RssiMeasurement, SnwInterface
 from robrain.plugins.unit.snw_exploration.mote_record import MoteRecord, place_of
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.tinyos.beacon import BEACON_TYPE
+from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.tinyos.packet import BROADCAST, BadPacket
 from robrain.protocol.tinyos.payloads import (
     ACKNOWLEDGE_TYPE,
+    BEACON_TYPE,
     CENTI,
     DECI,
     DUTY_TYPE,
@@ -35,7 +36,7 @@ PREFIX = "m"
 QUANTITIES = {int(quantity): quantity.wire_name for quantity in Quantity}
 
 
-class SnwCounters(msgspec.Struct, frozen=True):
+class SnwCounters(msgspec.Struct):
     """Counters of the packets received."""
 
     readings: int
@@ -75,9 +76,7 @@ class SNwExploration(Unit):
         """Time of silence, or three periods of a mote, after which a link is no longer published."""
 
         def __post_init__(self) -> None:
-            for name in self.__struct_fields__:
-                if name not in ("collect", "weak_dbm") and not getattr(self, name) > 0:
-                    raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+            check_positive(self, *(name for name in self.__struct_fields__ if name not in ("collect", "weak_dbm")))
             if self.request_span > REQUEST_SPAN:
                 raise ValueError(f"expected request_span of at most {REQUEST_SPAN}, got {self.request_span}")
             if self.window > 1 << 15:
@@ -90,8 +89,7 @@ class SNwExploration(Unit):
 
     def init(self) -> None:
         self._records: dict[int, MoteRecord] = {}
-        self._readings = self._repeated = self._unreadable = 0
-        self._acknowledgements = self._duties = self._given_up = self._refused = 0
+        self._counts = SnwCounters(*[0] * len(SnwCounters.__struct_fields__))
         self._asking = Asking(self.parameters, self._send)
         self._links = BaseLinks(self.env.robot)
         self._next_beacon_ns = 0
@@ -117,8 +115,6 @@ class SNwExploration(Unit):
     def deactivate(self) -> None:
         for record in self._records.values():
             record.publisher = None  # it ends with the plugin's place on the wire
-
-    # -- what others may ask ------------------------------------------------------------------------------------
 
     @external
     def heard(self) -> list[HeardMote]:
@@ -155,18 +151,7 @@ class SNwExploration(Unit):
     @external
     def counters(self) -> SnwCounters:
         """Counters of the packets received."""
-        return SnwCounters(
-            readings=self._readings,
-            repeated=self._repeated,
-            unreadable=self._unreadable,
-            requests=self._asking.requests,
-            acknowledgements=self._acknowledgements,
-            duties=self._duties,
-            duties_given_up=self._given_up,
-            refused=self._refused,
-        )
-
-    # -- from the motes -----------------------------------------------------------------------------------------
+        return msgspec.structs.replace(self._counts, requests=self._asking.requests)
 
     def _take(self, packet: HeardPacket) -> None:
         message = packet.message
@@ -177,7 +162,7 @@ class SNwExploration(Unit):
         try:
             reading = ReadingPayload.unpack(message.payload)
         except BadPacket:
-            self._unreadable += 1
+            self._counts.unreadable += 1
             return
         record = self._record(reading.mote)
         if record is None:
@@ -189,10 +174,10 @@ class SNwExploration(Unit):
             record.window.mote_holds_from(reading.oldest)
         if is_new:
             record.readings += 1
-            self._readings += 1
+            self._counts.readings += 1
             self._tell_team(record, reading, packet.stamp_ns)
         else:
-            self._repeated += 1
+            self._counts.repeated += 1
         self.measured.notify(
             RssiMeasurement(
                 mote=record.name, place=place_of(reading), rssi_dbm=reading.rssi_dbm, stamp_ns=packet.stamp_ns
@@ -221,8 +206,6 @@ class SNwExploration(Unit):
             )
         )
 
-    # -- to the motes -------------------------------------------------------------------------------------------
-
     def _answer(self, record: MoteRecord, now_ns: int) -> None:
         """Say what there is to say, while the mote listens."""
         self._answer_duty(record)
@@ -236,7 +219,7 @@ class SNwExploration(Unit):
             record.is_asked_for = record.is_asked_for and is_owing
         complete = window.complete()
         if complete is not None and complete[1] >= self.parameters.acknowledge_every:
-            self._acknowledgements += 1
+            self._counts.acknowledgements += 1
             self._base.send(record.number, ACKNOWLEDGE_TYPE, complete[0].pack())
 
     def _send(self, mote: int, kind: int, payload: bytes) -> None:
@@ -249,19 +232,17 @@ class SNwExploration(Unit):
             record.wanted_period_ds = None
         elif record.duty_tries >= self.parameters.duty_tries:
             record.wanted_period_ds = None
-            self._given_up += 1
+            self._counts.duties_given_up += 1
         else:
             record.duty_tries += 1
-            self._duties += 1
+            self._counts.duties += 1
             self._base.send(record.number, DUTY_TYPE, DutyPayload(record.wanted_period_ds).pack())
-
-    # -- between robots -----------------------------------------------------------------------------------------
 
     def _take_beacon(self, payload: bytes, stamp_ns: int) -> None:
         try:
             self._links.hear(payload, stamp_ns)
         except BadPacket:
-            self._unreadable += 1
+            self._counts.unreadable += 1
 
     def _speak_to_robots(self, now_ns: int) -> None:
         if not self._links.has_mates:
@@ -276,8 +257,6 @@ class SNwExploration(Unit):
         message = self._links.message(now_ns, to_ns(self.parameters.link_fresh_s), self._records.values())
         if message is not None:
             self._links_out.put(message)
-
-    # -- from the team ------------------------------------------------------------------------------------------
 
     def _hear_team(self) -> None:
         if not len(self._inbox):
@@ -298,7 +277,7 @@ class SNwExploration(Unit):
                     stamp_ns = min(message.stamp_ns, self.env.clock.now_ns())
                     record.want_period(DutyPayload.of_seconds(message.period_s).period_ds, stamp_ns)
             except ValueError:
-                self._refused += 1
+                self._counts.refused += 1
 
     def _wanted(self, mote: str) -> MoteRecord:
         record = self._record(_number_of(mote))
@@ -311,7 +290,7 @@ class SNwExploration(Unit):
         record = self._records.get(number)
         if record is None:
             if len(self._records) >= self.parameters.max_motes:
-                self._refused += 1
+                self._counts.refused += 1
                 return None
             record = self._records[number] = MoteRecord(f"{PREFIX}{number}", number, self.parameters.window)
         return record

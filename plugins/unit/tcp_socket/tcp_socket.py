@@ -1,18 +1,141 @@
-"""TCP socket: the text form over TCP, a command a line and an answer a line."""
+"""TCP socket: the text form over TCP, a command a line and an answer a line, with a thread for each client."""
 
 import logging
+import select
+import selectors
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 
 import msgspec
 
 from robrain.agent.errors import PluginError
 from robrain.agent.plugin import Unit, external, unlocked
+from robrain.plugins.device.command.conversation import Conversation, as_line
 from robrain.plugins.device.command.interface import CommandInterface
-from robrain.plugins.unit.tcp_socket.line_server import LineServer
+from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.endpoint import Drive
+from robrain.protocol.wire.errors import ErrorCode
 
 logger = logging.getLogger(__name__)
 
 MAX_PORT = 65535
+
+RECEIVED_BYTES = 4096
+SEND_TIMEOUT_S = 5.0
+"""A client that takes no answer for so long is cut off."""
+ACCEPT_PAUSE_S = 0.1
+CLOSE_TIMEOUT_S = 2.0
+"""A command that takes longer when the server closes is left behind."""
+
+
+class LineServer:
+    """Listens from the moment it is made until `close`.
+
+    Args:
+        host: address to listen on.
+        port: 0 takes a free one.
+        execute: answers one command; called on the clients' threads, several at a time.
+        max_clients: one more is told that the server is busy, and cut off.
+        idle_s: a client that says nothing for so long is cut off.
+
+    Raises:
+        OSError: the address is not to be had.
+
+    """
+
+    def __init__(self, host: str, port: int, execute: Callable[[str], str], *, max_clients: int, idle_s: float) -> None:
+        self._execute = execute
+        self._max_clients = max_clients
+        self._idle_s = idle_s
+        self._clients: dict[socket.socket, threading.Thread] = {}
+        self._guard = threading.Lock()
+        self._closing = False
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        self._listener = socket.create_server((host, port), family=family)
+        self._listener.setblocking(False)  # a client may have gone again before it is accepted
+        self.port: int = self._listener.getsockname()[1]
+        self._woken, self._wake = socket.socketpair()
+        self._thread = threading.Thread(target=self._accept, name=f"tcp-{self.port}", daemon=True)
+        self._thread.start()
+
+    @property
+    def clients(self) -> int:
+        """How many are connected."""
+        return len(self._clients)
+
+    def close(self) -> None:
+        """Stop listening, cut all clients off, and wait for their threads."""
+        deadline_s = time.monotonic() + CLOSE_TIMEOUT_S
+        self._wake.close()
+        self._thread.join(CLOSE_TIMEOUT_S)
+        with self._guard:
+            self._closing = True
+            clients = dict(self._clients)
+            for client in clients:
+                _cut_off(client)
+        for thread in clients.values():
+            if thread is not threading.current_thread():  # a client may have asked for the end
+                thread.join(max(deadline_s - time.monotonic(), 0.0))
+
+    def _accept(self) -> None:
+        with self._listener, self._woken, selectors.DefaultSelector() as selector:
+            selector.register(self._listener, selectors.EVENT_READ)
+            selector.register(self._woken, selectors.EVENT_READ)
+            while self._woken not in [key.fileobj for key, _ in selector.select()]:
+                try:
+                    client, _ = self._listener.accept()
+                except OSError as error:  # that client has gone, or there are too many open files
+                    logger.warning("no connection on port %d: %s", self.port, error)
+                    if select.select([self._woken], [], [], ACCEPT_PAUSE_S)[0]:
+                        return
+                    continue
+                self._welcome(client)
+
+    def _welcome(self, client: socket.socket) -> None:
+        with self._guard:
+            if not self._closing and len(self._clients) < self._max_clients:
+                thread = threading.Thread(
+                    target=self._serve, args=(client,), name=f"tcp-{self.port}-client", daemon=True
+                )
+                self._clients[client] = thread
+                thread.start()
+                return
+        with client:
+            client.settimeout(SEND_TIMEOUT_S)
+            try:
+                client.sendall(as_line(f"error {ErrorCode.BUSY}: {self._max_clients} clients are connected already"))
+            except OSError:
+                logger.info("a client that was too many has gone")
+
+    def _serve(self, client: socket.socket) -> None:
+        conversation = Conversation(self._execute)
+        try:
+            with client:
+                while received := self._receive(client):
+                    self._answer(client, conversation.take(received))
+                self._answer(client, conversation.end())
+        except OSError as error:
+            logger.info("a client of port %d is cut off: %s", self.port, error)
+        finally:
+            with self._guard:
+                self._clients.pop(client, None)
+
+    def _receive(self, client: socket.socket) -> bytes:
+        client.settimeout(self._idle_s)
+        return client.recv(RECEIVED_BYTES)
+
+    def _answer(self, client: socket.socket, answers: Iterable[bytes]) -> None:
+        client.settimeout(SEND_TIMEOUT_S)
+        for answer in answers:
+            client.sendall(answer)
+
+
+def _cut_off(client: socket.socket) -> None:
+    with suppress(OSError):  # the client has already closed the connection
+        client.shutdown(socket.SHUT_RDWR)
 
 
 class TcpSocket(Unit):
@@ -33,9 +156,7 @@ class TcpSocket(Unit):
         def __post_init__(self) -> None:
             if not 0 <= self.port <= MAX_PORT:
                 raise ValueError(f"expected port from 0 to {MAX_PORT}, got {self.port}")
-            for name in ("max_clients", "idle_s"):
-                if not getattr(self, name) > 0:
-                    raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+            check_positive(self, "max_clients", "idle_s")
 
     parameters: Parameters
 

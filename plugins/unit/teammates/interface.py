@@ -59,16 +59,12 @@ class TeammatesInterface(Protocol):
 
     def others(self) -> list[Teammate]:
         """Those heard within the last two seconds, by name, in the robot's map frame."""
-        ...
 
     def in_frame(self, frame: MapFrame) -> list[Teammate]:
         """Those heard within the last two seconds that tell their poses in a map frame, by name."""
-        ...
 
     def count(self) -> int:
         """How many were heard within the last two seconds, in whichever map frame."""
-        ...
 
     def mates(self, place: Point2D, within_m: float) -> list[Mate]:
         """Those that are, or are bound, within a distance of a place, by name; also those that have fallen silent."""
-        ...

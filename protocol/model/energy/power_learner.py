@@ -15,6 +15,7 @@ import numpy as np
 
 from robrain.protocol.model.energy.energy_model import STANDING_BELOW, TERMS
 from robrain.protocol.model.numeric.small_linear_algebra import dot, inverse_form, times_vector
+from robrain.protocol.model.ranges import check_positive
 
 BATCH_S = 20.0
 PACE_OVER_S = 60.0
@@ -50,9 +51,7 @@ class PowerPrior(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     turn_rate_rad_s: float = 1.2
 
     def __post_init__(self) -> None:
-        for name in self.__struct_fields__:
-            if not 0 < getattr(self, name) < math.inf:
-                raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+        check_positive(self, below=math.inf)
 
 
 class PowerLearner:

@@ -18,14 +18,15 @@ from bisect import bisect_left
 import msgspec
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from robrain.protocol.model.numeric.kernel_array import Floats
+from robrain.protocol.model.ranges import check_positive
 
 J_PER_WH = 3600.0
 SOC_LEAST, SOC_MOST = 0.0, 1.02
 HEALTH_LEAST, HEALTH_MOST = 0.3, 1.3
 RESISTANCE_LEAST = 0.2
 """Shares of the nominal values that the filter does not leave."""
-Array = NDArray[np.float64]
 _SD_95 = 1.959964
 """Half of a two-sided 95 % interval of a normal distribution, in standard deviations."""
 
@@ -82,9 +83,16 @@ class PackModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     Half of it is taken for its standard deviation."""
 
     def __post_init__(self) -> None:
-        for name in ("capacity_wh", "curve_wander_s", "resistance_ohm", "relaxation_s", "health", "voltage_sd_v"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+        check_positive(
+            self,
+            "capacity_wh",
+            "curve_wander_s",
+            "resistance_ohm",
+            "relaxation_s",
+            "health",
+            "voltage_sd_v",
+            below=math.inf,
+        )
         for name in _NOT_BELOW_ZERO:
             if not 0 <= getattr(self, name) < math.inf:
                 raise ValueError(f"expected {name} >= 0, got {getattr(self, name)}")
@@ -174,11 +182,11 @@ class SocFilter:
         open_v = _along(self._curve_soc, self._curve_v, soc)
         return float(open_v - relaxation_v + wrong_v - current_a * resistance_ohm)
 
-    def snapshot(self) -> tuple[Array, Array]:
+    def snapshot(self) -> tuple[Floats, Floats]:
         """State and covariance as they are, for `restore`."""
         return self._state.copy(), self._covariance.copy()
 
-    def restore(self, snapshot: tuple[Array, Array]) -> None:
+    def restore(self, snapshot: tuple[Floats, Floats]) -> None:
         """Forget what has been since."""
         self._state, self._covariance = snapshot[0].copy(), snapshot[1].copy()
 
@@ -229,7 +237,7 @@ class SocFilter:
 
 
 @njit(cache=True, nogil=True)
-def _upper(curve_soc: Array, soc: float) -> int:
+def _upper(curve_soc: Floats, soc: float) -> int:
     # The curve has a dozen points: looking at each is faster than halving.
     for index in range(1, len(curve_soc) - 1):
         if curve_soc[index] >= soc:
@@ -238,13 +246,13 @@ def _upper(curve_soc: Array, soc: float) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _slope(curve_soc: Array, curve_v: Array, soc: float) -> float:
+def _slope(curve_soc: Floats, curve_v: Floats, soc: float) -> float:
     upper = _upper(curve_soc, soc)
     return float((curve_v[upper] - curve_v[upper - 1]) / (curve_soc[upper] - curve_soc[upper - 1]))
 
 
 @njit(cache=True, nogil=True)
-def _along(places: Array, values: Array, place: float) -> float:
+def _along(places: Floats, values: Floats, place: float) -> float:
     # numpy's interp for one place, at a tenth of its time.
     upper = _upper(places, place)
     share = (place - places[upper - 1]) / (places[upper] - places[upper - 1])
@@ -252,7 +260,7 @@ def _along(places: Array, values: Array, place: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _predict(x: Array, covariance: Array, constants: Array, current_a: float, duration_s: float) -> None:
+def _predict(x: Floats, covariance: Floats, constants: Floats, current_a: float, duration_s: float) -> None:
     rated_c, share, relaxation_s, curve_sd_v, wander_s, _, current_sd, nominal_ohm = constants
     moved = current_a * duration_s / (x[4] * rated_c)
     stays = math.exp(-duration_s / relaxation_s)
@@ -280,7 +288,13 @@ def _predict(x: Array, covariance: Array, constants: Array, current_a: float, du
 
 @njit(cache=True, nogil=True)
 def _update(
-    x: Array, covariance: Array, constants: Array, curve_soc: Array, curve_v: Array, voltage_v: float, current_a: float
+    x: Floats,
+    covariance: Floats,
+    constants: Floats,
+    curve_soc: Floats,
+    curve_v: Floats,
+    voltage_v: float,
+    current_a: float,
 ) -> None:
     voltage_sd_v, nominal_ohm = constants[5], constants[7]
     # The measurement's row is H = (slope, -1, 1, -current, 0).

@@ -7,9 +7,9 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from robrain.protocol.model.numeric.kernel_array import Floats
+
 SWEEPS = 12
 """Limit; Jacobi's method needs four or five sweeps for a 3 × 3 matrix."""
 NEGLIGIBLE = 1e-17

@@ -8,15 +8,15 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
 from robrain.protocol.model.localization.divergence_watch import DivergenceWatch, WatchSpec
-from robrain.protocol.model.localization.mote_relocalisation import better_elsewhere, find_robot
+from robrain.protocol.model.localization.mote_relocalisation import RecentSignals, better_elsewhere, find_robot
 from robrain.protocol.model.localization.pose_filter import GATE, DriftModel, PoseFilter
 from robrain.protocol.model.localization.pose_mixture import PoseMixture
-from robrain.protocol.model.localization.recent_signals import RecentSignals
 from robrain.protocol.model.localization.rssi_ranging import PathLoss, RssiSample
 from robrain.protocol.model.localization.scan_agreement import COMPARED_MIN, agreement
 from robrain.protocol.model.localization.scan_match import ScanFit, search_scan
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, NONE, Drift, LocalMap
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.model.numeric.small_linear_algebra import innovation_squared
 from robrain.protocol.model.slam.submap import IDENTITY
 from robrain.protocol.model.slam.surface_match import match_surface
@@ -112,7 +112,7 @@ class Localiser:
         """Why the robot does not know where it is in the arena; empty while it does."""
         self.beginnings = 0
         """Number of times that the estimate was reset, to another place or to another frame."""
-        self.arena_fix: tuple[Pose2D, NDArray[np.float64]] | None = None
+        self.arena_fix: tuple[Pose2D, Floats] | None = None
         """T_arena_robot and its covariance, as found from motes while the robot is lost and maps in its own frame."""
         self.fits = True
         """Whether the last scan matched the robot's own map."""
@@ -123,7 +123,8 @@ class Localiser:
         """Variances of the place in the arena of the walls that hold the robot; none while no walls do."""
         self._matched_way_m = 0.0
         self._seen_way_m = 0.0
-        self._way_m = 0.0
+        self.way_m = 0.0
+        """Metres driven since the estimate began or the robot was lost; turns count `TURN_M_PER_RAD`."""
         self._fitted_sigma_m = 0.0
         """Standard deviation of the place at the last scan that fitted."""
         self._T_now_wheels = IDENTITY
@@ -144,14 +145,9 @@ class Localiser:
         return (xx + x, xy, xt, yx, yy + y, yt, tx, ty, tt + yaw)
 
     @property
-    def covariance(self) -> NDArray[np.float64]:
+    def covariance(self) -> Floats:
         """`covariances` as an array (3, 3)."""
         return np.array(self.covariances).reshape(3, 3)
-
-    @property
-    def way_m(self) -> float:
-        """Metres driven since the estimate began or the robot was lost; turns count `TURN_M_PER_RAD`."""
-        return self._way_m
 
     @property
     def sigma_m(self) -> float:
@@ -170,7 +166,7 @@ class Localiser:
         forward_m, left_m = displacement.forward_m_s, displacement.left_m_s
         turned_rad = displacement.yaw_rad_s * (1.0 + turn) + curve * forward_m
         self._signals.move(Twist2D((1.0 + scale) * forward_m, (1.0 + scale) * left_m, turned_rad))
-        self._way_m += math.hypot(forward_m, left_m) + TURN_M_PER_RAD * abs(turned_rad)
+        self.way_m += math.hypot(forward_m, left_m) + TURN_M_PER_RAD * abs(turned_rad)
 
     def hear(self, sample: RssiSample) -> None:
         """A mote of known place was heard."""
@@ -183,7 +179,7 @@ class Localiser:
             return
         why = self.watch.heard(self.filter.hear(sample, map_variance_m2=max(self._of_map[:2])).nis)
         self._since_tried += 1
-        if not why and self._since_tried >= COMPARE_EVERY and self._signals.can_find(self._way_m):
+        if not why and self._since_tried >= COMPARE_EVERY and self._signals.can_find(self.way_m):
             self._since_tried = 0
             odds = better_elsewhere(self.pose, self._signals.seen_from_here(), self.spec.path_loss)
             if odds > ELSEWHERE_MAX:
@@ -197,7 +193,7 @@ class Localiser:
 
     def see(
         self,
-        points: NDArray[np.float64],
+        points: Floats,
         map: LocalMap,
         T_robot_sensor: Pose2D = Pose2D(0.0, 0.0, 0.0),  # noqa: B008 - immutable, so a shared default is safe
     ) -> ScanFit:
@@ -217,11 +213,11 @@ class Localiser:
         misfits = self.watch.misfits
         if not misfits:
             self._fitted_sigma_m = self.filter.sigma_m
-        way_m = min(self._way_m - self._seen_way_m, DOUBT_WAY_M)
-        self._seen_way_m = self._way_m
+        way_m = min(self.way_m - self._seen_way_m, DOUBT_WAY_M)
+        self._seen_way_m = self.way_m
         doubt_m2, doubt_rad2 = self.spec.doubt_m_per_m**2 * way_m**2, self.spec.doubt_rad_per_m**2 * way_m**2
         self.filter.add((doubt_m2, doubt_m2, doubt_rad2))
-        is_new = self._way_m - self._matched_way_m > MATCH_M or self.filter.sigma_m > MATCH_SIGMA_M
+        is_new = self.way_m - self._matched_way_m > MATCH_M or self.filter.sigma_m > MATCH_SIGMA_M
         if fit.directions and is_new:
             self._go_by(walls_drift)
         is_believed = not is_new or self._correct(fit, believed, guess, map)
@@ -301,7 +297,7 @@ class Localiser:
         self,
         log_odds: NDArray[np.int8],
         geometry: GridGeometry,
-        points: NDArray[np.float64],
+        points: Floats,
         T_robot_sensor: Pose2D = Pose2D(0.0, 0.0, 0.0),  # noqa: B008 - immutable, so a shared default is safe
     ) -> bool:
         """Hold a scan against a map that others made, as to whether the robot is where it was told that it starts.
@@ -341,7 +337,7 @@ class Localiser:
         self.filter.correct_along(along, off_m, noise)
         floor_m2 = self.spec.floor_m**2
         self.filter.at_least((floor_m2, floor_m2, self.spec.floor_rad**2))
-        self._matched_way_m = self._way_m
+        self._matched_way_m = self.way_m
         return True
 
     def lose(self, why: str) -> None:
@@ -358,7 +354,7 @@ class Localiser:
             self.filter.doubt(self.spec.lost_sigma_m, math.pi / 2)
         self._of_map = NONE
         self._signals.forget()
-        self._way_m = self._matched_way_m = self._seen_way_m = 0.0
+        self.way_m = self._matched_way_m = self._seen_way_m = 0.0
         self._since_tried = 0
 
     def join(self) -> None:
@@ -375,7 +371,7 @@ class Localiser:
     def _find_by_motes(self) -> None:
         found = (
             find_robot(self._signals.seen_from_here(), self.spec.path_loss)
-            if self._signals.can_find(self._way_m)
+            if self._signals.can_find(self.way_m)
             else None
         )
         if found is None:
@@ -384,7 +380,7 @@ class Localiser:
         if max(covariance[0, 0], covariance[1, 1]) < FOUND_SIGMA_M**2 and covariance[2, 2] < FOUND_SIGMA_RAD**2:
             self.arena_fix = pose, covariance
 
-    def place(self, pose: Pose2D, covariance: NDArray[np.float64]) -> None:
+    def place(self, pose: Pose2D, covariance: Floats) -> None:
         """The robot is here in the arena: m², m·rad, rad²."""
         self._begin_anew("")
         self._of_map = NONE
@@ -398,11 +394,7 @@ class Localiser:
         self.watch.begin_anew()
 
     def _search(
-        self,
-        log_odds: NDArray[np.int8],
-        geometry: GridGeometry,
-        guess: Pose2D,
-        points: NDArray[np.float64],
+        self, log_odds: NDArray[np.int8], geometry: GridGeometry, guess: Pose2D, points: Floats
     ) -> Pose2D | None:
         """Where the scan fits about the guess, if it fits well and in one place only."""
         within_m = min(3.0 * self.filter.sigma_m, self.spec.search_within_m)

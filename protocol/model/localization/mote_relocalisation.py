@@ -6,15 +6,18 @@ Robotics*, section 8.2.
 """
 
 import math
+from collections import deque
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.localization.rssi_ranging import PathLoss
+from robrain.protocol.model.geometry import Pose2D, Twist2D
+from robrain.protocol.model.localization.odometry import moved_along
+from robrain.protocol.model.localization.rssi_ranging import PathLoss, RssiSample
 from robrain.protocol.model.numeric.elementary_functions import exp
+from robrain.protocol.model.numeric.kernel_array import Floats
 
 MARGIN_M = 6.0
 """The robot is looked for this far around the motes that it heard."""
@@ -29,21 +32,27 @@ ELSEWHERE_M, ELSEWHERE_RAD = 2.0, 0.55
 CERTAIN = 0.95
 """Share of the probability that must lie about one place."""
 
+RECORDS = 64
+RECORDS_TO_FIND = 24
+MOTES_TO_FIND = 4
+WAY_TO_FIND_M = 2.0
+"""A robot that has not moved cannot tell its yaw from signals."""
+
 
 class Signals(NamedTuple):
     """What was heard on a stretch of way. N signals of M motes."""
 
-    places: NDArray[np.float64]
+    places: Floats
     """(N, 2) where the robot was when it heard, in its own frame *now*: metres, x ahead."""
     motes: NDArray[np.int64]
     """(N,) indices into the following."""
-    mote_places: NDArray[np.float64]
+    mote_places: Floats
     """(M, 2) arena frame, metres."""
-    rssi_dbm: NDArray[np.float64]
+    rssi_dbm: Floats
     """(N,)."""
 
 
-def find_robot(signals: Signals, path_loss: PathLoss) -> tuple[Pose2D, NDArray[np.float64]] | None:
+def find_robot(signals: Signals, path_loss: PathLoss) -> tuple[Pose2D, Floats] | None:
     """Where the robot is now, and the (3, 3) covariance; None if it may be in more than one place."""
     low, high = _field(signals)
     cell_m = max(CELL_M, float((high - low).max()) / COARSE_MAX)
@@ -95,32 +104,20 @@ def better_elsewhere(here: Pose2D, signals: Signals, path_loss: PathLoss) -> flo
     return float(logs[is_far].max() - max(about.max(), logs[~is_far].max(initial=-math.inf)))
 
 
-def _field(signals: Signals) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _field(signals: Signals) -> tuple[Floats, Floats]:
     """Lowest and highest x and y at which the robot is looked for."""
     return signals.mote_places.min(axis=0) - MARGIN_M, signals.mote_places.max(axis=0) + MARGIN_M
 
 
-def _posterior(
-    xs: NDArray[np.float64],
-    ys: NDArray[np.float64],
-    yaws: NDArray[np.float64],
-    signals: Signals,
-    path_loss: PathLoss,
-) -> NDArray[np.float64]:
+def _posterior(xs: Floats, ys: Floats, yaws: Floats, signals: Signals, path_loss: PathLoss) -> Floats:
     logs = _logs(xs, ys, yaws, signals, path_loss)
     weights = exp(logs - logs.max())
     weights /= weights.sum()
     return weights
 
 
-def _logs(
-    xs: NDArray[np.float64],
-    ys: NDArray[np.float64],
-    yaws: NDArray[np.float64],
-    signals: Signals,
-    path_loss: PathLoss,
-) -> NDArray[np.float64]:
-    logs: NDArray[np.float64] = _log_likelihood(
+def _logs(xs: Floats, ys: Floats, yaws: Floats, signals: Signals, path_loss: PathLoss) -> Floats:
+    logs: Floats = _log_likelihood(
         xs,
         ys,
         yaws,
@@ -133,13 +130,7 @@ def _logs(
     return logs
 
 
-def _moments(
-    xs: NDArray[np.float64],
-    ys: NDArray[np.float64],
-    middle_rad: float,
-    step_rad: float,
-    weights: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _moments(xs: Floats, ys: Floats, middle_rad: float, step_rad: float, weights: Floats) -> tuple[Floats, Floats]:
     """Mean and covariance of (x, y, yaw), where the last axis is `step_rad` apart about `middle_rad`."""
     count = weights.shape[2]
     yaws = middle_rad + step_rad * (np.arange(count) - count // 2)
@@ -150,13 +141,7 @@ def _moments(
 
 @njit(cache=True, nogil=True)
 def _add_moments(
-    xs: NDArray[np.float64],
-    ys: NDArray[np.float64],
-    yaws: NDArray[np.float64],
-    weights: NDArray[np.float64],
-    total: float,
-    mean: NDArray[np.float64],
-    covariance: NDArray[np.float64],
+    xs: Floats, ys: Floats, yaws: Floats, weights: Floats, total: float, mean: Floats, covariance: Floats
 ) -> None:
     for i in range(xs.shape[0]):
         for j in range(ys.shape[0]):
@@ -178,18 +163,18 @@ def _add_moments(
 
 @njit(cache=True, nogil=True)
 def _log_likelihood(
-    xs: NDArray[np.float64],
-    ys: NDArray[np.float64],
-    yaws: NDArray[np.float64],
-    places: NDArray[np.float64],
+    xs: Floats,
+    ys: Floats,
+    yaws: Floats,
+    places: Floats,
     motes: NDArray[np.int64],
-    mote_places: NDArray[np.float64],
-    rssi_dbm: NDArray[np.float64],
+    mote_places: Floats,
+    rssi_dbm: Floats,
     at_1_m_dbm: float,
     db_per_fold: float,
     shadow_variance: float,
     variance: float,
-) -> NDArray[np.float64]:
+) -> Floats:
     """(X, Y, A): of all signals, were the robot at each place and yaw."""
     count = mote_places.shape[0]
     logs = np.empty((xs.shape[0], ys.shape[0], yaws.shape[0]))
@@ -220,3 +205,60 @@ def _log_likelihood(
                     total -= 0.5 * (squares[m] - common * sums[m] * sums[m]) / variance
                 logs[i, j, a] = total
     return logs
+
+
+class RecentSignals:
+    """Follows the way by odometry, in a frame of its own, and remembers the last `RECORDS` signals on it."""
+
+    def __init__(self) -> None:
+        self.has_heard = False
+        """Whether there ever was one."""
+        self._records: deque[tuple[RssiSample, Pose2D]] = deque(maxlen=RECORDS)
+        self._reckoned = Pose2D(0.0, 0.0, 0.0)
+
+    def __len__(self) -> int:
+        return len(self._records)
+
+    def move(self, displacement: Twist2D) -> None:
+        """The robot has moved so, as `odometry.chord` gives it, its errors taken off."""
+        self._reckoned = moved_along(self._reckoned, displacement)
+
+    def hear(self, sample: RssiSample) -> None:
+        """A mote was heard."""
+        self._records.append((sample, self._reckoned))
+        self.has_heard = True
+
+    def forget(self) -> None:
+        """What was heard before may have been heard elsewhere."""
+        self._records.clear()
+
+    def can_find(self, way_m: float) -> bool:
+        """Whether they are enough to look for the robot, after so much way."""
+        names = {sample.mote for sample, _ in self._records}
+        return len(self._records) >= RECORDS_TO_FIND and len(names) >= MOTES_TO_FIND and way_m > WAY_TO_FIND_M
+
+    def seen_from_here(self) -> Signals:
+        """All of them, with the places in the frame of the robot as it is now."""
+        samples = [sample for sample, _ in self._records]
+        places = {sample.mote: sample.place for sample in samples}
+        index = {mote: number for number, mote in enumerate(places)}
+        back = self._reckoned.inverse()
+        seen_from = [back.compose(at) for _, at in self._records]
+        return Signals(
+            np.array([(at.x_m, at.y_m) for at in seen_from]),
+            np.array([index[sample.mote] for sample in samples], np.int64),
+            np.array([(place.x_m, place.y_m) for place in places.values()]),
+            np.array([sample.rssi_dbm for sample in samples], np.float64),
+        )
+
+    def nis(self, here: Pose2D, path_loss: PathLoss) -> float:
+        """Mean normalised square of what they are off by, were the robot here; 0 if there are none."""
+        if not self._records:
+            return 0.0
+        places, motes, mote_places, rssi_dbm = self.seen_from_here()
+        cos, sin = math.cos(here.yaw_rad), math.sin(here.yaw_rad)
+        x_m = here.x_m + cos * places[:, 0] - sin * places[:, 1]
+        y_m = here.y_m + sin * places[:, 0] + cos * places[:, 1]
+        distances_m = np.hypot(x_m - mote_places[motes, 0], y_m - mote_places[motes, 1])
+        off_db: Floats = rssi_dbm - [path_loss.mean_dbm(distance_m) for distance_m in distances_m.tolist()]
+        return float(np.mean(off_db**2)) / (path_loss.shadowing_db**2 + path_loss.fading_db**2)

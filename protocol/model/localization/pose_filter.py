@@ -10,17 +10,16 @@ import math
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
 from robrain.protocol.model.localization import pose_filter_kernels as kernels
 from robrain.protocol.model.localization.rssi_ranging import PathLoss, RssiSample
+from robrain.protocol.model.numeric.kernel_array import Floats
 
 SPREAD = kernels.ROOT_3
 """Of the Gauss–Hermite points; 0 linearises at the mean alone, as an (iterated) extended Kalman filter does."""
 RELINEARISATIONS = 0
 """Measured in tests/bench/localisation.py: with the points above, more of them gain nothing."""
-Floats = NDArray[np.float64]
 GATE = 10.83
 """99.9 % of a chi-square variable of one degree of freedom."""
 
@@ -119,12 +118,12 @@ class PoseFilter:
         return Pose2D(x_m, y_m, wrap_angle_rad(yaw_rad))
 
     @property
-    def mean(self) -> NDArray[np.float64]:
+    def mean(self) -> Floats:
         """(6,) x, y, yaw (not wrapped), and the odometry's errors; a copy."""
         return self._mean[: kernels.SHADOWS].copy()
 
     @property
-    def covariance(self) -> NDArray[np.float64]:
+    def covariance(self) -> Floats:
         """(3, 3) of x, y, yaw: m², m·rad, rad²; a copy."""
         return self._covariance[:3, :3].copy()
 
@@ -135,7 +134,7 @@ class PoseFilter:
         return values
 
     @property
-    def whole_covariance(self) -> NDArray[np.float64]:
+    def whole_covariance(self) -> Floats:
         """(n, n) of all states; a copy."""
         return self._covariance[: self._size, : self._size].copy()
 
@@ -227,7 +226,7 @@ class PoseFilter:
         self.add((sigma_m**2, sigma_m**2, sigma_rad**2))
         self._forget_motes()
 
-    def place(self, pose: Pose2D, covariance: NDArray[np.float64]) -> None:
+    def place(self, pose: Pose2D, covariance: Floats) -> None:
         """Begin anew at a pose with a (3, 3) covariance; what is known of the odometry's errors is kept."""
         self._mean[:3] = pose.x_m, pose.y_m, pose.yaw_rad
         self._covariance[:3, :] = 0.0

@@ -9,13 +9,13 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from robrain.protocol.model.numeric.kernel_array import Floats
 
 X, Y, YAW, SCALE, CURVE, TURN = 0, 1, 2, 3, 4, 5
 SHADOWS = 6
 """Index of the first mote's shadowing."""
 ROOT_3 = math.sqrt(3.0)
-Floats = NDArray[np.float64]
 
 
 @njit(cache=True, nogil=True)
@@ -177,12 +177,7 @@ def _linearise(
             weight = (2.0 / 3.0 if a == 0 else 1.0 / 6.0) * (2.0 / 3.0 if b == 0 else 1.0 / 6.0)
             first, second = spread * a, spread * b
             value = _strength(
-                x_m + low_xx * first,
-                y_m + low_yx * first + low_yy * second,
-                mote_x_m,
-                mote_y_m,
-                at_1_m,
-                db_per_fold,
+                x_m + low_xx * first, y_m + low_yx * first + low_yy * second, mote_x_m, mote_y_m, at_1_m, db_per_fold
             )
             middle += weight * value
             square += weight * value * value

@@ -9,13 +9,13 @@ Gaussian sums*, Automatica 1971). Without signals, or while walls hold the yaw, 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
 from robrain.protocol.model.localization import pose_filter_kernels as kernels
 from robrain.protocol.model.localization.pose_filter import GATE, Heard, PoseFilter
 from robrain.protocol.model.localization.rssi_ranging import RssiSample
 from robrain.protocol.model.numeric.elementary_functions import exp, log
+from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.model.numeric.small_linear_algebra import dot, quadratic_form
 
 SPLIT_RAD = 0.15
@@ -56,7 +56,7 @@ class PoseMixture:
         return Pose2D(x_m, y_m, wrap_angle_rad(yaw_rad))
 
     @property
-    def covariance(self) -> NDArray[np.float64]:
+    def covariance(self) -> Floats:
         """(3, 3) of x, y, yaw: m², m·rad, rad²; of all parts about their mean."""
         if len(self._parts) == 1:
             return self._parts[0].covariance
@@ -135,9 +135,7 @@ class PoseMixture:
         self._weigh(np.array(logs))
         return nis
 
-    def correct_along(
-        self, rows: NDArray[np.float64], offsets_m: NDArray[np.float64], variances: NDArray[np.float64]
-    ) -> None:
+    def correct_along(self, rows: Floats, offsets_m: Floats, variances: Floats) -> None:
         """Take in measurements of orthogonal `rows` (n, 3) · (x, y, yaw) that differ by `offsets_m` from the mean."""
         if len(self._parts) == 1:
             self._parts[0].correct_along(rows, offsets_m, variances)
@@ -169,12 +167,12 @@ class PoseMixture:
         for part in self._parts:
             part.shift(T_new_old)
 
-    def place(self, pose: Pose2D, covariance: NDArray[np.float64]) -> None:
+    def place(self, pose: Pose2D, covariance: Floats) -> None:
         """Begin anew at a pose with a (3, 3) covariance; what is known of the odometry's errors is kept."""
         self._merge_all()
         self._parts[0].place(pose, covariance)
 
-    def _mean(self) -> NDArray[np.float64]:
+    def _mean(self) -> Floats:
         if len(self._parts) == 1:
             return self._parts[0].mean
         total = np.zeros(kernels.SHADOWS)
@@ -192,7 +190,7 @@ class PoseMixture:
                 self._weights[index] = (1.0 - 2.0 * SPLIT_WEIGHT) * weight
                 self._weights += [SPLIT_WEIGHT * weight] * 2
 
-    def _weigh(self, logs: NDArray[np.float64]) -> None:
+    def _weigh(self, logs: Floats) -> None:
         """Multiply the weights by likelihoods, drop unlikely parts, merge similar ones."""
         weights = np.array(self._weights) * exp(logs - logs.max())
         weights /= weights.sum()

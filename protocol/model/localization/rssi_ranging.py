@@ -9,6 +9,7 @@ import math
 import msgspec
 
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import check_positive
 
 NEAREST_M = 0.1
 """A mote seems never nearer than this: the far field ends, and so does the model."""
@@ -40,9 +41,7 @@ class PathLoss(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """Standard deviation from packet to packet, with what the model itself gets wrong."""
 
     def __post_init__(self) -> None:
-        for name in ("exponent", "decorrelation_m", "fading_db"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+        check_positive(self, "exponent", "decorrelation_m", "fading_db")
         if not self.shadowing_db >= 0:
             raise ValueError(f"expected shadowing_db >= 0, got {self.shadowing_db}")
 

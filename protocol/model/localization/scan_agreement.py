@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.numeric.kernel_array import Floats
 
 COMPARED_MIN = 0.5
 """Share of a scan's beams that must end where the map is known before the scan says anything about it."""
@@ -19,9 +20,7 @@ SHORT_M = 0.3
 """A beam may end this far behind a wall of the map before it has gone through it."""
 
 
-def agreement(
-    log_odds: NDArray[np.int8], geometry: GridGeometry, sensor: Pose2D, points: NDArray[np.float64]
-) -> tuple[float, int]:
+def agreement(log_odds: NDArray[np.int8], geometry: GridGeometry, sensor: Pose2D, points: Floats) -> tuple[float, int]:
     """Share of a scan's beams that are as the map says, seen from `sensor` (arena frame), and how many were compared.
 
     `points` (K, 2) are the beams' ends in the sensor's frame, see `beam_ends`. A beam agrees that ends at a wall of the
@@ -48,7 +47,7 @@ def _agreement(
     x: float,
     y: float,
     yaw_rad: float,
-    points: NDArray[np.float64],
+    points: Floats,
     body_m: float,
     short_m: float,
     near_cells: float,

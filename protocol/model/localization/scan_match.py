@@ -17,7 +17,7 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.localization import scan_match_kernels as kernels
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
 from robrain.protocol.model.mapping.occupancy_kernels import HIT_DEPTH_CELLS
-from robrain.protocol.model.numeric.kernel_array import FLOAT64, kernel_array
+from robrain.protocol.model.numeric.kernel_array import FLOAT64, Floats, kernel_array
 
 REACH_M = 0.4
 """A beam that ends farther from all walls than this says nothing to the refinement."""
@@ -53,11 +53,7 @@ class ScanFit(msgspec.Struct, frozen=True):
 
 
 def match_scan(
-    log_odds: NDArray[np.int8],
-    geometry: GridGeometry,
-    guess: Pose2D,
-    points: NDArray[np.float64],
-    reach_m: float = REACH_M,
+    log_odds: NDArray[np.int8], geometry: GridGeometry, guess: Pose2D, points: Floats, reach_m: float = REACH_M
 ) -> ScanFit:
     """Refine a guess that is wrong by less than `reach_m`; beams that end farther from all walls are ignored.
 
@@ -68,11 +64,7 @@ def match_scan(
 
 
 def match_walls(
-    log_odds: NDArray[np.int8],
-    geometry: GridGeometry,
-    guess: Pose2D,
-    walls: NDArray[np.float64],
-    reach_m: float = REACH_M,
+    log_odds: NDArray[np.int8], geometry: GridGeometry, guess: Pose2D, walls: Floats, reach_m: float = REACH_M
 ) -> ScanFit:
     """As `match_scan`, with the middles (K, 2) of a map's occupied cells in place of the ends of beams."""
     _check(log_odds, geometry)
@@ -97,7 +89,7 @@ def search_scan(
     log_odds: NDArray[np.int8],
     geometry: GridGeometry,
     guess: Pose2D,
-    points: NDArray[np.float64],
+    points: Floats,
     *,
     within_m: float,
     within_rad: float,
@@ -135,9 +127,7 @@ def search_scan(
     )
 
 
-def points_in_view(
-    log_odds: NDArray[np.int8], geometry: GridGeometry, sensor: Pose2D, points: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def points_in_view(log_odds: NDArray[np.int8], geometry: GridGeometry, sensor: Pose2D, points: Floats) -> Floats:
     """The points just behind free floor of the map: those at walls that the map shows from the same side.
 
     Other beams ended at something that the map does not have, or at the far side of a wall. Arguments are as for
@@ -145,13 +135,11 @@ def points_in_view(
     """
     per_m = 1.0 / geometry.resolution_m
     x, y = (sensor.x_m - geometry.origin_x_m) * per_m, (sensor.y_m - geometry.origin_y_m) * per_m
-    seen: NDArray[np.float64] = points[kernels.in_view(log_odds, x, y, sensor.yaw_rad, per_m, points)]
+    seen: Floats = points[kernels.in_view(log_odds, x, y, sensor.yaw_rad, per_m, points)]
     return seen
 
 
-def beam_ends(
-    angles_rad: NDArray[np.float64], ranges_m: NDArray[np.float64], range_max_m: float
-) -> NDArray[np.float64]:
+def beam_ends(angles_rad: Floats, ranges_m: Floats, range_max_m: float) -> Floats:
     """(K, 2): where the beams (N,) of a scan ended, in the sensor's frame, metres.
 
     Ranges of `range_max_m` or more, or not above 0, ended nowhere. Raises ValueError for arrays that do not fit.
@@ -166,20 +154,20 @@ def beam_ends(
     return points
 
 
-def without_dropouts(ranges_m: NDArray[np.float64], range_max_m: float, misses_min: int) -> NDArray[np.float64]:
+def without_dropouts(ranges_m: Floats, range_max_m: float, misses_min: int) -> Floats:
     """The ranges (N,) of a scan; where fewer than `misses_min` neighbouring beams have no return, they are NaN.
 
     Black or wet surfaces return single beams or none at random: that is no sign that the way is free. Where it is, many
     neighbouring beams have no return. The first and the last beam count as neighbours.
     """
-    heard_m: NDArray[np.float64] = kernels.without_dropouts(kernel_array(ranges_m, FLOAT64), range_max_m, misses_min)
+    heard_m: Floats = kernels.without_dropouts(kernel_array(ranges_m, FLOAT64), range_max_m, misses_min)
     return heard_m
 
 
-def _in_walls(points: NDArray[np.float64], geometry: GridGeometry) -> NDArray[np.float64]:
+def _in_walls(points: Floats, geometry: GridGeometry) -> Floats:
     """The beams' ends as deep in the walls as the mapper marks them: on average a cell's middle is where they end."""
     ranges_m = np.hypot(points[:, 0], points[:, 1])
-    deeper: NDArray[np.float64] = points * (1.0 + HIT_DEPTH_CELLS * geometry.resolution_m / ranges_m)[:, None]
+    deeper: Floats = points * (1.0 + HIT_DEPTH_CELLS * geometry.resolution_m / ranges_m)[:, None]
     return deeper
 
 

@@ -7,8 +7,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robrain.protocol.model.localization.gauss_newton_kernels import add_residual, held_directions, lever_of, solve_step
+from robrain.protocol.model.numeric.kernel_array import Floats
 
-Floats = NDArray[np.float64]
 ITERATIONS = 12
 DONE_CELLS = 0.002
 NEAR_M = 0.2
@@ -199,7 +199,7 @@ def search(
 
 
 @njit(cache=True, nogil=True)
-def without_dropouts(ranges_m: NDArray[np.float64], range_max_m: float, misses_min: int) -> NDArray[np.float64]:
+def without_dropouts(ranges_m: Floats, range_max_m: float, misses_min: int) -> Floats:
     """A copy with NaN for runs, around the whole scan, of fewer than `misses_min` ranges at the maximum."""
     count = ranges_m.shape[0]
     heard_m = ranges_m.copy()

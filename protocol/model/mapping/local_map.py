@@ -2,12 +2,10 @@
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
+from robrain.protocol.model.numeric.kernel_array import Floats
 
 Variances = tuple[float, float, float]
 """Variances of x, y (m²) and yaw (rad²)."""
@@ -53,7 +51,7 @@ class ArenaFix(NamedTuple):
     T_arena_frame: Pose2D
     at: Pose2D
     """Pose of the robot in the arena."""
-    covariance: NDArray[np.float64]
+    covariance: Floats
     """(3, 3) of that pose in x, y, yaw: m², m·rad, rad²."""
     trajectory: int
     """Of the robot when it was found."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping import occupancy_kernels as kernels
-from robrain.protocol.model.numeric.kernel_array import FLOAT64, INT8, kernel_array
+from robrain.protocol.model.numeric.kernel_array import FLOAT64, INT8, Floats, kernel_array
 
 UNKNOWN, FREE, OCCUPIED = kernels.UNKNOWN, kernels.FREE, kernels.OCCUPIED
 LAST_STAMP_MS = 2**31 - 1
@@ -66,8 +66,7 @@ class GridGeometry(msgspec.Struct, frozen=True):
     def center_of(self, row: int, column: int) -> Point2D:
         """Middle of a cell, metres, arena frame; the cell may lie outside the grid."""
         return Point2D(
-            self.origin_x_m + (column + 0.5) * self.resolution_m,
-            self.origin_y_m + (row + 0.5) * self.resolution_m,
+            self.origin_x_m + (column + 0.5) * self.resolution_m, self.origin_y_m + (row + 0.5) * self.resolution_m
         )
 
 
@@ -128,11 +127,11 @@ class OccupancyGrid:
     def integrate_scan(
         self,
         sensor: Pose2D,
-        angles_rad: NDArray[np.float64],
-        ranges_m: NDArray[np.float64],
+        angles_rad: Floats,
+        ranges_m: Floats,
         range_max_m: float,
         stamp_ms: int,
-        ignore: NDArray[np.float64],
+        ignore: Floats,
         drift: tuple[float, float] = (0.0, 0.0),
     ) -> int:
         """Add the evidence of one scan; returns how many cells changed their class.
@@ -223,13 +222,7 @@ class OccupancyGrid:
                 f"{self.geometry.height} x {self.geometry.width} cells; do the robots share one geometry?"
             )
         changed, discovered = kernels.merge(
-            self.log_odds,
-            self.stamp_ms,
-            self.dirty,
-            int(row),
-            int(column),
-            kernel_array(cells, INT8),
-            int(stamp_ms),
+            self.log_odds, self.stamp_ms, self.dirty, int(row), int(column), kernel_array(cells, INT8), int(stamp_ms)
         )
         self._count(changed, discovered)
         return changed
@@ -287,14 +280,12 @@ class OccupancyGrid:
         self.known_count = 0
         self.version += 1
 
-    def _in_cells(self, circles: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _in_cells(self, circles: Floats) -> Floats:
         """Circles (K, 3) of the arena in cells from the grid's origin."""
         if not len(circles):
             return NO_CIRCLES
         geometry = self.geometry
-        in_cells: NDArray[np.float64] = (
-            circles - (geometry.origin_x_m, geometry.origin_y_m, 0.0)
-        ) / geometry.resolution_m
+        in_cells: Floats = (circles - (geometry.origin_x_m, geometry.origin_y_m, 0.0)) / geometry.resolution_m
         return in_cells
 
     def _count(self, changed: int, discovered: int) -> None:

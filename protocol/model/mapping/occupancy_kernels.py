@@ -6,6 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from robrain.protocol.model.numeric.kernel_array import Floats
+
 UNKNOWN, FREE, OCCUPIED = np.int8(-1), np.int8(0), np.int8(100)
 """Classes of a cell, numbered as in a ROS OccupancyGrid."""
 
@@ -182,11 +184,11 @@ def integrate_scan(
     sensor_x: float,
     sensor_y: float,
     yaw_rad: float,
-    angles_rad: NDArray[np.float64],
-    ranges_m: NDArray[np.float64],
+    angles_rad: Floats,
+    ranges_m: Floats,
     range_max_m: float,
     stamp_ms: int,
-    ignore: NDArray[np.float64],
+    ignore: Floats,
 ) -> tuple[int, int]:
     """Changed classes and newly known cells of the flattened grid; sensor and circles in cells from its origin."""
     changed = 0

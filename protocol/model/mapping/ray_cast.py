@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
-from robrain.protocol.model.numeric.kernel_array import FLOAT64, kernel_array
+from robrain.protocol.model.numeric.kernel_array import FLOAT64, Floats, kernel_array
 
 SOLID = 1
 """An ordinary wall; 0 is free floor."""
@@ -25,10 +25,10 @@ def cast_rays(
     occupied: NDArray[np.bool_] | NDArray[np.uint8],
     geometry: GridGeometry,
     sensor: Pose2D,
-    angles_rad: NDArray[np.float64],
+    angles_rad: Floats,
     range_max_m: float,
-    circles: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    circles: Floats,
+) -> Floats:
     """Distances (N,) in metres to the first obstacle of each ray; exactly `range_max_m` where there is none nearer.
 
     `occupied` (H, W) marks the obstacles; beyond the grid all is occupied, the arena's edge closes it. `sensor` is
@@ -69,11 +69,11 @@ def cast_rays_on_surfaces(
     surfaces: NDArray[np.uint8],
     geometry: GridGeometry,
     sensor: Pose2D,
-    angles_rad: NDArray[np.float64],
+    angles_rad: Floats,
     range_max_m: float,
-    circles: NDArray[np.float64],
+    circles: Floats,
     echo_rad: float,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Distances (N,) in metres as `cast_rays` gives them, on a floor with glass and mirrors.
 
     A pane returns the beams that meet it within `echo_rad` of its normal. Other beams pass it straight on; behind a
@@ -114,11 +114,11 @@ def _cast_rays(
     sensor_x_m: float,
     sensor_y_m: float,
     yaw_rad: float,
-    angles_rad: NDArray[np.float64],
+    angles_rad: Floats,
     range_max_m: float,
-    circles: NDArray[np.float64],
+    circles: Floats,
     echo_cosine: float | None,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Ranges of beams; without `echo_cosine` all surfaces are solid, and numba leaves out what is for others."""
     height, width = surfaces.shape
     start_x = (sensor_x_m - origin_x_m) / resolution_m

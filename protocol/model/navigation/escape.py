@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
 from robrain.protocol.model.navigation.right_of_way import STEP_M, Track
+from robrain.protocol.model.numeric.kernel_array import Floats
 
 WINDOW_M = 12.0
 """Refuges are looked for within this distance, chosen: farther away another way is worth more than waiting."""
@@ -54,9 +55,7 @@ def escape_cells(
 
 
 @njit(cache=True, nogil=True)
-def _close(
-    closes_s: NDArray[np.float64], cells: NDArray[np.float64], step_s: float, begin_s: float, reach_cells: float
-) -> None:
+def _close(closes_s: Floats, cells: Floats, step_s: float, begin_s: float, reach_cells: float) -> None:
     """Cells within reach of positions (N, 2; x, y in cells) close when these are passed, one each `step_s`."""
     height, width = closes_s.shape
     for k in range(cells.shape[0]):
@@ -71,7 +70,7 @@ def _close(
 
 @njit(cache=True, nogil=True)
 def _escape(
-    traversable: NDArray[np.bool_], closes_s: NDArray[np.float64], row: int, column: int, cell_s: float
+    traversable: NDArray[np.bool_], closes_s: Floats, row: int, column: int, cell_s: float
 ) -> NDArray[np.int32]:
     """The cells of the way, start included; none if there is no refuge."""
     height, width = traversable.shape

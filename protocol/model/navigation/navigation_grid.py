@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, GridGeometry
-from robrain.protocol.model.navigation.inflation import clearance_m
+from robrain.protocol.model.navigation.clearance import clearance_m
 from robrain.protocol.model.navigation.path_planning import (
     distance_field,
     is_chord_clear,
@@ -25,7 +25,7 @@ from robrain.protocol.model.navigation.path_planning import (
     round_corners,
     shorten_path,
 )
-from robrain.protocol.model.numeric.kernel_array import BOOL, kernel_array
+from robrain.protocol.model.numeric.kernel_array import BOOL, Floats, kernel_array
 
 COMFORT_M = 0.4
 """Clearance beyond the preferred one from which a place costs nothing extra."""
@@ -48,7 +48,7 @@ that is half of the room to spare."""
 class Zone(NamedTuple):
     """Floor to leave to other robots if possible: all within `radius_m` of positions (N, 2), metres, arena frame."""
 
-    positions: NDArray[np.float64]
+    positions: Floats
     radius_m: float
 
 
@@ -177,7 +177,7 @@ class NavigationGrid:
         _centre(rounded, self._classes == OCCUPIED, mask, CENTRED_M / self.geometry.resolution_m)
         return [self._point(float(row), float(column)) for row, column in rounded[1:]]
 
-    def clear_positions(self, classes: NDArray[np.int8], positions: NDArray[np.float64]) -> int:
+    def clear_positions(self, classes: NDArray[np.int8], positions: Floats) -> int:
         """How many of positions (N, 2), metres, arena frame, come before the first that is not traversable.
 
         That is by the map as it is in `classes`; the grid itself need not have been updated to it, which costs more.
@@ -267,7 +267,7 @@ class NavigationGrid:
 
 
 @njit(cache=True, nogil=True)
-def _sweep(inside: NDArray[np.bool_], cells: NDArray[np.float64], reach_cells: float) -> None:
+def _sweep(inside: NDArray[np.bool_], cells: Floats, reach_cells: float) -> None:
     """Mark what is within reach of positions (N, 2; x, y in cells)."""
     height, width = inside.shape
     for k in range(cells.shape[0]):
@@ -279,9 +279,7 @@ def _sweep(inside: NDArray[np.bool_], cells: NDArray[np.float64], reach_cells: f
 
 
 @njit(cache=True, nogil=True)
-def _centre(
-    path: NDArray[np.float64], occupied: NDArray[np.bool_], traversable: NDArray[np.bool_], reach_cells: float
-) -> None:
+def _centre(path: Floats, occupied: NDArray[np.bool_], traversable: NDArray[np.bool_], reach_cells: float) -> None:
     """Move each point of a path (N, 2; row, column) by at most half a cell to where it is farthest from obstacles.
 
     A point stays if the line to or from its new place would leave the traversable cells.
@@ -313,9 +311,7 @@ def _centre(
 
 
 @njit(cache=True, nogil=True)
-def _count_clear(
-    classes: NDArray[np.int8], cells: NDArray[np.float64], needed_cells: float, unknown_is_free: bool
-) -> int:
+def _count_clear(classes: NDArray[np.int8], cells: Floats, needed_cells: float, unknown_is_free: bool) -> int:
     height, width = classes.shape
     reach = math.ceil(needed_cells)
     for k in range(cells.shape[0]):

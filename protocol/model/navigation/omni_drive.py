@@ -10,6 +10,7 @@ import math
 import msgspec
 
 from robrain.protocol.model.geometry import Twist2D
+from robrain.protocol.model.ranges import check_positive
 
 WHEEL_ANGLES_RAD = (math.radians(60.0), math.radians(180.0), math.radians(300.0))
 
@@ -23,9 +24,7 @@ class OmniBase(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     encoder_ticks_per_turn: int = 4096
 
     def __post_init__(self) -> None:
-        for name in ("wheel_radius_m", "wheel_distance_m", "encoder_ticks_per_turn"):
-            if getattr(self, name) <= 0:
-                raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+        check_positive(self, "wheel_radius_m", "wheel_distance_m", "encoder_ticks_per_turn")
 
     @property
     def rad_per_tick(self) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from robrain.protocol.model.numeric.kernel_array import BOOL, FLOAT32, FLOAT64, INT32, INT64, kernel_array
+from robrain.protocol.model.numeric.kernel_array import BOOL, FLOAT32, FLOAT64, INT32, INT64, Floats, kernel_array
 
 _ROW_STEPS = (-1, 0, 0, 1, -1, -1, 1, 1)
 _COLUMN_STEPS = (0, -1, 1, 0, -1, 1, -1, 1)
@@ -90,7 +90,7 @@ def shorten_path(cells: NDArray[np.int32], traversable: NDArray[np.bool_]) -> ND
     return _shorten(path, mask)
 
 
-def round_corners(cells: NDArray[np.int32], traversable: NDArray[np.bool_]) -> NDArray[np.float64]:
+def round_corners(cells: NDArray[np.int32], traversable: NDArray[np.bool_]) -> Floats:
     """The corners of a path (N, 2) rounded where the mask allows: rows and columns (M, 2), whole at a cell's middle.
 
     Twice each corner is cut, at a quarter of its shorter side and `CUT_CELLS` at most, in the manner of Chaikin (*An
@@ -131,7 +131,7 @@ def _is_traversable(mask: NDArray[np.bool_], cell: tuple[int, int]) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def _sift_up(heap: NDArray[np.int32], slot_of: NDArray[np.int32], priority: NDArray[np.float64], slot: int) -> None:
+def _sift_up(heap: NDArray[np.int32], slot_of: NDArray[np.int32], priority: Floats, slot: int) -> None:
     cell = heap[slot]
     while slot > 0:
         above = (slot - 1) >> 1
@@ -145,7 +145,7 @@ def _sift_up(heap: NDArray[np.int32], slot_of: NDArray[np.int32], priority: NDAr
 
 
 @njit(cache=True, nogil=True)
-def _sift_down(heap: NDArray[np.int32], slot_of: NDArray[np.int32], priority: NDArray[np.float64], count: int) -> None:
+def _sift_down(heap: NDArray[np.int32], slot_of: NDArray[np.int32], priority: Floats, count: int) -> None:
     slot = 0
     cell = heap[0]
     while 2 * slot + 1 < count:
@@ -168,7 +168,7 @@ def _search(
     sources: NDArray[np.int64],
     goal_row: int,
     goal_column: int,
-) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+) -> tuple[Floats, NDArray[np.int32]]:
     """Costs and parents of the flattened cells: A* up to the goal, or Dijkstra over all cells for a negative goal.
 
     The heap holds cells and knows each one's slot, so that a cell found on a cheaper way moves up in place.
@@ -324,7 +324,7 @@ def _shorten(path: NDArray[np.int32], traversable: NDArray[np.bool_]) -> NDArray
 
 
 @njit(cache=True, nogil=True)
-def _round(path: NDArray[np.float64], traversable: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _round(path: Floats, traversable: NDArray[np.bool_]) -> Floats:
     rounded = np.empty((2 * path.shape[0], 2))
     rounded[0] = path[0]
     count = 1

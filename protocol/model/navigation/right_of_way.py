@@ -20,6 +20,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.numeric.kernel_array import Floats
 
 STEP_M = 0.1
 """From one position of a way to the next; half of what a small robot is wide would be enough."""
@@ -36,7 +37,7 @@ SEARCH = 30
 class Track(NamedTuple):
     """A mate as it is reckoned with."""
 
-    positions: NDArray[np.float64]
+    positions: Floats
     """(M, 2), the way that it has still to go, from where it is now; that place alone if it stands."""
     speed_m_s: float
     held_at: int
@@ -72,12 +73,12 @@ class Margins(msgspec.Struct, frozen=True, kw_only=True):
     """How far ahead in time the guard looks; beyond that, what is foreseen of a mate is not to be relied on."""
 
 
-def sample_way(points: NDArray[np.float64], limit_m: float) -> NDArray[np.float64]:
+def sample_way(points: Floats, limit_m: float) -> Floats:
     """Positions `STEP_M` apart along a polyline (N, 2), for `limit_m` or to its end; both its ends are among them."""
     return _sample(np.require(points, np.float64, ("C", "A", "W")), STEP_M, float(limit_m))
 
 
-def release(own: NDArray[np.float64], speed_m_s: float, tracks: Sequence[Track], margins: Margins) -> Release:
+def release(own: Floats, speed_m_s: float, tracks: Sequence[Track], margins: Margins) -> Release:
     """How far a robot may go along its own positions (N, 2), the first of which is where it is.
 
     Towards a mate that goes first, an own position is *contested* while the mate has still to pass within reach of it.
@@ -106,7 +107,7 @@ def release(own: NDArray[np.float64], speed_m_s: float, tracks: Sequence[Track],
     return Release(count, is_whole=count == own.shape[0], must_leave=must_leave, by=by)
 
 
-def meet(own: NDArray[np.float64], track: Track, margin_m: float) -> bool:
+def meet(own: Floats, track: Track, margin_m: float) -> bool:
     """Whether the rest of a mate's way comes anywhere within reach of own positions (N, 2)."""
     return _meet(own, track.positions, track.keep_m + margin_m)
 
@@ -119,7 +120,7 @@ class Way:
 
     """
 
-    def __init__(self, points: NDArray[np.float64]) -> None:
+    def __init__(self, points: Floats) -> None:
         self._points = points
         legs_m = np.hypot(*np.diff(points, axis=0).T)
         self._at_m = np.concatenate(([0.0], np.cumsum(legs_m)))
@@ -146,7 +147,7 @@ class Way:
         """How much of it lies ahead."""
         return max(0.0, self.length_m - self.passed_m)
 
-    def ahead(self, x_m: float, y_m: float, limit_m: float) -> NDArray[np.float64]:
+    def ahead(self, x_m: float, y_m: float, limit_m: float) -> Floats:
         """Positions from a place on, for `limit_m`: the place itself, then those that lie ahead of it.
 
         What was passed stays passed, so that a path that comes back to where it was is not taken a short cut through.
@@ -156,7 +157,7 @@ class Way:
         rest = self._positions[self._passed + 1 : self._passed + 1 + round(limit_m / STEP_M)]
         return np.concatenate((np.array([[x_m, y_m]]), rest))
 
-    def points_until(self, at_m: float) -> NDArray[np.float64]:
+    def points_until(self, at_m: float) -> Floats:
         """Its points from here to a place on it, `at_m` along it; the last lies there."""
         if at_m >= self.length_m:
             return self._points[min(np.searchsorted(self._at_m, self.passed_m, "right"), len(self._points) - 1) :]
@@ -166,7 +167,7 @@ class Way:
 
 
 @njit(cache=True, nogil=True)
-def _sample(points: NDArray[np.float64], step_m: float, limit_m: float) -> NDArray[np.float64]:
+def _sample(points: Floats, step_m: float, limit_m: float) -> Floats:
     length_m = 0.0
     for k in range(1, points.shape[0]):
         length_m += math.hypot(points[k, 0] - points[k - 1, 0], points[k, 1] - points[k - 1, 1])
@@ -191,7 +192,7 @@ def _sample(points: NDArray[np.float64], step_m: float, limit_m: float) -> NDArr
 
 
 @njit(cache=True, nogil=True)
-def _meet(own: NDArray[np.float64], other: NDArray[np.float64], reach_m: float) -> bool:
+def _meet(own: Floats, other: Floats, reach_m: float) -> bool:
     for k in range(own.shape[0]):
         for j in range(other.shape[0]):
             dx, dy = other[j, 0] - own[k, 0], other[j, 1] - own[k, 1]
@@ -202,13 +203,13 @@ def _meet(own: NDArray[np.float64], other: NDArray[np.float64], reach_m: float) 
 
 @njit(cache=True, nogil=True)
 def _release(
-    own: NDArray[np.float64],
+    own: Floats,
     own_step_s: float,
-    tracks: NDArray[np.float64],
+    tracks: Floats,
     begins: NDArray[np.int64],
-    steps_s: NDArray[np.float64],
+    steps_s: Floats,
     held_at: NDArray[np.int64],
-    keep_m: NDArray[np.float64],
+    keep_m: Floats,
     goes_first: NDArray[np.bool_],
     contest_m: float,
     guard_m: float,

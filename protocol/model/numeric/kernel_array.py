@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 BOOL, INT8, INT32, INT64 = np.dtype(np.bool_), np.dtype(np.int8), np.dtype(np.int32), np.dtype(np.int64)
 FLOAT32, FLOAT64 = np.dtype(np.float32), np.dtype(np.float64)
+Floats = NDArray[np.float64]
 
 
 def kernel_array(array: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:

@@ -12,11 +12,8 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from robrain.protocol.model.numeric.kernel_array import FLOAT64, kernel_array
-
-Floats = NDArray[np.float64]
+from robrain.protocol.model.numeric.kernel_array import FLOAT64, Floats, kernel_array
 
 
 @njit(cache=True, nogil=True)

@@ -9,17 +9,16 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.localization.scan_agreement import agreement
 from robrain.protocol.model.localization.scan_match import BEAMS_MIN, ScanFit, points_in_view, search_scan
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.model.numeric.small_linear_algebra import least_solution
 from robrain.protocol.model.slam.submap import Submap
 from robrain.protocol.model.slam.surface_match import match_surface
 
-Floats = NDArray[np.float64]
 COMPARED_MIN = 0.5
 """Least share of the beams that end in known cells of the submap."""
 AGREES_MIN = 0.75

@@ -8,10 +8,9 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.numeric.kernel_array import FLOAT64, kernel_array
+from robrain.protocol.model.numeric.kernel_array import FLOAT64, Floats, kernel_array
 
 MARGIN_M = 0.15
 """Metres from a mate's hull within which a beam's end counts as the mate."""
@@ -27,13 +26,7 @@ ROUND_M = 0.06
 """Largest distance, metres, of the beams' ends from a circle of the mate's radius."""
 
 
-def mate_circles(
-    angles_rad: NDArray[np.float64],
-    ranges_m: NDArray[np.float64],
-    range_max_m: float,
-    sensor: Pose2D,
-    told: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def mate_circles(angles_rad: Floats, ranges_m: Floats, range_max_m: float, sensor: Pose2D, told: Floats) -> Floats:
     """Circles (at most 2 K, 3) x, y, radius in metres, arena frame; a beam that ends in one did not end at a wall.
 
     Args:
@@ -57,20 +50,14 @@ def mate_circles(
     )
 
 
-def wall_ends(
-    angles_rad: NDArray[np.float64],
-    ranges_m: NDArray[np.float64],
-    range_max_m: float,
-    sensor: Pose2D,
-    circles: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def wall_ends(angles_rad: Floats, ranges_m: Floats, range_max_m: float, sensor: Pose2D, circles: Floats) -> Floats:
     """(n, 2) ends of the beams, sensor's frame, metres, that lie in none of the circles (K, 3), arena frame.
 
     Without circles they are those of `scan_match.beam_ends`. Raises ValueError for arrays that do not fit.
     """
     if angles_rad.shape != ranges_m.shape or angles_rad.ndim != 1:
         raise ValueError(f"expected (N,) angles and ranges, got {angles_rad.shape} and {ranges_m.shape}")
-    ends: NDArray[np.float64] = _wall_ends(
+    ends: Floats = _wall_ends(
         kernel_array(angles_rad, FLOAT64),
         kernel_array(ranges_m, FLOAT64),
         float(range_max_m),
@@ -82,13 +69,7 @@ def wall_ends(
     return ends
 
 
-def sees_through(
-    angles_rad: NDArray[np.float64],
-    ranges_m: NDArray[np.float64],
-    range_max_m: float,
-    sensor: Pose2D,
-    told: NDArray[np.float64],
-) -> bool:
+def sees_through(angles_rad: Floats, ranges_m: Floats, range_max_m: float, sensor: Pose2D, told: Floats) -> bool:
     """Whether a mate is not where it says that it is: beams go clear through the middle of the place.
 
     Arguments are those of `mate_circles`. Where walls or others hide the place nothing is said.
@@ -107,14 +88,8 @@ def sees_through(
 
 @njit(cache=True, nogil=True)
 def _wall_ends(
-    angles_rad: NDArray[np.float64],
-    ranges_m: NDArray[np.float64],
-    range_max_m: float,
-    x_m: float,
-    y_m: float,
-    yaw_rad: float,
-    circles: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    angles_rad: Floats, ranges_m: Floats, range_max_m: float, x_m: float, y_m: float, yaw_rad: float, circles: Floats
+) -> Floats:
     cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
     ends = np.empty((angles_rad.shape[0], 2))
     count = 0
@@ -136,14 +111,8 @@ def _wall_ends(
 
 @njit(cache=True, nogil=True)
 def _mate_circles(
-    angles_rad: NDArray[np.float64],
-    ranges_m: NDArray[np.float64],
-    range_max_m: float,
-    x_m: float,
-    y_m: float,
-    yaw_rad: float,
-    told: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    angles_rad: Floats, ranges_m: Floats, range_max_m: float, x_m: float, y_m: float, yaw_rad: float, told: Floats
+) -> Floats:
     beams = angles_rad.shape[0]
     is_round_trip = beams > 1 and (angles_rad[-1] - angles_rad[0]) * beams / (beams - 1) > 0.99 * math.tau
     circles = np.empty((2 * told.shape[0], 3))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.localization.scan_match_kernels import distance_window
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
-from robrain.protocol.model.numeric.kernel_array import FLOAT64, INT8, kernel_array
+from robrain.protocol.model.numeric.kernel_array import FLOAT64, INT8, Floats, kernel_array
 
 YAWS = 120
 """Directions tried: 3° apart."""
@@ -37,11 +37,7 @@ STRIDE = 61
 
 
 def search_places(
-    log_odds: NDArray[np.int8],
-    geometry: GridGeometry,
-    points: NDArray[np.float64],
-    places_max: int,
-    nearly: float = NEARLY,
+    log_odds: NDArray[np.int8], geometry: GridGeometry, points: Floats, places_max: int, nearly: float = NEARLY
 ) -> list[tuple[float, Pose2D]]:
     """Poses on the floor of a map at which `points` lie on its walls, best first, with their scores (0 to 1).
 
@@ -152,7 +148,7 @@ def _best_leaf(
 
 
 @njit(cache=True, nogil=True)
-def _turned(points: NDArray[np.float64], k: int, offsets: NDArray[np.int32]) -> None:
+def _turned(points: Floats, k: int, offsets: NDArray[np.int32]) -> None:
     """The points in cells, turned by the k-th yaw, in an order in which neighbours are far from each other.
 
     So a sum over the first of them tells early whether a place can be any good.
@@ -166,7 +162,7 @@ def _turned(points: NDArray[np.float64], k: int, offsets: NDArray[np.int32]) -> 
 
 
 @njit(cache=True, nogil=True)
-def _search(log_odds: NDArray[np.int8], points: NDArray[np.float64], nearly: float) -> NDArray[np.float64]:
+def _search(log_odds: NDArray[np.int8], points: Floats, nearly: float) -> Floats:
     """(n, 4) score, row, column, yaw index: the best place of each coarse cell and yaw that does nearly as well."""
     height, width = log_odds.shape
     margin = (1 << LEVELS) + REACH_CELLS  # a bound may count cells before the map's first that are near a wall

@@ -18,8 +18,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
+from robrain.protocol.model.numeric.kernel_array import Floats
 
-Floats = NDArray[np.float64]
 ITERATIONS_MAX = 10
 DONE = 1e-6
 """The iteration ends after a step with no component larger than this, metres or radians."""

@@ -95,12 +95,7 @@ class Submap:
         stamps_ms = np.full((1, 1), stamp_ms, np.int32) if isinstance(stamp_ms, int) else kernel_array(stamp_ms, INT32)
         self._cover(row, column, *cells.shape)
         more, tiles = _take(
-            self.evidence,
-            self.stamp_ms,
-            row - self.row,
-            column - self.column,
-            kernel_array(cells, INT8),
-            stamps_ms,
+            self.evidence, self.stamp_ms, row - self.row, column - self.column, kernel_array(cells, INT8), stamps_ms
         )
         self.occupied += more
         self.version += 1

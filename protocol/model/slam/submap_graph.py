@@ -11,18 +11,15 @@ from collections.abc import Callable
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import Variances
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
+from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.model.numeric.small_linear_algebra import inverse, is_semidefinite
 from robrain.protocol.model.slam.pose_graph import Edge, solve
 from robrain.protocol.model.slam.submap import IDENTITY
 from robrain.protocol.model.slam.submap_atlas import SubmapKey
-
-Floats = NDArray[np.float64]
-
 
 UNKNOWN = np.diag((1e4, 1e4, 10.0))
 """Covariance of a place of which nothing is known: m², m·rad, rad²."""

@@ -18,9 +18,8 @@ from robrain.protocol.model.localization.gauss_newton_kernels import add_residua
 from robrain.protocol.model.localization.scan_match import DEGENERATE, Direction, ScanFit
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.mapping.occupancy_kernels import HIT_DEPTH_CELLS
-from robrain.protocol.model.numeric.kernel_array import FLOAT64, kernel_array
+from robrain.protocol.model.numeric.kernel_array import FLOAT64, Floats, kernel_array
 
-Floats = NDArray[np.float64]
 ITERATIONS = 15
 WIDE_CELLS, NEAR_CELLS = 3.0, 1.5
 """Largest distance, cells, between a beam's end and its surface: in the first `WIDE_STEPS` steps, and later."""
@@ -235,17 +234,7 @@ def _match(
                     log_odds, surface_at, surface_hits, surface_view, row, column, near_cells[k], near_surfaces[k]
                 )
             n = _nearest(
-                near_cells[k],
-                near_surfaces[k],
-                about[k, 2],
-                at_x,
-                at_y,
-                beam_x,
-                beam_y,
-                row,
-                column,
-                around,
-                reach,
+                near_cells[k], near_surfaces[k], about[k, 2], at_x, at_y, beam_x, beam_y, row, column, around, reach
             )
             if n < 0:
                 continue

@@ -4,7 +4,7 @@ import math
 from types import SimpleNamespace
 from typing import Any
 
-from robrain.plugins.behavior.docks import Docks
+from robrain.plugins.behavior.budget import Docks
 from robrain.plugins.behavior.travel import Progress
 from robrain.plugins.skill.home.interface import ChargerPlace
 from robrain.plugins.unit.driver.interface import Motion

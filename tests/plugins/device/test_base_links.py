@@ -5,9 +5,8 @@ import pytest
 
 from robrain.plugins.unit.snw_exploration.base_links import MAX_ROBOTS, BaseLinks
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.tinyos.beacon import BEACON_TYPE, BeaconPayload
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
-from robrain.protocol.tinyos.payloads import SEQUENCES
+from robrain.protocol.tinyos.payloads import BEACON_TYPE, SEQUENCES, BeaconPayload
 from robrain.protocol.wire.topics import ARENA_RADIO_TX, ROBOT_LINKS
 from robrain.sim.motes.field import Field, FieldSpec
 from robrain.sim.motes.mote import ArenaMote

@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.plugins.unit.snw_exploration.sequence_window import SequenceWindow
+from robrain.plugins.unit.snw_exploration.mote_record import SequenceWindow
 from robrain.protocol.tinyos.payloads import SEQUENCES, RequestPayload, SequenceRange
 
 

@@ -3,8 +3,8 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from robrain.plugins.skill.mapper import closure_search
-from robrain.plugins.skill.mapper.closure_search import ClosureSearch
+from robrain.plugins.skill.mapper import closures
+from robrain.plugins.skill.mapper.closures import ClosureSearch
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.slam.submap import IDENTITY, SURFACE
@@ -127,7 +127,7 @@ def test_a_robot_that_may_be_anywhere_tries_all_again() -> None:
 
 
 def test_memory_of_what_was_tried_is_bounded_and_the_oldest_goes_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(closure_search, "TRIED_MAX", 2)
+    monkeypatch.setattr(closures, "TRIED_MAX", 2)
     third: SubmapKey = ("r4", 1)
     search = searching(atlas_of(MATE, OTHER, third))
     assert [search.candidate(MIDDLE) for _ in range(5)] == [MATE, OTHER, third, MATE, OTHER]

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from robrain.plugins.unit.teammates.interface import Doing, Mate
-from robrain.plugins.unit.teammates.known_mate import KnownMate, is_near
+from robrain.plugins.unit.teammates.teammates import KnownMate, is_near
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.wire.messages.robot_messages import PlannedPath, RobotState
 

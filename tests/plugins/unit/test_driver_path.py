@@ -5,8 +5,7 @@ import math
 import pytest
 
 from robrain.plugins.unit.driver.driver import PERIOD_S
-from robrain.plugins.unit.driver.path import CORNER_M, Path
-from robrain.plugins.unit.driver.ramp import Ramp, RampLimits, speed_to_stop
+from robrain.plugins.unit.driver.path import CORNER_M, Path, Ramp, RampLimits, speed_to_stop
 from robrain.protocol.model.geometry import Point2D, Pose2D
 
 # -- paths ------------------------------------------------------------------------------------------------------

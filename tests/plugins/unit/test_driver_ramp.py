@@ -7,8 +7,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from robrain.plugins.unit.driver.path import CORNER_M, Path
-from robrain.plugins.unit.driver.ramp import Ramp, RampLimits, speed_to_stop
+from robrain.plugins.unit.driver.path import CORNER_M, Path, Ramp, RampLimits, speed_to_stop
 from robrain.protocol.model.geometry import Point2D, Pose2D
 
 PERIOD_S = 0.06

@@ -7,7 +7,7 @@ import pytest
 
 from robrain.plugins.device.range_sensors.interface import RangeRing
 from robrain.plugins.device.scan.interface import LaserScan
-from robrain.plugins.unit.obstacle_points import (
+from robrain.plugins.unit.lookout import (
     FROZEN_M,
     FROZEN_RAD,
     RING_FRESH_NS,

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from robrain.agent.errors import PluginError
-from robrain.plugins.unit.tcp_socket import line_server
+from robrain.plugins.unit.tcp_socket import tcp_socket as server
 from robrain.plugins.unit.tcp_socket.tcp_socket import TcpSocket
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.errors import ErrorCode
@@ -132,7 +132,7 @@ def test_a_client_that_says_nothing_for_long_is_cut_off(listening):
 
 
 def test_a_client_that_takes_no_answers_is_cut_off(listening, monkeypatch):
-    monkeypatch.setattr(line_server, "SEND_TIMEOUT_S", 0.05)
+    monkeypatch.setattr(server, "SEND_TIMEOUT_S", 0.05)
     plugin = listening()
     with Client(plugin) as client:
         client.socket.setblocking(False)
@@ -172,7 +172,7 @@ def test_deactivation_cuts_clients_off_and_leaves_no_thread(listening):
 
 
 def test_a_command_that_hangs_does_not_hold_up_the_end(monkeypatch):
-    monkeypatch.setattr(line_server, "CLOSE_TIMEOUT_S", 0.1)
+    monkeypatch.setattr(server, "CLOSE_TIMEOUT_S", 0.1)
     command = Command()
     plugin = tcp_socket(command)
     plugin.activate()

@@ -7,9 +7,9 @@ from robrain.protocol.model.energy.battery_tracker import (
     DOUBT_SHARE,
     KNOWN_START_SD,
     BatteryTracker,
+    GaugeLimits,
     Measured,
 )
-from robrain.protocol.model.energy.gauge_check import GaugeLimits
 from robrain.protocol.model.energy.soc_filter import PackModel, SocFilter
 
 PACK = PackModel(missed_sd=0.0)

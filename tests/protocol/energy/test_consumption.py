@@ -2,9 +2,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.protocol.model.energy.consumption import Consumption, Drawn
+from robrain.protocol.model.energy.consumption import Consumption, Drawn, MotionTerms
 from robrain.protocol.model.energy.energy_model import Work, estimate
-from robrain.protocol.model.energy.motion_terms import MotionTerms
 from robrain.protocol.model.energy.power_learner import PowerLearner, PowerPrior
 
 TRUE = (9.0, 0.3, 12.0, 1.0, 10.0)

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from robrain.protocol.model.energy.consumption import (
+    GAP_S,
+    KEPT,
     LESSON_MAX_S,
     LESSON_S,
     OUTCOME_MOST,
@@ -14,9 +16,9 @@ from robrain.protocol.model.energy.consumption import (
     USUAL_OVER_S,
     Consumption,
     Drawn,
+    MotionTerms,
 )
 from robrain.protocol.model.energy.energy_model import Work, estimate
-from robrain.protocol.model.energy.motion_terms import GAP_S, KEPT, MotionTerms
 from robrain.protocol.model.energy.power_learner import BATCH_S, PACE_OVER_S, PRIOR_BATCHES, PowerLearner, PowerPrior
 from robrain.protocol.wire.clock import to_ns
 

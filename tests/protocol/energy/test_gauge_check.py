@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from robrain.protocol.model.energy.gauge_check import GaugeCheck, GaugeLimits
+from robrain.protocol.model.energy.battery_tracker import GaugeCheck, GaugeLimits
 
 RESISTANCE_OHM = 0.15
 

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from robrain.protocol.model.energy.gauge_check import GaugeCheck, GaugeLimits
+from robrain.protocol.model.energy.battery_tracker import GaugeCheck, GaugeLimits
 
 LIMITS = GaugeLimits()
 

@@ -4,9 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.tinyos.beacon import BEACON_TYPE, MAX_NAME_BYTES, BeaconPayload
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
-from robrain.protocol.tinyos.payloads import with_rssi
+from robrain.protocol.tinyos.payloads import BEACON_TYPE, MAX_NAME_BYTES, BeaconPayload, with_rssi
 
 # Dispatch, to all, from base station 0, 5 bytes, group, AM type; number 258, "r1", -75 dBm.
 GOLDEN = bytes.fromhex("00 ffff 0000 05 22 57  0102 7231 b5")

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.localization.mote_relocalisation import RECORDS, RecentSignals
 from robrain.protocol.model.localization.odometry import moved_along
-from robrain.protocol.model.localization.recent_signals import RECORDS, RecentSignals
 from robrain.protocol.model.localization.rssi_ranging import PathLoss, RssiSample
 
 STEPS = st.lists(st.builds(Twist2D, *[st.floats(-1.0, 1.0)] * 3), min_size=1, max_size=12)

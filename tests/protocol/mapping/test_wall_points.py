@@ -5,7 +5,7 @@ import pytest
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from robrain.protocol.model.mapping.wall_points import (
+from robrain.protocol.model.slam.map_overlap import (
     is_same_place,
     some_points,
     wall_points,

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.tinyos.hdlc import MAX_BODY_BYTES, Deframer, frame
 from robrain.protocol.tinyos.packet import ActiveMessage
+from robrain.protocol.tinyos.serial_line import MAX_BODY_BYTES, Deframer, frame
 
 # A Mica2 running BaseStation, heard on its serial port (tinyos-help mailing list, message 23523).
 MICA2 = bytes.fromhex("7E 45 00 00 02 00 08 13 00 36 00 01 00 16 00 08 04 80 0A 01 01 AA AA 02 BB BB 03 CC CC 41 DE 7E")

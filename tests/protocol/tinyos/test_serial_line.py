@@ -3,9 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.tinyos.hdlc import frame
 from robrain.protocol.tinyos.packet import ActiveMessage
-from robrain.protocol.tinyos.serial_line import SerialLink
+from robrain.protocol.tinyos.serial_line import SerialLink, frame
 
 PACKET = ActiveMessage(type=0x54, payload=bytes.fromhex("0001 0010"), source=0, destination=3).pack()
 OTHER = ActiveMessage(type=0x56, payload=bytes.fromhex("012c"), source=0, destination=3).pack()

@@ -1,18 +1,19 @@
-"""What lidar and range sensors see around the robot, as points; and whether the lidar can be believed.
+"""What lies around the robot, by lidar, range sensors and bump contacts, and how far it can go in a direction.
 
-Used by the units that have to know what is near. A scan counts for `SCAN_FRESH_NS`, a ring of ranges for
-`RING_FRESH_NS`.
+A scan counts for `SCAN_FRESH_NS`, a ring of ranges for `RING_FRESH_NS`; a lidar that is frozen is not believed.
 """
 
 import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from robrain.plugins.device.range_sensors.interface import RangeRing
-from robrain.plugins.device.scan.interface import LaserScan
+from robrain.plugins.device.mocdevice.interface import MocDeviceInterface
+from robrain.plugins.device.range_sensors.interface import Bump, RangeRing, RangeSensorsInterface
+from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
+from robrain.protocol.model.navigation.clearance import Passage, contact_distance_m, hold_off, passage
+from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.wire.clock import to_ns
 
 SCAN_FRESH_NS = to_ns(0.6)
@@ -20,18 +21,21 @@ SCAN_FRESH_NS = to_ns(0.6)
 RING_FRESH_NS = to_ns(0.3)
 FROZEN_M, FROZEN_RAD = 0.08, 0.08
 """A robot that has moved so far cannot see the very same ranges, to the millimetre."""
+NOTHING: Floats = np.empty((2, 0))
+BUMPED_RAD = math.radians(80.0)
+"""The robot does not drive within this angle of a touched direction."""
+SQUEEZED_GAP_M = 0.03
+"""In a narrow place the robot's edge stays this far from what is ahead."""
 
-NOTHING: NDArray[np.float64] = np.empty((2, 0))
 
-
-def scan_points_m(scan: LaserScan, seen_from: Pose2D) -> NDArray[np.float64]:
+def scan_points_m(scan: LaserScan, seen_from: Pose2D) -> Floats:
     """What a scan has hit (2, N), in the frame of the pose that it was taken from."""
     hit = scan.ranges_m < scan.range_max_m
     angles_rad, ranges_m = scan.angles_rad[hit] + seen_from.yaw_rad, scan.ranges_m[hit]
     return np.stack((seen_from.x_m + ranges_m * np.cos(angles_rad), seen_from.y_m + ranges_m * np.sin(angles_rad)))
 
 
-def ring_points_m(ring: RangeRing, before: RangeRing | None, seen_from: Pose2D) -> NDArray[np.float64]:
+def ring_points_m(ring: RangeRing, before: RangeRing | None, seen_from: Pose2D) -> Floats:
     """What the range sensors hear (2, N), on their axes, in the frame of the pose that they heard it from.
 
     `before` is the measurement before: an echo that is missing once does not open the way.
@@ -54,7 +58,7 @@ class LidarWatch:
     """Sees that a lidar is frozen: its ranges stay equal to the millimetre while the robot moves."""
 
     def __init__(self) -> None:
-        self._ranges_m: NDArray[np.float64] | None = None
+        self._ranges_m: Floats | None = None
         self._before: Pose2D | None = None
         self._moved_m = self._turned_rad = 0.0
         """Since the first scan with these ranges."""
@@ -119,3 +123,74 @@ class ObstaclePoints:
         if scan is None or now_ns - scan.stamp_ns > SCAN_FRESH_NS:
             return "there has been no fresh scan"
         return ""
+
+
+class Lookout:
+    """Keeps the latest sensor data and answers how far a direction is free.
+
+    Args:
+        moc: tells where the robot was when something was seen, and how large it is.
+        scan: the lidar; told if it is frozen.
+        ranges: the range sensors and bump contacts.
+        stop_distance_m: the robot's edge is to stay this far from what is ahead.
+
+    """
+
+    def __init__(
+        self, moc: MocDeviceInterface, scan: ScanInterface, ranges: RangeSensorsInterface, stop_distance_m: float
+    ) -> None:
+        self._scan = scan
+        self._ranges = ranges
+        self._obstacles = ObstaclePoints(moc.pose_at)
+        self._touched_rad = ranges.pressed_rad()
+        # What the swept disc, a little wider than the robot, would touch.
+        self._reach_m = moc.radius_m() + 0.25 * stop_distance_m
+        self._gap_m = 0.75 * stop_distance_m
+        self._radius_m = moc.radius_m()
+
+    def feel(self, bump: Bump) -> None:
+        """Take a change of the bump contacts."""
+        self._touched_rad = bump.directions_rad
+
+    def look(self, now_ns: int) -> str:
+        """Read the sensors; returns why the robot is blind, empty if it is not."""
+        blind_why = self._obstacles.update(self._scan.latest(), self._ranges.latest(), now_ns)
+        if self._obstacles.is_frozen:
+            self._scan.doubt("the lidar is frozen: its ranges stay equal to the millimetre while the robot moves")
+        return blind_why
+
+    def free_m(self, pose: Pose2D, heading_rad: float) -> float:
+        """How far the robot can go straight in this direction of odom, less its stop distance before an obstacle."""
+        if self._is_touched(pose, heading_rad):
+            return 0.0
+        points_m = self._obstacles.points_m
+        return contact_distance_m(points_m, pose.x_m, pose.y_m, heading_rad, self._reach_m) - self._gap_m
+
+    def passage(self, pose: Pose2D, heading_rad: float) -> Passage:
+        """The room for squeezing straight ahead through a narrow place, by the lidar.
+
+        Range sensors do not tell directions within their cone, so they count only for what is straight ahead.
+        """
+        found = passage(self._obstacles.scan_m, pose.x_m, pose.y_m, heading_rad, self._radius_m)
+        free_m = min(found.free_m, self._heard_m(pose, heading_rad)) - SQUEEZED_GAP_M
+        return found._replace(free_m=0.0 if self._is_touched(pose, heading_rad) else free_m)
+
+    def hold_off(
+        self, pose: Pose2D, velocity_m_s: tuple[float, float], keep_m: float, per_s: float
+    ) -> tuple[float, float]:
+        """The velocity (x, y), frame odom, less what would bring the hull within `keep_m` of what the lidar sees."""
+        x_m_s, y_m_s = velocity_m_s
+        if math.hypot(x_m_s, y_m_s) > 0.0 and self._is_touched(pose, math.atan2(y_m_s, x_m_s)):
+            return 0.0, 0.0
+        return hold_off(self._obstacles.scan_m, pose.x_m, pose.y_m, x_m_s, y_m_s, self._radius_m, keep_m, per_s)
+
+    def _is_touched(self, pose: Pose2D, heading_rad: float) -> bool:
+        return any(
+            abs(wrap_angle_rad(pose.yaw_rad + touched_rad - heading_rad)) < BUMPED_RAD
+            for touched_rad in self._touched_rad
+        )
+
+    def _heard_m(self, pose: Pose2D, heading_rad: float) -> float:
+        reach_m = 0.5 * self._radius_m
+        contact_m = contact_distance_m(self._obstacles.ring_m, pose.x_m, pose.y_m, heading_rad, reach_m)
+        return contact_m - (self._radius_m - reach_m)

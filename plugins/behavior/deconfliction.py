@@ -1,0 +1,292 @@
+"""Deconfliction: who goes first where robots meet, and how far along its path that lets a robot go.
+
+`Encounter` is the mates around it at one moment, `Standing` its own right of way among them, and `Leg` the path that it
+drives as far as they let it, and tells them of.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from robrain.plugins.skill.localisation.interface import LocalisationInterface
+from robrain.plugins.skill.planner.interface import Circle
+from robrain.plugins.unit.driver.interface import DriverInterface
+from robrain.plugins.unit.teammates.interface import Doing, Mate
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.navigation.claim import Claim
+from robrain.protocol.model.navigation.navigation_grid import Zone
+from robrain.protocol.model.navigation.right_of_way import (
+    LOOK_AHEAD_M,
+    STEP_M,
+    Margins,
+    Release,
+    Track,
+    Way,
+    meet,
+    release,
+)
+from robrain.protocol.model.numeric.kernel_array import Floats
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.messages.robot_messages import PlannedPath
+
+MARGINS = Margins()
+REFUGE_M = 0.22
+"""Between two hulls in a refuge, chosen: what counts as out of the way, and what the driver stops short of its goal."""
+ZONE_AHEAD_M = 8.0
+"""A mate's way that is better left to it, chosen: as far as mates are reckoned with."""
+ROOM_S = 8.0
+"""Who stands idle makes room for a mate that will be there within this."""
+PRESSED_S = 2.5
+"""Who has no refuge says so when a mate could be there within this; before, the mate may be waiting for others."""
+CORNERED_AGAIN_S = 4.0
+"""Who has said that it has nowhere to go says so again only after this, chosen: the others need time to make room."""
+NEAR_END_M = 0.3
+"""The driver is told of more released way when there is so much of it, or when it comes so near to the end."""
+
+
+class Encounter:
+    """Who is met, as the robot sees it.
+
+    Args:
+        robot: the robot's name.
+        claim: its claim.
+        radius_m: its radius.
+        mates: those around it.
+        speed_m_s: its speed.
+
+    """
+
+    def __init__(self, robot: str, claim: Claim, radius_m: float, mates: Sequence[Mate], speed_m_s: float) -> None:
+        self.radius_m = radius_m
+        self.mates = mates
+        self._speed_m_s = speed_m_s
+        self.tracks = [
+            mate.track._replace(
+                keep_m=mate.radius_m + radius_m,
+                goes_first=mate.doing is Doing.UNDER_WAY and mate.claim.beats(mate.name, claim, robot),
+            )
+            for mate in mates
+        ]
+
+    def release(self, ahead: Floats) -> Release:
+        """How far the robot may go along positions (N, 2)."""
+        return release(ahead, self._speed_m_s, self.tracks, MARGINS)
+
+    def guard(self, ahead: Floats) -> Release:
+        """How far it may go without touching anybody; for a robot that is getting out of the way."""
+        return release(ahead, self._speed_m_s, [track._replace(goes_first=False) for track in self.tracks], MARGINS)
+
+    def in_the_way_of(self, here: Floats, within_s: float) -> list[str]:
+        """Who of those who go first is to pass these positions (N, 2) within that time."""
+        found = []
+        for mate, track in zip(self.mates, self.tracks, strict=True):
+            soon = track._replace(positions=track.positions[: 1 + round(within_s * track.speed_m_s / STEP_M)])
+            if track.goes_first and meet(here, soon, MARGINS.contest_m):
+                found.append(mate.name)
+        return found
+
+    def still_meets(self, ahead: Floats, names: Sequence[str]) -> bool:
+        """Whether the way of any of these mates meets that of the robot, whoever goes first."""
+        return any(
+            meet(ahead, track, MARGINS.contest_m)
+            for mate, track in zip(self.mates, self.tracks, strict=True)
+            if mate.name in names
+        )
+
+    def to_escape(self, *, push: bool = False) -> tuple[float, list[Track], float]:
+        """What the planner has to know to find a refuge: own speed, tracks, distance between hulls.
+
+        With `push`, mates that go after the robot do not count: they make room in their turn.
+        """
+        tracks = [
+            track
+            for mate, track in zip(self.mates, self.tracks, strict=True)
+            if not push or track.goes_first or mate.doing is Doing.OBSTACLE
+        ]
+        return self._speed_m_s, tracks, REFUGE_M
+
+
+def circles(mates: Sequence[Mate], margin_m: float, doing: Doing) -> list[Circle]:
+    """Where mates of one kind are, with a margin beyond their radius."""
+    return [(mate.pose.x_m, mate.pose.y_m, mate.radius_m + margin_m) for mate in mates if mate.doing is doing]
+
+
+def zones(mates: Sequence[Mate], encounter: Encounter, margin_m: float) -> list[Zone]:
+    """Floor to leave to others: the ways of those who go first, and the places of those who wait."""
+    found = []
+    for mate, track in zip(mates, encounter.tracks, strict=True):
+        ahead = round(ZONE_AHEAD_M / STEP_M) if track.goes_first else 1
+        found.append(Zone(track.positions[:ahead], mate.radius_m + margin_m))
+    return found
+
+
+class Standing:
+    """The claim of one robot while it travels.
+
+    Args:
+        ageing_s: after waiting so long the claim counts for one more.
+
+    """
+
+    def __init__(self, ageing_s: float) -> None:
+        self._ageing_ns = to_ns(ageing_s)
+        self._own = Claim()
+        self._lent: Claim | None = None
+        """The claim of whoever it makes room for."""
+        self._held_ns: int | None = None
+        self._counted_ns = 0
+        self._waited_ns = 0
+        self._cornered_ns = -to_ns(CORNERED_AGAIN_S)
+        self._cornered_by: list[str] = []
+        """The mates that have to give way, because this robot cannot."""
+
+    @property
+    def claim(self) -> Claim:
+        """What the robot acts by, and tells the team."""
+        return self._lent or self._own
+
+    def set_out(self, priority: int, way_m: float) -> None:
+        """A new way begins."""
+        self._own = Claim(priority=priority, way_m=round(way_m, 1))
+        self._lent = None
+        self._held_ns = None
+        self._waited_ns = 0
+        self._cornered_by = []
+
+    def go_on(self) -> None:
+        """Nobody holds the robot up."""
+        self._held_ns = None
+
+    def wait(self, now_ns: int) -> int:
+        """Others hold the robot up; for how long they have at a stretch, nanoseconds."""
+        if self._held_ns is None:
+            self._held_ns = self._counted_ns = now_ns
+        self._waited_ns += now_ns - self._counted_ns
+        self._counted_ns = now_ns
+        waited = self._waited_ns // self._ageing_ns
+        if waited != self._own.waited:
+            self._own = msgspec.structs.replace(self._own, waited=waited)
+        return now_ns - self._held_ns
+
+    def make_room_for(self, mate: Mate) -> None:
+        """Act by that mate's claim, until `take_back`."""
+        self._lent = mate.claim.lend(mate.name)
+
+    def take_back(self) -> None:
+        """Act by its own claim again."""
+        self._lent = None
+
+    def has_no_refuge(self, encounter: Encounter, here: Floats, now_ns: int) -> None:
+        """There is nowhere to go; that is told once somebody is near enough to be waiting for it."""
+        pressed_by = encounter.in_the_way_of(here, PRESSED_S)
+        if pressed_by and now_ns - self._cornered_ns >= to_ns(CORNERED_AGAIN_S):
+            self._cornered_ns = now_ns
+            self._cornered_by = sorted({*self._cornered_by, *pressed_by})
+            most = max(mate.claim.cornered for mate in encounter.mates if mate.name in pressed_by)
+            self._own = msgspec.structs.replace(self._own, cornered=1 + most)
+
+    def relieve(self, encounter: Encounter, ahead: Floats) -> None:
+        """Cornered no more, once the ways of those that had to give way do not meet the robot's any longer."""
+        if self._cornered_by and not encounter.still_meets(ahead, self._cornered_by):
+            self._cornered_by = []
+            self._own = msgspec.structs.replace(self._own, cornered=0)
+
+
+class Outlet(NamedTuple):
+    """Where a leg goes: to the driver, and to the team."""
+
+    robot: str
+    speed_m_s: float
+    driver: DriverInterface
+    localisation: LocalisationInterface
+    publish: Callable[[PlannedPath], None]
+
+
+class Leg:
+    """A path from where the robot is.
+
+    Args:
+        outlet: who is told.
+        pose: T_arena_robot now.
+        path: points to drive along, arena frame, at least one.
+        is_escape: whether it leads out of others' way instead of to the goal.
+        is_narrow: whether it leads through narrow places, where the robot has to squeeze.
+
+    """
+
+    def __init__(
+        self, outlet: Outlet, pose: Pose2D, path: list[Point2D], *, is_escape: bool = False, is_narrow: bool = False
+    ) -> None:
+        self.is_escape = is_escape
+        self.is_narrow = is_narrow
+        self.way = Way(np.array([(pose.x_m, pose.y_m), *((point.x_m, point.y_m) for point in path)]))
+        self.end = path[-1]
+        self._outlet = outlet
+        self._released_m = -1.0
+        """How far along it the driver has been sent; below 0 for not at all."""
+        self._told: tuple[Claim, float | None] | None = None
+
+    def guard(self, encounter: Encounter, pose: Pose2D) -> Release:
+        """How far the robot may go along it without touching anybody."""
+        return encounter.guard(self.way.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M))
+
+    def drive(self, allowed: Release, claim: Claim) -> None:
+        """Go as far as that, and tell the team."""
+        way = self.way
+        if allowed.is_whole:
+            if self._released_m < way.length_m:
+                self._send(way.length_m)
+            self._tell(claim, None)
+        elif allowed.positions < 2:
+            self.stop(claim)
+        else:
+            until_m = way.passed_m + (allowed.positions - 1) * STEP_M
+            more_m = until_m - self._released_m
+            is_near_end = self._released_m - way.passed_m < NEAR_END_M
+            if more_m < 0 or more_m > NEAR_END_M or (is_near_end and more_m > 0.5 * STEP_M):
+                self._send(until_m)
+            self._tell(claim, until_m)
+
+    def stop(self, claim: Claim) -> None:
+        """Stand, and tell the team that the robot waits."""
+        if self._released_m != self.way.passed_m:
+            self._outlet.driver.stop()
+            self._released_m = self.way.passed_m
+        self._tell(claim, self.way.passed_m)
+
+    def cut(self, pose: Pose2D, more_m: float) -> "Leg | None":
+        """What is left of it in that distance, as far as the robot was sent; None if that is nothing."""
+        until_m = min(self._released_m, self.way.passed_m + more_m)
+        if until_m <= self.way.passed_m:
+            return None
+        return Leg(self._outlet, pose, _points(self.way, until_m), is_narrow=self.is_narrow)
+
+    def _send(self, until_m: float) -> None:
+        self._released_m = until_m
+        path = self._outlet.localisation.to_odom(_points(self.way, until_m))
+        self._outlet.driver.follow(path, is_narrow=self.is_narrow)
+
+    def _tell(self, claim: Claim, until_m: float | None) -> None:
+        """Publish the path, if anything about it is new."""
+        word = claim, None if until_m is None else round(2.0 * until_m) / 2.0
+        if word == self._told:
+            return
+        self._told = word
+        way, outlet = self.way, self._outlet
+        pose = outlet.localisation.pose()
+        outlet.publish(
+            PlannedPath(
+                robot=outlet.robot,
+                points=[Point2D(pose.x_m, pose.y_m), *_points(way, math.inf)],
+                claim=claim,
+                speed_m_s=outlet.speed_m_s,
+                held_at_m=None if until_m is None else max(0.0, until_m - way.passed_m),
+            )
+        )
+
+
+def _points(way: Way, until_m: float) -> list[Point2D]:
+    return [Point2D(float(x_m), float(y_m)) for x_m, y_m in way.points_until(until_m)]
