@@ -5,18 +5,16 @@ browser that closes, hangs or loses its link says nothing, and the robot stands 
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import msgspec
 import viser
 
 from robrain.coordinator.dashboard.html.html_words import text
 from robrain.coordinator.dashboard.panels.gui_values import set_html, set_value
+from robrain.coordinator.dashboard.panels.page_context import Page
 from robrain.coordinator.dashboard.server.asker import Answer
 from robrain.protocol.wire.topics import ROBOT_CALL
-
-if TYPE_CHECKING:
-    from robrain.coordinator.dashboard.panels.page import ClientPage
 
 LEASE_S = 0.5
 HELD_S = 0.3
@@ -49,7 +47,7 @@ TURN_PER_SPEED = 2.5
 class HandDrive:
     """Built within a folder's context; one for each page."""
 
-    def __init__(self, page: "ClientPage") -> None:
+    def __init__(self, page: Page) -> None:
         gui = page.client.gui
         self._page = page
         self._armed = gui.add_checkbox("Armed", False, hint="While armed, W A S D Q E drive the selected robot")

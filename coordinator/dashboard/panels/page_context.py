@@ -1,9 +1,13 @@
-"""What all browsers' pages share, and the little that they ask of robots again and again."""
+"""What a page's tabs work with: the browser's page, what all pages share, and what is asked periodically."""
 
 import contextlib
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
+from typing import Any, Protocol
 
+import viser
+
+from robrain.coordinator.dashboard.layers.layer_switches import Switch
 from robrain.coordinator.dashboard.panels.halt_control import HaltControl
 from robrain.coordinator.dashboard.replay.replay_bar import ReplayBar
 from robrain.coordinator.dashboard.scene.scene import Scene
@@ -123,3 +127,28 @@ class PageContext:
     def plugins_of(self, robot: str) -> PluginsOf:
         """What is known of a robot's plugins."""
         return self.inquiries.plugins.get(robot, PluginsOf()) if self.inquiries is not None else PluginsOf()
+
+
+class Page(Protocol):
+    """One browser's page, as its tabs use it."""
+
+    client: viser.ClientHandle
+    context: PageContext
+    selected: str
+    """Name of the selected robot; empty if none."""
+    follows: bool
+    """Whether the camera follows the selected robot."""
+    switches: list[Switch]
+    """Which layers this browser shows."""
+
+    def post(self, action: Callable[[], None]) -> None:
+        """Run an action in the dashboard's next step; may be called from any thread."""
+
+    def select(self, robot: str) -> None:
+        """Select a robot, if there is one of that name."""
+
+    def tell(self, title: str, body: str = "", *, color: Any = "green") -> None:
+        """Show a notification in the corner."""
+
+    def set_dark(self, dark: bool) -> None:
+        """Switch between the dark and the light theme."""

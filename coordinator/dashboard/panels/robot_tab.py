@@ -1,6 +1,6 @@
 """The tab of the selected robot: how it is, its charts, its plugins, what they can be asked, driving it by hand."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 import viser
@@ -18,15 +18,12 @@ from robrain.coordinator.dashboard.panels.form_panel import FormPanel
 from robrain.coordinator.dashboard.panels.function_form import fields_of
 from robrain.coordinator.dashboard.panels.gui_values import set_html, set_options, set_value
 from robrain.coordinator.dashboard.panels.hand_drive import HandDrive
-from robrain.coordinator.dashboard.panels.page_context import PluginsOf
+from robrain.coordinator.dashboard.panels.page_context import Page, PluginsOf
 from robrain.coordinator.dashboard.server.asker import Answer
 from robrain.protocol.wire.host_queries import HOST_LOAD, HOST_RELOAD, HOST_UNLOAD
 from robrain.protocol.wire.messages.host_messages import LoadRequest, ReloadRequest, UnloadRequest
 from robrain.protocol.wire.messages.plugin_messages import FunctionInfo, PluginInfo
 from robrain.protocol.wire.topics import ROBOT_CALL
-
-if TYPE_CHECKING:
-    from robrain.coordinator.dashboard.panels.page import ClientPage
 
 NO_ROBOT = "(none)"
 NO_PLUGIN, NO_FUNCTION = "(select a plugin)", "(none)"
@@ -37,7 +34,7 @@ CALL_TIMEOUT_S = 15.0
 class RobotTab:
     """Built within the tab's context."""
 
-    def __init__(self, page: "ClientPage") -> None:
+    def __init__(self, page: Page) -> None:
         gui = page.client.gui
         self._page = page
         self._plugin = ""

@@ -1,7 +1,7 @@
 """The tab of the tasks: new ones by form or by a click on the map, the queue, who does what when, and why."""
 
 import secrets
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 import viser
@@ -12,7 +12,7 @@ from robrain.coordinator.dashboard.html.task_html import queue_html, why_html
 from robrain.coordinator.dashboard.panels.form_panel import FormPanel
 from robrain.coordinator.dashboard.panels.function_form import Field, fields_of
 from robrain.coordinator.dashboard.panels.gui_values import set_html, set_value
-from robrain.coordinator.dashboard.panels.page_context import BY, stock_kinds
+from robrain.coordinator.dashboard.panels.page_context import BY, Page, stock_kinds
 from robrain.coordinator.dashboard.server.asker import Answer
 from robrain.coordinator.dashboard.server.page_head import CLOSE_MARK
 from robrain.coordinator.tasks.announced_parameters import check_announced
@@ -23,9 +23,6 @@ from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.messages.plan_messages import ObjectiveRequest, PlanningStatus
 from robrain.protocol.wire.messages.task_messages import KnownKind, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
 from robrain.protocol.wire.topics import COORDINATOR_OBJECTIVE, TASK_CANCEL, TASK_SUBMIT, TASK_WHY
-
-if TYPE_CHECKING:
-    from robrain.coordinator.dashboard.panels.page import ClientPage
 
 HIDDEN = {"id", "kind", "parameters", "earliest_ns", "deadline_ns", "needs", "after", "robots"}
 """Fields of tasks that the form does not have: it makes the id itself, and scripts have the rest."""
@@ -39,7 +36,7 @@ BY_CLICK, BY_CLICK_WAITS = "Click on the map to add a task", "Now click on the m
 class TaskTab:
     """Built within the tab's context."""
 
-    def __init__(self, page: "ClientPage") -> None:
+    def __init__(self, page: Page) -> None:
         gui = page.client.gui
         self._page = page
         self.wants_place = False

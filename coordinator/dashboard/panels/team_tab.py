@@ -1,15 +1,11 @@
 """The tab of the team: figures, robots, how the exploration goes, what was told."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from robrain.coordinator.dashboard.html.charts import add_chart
 from robrain.coordinator.dashboard.html.panel_html import log_html, robots_html, summary_html
 from robrain.coordinator.dashboard.panels.gui_values import set_html
-
-if TYPE_CHECKING:
-    from robrain.coordinator.dashboard.panels.page import ClientPage
+from robrain.coordinator.dashboard.panels.page_context import Page
 
 CHART_PERIOD_S = 2.0
 MANY_ROWS = 25
@@ -20,7 +16,7 @@ MANY_PERIOD_S = 2.5
 class TeamTab:
     """Built within the tab's context."""
 
-    def __init__(self, page: "ClientPage") -> None:
+    def __init__(self, page: Page) -> None:
         gui = page.client.gui
         self._page = page
         self._summary = gui.add_html("")

@@ -1,6 +1,6 @@
 """The tab of the picture: camera, layers, what the marks mean, motes, dark or light."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import viser
 
@@ -9,10 +9,8 @@ from robrain.coordinator.dashboard.html.panel_html import motes_html
 from robrain.coordinator.dashboard.layers.field_layer import FieldLayer
 from robrain.coordinator.dashboard.layers.layer_switches import Switch
 from robrain.coordinator.dashboard.panels.gui_values import set_html, set_value
+from robrain.coordinator.dashboard.panels.page_context import Page
 from robrain.coordinator.drawing.palette import HEAT, css
-
-if TYPE_CHECKING:
-    from robrain.coordinator.dashboard.panels.page import ClientPage
 
 OVERVIEW, TOP = "Overview", "Top view"
 MOTES_PERIOD_S = 3.0
@@ -35,7 +33,7 @@ LEGEND = (
 class ViewTab:
     """Built within the tab's context."""
 
-    def __init__(self, page: "ClientPage") -> None:
+    def __init__(self, page: Page) -> None:
         gui = page.client.gui
         self._page = page
         self._listed_s: float | None = None
@@ -95,7 +93,7 @@ class ViewTab:
 class _Box:
     """The checkbox of a layer."""
 
-    def __init__(self, page: "ClientPage", switch: Switch) -> None:
+    def __init__(self, page: Page, switch: Switch) -> None:
         self.switch = switch
         self.shown = switch.shown
         """What the box says, as far as has been taken up."""
