@@ -1,4 +1,4 @@
-"""The tab of the team: figures, robots, how the exploration goes, what was told."""
+"""The tab of the team: figures, robots, the explored share over time, and the log."""
 
 import numpy as np
 
@@ -10,11 +10,11 @@ from robrain.coordinator.dashboard.panels.page_context import Page
 CHART_PERIOD_S = 2.0
 MANY_ROWS = 25
 MANY_PERIOD_S = 2.5
-"""A long table costs a browser more than the picture."""
+"""Period of a longer table, which costs a browser more than the picture."""
 
 
 class TeamTab:
-    """Built within the tab's context."""
+    """The tab of one page; built within the tab's context."""
 
     def __init__(self, page: Page) -> None:
         gui = page.client.gui
@@ -31,11 +31,11 @@ class TeamTab:
         self._listed: tuple[str, int] | None = None
 
     def hurry(self) -> None:
-        """Draw all of it the next time."""
+        """Update everything at the next `draw`, even if that is before it is due."""
         self._charted_s = self._listed_s = None
 
     def draw(self, now_s: float) -> None:
-        """Bring it up to date."""
+        """Show the current state."""
         view = self._page.context.view
         set_html(self._summary, summary_html(view, now_s))
         shown = (self._page.selected, len(view.robots))

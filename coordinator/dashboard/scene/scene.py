@@ -6,20 +6,18 @@ from typing import NamedTuple
 import numpy as np
 import viser
 
-from robrain.coordinator.dashboard.layers.certainty_layer import CertaintyLayer
-from robrain.coordinator.dashboard.layers.field_layer import FieldLayer
-from robrain.coordinator.dashboard.layers.floor_layers import FloorLayer, WallLayer
+from robrain.coordinator.dashboard.layers.floor_layers import FieldLayer, FloorLayer, WallLayer
 from robrain.coordinator.dashboard.layers.layer import Layer
-from robrain.coordinator.dashboard.layers.marker_layers import FrontierLayer, MoteLayer
-from robrain.coordinator.dashboard.layers.place_layers import ChargerLayer, TaskLayer
+from robrain.coordinator.dashboard.layers.marker_layers import ChargerLayer, FrontierLayer, MoteLayer, TaskLayer
 from robrain.coordinator.dashboard.layers.radio_layer import RadioLayer
-from robrain.coordinator.dashboard.layers.robot_layers import NameLayer, RobotLayer, TruthLayer
+from robrain.coordinator.dashboard.layers.robot_layers import CertaintyLayer, NameLayer, RobotLayer, TruthLayer
 from robrain.coordinator.dashboard.layers.track_layers import PathLayer, TrailLayer
 from robrain.coordinator.dashboard.scene.camera import (
     FOV_RAD,
     OVERVIEW_ELEVATION_RAD,
     TOP_ELEVATION_RAD,
     Bounds,
+    bounds_of,
     stand_to_see,
 )
 from robrain.coordinator.dashboard.state.team_view import TeamView
@@ -41,11 +39,11 @@ LAYERS: tuple[type[Layer], ...] = (
     CertaintyLayer,
     TruthLayer,
 )
-"""Those that are drawn once for all browsers, in the order of their checkboxes."""
+"""Layers that are drawn once for all browsers, in the order of their checkboxes."""
 EMPTY_BOUNDS: Bounds = (-6.0, -5.0, 6.0, 5.0)
-"""Looked at until there is a map."""
+"""Shown until there is a map."""
 EXPECTED_ASPECT = 1.1
-"""Of the picture beside the panel on a laptop's screen; a browser that is there already tells its own."""
+"""Aspect ratio of the picture beside the panel on a laptop's screen, for browsers that have not reported theirs."""
 COVERED = 0.16
 """Share of the picture's height that the halt, or the bar of a replay, covers at the bottom."""
 COVERED_UPRIGHT = 0.58
@@ -69,7 +67,7 @@ class Framed(NamedTuple):
 
 
 class Scene:
-    """Draws a TeamView. The first map that comes in is framed for all who look on; later the camera is theirs."""
+    """Draws a TeamView. The first map is framed in all browsers; later each browser moves its own camera."""
 
     def __init__(self, server: viser.ViserServer) -> None:
         self._server = server
@@ -81,7 +79,7 @@ class Scene:
         self._set_initial_camera()
 
     def draw(self, view: TeamView, now_s: float) -> None:
-        """Bring the picture up to date."""
+        """Draw what changed."""
         is_another = view is not self._view
         self._view = view
         for layer in self.layers:
@@ -90,13 +88,7 @@ class Scene:
             layer.draw(view, now_s)
         if view.map.grid is None:
             return
-        geometry = view.map.grid.geometry
-        bounds = (
-            geometry.origin_x_m,
-            geometry.origin_y_m,
-            geometry.origin_x_m + geometry.width * geometry.resolution_m,
-            geometry.origin_y_m + geometry.height * geometry.resolution_m,
-        )
+        bounds = bounds_of(view.map.grid.geometry)
         if bounds != self._bounds:
             self._bounds = bounds
             self._set_initial_camera()
@@ -132,7 +124,7 @@ class Scene:
         return Point2D(float(look_at[0]), float(look_at[1])), distance_m
 
     def forget(self, client_id: int) -> None:
-        """A browser has gone."""
+        """Drop the data of a browser that has disconnected."""
         self._framed.pop(client_id, None)
 
     def _move(self, client: viser.ClientHandle, elevation_rad: float) -> None:
