@@ -22,16 +22,8 @@ from robrain.coordinator.dashboard.html.html_words import (
 )
 from robrain.coordinator.dashboard.html.task_html import LONG_ID
 from robrain.coordinator.dashboard.panels.halt_control import NAMES_SHOWN, acknowledgements
+from robrain.coordinator.dashboard.state import headline
 from robrain.coordinator.dashboard.state.alerts import Alert, Level, alerts_of
-from robrain.coordinator.dashboard.state.headline import (
-    ROBOT_GRADES,
-    Grade,
-    agreement_grade,
-    headline_of,
-    judged_map,
-    map_grade,
-    vitals_of,
-)
 from robrain.coordinator.dashboard.state.robot_view import Condition, MoteView, RobotView
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.drawing.palette import battery_class, look_of, mote_class
@@ -40,7 +32,11 @@ ROWS = 200
 """Maximum number of rows of a table: more would slow a browser down."""
 ALERTS = 6
 LOG_LINES = 12
-GRADES: dict[Grade, tuple[str, str]] = {Grade.GOOD: ("●", "good"), Grade.WARN: ("◐", "warn"), Grade.BAD: ("▲", "bad")}
+GRADES: dict[headline.Grade, tuple[str, str]] = {
+    headline.Grade.GOOD: ("●", "good"),
+    headline.Grade.WARN: ("◐", "warn"),
+    headline.Grade.BAD: ("▲", "bad"),
+}
 """Symbol and CSS class of the headline's dot."""
 MOTE_SHAPES = ("◆", "▲", "■", "◇")
 MOTE_KINDS = ("good", "warn", "bad", "soft")
@@ -48,18 +44,18 @@ MOTE_KINDS = ("good", "warn", "bad", "soft")
 
 def strip_html(view: TeamView, now_s: float, troubles: Sequence[Alert] = ()) -> str:
     """The strip above all tabs: banners, the team's condition in one sentence, and alerts."""
-    vitals = vitals_of(view, now_s)
-    headline, counts = headline_of(vitals), vitals.conditions
+    vitals = headline.vitals_of(view, now_s)
+    overall, counts = headline.headline_of(vitals), vitals.conditions
     up = counts[Condition.UP]
     worst = next((condition for condition in Condition if counts[condition]), None)
-    shape, kind = GRADES[headline.grade]
-    if worst is not None and ROBOT_GRADES[worst] is headline.grade:
+    shape, kind = GRADES[overall.grade]
+    if worst is not None and headline.ROBOT_GRADES[worst] is overall.grade:
         shape, _, kind = CONDITIONS[worst]
     parts = [f"{up} of {len(view.robots)} robots up"]
     parts += [f"{counts[one]} {CONDITIONS[one][1]}" for one in Condition if counts[one] and one is not Condition.UP]
     if not view.robots:
         shape, kind, parts = "○", "soft", ["No robot has been heard yet"]
-    parts += [text(finding.words, 60) for finding in headline.findings]
+    parts += [text(finding.words, 60) for finding in overall.findings]
     share = view.explored_fraction
     if share is not None:
         parts.append(f"{100 * share:.0f} % explored")
@@ -97,10 +93,10 @@ def _accuracy_tiles(view: TeamView, now_s: float) -> list[str]:
     """Accuracy of map and positions: by the ground truth if there is one, else by the robots' reports."""
     kind = ""
     if view.truth is None:
-        vitals = vitals_of(view, now_s)
+        vitals = headline.vitals_of(view, now_s)
         agreement = vitals.least_agreement
         if math.isfinite(agreement):
-            kind = GRADES[agreement_grade(agreement)][1]
+            kind = GRADES[headline.agreement_grade(agreement)][1]
         return [
             tile("Lidar on map", "map-agreement", figure(100 * agreement, "{:.0f} %"), kind),
             tile("Lowest", "map-agreement-robot", text(vitals.least_agreement_robot, 20) or NONE),
@@ -108,8 +104,12 @@ def _accuracy_tiles(view: TeamView, now_s: float) -> list[str]:
             tile("Least certain", "position-robot", text(vitals.worst_sigma_robot, 20) or NONE),
         ]
     wrong = doubled_m = None
-    if (of_map := judged_map(view)) is not None:
-        wrong, doubled_m, kind = 100 * of_map.share_off, of_map.doubled_walls_m, GRADES[map_grade(of_map.share_off)][1]
+    if (of_map := headline.judged_map(view)) is not None:
+        wrong, doubled_m, kind = (
+            100 * of_map.share_off,
+            of_map.doubled_walls_m,
+            GRADES[headline.map_grade(of_map.share_off)][1],
+        )
     known = [robot.accuracy for robot in view.truth.robots if robot.accuracy is not None]
     error_m = max((each.error_m for each in known if each.error_m is not None), default=None)
     silent_s = sum(each.silent_divergence_s for each in known)

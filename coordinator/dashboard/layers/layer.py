@@ -42,7 +42,8 @@ class Layer(ABC):
         self._root = scene.add_frame(f"/{self.name}", show_axes=False, visible=self.shown_at_first)
         self._drawn_s: float | None = None
         self._wanted = self.shown_at_first
-        self._retry = Retry()
+        self.retry = Retry()
+        """Schedules the next drawing after an error."""
         self.needed = self.shown_at_first
         """Whether any browser shows it; if not, it is not drawn."""
 
@@ -64,11 +65,7 @@ class Layer(ABC):
     @property
     def failing(self) -> bool:
         """Whether the last drawing failed; the layer is hidden until one succeeds."""
-        return self._retry.failing
-
-    def retry_in_s(self, now_s: float) -> float:
-        """Time until the next attempt to draw a failing layer, seconds."""
-        return self._retry.wait_s(now_s)
+        return self.retry.failing
 
     def draw(self, view: TeamView, now_s: float) -> None:
         """Draw what changed, if drawing is due.
@@ -77,16 +74,16 @@ class Layer(ABC):
         """
         period_s = self.period_s * (SLOWER if len(view.robots) > MANY_ROBOTS else 1.0)
         is_time = self._drawn_s is None or now_s - self._drawn_s >= period_s
-        if not (self.needed and is_time and self._retry.is_due(now_s)):
+        if not (self.needed and is_time and self.retry.is_due(now_s)):
             return
         self._drawn_s = now_s
         try:
             self._draw(view, now_s)
         except Exception:  # viser may raise anything; the page and its halt must keep working
-            pause_s = self._retry.fail(now_s)
+            pause_s = self.retry.fail(now_s)
             logger.exception("the layer %s cannot be drawn; it is hidden, next try in %.0f s", self.label, pause_s)
         else:
-            if failures := self._retry.succeed():
+            if failures := self.retry.succeed():
                 logger.warning("the layer %s is drawn again after %d failures", self.label, failures)
         self._show()
 

@@ -73,7 +73,7 @@ def switches_of(client: viser.ClientHandle, layers: tuple[Layer, ...]) -> list[L
 def troubles_of(switches: Iterable[LayerSwitch], now_s: float) -> list[Alert]:
     """Alerts for the layers that one browser wants to show and that fail."""
     return [
-        Alert(Level.WARN, "Picture", f"{layer.label} cannot be drawn; next try in {layer.retry_in_s(now_s):.0f} s")
+        Alert(Level.WARN, "Picture", f"{layer.label} cannot be drawn; next try in {layer.retry.wait_s(now_s):.0f} s")
         for switch in switches
         for layer in switch.layers
         if switch.shown and layer.failing

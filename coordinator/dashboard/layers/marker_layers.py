@@ -10,16 +10,7 @@ from robrain.coordinator.dashboard.scene.scene_nodes import Labels, Rows, colors
 from robrain.coordinator.dashboard.state.focus import motes_in_focus
 from robrain.coordinator.dashboard.state.robot_view import MoteView, RobotView
 from robrain.coordinator.dashboard.state.team_view import TeamView
-from robrain.coordinator.drawing.palette import (
-    CHARGER,
-    CHARGER_PLATE,
-    FRONTIER,
-    MOTE_COLORS,
-    TASK_WAITING,
-    Rgb,
-    look_of,
-    mote_class,
-)
+from robrain.coordinator.drawing import palette
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.messages.offer_messages import TaskEvent
 
@@ -37,9 +28,12 @@ class ChargerLayer(MeshLayer):
 
     name, label, period_s = "chargers", "Chargers", 2.0
 
-    def _meshes(self, view: TeamView, now_s: float) -> dict[Rgb, Mesh]:
+    def _meshes(self, view: TeamView, now_s: float) -> dict[palette.Rgb, Mesh]:
         places = rows([(place.x_m, place.y_m, 0.0) for place in view.chargers])
-        return {CHARGER_PLATE: copies(cube(), places, rows([PLATE_M] * len(places))), CHARGER: copies(bolt(), places)}
+        return {
+            palette.CHARGER_PLATE: copies(cube(), places, rows([PLATE_M] * len(places))),
+            palette.CHARGER: copies(bolt(), places),
+        }
 
 
 class TaskLayer(MeshLayer):
@@ -61,12 +55,14 @@ class TaskLayer(MeshLayer):
             }
         )
 
-    def _meshes(self, view: TeamView, now_s: float) -> dict[Rgb, Mesh]:
+    def _meshes(self, view: TeamView, now_s: float) -> dict[palette.Rgb, Mesh]:
         pieces = []
         for event in _marked_tasks(view):
             place = rows([(event.task.place.x_m, event.task.place.y_m, 0.0)])
             robot = view.robots.get(event.robot)
-            color = look_of(robot.index).color if robot is not None and is_taken(event) else TASK_WAITING
+            color = (
+                palette.look_of(robot.index).color if robot is not None and is_taken(event) else palette.TASK_WAITING
+            )
             pieces.append((color, copies(PIN if is_taken(event) else FLAG, place)))
         return by_color(pieces)
 
@@ -92,11 +88,11 @@ class FrontierLayer(MeshLayer):
 
     name, label, period_s = "frontiers", "Frontiers", 1.0
 
-    def _meshes(self, view: TeamView, now_s: float) -> dict[Rgb, Mesh]:
+    def _meshes(self, view: TeamView, now_s: float) -> dict[palette.Rgb, Mesh]:
         frontiers = view.team.frontiers if view.team is not None else []
         sizes_m = [FRONTIER_SIZE_M * min(2.0, max(0.8, max(frontier.length_m, 0.0) ** 0.5)) for frontier in frontiers]
         places = rows([(frontier.place.x_m, frontier.place.y_m, 0.0) for frontier in frontiers])
-        return {FRONTIER: copies(diamond(1.0, 1.6), places, rows([(size_m,) * 3 for size_m in sizes_m]))}
+        return {palette.FRONTIER: copies(diamond(1.0, 1.6), places, rows([(size_m,) * 3 for size_m in sizes_m]))}
 
 
 MOTE_MESHES: tuple[tuple[Mesh, float], ...] = (
@@ -105,7 +101,7 @@ MOTE_MESHES: tuple[tuple[Mesh, float], ...] = (
     (cube(), 0.2),
     (diamond(0.09, 0.2), 1.0),
 )
-"""Shape and scale by `mote_class`: a diamond is well, a pyramid is low, a cube is nearly empty."""
+"""Shape and scale by `palette.mote_class`: a diamond is well, a pyramid is low, a cube is nearly empty."""
 
 
 class MoteLayer(MeshLayer):
@@ -113,14 +109,16 @@ class MoteLayer(MeshLayer):
 
     name, label, period_s = "motes", "Motes", 1.0
 
-    def _meshes(self, view: TeamView, now_s: float) -> dict[Rgb, Mesh]:
+    def _meshes(self, view: TeamView, now_s: float) -> dict[palette.Rgb, Mesh]:
         places: dict[int, list[tuple[float, float, float]]] = {}
         for mote in view.motes.values():
             if mote.place is not None:
-                kind = mote_class(mote.latest.voltage_v if mote.latest is not None else None)
+                kind = palette.mote_class(mote.latest.voltage_v if mote.latest is not None else None)
                 places.setdefault(kind, []).append((mote.place.x_m, mote.place.y_m, 0.0))
         return {
-            MOTE_COLORS[kind]: copies(MOTE_MESHES[kind][0], rows(at), rows([(MOTE_MESHES[kind][1],) * 3] * len(at)))
+            palette.MOTE_COLORS[kind]: copies(
+                MOTE_MESHES[kind][0], rows(at), rows([(MOTE_MESHES[kind][1],) * 3] * len(at))
+            )
             for kind, at in places.items()
         }
 
@@ -161,7 +159,7 @@ class ScanLayer(OwnLayer):
                 self._handle.remove()
                 self._handle = None
             return
-        color = to_linear(colors([look_of(robot.index).color]))[0]
+        color = to_linear(colors([palette.look_of(robot.index).color]))[0]
         self._handle = self.scene.add_point_cloud(
             self.node("points"), points, color, point_size=0.05, point_shape="circle", precision="float32"
         )

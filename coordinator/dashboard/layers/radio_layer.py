@@ -1,6 +1,6 @@
 """Radio links as lines: which robots and motes hear each other, how well, and which robots are relays.
 
-A stronger link is wider, and a weaker one has shorter dashes, so that they are told apart without their colour.
+A stronger link is wider, and a weaker one has shorter dashes, so that they are distinguishable without colours.
 """
 
 from typing import NamedTuple

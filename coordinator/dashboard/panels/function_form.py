@@ -113,7 +113,9 @@ def _field(path: tuple[str, ...], shape: Schema, required: bool) -> Field:
     kind, choices = _kind_of(shape)
     default = shape.get("default")
     shown = "" if default is None else default if isinstance(default, str) else msgspec.json.encode(default).decode()
-    hint = str(shape.get("description", "")) or (_example(shape) if kind is FieldKind.JSON else "")
+    hint = str(shape.get("description", ""))
+    if not hint and kind is FieldKind.JSON:
+        hint = "a list in JSON, such as [1, 2]" if shape.get("type") == "array" else "in JSON"
     return Field(path=path, kind=kind, required=required, choices=choices, default=shown, hint=hint)
 
 
@@ -174,7 +176,3 @@ def _expected(field: Field) -> str:
     if field.kind is FieldKind.CHOICE:
         return f"choice of {', '.join(field.choices)}"
     return {"integer": "whole number", "json": "value in JSON"}.get(field.kind.value, field.kind.value)
-
-
-def _example(shape: Schema) -> str:
-    return "a list in JSON, such as [1, 2]" if shape.get("type") == "array" else "in JSON"

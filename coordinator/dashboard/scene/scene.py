@@ -12,14 +12,7 @@ from robrain.coordinator.dashboard.layers.marker_layers import ChargerLayer, Fro
 from robrain.coordinator.dashboard.layers.radio_layer import RadioLayer
 from robrain.coordinator.dashboard.layers.robot_layers import CertaintyLayer, NameLayer, RobotLayer, TruthLayer
 from robrain.coordinator.dashboard.layers.track_layers import PathLayer, TrailLayer
-from robrain.coordinator.dashboard.scene.camera import (
-    FOV_RAD,
-    OVERVIEW_ELEVATION_RAD,
-    TOP_ELEVATION_RAD,
-    Bounds,
-    bounds_of,
-    stand_to_see,
-)
+from robrain.coordinator.dashboard.scene import camera
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.model.geometry import Point2D
 
@@ -40,7 +33,7 @@ LAYERS: tuple[type[Layer], ...] = (
     TruthLayer,
 )
 """Layers that are drawn once for all browsers, in the order of their checkboxes."""
-EMPTY_BOUNDS: Bounds = (-6.0, -5.0, 6.0, 5.0)
+EMPTY_BOUNDS: camera.Bounds = (-6.0, -5.0, 6.0, 5.0)
 """Shown until there is a map."""
 EXPECTED_ASPECT = 1.1
 """Aspect ratio of the picture beside the panel on a laptop's screen, for browsers that have not reported theirs."""
@@ -58,7 +51,7 @@ SAME_PLACE_M = 0.01
 class Framed(NamedTuple):
     """How the map was framed for a browser."""
 
-    bounds: Bounds
+    bounds: camera.Bounds
     aspect: float
     elevation_rad: float
     position: tuple[float, float, float]
@@ -75,7 +68,7 @@ class Scene:
         self._bounds = EMPTY_BOUNDS
         self._view: TeamView | None = None
         self._framed: dict[int, Framed] = {}
-        server.initial_camera.fov = FOV_RAD
+        server.initial_camera.fov = camera.FOV_RAD
         self._set_initial_camera()
 
     def draw(self, view: TeamView, now_s: float) -> None:
@@ -88,18 +81,18 @@ class Scene:
             layer.draw(view, now_s)
         if view.map.grid is None:
             return
-        bounds = bounds_of(view.map.grid.geometry)
+        bounds = camera.bounds_of(view.map.grid.geometry)
         if bounds != self._bounds:
             self._bounds = bounds
             self._set_initial_camera()
 
     def show_overview(self, client: viser.ClientHandle) -> None:
         """Move one browser's camera to where the whole map is seen from the side and above."""
-        self._move(client, OVERVIEW_ELEVATION_RAD)
+        self._move(client, camera.OVERVIEW_ELEVATION_RAD)
 
     def show_top(self, client: viser.ClientHandle) -> None:
         """Move one browser's camera above the map, +y up."""
-        self._move(client, TOP_ELEVATION_RAD)
+        self._move(client, camera.TOP_ELEVATION_RAD)
 
     def keep_framed(self, client: viser.ClientHandle) -> None:
         """Frame a new map, or the same one if the window's aspect ratio changed and nobody moved the camera."""
@@ -130,18 +123,18 @@ class Scene:
     def _move(self, client: viser.ClientHandle, elevation_rad: float) -> None:
         aspect = aspect_of(client)
         covered = COVERED_UPRIGHT if aspect < UPRIGHT else COVERED
-        stand = stand_to_see(self._bounds, elevation_rad, aspect, covered=covered)
+        stand = camera.stand_to_see(self._bounds, elevation_rad, aspect, covered=covered)
         self._framed[client.client_id] = Framed(
             self._bounds, aspect, elevation_rad, stand.position, math.dist(stand.position, stand.look_at)
         )
         with client.atomic():
-            client.camera.fov = FOV_RAD
+            client.camera.fov = camera.FOV_RAD
             client.camera.position = stand.position
             client.camera.look_at = stand.look_at
             client.camera.up_direction = (0.0, 0.0, 1.0)
 
     def _set_initial_camera(self) -> None:
-        stand = stand_to_see(self._bounds, OVERVIEW_ELEVATION_RAD, EXPECTED_ASPECT, covered=COVERED)
+        stand = camera.stand_to_see(self._bounds, camera.OVERVIEW_ELEVATION_RAD, EXPECTED_ASPECT, covered=COVERED)
         self._server.initial_camera.position = stand.position
         self._server.initial_camera.look_at = stand.look_at
 

@@ -19,7 +19,7 @@ class Level(StrEnum):
 
 
 class Alert(NamedTuple):
-    """One line; its strings came over the wire, and are not escaped."""
+    """One line; its strings come from the wire and are not escaped."""
 
     level: Level
     subject: str

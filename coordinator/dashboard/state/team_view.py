@@ -303,7 +303,7 @@ class TeamView:
         self.runs += 1
         self.map = MapView()
         self.motes.clear()
-        self.board.clear()
+        self.board = TaskBoard()
         self.log.clear()
         self.explored.clear()
         self._explored_step_s = HISTORY_STEP_S
