@@ -23,7 +23,7 @@ FOLDERS = ("agent", "client", "coordinator", "deploy", "plugins", "protocol", "s
 MAX_LINES = 500
 GENERATED = ("docs/reference/topics.md",)
 """As long as the table that it is printed from."""
-WITHOUT_CIRCLES = ("agent", "deploy", "plugins", "protocol", "sim")
+WITHOUT_CIRCLES = ("agent", "coordinator", "deploy", "plugins", "protocol", "sim")
 """Packages in which no module may import itself by way of others."""
 SETUPTOOLS_WITH_LICENSE_EXPRESSIONS = 77
 

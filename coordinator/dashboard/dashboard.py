@@ -1,14 +1,15 @@
-"""The dashboard: hears what the team says, or what a recording tells, and draws it for browsers."""
+"""The dashboard: draws a team, or a recording of one, for browsers."""
 
 import logging
+import time
 from collections import deque
 from collections.abc import Callable
+from typing import Any
 
 import viser
 
 from robrain.coordinator.dashboard.panels.halt_control import HaltControl
-from robrain.coordinator.dashboard.panels.key_commands import add_commands
-from robrain.coordinator.dashboard.panels.page import ClientPage
+from robrain.coordinator.dashboard.panels.page import ClientPage, set_theme
 from robrain.coordinator.dashboard.panels.page_context import Inquiries, PageContext
 from robrain.coordinator.dashboard.replay.replay_bar import ReplayBar
 from robrain.coordinator.dashboard.replay.replay_source import ReplaySource
@@ -21,18 +22,29 @@ from robrain.protocol.wire.endpoint import Endpoint
 
 logger = logging.getLogger(__name__)
 
+PERIOD_S = 0.1
 UNWATCHED_PERIOD_S = 1.0
-"""With no browser looking on, the picture is only kept fit for one that comes."""
-HALT_PERIOD_S = 0.5
+"""Period of drawing without a browser, so that the first one finds a current picture."""
+PANEL_PX = 440
+PageAction = Callable[[ClientPage], None]
+COMMANDS: tuple[tuple[str, Any, PageAction], ...] = (
+    ("Camera: overview", "O", lambda page: page.looks.overview()),
+    ("Camera: from above", "T", lambda page: page.looks.top()),
+    ("Camera: follow the selected robot", "F", lambda page: page.looks.set_follow(not page.follows)),
+    ("Select the next robot", "N", lambda page: page.select_next(1)),
+    ("Select the previous robot", "P", lambda page: page.select_next(-1)),
+    ("Dark or light", "L", lambda page: page.set_dark(not page.dark)),
+)
+"""Commands of the palette (Ctrl+K), with their keys."""
 
 
 class Dashboard:
-    """A web page on a team, for any number of browsers.
+    """A web page on a team or a recording, for any number of browsers.
 
     Its owner calls `step()` about ten times a second, and `close()` at the end; the endpoint stays the owner's.
 
     Args:
-        team: where the team is heard, asked and halted: a Zenoh client like any other; or a recording to look at.
+        team: endpoint of a live team; or a recording.
         host: address to serve the page on. There is no log-in: anyone who reaches it can halt and resume the team.
         port: 0 takes a free one.
 
@@ -44,66 +56,64 @@ class Dashboard:
     def __init__(self, team: Endpoint | ReplaySource, *, host: str = "127.0.0.1", port: int = 8080) -> None:
         self._host = host
         self._server = open_server(host, port, has_halt=isinstance(team, Endpoint))
-        self._server.gui.configure_theme(
-            dark_mode=True, show_logo=False, show_share_button=False, control_width="large"
-        )
+        set_theme(self._server.gui, dark=True)
         self._server.gui.set_panel_label("robrain")
         self._server.gui.main_panel.set_width(PANEL_PX)
         self._scene = Scene(self._server)
-        self._halt: HaltControl | None = None
-        self._asker: Asker | None = None
-        self._replay: ReplayBar | None = None
+        halt: HaltControl | None = None
+        replay: ReplayBar | None = None
         if isinstance(team, Endpoint):
             self._source: LiveSource | ReplaySource = LiveSource(team)
-            self._halt = HaltControl(self._server, team)
-            self._asker = Asker(team)
+            halt = HaltControl(self._server, team)
+            asker = Asker(team)
         else:
             self._source = team
-            self._replay = ReplayBar(self._server, team)
-        inquiries = Inquiries(self.view, self._asker) if self._asker is not None else None
-        self._context = PageContext(self.view, self._scene, self._asker, inquiries, self._replay, self._halt)
+            replay = ReplayBar(self._server, team)
+            asker = Asker(None)
+        self._context = PageContext(self.view, self._scene, asker, Inquiries(self.view, asker), replay, halt)
         self._pages: dict[int, ClientPage] = {}
-        self._come: deque[viser.ClientHandle] = deque()
+        self._connected: deque[viser.ClientHandle] = deque()
         self._drawn_s: float | None = None
-        self._halt_s: float | None = None
-        self._beat = 0
-        self._server.on_client_connect(self._come.append)
+        self._server.on_client_connect(self._connected.append)
         self._server.scene.on_click()(self._click)
-        add_commands(self._server, self._pages)
+        for label, key, act in COMMANDS:
+            self._server.gui.add_command(label, hotkey=key).on_trigger(self._trigger(act))
 
     @property
     def view(self) -> TeamView:
-        """What is known."""
+        """The known state of the team."""
         return self._source.view
 
     @property
     def url(self) -> str:
-        """Where the page is to be found."""
+        """Address of the page."""
         host = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(self._host, self._host)
         return f"http://{host}:{self._server.get_port()}"
 
     def step(self, now_s: float) -> None:
-        """Take in what arrived and draw what changed; waits neither for the team nor for a browser.
+        """Process what arrived and draw what changed; waits neither for the team nor for a browser.
 
         Args:
             now_s: seconds of a monotonic clock.
 
         """
         self._source.hear(now_s)
-        view = self._context.view = self._source.view
-        self._meet_clients()
+        context = self._context
+        view = context.view = self._source.view
+        self._update_clients()
         view.selected = frozenset(page.selected for page in self._pages.values())
-        if self._asker is not None and self._context.inquiries is not None:
-            self._context.inquiries.step([name for name in view.selected if name], now_s)
-            self._asker.deliver()
+        if context.is_live:
+            context.inquiries.step([name for name in view.selected if name], now_s)
+            context.asker.deliver()
         if self._pages or self._drawn_s is None or now_s - self._drawn_s >= UNWATCHED_PERIOD_S:
             self._drawn_s = now_s
-            self._note_what_is_looked_at()
+            self._find_needed_layers()
             with self._server.atomic():
                 self._scene.draw(view, now_s)
-                self._draw_halt(view, now_s)
-                if self._replay is not None:
-                    self._replay.draw(now_s)
+                if context.halt is not None:
+                    context.halt.draw(view, now_s)
+                if context.replay is not None:
+                    context.replay.draw(now_s)
             for page in self._pages.values():
                 self._step_page(page, now_s)
 
@@ -111,13 +121,12 @@ class Dashboard:
         """Stop serving the page."""
         for page in self._pages.values():
             page.close()
-        if self._asker is not None:
-            self._asker.close()
+        self._context.asker.close()
         self._source.close()
         close_server(self._server)
 
-    def _note_what_is_looked_at(self) -> None:
-        """A layer that nobody shows is not drawn; with nobody there, those are that the next one will see."""
+    def _find_needed_layers(self) -> None:
+        """Draw only the layers that a browser shows; without a browser, those that are shown at first."""
         seen = {switch.layer for page in self._pages.values() for switch in page.switches if switch.shown}
         for layer in self._scene.layers:
             layer.needed = layer in seen if self._pages else layer.wanted
@@ -137,21 +146,12 @@ class Dashboard:
             if failures := page.retry.succeed():
                 logger.warning("the browser's page is updated again after %d failures", failures)
 
-    def _draw_halt(self, view: TeamView, now_s: float) -> None:
-        if self._halt is None:
-            return
-        self._halt.connected = view.connected
-        if self._halt_s is None or now_s - self._halt_s >= HALT_PERIOD_S:
-            self._halt_s = now_s
-            self._beat += 1
-            self._halt.draw(view, self._beat)
-
-    def _meet_clients(self) -> None:
+    def _update_clients(self) -> None:
         there = self._server.get_clients()
         for client_id in [client_id for client_id in self._pages if client_id not in there]:
             self._pages.pop(client_id).close()
-        while self._come:
-            client = self._come.popleft()
+        while self._connected:
+            client = self._connected.popleft()
             if client.client_id not in there:
                 continue
             try:
@@ -161,13 +161,44 @@ class Dashboard:
                 logger.exception("a browser's page cannot be built; reload it")
 
     def _click(self, event: viser.SceneClickEvent) -> None:
-        page = self._pages.get(event.client_id)
+        self._post(event.client_id, lambda page: page.click_floor(event.ray_origin, event.ray_direction))
+
+    def _trigger(self, act: PageAction) -> Callable[[viser.CommandEvent], None]:
+        return lambda event: self._post(event.client_id, act)
+
+    def _post(self, client_id: int | None, act: PageAction) -> None:
+        """Queue an action on the page of the browser in which it was triggered."""
+        page = self._pages.get(client_id) if client_id is not None else None
         if page is not None:
-            page.post(_clicked(page, event))
+            page.post(lambda: act(page))
 
 
-PANEL_PX = 440
+def run_dashboard(
+    team: Endpoint | ReplaySource,
+    host: str,
+    port: int,
+    on_ready: Callable[[str], None],
+    should_stop: Callable[[], bool],
+) -> None:
+    """Serve the dashboard until `should_stop`, stepping it ten times a second.
 
+    Args:
+        team: endpoint of a live team, which stays open; or a recording, which is closed.
+        host: address to serve on.
+        port: 0 takes a free one.
+        on_ready: called with the page's address once it is served.
+        should_stop: called before each step.
 
-def _clicked(page: ClientPage, event: viser.SceneClickEvent) -> Callable[[], None]:
-    return lambda: page.click_floor(event.ray_origin, event.ray_direction)
+    Raises:
+        PortTaken: another process listens on `port`.
+        WireError: `host` is not an address of this computer.
+    """
+    dashboard = Dashboard(team, host=host, port=port)
+    try:
+        on_ready(dashboard.url)
+        while not should_stop():
+            started_s = time.monotonic()
+            dashboard.step(started_s)
+            time.sleep(max(0.0, PERIOD_S - (time.monotonic() - started_s)))
+    finally:
+        dashboard.close()

@@ -19,7 +19,7 @@ BLUE, ORANGE = css(ROBOT_COLORS[1]), css(ROBOT_COLORS[0])
 
 
 class RobotCharts:
-    """Four charts over the last ten minutes. The second line of each is dashed, to be told apart without colours."""
+    """Four charts over the last ten minutes. The second line of each is dashed: visible without colours."""
 
     LAYOUT: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
         ("Battery (%)", (("soc_percent", "charge"),)),

@@ -1,8 +1,8 @@
-"""Who does what when, as a picture: what each robot did, what it is at, and what is foreseen for it."""
+"""A Gantt chart as SVG: past, current and planned tasks and charges of each robot."""
 
 from typing import NamedTuple
 
-from robrain.coordinator.dashboard.html.html_words import natural_key, span_text, text
+from robrain.coordinator.dashboard.html.html_words import natural_key, note, span_text, text
 from robrain.coordinator.dashboard.state.robot_view import RobotView
 from robrain.coordinator.dashboard.state.task_board import PLANNED_S, Span
 from robrain.coordinator.dashboard.state.team_view import TeamView
@@ -10,10 +10,10 @@ from robrain.coordinator.drawing.palette import CHARGER_PLATE, css, look_of
 from robrain.protocol.model.tasks.task import TaskState
 
 GANTT_S = 300.0
-"""What has been is shown for so long."""
+"""Length of the past that is shown."""
 SHORTEST_S = 60.0
 LONGEST_S = 1800.0
-"""Of what is foreseen."""
+"""Maximum length of the future that is shown."""
 GANTT_ROBOTS = 40
 WIDTH, ROW, LEFT = 396, 17, 44
 LEGEND = (
@@ -23,14 +23,14 @@ LEGEND = (
 
 
 class Foreseen(NamedTuple):
-    """What is expected of one robot; stamps of the run's clock."""
+    """A planned task or charge of one robot; stamps of the run's clock."""
 
     start_ns: int
     end_ns: int
     title: str
-    """Of the wire: not escaped."""
+    """From the wire: not escaped."""
     is_held: bool = False
-    """The robot has it already, and begins it by itself."""
+    """The robot has the task already, and starts it by itself."""
     is_charge: bool = False
 
 
@@ -38,7 +38,7 @@ def gantt_html(view: TeamView) -> str:
     """A row for each robot, over the run's time."""
     robots = sorted(view.robots.values(), key=lambda robot: natural_key(robot.name))[:GANTT_ROBOTS]
     if not robots or not view.board.spans:
-        return '<div class="rb"><div class="rb-none">No robot has had a task yet.</div></div>'
+        return note("No robot has had a task yet.")
     now_ns = max([view.board.newest_ns, *(robot.state.stamp_ns for robot in robots if robot.state is not None)])
     expected = {robot.name: foreseen(view, robot, now_ns) for robot in robots}
     until_s = max([60.0, *((entry.end_ns - now_ns) / 1e9 for entries in expected.values() for entry in entries)])
@@ -76,7 +76,7 @@ def gantt_html(view: TeamView) -> str:
 
 
 def foreseen(view: TeamView, robot: RobotView, now_ns: int) -> list[Foreseen]:
-    """The rest of what a robot is at, the task that it holds ready, what is planned for it, and when it charges."""
+    """The rest of a robot's current task, its next task, its planned tasks, and its charges."""
     found: list[Foreseen] = []
     state = robot.state
     free_ns = now_ns

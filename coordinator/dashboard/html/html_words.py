@@ -1,5 +1,7 @@
-"""Small pieces that all of the page's HTML is made of. Every string that came over the wire goes through `text`."""
+"""The elements of the page's HTML. Every string from the wire goes through `text`."""
 
+import math
+import re
 from html import escape
 
 from robrain.coordinator.dashboard.state.robot_view import Condition
@@ -16,32 +18,38 @@ CONDITIONS: dict[Condition, tuple[str, str, str]] = {
     Condition.SILENT: ("◐", "silent", "warn"),
     Condition.LOST: ("✕", "lost", "bad"),
 }
-"""Shape, word and class of each: told apart without colours."""
+"""Shape, word and class of each: distinguishable without colours."""
 
-TASK_SHAPES: dict[TaskState, str] = {
-    TaskState.QUEUED: "○",
-    TaskState.OFFERED: "◔",
-    TaskState.RUNNING: "▶",
-    TaskState.LOST_CONTACT: "◐",
-    TaskState.DONE: "✓",
-    TaskState.FAILED: "✕",
-    TaskState.CANCELLED: "⊘",
+TASK_STATES: dict[TaskState, tuple[str, str]] = {
+    TaskState.QUEUED: ("○", "soft"),
+    TaskState.OFFERED: ("◔", "soft"),
+    TaskState.RUNNING: ("▶", "good"),
+    TaskState.LOST_CONTACT: ("◐", "warn"),
+    TaskState.DONE: ("✓", "good"),
+    TaskState.FAILED: ("✕", "bad"),
+    TaskState.CANCELLED: ("⊘", "soft"),
 }
-TASK_CLASSES: dict[TaskState, str] = {
-    TaskState.DONE: "good",
-    TaskState.RUNNING: "good",
-    TaskState.FAILED: "bad",
-    TaskState.LOST_CONTACT: "warn",
-}
+"""Shape and class of each."""
+CLOSE_MARK = '<div class="rb-close-mark"></div>'
+"""Marks the close button of a window, which follows it; Escape presses that button."""
 
 
 def text(value: str, longest: int = 160) -> str:
-    """A string of the wire as HTML text or attribute value, cut off where it is too long.
+    """A string from the wire as HTML text or attribute value, truncated if too long.
 
     >>> text("<b>")
     '&lt;b&gt;'
     """
     return escape(value if len(value) <= longest else value[: longest - 1] + "…")
+
+
+def figure(value: float | None, form: str) -> str:
+    """A figure in a format such as `{:.1f} m`; a dash if it is not known.
+
+    >>> figure(1.25, "{:.1f} m"), figure(None, "{:.1f} m")
+    ('1.2 m', '–')
+    """
+    return NONE if value is None or math.isnan(value) else form.format(value)
 
 
 def tile(label: str, testid: str, value: str, kind: str = "") -> str:
@@ -50,8 +58,14 @@ def tile(label: str, testid: str, value: str, kind: str = "") -> str:
     return f'<div class="rb-tile"><span>{label}</span><b data-testid="{testid}"{css_class}>{value}</b></div>'
 
 
+def note(words: str, testid: str = "") -> str:
+    """A note in place of an empty table."""
+    mark = f' data-testid="{testid}"' if testid else ""
+    return f'<div class="rb"><div class="rb-none"{mark}>{words}</div></div>'
+
+
 def banner(testid: str, html: str) -> str:
-    """What nobody may overlook."""
+    """A conspicuous warning."""
     return f'<div class="rb-banner" data-testid="{testid}">{html}</div>'
 
 
@@ -63,8 +77,8 @@ def condition_html(condition: Condition) -> str:
 
 def task_state_html(state: TaskState) -> str:
     """A task's state as shape and word."""
-    kind = TASK_CLASSES.get(state, "soft")
-    return f'<span class="rb-{kind}">{TASK_SHAPES[state]} {state.value.replace("_", " ")}</span>'
+    shape, kind = TASK_STATES[state]
+    return f'<span class="rb-{kind}">{shape} {state.value.replace("_", " ")}</span>'
 
 
 def colored(shape: str, color: Rgb) -> str:
@@ -84,7 +98,7 @@ def clock_text(time_s: float) -> str:
 
 
 def span_text(time_s: float) -> str:
-    """A duration in the unit that people would use.
+    """A duration in s, min or h.
 
     >>> span_text(42.0), span_text(500.0), span_text(9000.0)
     ('42 s', '8 min', '2.5 h')
@@ -100,14 +114,5 @@ def natural_key(name: str) -> list[tuple[int, str]]:
     >>> sorted(["r10", "r2"], key=natural_key)
     ['r2', 'r10']
     """
-    parts: list[tuple[int, str]] = []
-    digits = ""
-    for char in [*name, ""]:
-        if char.isdecimal():
-            digits += char
-            continue
-        if digits:
-            parts.append((int(digits), ""))
-            digits = ""
-        parts.append((-1, char))
-    return parts
+    parts = re.findall(r"\d+|\D", name)
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]

@@ -1,14 +1,25 @@
-"""One robot as HTML: its card, its plugins by level, its events. Every string that came over the wire is escaped."""
+"""One robot as HTML: its card, plugins by level, and events. Every string from the wire is escaped."""
+
+import math
 
 import msgspec
 
-from robrain.coordinator.dashboard.html.html_words import NONE, colored, condition_html, span_text, text, tile
+from robrain.coordinator.dashboard.html.html_words import (
+    NONE,
+    colored,
+    condition_html,
+    figure,
+    note,
+    span_text,
+    text,
+    tile,
+)
 from robrain.coordinator.dashboard.html.panel_html import task_text
 from robrain.coordinator.dashboard.state.robot_view import RobotView
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.drawing.palette import battery_class, look_of
 from robrain.protocol.model.localization.pose_accuracy import position_sigma_m
-from robrain.protocol.wire.messages.plugin_messages import PluginInfo
+from robrain.protocol.wire.messages.plugin_messages import FunctionInfo, PluginInfo
 
 LEVELS = ("device", "unit", "skill", "behavior")
 STATES: dict[str, tuple[str, str]] = {
@@ -27,35 +38,32 @@ WHY = 8000
 
 
 def robot_card_html(view: TeamView, robot: RobotView, now_s: float) -> str:
-    """How a robot is, in figures."""
+    """A robot's state in figures."""
     state, pose = robot.state, robot.pose
     look = look_of(robot.index)
-    battery, lasts = NONE, NONE
-    kind = ""
-    if state is not None and state.battery is not None:
-        kind = battery_class(state.battery.soc)
-        battery = f"{100 * state.battery.soc:.0f} %" + (" ⚡" if state.battery.charging else "")
-    if robot.endurance_s is not None:
-        lasts = span_text(robot.endurance_s)
-    sigma_m = position_sigma_m(state.pose_covariance) if state is not None else float("nan")
-    speed = NONE
-    if state is not None:
-        speed = f"{(state.velocity.forward_m_s**2 + state.velocity.left_m_s**2) ** 0.5:.2f} m/s"
-    place = NONE if pose is None else f"{pose.x_m:.1f}, {pose.y_m:.1f}"
     name = text(robot.name)
     title = (
         f'<div class="rb-sentence">{colored(look.shape, look.color)}<span data-testid="selected-robot">{name}</span>'
         f"{condition_html(robot.condition(now_s))}</div>"
     )
+    battery = state.battery if state is not None else None
+    charge, kind, power_w = NONE, "", None
+    if battery is not None:
+        charge, kind = f"{100 * battery.soc:.0f} %" + (" ⚡" if battery.charging else ""), battery_class(battery.soc)
+        power_w = battery.voltage_v * battery.current_a
+    speed_m_s = sigma_m = None
+    if state is not None:
+        speed_m_s = (state.velocity.forward_m_s**2 + state.velocity.left_m_s**2) ** 0.5
+        sigma_m = position_sigma_m(state.pose_covariance)
     tiles = [
-        tile("Battery", "card-battery", battery, kind),
-        tile("Time left", "card-endurance", lasts),
-        tile("Speed", "card-speed", speed),
-        tile("x, y (m)", f"robot-{name}-place", place),
+        tile("Battery", "card-battery", charge, kind),
+        tile("Time left", "card-endurance", NONE if robot.endurance_s is None else span_text(robot.endurance_s)),
+        tile("Speed", "card-speed", figure(speed_m_s, "{:.2f} m/s")),
+        tile("x, y (m)", f"robot-{name}-place", NONE if pose is None else f"{pose.x_m:.1f}, {pose.y_m:.1f}"),
         tile("Behavior", "card-behavior", text(state.behavior, 20) or NONE if state is not None else NONE),
-        tile("Position", "card-sigma", f"± {sigma_m:.2f} m" if sigma_m == sigma_m else NONE),
-        tile("Power", "card-power", _power(robot)),
-        tile("Heading", "card-heading", NONE if pose is None else f"{pose.yaw_rad * 57.29578:.0f}°"),
+        tile("Position", "card-sigma", figure(sigma_m, "± {:.2f} m")),
+        tile("Power", "card-power", figure(power_w, "{:.1f} W")),
+        tile("Heading", "card-heading", NONE if pose is None else f"{math.degrees(pose.yaw_rad):.0f}°"),
         *_accuracy_tiles(robot),
     ]
     return (
@@ -66,21 +74,23 @@ def robot_card_html(view: TeamView, robot: RobotView, now_s: float) -> str:
 
 
 def _accuracy_tiles(robot: RobotView) -> list[str]:
-    """Accuracy of its position: by the ground truth if there is one, and by its own scans."""
-    agrees = robot.state.map_agreement if robot.state is not None else None
-    told = robot.truth.accuracy if robot.truth is not None else None
-    tiles = [tile("Lidar on map", "card-agreement", NONE if agrees is None else f"{100 * agrees:.0f} %")]
-    if told is not None:
-        off = "bad" if told.silent_for_s > 0 else ""
-        in_band = NONE if told.nees_in_band is None else f"{100 * told.nees_in_band:.0f} %"
-        silent_s = told.silent_divergence_s
+    """Accuracy of its position: by its own scans, and by the ground truth if there is one."""
+    agreement = robot.state.map_agreement if robot.state is not None else None
+    percent = None if agreement is None else 100 * agreement
+    tiles = [tile("Lidar on map", "card-agreement", figure(percent, "{:.0f} %"))]
+    known = robot.truth.accuracy if robot.truth is not None else None
+    if known is not None:
+        in_band = None if known.nees_in_band is None else 100 * known.nees_in_band
+        silent_s = known.silent_divergence_s
         tiles += [
-            tile("True error", "card-error", NONE if told.error_m is None else f"{told.error_m:.2f} m", off),
-            tile("RMSE", "card-rmse", NONE if told.rmse_m is None else f"{told.rmse_m:.2f} m"),
-            tile("Largest error", "card-largest", NONE if told.max_error_m is None else f"{told.max_error_m:.2f} m"),
-            tile("NEES", "card-nees", NONE if told.nees is None else f"{told.nees:.1f}"),
-            tile("NEES in 95 %", "card-nees-in-band", in_band),
-            tile("Time lost", "card-lost", f"{told.lost_s:.1f} s"),
+            tile(
+                "True error", "card-error", figure(known.error_m, "{:.2f} m"), "bad" if known.silent_for_s > 0 else ""
+            ),
+            tile("RMSE", "card-rmse", figure(known.rmse_m, "{:.2f} m")),
+            tile("Largest error", "card-largest", figure(known.max_error_m, "{:.2f} m")),
+            tile("NEES", "card-nees", figure(known.nees, "{:.1f}")),
+            tile("NEES in 95 %", "card-nees-in-band", figure(in_band, "{:.0f} %")),
+            tile("Time lost", "card-lost", f"{known.lost_s:.1f} s"),
             tile("Silent divergence", "card-silent", f"{silent_s:.1f} s", "bad" if silent_s > 0 else ""),
         ]
     return tiles
@@ -88,10 +98,8 @@ def _accuracy_tiles(robot: RobotView) -> list[str]:
 
 def plugins_html(plugins: list[PluginInfo], selected: str, problem: str) -> str:
     """The plugins with state and holder, behaviors first as they stand on skills; a click on one selects."""
-    if problem:
-        return f'<div class="rb"><div class="rb-none" data-testid="no-plugins">{text(problem)}</div></div>'
-    if not plugins:
-        return '<div class="rb"><div class="rb-none" data-testid="no-plugins">Not asked yet.</div></div>'
+    if problem or not plugins:
+        return note(text(problem) or "Not asked yet.", "no-plugins")
     parts = []
     levels = [*LEVELS, *sorted({plugin.level for plugin in plugins} - set(LEVELS))]
     for level in reversed(levels):
@@ -103,20 +111,18 @@ def plugins_html(plugins: list[PluginInfo], selected: str, problem: str) -> str:
 
 
 def plugin_card_html(plugin: PluginInfo | None) -> str:
-    """The selected plugin in words."""
+    """The details of the selected plugin."""
     if plugin is None:
-        return '<div class="rb"><div class="rb-none">Click on a plugin.</div></div>'
+        return note("Click on a plugin.")
     is_long = "\n" in plugin.why or len(plugin.why) > SHORT
     short = plugin.why.strip().rpartition("\n")[2] if is_long else plugin.why
+    period_s = plugin.period_s
     lines = [
         ("State", f"{plugin.state}{f': {short}' if short else ''}"),
         ("Held by", plugin.holder or "none"),
         ("Callable by", ", ".join(plugin.visibility) or "none"),
         ("Requires", ", ".join(plugin.requires) or "none"),
-        (
-            "Period",
-            "none" if plugin.period_s is None else f"{1000 * plugin.period_s:.0f} ms, {plugin.overruns} overruns",
-        ),
+        ("Period", "none" if period_s is None else f"{1000 * period_s:.0f} ms, {plugin.overruns} overruns"),
     ]
     if plugin.restarts:
         lines.append(("Restarts", f"{plugin.restarts} after faults"))
@@ -126,11 +132,22 @@ def plugin_card_html(plugin: PluginInfo | None) -> str:
         f'<tr><td style="width: 24%" class="rb-soft">{label}</td><td style="white-space: normal">{text(said)}</td></tr>'
         for label, said in lines
     )
-    doc = text(plugin.doc.strip().partition("\n")[0])
+    doc = text(first_line(plugin.doc))
     return (
         f'<div class="rb"><div data-testid="plugin-card"><b>{text(plugin.name)}</b> {doc}</div>'
         f"<table>{rows}</table>{error_html(plugin.detail or plugin.why) if is_long or plugin.detail else ''}</div>"
     )
+
+
+def function_html(function: FunctionInfo) -> str:
+    """A function's signature, and the first line of its docstring."""
+    doc = text(first_line(function.doc), 300)
+    return f'<div class="rb"><b>{text(function.name + function.signature)}</b><br>{doc}</div>'
+
+
+def first_line(doc: str) -> str:
+    """The first line of a docstring."""
+    return doc.strip().partition("\n")[0]
 
 
 def error_html(why: str) -> str:
@@ -141,20 +158,20 @@ def error_html(why: str) -> str:
 
 
 def events_html(robot: RobotView) -> str:
-    """The last events that left the robot, the newest first."""
+    """The robot's last events, the newest first."""
     events = list(robot.events)[-EVENTS:][::-1]
     if not events:
-        return '<div class="rb"><div class="rb-none">No event has left this robot yet.</div></div>'
+        return note("No event has left this robot yet.")
     rows = "".join(
         f'<div class="rb-alert"><b>{text(event.plugin, 30)}.{text(event.event, 30)}</b>'
-        f'<span class="rb-soft">{text(value_text(event.value))}</span></div>'
+        f'<span class="rb-soft">{text(msgspec.json.encode(event.value).decode())}</span></div>'
         for event in events
     )
     return f'<div class="rb rb-log" data-testid="events">{rows}</div>'
 
 
 def result_html(function: str, reply: bytes, error: str) -> str:
-    """What came of a call."""
+    """The result of a call."""
     if error:
         said = f"{text(function)}: {text(error, WHY)}"
         return f'<div class="rb"><pre class="rb-bad" data-testid="call-result">✕ {said}</pre></div>'
@@ -163,11 +180,6 @@ def result_html(function: str, reply: bytes, error: str) -> str:
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         said = f"{len(reply)} bytes"
     return f'<div class="rb"><pre data-testid="call-result">✓ {text(function)}: {text(said, 4000)}</pre></div>'
-
-
-def value_text(value: object) -> str:
-    """A value of the wire in one line."""
-    return msgspec.json.encode(value).decode()
 
 
 def _chip(plugin: PluginInfo, selected: str) -> str:
@@ -190,8 +202,3 @@ def _faults_html(robot: RobotView) -> str:
         f"<b>▲ {text(fault.plugin, 40)} does not run</b></div>{error_html(fault.why) if fault.why else ''}"
         for fault in faults[:FAULTS]
     )
-
-
-def _power(robot: RobotView) -> str:
-    battery = robot.state.battery if robot.state is not None else None
-    return NONE if battery is None else f"{battery.voltage_v * battery.current_a:.1f} W"

@@ -1,15 +1,23 @@
-"""Tasks as HTML: the queue, and why. Every string that came over the wire is escaped."""
+"""Tasks as HTML: the queue, and explanations. Every string from the wire is escaped."""
 
 import re
 
-from robrain.coordinator.dashboard.html.html_words import NONE, clock_text, span_text, task_state_html, text
+from robrain.coordinator.dashboard.html.html_words import (
+    NONE,
+    clock_text,
+    figure,
+    note,
+    span_text,
+    task_state_html,
+    text,
+)
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.messages.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.task_messages import RobotVerdict, TaskWhy
 
 LONG_ID = re.compile(r"^(explore|recharge|[a-z_]+(?=-\d{8}))-\d+$")
-"""The ids that the coordinator gives its own tasks say no more than the kind."""
+"""Ids of the coordinator's own tasks, which contain no more than the kind."""
 OPEN_ROWS = 60
 ENDED_ROWS = 15
 
@@ -20,15 +28,13 @@ def queue_html(view: TeamView, *, is_live: bool, done: int = 0) -> str:
     open_tasks.sort(key=lambda event: (event.task.kind == "explore", event.state is not TaskState.RUNNING))
     ended = [event for event in list(view.board.ended)[::-1] if event.task.kind != "explore"][:ENDED_ROWS]
     if not open_tasks and not ended:
-        said = "No open tasks. Explorations, and tasks finished before this page was started, are not listed."
-        none = said if done else "No tasks yet."
-        return f'<div class="rb"><div class="rb-none" data-testid="no-tasks">{none}</div></div>'
+        unlisted = "Explorations, and tasks finished before this page was started, are not listed."
+        return note(f"No open tasks. {unlisted}" if done else "No tasks yet.", "no-tasks")
     head = (
         '<tr><th style="width: 31%">Task</th><th style="width: 27%">State</th><th style="width: 14%">Robot</th>'
         '<th style="width: 28%"></th></tr>'
     )
-    rows = "".join(_task_rows(event, is_live=is_live) for event in open_tasks)
-    rows += "".join(_task_rows(event, is_live=is_live) for event in ended)
+    rows = "".join(_task_rows(event, is_live=is_live) for event in (*open_tasks, *ended))
     return f'<div class="rb"><table data-testid="tasks">{head}{rows}</table></div>'
 
 
@@ -42,11 +48,9 @@ def why_html(why: TaskWhy) -> str:
         '<th style="width: 35%; padding-left: 14px">Verdict</th></tr>'
     )
     bids = "".join(_bid_row(verdict) for verdict in why.robots)
-    table = (
-        f'<table data-testid="bids">{head}{bids}</table>'
-        if bids
-        else '<div class="rb-none">No robot was judged yet.</div>'
-    )
+    table = f'<table data-testid="bids">{head}{bids}</table>'
+    if not bids:
+        table = '<div class="rb-none">No robot was judged yet.</div>'
     changes = "".join(
         f'<div class="rb-alert"><span class="rb-soft">{clock_text(max(0.0, (change.stamp_ns - first_ns) / 1e9))}</span>'
         f"<span>{task_state_html(change.state)} {text(change.robot, 40)} {text(change.why)}</span></div>"
@@ -79,18 +83,12 @@ def _task_rows(event: TaskEvent, *, is_live: bool) -> str:
 
 
 def _bid_row(verdict: RobotVerdict) -> str:
-    def number(value: float | None, unit: str) -> str:
-        return NONE if value is None else f"{value:.0f} {unit}"
-
-    said = '<b class="rb-good">✓ chosen</b>' if verdict.chosen else text(verdict.why_not) or "could do it"
+    result = '<b class="rb-good">✓ chosen</b>' if verdict.chosen else text(verdict.why_not) or "could do it"
+    distance_m = verdict.distance_m
+    way = figure(distance_m, "{:.1f} m" if distance_m is not None and distance_m < 10 else "{:.0f} m")
     time = NONE if verdict.time_s is None else span_text(verdict.time_s)
     return (
-        f'<tr class="rb-top"><td><b>{text(verdict.robot, 40)}</b></td>'
-        f'<td class="rb-number">{NONE if verdict.distance_m is None else _way_text(verdict.distance_m)}</td>'
-        f'<td class="rb-number">{number(verdict.energy_j, "J")}</td><td class="rb-number">{time}</td>'
-        f'<td style="white-space: normal; padding-left: 14px">{said}</td></tr>'
+        f'<tr class="rb-top"><td><b>{text(verdict.robot, 40)}</b></td><td class="rb-number">{way}</td>'
+        f'<td class="rb-number">{figure(verdict.energy_j, "{:.0f} J")}</td><td class="rb-number">{time}</td>'
+        f'<td style="white-space: normal; padding-left: 14px">{result}</td></tr>'
     )
-
-
-def _way_text(distance_m: float) -> str:
-    return f"{distance_m:.1f} m" if distance_m < 10 else f"{distance_m:.0f} m"

@@ -1,4 +1,4 @@
-"""What a layer of the scene is: something that can be shown or hidden, and is drawn now and then.
+"""Base classes of the scene's layers, which can be shown or hidden and are drawn periodically.
 
 A layer of the server's scene is drawn once and sent to all browsers, and each browser shows or hides it for itself
 (`layer_switches.py`). A layer of a client's scene belongs to that browser alone.
@@ -6,18 +6,23 @@ A layer of the server's scene is drawn once and sent to all browsers, and each b
 
 import logging
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from typing import ClassVar
 
 import viser
 
+from robrain.coordinator.dashboard.scene.merged_meshes import MergedMeshes
+from robrain.coordinator.dashboard.scene.meshes import Mesh
 from robrain.coordinator.dashboard.server.retry import Retry
+from robrain.coordinator.dashboard.state.focus import Focus
 from robrain.coordinator.dashboard.state.team_view import TeamView
+from robrain.coordinator.drawing.palette import Rgb
 
 logger = logging.getLogger(__name__)
 
 MANY_ROBOTS = 25
 SLOWER = 3.0
-"""Of a large team nobody can watch each robot, and a browser has much to draw."""
+"""Factor of all periods for a larger team: nobody can watch each robot, and a browser has much to draw."""
 
 
 class Layer(ABC):
@@ -37,7 +42,8 @@ class Layer(ABC):
         self._root = scene.add_frame(f"/{self.name}", show_axes=False, visible=self.shown_at_first)
         self._drawn_s: float | None = None
         self._wanted = self.shown_at_first
-        self._retry = Retry()
+        self.retry = Retry()
+        """Schedules the next drawing after an error."""
         self.needed = self.shown_at_first
         """Whether any browser shows it; if not, it is not drawn."""
 
@@ -59,11 +65,7 @@ class Layer(ABC):
     @property
     def failing(self) -> bool:
         """Whether the last drawing failed; the layer is hidden until one succeeds."""
-        return self._retry.failing
-
-    def retry_in_s(self, now_s: float) -> float:
-        """Time until the next attempt to draw a failing layer, seconds."""
-        return self._retry.wait_s(now_s)
+        return self.retry.failing
 
     def draw(self, view: TeamView, now_s: float) -> None:
         """Draw what changed, if drawing is due.
@@ -72,21 +74,21 @@ class Layer(ABC):
         """
         period_s = self.period_s * (SLOWER if len(view.robots) > MANY_ROBOTS else 1.0)
         is_time = self._drawn_s is None or now_s - self._drawn_s >= period_s
-        if not (self.needed and is_time and self._retry.is_due(now_s)):
+        if not (self.needed and is_time and self.retry.is_due(now_s)):
             return
         self._drawn_s = now_s
         try:
             self._draw(view, now_s)
         except Exception:  # viser may raise anything; the page and its halt must keep working
-            pause_s = self._retry.fail(now_s)
+            pause_s = self.retry.fail(now_s)
             logger.exception("the layer %s cannot be drawn; it is hidden, next try in %.0f s", self.label, pause_s)
         else:
-            if failures := self._retry.succeed():
+            if failures := self.retry.succeed():
                 logger.warning("the layer %s is drawn again after %d failures", self.label, failures)
         self._show()
 
     def hurry(self) -> None:
-        """Draw the next time, whenever the last one was: all has become another."""
+        """Draw at the next step, even if that is before it is due."""
         self._drawn_s = None
 
     def _show(self) -> None:
@@ -100,3 +102,33 @@ class Layer(ABC):
     @abstractmethod
     def _draw(self, view: TeamView, now_s: float) -> None:
         """Bring the layer's nodes up to date."""
+
+
+class OwnLayer(Layer):
+    """A layer of one client's scene, with details of that browser's focus; `_draw` reads `focus`."""
+
+    focus = Focus()
+
+    def draw_for(self, focus: Focus, view: TeamView, now_s: float) -> None:
+        """Draw what changed, if drawing is due; at once if the selection or the zoom state changed."""
+        if focus.is_another(self.focus):
+            self.hurry()
+        self.focus = focus
+        self.draw(view, now_s)
+
+
+class MeshLayer(Layer):
+    """A layer of one merged mesh for each colour, which it gives in `_meshes`."""
+
+    opacity: ClassVar[float | None] = None
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        super().__init__(scene)
+        self._solids = MergedMeshes(scene, self.node("solids"), self.opacity)
+
+    def _draw(self, view: TeamView, now_s: float) -> None:
+        self._solids.show(self._meshes(view, now_s))
+
+    @abstractmethod
+    def _meshes(self, view: TeamView, now_s: float) -> Mapping[Rgb, Mesh]:
+        """The meshes to show."""

@@ -1,23 +1,31 @@
-"""The robots: bodies that show where they face, names above them, and where they truly are."""
+"""The robots: bodies that show where they face, names above them, their uncertainty, and their true places."""
+
+import math
+from typing import NamedTuple
 
 import numpy as np
 import viser
 
-from robrain.coordinator.dashboard.layers.layer import Layer
-from robrain.coordinator.dashboard.scene.meshes import hoop, robot_base, robot_body, robot_dart, robot_nose
+from robrain.coordinator.dashboard.layers.layer import Layer, MeshLayer
+from robrain.coordinator.dashboard.scene.merged_meshes import by_color, copies
+from robrain.coordinator.dashboard.scene.meshes import Mesh, hoop, robot_base, robot_body, robot_dart, robot_nose
 from robrain.coordinator.dashboard.scene.scene_nodes import Instances, Labels, colors, rows
 from robrain.coordinator.dashboard.state.robot_view import Condition, Contact, RobotView
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.drawing.palette import HALTED, LOST, NOSE, TRUTH, Rgb, look_of
 
 DEFAULT_RADIUS_M = 0.2
-"""Of a Robertino, where a robot does not tell."""
+"""That of a Robertino, for robots that report none."""
 LABEL_Z_M = 0.45
 FEW_ROBOTS = 20
 LABELS_MAX = 40
-"""In a larger team those are labelled that are selected, or are not as they should be."""
+"""In a larger team only robots that are selected or not up have labels."""
 MANY_LABELS_PERIOD_S = 0.5
 RING_Z_M = 0.02
+SIGMAS = 2.4477
+"""The ellipse holds the robot with 95 %: √5.991, the chi-square quantile of two degrees of freedom."""
+HOOP = hoop(0.94)
+LARGEST_M = 50.0
 
 
 class RobotLayer(Layer):
@@ -33,7 +41,6 @@ class RobotLayer(Layer):
         self._bases = Instances(scene, self.node("bases"), robot_base())
         self._bodies = Instances(scene, self.node("bodies"), robot_body())
         self._noses = Instances(scene, self.node("noses"), robot_nose())
-
         self._darts = Instances(scene, self.node("darts"), robot_dart())
 
     def _draw(self, view: TeamView, now_s: float) -> None:
@@ -80,7 +87,7 @@ class NameLayer(Layer):
 
 
 class TruthLayer(Layer):
-    """White rings where an arena says that the robots are; how far off a robot's belief is can be seen by them."""
+    """White rings at the true places that an arena publishes: they show the errors of the robots' poses."""
 
     name, label, period_s, shown_at_first = "truth", "True places", 0.2, False
 
@@ -97,8 +104,47 @@ class TruthLayer(Layer):
         )
 
 
+class CertaintyLayer(MeshLayer):
+    """95 % ellipses of the robots' places, by their own covariances."""
+
+    name, label, period_s, shown_at_first = "certainty", "Uncertainty", 0.5, True
+
+    def _meshes(self, view: TeamView, now_s: float) -> dict[Rgb, Mesh]:
+        pieces = []
+        for robot in view.robots_in_order():
+            found = ellipse(robot.state.pose_covariance) if robot.state is not None else None
+            if robot.pose is None or found is None:
+                continue
+            place = rows([(robot.pose.x_m, robot.pose.y_m, RING_Z_M)])
+            size, turn_rad = rows([(found.long_m, found.short_m, 1.0)]), np.array([found.turn_rad], np.float32)
+            pieces.append((look_of(robot.index).color, copies(HOOP, place, size, turn_rad)))
+        return by_color(pieces)
+
+
+class Ellipse(NamedTuple):
+    """Half-axes, metres, and the angle of the long one from x, radians."""
+
+    long_m: float
+    short_m: float
+    turn_rad: float
+
+
+def ellipse(covariance: tuple[float, ...]) -> Ellipse | None:
+    """The 95 % ellipse of a row-major 3 × 3 covariance of x, y, yaw.
+
+    None if there is no covariance, if it is not positive semi-definite, or if the ellipse is too large to be drawn.
+    """
+    if len(covariance) != 9 or not all(map(math.isfinite, covariance)):
+        return None
+    values, vectors = np.linalg.eigh(np.array([[covariance[0], covariance[1]], [covariance[1], covariance[4]]]))
+    if values[0] < 0 or SIGMAS * math.sqrt(values[1]) > LARGEST_M:
+        return None
+    long_m, short_m = SIGMAS * math.sqrt(values[1]), SIGMAS * math.sqrt(values[0])
+    return Ellipse(long_m, short_m, math.atan2(vectors[1, 1], vectors[0, 1]))
+
+
 def is_special(view: TeamView, robot: RobotView, now_s: float) -> bool:
-    """Whether a robot is selected, or is not as it should be."""
+    """Whether a robot is selected or not up."""
     return robot.name in view.selected or robot.condition(now_s) is not Condition.UP
 
 

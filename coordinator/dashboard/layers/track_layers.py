@@ -1,17 +1,16 @@
-"""Where robots came from and where they mean to go: trails, planned paths and goals."""
+"""Trails, planned paths and goals of the robots."""
 
 import math
 
 import numpy as np
-import viser
 
-from robrain.coordinator.dashboard.layers.layer import Layer
-from robrain.coordinator.dashboard.scene.merged_meshes import MergedMeshes, by_color, copies, strips, widen_for
+from robrain.coordinator.dashboard.layers.layer import MeshLayer
+from robrain.coordinator.dashboard.scene.merged_meshes import by_color, copies, strips, widen_for
 from robrain.coordinator.dashboard.scene.meshes import Mesh, pin
 from robrain.coordinator.dashboard.scene.scene_nodes import Rows, dashed, rows
 from robrain.coordinator.dashboard.state.robot_view import Contact
 from robrain.coordinator.dashboard.state.team_view import TeamView
-from robrain.coordinator.drawing.palette import look_of
+from robrain.coordinator.drawing.palette import Rgb, look_of
 from robrain.protocol.model.geometry import Point2D
 
 TRAIL_Z_M = 0.015
@@ -20,44 +19,34 @@ ALL_TRAILS_SEGMENTS = 2000
 """Shared by the team, so that trails of a hundred robots stay a message of 50 kB a second."""
 TRAIL_M = 0.1
 OLDEST_SHARE = 0.3
-"""Of a trail's width is left where it is oldest."""
+"""Share of a trail's width at its oldest point."""
 PATH_M = 0.1
 DASH_M = 0.18
 DASHES = 400
 PIN = pin(0.13, 0.55)
 
 
-class TrailLayer(Layer):
-    """The way each robot has come, the thinner the longer ago."""
+class TrailLayer(MeshLayer):
+    """The track of each robot, the thinner the older."""
 
     name, label, period_s = "trails", "Trails", 1.0
 
-    def __init__(self, scene: viser.SceneApi) -> None:
-        super().__init__(scene)
-        self._strips = MergedMeshes(scene, self.node("strips"))
-
-    def _draw(self, view: TeamView, now_s: float) -> None:
+    def _meshes(self, view: TeamView, now_s: float) -> dict[Rgb, Mesh]:
         each = ALL_TRAILS_SEGMENTS // max(1, len(view.robots))
         width_m = TRAIL_M * widen_for(view.map.size_m)
-        self._strips.show(
-            by_color(
-                (look_of(robot.index).color, tapering_line(list(robot.trail), each, width_m))
-                for robot in view.robots_in_order()
-                if len(robot.trail) > 1
-            )
+        return by_color(
+            (look_of(robot.index).color, tapering_line(list(robot.trail), each, width_m))
+            for robot in view.robots_in_order()
+            if len(robot.trail) > 1
         )
 
 
-class PathLayer(Layer):
-    """What each robot means to drive, dashed, and a pin where it is bound for."""
+class PathLayer(MeshLayer):
+    """The planned path of each robot, dashed, and a pin at its goal."""
 
     name, label, period_s = "paths", "Paths, goals", 0.3
 
-    def __init__(self, scene: viser.SceneApi) -> None:
-        super().__init__(scene)
-        self._strips = MergedMeshes(scene, self.node("strips"))
-
-    def _draw(self, view: TeamView, now_s: float) -> None:
+    def _meshes(self, view: TeamView, now_s: float) -> dict[Rgb, Mesh]:
         width_m = PATH_M * widen_for(view.map.size_m)
         pieces = []
         for robot in view.robots_in_order():
@@ -67,8 +56,8 @@ class PathLayer(Layer):
             pieces.append((color, strips(dashes(robot.path), width_m)))
             goal = view.goal_of(robot)
             if goal is not None:
-                pieces.append((color, copies(PIN, rows([(goal.x_m, goal.y_m, 0.0)]), np.ones((1, 3), np.float32))))
-        self._strips.show(by_color(pieces))
+                pieces.append((color, copies(PIN, rows([(goal.x_m, goal.y_m, 0.0)]))))
+        return by_color(pieces)
 
 
 def tapering_line(trail: list[Point2D], segments: int, width_m: float) -> Mesh:

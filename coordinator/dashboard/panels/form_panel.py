@@ -1,6 +1,6 @@
-"""A form in the panel: fields as viser's inputs, made anew when the form becomes another."""
+"""A form in the panel: viser inputs for its fields, rebuilt when the fields change."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import viser
@@ -12,49 +12,42 @@ NOT_GIVEN = "(not given)"
 
 
 class FormPanel:
-    """The inputs of one form, in a folder of their own.
+    """The inputs of one form, in a folder of their own inside `slot`."""
 
-    Args:
-        gui: whose inputs they are.
-        make_folder: makes the folder, where the form belongs.
-
-    """
-
-    def __init__(self, gui: viser.GuiApi, make_folder: Callable[[], viser.GuiFolderHandle]) -> None:
+    def __init__(self, gui: viser.GuiApi, slot: viser.GuiFolderHandle) -> None:
         self._gui = gui
-        self._make_folder = make_folder
+        self._slot = slot
         self._folder: viser.GuiFolderHandle | None = None
-        self.fields: list[Field] = []
+        self._fields: list[Field] = []
         self._inputs: dict[str, viser.GuiInputHandle[Any]] = {}
 
     def show(self, fields: Sequence[Field]) -> None:
-        """Have inputs for these fields and no others."""
-        if list(fields) == self.fields and self._folder is not None:
+        """Show inputs for these fields and no others."""
+        if list(fields) == self._fields:
             return
         if self._folder is not None:
             self._folder.remove()
             self._folder = None
-        self.fields = list(fields)
+        self._fields = list(fields)
         self._inputs = {}
-        if not self.fields:
-            return
-        self._folder = self._make_folder()
-        with self._folder:
-            for field in self.fields:
-                self._inputs[field.label] = self._add(field)
+        if self._fields:
+            with self._slot:
+                self._folder = self._gui.add_form(None)
+            with self._folder:
+                self._inputs = {field.label: self._add(field) for field in self._fields}
 
     def arguments(self) -> dict[str, Any]:
-        """What has been typed in, as arguments by name.
+        """The typed values, as arguments by name.
 
         Raises:
             ValueError: naming the field that is empty or cannot be read.
 
         """
         typed = {label: "" if handle.value == NOT_GIVEN else handle.value for label, handle in self._inputs.items()}
-        return arguments_of(self.fields, typed)
+        return arguments_of(self._fields, typed)
 
     def set(self, label: str, value: str) -> None:
-        """Put a value into a field, if there is one of that label."""
+        """Set the value of a field, if there is one of that label."""
         if label in self._inputs:
             set_value(self._inputs[label], value)
 

@@ -1,4 +1,4 @@
-"""Forms out of JSON Schema: which fields a function's arguments need, and the arguments that the fields give.
+"""Forms from JSON Schema: the fields of a function's arguments, and the arguments from the typed values.
 
 The schemas are those that msgspec makes of type hints: one object with a property for each parameter.
 """
@@ -13,41 +13,45 @@ import msgspec
 Schema = Mapping[str, Any]
 UNITS = {"m": "m", "s": "s", "rad": "rad", "j": "J", "w": "W", "v": "V", "dbm": "dBm", "ns": "ns"}
 DEEPEST = 8
-"""References that lead to references; no signature has more."""
+"""Maximum number of references that are followed one after another."""
 
 
 class FieldKind(StrEnum):
-    """What is typed into a field."""
+    """The type of a field's value."""
 
     NUMBER = "number"
     INTEGER = "integer"
     BOOLEAN = "boolean"
+    TEXT = "string"
     CHOICE = "choice"
-    TEXT = "text"
     JSON = "json"
     """Anything else, as JSON."""
+
+
+JSON_TYPES = (FieldKind.NUMBER, FieldKind.INTEGER, FieldKind.BOOLEAN, FieldKind.TEXT)
+"""Kinds that are named as in JSON Schema."""
 
 
 class Field(msgspec.Struct, frozen=True, kw_only=True):
     """One field of a form."""
 
     path: tuple[str, ...]
-    """Where its value goes: the parameter's name, and within an object the property's."""
+    """The parameter's name, and for an object that of the property."""
     kind: FieldKind
     required: bool
     choices: tuple[str, ...] = ()
     default: str = ""
-    """As it stands in the field at first; an empty field that is not required is left out."""
+    """Initial value; an empty field that is not required is left out."""
     hint: str = ""
 
     @property
     def label(self) -> str:
-        """Its name in errors and in what was typed."""
+        """Its name in errors, and the key of its typed value."""
         return ".".join(self.path)
 
     @property
     def title(self) -> str:
-        """What stands beside it.
+        """The text beside it.
 
         >>> Field(path=("place", "x_m"), kind=FieldKind.NUMBER, required=True).title
         'x (m)'
@@ -60,7 +64,7 @@ class Field(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def fields_of(schema: Schema) -> list[Field]:
-    """The fields of a form for an object of this schema; objects in it are taken apart once."""
+    """The fields of a form for an object of this schema; objects in it are expanded, one level deep."""
     definitions = _mapping(schema.get("$defs"))
     schema = _resolved(schema, definitions)
     fields: list[Field] = []
@@ -81,7 +85,7 @@ def fields_of(schema: Schema) -> list[Field]:
 
 
 def arguments_of(fields: Sequence[Field], typed: Mapping[str, str | bool]) -> dict[str, Any]:
-    """The arguments by name, out of what was typed into the fields, by label.
+    """The arguments by name, from the typed values by label.
 
     Raises:
         ValueError: naming the field that is empty or cannot be read.
@@ -109,7 +113,9 @@ def _field(path: tuple[str, ...], shape: Schema, required: bool) -> Field:
     kind, choices = _kind_of(shape)
     default = shape.get("default")
     shown = "" if default is None else default if isinstance(default, str) else msgspec.json.encode(default).decode()
-    hint = str(shape.get("description", "")) or (_example(shape) if kind is FieldKind.JSON else "")
+    hint = str(shape.get("description", ""))
+    if not hint and kind is FieldKind.JSON:
+        hint = "a list in JSON, such as [1, 2]" if shape.get("type") == "array" else "in JSON"
     return Field(path=path, kind=kind, required=required, choices=choices, default=shown, hint=hint)
 
 
@@ -125,18 +131,11 @@ def _kind_of(shape: Schema) -> tuple[FieldKind, tuple[str, ...]]:
     choices = shape.get("enum")
     if isinstance(choices, Sequence) and choices and all(isinstance(choice, str) for choice in choices):
         return FieldKind.CHOICE, tuple(choices)
-    kinds = {
-        "number": FieldKind.NUMBER,
-        "integer": FieldKind.INTEGER,
-        "boolean": FieldKind.BOOLEAN,
-        "string": FieldKind.TEXT,
-    }
-    found = shape.get("type")
-    return kinds.get(found, FieldKind.JSON) if isinstance(found, str) else FieldKind.JSON, ()
+    return next((kind for kind in JSON_TYPES if kind == shape.get("type")), FieldKind.JSON), ()
 
 
 def _resolved(shape: Any, definitions: Mapping[str, Any]) -> Schema:
-    """Follows references; of a choice between null and one other thing takes the other."""
+    """The schema with its references followed; of a choice between null and one other schema, the other."""
     found: dict[str, Any] = dict(shape) if isinstance(shape, Mapping) else {}
     for _ in range(DEEPEST):
         reference = found.get("$ref")
@@ -168,7 +167,7 @@ def _value(field: Field, given: str | bool) -> Any:
             return msgspec.json.decode(typed)
         elif field.kind is FieldKind.TEXT or typed in field.choices:
             return typed
-    except (ValueError, RecursionError):  # what cannot be read is told below; msgspec's errors are ValueErrors
+    except (ValueError, RecursionError):  # reported below; msgspec's errors are ValueErrors
         pass
     raise ValueError(f"{field.label}: expected a {_expected(field)}, got {typed[:40]!r}")
 
@@ -177,7 +176,3 @@ def _expected(field: Field) -> str:
     if field.kind is FieldKind.CHOICE:
         return f"choice of {', '.join(field.choices)}"
     return {"integer": "whole number", "json": "value in JSON"}.get(field.kind.value, field.kind.value)
-
-
-def _example(shape: Schema) -> str:
-    return "a list in JSON, such as [1, 2]" if shape.get("type") == "array" else "in JSON"

@@ -11,8 +11,8 @@ from typing import Any
 import viser
 import zenoh
 
-from robrain.coordinator.dashboard.html.html_words import natural_key, text
-from robrain.coordinator.dashboard.server.page_head import CLOSE_MARK
+from robrain.coordinator.dashboard.html.html_words import CLOSE_MARK, natural_key, text
+from robrain.coordinator.dashboard.panels.gui_values import set_visible
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.messages.team_messages import Halt
@@ -27,6 +27,7 @@ LABEL_RESUME = "Resume after halt …"
 LABEL_CONFIRM = "Resume all robots"
 LABEL_KEEP = "Keep them halted"
 NAMES_SHOWN = 12
+PERIOD_S = 0.5
 
 
 class HaltControl:
@@ -35,11 +36,12 @@ class HaltControl:
     def __init__(self, server: viser.ViserServer, endpoint: Endpoint) -> None:
         self._publisher = endpoint.publisher(HALT)
         self._sending = threading.Lock()
-        self.connected = True
-        """Whether there is a link to send on; kept up to date by the owner."""
+        self._connected = True
+        self._drawn_s: float | None = None
+        self._beat = 0
         panel = server.gui.add_panel(order=0)
         with panel.add_tab("All robots"):
-            self._told = server.gui.add_html("")
+            self._acknowledged = server.gui.add_html("")
             self._resume = server.gui.add_button(LABEL_RESUME, color="gray", visible=False)
         panel.float(x=MARGIN_PX, y=-(2 * MARGIN_PX + BUTTON_PX), width=WIDTH_PX)
         panel.expand()
@@ -47,18 +49,21 @@ class HaltControl:
         command = server.gui.add_command("Emergency halt", description="Halt all robots", hotkey="H")
         command.on_trigger(self._halt)
 
-    def draw(self, view: TeamView, beat: int) -> None:
-        """Tell who has stopped and who has not; `beat` changes with each call, so that a page sees that it is heard."""
-        self._told.content = acknowledgements_html(view, beat)
-        halted = view.halted or any(robot.halted for robot in view.robots.values())
-        if self._resume.visible != halted:
-            self._resume.visible = halted
+    def draw(self, view: TeamView, now_s: float) -> None:
+        """Show which robots have stopped, twice a second, with a new beat each time: it tells pages that this runs."""
+        self._connected = view.connected
+        if self._drawn_s is not None and now_s - self._drawn_s < PERIOD_S:
+            return
+        self._drawn_s = now_s
+        self._beat += 1
+        self._acknowledged.content = acknowledgements_html(view, self._beat)
+        set_visible(self._resume, view.halted or any(robot.halted for robot in view.robots.values()))
 
     def _halt(self, event: viser.CommandEvent) -> None:
         self._send(Halt(halted=True, by=BY, reason="halted on the dashboard"), event.client)
 
     def ask_to_resume(self, client: viser.ClientHandle | None) -> None:
-        """Ask in one browser whether all may move again."""
+        """Ask for a confirmation in one browser, and resume all robots."""
         if client is None:
             return
         modal = client.gui.add_modal("Resume after the emergency halt?")
@@ -78,7 +83,7 @@ class HaltControl:
             modal.close()
 
     def _send(self, message: Halt, client: viser.ClientHandle | None) -> None:
-        failure = "" if self.connected else "the dashboard has no connection to the team"
+        failure = "" if self._connected else "the dashboard has no connection to the team"
         try:
             with self._sending:
                 self._publisher.put(message)
@@ -95,10 +100,11 @@ class HaltControl:
 
 
 def acknowledgements(view: TeamView) -> tuple[list[str], list[str]]:
-    """Robots that have stopped, and robots that have not said so, lost ones among them; by name."""
+    """Names of the robots that have stopped, and of those that have not confirmed it, lost ones included; sorted."""
     robots = sorted(view.robots.values(), key=lambda robot: natural_key(robot.name))
     stopped = [robot.name for robot in robots if robot.state is not None and robot.state.has_stopped]
-    return stopped, [robot.name for robot in robots if robot.name not in set(stopped)]
+    missing = [robot.name for robot in robots if robot.state is None or not robot.state.has_stopped]
+    return stopped, missing
 
 
 def acknowledgements_html(view: TeamView, beat: int) -> str:

@@ -1,29 +1,26 @@
-"""Driving a robot by hand: a held button or key says again and again that somebody is there.
+"""Driving a robot by hand: while a button or key is held, the dashboard renews a short lease on the driver.
 
-The robot itself holds the lease: `driver.move` drives for so long at the most, and who wants to go on says it again. A
-browser that closes, hangs or loses its link says nothing, and the robot stands after `LEASE_S`.
+`driver.move` drives for `LEASE_S` at most. If the browser closes, hangs or loses its link, nobody renews the lease, and
+the robot stops.
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import msgspec
 import viser
 
 from robrain.coordinator.dashboard.html.html_words import text
 from robrain.coordinator.dashboard.panels.gui_values import set_html, set_value
+from robrain.coordinator.dashboard.panels.page_context import Page
 from robrain.coordinator.dashboard.server.asker import Answer
 from robrain.protocol.wire.topics import ROBOT_CALL
 
-if TYPE_CHECKING:
-    from robrain.coordinator.dashboard.panels.page import ClientPage
-
 LEASE_S = 0.5
 HELD_S = 0.3
-"""A button that has said nothing for so long is not held any more."""
+"""A button counts as released when its last hold event is older than this."""
 HOLD_HZ = 10.0
 REPEAT_S = 0.15
-PLUGIN, FUNCTION = "driver", "move"
 
 
 class Push(NamedTuple):
@@ -43,19 +40,19 @@ PUSHES: tuple[tuple[str, Push], ...] = (
     ("Right (E)", Push(left=-1.0)),
 )
 TURN_PER_SPEED = 2.5
-"""Radians a second of turning for each metre a second of the chosen speed."""
+"""Turning rate, rad/s, for each m/s of the chosen speed."""
 
 
 class HandDrive:
-    """Built within a folder's context; one for each page."""
+    """The controls of one page; built within a folder's context."""
 
-    def __init__(self, page: "ClientPage") -> None:
+    def __init__(self, page: Page) -> None:
         gui = page.client.gui
         self._page = page
         self._armed = gui.add_checkbox("Armed", False, hint="While armed, W A S D Q E drive the selected robot")
         self._armed.on_update(lambda _: page.post(self._arm))
         self._speed = gui.add_slider("Speed (m/s)", 0.05, 0.6, 0.05, 0.25)
-        self._told = gui.add_html("")
+        self._status = gui.add_html("")
         self._held: dict[Push, float] = {}
         self._now_s = 0.0
         self._sent_s: float | None = None
@@ -69,14 +66,14 @@ class HandDrive:
         self._arm()
 
     def let_go(self) -> None:
-        """Nobody drives any more."""
+        """Disarm, and let the lease run out."""
         self._held.clear()
         if self._armed.value:
             set_value(self._armed, False)
             self._arm()
 
     def step(self, now_s: float) -> None:
-        """Say what is held, or that nothing is any more."""
+        """Send the velocity of the held buttons, and once a stop when they are released."""
         self._now_s = now_s
         self._held = {push: at_s for push, at_s in self._held.items() if now_s - at_s <= HELD_S}
         if not self._held and not self._moving:
@@ -104,25 +101,22 @@ class HandDrive:
             if answer.error:
                 self._moving = ""
                 self._held.clear()
-                self._tell(f'<span class="rb-bad">✕ {text(robot)}: {text(answer.error)}</span>')
+                self._show(f'<span class="rb-bad">✕ {text(robot)}: {text(answer.error)}</span>')
             else:
-                self._tell(f"▶ {text(robot)} is driving" if pushes else f"■ {text(robot)} stopped")
+                self._show(f"▶ {text(robot)} is driving" if pushes else f"■ {text(robot)} stopped")
 
-        asked = msgspec.json.encode(velocity)
-        self._page.context.ask(ROBOT_CALL, asked, take, timeout_s=1.0, robot=robot, plugin=PLUGIN, function=FUNCTION)
+        names = {"robot": robot, "plugin": "driver", "function": "move"}
+        self._page.context.asker.ask(ROBOT_CALL, msgspec.json.encode(velocity), take, timeout_s=1.0, **names)
 
     def _arm(self) -> None:
         armed = bool(self._armed.value)
         for button in self._buttons:
             button.disabled = not armed
-        self._tell("Armed: hold a button or a key." if armed else "Not armed.")
+        self._show("Armed: hold a button or a key." if armed else "Not armed.")
 
-    def _tell(self, html: str) -> None:
+    def _show(self, html: str) -> None:
         mark = " rb-teleop-armed" if self._armed.value else ""
-        set_html(self._told, f'<div class="rb{mark}" data-testid="teleop">{html}</div>')
+        set_html(self._status, f'<div class="rb{mark}" data-testid="teleop">{html}</div>')
 
     def _holder(self, push: Push) -> Callable[[viser.GuiEvent[viser.GuiButtonHandle]], None]:
-        def hold(_: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
-            self._page.post(lambda: self._held.update({push: self._now_s}))
-
-        return hold
+        return lambda _: self._page.post(lambda: self._held.update({push: self._now_s}))

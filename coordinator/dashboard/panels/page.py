@@ -1,6 +1,6 @@
-"""One browser's page: its tabs, its selection, its camera. Several browsers look on at once, each with its own.
+"""One browser's page: its tabs, its selection, its camera. Each browser has its own.
 
-Clicks are served on viser's threads and only leave a note here; the dashboard's step does what they ask for.
+viser serves clicks on its own threads; they only queue an action, which the dashboard's next step runs.
 """
 
 from collections import deque
@@ -17,47 +17,45 @@ from robrain.coordinator.dashboard.panels.robot_tab import RobotTab
 from robrain.coordinator.dashboard.panels.task_tab import TaskTab
 from robrain.coordinator.dashboard.panels.team_tab import TeamTab
 from robrain.coordinator.dashboard.panels.view_tab import ViewTab
-from robrain.coordinator.dashboard.scene.picking import floor_hit, mote_near, robot_near
-from robrain.coordinator.dashboard.scene.selection import SelectionMark
+from robrain.coordinator.dashboard.scene.selection import SelectionMark, floor_hit, mote_near, robot_near
 from robrain.coordinator.dashboard.server.retry import Retry
 from robrain.coordinator.dashboard.state.focus import Focus
 from robrain.coordinator.dashboard.state.team_view import TeamView
 
-NOTES = 256
+ACTIONS = 256
 PERIOD_S = 0.4
 MANY_ROBOTS = 25
 MANY_PERIOD_S = 1.0
-Action = Callable[[], None]
 
 
 class ClientPage:
-    """The page of one client; all but `post` is called by the dashboard's step."""
+    """The page of one client; the dashboard's step calls all methods but `post`."""
 
     def __init__(self, client: viser.ClientHandle, context: PageContext) -> None:
         self.client = client
         self.context = context
         self.selected = ""
-        """Name of the robot that is selected; nobody if empty."""
-        self.chosen = False
+        """Name of the selected robot; empty if none."""
+        self._chosen = False
         """Whether a person selected it."""
-        self.mote = ""
+        self._mote = ""
         """Name of the selected mote; empty if none."""
         self.follows = False
-        """Whether the camera goes along with the selected robot."""
+        """Whether the camera follows the selected robot."""
         self.dark = True
         self.switches = switches_of(client, context.scene.layers)
-        """Which layers of the picture it shows."""
+        """Which layers this browser shows."""
         self.retry = Retry()
         """Schedules the next update after an error."""
-        self._notes: deque[Action] = deque(maxlen=NOTES)
+        self._actions: deque[Callable[[], None]] = deque(maxlen=ACTIONS)
         self._drawn_s: float | None = None
         self._view: TeamView | None = None
         gui = client.gui
         gui.main_panel.dock_right()
         self._strip = gui.add_html("")
         gui.add_html('<div class="rb-channel"></div>')
-        self._channel = gui.add_text("rows", "")
-        self._channel.on_update(self._hear_row)
+        channel = gui.add_text("rows", "")
+        channel.on_update(self._take_row_click)
         tabs = gui.add_tab_group()
         with tabs.add_tab("Team", viser.Icon.USERS):
             self.team = TeamTab(self)
@@ -70,26 +68,25 @@ class ClientPage:
         self._mark = SelectionMark(client)
         context.scene.show_overview(client)
 
-    def post(self, action: Action) -> None:
-        """Have something done in the dashboard's next step; may be called from any thread."""
-        self._notes.append(action)
+    def post(self, action: Callable[[], None]) -> None:
+        """Run an action in the dashboard's next step; may be called from any thread."""
+        self._actions.append(action)
 
     def step(self, now_s: float) -> None:
-        """Do what was clicked, and bring the page up to date."""
-        while self._notes:
-            self._notes.popleft()()
-        view = self.context.view
+        """Run the queued actions, and show the current state."""
+        while self._actions:
+            self._actions.popleft()()
+        view, scene = self.context.view, self.context.scene
         if view is not self._view:
             self._view, self._drawn_s = view, None
             self.team.hurry()
             self.robot.hurry()
         if not self.selected and view.robots:
             self.select(next(iter(view.robots)), by_person=False)
-        robot = view.robots.get(self.selected)
-        self._mark.show(robot, follows=self.follows)
-        self.context.scene.keep_framed(self.client)
-        middle, reach_m = self.context.scene.looked_at(self.client)
-        focus = Focus(self.selected, self.chosen, self.mote, middle, reach_m)
+        self._mark.show(view.robots.get(self.selected), follows=self.follows)
+        scene.keep_framed(self.client)
+        middle, reach_m = scene.looked_at(self.client)
+        focus = Focus(self.selected, self._chosen, self._mote, middle, reach_m)
         for switch in self.switches:
             switch.draw(view, focus, now_s)
         self.robot.drive.step(now_s)
@@ -104,21 +101,19 @@ class ClientPage:
         self.looks.draw(now_s)
 
     def close(self) -> None:
-        """The browser has gone."""
+        """Release what belongs to a browser that has disconnected."""
         self.robot.drive.let_go()
         self.context.scene.forget(self.client.client_id)
-
-    # -- what is clicked ------------------------------------------------------------------------------------
 
     def select(self, robot: str, *, by_person: bool = True) -> None:
         """Select a robot, if there is one of that name."""
         if robot in self.context.view.robots:
-            self.selected, self.chosen = robot, by_person
-            self.robot.select(robot)
+            self.selected, self._chosen = robot, by_person
+            self.robot.select()
             self._drawn_s = None
 
     def select_next(self, step: int) -> None:
-        """Select the robot that comes so many places later."""
+        """Select the robot that is `step` places later in the list, or earlier if negative."""
         names = list(self.context.view.robots)
         if names:
             at = names.index(self.selected) if self.selected in names else -step
@@ -131,46 +126,49 @@ class ClientPage:
             return
         place, distance_m = hit
         if self.tasks.wants_place:
-            self.tasks.place(place)
-            return
-        found = robot_near(self.context.view, place, distance_m)
-        if found is not None:
-            self.select(found.name)
-            return
-        mote = mote_near(self.context.view, place, distance_m)
-        self.select_mote(mote.name if mote is not None else "")
+            self.tasks.add_at(place)
+        elif (robot := robot_near(self.context.view, place, distance_m)) is not None:
+            self.select(robot.name)
+        else:
+            mote = mote_near(self.context.view, place, distance_m)
+            self.select_mote(mote.name if mote is not None else "")
 
     def select_mote(self, mote: str) -> None:
         """Show a mote's reading and link; deselect if the name is empty or already selected."""
-        self.mote = mote if mote in self.context.view.motes and mote != self.mote else ""
+        self._mote = mote if mote in self.context.view.motes and mote != self._mote else ""
 
-    def tell(self, title: str, body: str = "", *, color: Any = "green") -> None:
-        """A notice in the corner; its text is shown as text."""
-        self.client.add_notification(title[:80], body[:300], color=color, auto_close_seconds=6.0)
+    def tell(self, title: str, body: str = "", *, error: str = "", color: Any = "green") -> None:
+        """Show a notification in the corner: the body, or in red the error."""
+        color = "red" if error else color
+        self.client.add_notification(title[:80], (error or body)[:300], color=color, auto_close_seconds=6.0)
 
     def set_dark(self, dark: bool) -> None:
-        """Dark or light."""
+        """Switch between the dark and the light theme."""
         self.dark = dark
-        self.client.gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False, control_width="large")
+        set_theme(self.client.gui, dark=dark)
 
-    def _hear_row(self, event: viser.GuiEvent[viser.GuiTextHandle]) -> None:
-        said = event.target.value
-        self.post(lambda: self._do_row(said))
+    def _take_row_click(self, event: viser.GuiEvent[viser.GuiTextHandle]) -> None:
+        row = event.target.value
+        self.post(lambda: self._do_row_click(row))
 
-    def _do_row(self, said: str) -> None:
-        _, _, rest = said.partition(" ")
-        verb, _, subject = rest.partition(" ")
-        if verb == "select":
-            self.select(subject)
-        elif verb == "mote":
-            self.select_mote(subject)
-        elif verb == "plugin":
-            self.robot.select_plugin(subject)
-        elif verb == "why":
-            self.tasks.ask_why(subject)
+    def _do_row_click(self, row: str) -> None:
+        """Act on a click that `page.js` reports: a counter, a verb and its subject."""
+        verb, _, subject = row.partition(" ")[2].partition(" ")
+        acts: dict[str, Callable[[str], None]] = {
+            "select": self.select,
+            "mote": self.select_mote,
+            "plugin": self.robot.select_plugin,
+            "why": self.tasks.ask_why,
+            "cancel": self.tasks.cancel,
+        }
+        if verb in acts:
+            acts[verb](subject)
         elif verb == "resume" and self.context.halt is not None:
             self.context.halt.ask_to_resume(self.client)
-        elif verb == "cancel":
-            self.tasks.cancel(subject)
         elif verb == "seek" and self.context.replay is not None and subject.replace(".", "", 1).isdecimal():
             self.context.replay.seek(float(subject))
+
+
+def set_theme(gui: viser.GuiApi, *, dark: bool) -> None:
+    """Set the page's theme, without viser's own logo and share button."""
+    gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False, control_width="large")

@@ -1,14 +1,14 @@
-"""The tab of the selected robot: how it is, its charts, its plugins, what they can be asked, driving it by hand."""
+"""The tab of the selected robot: its state, driving by hand, calls to its plugins, charts and events."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
-import viser
 
 from robrain.coordinator.dashboard.html.charts import RobotCharts
 from robrain.coordinator.dashboard.html.html_words import natural_key, text
 from robrain.coordinator.dashboard.html.plugin_html import (
     events_html,
+    function_html,
     plugin_card_html,
     plugins_html,
     result_html,
@@ -16,28 +16,31 @@ from robrain.coordinator.dashboard.html.plugin_html import (
 )
 from robrain.coordinator.dashboard.panels.form_panel import FormPanel
 from robrain.coordinator.dashboard.panels.function_form import fields_of
-from robrain.coordinator.dashboard.panels.gui_values import set_html, set_options, set_value
+from robrain.coordinator.dashboard.panels.gui_values import on_choice, set_html, set_options, set_value
 from robrain.coordinator.dashboard.panels.hand_drive import HandDrive
-from robrain.coordinator.dashboard.panels.page_context import PluginsOf
+from robrain.coordinator.dashboard.panels.page_context import Page, PluginsOf
 from robrain.coordinator.dashboard.server.asker import Answer
 from robrain.protocol.wire.host_queries import HOST_LOAD, HOST_RELOAD, HOST_UNLOAD
 from robrain.protocol.wire.messages.host_messages import LoadRequest, ReloadRequest, UnloadRequest
 from robrain.protocol.wire.messages.plugin_messages import FunctionInfo, PluginInfo
+from robrain.protocol.wire.topic import Query
 from robrain.protocol.wire.topics import ROBOT_CALL
-
-if TYPE_CHECKING:
-    from robrain.coordinator.dashboard.panels.page import ClientPage
 
 NO_ROBOT = "(none)"
 NO_PLUGIN, NO_FUNCTION = "(select a plugin)", "(none)"
 CHART_PERIOD_S = 2.0
 CALL_TIMEOUT_S = 15.0
+HOST_VERBS: dict[str, tuple[Query[Any, list[PluginInfo]], type[Any]]] = {
+    "load": (HOST_LOAD, LoadRequest),
+    "unload": (HOST_UNLOAD, UnloadRequest),
+    "reload": (HOST_RELOAD, ReloadRequest),
+}
 
 
 class RobotTab:
-    """Built within the tab's context."""
+    """The tab of one page; built within the tab's context."""
 
-    def __init__(self, page: "ClientPage") -> None:
+    def __init__(self, page: Page) -> None:
         gui = page.client.gui
         self._page = page
         self._plugin = ""
@@ -45,43 +48,41 @@ class RobotTab:
         self._drawn_plugins: tuple[list[PluginInfo], str, str] | None = None
         self._charted_s: float | None = None
         self._choice = gui.add_dropdown("Robot", (NO_ROBOT,))
-        self._choice.on_update(self._chosen)
+        on_choice(self._choice, lambda name: page.post(lambda: page.select(name)))
         self._card = gui.add_html('<div class="rb rb-none">No robot has been heard yet.</div>')
         live = page.context.is_live
         with gui.add_folder("Drive by hand", expand_by_default=False, visible=live):
             self.drive = HandDrive(page)
-        self._call_folder = gui.add_folder("Call a function", visible=live)
-        with self._call_folder:
+        with gui.add_folder("Call a function", visible=live):
             self._callable = gui.add_dropdown("Plugin", (NO_PLUGIN,))
-            self._callable.on_update(self._chosen_plugin)
+            on_choice(self._callable, lambda name: page.post(lambda: self.select_plugin(name)))
             self._functions = gui.add_dropdown("Function", (NO_FUNCTION,))
             self._functions.on_update(lambda event: page.post(lambda: self._choose_function(event.target.value)))
             self._doc = gui.add_html("")
             self._slot = gui.add_folder("Arguments", visible=False)
-            self._form = FormPanel(gui, self._make_form_folder)
+            self._form = FormPanel(gui, self._slot)
             self._call = gui.add_button("Call", color="blue", disabled=True)
             self._call.on_click(lambda _: page.post(self._call_function))
             self._result = gui.add_html("")
-        self._plugin_folder = gui.add_folder("Plugins", visible=live)
-        with self._plugin_folder:
+        with gui.add_folder("Plugins", visible=live):
             self._plugins = gui.add_html(plugins_html([], "", ""))
             self._plugin_card = gui.add_html(plugin_card_html(None))
             verbs = gui.add_button_group("Selected", ("Reload", "Unload"))
-            verbs.on_click(lambda event: page.post(lambda: self._host(event.target.value.lower(), self._plugin)))
+            verbs.on_click(lambda event: page.post(lambda: self._ask_host(event.target.value.lower(), self._plugin)))
             self._to_load = gui.add_text("Name or path", "", hint="A plugin's name, or a folder on the robot's machine")
             load = gui.add_button("Load")
-            load.on_click(lambda _: page.post(lambda: self._host("load", self._to_load.value.strip())))
+            load.on_click(lambda _: page.post(lambda: self._ask_host("load", self._to_load.value.strip())))
         with gui.add_folder("Charts", expand_by_default=False):
             self._charts = RobotCharts(gui)
         with gui.add_folder("Events", expand_by_default=False):
             self._events = gui.add_html("")
 
     def hurry(self) -> None:
-        """Draw all of it the next time."""
+        """Update the charts at the next `draw`, even if that is before they are due."""
         self._charted_s = None
 
     def draw(self, now_s: float) -> None:
-        """Bring it up to date."""
+        """Show the current state."""
         page = self._page
         view = page.context.view
         names = tuple(sorted(view.robots, key=natural_key))
@@ -96,81 +97,54 @@ class RobotTab:
             self._charted_s = now_s
             self._charts.draw(robot.history)
         if page.context.is_live:
-            self._draw_plugins(page.context.plugins_of(robot.name))
+            self._draw_plugins(page.context.inquiries.plugins_of(robot.name))
 
-    def select(self, robot: str) -> None:
-        """Another robot is selected: what is known of the last one's functions does not count."""
+    def select(self) -> None:
+        """Prepare for another selected robot."""
         self._charted_s = None
         self._drawn_plugins = None
         self.drive.let_go()
 
     def select_plugin(self, name: str) -> None:
         """Show a plugin of the selected robot, and offer its functions."""
-        self._plugin = name
+        self._plugin = "" if name == NO_PLUGIN else name
         self._drawn_plugins = None
         self._offer_functions()
 
     def _offer_functions(self) -> None:
-        plugin = self._found()
+        plugin = self._selected_plugin()
         names = tuple(function.name for function in plugin.functions) if plugin is not None else ()
-        if names:
-            set_options(self._functions, names, names[0])
-            self._choose_function(names[0])
-        else:
-            set_options(self._functions, (NO_FUNCTION,), NO_FUNCTION)
-            self._choose_function("")
-
-    def _offer_plugins(self, plugins: list[PluginInfo]) -> None:
-        """Update the plugin list: plugins that have functions, and the selected one."""
-        names = [plugin.name for plugin in plugins if plugin.functions or plugin.name == self._plugin]
-        chosen = self._plugin if self._plugin in names else NO_PLUGIN
-        set_options(self._callable, (NO_PLUGIN, *sorted(names)), chosen)
-
-    def _chosen_plugin(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None:  # a person's choice, not our own assignment
-            name = event.target.value
-            self._page.post(lambda: self.select_plugin("" if name == NO_PLUGIN else name))
+        names = names or (NO_FUNCTION,)
+        set_options(self._functions, names, names[0])
+        self._choose_function(names[0])
 
     def _draw_plugins(self, known: PluginsOf) -> None:
         state = (known.plugins, self._plugin, known.problem)
         if state == self._drawn_plugins:
             return
         self._drawn_plugins = state
+        plugin = self._selected_plugin()
         set_html(self._plugins, plugins_html(*state))
-        set_html(self._plugin_card, plugin_card_html(self._found()))
-        if (
-            self._plugin and known.plugins and self._found() is None
-        ):  # it has been unloaded, or this robot has none such
+        set_html(self._plugin_card, plugin_card_html(plugin))
+        if self._plugin and known.plugins and plugin is None:  # it was unloaded, or this robot has no such plugin
             self._plugin = ""
             self._offer_functions()
-        self._offer_plugins(known.plugins)
+        names = sorted(plugin.name for plugin in known.plugins if plugin.functions or plugin.name == self._plugin)
+        set_options(self._callable, (NO_PLUGIN, *names), self._plugin if self._plugin in names else NO_PLUGIN)
 
-    def _found(self) -> PluginInfo | None:
-        known = self._page.context.plugins_of(self._page.selected)
+    def _selected_plugin(self) -> PluginInfo | None:
+        known = self._page.context.inquiries.plugins_of(self._page.selected)
         return next((plugin for plugin in known.plugins if plugin.name == self._plugin), None)
 
-    def _chosen(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None:
-            name = event.target.value
-            self._page.post(lambda: self._page.select(name))
-
-    # -- calling --------------------------------------------------------------------------------------------
-
-    def _make_form_folder(self) -> viser.GuiFolderHandle:
-        with self._slot:
-            return self._page.client.gui.add_form(None)
-
     def _choose_function(self, name: str) -> None:
-        plugin = self._found()
+        plugin = self._selected_plugin()
         functions = plugin.functions if plugin is not None else []
-        self._function = next((function for function in functions if function.name == name), None)
-        fields = fields_of(self._function.parameters) if self._function is not None else []
+        function = self._function = next((function for function in functions if function.name == name), None)
+        fields = fields_of(function.parameters) if function is not None else []
         self._form.show(fields)
         self._slot.visible = bool(fields)
-        self._call.disabled = self._function is None
-        said = f"{self._function.name}{self._function.signature}" if self._function is not None else ""
-        doc = self._function.doc.strip().partition("\n")[0] if self._function is not None else ""
-        set_html(self._doc, f'<div class="rb"><b>{text(said)}</b><br>{text(doc, 300)}</div>' if said else "")
+        self._call.disabled = function is None
+        set_html(self._doc, function_html(function) if function is not None else "")
         set_html(self._result, "")
 
     def _call_function(self) -> None:
@@ -179,7 +153,7 @@ class RobotTab:
             return
         what = f"{plugin}.{function.name}"
         try:
-            arguments = self._form.arguments()
+            arguments = msgspec.json.encode(self._form.arguments())
         except ValueError as error:
             set_html(self._result, result_html(what, b"", str(error)))
             return
@@ -189,36 +163,22 @@ class RobotTab:
             if self._function is function and self._page.selected == robot:
                 set_html(self._result, result_html(what, answer.known or b"", answer.error))
             elif answer.error:
-                self._page.tell(f"{robot}: {what}", answer.error, color="red")
+                self._page.tell(f"{robot}: {what}", error=answer.error)
 
-        self._page.context.ask(
-            ROBOT_CALL,
-            msgspec.json.encode(arguments),
-            take,
-            timeout_s=CALL_TIMEOUT_S,
-            robot=robot,
-            plugin=plugin,
-            function=function.name,
-        )
+        names = {"robot": robot, "plugin": plugin, "function": function.name}
+        self._page.context.asker.ask(ROBOT_CALL, arguments, take, timeout_s=CALL_TIMEOUT_S, **names)
 
-    def _host(self, verb: str, plugin: str) -> None:
-        robot = self._page.selected
+    def _ask_host(self, verb: str, plugin: str) -> None:
+        robot, context = self._page.selected, self._page.context
         if not plugin or not robot:
             self._page.tell(f"Nothing to {verb}", "Select a robot, and a plugin or its name.", color="yellow")
             return
 
         def take(answer: Answer[list[PluginInfo]]) -> None:
-            done = answer.error or "done"
-            self._page.tell(f"{robot}: {verb} {plugin}", done, color="red" if answer.error else "green")
+            self._page.tell(f"{robot}: {verb} {plugin}", "done", error=answer.error)
             if verb == "unload" and not answer.error:
-                set_value(self._to_load, plugin)  # so that it can come back by one click
-            if self._page.context.inquiries is not None:
-                self._page.context.inquiries.soon(robot)
+                set_value(self._to_load, plugin)  # so that one click loads it again
+            context.inquiries.ask_again(robot)
 
-        ask = self._page.context.ask
-        if verb == "load":
-            ask(HOST_LOAD, LoadRequest(plugin=plugin), take, timeout_s=HOST_LOAD.timeout_s, robot=robot)
-        elif verb == "unload":
-            ask(HOST_UNLOAD, UnloadRequest(plugin=plugin), take, timeout_s=HOST_UNLOAD.timeout_s, robot=robot)
-        else:
-            ask(HOST_RELOAD, ReloadRequest(plugin=plugin), take, timeout_s=HOST_RELOAD.timeout_s, robot=robot)
+        topic, request = HOST_VERBS[verb]
+        context.asker.ask(topic, request(plugin=plugin), take, timeout_s=topic.timeout_s, robot=robot)

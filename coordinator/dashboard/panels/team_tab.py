@@ -1,26 +1,22 @@
-"""The tab of the team: figures, robots, how the exploration goes, what was told."""
-
-from typing import TYPE_CHECKING
+"""The tab of the team: figures, robots, the explored share over time, and the log."""
 
 import numpy as np
 
 from robrain.coordinator.dashboard.html.charts import add_chart
 from robrain.coordinator.dashboard.html.panel_html import log_html, robots_html, summary_html
 from robrain.coordinator.dashboard.panels.gui_values import set_html
-
-if TYPE_CHECKING:
-    from robrain.coordinator.dashboard.panels.page import ClientPage
+from robrain.coordinator.dashboard.panels.page_context import Page
 
 CHART_PERIOD_S = 2.0
 MANY_ROWS = 25
 MANY_PERIOD_S = 2.5
-"""A long table costs a browser more than the picture."""
+"""Period of a longer table, which costs a browser more than the picture."""
 
 
 class TeamTab:
-    """Built within the tab's context."""
+    """The tab of one page; built within the tab's context."""
 
-    def __init__(self, page: "ClientPage") -> None:
+    def __init__(self, page: Page) -> None:
         gui = page.client.gui
         self._page = page
         self._summary = gui.add_html("")
@@ -35,11 +31,11 @@ class TeamTab:
         self._listed: tuple[str, int] | None = None
 
     def hurry(self) -> None:
-        """Draw all of it the next time."""
+        """Update everything at the next `draw`, even if that is before it is due."""
         self._charted_s = self._listed_s = None
 
     def draw(self, now_s: float) -> None:
-        """Bring it up to date."""
+        """Show the current state."""
         view = self._page.context.view
         set_html(self._summary, summary_html(view, now_s))
         shown = (self._page.selected, len(view.robots))

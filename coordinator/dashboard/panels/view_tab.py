@@ -1,18 +1,12 @@
-"""The tab of the picture: camera, layers, what the marks mean, motes, dark or light."""
-
-from typing import TYPE_CHECKING, Any
-
-import viser
+"""The tab of the picture: camera, theme, layers, legend and motes."""
 
 from robrain.coordinator.dashboard.html.html_words import text
 from robrain.coordinator.dashboard.html.panel_html import motes_html
-from robrain.coordinator.dashboard.layers.field_layer import FieldLayer
-from robrain.coordinator.dashboard.layers.layer_switches import Switch
-from robrain.coordinator.dashboard.panels.gui_values import set_html, set_value
+from robrain.coordinator.dashboard.layers.floor_layers import FieldLayer
+from robrain.coordinator.dashboard.layers.layer_switches import LayerSwitch
+from robrain.coordinator.dashboard.panels.gui_values import set_html, set_value, set_visible
+from robrain.coordinator.dashboard.panels.page_context import Page
 from robrain.coordinator.drawing.palette import HEAT, css
-
-if TYPE_CHECKING:
-    from robrain.coordinator.dashboard.panels.page import ClientPage
 
 OVERVIEW, TOP = "Overview", "Top view"
 MOTES_PERIOD_S = 3.0
@@ -33,22 +27,21 @@ LEGEND = (
 
 
 class ViewTab:
-    """Built within the tab's context."""
+    """The tab of one page; built within the tab's context."""
 
-    def __init__(self, page: "ClientPage") -> None:
+    def __init__(self, page: Page) -> None:
         gui = page.client.gui
         self._page = page
         self._listed_s: float | None = None
         camera = gui.add_button_group("Camera", (OVERVIEW, TOP))
-        camera.on_click(self._move_camera)
+        camera.on_click(lambda event: page.post(self.top if event.target.value == TOP else self.overview))
         self._follow = gui.add_checkbox("Follow selected", False)
         self._follow.on_update(lambda event: page.post(lambda: self.set_follow(event.target.value)))
         theme = gui.add_button_group("Colours", ("Dark", "Light"))
         theme.on_click(lambda event: page.post(lambda: page.set_dark(event.target.value == "Dark")))
-        self._boxes: list[_Box] = []
         with gui.add_folder("Layers"):
             for switch in page.switches:
-                self._boxes.append(_Box(page, switch))
+                self._add_box(switch)
             self._scale = gui.add_html("", visible=False)
         with gui.add_folder("Legend and keys", expand_by_default=False):
             gui.add_html(LEGEND)
@@ -57,71 +50,43 @@ class ViewTab:
             self._motes = gui.add_html("")
 
     def draw(self, now_s: float) -> None:
-        """Bring it up to date."""
+        """Show the current state."""
         view = self._page.context.view
-        for box in self._boxes:
-            box.show()
-        if bool(view.motes) != self._mote_folder.visible:
-            self._mote_folder.visible = bool(view.motes)
+        set_visible(self._mote_folder, bool(view.motes))
         if view.motes and (self._listed_s is None or now_s - self._listed_s >= MOTES_PERIOD_S):
             self._listed_s = now_s
             set_html(self._motes, motes_html(view))
-        layers = [box.switch.layer for box in self._boxes if box.shown]
+        layers = [switch.layer for switch in self._page.switches if switch.shown]
         scale = next((layer.range for layer in layers if isinstance(layer, FieldLayer)), None)
-        if self._scale.visible != (scale is not None):
-            self._scale.visible = scale is not None
+        set_visible(self._scale, scale is not None)
         if scale is not None:
             set_html(self._scale, scale_html(*scale))
 
     def overview(self) -> None:
-        """See all of the map."""
+        """Move the camera to where the whole map is seen from the side and above."""
         self.set_follow(False)
         self._page.context.scene.show_overview(self._page.client)
 
     def top(self) -> None:
-        """See all of the map from above."""
+        """Move the camera above the map."""
         self.set_follow(False)
         self._page.context.scene.show_top(self._page.client)
 
     def set_follow(self, follows: bool) -> None:
-        """Have the camera go along with the selected robot, or not."""
+        """Whether the camera follows the selected robot."""
         self._page.follows = follows
         set_value(self._follow, follows)
 
-    def _move_camera(self, event: viser.GuiEvent[Any]) -> None:
-        self._page.post(self.top if event.target.value == TOP else self.overview)
+    def _add_box(self, switch: LayerSwitch) -> None:
+        def choose(shown: bool) -> None:
+            switch.shown = shown
 
-
-class _Box:
-    """The checkbox of a layer."""
-
-    def __init__(self, page: "ClientPage", switch: Switch) -> None:
-        self.switch = switch
-        self.shown = switch.shown
-        """What the box says, as far as has been taken up."""
-        self._box = page.client.gui.add_checkbox(switch.label, switch.shown)
-
-        @self._box.on_update
-        def _(event: viser.GuiEvent[Any]) -> None:
-            if event.client is not None:  # and not our own setting of it
-                shown = event.target.value
-                page.post(lambda: self._choose(shown))
-
-    def show(self) -> None:
-        """Have the box say what is the case: what cannot be drawn is hidden.
-
-        It is left alone as long as nothing has changed by itself, as somebody may be clicking on it just now.
-        """
-        if self.switch.shown != self.shown:
-            self.shown = self.switch.shown
-            set_value(self._box, self.shown)
-
-    def _choose(self, shown: bool) -> None:
-        self.switch.shown = self.shown = shown
+        box = self._page.client.gui.add_checkbox(switch.label, switch.shown)
+        box.on_update(lambda event: self._page.post(lambda: choose(event.target.value)))
 
 
 def scale_html(quantity: str, low: float, high: float) -> str:
-    """The colours of the heat map and what they stand for."""
+    """The heat map's colours, with the values at both ends."""
     steps = ", ".join(css(color) for color in HEAT)
     return (
         f'<div class="rb" data-testid="field-scale">{text(quantity, 40)}'

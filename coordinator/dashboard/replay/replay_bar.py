@@ -1,11 +1,9 @@
-"""The bar of a replay: timeline with marks, play, speed, steps. One for all who look on: there is one recording."""
-
-from typing import Any
+"""The bar of a replay: timeline with marks, play, speed, steps. All browsers share it."""
 
 import viser
 
 from robrain.coordinator.dashboard.html.html_words import clock_text, text
-from robrain.coordinator.dashboard.panels.gui_values import set_html, set_value
+from robrain.coordinator.dashboard.panels.gui_values import on_choice, set_html, set_value
 from robrain.coordinator.dashboard.replay.replay_index import Mark
 from robrain.coordinator.dashboard.replay.replay_source import SPEEDS, ReplaySource
 
@@ -19,14 +17,14 @@ SHAPES = {"halt": ("■", "#d63a2a"), "fault": ("▲", "#e69f00"), "task": ("●
 
 
 class ReplayBar:
-    """Shows where the replay is, and moves it."""
+    """Shows the position of the replay, and moves it."""
 
     def __init__(self, server: viser.ViserServer, source: ReplaySource) -> None:
         self._source = source
         self._drawn_s: float | None = None
         self._shown_s = 0.0
-        """Where the slider was put last. If it is elsewhere, somebody has moved it, and `_slid` is about to be told: to
-        put it back would undo that."""
+        """Last value of the slider that was set or taken. If it differs, somebody has moved it, and `_slid` is about to
+        be called: setting it back would undo that."""
         gui = server.gui
         panel = gui.add_panel(order=0)
         duration_s = max(source.player.duration_s, 0.1)
@@ -39,10 +37,10 @@ class ReplayBar:
             self._speed = gui.add_dropdown("Speed", speeds, initial_value=f"× {source.player.speed:g}")
         panel.float(x=MARGIN_PX, y=-MARGIN_PX, width=WIDTH_PX)
         panel.expand()
-        self._slider.on_update(self._slid)
+        on_choice(self._slider, self._slid)
         self._play.on_click(lambda _: source.toggle())
-        steps.on_click(lambda event: self._move(event.target.value))
-        self._speed.on_update(self._choose_speed)
+        steps.on_click(lambda event: source.skip(dict(STEPS)[event.target.value]))
+        on_choice(self._speed, lambda label: source.set_speed(float(label.removeprefix("× "))))
         gui.add_command("Replay: play or pause", hotkey="space").on_trigger(lambda _: source.toggle())
         gui.add_command("Replay: a second on", hotkey="arrowright").on_trigger(lambda _: source.skip(1.0))
         gui.add_command("Replay: a second back", hotkey="arrowleft").on_trigger(lambda _: source.skip(-1.0))
@@ -52,7 +50,7 @@ class ReplayBar:
         self._source.seek(time_s)
 
     def draw(self, now_s: float) -> None:
-        """Show where the replay is."""
+        """Show the current position."""
         if self._drawn_s is not None and now_s - self._drawn_s < PERIOD_S:
             return
         self._drawn_s = now_s
@@ -69,21 +67,13 @@ class ReplayBar:
             marks_html(self._source.marks, max(player.duration_s, 0.1), player.position_s, playing=player.playing),
         )
 
-    def _move(self, label: str) -> None:
-        self._source.skip(dict(STEPS)[label])
-
-    def _slid(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None:  # a slider that is set in code tells of it as well
-            self._shown_s = event.target.value
-            self._source.seek(float(self._shown_s))
-
-    def _choose_speed(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None:
-            self._source.set_speed(float(str(event.target.value).removeprefix("× ")))
+    def _slid(self, time_s: float) -> None:
+        self._shown_s = time_s
+        self._source.seek(float(time_s))
 
 
 def marks_html(marks: list[Mark], duration_s: float, position_s: float, *, playing: bool) -> str:
-    """The timeline: where the replay is, and what happened when; a click on a mark goes there."""
+    """The timeline with the current position and marks; a click on a mark goes there."""
     parts = [f'<line x1="0" x2="{WIDTH}" y1="13" y2="13" stroke="rgba(128,140,160,0.6)" stroke-width="3"/>']
     for mark in marks:
         shape, color = SHAPES[mark.kind]

@@ -1,7 +1,6 @@
-"""What a recording has to tell of the time before any moment of it: trails, charts, tasks, log, and marks.
+"""The history of a recording up to any moment of it: trails, charts, tasks, log, and marks.
 
-A player gives the run as it was at a time. That a robot has come a long way until then is not in it: the recording is
-read once for that.
+A player gives the state at a moment, but not the history that led to it. The recording is read once for that.
 """
 
 from bisect import bisect_right
@@ -12,6 +11,7 @@ from robrain.coordinator.dashboard.state.robot_view import TRAIL_POINTS, Conditi
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.recording.reader.reading import RecordedMessage
 from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.wire import topics
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.clock import to_seconds
@@ -20,34 +20,24 @@ from robrain.protocol.wire.messages.plugin_messages import LogRecord
 from robrain.protocol.wire.messages.robot_messages import RobotState
 from robrain.protocol.wire.messages.team_messages import Halt
 from robrain.protocol.wire.topic import Topic
-from robrain.protocol.wire.topics import (
-    ARENA_TRUTH,
-    HALT,
-    ROBOT_EVENT,
-    ROBOT_LOG,
-    ROBOT_STATE,
-    TASK_DECISION,
-    TASK_EVENT,
-    topic_of,
-)
 
 MARKS = 400
-SUMMED = (TASK_EVENT, TASK_DECISION, ROBOT_LOG, ROBOT_EVENT, HALT)
-"""Topics of which every message counts, not the last alone."""
+SUMMED = (topics.TASK_EVENT, topics.TASK_DECISION, topics.ROBOT_LOG, topics.ROBOT_EVENT, topics.HALT)
+"""Topics of which every message counts, not only the last."""
 
 
 class Mark(NamedTuple):
-    """Something that happened."""
+    """A mark on the timeline."""
 
     time_s: float
     kind: str
     """halt, fault or task."""
     said: str
-    """Of the wire: not escaped."""
+    """From the wire: not escaped."""
 
 
 class Decoder:
-    """Makes messages of what was recorded; what does not decode, or is of no topic of ours, is left out."""
+    """Decodes recorded messages; those of unknown topics and those that do not decode are left out."""
 
     def __init__(self) -> None:
         self._topics: dict[str, tuple[Topic[Any], dict[str, str]] | None] = {}
@@ -56,7 +46,7 @@ class Decoder:
         """One message."""
         key = recorded.topic_key
         if key not in self._topics:
-            self._topics[key] = topic_of(key)
+            self._topics[key] = topics.topic_of(key)
         found = self._topics[key]
         if found is None or found[0].message is None:
             return None
@@ -68,7 +58,7 @@ class Decoder:
 
 
 class ReplayIndex:
-    """Reads a recording once; it is told to views that begin in the middle."""
+    """Reads a recording once, and fills views that begin in the middle of it."""
 
     def __init__(self, start_ns: int) -> None:
         self.marks: list[Mark] = []
@@ -81,10 +71,11 @@ class ReplayIndex:
         self._conditions: dict[str, Condition] = {}
 
     def read(self, messages: Iterable[RecordedMessage], decode: Callable[[RecordedMessage], Received | None]) -> None:
-        """Take in all of a recording, in order."""
+        """Read all messages of a recording, in order."""
         for recorded in messages:
-            topic = topic_of_kept(recorded.topic_key)
-            if topic is None:
+            found = topics.topic_of(recorded.topic_key)
+            topic = found[0] if found is not None else None
+            if topic not in (*SUMMED, topics.ROBOT_STATE, topics.ARENA_TRUTH):
                 continue
             received = decode(recorded)
             if received is None:
@@ -94,19 +85,19 @@ class ReplayIndex:
                 self._times_s.append(time_s)
                 self._summed.append(received)
             self._mark(received, time_s)
-            if topic in (ROBOT_STATE, ARENA_TRUTH):
+            if topic in (topics.ROBOT_STATE, topics.ARENA_TRUTH):
                 self._all.apply(received, time_s)
-                if topic is ROBOT_STATE:
+                if topic is topics.ROBOT_STATE:
                     self._keep(received.names["robot"], time_s)
 
-    def tell_events(self, view: TeamView, time_s: float) -> None:
-        """Tell a fresh view all that happened until then."""
+    def apply_events(self, view: TeamView, time_s: float) -> None:
+        """Apply to a new view all events up to a time."""
         view.look_order = {name: robot.index for name, robot in self._all.robots.items()}
         for received in self._summed[: bisect_right(self._times_s, time_s)]:
             view.apply(received, 0.0)
 
-    def tell_history(self, view: TeamView, time_s: float) -> None:
-        """Tell a view, that knows the state of then, how it came to it: trails and charts."""
+    def apply_history(self, view: TeamView, time_s: float) -> None:
+        """Add the history up to a time, trails and charts, to a view of the state at that time."""
         for name, robot in view.robots.items():
             places = self._trails.get(name, [])
             robot.trail.clear()
@@ -148,12 +139,6 @@ class ReplayIndex:
     def _add(self, time_s: float, kind: str, said: str) -> None:
         if len(self.marks) < MARKS:
             self.marks.append(Mark(time_s, kind, said))
-
-
-def topic_of_kept(key: str) -> Topic[Any] | None:
-    """The topic of a key, if the index keeps anything of it."""
-    found = topic_of(key)
-    return found[0] if found is not None and found[0] in (*SUMMED, ROBOT_STATE, ARENA_TRUTH) else None
 
 
 def _until(entries: list[tuple[float, Any]], time_s: float) -> list[tuple[float, Any]]:

@@ -1,4 +1,4 @@
-"""A recording in place of a team: the same view, with a position in time that can be moved."""
+"""A recording in place of a team: the same view, at a position in time that can be moved."""
 
 from collections import deque
 from collections.abc import Callable
@@ -13,13 +13,13 @@ SPEEDS = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 60.0)
 
 
 class ReplaySource:
-    """Fills a TeamView from a recording; owned, and closed, by who uses it.
+    """Updates a TeamView from a recording; its user closes it.
 
     Args:
         path: an MCAP file.
-        on_progress: told the share that has been read, 0 to 1: the file is read before it can be looked at.
-        speed: recorded seconds a second, once somebody plays it.
-        start_s: where to stand at first, in seconds since the first message.
+        on_progress: called with the share of the file that has been read, 0 to 1.
+        speed: of playing, recorded seconds per second.
+        start_s: initial position, seconds since the first message.
 
     Raises:
         RecordingError: the file is no recording, or is damaged.
@@ -44,7 +44,7 @@ class ReplaySource:
         self.view = TeamView()
         self._runs = 0
         self._asked: deque[Callable[[float], None]] = deque(maxlen=64)
-        """Moves, each of them given the time at which it is made."""
+        """Requested moves, each called with the time of the next step."""
         self._heard_s: float | None = None
         self._messages = 0
         self._set_speed(speed)
@@ -52,11 +52,11 @@ class ReplaySource:
 
     @property
     def marks(self) -> list[Mark]:
-        """What happened, by time."""
+        """The marks of the timeline, by time."""
         return self._index.marks
 
     def hear(self, now_s: float) -> None:
-        """Take in what has become due."""
+        """Process what has become due."""
         while self._asked:
             self._asked.popleft()(now_s)
         self._age(now_s)
@@ -68,17 +68,17 @@ class ReplaySource:
         self.view.coordinator_up = self.view.team is not None
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self.player.close()
 
-    # -- moving; may be asked for from any thread ------------------------------------------------------------
+    # The next four methods may be called from any thread.
 
     def seek(self, time_s: float) -> None:
-        """Go to a time, in seconds since the first message."""
+        """Go to a time, seconds since the first message."""
         self._asked.append(lambda now_s: self._go_to(time_s, now_s))
 
     def skip(self, by_s: float) -> None:
-        """Go so much on, or back."""
+        """Go forward, or back if negative, seconds."""
         self._asked.append(lambda now_s: self._go_to(self.player.position_s + by_s, now_s))
 
     def toggle(self) -> None:
@@ -86,7 +86,7 @@ class ReplaySource:
         self._asked.append(self._toggle)
 
     def set_speed(self, speed: float) -> None:
-        """Play at so many times the recorded speed."""
+        """Set the speed, recorded seconds per second."""
         self._asked.append(lambda _: self._set_speed(speed))
 
     def _toggle(self, now_s: float) -> None:
@@ -103,19 +103,17 @@ class ReplaySource:
         if not playing:
             self.player.pause()
 
-    # -- the view -------------------------------------------------------------------------------------------
-
     def _go_to(self, time_s: float, now_s: float) -> None:
         time_s = min(max(time_s, 0.0), self.player.duration_s)
         selected = self.view.selected
         self._runs += 1
         view = self.view = TeamView()
-        # The scene tells by this number that it is another picture.
+        # The scene recognises another run by this number.
         view.runs, view.is_replay, view.selected = self._runs, True, selected
         state = self.player.seek(time_s)
-        self._index.tell_events(view, self.player.position_s)
+        self._index.apply_events(view, self.player.position_s)
         self._take(state, now_s)
-        self._index.tell_history(view, self.player.position_s)
+        self._index.apply_history(view, self.player.position_s)
 
     def _take(self, messages: list[RecordedMessage], now_s: float) -> None:
         self._messages += len(messages)
@@ -125,7 +123,7 @@ class ReplaySource:
                 self.view.apply(received, now_s)
 
     def _age(self, now_s: float) -> None:
-        """Robots grow silent by the recorded time, which stands still in a pause."""
+        """Age robots by the recorded time, which stands still in a pause."""
         before, self._heard_s = self._heard_s, now_s
         if before is None:
             return

@@ -1,10 +1,12 @@
-"""Where to stand to see all of a map."""
+"""Camera positions from which a whole map is seen."""
 
 import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
 
 FOV_RAD = math.radians(45)
 """Vertical field of view; narrower than viser's 75°, which bends a floor plan."""
@@ -18,8 +20,15 @@ Bounds = tuple[float, float, float, float]
 """x_min, y_min, x_max, y_max; metres, arena frame."""
 
 
+def bounds_of(geometry: GridGeometry) -> Bounds:
+    """The bounds of a whole grid."""
+    x_max_m = geometry.origin_x_m + geometry.width * geometry.resolution_m
+    y_max_m = geometry.origin_y_m + geometry.height * geometry.resolution_m
+    return (geometry.origin_x_m, geometry.origin_y_m, x_max_m, y_max_m)
+
+
 class Standpoint(NamedTuple):
-    """A camera's place and what it looks at, metres, arena frame."""
+    """A camera's position and the point that it looks at, metres, arena frame."""
 
     position: tuple[float, float, float]
     look_at: tuple[float, float, float]

@@ -16,11 +16,11 @@ from robrain.coordinator.dashboard.scene.scene_nodes import Rows
 from robrain.coordinator.drawing.palette import Rgb
 
 WIDE_M = 24.0
-"""Of a map of this size strips have the width that they are given."""
+"""Up to this size of the map, strips have the width that they are given."""
 
 
 class MergedMeshes:
-    """One node for each colour, made anew when its mesh has become another."""
+    """One node for each colour, replaced when its mesh changes."""
 
     def __init__(self, scene: viser.SceneApi, name: str, opacity: float | None = None) -> None:
         self._scene = scene
@@ -30,7 +30,7 @@ class MergedMeshes:
         self._made = 0
 
     def show(self, meshes: Mapping[Rgb, Mesh]) -> None:
-        """Show these and no others; meshes without faces are none."""
+        """Show these meshes and no others; a mesh without faces is left out."""
         wanted = {color: mesh for color, mesh in meshes.items() if len(mesh.faces)}
         for color in [color for color in self._shown if color not in wanted]:
             self._shown.pop(color).handle.remove()
@@ -38,10 +38,10 @@ class MergedMeshes:
             known = self._shown.get(color)
             if known is None:
                 self._made += 1
-                self._shown[color] = _Shown(f"{self._name}/{self._made}", self._add(self._made, color, mesh), mesh)
-            elif not _is_same(known.mesh, mesh):
-                number = int(known.node.rpartition("/")[2])
-                self._shown[color] = _Shown(known.node, self._add(number, color, mesh), mesh)
+            elif _is_same(known.mesh, mesh):
+                continue
+            number = self._made if known is None else known.number
+            self._shown[color] = _Shown(number, self._add(number, color, mesh), mesh)
 
     def _add(self, number: int, color: Rgb, mesh: Mesh) -> viser.MeshHandle:
         return self._scene.add_mesh_simple(
@@ -58,7 +58,7 @@ class MergedMeshes:
 
 
 class _Shown(NamedTuple):
-    node: str
+    number: int
     handle: viser.MeshHandle
     mesh: Mesh
 
@@ -71,9 +71,10 @@ def by_color(pieces: Iterable[tuple[Rgb, Mesh]]) -> dict[Rgb, Mesh]:
     return {color: join(*meshes) for color, meshes in found.items()}
 
 
-def copies(mesh: Mesh, positions: Rows, scales: Rows, yaw_rad: Rows | None = None) -> Mesh:
+def copies(mesh: Mesh, positions: Rows, scales: Rows | None = None, yaw_rad: Rows | None = None) -> Mesh:
     """A mesh at positions (N, 3), metres, with scales (N, 3) and headings (N,), as one."""
     count, size = len(positions), len(mesh.vertices)
+    scales = np.ones((count, 3), np.float32) if scales is None else scales
     turns = np.zeros(count, np.float32) if yaw_rad is None else yaw_rad
     cos, sin = np.cos(turns)[:, None], np.sin(turns)[:, None]
     scaled = mesh.vertices[None, :, :] * scales[:, None, :]
@@ -100,7 +101,7 @@ def strips(lines: Rows, width_m: float | Rows) -> Mesh:
 
 
 def widen_for(size_m: float) -> float:
-    """How many times wider strips are on a map of this size, so that they are seen when all of it is."""
+    """Factor of the width of strips on a map of this size, so that they are visible in the overview."""
     return max(1.0, size_m / WIDE_M)
 
 

@@ -1,6 +1,7 @@
 """Triangles of what stands on the floor: vertices float32 (V, 3) in metres, faces uint32 (F, 3)."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,21 +17,27 @@ class Mesh(NamedTuple):
 
 def prism(outline: NDArray[np.float64], z_min_m: float, z_max_m: float) -> Mesh:
     """A convex outline (N, 2), counter-clockwise, raised from `z_min_m` to `z_max_m`; its floor is left open."""
-    count = len(outline)
-    lower = np.column_stack([outline, np.full(count, z_min_m)])
-    upper = np.column_stack([outline, np.full(count, z_max_m)])
-    here = np.arange(count)
-    following = (here + 1) % count
-    sides = np.concatenate(
-        [
-            np.column_stack([here, following, following + count]),
-            np.column_stack([here, following + count, here + count]),
-        ]
-    )
-    lid = np.column_stack([np.zeros(count - 2, np.int64), here[1:-1], here[2:]]) + 2 * count
+    lower = np.column_stack([outline, np.full(len(outline), z_min_m)])
+    upper = np.column_stack([outline, np.full(len(outline), z_max_m)])
     # The lid has corners of its own, so that its edge is sharp in smooth shading too.
-    vertices = np.concatenate([lower, upper, upper])
-    return Mesh(vertices.astype(np.float32), np.concatenate([sides, lid]).astype(np.uint32))
+    return join(_band(lower, upper), fan(upper[1:], upper[0], closed=False))
+
+
+def fan(rim: NDArray[np.float64], apex: Sequence[float] | NDArray[np.float64], *, closed: bool = True) -> Mesh:
+    """Triangles from each edge of a rim (N, 3) to one corner; `closed` has the edge from its end to its begin."""
+    count = len(rim)
+    here = np.arange(count if closed else count - 1)
+    faces = np.column_stack([here, (here + 1) % count, np.full(len(here), count)])
+    return Mesh(np.vstack([rim, apex]).astype(np.float32), faces.astype(np.uint32))
+
+
+def _band(one: NDArray[np.float64], other: NDArray[np.float64]) -> Mesh:
+    """A strip between two closed lines (N, 3)."""
+    here = np.arange(len(one))
+    following = (here + 1) % len(one)
+    lower = np.column_stack([here, following, following + len(one)])
+    upper = np.column_stack([here, following + len(one), here + len(one)])
+    return Mesh(np.concatenate([one, other]).astype(np.float32), np.concatenate([lower, upper]).astype(np.uint32))
 
 
 def circle(radius_m: float, segments: int) -> NDArray[np.float64]:
@@ -51,27 +58,15 @@ def robot_body() -> Mesh:
 
 def robot_nose() -> Mesh:
     """An arrow head on top of `robot_body`, pointing along x."""
-    outline = np.array([[0.95, 0.0], [-0.3, 0.45], [-0.1, 0.0]])
-    mirrored = outline[[0, 2]] * (1, -1)
-    left = prism(outline, 0.8, 0.9)
-    right = prism(np.array([mirrored[0], mirrored[1], [-0.3, -0.45]]), 0.8, 0.9)
+    left = prism(np.array([[0.95, 0.0], [-0.3, 0.45], [-0.1, 0.0]]), 0.8, 0.9)
+    right = prism(np.array([[0.95, 0.0], [-0.1, 0.0], [-0.3, -0.45]]), 0.8, 0.9)
     return join(left, right)
 
 
 def hoop(inner: float, segments: int = 28) -> Mesh:
     """A flat ring of outer radius 1 and this inner radius."""
-    outer = circle(1.0, segments)
-    vertices = np.concatenate([outer, inner * outer])
-    here = np.arange(segments)
-    following = (here + 1) % segments
-    faces = np.concatenate(
-        [
-            np.column_stack([here, following, here + segments]),
-            np.column_stack([following, following + segments, here + segments]),
-        ]
-    )
-    flat = np.column_stack([vertices, np.zeros(len(vertices))])
-    return Mesh(flat.astype(np.float32), faces.astype(np.uint32))
+    outer = np.column_stack([circle(1.0, segments), np.zeros(segments)])
+    return _band(outer, inner * outer)
 
 
 def robot_dart() -> Mesh:
@@ -88,21 +83,14 @@ def cube() -> Mesh:
 
 def pin(radius_m: float, height_m: float) -> Mesh:
     """A cone that stands on its tip: marks a place."""
-    rim = circle(radius_m, 10)
-    vertices = np.concatenate([np.column_stack([rim, np.full(10, height_m)]), [[0.0, 0.0, 0.0], [0.0, 0.0, height_m]]])
-    here = np.arange(10)
-    following = (here + 1) % 10
-    tip, middle = np.full(10, 10), np.full(10, 11)
-    faces = np.concatenate([np.column_stack([following, here, tip]), np.column_stack([here, following, middle])])
-    return Mesh(vertices.astype(np.float32), faces.astype(np.uint32))
+    rim = np.column_stack([circle(radius_m, 10), np.full(10, height_m)])
+    return join(fan(rim[::-1], (0.0, 0.0, 0.0)), fan(rim, (0.0, 0.0, height_m)))
 
 
 def diamond(radius_m: float, height_m: float) -> Mesh:
     """An octahedron standing on a tip."""
     rim = np.column_stack([circle(radius_m, 4), np.full(4, height_m / 2)])
-    vertices = np.concatenate([rim, [[0.0, 0.0, 0.0], [0.0, 0.0, height_m]]])
-    faces = [[(i + 1) % 4, i, 4] for i in range(4)] + [[i, (i + 1) % 4, 5] for i in range(4)]
-    return Mesh(vertices.astype(np.float32), np.array(faces, np.uint32))
+    return join(fan(rim[::-1], (0.0, 0.0, 0.0)), fan(rim, (0.0, 0.0, height_m)))
 
 
 def flag() -> Mesh:
@@ -123,9 +111,7 @@ def bolt() -> Mesh:
 
 def tent(radius_m: float, height_m: float) -> Mesh:
     """A pyramid on a square."""
-    vertices = np.concatenate([np.column_stack([circle(radius_m, 4), np.zeros(4)]), [[0.0, 0.0, height_m]]])
-    faces = [[i, (i + 1) % 4, 4] for i in range(4)]
-    return Mesh(vertices.astype(np.float32), np.array(faces, np.uint32))
+    return fan(np.column_stack([circle(radius_m, 4), np.zeros(4)]), (0.0, 0.0, height_m))
 
 
 def join(*meshes: Mesh) -> Mesh:

@@ -6,22 +6,13 @@ from typing import NamedTuple
 import numpy as np
 import viser
 
-from robrain.coordinator.dashboard.layers.certainty_layer import CertaintyLayer
-from robrain.coordinator.dashboard.layers.field_layer import FieldLayer
-from robrain.coordinator.dashboard.layers.floor_layers import FloorLayer, WallLayer
+from robrain.coordinator.dashboard.layers.floor_layers import FieldLayer, FloorLayer, WallLayer
 from robrain.coordinator.dashboard.layers.layer import Layer
-from robrain.coordinator.dashboard.layers.marker_layers import FrontierLayer, MoteLayer
-from robrain.coordinator.dashboard.layers.place_layers import ChargerLayer, TaskLayer
+from robrain.coordinator.dashboard.layers.marker_layers import ChargerLayer, FrontierLayer, MoteLayer, TaskLayer
 from robrain.coordinator.dashboard.layers.radio_layer import RadioLayer
-from robrain.coordinator.dashboard.layers.robot_layers import NameLayer, RobotLayer, TruthLayer
+from robrain.coordinator.dashboard.layers.robot_layers import CertaintyLayer, NameLayer, RobotLayer, TruthLayer
 from robrain.coordinator.dashboard.layers.track_layers import PathLayer, TrailLayer
-from robrain.coordinator.dashboard.scene.camera import (
-    FOV_RAD,
-    OVERVIEW_ELEVATION_RAD,
-    TOP_ELEVATION_RAD,
-    Bounds,
-    stand_to_see,
-)
+from robrain.coordinator.dashboard.scene import camera
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.model.geometry import Point2D
 
@@ -41,11 +32,11 @@ LAYERS: tuple[type[Layer], ...] = (
     CertaintyLayer,
     TruthLayer,
 )
-"""Those that are drawn once for all browsers, in the order of their checkboxes."""
-EMPTY_BOUNDS: Bounds = (-6.0, -5.0, 6.0, 5.0)
-"""Looked at until there is a map."""
+"""Layers that are drawn once for all browsers, in the order of their checkboxes."""
+EMPTY_BOUNDS: camera.Bounds = (-6.0, -5.0, 6.0, 5.0)
+"""Shown until there is a map."""
 EXPECTED_ASPECT = 1.1
-"""Of the picture beside the panel on a laptop's screen; a browser that is there already tells its own."""
+"""Aspect ratio of the picture beside the panel on a laptop's screen, for browsers that have not reported theirs."""
 COVERED = 0.16
 """Share of the picture's height that the halt, or the bar of a replay, covers at the bottom."""
 COVERED_UPRIGHT = 0.58
@@ -60,7 +51,7 @@ SAME_PLACE_M = 0.01
 class Framed(NamedTuple):
     """How the map was framed for a browser."""
 
-    bounds: Bounds
+    bounds: camera.Bounds
     aspect: float
     elevation_rad: float
     position: tuple[float, float, float]
@@ -69,7 +60,7 @@ class Framed(NamedTuple):
 
 
 class Scene:
-    """Draws a TeamView. The first map that comes in is framed for all who look on; later the camera is theirs."""
+    """Draws a TeamView. The first map is framed in all browsers; later each browser moves its own camera."""
 
     def __init__(self, server: viser.ViserServer) -> None:
         self._server = server
@@ -77,11 +68,11 @@ class Scene:
         self._bounds = EMPTY_BOUNDS
         self._view: TeamView | None = None
         self._framed: dict[int, Framed] = {}
-        server.initial_camera.fov = FOV_RAD
+        server.initial_camera.fov = camera.FOV_RAD
         self._set_initial_camera()
 
     def draw(self, view: TeamView, now_s: float) -> None:
-        """Bring the picture up to date."""
+        """Draw what changed."""
         is_another = view is not self._view
         self._view = view
         for layer in self.layers:
@@ -90,24 +81,18 @@ class Scene:
             layer.draw(view, now_s)
         if view.map.grid is None:
             return
-        geometry = view.map.grid.geometry
-        bounds = (
-            geometry.origin_x_m,
-            geometry.origin_y_m,
-            geometry.origin_x_m + geometry.width * geometry.resolution_m,
-            geometry.origin_y_m + geometry.height * geometry.resolution_m,
-        )
+        bounds = camera.bounds_of(view.map.grid.geometry)
         if bounds != self._bounds:
             self._bounds = bounds
             self._set_initial_camera()
 
     def show_overview(self, client: viser.ClientHandle) -> None:
         """Move one browser's camera to where the whole map is seen from the side and above."""
-        self._move(client, OVERVIEW_ELEVATION_RAD)
+        self._move(client, camera.OVERVIEW_ELEVATION_RAD)
 
     def show_top(self, client: viser.ClientHandle) -> None:
         """Move one browser's camera above the map, +y up."""
-        self._move(client, TOP_ELEVATION_RAD)
+        self._move(client, camera.TOP_ELEVATION_RAD)
 
     def keep_framed(self, client: viser.ClientHandle) -> None:
         """Frame a new map, or the same one if the window's aspect ratio changed and nobody moved the camera."""
@@ -132,24 +117,24 @@ class Scene:
         return Point2D(float(look_at[0]), float(look_at[1])), distance_m
 
     def forget(self, client_id: int) -> None:
-        """A browser has gone."""
+        """Drop the data of a browser that has disconnected."""
         self._framed.pop(client_id, None)
 
     def _move(self, client: viser.ClientHandle, elevation_rad: float) -> None:
         aspect = aspect_of(client)
         covered = COVERED_UPRIGHT if aspect < UPRIGHT else COVERED
-        stand = stand_to_see(self._bounds, elevation_rad, aspect, covered=covered)
+        stand = camera.stand_to_see(self._bounds, elevation_rad, aspect, covered=covered)
         self._framed[client.client_id] = Framed(
             self._bounds, aspect, elevation_rad, stand.position, math.dist(stand.position, stand.look_at)
         )
         with client.atomic():
-            client.camera.fov = FOV_RAD
+            client.camera.fov = camera.FOV_RAD
             client.camera.position = stand.position
             client.camera.look_at = stand.look_at
             client.camera.up_direction = (0.0, 0.0, 1.0)
 
     def _set_initial_camera(self) -> None:
-        stand = stand_to_see(self._bounds, OVERVIEW_ELEVATION_RAD, EXPECTED_ASPECT, covered=COVERED)
+        stand = camera.stand_to_see(self._bounds, camera.OVERVIEW_ELEVATION_RAD, EXPECTED_ASPECT, covered=COVERED)
         self._server.initial_camera.position = stand.position
         self._server.initial_camera.look_at = stand.look_at
 

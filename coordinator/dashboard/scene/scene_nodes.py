@@ -1,7 +1,7 @@
-"""Scene nodes that hold many things at once: one message moves them all, and their number may change.
+"""Scene nodes with many parts: one message moves all of them, and their number may change.
 
-A node is made anew, under its old name, when the number of things in it changes: its arrays must never disagree in
-length, not even for the moment between two messages. Otherwise only the arrays that differ are sent.
+A node is replaced, under its old name, when the number of its parts changes: its arrays must never disagree in length,
+not even for the moment between two messages. Otherwise only the arrays that differ are sent.
 
 Colours are given in sRGB, as everywhere on a page.
 """
@@ -12,6 +12,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from robrain.coordinator.dashboard.scene.camera import Bounds
 from robrain.coordinator.dashboard.scene.meshes import Mesh
 from robrain.protocol.model.geometry import Point2D
 
@@ -20,7 +21,7 @@ Colors = NDArray[np.uint8]
 
 
 def to_linear(colors: Colors) -> Colors:
-    """Linear light of colours (sRGB, IEC 61966-2-1): as such viser hands them to three.js, unless in a picture."""
+    """Linear light of sRGB colours (IEC 61966-2-1), which viser passes to three.js unconverted, unless in a picture."""
     srgb = colors / 255
     linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
     encoded: Colors = np.rint(255 * linear).astype(np.uint8)
@@ -28,7 +29,7 @@ def to_linear(colors: Colors) -> Colors:
 
 
 class Instances:
-    """One mesh, shown at many places."""
+    """One mesh at many places."""
 
     def __init__(self, scene: viser.SceneApi, name: str, mesh: Mesh) -> None:
         self._scene = scene
@@ -68,8 +69,41 @@ class Instances:
         self._handle.batched_colors = linear
 
 
+class FloorPicture:
+    """A picture that lies on the floor."""
+
+    def __init__(self, scene: viser.SceneApi, name: str) -> None:
+        self._scene = scene
+        self._name = name
+        self._handle: viser.ImageHandle | None = None
+        self._bounds: Bounds | None = None
+
+    def show(self, picture: NDArray[np.uint8], bounds: Bounds, z_m: float) -> None:
+        """Show a picture, row 0 at the lowest y, over these bounds."""
+        if self._handle is not None and bounds == self._bounds:
+            self._handle.image = picture
+            return
+        self._bounds = x_min, y_min, x_max, y_max = bounds
+        self._handle = self._scene.add_image(
+            self._name,
+            picture,
+            x_max - x_min,
+            y_max - y_min,
+            format="png",
+            cast_shadow=False,
+            receive_shadow=False,
+            position=((x_min + x_max) / 2, (y_min + y_max) / 2, z_m),
+        )
+
+    def hide(self) -> None:
+        """Remove the picture."""
+        if self._handle is not None:
+            self._handle.remove()
+            self._handle = None
+
+
 class Labels:
-    """Texts that stand in the scene, each under a key of its own; above their places, or below them."""
+    """Texts in the scene, each under a key of its own, above or below its place."""
 
     def __init__(self, scene: viser.SceneApi, name: str, size: float = 1.0, *, below: bool = False) -> None:
         self._scene = scene

@@ -42,10 +42,10 @@ class PageGuard:
         self._names = {*LOOPBACK_NAMES, bare.lower()}
         # Only scripts with the nonce run: what slips through as markup is then still no program.
         nonce = secrets.token_urlsafe(16)
-        page = _client_page().replace('e.type="module";', f'e.type="module";e.nonce="{nonce}";')
-        page = page.replace("<script", f'<script nonce="{nonce}"').replace(
-            "<title>Viser</title>", "<title>robrain</title>"
-        )
+        page = resources.files("viser").joinpath("client/build/index.html").read_text(encoding="utf-8")
+        page = page.replace('e.type="module";', f'e.type="module";e.nonce="{nonce}";')
+        page = page.replace("<script", f'<script nonce="{nonce}"')
+        page = page.replace("<title>Viser</title>", "<title>robrain</title>")
         page = page.replace("</head>", head.replace("{nonce}", nonce) + "</head>", 1)
         self._page = gzip.compress(page.encode())
         self._headers = {
@@ -101,7 +101,3 @@ class PageGuard:
         except MultipleValuesError:
             return False
         return host in own and (origin is None or origin.lower() == f"http://{host}")
-
-
-def _client_page() -> str:
-    return resources.files("viser").joinpath("client/build/index.html").read_text(encoding="utf-8")

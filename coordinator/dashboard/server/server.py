@@ -1,17 +1,17 @@
-"""The web server of the dashboard: viser, made quiet, kept at home, and closed to other pages."""
+"""The web server of the dashboard: viser without its console output, public tunnel and access from other pages."""
 
 import contextlib
 import errno
 import socket
 import warnings
 from collections.abc import Iterator
+from importlib import resources
 
 import rich
 import viser
 
 from robrain.coordinator.dashboard.server.loop_event import wake_on_own_thread
 from robrain.coordinator.dashboard.server.page_guard import PageGuard
-from robrain.coordinator.dashboard.server.page_head import page_head
 from robrain.protocol.wire.errors import PortTaken, WireError
 
 AMBIENT = 1.0
@@ -36,7 +36,7 @@ def open_server(host: str, port: int, *, has_halt: bool = True) -> LocalServer:
         WireError: `host` is not an address of this computer, or this viser takes no guard.
     """
     _check_free(host, port)
-    # A browser may go between the moment it was seen to be there and the message to it: that is nobody's mistake.
+    # A browser may disconnect at any moment; a message to it then is no mistake.
     warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
     guard = PageGuard(host, page_head(has_halt=has_halt))
     with quiet(), guard.installed():
@@ -55,15 +55,34 @@ def open_server(host: str, port: int, *, has_halt: bool = True) -> LocalServer:
     return server
 
 
+def page_head(*, has_halt: bool) -> str:
+    """What is added to the head of viser's page: a style, and a script that makes keys and rows of tables work.
+
+    viser's own elements report neither a click on a row nor a held key; `page.js` turns both into what they report.
+
+    Args:
+        has_halt: add the halt button; a recording has none.
+
+    Returns:
+        HTML with `{nonce}` as placeholder for the script's nonce.
+
+    """
+    folder = resources.files("robrain.coordinator.dashboard.server")
+    style = folder.joinpath("page.css").read_text(encoding="utf-8")
+    script = folder.joinpath("page.js").read_text(encoding="utf-8")
+    mark = '<meta name="rb-halt" content="yes">' if has_halt else ""
+    return f'{mark}<style>{style}</style><script nonce="{{nonce}}">{script}</script>'
+
+
 def close_server(server: viser.ViserServer) -> None:
-    """Stop serving; browsers that look on show that the connection is lost."""
+    """Stop serving; open pages then show that the connection is lost."""
     with quiet():
         server.stop()
 
 
 @contextlib.contextmanager
 def quiet() -> Iterator[None]:
-    """Hold back what viser prints when it starts and stops; it has no switch for these lines."""
+    """Suppress what viser prints when it starts and stops; it has no option for that."""
     console = rich.get_console()
     before = console.quiet
     console.quiet = True

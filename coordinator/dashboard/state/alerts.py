@@ -1,13 +1,10 @@
 """What an operator should look at, worst first."""
 
-from collections.abc import Sequence
 from enum import StrEnum
 from typing import NamedTuple
 
-from robrain.coordinator.dashboard.state.recorder_view import RecorderView
-from robrain.coordinator.dashboard.state.robot_view import Condition, RobotView
+from robrain.coordinator.dashboard.state.robot_view import Condition, RecorderView, RobotView
 from robrain.coordinator.dashboard.state.team_view import TeamView
-from robrain.protocol.wire.border.refusals import Refusal
 
 LOW_SOC = 0.2
 LOW_MOTE_V = 2.4
@@ -22,7 +19,7 @@ class Level(StrEnum):
 
 
 class Alert(NamedTuple):
-    """One line; its strings came over the wire, and are not escaped."""
+    """One line; its strings come from the wire and are not escaped."""
 
     level: Level
     subject: str
@@ -45,14 +42,16 @@ def alerts_of(view: TeamView, now_s: float) -> list[Alert]:
             found += _of_recorder(recorder, now_s)
     if view.rejected:
         found.append(Alert(Level.WARN, "Messages", f"{view.rejected} made no sense and were left out"))
-    if view.team is not None and isinstance(view.team.refused, list):
+    if view.team is not None:
         found += _of_refusals("Coordinator", view.team.refused)
     found += _of_refusals("Dashboard", view.refused)
     return sorted(found, key=lambda alert: alert.level is not Level.BAD)
 
 
-def _of_refusals(subject: str, refused: Sequence[Refusal]) -> list[Alert]:
-    return [Alert(Level.WARN, subject, f"rejected {one.words}") for one in refused[:REFUSALS_SHOWN]]
+def _of_refusals(subject: str, refused: object) -> list[Alert]:
+    """Alerts for rejected messages, if their list is known."""
+    known = refused[:REFUSALS_SHOWN] if isinstance(refused, list) else []
+    return [Alert(Level.WARN, subject, f"rejected {one.words}") for one in known]
 
 
 def _of_robot(robot: RobotView, now_s: float) -> list[Alert]:
@@ -69,8 +68,7 @@ def _of_robot(robot: RobotView, now_s: float) -> list[Alert]:
     found += [
         Alert(Level.BAD, robot.name, f"{fault.plugin} does not run: {last_line(fault.why)}") for fault in state.faulted
     ]
-    if isinstance(state.refused, list):
-        found += _of_refusals(robot.name, state.refused)
+    found += _of_refusals(robot.name, state.refused)
     if state.lost:
         found.append(Alert(Level.BAD, robot.name, f"is lost: {state.lost}"))
     battery = state.battery
@@ -95,8 +93,7 @@ def _of_recorder(recorder: RecorderView, now_s: float) -> list[Alert]:
     if recorder.is_silent(now_s):
         return [Alert(Level.BAD, subject, "says nothing any more: what happens now may not be recorded")]
     state = recorder.state
-    said = "; ".join(filter(None, (state.why, recorder.lost_text))) if state is not None else ""
-    found = [Alert(Level.BAD, subject, said)] if said else []
-    return found + (
-        _of_refusals(subject, state.refused) if state is not None and isinstance(state.refused, list) else []
-    )
+    if state is None:
+        return []
+    problem = "; ".join(filter(None, (state.why, recorder.lost_text)))
+    return [*([Alert(Level.BAD, subject, problem)] if problem else []), *_of_refusals(subject, state.refused)]

@@ -57,7 +57,7 @@ class Headline(NamedTuple):
 
 @dataclass(frozen=True)
 class Vitals:
-    """What the headline goes by."""
+    """The inputs of the headline."""
 
     conditions: Mapping[Condition, int] = field(default_factory=dict)
     """Number of robots in each condition."""
@@ -127,7 +127,10 @@ def vitals_of(view: TeamView, now_s: float) -> Vitals:
         if robot.truth is not None and robot.truth.accuracy is not None and robot.truth.accuracy.silent_for_s > 0
     ]
     silent_error_m, silent_robot = max(errors_m, default=(0.0, ""))
-    least, least_robot = least_agreement(view, now_s)
+    agreements = [(robot.state.map_agreement, robot.name) for robot in robots if robot.state]
+    least, least_robot = min(
+        ((agreement, name) for agreement, name in agreements if agreement is not None), default=(math.nan, "")
+    )
     of_map = judged_map(view)
     first_s = min((robot.first_s for robot in robots if robot.first_s is not None), default=now_s)
     return Vitals(
@@ -151,18 +154,8 @@ def vitals_of(view: TeamView, now_s: float) -> Vitals:
 
 def judged_map(view: TeamView) -> MapAccuracy | None:
     """Accuracy of the map by the ground truth; None without one, and for a map with too few cells."""
-    told = view.truth.map_accuracy if view.truth is not None else None
-    return told if told is not None and told.occupied_cells >= MAP_CELLS_MIN else None
-
-
-def least_agreement(view: TeamView, now_s: float) -> tuple[float, str]:
-    """Least share of a robot's beams that agree with its map, and the robot; NaN if no robot in contact reports it."""
-    told = [
-        (robot.state.map_agreement, robot.name)
-        for robot in view.robots.values()
-        if robot.contact(now_s) is Contact.UP and robot.state is not None and robot.state.map_agreement is not None
-    ]
-    return min(told, default=(math.nan, ""))
+    known = view.truth.map_accuracy if view.truth is not None else None
+    return known if known is not None and known.occupied_cells >= MAP_CELLS_MIN else None
 
 
 def map_grade(share_off: float) -> Grade:

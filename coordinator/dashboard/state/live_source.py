@@ -1,18 +1,27 @@
-"""A team that is there: what it says comes over the wire, and what was said before is asked for."""
+"""A live team: its messages come over the wire, and the maps known before are queried."""
 
-from robrain.coordinator.dashboard.state.map_fetcher import MapFetcher
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import zenoh
+
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.errors import CallError, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
+from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_ALIVE, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 LINK_PERIOD_S = 1.0
 INBOX = 8192
+MAP_TIMEOUT_S = 1.0
+MAP_ATTEMPTS = 3
+MAP_PAUSE_S = 1.0
+"""Pause between two attempts: a robot's token can be back before its queryables are."""
 
 
 class LiveSource:
-    """Fills a TeamView from the wire; the endpoint stays its owner's."""
+    """Updates a TeamView from the wire; it does not close the endpoint."""
 
     def __init__(self, endpoint: Endpoint) -> None:
         self.view = TeamView()
@@ -29,7 +38,7 @@ class LiveSource:
         self._coordinator = endpoint.watch(COORDINATOR_ALIVE)
 
     def hear(self, now_s: float) -> None:
-        """Take in what has arrived; never waits for the team."""
+        """Process what has arrived; never waits for the team."""
         self._check_link(now_s)
         come = [change.names["robot"] for change in self._robots.changes() if self.view.apply_presence(change)]
         for robot in come:
@@ -51,10 +60,47 @@ class LiveSource:
         self._fetcher.close()
 
     def _check_link(self, now_s: float) -> None:
-        """A client that loses its router is told that everybody has gone; it is the link that has."""
+        """Tell a lost link from absent robots: a client that loses its router sees all tokens vanish."""
         if self._linked_s is not None and now_s - self._linked_s < LINK_PERIOD_S:
             return
         self._linked_s = now_s
         routed = bool(self._endpoint.session.info.routers_zid())
         self._had_router |= routed
         self.view.connected = routed or not self._had_router
+
+
+class MapFetcher:
+    """Asks robots for their whole maps on its own thread; the answers enter `inbox` like published patches."""
+
+    def __init__(self, endpoint: Endpoint, inbox: Inbox) -> None:
+        self._endpoint = endpoint
+        self._inbox = inbox
+        self._wanted: set[str] = set()
+        self._stopping = threading.Event()
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="robrain-whole-map")
+
+    def fetch(self, robot: str) -> None:
+        """Ask a robot soon, unless it is queued already."""
+        if robot not in self._wanted and not self._stopping.is_set():
+            self._wanted.add(robot)
+            self._pool.submit(self._fetch, robot)
+
+    def close(self) -> None:
+        """Ask no more; returns within about a second if a query is under way."""
+        self._stopping.set()
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def _fetch(self, robot: str) -> None:
+        self._wanted.discard(robot)
+        for _ in range(MAP_ATTEMPTS):
+            if self._stopping.is_set():
+                return
+            try:
+                answer = self._endpoint.ask(ROBOT_MAP_WHOLE, timeout_s=MAP_TIMEOUT_S, robot=robot)
+            except (CallError, NobodyThere, zenoh.ZError):
+                self._stopping.wait(MAP_PAUSE_S)
+                continue
+            if answer is not None:
+                whole = ROBOT_MAP.payloads.write(answer)
+                self._inbox.append(ROBOT_MAP, ROBOT_MAP.key(self._endpoint.team, robot=robot), whole)
+            return

@@ -1,4 +1,4 @@
-"""Who hears whom on the motes' radio, and how well: what readings and the robots' base stations tell of it."""
+"""Links of the motes' radio and their strength, from readings and from the robots' base stations."""
 
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -8,19 +8,18 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import minimum_spanning_tree
 
 from robrain.coordinator.dashboard.state.focus import Focus, motes_in_focus
-from robrain.coordinator.dashboard.state.robot_view import Contact, MoteView, RobotView
+from robrain.coordinator.dashboard.state.robot_view import Contact, MoteView
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RELAY, Relay
 from robrain.protocol.model.tasks.task import BadParameters, parameters_of
-from robrain.protocol.wire.messages.mote_messages import MoteReading
 
 STRONGEST_DBM = 20.0
-"""No packet is heard as well as that."""
+"""Stronger than any link."""
 
 
 class Link(NamedTuple):
-    """A line between two places, arena frame, and how well one hears the other."""
+    """A radio link between two places, arena frame."""
 
     start: Point2D
     end: Point2D
@@ -28,19 +27,14 @@ class Link(NamedTuple):
 
 
 def best_links(view: TeamView, motes: Iterable[MoteView]) -> list[Link]:
-    """The best link of each of these motes; drawing all links would hide everything else."""
+    """The strongest of the newest links of each of these motes; drawing all links would hide everything else."""
     found = []
     for mote in motes:
-        link = best_link(mote)
+        link = max(mote.links.values(), key=lambda link: (link.stamp_ns, link.rssi_dbm), default=None)
         end = place_of_robot(view, link.via) if link is not None else None
         if link is not None and mote.place is not None and end is not None:
             found.append(Link(mote.place, end, link.rssi_dbm))
     return found
-
-
-def best_link(mote: MoteView) -> MoteReading | None:
-    """The strongest of the newest links by which a mote has been heard."""
-    return max(mote.links.values(), key=lambda link: (link.stamp_ns, link.rssi_dbm), default=None)
 
 
 def links_of_robot(view: TeamView, name: str, now_s: float) -> list[Link]:
@@ -92,8 +86,13 @@ def team_links(view: TeamView, now_s: float) -> list[Link]:
     columns = [number[other] for _, other in pairs]
     losses_db = [max(STRONGEST_DBM - rssi_dbm, 1e-3) for rssi_dbm in pairs.values()]
     tree = coo_array(minimum_spanning_tree(coo_array((losses_db, (rows, columns)), shape=(len(names),) * 2)))
-    kept = [(names[row], names[column]) for row, column in zip(*np.asarray(tree.coords), strict=True)]
-    return _lines(view, ((one, other, pairs[one, other]) for one, other in kept))
+    found = []
+    for row, column in zip(*np.asarray(tree.coords), strict=True):
+        one, other = names[row], names[column]
+        start, end = place_of_robot(view, one), place_of_robot(view, other)
+        if start is not None and end is not None:
+            found.append(Link(start, end, pairs[one, other]))
+    return found
 
 
 def robot_pairs(view: TeamView, now_s: float) -> dict[tuple[str, str], float]:
@@ -126,14 +125,7 @@ def relay_lines(view: TeamView) -> list[tuple[Point2D, Point2D]]:
 
 
 def place_of_robot(view: TeamView, name: str) -> Point2D | None:
-    """Where a robot says to be; None if there is none of that name."""
-    return _place(view.robots.get(name))
-
-
-def _lines(view: TeamView, named: Iterable[tuple[str, str, float]]) -> list[Link]:
-    placed = ((place_of_robot(view, one), place_of_robot(view, other), rssi_dbm) for one, other, rssi_dbm in named)
-    return [Link(start, end, rssi_dbm) for start, end, rssi_dbm in placed if start is not None and end is not None]
-
-
-def _place(robot: RobotView | None) -> Point2D | None:
-    return None if robot is None or robot.pose is None else Point2D(robot.pose.x_m, robot.pose.y_m)
+    """The place of a robot; None if it is not known."""
+    robot = view.robots.get(name)
+    pose = robot.pose if robot is not None else None
+    return None if pose is None else Point2D(pose.x_m, pose.y_m)

@@ -1,4 +1,4 @@
-"""What the dashboard knows of one robot and of one mote."""
+"""The known state of one robot, one mote and one recorder."""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -9,25 +9,29 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.messages.arena_messages import RobotTruth, Scan
 from robrain.protocol.wire.messages.mote_messages import MoteReading
 from robrain.protocol.wire.messages.plugin_messages import Event
+from robrain.protocol.wire.messages.recorder_messages import RecorderState
 from robrain.protocol.wire.messages.robot_messages import RadioLink, RobotState
 from robrain.protocol.wire.messages.team_messages import RobotSummary
 
 SILENT_AFTER_S = 3.0
-"""A robot whose token stands but whose state is older than this may hang: its liveliness would last 10 s more."""
+"""A robot that is present but whose state is older than this may hang: its token would last 10 s more."""
 TRAIL_STEP_M = 0.1
 TRAIL_POINTS = 600
 POSES = 12
 EVENTS = 40
 LINK_S = 20.0
-"""A radio link that has brought nothing for so long is not drawn any more, run's clock."""
+"""A radio link without a message for this long is not drawn any more, run's clock."""
+RECORDER_PERIOD_S = 2.0
+"""A recorder whose states are no farther apart than this sends one each second, as a live one does."""
+RECORDER_SILENT_S = 6.0
 
 
 class Contact(StrEnum):
-    """How well a robot is heard."""
+    """Contact with a robot."""
 
     UP = "up"
     SILENT = "silent"
-    """Its token stands, its state is old."""
+    """It is present, but its state is old."""
     LOST = "lost"
 
 
@@ -46,15 +50,15 @@ class Condition(StrEnum):
 
 @dataclass
 class RobotView:
-    """All that is known of one robot."""
+    """The known state of one robot."""
 
     name: str
     index: int
-    """How many robots appeared before it; chooses its colour."""
+    """Number of robots that appeared before it; chooses its colour."""
     present: bool | None = None
-    """Whether its liveliness token stands; None when it never had one."""
+    """Whether its liveliness token is present; None if it never had one."""
     heard_s: float | None = None
-    """When its state last came, on the caller's clock."""
+    """When its last state arrived, on the caller's clock."""
     first_s: float | None = None
     """When its first state arrived."""
     state: RobotState | None = None
@@ -63,40 +67,40 @@ class RobotView:
     scan: Scan | None = None
     path: list[Point2D] = field(default_factory=list)
     links: list[RadioLink] = field(default_factory=list)
-    """Whom its base station hears."""
+    """The links of its base station."""
     trail: deque[Point2D] = field(default_factory=lambda: deque(maxlen=TRAIL_POINTS))
     poses: deque[tuple[int, Pose2D]] = field(default_factory=lambda: deque(maxlen=POSES))
-    """The last ones with their stamps."""
+    """The last poses with their stamps."""
     history: RobotHistory = field(default_factory=RobotHistory)
     events: deque[Event] = field(default_factory=lambda: deque(maxlen=EVENTS))
-    """The last that left it, oldest first."""
+    """Its last events, oldest first."""
 
     def pose_at(self, stamp_ns: int) -> Pose2D | None:
-        """Where it said to be nearest to a time of its clock: what a lidar saw belongs to where the robot was then."""
+        """Its pose nearest to a time of its clock, such as that of a lidar scan."""
         if not self.poses or not stamp_ns:
             return self.pose
         return min(self.poses, key=lambda known: abs(known[0] - stamp_ns))[1]
 
     @property
     def pose(self) -> Pose2D | None:
-        """Where it last said to be, arena frame."""
+        """Its last pose, arena frame."""
         return None if self.state is None else self.state.pose
 
     @property
     def halted(self) -> bool:
-        """Whether it last said to be halted."""
+        """Whether its last state is halted."""
         return self.state is not None and self.state.halted
 
     @property
     def endurance_s(self) -> float | None:
-        """How long its battery lasts at the power of the last minutes; None where it does not tell."""
+        """How long its battery lasts at the power of the last minutes; None if it does not report it."""
         energy = self.state.energy if self.state is not None else None
         if energy is None or not energy.usual_power_w > 0:
             return None
         return max(0.0, energy.usable_j) / energy.usual_power_w
 
     def contact(self, now_s: float) -> Contact:
-        """How well it is heard at `now_s`."""
+        """Its contact at `now_s`."""
         if self.present is False:
             return Contact.LOST
         if self.heard_s is not None and now_s - self.heard_s <= SILENT_AFTER_S:
@@ -104,7 +108,7 @@ class RobotView:
         return Contact.SILENT if self.present else Contact.LOST
 
     def condition(self, now_s: float) -> Condition:
-        """The worst that is to be said of it."""
+        """Its condition at `now_s`: the worst that applies."""
         contact = self.contact(now_s)
         if contact is not Contact.UP:
             return Condition(contact.value)
@@ -115,7 +119,7 @@ class RobotView:
         return Condition.ASTRAY if self.state is not None and self.state.lost else Condition.UP
 
     def take_state(self, state: RobotState, now_s: float) -> None:
-        """Take in its state."""
+        """Process its state."""
         self.state, self.heard_s = state, now_s
         if self.first_s is None:
             self.first_s = now_s
@@ -127,7 +131,7 @@ class RobotView:
         self.history.take(state, self.truth)
 
     def forget_run(self) -> None:
-        """Another run has begun."""
+        """Clear the data of a run, as another one has begun."""
         self.trail.clear()
         self.poses.clear()
         self.events.clear()
@@ -138,14 +142,14 @@ class RobotView:
 
 @dataclass
 class MoteView:
-    """All that is known of one mote."""
+    """The known state of one mote."""
 
     name: str
     place: Point2D | None = None
     readings: dict[str, MoteReading] = field(default_factory=dict)
-    """The latest of each quantity."""
+    """The latest reading of each quantity."""
     links: dict[str, MoteReading] = field(default_factory=dict)
-    """The latest that each robot or gateway brought in."""
+    """The latest reading that each robot or gateway has relayed."""
 
     @property
     def latest(self) -> MoteReading | None:
@@ -153,9 +157,41 @@ class MoteView:
         return max(self.readings.values(), key=lambda reading: reading.stamp_ns, default=None)
 
     def heard(self, reading: MoteReading) -> None:
-        """Somebody brought in a reading, an old one maybe: there is a link."""
+        """Process a relayed reading, which may be old: it shows that there is a link."""
         self.place = reading.place or self.place
         self.links[reading.via] = reading
         newest_ns = max(link.stamp_ns for link in self.links.values())
         for via in [via for via, link in self.links.items() if newest_ns - link.stamp_ns > LINK_S * 1e9]:
             del self.links[via]
+
+
+@dataclass
+class RecorderView:
+    """The known state of one recorder; times are of the caller's monotonic clock."""
+
+    name: str
+    state: RecorderState | None = None
+    heard_s: float = 0.0
+    is_periodic: bool = False
+
+    def take(self, state: RecorderState, now_s: float) -> None:
+        """Process its state."""
+        if self.state is not None:
+            self.is_periodic = now_s - self.heard_s <= RECORDER_PERIOD_S or self.is_periodic
+        self.state, self.heard_s = state, now_s
+
+    def is_silent(self, now_s: float) -> bool:
+        """Whether its states have stopped although it has not closed its file."""
+        if self.state is None or self.state.closed or not self.is_periodic:
+            return False
+        return now_s - self.heard_s > RECORDER_SILENT_S
+
+    @property
+    def lost_text(self) -> str:
+        """What is not in the recording, in words; empty if nothing."""
+        lost = self.state.lost if self.state is not None else []
+        total = sum(entry.messages for entry in lost)
+        if not total:
+            return ""
+        most = max(lost, key=lambda entry: entry.messages)
+        return f"{total} messages are not in it, {most.messages} of them {most.topic}"

@@ -1,4 +1,4 @@
-"""The team's tasks as the dashboard knows them: open ones, ended ones, and who worked at what when."""
+"""The known tasks of the team: open ones, ended ones, and the times in which robots worked on them."""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -10,14 +10,14 @@ from robrain.protocol.wire.messages.plan_messages import TaskDecision
 OPEN_TASKS = 1000
 ENDED_TASKS = 200
 PLANNED_S = 20.0
-"""How long a planned task is drawn whose time the plan does not tell."""
+"""Drawn length of a planned task whose duration is not known."""
 SPANS = 60
-"""Kept for each robot."""
+"""Number of spans that are kept for each robot."""
 
 
 @dataclass
 class Span:
-    """A time in which a robot was at a task, run's clock."""
+    """A time in which a robot worked on a task, run's clock."""
 
     task: str
     kind: str
@@ -28,7 +28,7 @@ class Span:
 
 @dataclass
 class TaskBoard:
-    """Follows task events; everything is bounded."""
+    """Tracks tasks by their events; all its memory is bounded."""
 
     open: dict[str, TaskEvent] = field(default_factory=dict)
     """The last event of every task that has not ended, oldest change first."""
@@ -37,13 +37,13 @@ class TaskBoard:
     spans: dict[str, deque[Span]] = field(default_factory=dict)
     """By robot."""
     decisions: dict[str, TaskDecision] = field(default_factory=dict)
-    """The last word of the plan on each task, the oldest first."""
+    """The last decision of the plan on each task, the oldest first."""
     newest_ns: int = 0
     """The latest stamp of all events."""
     _running: dict[str, tuple[str, Span]] = field(default_factory=dict)
 
     def take(self, event: TaskEvent) -> None:
-        """Take in an event; the same change told again changes nothing."""
+        """Process an event; a repeated one changes nothing."""
         task = event.task.id
         known = self.open.pop(task, None)
         if event.state.ended:
@@ -62,14 +62,14 @@ class TaskBoard:
         self._follow(event)
 
     def decide(self, decision: TaskDecision) -> None:
-        """Take in what a plan says of a task."""
+        """Process a plan's decision on a task."""
         self.decisions.pop(decision.task, None)
         self.decisions[decision.task] = decision
         while len(self.decisions) > OPEN_TASKS:
             del self.decisions[next(iter(self.decisions))]
 
     def planned(self) -> dict[str, list[Span]]:
-        """What is planned for each robot and has not begun: from when to when, as the plan was made."""
+        """The planned tasks of each robot that have not begun, with the times of the plan."""
         found: dict[str, list[Span]] = {}
         for task, decision in self.decisions.items():
             event = self.open.get(task)
@@ -81,15 +81,6 @@ class TaskBoard:
                 span = Span(task, event.task.kind, start_ns, start_ns + round(time_s * 1e9), event.state)
                 found.setdefault(robot, []).append(span)
         return found
-
-    def clear(self) -> None:
-        """Forget all."""
-        self.open.clear()
-        self.ended.clear()
-        self.spans.clear()
-        self.decisions.clear()
-        self._running.clear()
-        self.newest_ns = 0
 
     def _follow(self, event: TaskEvent) -> None:
         task, running = event.task.id, event.state in (TaskState.RUNNING, TaskState.LOST_CONTACT)

@@ -1,16 +1,15 @@
-"""What the dashboard knows of its team: messages come in, drawings and tables read it. No browser, no I/O."""
+"""The known state of the team: messages update it, drawings and tables read it. No browser, no I/O."""
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from robrain.coordinator.dashboard.state.rate_meter import RateMeter
-from robrain.coordinator.dashboard.state.recorder_view import RecorderView
-from robrain.coordinator.dashboard.state.robot_view import MoteView, RobotView
+from robrain.coordinator.dashboard.state.robot_view import MoteView, RecorderView, RobotView
 from robrain.coordinator.dashboard.state.task_board import TaskBoard
 from robrain.coordinator.drawing.map_view import FAR_M, MapView
 from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.wire import topics
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.reading_sieve import ReadingSieve, taken_at_ns
 from robrain.protocol.wire.border.refusals import Refusal
@@ -18,31 +17,13 @@ from robrain.protocol.wire.messages.arena_messages import ArenaClock, ArenaTruth
 from robrain.protocol.wire.messages.map_messages import MapPatch
 from robrain.protocol.wire.messages.mote_messages import MoteReading
 from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.plan_messages import ChargeSchedule, PlannedCharge
+from robrain.protocol.wire.messages.plan_messages import ChargeSchedule, PlannedCharge, TaskDecision
 from robrain.protocol.wire.messages.plugin_messages import Event, LogRecord
 from robrain.protocol.wire.messages.recorder_messages import RecorderState
 from robrain.protocol.wire.messages.robot_messages import PlannedPath, RobotLinks, RobotState
 from robrain.protocol.wire.messages.team_messages import Halt, TeamState
 from robrain.protocol.wire.presence import Change
 from robrain.protocol.wire.topic import Topic
-from robrain.protocol.wire.topics import (
-    ARENA_CLOCK,
-    ARENA_SCAN,
-    ARENA_TRUTH,
-    COORDINATOR_CHARGES,
-    COORDINATOR_STATE,
-    HALT,
-    MOTE_READING,
-    RECORDER_STATE,
-    ROBOT_EVENT,
-    ROBOT_LINKS,
-    ROBOT_LOG,
-    ROBOT_MAP,
-    ROBOT_PATH,
-    ROBOT_STATE,
-    TASK_DECISION,
-    TASK_EVENT,
-)
 
 HISTORY_POINTS = 400
 HISTORY_STEP_S = 1.0
@@ -51,24 +32,58 @@ LINKS = 200
 RECORDERS = 20
 FAR_MM = round(FAR_M * 1000)
 FULL_TURN_RAD = 2 * math.pi
+Names = Mapping[str, str]
 RESTART_S = 1.0
-"""An arena clock that falls back by more than this tells of another run."""
+"""An arena clock that falls back by more than this begins another run."""
+
+
+class RateMeter:
+    """Growth of a total per second of the caller's clock, over a sliding window.
+
+    Args:
+        window_s: length of the window.
+    """
+
+    def __init__(self, window_s: float = 4.0) -> None:
+        if not window_s > 0:
+            raise ValueError(f"expected window_s > 0, got {window_s}")
+        self.window_s = window_s
+        self._samples: deque[tuple[float, float]] = deque()
+
+    def add(self, now_s: float, total: float) -> None:
+        """Add a sample of the total; a total that shrank restarts the meter."""
+        if self._samples and total < self._samples[-1][1]:
+            self._samples.clear()
+        self._samples.append((now_s, total))
+        while len(self._samples) > 2 and self._samples[1][0] <= now_s - self.window_s:
+            self._samples.popleft()
+
+    @property
+    def per_s(self) -> float | None:
+        """Growth per second; None while the samples span less than half a second."""
+        if not self._samples:
+            return None
+        first_s, first = self._samples[0]
+        last_s, last = self._samples[-1]
+        if last_s - first_s < 0.5:
+            return None
+        return (last - first) / (last_s - first_s)
 
 
 class TeamView:
-    """The team as its messages tell it.
+    """The state of the team according to its messages.
 
-    Times called `now_s` are seconds of one steady clock of the caller's.
+    `now_s` is always in seconds of one monotonic clock of the caller.
     """
 
     def __init__(self) -> None:
         self.robots: dict[str, RobotView] = {}
         self.look_order: dict[str, int] = {}
-        """Which look robots have that are to keep the one of an earlier view; others get theirs as they appear."""
+        """Numbers of the looks of robots from an earlier view; other robots are numbered as they appear."""
         self.motes: dict[str, MoteView] = {}
         self.board = TaskBoard()
         self.log: deque[LogRecord] = deque(maxlen=LOG_LINES)
-        """What robots told last, oldest first."""
+        """The latest log records of all robots, oldest first."""
         self.recorders: dict[str, RecorderView] = {}
         self.map = MapView()
         self.team: TeamState | None = None
@@ -76,22 +91,22 @@ class TeamView:
         self.halt: Halt | None = None
         self.sim_time_s: float | None = None
         self.connected = True
-        """Whether the dashboard's own session has a link; without one nothing here is to be trusted."""
+        """Whether the dashboard's own session has a link; without one the view is out of date."""
         self.is_replay = False
-        """Whether all this comes out of a recording."""
+        """Whether the messages come from a recording."""
         self.coordinator_up = False
         self.chargers: tuple[Point2D, ...] = ()
-        """Where robots can charge, arena frame, as far as anybody has told."""
+        """Known places where robots can charge, arena frame."""
         self.charges: tuple[PlannedCharge, ...] = ()
-        """Who charges where and when, as the coordinator foresees it."""
+        """The charges that the coordinator plans."""
         self.selected: frozenset[str] = frozenset()
-        """Robots that somebody who looks on has selected."""
+        """Names of the robots that are selected in a browser."""
         self.explored: list[tuple[float, float]] = []
         """Arena time in seconds and explored share, 0 to 1; over the whole run, ever coarser."""
         self.team_heard_s: float | None = None
         """When the last summary of the coordinator arrived, on the caller's clock."""
         self.rejected = 0
-        """Messages that decoded but made no sense."""
+        """Number of messages that decoded but had impossible values."""
         self.refused: list[Refusal] = []
         """Messages that broke the contract of their topic, largest count first."""
         self.map_refused_s: float | None = None
@@ -102,58 +117,69 @@ class TeamView:
         self._sieve = ReadingSieve()
         self._speed = RateMeter()
         self._traffic = RateMeter()
-        self._takers: dict[str, Callable[[Received, float], None]] = {topic.name: take for topic, take in self._table()}
-
-    # -- what comes in --------------------------------------------------------------------------------------
-
-    @property
-    def topics(self) -> tuple[Topic[Any], ...]:
+        takers: dict[Topic[Any], Callable[[Any, Names, float], None]] = {
+            topics.ROBOT_STATE: self._take_state,
+            topics.ROBOT_MAP: self._take_patch,
+            topics.ROBOT_PATH: self._take_path,
+            topics.ROBOT_LINKS: self._take_links,
+            topics.ROBOT_EVENT: self._take_event,
+            topics.ROBOT_LOG: self._take_log,
+            topics.MOTE_READING: self._take_reading,
+            topics.TASK_EVENT: self._take_task,
+            topics.TASK_DECISION: self._take_decision,
+            topics.COORDINATOR_STATE: self._take_team,
+            topics.COORDINATOR_CHARGES: self._take_charges,
+            topics.RECORDER_STATE: self._take_recorder,
+            topics.HALT: self._take_halt,
+            topics.ARENA_SCAN: self._take_scan,
+            topics.ARENA_CLOCK: self._take_clock,
+            topics.ARENA_TRUTH: self._take_truth,
+        }
+        self.topics = tuple(takers)
         """The topics that `apply` understands."""
-        return tuple(topic for topic, _ in self._table())
+        self._takers = {topic.name: take for topic, take in takers.items()}
 
     def apply(self, received: Received, now_s: float) -> None:
-        """Take in a message; one of another topic is left out, one that makes no sense counts as `rejected`."""
+        """Process a message; other topics are ignored, and a message with impossible values counts as `rejected`."""
         take = self._takers.get(received.topic.name)
         if take is None:
             return
         try:
-            take(received, now_s)
+            take(received.message, received.names, now_s)
         except ValueError:
             self.rejected += 1
-            if received.topic is ROBOT_MAP:
+            if received.topic is topics.ROBOT_MAP:
                 self.map_refused_s = now_s
 
     def apply_presence(self, change: Change) -> bool:
-        """Take in a robot's token that came or went; returns whether a robot has come."""
+        """Process a robot's liveliness token; returns whether the robot has appeared."""
         self._robot(change.names["robot"]).present = change.present
         return change.present
 
     def count_messages(self, total: int, now_s: float) -> None:
-        """Take in how many messages have arrived since the start."""
+        """Set the number of messages that have arrived since the start."""
         self._traffic.add(now_s, total)
-
-    # -- what is known --------------------------------------------------------------------------------------
 
     @property
     def explored_fraction(self) -> float | None:
-        """Share of the reachable floor that is known, 0 to 1, where an arena tells it."""
+        """Share of the reachable floor that is known, 0 to 1; None without an arena."""
         return None if self.truth is None else self.truth.explored_fraction
 
     @property
     def known_area_m2(self) -> float:
-        """Area known to the coordinator, or to the dashboard where there is none."""
+        """Area known to the coordinator, or to the dashboard if the coordinator is away."""
         if self.team is not None and self.coordinator_up:
             return self.team.known_area_m2
         return self.map.known_area_m2
 
     @property
     def speed(self) -> float | None:
-        """Seconds of the arena per second of the wall; None where no arena tells its time."""
+        """Seconds of the arena per second of wall time; None without an arena."""
         return self._speed.per_s
 
     @property
     def messages_per_s(self) -> float | None:
-        """Messages that arrive in a second, or None in the first moments."""
+        """Messages that arrive per second; None in the first half second."""
         return self._traffic.per_s
 
     @property
@@ -163,77 +189,48 @@ class TeamView:
 
     @property
     def halted(self) -> bool:
-        """Whether the last word on the team is a halt, or, where none was heard, any robot stands halted."""
+        """Whether the last halt message is in force; without one, whether any robot is halted."""
         if self.halt is not None:
             return self.halt.halted
         return any(robot.halted for robot in self.robots.values())
 
     def robots_in_order(self) -> list[RobotView]:
-        """By the order in which they appeared."""
+        """All robots in the order in which they appeared."""
         return list(self.robots.values())
 
     def goal_of(self, robot: RobotView) -> Point2D | None:
-        """Where it is sent by a task, else where its path ends; arena frame."""
+        """The place of its task, else the end of its path; arena frame."""
         status = robot.state.task if robot.state is not None else None
         event = self.tasks.get(status.id) if status is not None and not status.state.ended else None
         if event is not None:
             return event.task.place
         return robot.path[-1] if robot.path else None
 
-    # -- one topic each -------------------------------------------------------------------------------------
-
-    def _table(self) -> tuple[tuple[Topic[Any], Callable[[Received, float], None]], ...]:
-        return (
-            (ROBOT_STATE, self._take_state),
-            (ROBOT_MAP, self._take_patch),
-            (ROBOT_PATH, self._take_path),
-            (ROBOT_LINKS, self._take_links),
-            (ROBOT_EVENT, self._take_event),
-            (ROBOT_LOG, self._take_log),
-            (MOTE_READING, self._take_reading),
-            (TASK_EVENT, self._take_task),
-            (TASK_DECISION, self._take_decision),
-            (COORDINATOR_STATE, self._take_team),
-            (COORDINATOR_CHARGES, self._take_charges),
-            (RECORDER_STATE, self._take_recorder),
-            (HALT, self._take_halt),
-            (ARENA_SCAN, self._take_scan),
-            (ARENA_CLOCK, self._take_clock),
-            (ARENA_TRUTH, self._take_truth),
-        )
-
-    def _take_state(self, received: Received, now_s: float) -> None:
-        state: RobotState = received.message
+    def _take_state(self, state: RobotState, names: Names, now_s: float) -> None:
         _check_place(state.pose)
-        robot = self._robot(received.names["robot"])
-        robot.take_state(state, now_s)
+        self._robot(names["robot"]).take_state(state, now_s)
 
-    def _take_patch(self, received: Received, now_s: float) -> None:
-        patch: MapPatch = received.message
+    def _take_patch(self, patch: MapPatch, names: Names, now_s: float) -> None:
         self.map.merge(patch)
 
-    def _take_path(self, received: Received, now_s: float) -> None:
-        path: PlannedPath = received.message
+    def _take_path(self, path: PlannedPath, names: Names, now_s: float) -> None:
         for point in path.points:
             _check_place(point)
-        self._robot(received.names["robot"]).path = path.points
+        self._robot(names["robot"]).path = path.points
 
-    def _take_links(self, received: Received, now_s: float) -> None:
-        heard: RobotLinks = received.message
-        self._robot(received.names["robot"]).links = heard.links[:LINKS]
+    def _take_links(self, links: RobotLinks, names: Names, now_s: float) -> None:
+        self._robot(names["robot"]).links = links.links[:LINKS]
 
-    def _take_scan(self, received: Received, now_s: float) -> None:
-        scan: Scan = received.message
+    def _take_scan(self, scan: Scan, names: Names, now_s: float) -> None:
         if not (abs(scan.angle_min_rad) <= FULL_TURN_RAD and abs(scan.angle_increment_rad) <= FULL_TURN_RAD):
             raise ValueError(f"expected angles of a turn, got {scan.angle_min_rad} and {scan.angle_increment_rad}")
         if scan.ranges_mm and not (min(scan.ranges_mm) >= 0 and max(scan.ranges_mm) <= FAR_MM):
             raise ValueError(f"expected ranges from 0 to {FAR_MM} mm")
-        self._robot(received.names["robot"]).scan = scan
+        self._robot(names["robot"]).scan = scan
 
-    def _take_reading(self, received: Received, now_s: float) -> None:
-        reading: MoteReading = received.message
+    def _take_reading(self, reading: MoteReading, names: Names, now_s: float) -> None:
         _check_place(reading.place)
-        mote = self._mote(received.names["mote"])
+        mote = self._mote(names["mote"])
         mote.heard(reading)
         if not self._sieve.is_new(reading):
             return
@@ -241,50 +238,43 @@ class TeamView:
         if before is None or taken_at_ns(before) <= taken_at_ns(reading):  # else it comes out of the mote's log
             mote.readings[reading.quantity] = reading
 
-    def _take_task(self, received: Received, now_s: float) -> None:
-        event: TaskEvent = received.message
+    def _take_task(self, event: TaskEvent, names: Names, now_s: float) -> None:
         _check_place(event.task.place)
         self.board.take(event)
 
-    def _take_decision(self, received: Received, now_s: float) -> None:
-        self.board.decide(received.message)
+    def _take_decision(self, decision: TaskDecision, names: Names, now_s: float) -> None:
+        self.board.decide(decision)
 
-    def _take_event(self, received: Received, now_s: float) -> None:
-        event: Event = received.message
-        self._robot(received.names["robot"]).events.append(event)
+    def _take_event(self, event: Event, names: Names, now_s: float) -> None:
+        self._robot(names["robot"]).events.append(event)
 
-    def _take_log(self, received: Received, now_s: float) -> None:
-        self.log.append(received.message)
+    def _take_log(self, record: LogRecord, names: Names, now_s: float) -> None:
+        self.log.append(record)
 
-    def _take_team(self, received: Received, now_s: float) -> None:
-        team: TeamState = received.message
+    def _take_team(self, team: TeamState, names: Names, now_s: float) -> None:
         for frontier in team.frontiers:
             _check_place(frontier.place)
         self.team, self.team_heard_s = team, now_s
         for summary in team.robots:
             self._robot(summary.name).summary = summary
 
-    def _take_charges(self, received: Received, now_s: float) -> None:
-        schedule: ChargeSchedule = received.message
+    def _take_charges(self, schedule: ChargeSchedule, names: Names, now_s: float) -> None:
         for charge in schedule.charges:
             _check_place(charge.charger)
         self.charges = schedule.charges
 
-    def _take_recorder(self, received: Received, now_s: float) -> None:
-        state: RecorderState = received.message
-        name = received.names["recorder"]
+    def _take_recorder(self, state: RecorderState, names: Names, now_s: float) -> None:
+        name = names["recorder"]
         if name in self.recorders or len(self.recorders) < RECORDERS:
             self.recorders.setdefault(name, RecorderView(name)).take(state, now_s)
 
-    def _take_halt(self, received: Received, now_s: float) -> None:
-        self.halt = received.message
+    def _take_halt(self, halt: Halt, names: Names, now_s: float) -> None:
+        self.halt = halt
 
-    def _take_clock(self, received: Received, now_s: float) -> None:
-        clock: ArenaClock = received.message
+    def _take_clock(self, clock: ArenaClock, names: Names, now_s: float) -> None:
         self._set_time(clock.sim_time_s, now_s)
 
-    def _take_truth(self, received: Received, now_s: float) -> None:
-        truth: ArenaTruth = received.message
+    def _take_truth(self, truth: ArenaTruth, names: Names, now_s: float) -> None:
         for robot in truth.robots:
             _check_place(robot.pose)
         for mote in truth.motes:
@@ -309,11 +299,11 @@ class TeamView:
         self._speed.add(now_s, self.sim_time_s)
 
     def _forget_run(self) -> None:
-        """Another run has begun: keep who is there, forget what was."""
+        """Clear all but the robots, as another run has begun."""
         self.runs += 1
         self.map = MapView()
         self.motes.clear()
-        self.board.clear()
+        self.board = TaskBoard()
         self.log.clear()
         self.explored.clear()
         self._explored_step_s = HISTORY_STEP_S

@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from robrain.coordinator.dashboard.layers.certainty_layer import ellipse
+from robrain.coordinator.dashboard.layers.robot_layers import ellipse
 from robrain.coordinator.dashboard.panels.halt_control import acknowledgements
-from robrain.coordinator.dashboard.scene.picking import floor_hit, robot_near
+from robrain.coordinator.dashboard.scene.selection import floor_hit, robot_near
 from robrain.coordinator.dashboard.state.alerts import Level, alerts_of
 from robrain.coordinator.dashboard.state.radio_links import relay_lines
 from robrain.coordinator.dashboard.state.robot_view import Condition, MoteView, RobotView

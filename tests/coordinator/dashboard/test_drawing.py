@@ -17,8 +17,8 @@ from robrain.coordinator.dashboard.scene.camera import (
 )
 from robrain.coordinator.dashboard.scene.merged_meshes import copies
 from robrain.coordinator.dashboard.scene.scene_nodes import plain, to_linear
-from robrain.coordinator.dashboard.state.rate_meter import RateMeter
 from robrain.coordinator.dashboard.state.robot_view import RobotView
+from robrain.coordinator.dashboard.state.team_view import RateMeter
 from robrain.coordinator.drawing.map_view import cover_with_boxes
 from robrain.coordinator.drawing.palette import look_of
 from robrain.protocol.model.geometry import Point2D, Pose2D

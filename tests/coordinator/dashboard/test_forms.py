@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robrain.client.errors import BadTask
 from robrain.coordinator.dashboard.panels.function_form import Field, FieldKind, arguments_of, fields_of
 from robrain.coordinator.dashboard.panels.page_context import stock_kinds
-from robrain.coordinator.dashboard.panels.task_tab import submission_of, task_fields
+from robrain.coordinator.dashboard.panels.task_tab import form_submission, task_fields
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import check_parameters
 from robrain.protocol.wire.messages.task_messages import KnownKind
@@ -118,7 +119,7 @@ def test_schema_of_a_stranger_makes_no_trouble(schema: dict[str, object]) -> Non
 def test_every_kind_of_task_can_be_asked_for_by_form(kind: KnownKind) -> None:
     typed = {field.label: field.default or "2" for field in task_fields(kind) if field.required}
     typed |= {"deadline_in_s": "60"} | ({"mote": "m1"} if kind.kind == "relay" else {})
-    submission = submission_of(kind, arguments_of(task_fields(kind), typed))
+    submission = form_submission(kind, arguments_of(task_fields(kind), typed))
     assert submission.task.kind == kind.kind
     check_parameters(submission.task)
     assert submission.deadline_in_s == 60.0
@@ -126,9 +127,9 @@ def test_every_kind_of_task_can_be_asked_for_by_form(kind: KnownKind) -> None:
 
 
 def test_task_that_cannot_be_is_refused_in_words() -> None:
-    with pytest.raises(ValueError, match=r"> 0\.0 - at `\$\.priority`"):
-        submission_of(KINDS["visit"], {"place": {"x_m": 1.0, "y_m": 2.0}, "priority": -1.0})
-    first, second = (submission_of(KINDS["visit"], {"place": {"x_m": 1.0, "y_m": 2.0}}).task for _ in range(2))
+    with pytest.raises(BadTask, match=r"^priority: Expected `float` > 0\.0$"):
+        form_submission(KINDS["visit"], {"place": {"x_m": 1.0, "y_m": 2.0}, "priority": -1.0})
+    first, second = (form_submission(KINDS["visit"], {"place": {"x_m": 1.0, "y_m": 2.0}}).task for _ in range(2))
     assert first.kind == "visit"
     assert first.id != second.id
 
@@ -145,11 +146,11 @@ def test_a_kind_that_only_a_robot_knows_has_a_form_made_of_its_schema() -> None:
     assert labels[:3] == ["place.x_m", "place.y_m", "width_m"]
     assert "gently" in labels
     place = {"x_m": 1.0, "y_m": 2.0}
-    submission = submission_of(sweep, {"place": place, "width_m": 2.0, "gently": True, "priority": 3.0})
+    submission = form_submission(sweep, {"place": place, "width_m": 2.0, "gently": True, "priority": 3.0})
     assert submission.task.parameters == {"width_m": 2.0, "gently": True}
     assert submission.task.priority == 3.0
     with pytest.raises(ValueError, match=r"width_m: -2\.0 is less than or equal to the minimum of 0"):
-        submission_of(sweep, {"place": place, "width_m": -2.0})
+        form_submission(sweep, {"place": place, "width_m": -2.0})
 
 
 @given(json_values)

@@ -5,7 +5,7 @@ import pytest
 import viser
 
 from robrain.coordinator.dashboard import Dashboard
-from robrain.coordinator.dashboard.layers.place_layers import ChargerLayer
+from robrain.coordinator.dashboard.layers.marker_layers import ChargerLayer
 from robrain.coordinator.dashboard.server.retry import FIRST_S
 from robrain.coordinator.dashboard.server.server import close_server, open_server
 from robrain.protocol.wire.endpoint import Endpoint
