@@ -1,12 +1,21 @@
 """What a client needs of the team that it talks to: a session, and how time passes."""
 
+import time
 from pathlib import Path
 from typing import Protocol
 
 import zenoh
 
-from robrain.protocol.wire.clock import Clock
+from robrain.protocol.wire.clock import Clock, WallClock
 from robrain.protocol.wire.endpoint import Drive
+from robrain.protocol.wire.errors import NobodyThere
+from robrain.protocol.wire.hub import nobody_answers, team_endpoints
+from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
+from robrain.protocol.wire.session import open_session
+
+PATIENCE_S = 5.0
+GATHER_S = 0.5
+"""A token or a first message may take this long to arrive by way of the hub."""
 
 
 class Transport(Protocol):
@@ -47,3 +56,60 @@ class Transport(Protocol):
 
     def close(self) -> None:
         """Leave the team; in lockstep, end the run. May be called again."""
+
+
+class LiveTransport:
+    """A client session at a team's hub.
+
+    Args:
+        connect: endpoint of the team; None uses $ROBRAIN_CONNECT, else this machine's hub.
+        team: its name.
+        patience_s: how long to ask a coordinator again that does not answer, as while it restarts.
+
+    Raises:
+        NobodyThere: nothing answers at the endpoint.
+        WireError: the endpoint is invalid.
+        BadName: the team's name is invalid.
+
+    """
+
+    drive = Drive.LIVE
+    gather_s = GATHER_S
+
+    def __init__(self, connect: str | None = None, *, team: str = DEFAULT_TEAM, patience_s: float = PATIENCE_S) -> None:
+        self.team = check_name("team", team)
+        self.patience_s = patience_s
+        self.clock = WallClock()
+        self.session = open_client_session(connect)
+        self._began_s = time.monotonic()
+
+    def elapsed_s(self) -> float:
+        """Seconds since the session was opened."""
+        return time.monotonic() - self._began_s
+
+    def pass_time(self, seconds: float) -> None:
+        """Sleep."""
+        time.sleep(seconds)
+
+    def open_folder(self, robot: str, folder: Path) -> None:
+        """Does nothing: `loadable` in the robot's own file says where it may load from."""
+
+    def close(self) -> None:
+        """Close the session."""
+        if not self.session.is_closed():
+            self.session.close()
+
+
+def open_client_session(connect: str | None) -> zenoh.Session:
+    """A client session at the given endpoint, or else at this machine's hub; the caller closes it.
+
+    Raises:
+        NobodyThere: nothing answers there.
+        WireError: an endpoint is invalid.
+
+    """
+    where = team_endpoints(connect)
+    try:
+        return open_session(mode="client", connect=where)
+    except NobodyThere as error:
+        raise NobodyThere(nobody_answers(where)) from error

@@ -1,5 +1,6 @@
 """The team's map as it is drawn: patches merged, and made into pictures."""
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,13 +11,14 @@ from robrain.protocol.wire.messages.map_patch import MAX_CELLS, geometry_of, tak
 
 FAR_M = 1e6
 """What lies farther out than this is refused: it cannot be drawn, and would hide what can."""
+_DECODER = msgspec.json.Decoder(MapPatch)
 
 
 class MapView:
     """Composes the submaps of all robots to one grid; the geometry is that of the first patch."""
 
-    def __init__(self) -> None:
-        self.atlas: SubmapAtlas | None = None
+    def __init__(self, atlas: SubmapAtlas | None = None) -> None:
+        self.atlas = atlas
         """None before the first patch."""
 
     @property
@@ -57,6 +59,13 @@ class MapView:
             atlas = SubmapAtlas(geometry)
         take_message(atlas, patch)
         self.atlas = atlas
+
+    def take(self, payload: bytes) -> None:
+        """Merge a patch as it was on the wire; one that does not decode or fit is left out, as its listeners did."""
+        try:
+            self.merge(_DECODER.decode(payload))
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, ValueError):
+            return
 
     def picture(
         self, unknown: tuple[int, int, int], free: tuple[int, int, int], occupied: tuple[int, int, int]

@@ -39,6 +39,7 @@ logger = logging.getLogger(__name__)
 
 LOCK_TIMEOUT_S = 2.0
 """How long is waited for another coordinator, which may be just ending, to leave the file."""
+LOCKED = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
 EPOCH_BLOCK = 1000
 KEPT_OWN = 1000
 KEPT_ASKED = 100_000
@@ -297,19 +298,13 @@ class Journal:
             if verdict != "ok":
                 raise Malformed(verdict)
             connection.execute("SELECT ceiling FROM epoch").fetchone()[0]
-        except sqlite3.OperationalError as error:
-            connection.close()
-            if error.sqlite_errorcode & 0xFF in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
-                text = "is locked: another coordinator writes it; stop that one, or give another file with --journal"
-                raise JournalLocked(self.path, text) from error
-            raise
-        except (sqlite3.Error, TypeError) as error:
+        except BaseException as error:  # also Ctrl-C: the file must not stay locked
             connection.close()
             if isinstance(error, TypeError):  # the row of the epochs has gone
                 raise Malformed("it has lost its epochs") from error
-            raise
-        except JournalError:
-            connection.close()
+            if isinstance(error, sqlite3.OperationalError) and error.sqlite_errorcode & 0xFF in LOCKED:
+                text = "is locked: another coordinator writes it; stop that one, or give another file with --journal"
+                raise JournalLocked(self.path, text) from error
             raise
         return connection
 

@@ -4,6 +4,8 @@ RobrainError
 └── RecordingError            a recording cannot be written, read or replayed; carries `.path`
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from robrain.protocol.wire.errors import RobrainError
@@ -15,3 +17,24 @@ class RecordingError(RobrainError):
     def __init__(self, path: Path, message: str) -> None:
         super().__init__(message)
         self.path = path
+
+
+@contextmanager
+def writing(path: Path, hint: str = "") -> Iterator[None]:
+    """Turns what goes wrong with a file, while the block writes it, into RecordingError; `hint` ends its text."""
+    try:
+        yield
+    except FileExistsError as error:
+        raise _exists(path) from error
+    except OSError as error:
+        raise RecordingError(path, f"cannot write {path}: {error.strerror or error}{hint}") from error
+
+
+def check_absent(path: Path) -> None:
+    """Raise RecordingError if there is a file of this name already: nothing is overwritten."""
+    if path.exists():
+        raise _exists(path)
+
+
+def _exists(path: Path) -> RecordingError:
+    return RecordingError(path, f"{path} exists already: give another name or move it away")

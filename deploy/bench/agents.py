@@ -14,7 +14,7 @@ import os
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,10 +22,10 @@ import msgspec
 import numpy as np
 
 from robrain.deploy.bench.figure import Figure, at_most, timing
-from robrain.deploy.bench.live_team import TEAM, await_ready, open_hub
+from robrain.deploy.bench.live_team import TEAM, await_ready
 from robrain.deploy.errors import ChildFailed
 from robrain.deploy.processes.children import Children
-from robrain.deploy.processes.live_process import client_session, live_endpoint
+from robrain.deploy.processes.live_process import ANY_PORT, client_session, live_endpoint, open_hub
 from robrain.protocol.wire.clock import NS_PER_S
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
@@ -90,7 +90,11 @@ def measure(robots: int = ROBOTS, minutes: float = MINUTES) -> Iterator[Figure]:
 
     """
     template = _template()
-    with tempfile.TemporaryDirectory(prefix="robrain-bench-") as folder, open_hub() as hub, Children() as children:
+    with (
+        tempfile.TemporaryDirectory(prefix="robrain-bench-") as folder,
+        closing(open_hub(ANY_PORT)[0]) as hub,
+        Children() as children,
+    ):
         endpoint = listening_at(hub)[0]
         journal = str(Path(folder) / "bench.journal")
         words = ["coordinator", "--journal", journal, "--connect", endpoint, "--team", TEAM]

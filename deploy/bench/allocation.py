@@ -1,7 +1,7 @@
 """Allocation: the first plan's time, and how far plans are from the best known and from the exact optimum.
 
 Seconds are seconds of one core (`time.process_time`), so that the figures do not depend on what else the machine does.
-Best known values stand in `allocation_best.json` beside this file; `find_best` looks for better ones.
+Best known values stand in `allocation_best.json` beside this file.
 """
 
 import time
@@ -26,15 +26,11 @@ TIGHTNESS = {Objective.ENERGY: 0.75, Objective.MAKESPAN: 0.4}
 """Budgets of the instances. For the makespan they are such that everything can be done by everybody's best; otherwise
 two makespans with different prizes lost would be compared."""
 THINK_S = 5.0
-BEST_S = 120.0
 SHORT_S = 1.0
 SEARCH_SEEDS = 1
 """Searches an instance; more for a fuller figure."""
 FIRST_BOUND_MS = {5: 10.0, 20: 50.0, 100: 600.0}
-GAP_BOUND = {
-    Objective.ENERGY: {5: 0.01, 20: 0.02, 100: 0.15},
-    Objective.MAKESPAN: {5: 0.03, 20: 0.05, 100: 0.12},
-}
+GAP_BOUND = {Objective.ENERGY: {5: 0.01, 20: 0.02, 100: 0.15}, Objective.MAKESPAN: {5: 0.03, 20: 0.05, 100: 0.12}}
 EXACT_SIZES = ((2, 9), (3, 8), (3, 11), (4, 8), (6, 6))
 EXACT_BOUND = 0.005
 EXACT_ITERATIONS = 1500
@@ -99,7 +95,7 @@ def _best_known_gaps(sizes: tuple[tuple[int, int], ...]) -> Iterator[Figure]:
     for objective, bounds in GAP_BOUND.items():
         for robots, tasks in sizes:
             problem = instance(robots, tasks, objective)
-            known = best.get(_name(robots, tasks, objective), BestKnown(float("nan"), 0.0))
+            known = best.get(name_of(robots, tasks, objective), BestKnown(float("nan"), 0.0))
             plans = [
                 OptimalAllocator(objective, time.process_time).plan(problem, deadline_s=THINK_S, seed=seed)
                 for seed in range(SEARCH_SEEDS)
@@ -123,10 +119,7 @@ def _is_comparable(plan: Plan, known: BestKnown) -> bool:
 def _exact_gaps() -> Iterator[Figure]:
     from robrain.deploy.bench.exact import exact_plan  # ortools is needed for nothing else
 
-    kinds: dict[str, tuple[float, float] | None] = {
-        "energy, all must be done": None,
-        "energy and prizes": (2.0, 10.0),
-    }
+    kinds: dict[str, tuple[float, float] | None] = {"energy, all must be done": None, "energy and prizes": (2.0, 10.0)}
     for name, prize_j in kinds.items():
         worst, sums, exact_sum = 0.0, {"optimal": 0.0, "auction": 0.0, "greedy": 0.0}, 0.0
         count = 0
@@ -182,31 +175,6 @@ def read_best() -> BestFile:
     return msgspec.json.decode(BEST.read_bytes(), type=BestFile) if BEST.exists() else BestFile()
 
 
-def find_best(seeds: tuple[int, ...] = (11,)) -> None:
-    """Search long, and keep what is better than what is known."""
-    found = read_best()
-    found.how = (
-        f"python -m tests.bench.allocation best SEED ...: {BEST_S:g} s of a core each (a quarter for 5 × 50),"
-        " the best of all such runs"
-    )
-    for objective in GAP_BOUND:
-        for robots, tasks in SIZES:
-            problem = instance(robots, tasks, objective)
-            for seed in seeds:
-                known = found.instances.get(_name(robots, tasks, objective))
-                think_s = BEST_S if tasks > 50 else BEST_S / 4
-                plan = OptimalAllocator(objective, time.process_time).plan(problem, deadline_s=think_s, seed=seed)
-                if known is None or _is_better(plan, known):
-                    better = BestKnown(round(plan.value, 3), round(plan.lost_prize_j, 3), seed)
-                    found.instances[_name(robots, tasks, objective)] = better
-                    BEST.write_bytes(msgspec.json.format(msgspec.json.encode(found), indent=2) + b"\n")
-
-
-def _is_better(plan: Plan, known: BestKnown) -> bool:
-    if plan.objective is Objective.ENERGY:
-        return plan.value < known.value
-    return (round(plan.lost_prize_j), plan.value) < (round(known.lost_prize_j), known.value)
-
-
-def _name(robots: int, tasks: int, objective: Objective) -> str:
+def name_of(robots: int, tasks: int, objective: Objective) -> str:
+    """Name of an instance among the best known."""
     return f"{robots}x{tasks} {objective}"

@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from robrain.deploy.commands.team_options import JsonOption
+
 BENCHES = {
     "allocation": "task allocation: gaps to exact optima, times of first plans, public routing instances",
     "responses": "response times from an event to the wheels, of a live team of processes on loopback",
@@ -18,12 +20,9 @@ BENCHES = {
 """Name, and what it measures."""
 
 bench_app = typer.Typer(
-    name="bench",
-    help="Run benchmarks; each figure is shown beside its bound.",
-    rich_markup_mode=None,
+    name="bench", help="Run benchmarks; each figure is shown beside its bound.", rich_markup_mode=None
 )
 
-JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
 MapsOption = Annotated[
     str | None, typer.Option(help="Names or paths of maps, or built-in scenarios, separated by commas; default: all.")
 ]
@@ -41,8 +40,7 @@ SecondsOption = Annotated[float, typer.Option(help="With --instance: seconds of 
 
 @bench_app.callback(invoke_without_command=True)
 def benches(
-    context: typer.Context,
-    names: Annotated[bool, typer.Option("--list", help="List the benchmarks.")] = False,
+    context: typer.Context, names: Annotated[bool, typer.Option("--list", help="List the benchmarks.")] = False
 ) -> None:
     """Run benchmarks; each figure is shown beside its bound."""
     if names:

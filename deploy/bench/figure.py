@@ -8,10 +8,13 @@ import math
 import sys
 from collections.abc import Iterable
 from enum import StrEnum
+from pathlib import Path
 
 import msgspec
 from rich.console import Console
 from rich.table import Table
+
+from robrain.deploy.errors import UsageError
 
 WIDTH = 110
 HEADINGS = ("figure", "measured", "bound", "kept", "beside")
@@ -148,7 +151,12 @@ def with_unit(value: float, unit: str) -> str:
 def measured(bench: str, figures: Iterable[Figure]) -> Measured:
     """The figures of one benchmark, put together."""
     found = list(figures)
-    return Measured(bench=bench, figures=found, all_kept=all(figure.kept is not False for figure in found))
+    return Measured(bench=bench, figures=found, all_kept=are_kept(found))
+
+
+def are_kept(figures: Iterable[Figure]) -> bool:
+    """Whether no figure is beyond its bound."""
+    return all(figure.kept is not False for figure in figures)
 
 
 def show_figures(title: str, figures: Iterable[Figure], console: Console) -> None:
@@ -160,6 +168,14 @@ def show_figures(title: str, figures: Iterable[Figure], console: Console) -> Non
         cells = (figure.name, figure.value_words(), figure.bound_words(), KEPT_WORDS[figure.kept], figure.beside)
         table.add_row(*cells)
     console.print(table)
+
+
+def write_json(path: Path, report: msgspec.Struct) -> None:
+    """Write what `--json FILE` asks for (UsageError if the file cannot be written)."""
+    try:
+        path.write_bytes(msgspec.json.format(msgspec.json.encode(report), indent=1) + b"\n")
+    except OSError as error:
+        raise UsageError(f"--json {path}: cannot be written: {error.strerror or error}") from error
 
 
 def report(bench: str, figures: Iterable[Figure], *, as_json: bool) -> None:

@@ -6,19 +6,25 @@ robot maps in the team's frame. *Carried off*: when a team has explored for a wh
 known floor. The time counts from then until it knows its place again.
 """
 
-import logging
 import math
-import multiprocessing
 from collections.abc import Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import msgspec
 import numpy as np
 from rich.console import Console
 
-from robrain.deploy.bench.figure import WIDTH, Figure, at_least, at_most, deterministic, show_figures
-from robrain.deploy.bench.mapping_plan import Case, Plan
+from robrain.deploy.bench.figure import (
+    WIDTH,
+    Figure,
+    are_kept,
+    at_least,
+    at_most,
+    deterministic,
+    show_figures,
+    write_json,
+)
+from robrain.deploy.bench.mapping_plan import Case, Plan, all_runs, errors_alone
 from robrain.deploy.commands.terminal import print_line
 from robrain.deploy.errors import UsageError
 from robrain.deploy.run.kernels import prepare_kernels
@@ -122,7 +128,7 @@ def run_bench(plan: Plan, kinds: Iterable[str], json_file: Path | None = None) -
     print_line(HEADINGS)
     found: list[Joining] = []
     asked = [(case, kind) for kind in kinds for case in plan.cases]
-    for joinings in _all_runs(asked, plan.jobs):
+    for joinings in all_runs(run_case, asked, plan.jobs):
         for each in joinings:
             print_line(each.line())
         found += joinings
@@ -171,15 +177,11 @@ def figures(runs: Iterable[Joining]) -> Iterator[Figure]:
 def run_case(asked: tuple[Case, str]) -> list[Joining]:
     """Make one run; what cannot be run is told in `why_not`."""
     case, kind = asked
-    log = logging.getLogger("robrain")
-    level = log.level
-    log.setLevel(logging.ERROR)
     try:
-        return list(_unknown_starts(case) if kind == "unknown" else _carried_off(case))
+        with errors_alone():
+            return list(_unknown_starts(case) if kind == "unknown" else _carried_off(case))
     except RobrainError as error:
         return [Joining(case=case, kind=kind, why_not=str(error))]
-    finally:
-        log.setLevel(level)
 
 
 def _unknown_starts(case: Case) -> Iterator[Joining]:
@@ -226,7 +228,6 @@ class _Watch:
         self.overlap_s: dict[str, float] = {}
         self.joined_s: dict[str, float] = {}
         self.error_m: dict[str, float] = dict.fromkeys(names, 0.0)
-        self._carried_ns: int | None = None
         self._was_lost: set[str] = set()
 
     def begin_at(self, name: str) -> None:
@@ -301,27 +302,7 @@ def _place(world: World, run: LockstepRun, name: str) -> Pose2D:
     raise UsageError(f"{plan.name}: no known floor {CARRIED_M:g} m from {name}")
 
 
-def _all_runs(asked: list[tuple[Case, str]], jobs: int) -> Iterator[list[Joining]]:
-    if jobs == 1:
-        yield from map(run_case, asked)
-        return
-    # Forked processes would share the locks of Zenoh's threads.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, mp_context=context) as pool:
-        try:
-            yield from pool.map(run_case, asked)
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
 def _write(path: Path | None, found: list[Joining]) -> None:
-    if path is None:
-        return
-    told = list(figures(found))
-    kept = all(figure.kept is not False for figure in told)
-    report = JoiningReport(bench="joining", runs=found, figures=told, all_kept=kept)
-    try:
-        path.write_bytes(msgspec.json.format(msgspec.json.encode(report), indent=1) + b"\n")
-    except OSError as error:
-        raise UsageError(f"--json {path}: cannot be written: {error.strerror or error}") from error
+    if path is not None:
+        told = list(figures(found))
+        write_json(path, JoiningReport(bench="joining", runs=found, figures=told, all_kept=are_kept(told)))

@@ -3,7 +3,7 @@
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,8 +11,9 @@ import zenoh
 
 from robrain.deploy.errors import ChildFailed
 from robrain.deploy.processes.children import Child, Children
+from robrain.deploy.processes.live_process import ANY_PORT, open_hub
 from robrain.deploy.processes.robot_files import write_robot_files
-from robrain.protocol.wire.session import listening_at, open_session
+from robrain.protocol.wire.session import listening_at
 from robrain.sim.scenarios.scenario import Scenario
 
 TEAM = "bench"
@@ -70,7 +71,11 @@ def live_team(scenario: Scenario, scenario_argument: Sequence[str]) -> Iterator[
         ChildFailed: a process did not start.
 
     """
-    with tempfile.TemporaryDirectory(prefix="robrain-bench-") as name, open_hub() as hub, Children() as children:
+    with (
+        tempfile.TemporaryDirectory(prefix="robrain-bench-") as name,
+        closing(open_hub(ANY_PORT)[0]) as hub,
+        Children() as children,
+    ):
         folder, endpoint = Path(name), listening_at(hub)[0]
         robot_files = write_robot_files(scenario.world(), folder, team=TEAM, connect=endpoint)
         common = ["--connect", endpoint, "--team", TEAM]
@@ -85,16 +90,6 @@ def live_team(scenario: Scenario, scenario_argument: Sequence[str]) -> Iterator[
         for child in started.values():
             await_ready(child)
         yield LiveTeam(hub, endpoint, TEAM, started)
-
-
-@contextmanager
-def open_hub() -> Iterator[zenoh.Session]:
-    """A router on a free port of loopback."""
-    hub = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
-    try:
-        yield hub
-    finally:
-        hub.close()
 
 
 def await_ready(child: Child) -> None:

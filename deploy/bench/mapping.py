@@ -7,20 +7,27 @@ Each run measures the occupied cells off the walls, the position errors and sile
 All figures but the wall time depend on the code alone.
 """
 
-import logging
-import multiprocessing
 import statistics
 from collections.abc import Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import msgspec
 from rich.console import Console
 
-from robrain.deploy.bench.figure import WIDTH, Bound, Figure, at_least, at_most, below, deterministic, show_figures
-from robrain.deploy.bench.mapping_plan import CONDITIONS, SHARED_MAPS, USUAL, WHEELS, Case, Plan
+from robrain.deploy.bench.figure import (
+    WIDTH,
+    Bound,
+    Figure,
+    are_kept,
+    at_least,
+    at_most,
+    below,
+    deterministic,
+    show_figures,
+    write_json,
+)
+from robrain.deploy.bench.mapping_plan import CONDITIONS, SHARED_MAPS, USUAL, WHEELS, Case, Plan, all_runs, errors_alone
 from robrain.deploy.commands.terminal import print_line, say
-from robrain.deploy.errors import UsageError
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.protocol.wire.errors import RobrainError
 from robrain.sim.lockstep.result import RunResult
@@ -102,7 +109,7 @@ def run_bench(plan: Plan, json_file: Path | None = None) -> None:
     prepare_kernels()
     print_line(HEADINGS)
     runs: list[MappedRun] = []
-    for run in _all_runs(plan):
+    for run in all_runs(run_case, plan.cases, plan.jobs):
         if run.ended == "interrupted":
             raise KeyboardInterrupt
         runs.append(run)
@@ -114,15 +121,11 @@ def run_bench(plan: Plan, json_file: Path | None = None) -> None:
 
 def run_case(case: Case) -> MappedRun:
     """Make one run; if it cannot be made, `why_not` gives the reason."""
-    log = logging.getLogger("robrain")
-    level = log.level
-    log.setLevel(logging.ERROR)  # robots that get lost are counted, a line for each would hide the others
     try:
-        return mapped(case, case.scenario().run(time_limit_s=case.time_limit_s))
+        with errors_alone():
+            return mapped(case, case.scenario().run(time_limit_s=case.time_limit_s))
     except RobrainError as error:
         return MappedRun(case=case, why_not=str(error))
-    finally:
-        log.setLevel(level)
 
 
 def mapped(case: Case, result: RunResult) -> MappedRun:
@@ -212,26 +215,6 @@ def _name(run: MappedRun) -> str:
     return f"{run.case.map}, {run.case.robots} robots, seed {run.case.seed}"
 
 
-def _all_runs(plan: Plan) -> Iterator[MappedRun]:
-    if plan.jobs == 1:
-        yield from map(run_case, plan.cases)
-        return
-    # Forked processes would share the locks of Zenoh's threads.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(plan.jobs, mp_context=context) as pool:
-        try:
-            yield from pool.map(run_case, plan.cases)
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
 def _write(path: Path | None, runs: list[MappedRun], found: list[Figure]) -> None:
-    if path is None:
-        return
-    kept = all(figure.kept is not False for figure in found)
-    report = MappingReport(bench="mapping", runs=runs, figures=found, all_kept=kept)
-    try:
-        path.write_bytes(msgspec.json.format(msgspec.json.encode(report), indent=1) + b"\n")
-    except OSError as error:
-        raise UsageError(f"--json {path}: cannot be written: {error.strerror or error}") from error
+    if path is not None:
+        write_json(path, MappingReport(bench="mapping", runs=runs, figures=found, all_kept=are_kept(found)))

@@ -1,7 +1,12 @@
-"""The runs of the mapping benchmark: maps, numbers of robots, seeds, wheels and conditions, from its options."""
+"""The runs of the benchmarks that explore maps: chosen from their options, and made one by one or side by side."""
 
-from collections.abc import Collection, Sequence
+import logging
+import multiprocessing
+from collections.abc import Callable, Collection, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TypeVar
 
 import msgspec
 
@@ -37,6 +42,9 @@ LATE_MESSAGES = DisturbanceSpec(
     agent=PauseSpec(per_minute=6.0, duration_s=(0.2, 1.5)),
 )
 NUMBERS_MAX = 1000
+
+Asked = TypeVar("Asked")
+Made = TypeVar("Made")
 
 
 class Case(msgspec.Struct, frozen=True, kw_only=True):
@@ -113,6 +121,33 @@ def choose(
         for one in under
     ]
     return Plan(cases=cases, jobs=jobs, absent=absent if maps is None else [])
+
+
+def all_runs(run: Callable[[Asked], Made], asked: Sequence[Asked], jobs: int) -> Iterator[Made]:
+    """What each run made, in order; with several jobs they are made in processes of their own."""
+    if jobs == 1:
+        yield from map(run, asked)
+        return
+    # Forked processes would share the locks of Zenoh's threads.
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(jobs, mp_context=context) as pool:
+        try:
+            yield from pool.map(run, asked)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+@contextmanager
+def errors_alone() -> Iterator[None]:
+    """Nothing but errors is logged: robots that get lost are counted, a line for each would hide the others."""
+    log = logging.getLogger("robrain")
+    level = log.level
+    log.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
 
 
 def _known_maps(shared: Path) -> tuple[dict[str, str], list[str]]:

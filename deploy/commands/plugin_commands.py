@@ -1,12 +1,11 @@
 """`robrain plugin`: see, load, unload and reload the plugins of a robot that runs; write and check new ones."""
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robrain.deploy.commands.team_options import ConnectOption, RobotArgument, TeamOption
+from robrain.deploy.commands.team_options import ConnectOption, RobotArgument, TeamOption, connect_team, print_json, say
 from robrain.protocol.wire.border.safe_text import safe_text
 from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
 
@@ -15,8 +14,6 @@ if TYPE_CHECKING:
     from robrain.protocol.wire.messages.plugin_messages import PluginInfo
 
 EXIT_MISTAKES = 1
-PLAIN_WIDTH = 200
-"""Columns of the table where the output is no terminal."""
 
 plugin_app = typer.Typer(
     name="plugin",
@@ -36,12 +33,10 @@ def list_plugins(
     as_json: Annotated[bool, typer.Option("--json", help="Print a JSON array on stdout and nothing else.")] = False,
 ) -> None:
     """List a robot's plugins with state and reason."""
-    import msgspec
-
     with _client(connect, team, robot) as client:
         infos = client.plugins(robot)
     if as_json:
-        sys.stdout.write(msgspec.json.encode(infos).decode() + "\n")
+        print_json(infos)
     else:
         _show(infos)
 
@@ -97,13 +92,11 @@ def new(
     from robrain.agent.authoring.skeleton import write_skeleton
 
     for path in write_skeleton(name, level, folder, active=active, hidden=hidden):
-        _say(str(path))
+        say(str(path))
 
 
 @plugin_app.command()
-def check(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder with plugins.")],
-) -> None:
+def check(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder with plugins.")]) -> None:
     """Find mistakes in a folder of plugins without a robot; exit status 1 if there are any."""
     from robrain.agent.authoring.plugin_check import check_plugins
     from robrain.agent.manifest import find_manifests
@@ -113,21 +106,19 @@ def check(
         raise UsageError(f"{folder}: no such folder; expected one with plugins")
     findings = check_plugins(folder)
     for finding in findings:
-        _say(str(finding))
+        say(str(finding))
     mistakes = sum(not finding.is_warning for finding in findings)
     words = [_count(len(find_manifests(folder)), "plugin"), _count(mistakes, "mistake")]
     if len(findings) > mistakes:
         words.append(_count(len(findings) - mistakes, "warning"))
-    _say(", ".join(words))
+    say(", ".join(words))
     if mistakes:
         raise typer.Exit(EXIT_MISTAKES)
 
 
 def _client(connect: str | None, team: str, robot: str) -> "Team":
-    from robrain.client.team import Team
-
     check_name("robot", robot)
-    return Team.connect(connect, team=team)
+    return connect_team(connect, team)
 
 
 def _name_or_path(text: str) -> str:
@@ -145,13 +136,12 @@ def _name_or_path(text: str) -> str:
 
 
 def _show(infos: "list[PluginInfo]") -> None:
-    from rich.console import Console, JustifyMethod
+    from rich.console import JustifyMethod
     from rich.markup import escape
     from rich.table import Table
 
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console = Console(highlight=False, width=PLAIN_WIDTH)
+    from robrain.deploy.commands.terminal import results
+
     headings = ("plugin", "level", "state", "visible to", "holder", "functions", "distribution", "why")
     rows = [
         (
@@ -173,21 +163,17 @@ def _show(infos: "list[PluginInfo]") -> None:
         table.add_column(headings[index], justify=justify, overflow="fold")
     for row in rows:
         table.add_row(*(escape(row[index]) for index in said))
-    console.print(table)
+    results().print(table)
     for info in infos:
         if info.detail:
             lines = "".join(f"  {safe_text(line)}\n" for line in info.detail.splitlines())
-            _say(f"\n{info.name}: {safe_text(info.where)}\n{lines.rstrip()}")
+            say(f"\n{info.name}: {safe_text(info.where)}\n{lines.rstrip()}")
 
 
 def _tell(infos: "list[PluginInfo]") -> None:
     for info in infos:
         where = f" ({info.where})" if info.where else ""
-        _say(f"{info.name}: {info.state}{f': {info.why}{where}' if info.why else ''}")
-
-
-def _say(text: str) -> None:
-    sys.stdout.write(text + "\n")
+        say(f"{info.name}: {info.state}{f': {info.why}{where}' if info.why else ''}")
 
 
 def _count(number: int, what: str) -> str:

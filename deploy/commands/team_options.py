@@ -1,9 +1,13 @@
-"""Options shared by the commands that connect to a team."""
+"""What the commands that connect to a team share: options, the client, and how they print."""
 
+import sys
 from enum import StrEnum
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from robrain.client.team import Team
 
 ConnectOption = Annotated[
     str | None,
@@ -11,6 +15,7 @@ ConnectOption = Annotated[
 ]
 TeamOption = Annotated[str, typer.Option(help="Name of the team.")]
 RobotArgument = Annotated[str, typer.Argument(help="Name of a running robot.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
 
 
 class WireFormat(StrEnum):
@@ -19,3 +24,23 @@ class WireFormat(StrEnum):
     MARKDOWN = "markdown"
     JSONSCHEMA = "jsonschema"
     ASYNCAPI = "asyncapi"
+
+
+def connect_team(connect: str | None, team: str) -> "Team":
+    """The team; use it in a `with` block."""
+    from robrain.client.team import Team
+
+    return Team.connect(connect, team=team)
+
+
+def print_json(value: object) -> None:
+    """Anything that has a place on the wire, as one line of JSON."""
+    import msgspec
+
+    say(msgspec.json.encode(value).decode())
+
+
+def say(text: str) -> None:
+    """One line on stdout, at once."""
+    sys.stdout.write(text + "\n")
+    sys.stdout.flush()

@@ -7,7 +7,7 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
-from robrain.deploy.bench.figure import WIDTH
+from robrain.deploy.bench.figure import WIDTH, write_json
 from robrain.deploy.commands.terminal import print_line
 from robrain.deploy.errors import UsageError
 from robrain.deploy.log_bench.carmen_log import CarmenLog, read_carmen_log
@@ -106,16 +106,13 @@ def run_bench(
     report = made_report(log, played, relations, matching)
     _show(report)
     if json_file is not None:
-        _write_json(json_file, report)
+        write_json(json_file, report)
     if map_file is not None:
         _write_map(map_file, played)
 
 
 def made_report(
-    log: CarmenLog,
-    played: PlayedLog,
-    relations: list[Relation],
-    matching: list[tuple[int, int, Relation]],
+    log: CarmenLog, played: PlayedLog, relations: list[Relation], matching: list[tuple[int, int, Relation]]
 ) -> LogReport:
     """The figures of a log that was played; `matching` are those of the relations that are between its scans."""
     trajectories = {
@@ -195,13 +192,6 @@ def _check_free(map_file: Path | None) -> None:
     for path in (map_file, map_file.with_suffix(".pgm")):
         if path.exists():
             raise UsageError(f"--map {path}: exists already; give another name or move it away")
-
-
-def _write_json(path: Path, report: LogReport) -> None:
-    try:
-        path.write_bytes(msgspec.json.format(msgspec.json.encode(report), indent=1) + b"\n")
-    except OSError as error:
-        raise UsageError(f"--json {path}: cannot be written: {error.strerror or error}") from error
 
 
 def _write_map(path: Path, played: PlayedLog) -> None:

@@ -20,7 +20,6 @@ from robrain.deploy.log_bench.carmen_log import CarmenLog, LogEntry
 from robrain.deploy.log_bench.log_driver import LogDriver
 from robrain.deploy.log_bench.log_scan import LogScan
 from robrain.plugins.device.scan.interface import LaserScan
-from robrain.plugins.skill.localisation.interface import LocalisationHealth
 from robrain.plugins.skill.mapper.interface import MapperCounters
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
@@ -61,7 +60,6 @@ class PlayedLog(msgspec.Struct, frozen=True, eq=False, kw_only=True):
     """The same after all loop closures."""
     lost: int
     """Scans during which the robot said that it is lost."""
-    health: LocalisationHealth
     counters: MapperCounters
     map: OccupancyGrid
 
@@ -91,7 +89,6 @@ def play(log: CarmenLog, parameters: Parameters | None = None) -> PlayedLog:
 class _Placed(msgspec.Struct, frozen=True):
     """A scan in the frame of the submap that was being made."""
 
-    stamp_ns: int
     submap: int | None
     local: Pose2D
     told: Pose2D
@@ -123,6 +120,7 @@ class _Run:
     def result(self, wire: Endpoint) -> PlayedLog:
         entries = [entry for entry in self._log.entries if entry.scan is not None]
         lies = _submaps(wire)
+        counters = wire.ask(ROBOT_CALL, b"[]", robot=ROBOT, plugin="mapper", function="counters")
         grid = self._host.board.map
         assert grid is not None
         return PlayedLog(
@@ -133,8 +131,7 @@ class _Run:
                 each.told if each.submap is None else lies[each.submap].compose(each.local) for each in self._placed
             ],
             lost=self._lost,
-            health=_asked(wire, "localisation", "health", LocalisationHealth),
-            counters=_asked(wire, "mapper", "counters", MapperCounters),
+            counters=msgspec.json.decode(counters, type=MapperCounters),
             map=grid,
         )
 
@@ -161,7 +158,6 @@ class _Run:
             self._lost += bool(board.lost)
             self._placed.append(
                 _Placed(
-                    stamp_ns,
                     None if local_map is None else local_map.number,
                     local_pose.T_local_odom.compose(odometry),
                     T_arena_odom.compose(odometry),
@@ -184,10 +180,6 @@ def _submaps(wire: Endpoint) -> dict[int, Pose2D]:
     """`T_arena_local` of the robot's submaps, from its answer to `robot/R/map/whole`."""
     whole = wire.ask(ROBOT_MAP_WHOLE, robot=ROBOT)
     return {} if whole is None else {part.submap: part.T_arena_local for part in whole.parts if part.robot == ROBOT}
-
-
-def _asked(wire: Endpoint, plugin: str, function: str, kind: type[Any]) -> Any:
-    return msgspec.json.decode(wire.ask(ROBOT_CALL, b"[]", robot=ROBOT, plugin=plugin, function=function), type=kind)
 
 
 def _area(log: CarmenLog, mapper: dict[str, Any]) -> dict[str, Any]:

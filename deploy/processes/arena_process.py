@@ -1,19 +1,22 @@
 """`robrain arena`: the simulator in real time."""
 
+import time
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
 import zenoh
 
-from robrain.deploy.commands.terminal import say
-from robrain.deploy.processes.forwarders import addresses, open_forwarders, said
+from robrain.deploy.commands.terminal import own_program, say
 from robrain.deploy.processes.live_process import LiveStop, Place, live_endpoint, open_hub, open_when_there, tell
-from robrain.deploy.processes.own_program import own_program
-from robrain.deploy.processes.robot_files import loadable_from_here, write_robot_files
+from robrain.deploy.processes.robot_files import addresses, loadable_from_here, open_forwarders, said, write_robot_files
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.protocol.wire.session import listening_at
-from robrain.sim.live_arena import run_arena
+from robrain.sim.motes.serial_forwarder import SerialForwarder
 from robrain.sim.scenarios.scenario import Scenario
+from robrain.sim.world.arena import Arena
+
+CATCH_UP_S = 0.5
 
 
 def arena_command(scenario: Scenario, place: Place, team: str, robot_files: Path | None) -> None:
@@ -70,3 +73,22 @@ def _open(place: Place, should_stop: LiveStop) -> zenoh.Session | None:
     if taken:
         say(f"arena: {taken} is taken, listening elsewhere: other commands need --connect")
     return session
+
+
+def run_arena(arena: Arena, should_stop: Callable[[], bool], forwarders: Sequence[SerialForwarder] = ()) -> None:
+    """Step an arena, and its base stations' forwarders, in real time until `should_stop()`.
+
+    After a pause of the machine the arena makes up for at most half a second; the rest of the time is lost to the
+    simulated world, so that it does not race.
+    """
+    due_s = time.monotonic()
+    while not should_stop():
+        arena.step()
+        for forwarder in forwarders:
+            forwarder.step()
+        due_s += arena.tick_s
+        ahead_s = due_s - time.monotonic()
+        if ahead_s > 0:
+            time.sleep(ahead_s)
+        elif ahead_s < -CATCH_UP_S:
+            due_s = time.monotonic()

@@ -1,5 +1,6 @@
 """The other live processes: coordinator, dashboard, replay."""
 
+import socket
 from contextlib import closing
 from pathlib import Path
 
@@ -29,11 +30,7 @@ DEFAULT_DASHBOARD_PORT = 8080
 
 
 def coordinator_command(
-    place: Place,
-    team: str,
-    journal: Path | None,
-    objective: Objective | None = None,
-    planning: Path | None = None,
+    place: Place, team: str, journal: Path | None, objective: Objective | None = None, planning: Path | None = None
 ) -> None:
     """Coordinate a team until Ctrl-C; wait until the endpoint answers.
 
@@ -54,9 +51,7 @@ def coordinator_command(
 
     policy = PlanningPolicy()
     if planning is not None:
-        from robrain.deploy.run.planning_file import (
-            read_planning,  # here: most coordinators read none, and are up sooner
-        )
+        from robrain.deploy.run.planning_file import read_planning  # most coordinators read none, and are up sooner
 
         policy = read_planning(planning)
     if objective is not None:
@@ -143,9 +138,16 @@ def replay_on_wire(
 
 
 def _page_port(port: int | None) -> int:
-    from robrain.deploy.processes.ports import free_or
-
-    return port if port is not None else free_or(DEFAULT_DASHBOARD_PORT)
+    """The port that was asked for; else the default if nobody listens on it on loopback, else 0 for a free one."""
+    if port is not None:
+        return port
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", DEFAULT_DASHBOARD_PORT))
+        except OSError:
+            return 0
+    return DEFAULT_DASHBOARD_PORT
 
 
 def _tell_url(url: str) -> None:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import zenoh
 
-from robrain.client.live_transport import open_client_session
+from robrain.client.transport import open_client_session
 from robrain.deploy.errors import UsageError
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint

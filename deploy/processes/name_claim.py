@@ -123,7 +123,8 @@ class NameClaim:
             if is_held or min(seen.asking) < self._process:
                 self._withdraw(ASKS)
             if is_held:
-                self._refuse_if_it_answers()
+                for info in self._who(ASK_TIMEOUT_S):
+                    raise self._taken(str(info))
             before_ns, looked_ns = looked_ns, time.monotonic_ns()
             if not is_waiting:
                 is_waiting = True
@@ -186,10 +187,6 @@ class NameClaim:
         replies = self._session.liveliness().get(selector, timeout=LOOK_TIMEOUT_S)
         return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
 
-    def _refuse_if_it_answers(self) -> None:
-        for info in self._who(ASK_TIMEOUT_S):
-            raise self._taken(str(info))
-
     def _who(self, timeout_s: float) -> Iterator[ProcessInfo]:
         """The processes that answer for the name, this one included once it has the name."""
         key = self._keys.who.key(self._team, **self._keys.names)
@@ -222,10 +219,7 @@ class NameWatch:
     """
 
     def __init__(
-        self,
-        claim: NameClaim,
-        should_stop: Callable[[], bool],
-        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+        self, claim: NameClaim, should_stop: Callable[[], bool], monotonic_ns: Callable[[], int] = time.monotonic_ns
     ) -> None:
         self._claim = claim
         self._should_stop = should_stop

@@ -14,9 +14,8 @@ from robrain.coordinator.recording.writer.recorder import Recorder
 from robrain.coordinator.team.roster import Roster
 from robrain.deploy.processes.children import Children
 from robrain.deploy.processes.dashboard_process import begin_dashboard
-from robrain.deploy.processes.forwarders import read_said
 from robrain.deploy.processes.live_process import open_hub
-from robrain.deploy.processes.robot_files import loadable_from_here, write_robot_files
+from robrain.deploy.processes.robot_files import loadable_from_here, read_said, write_robot_files
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.deploy.run.planning_file import write_planning
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
@@ -28,8 +27,8 @@ from robrain.protocol.wire.messages.arena_messages import ArenaTruth
 from robrain.protocol.wire.reasons.words import told
 from robrain.protocol.wire.session import listening_at
 from robrain.protocol.wire.topics import ARENA_TRUTH, COORDINATOR_ALIVE, ROBOT_ALIVE, ROBOT_STATE
-from robrain.sim.lockstep.manifests import manifest_texts
 from robrain.sim.scenarios.scenario import Scenario
+from robrain.sim.world.world import manifest_texts
 
 LOOK_PERIOD_S = 0.1
 
@@ -255,12 +254,7 @@ def _why_ended(status: TeamStatus, options: UpOptions, *, interrupted: bool) -> 
 
 
 def _result(
-    scenario: Scenario,
-    ended: str,
-    status: TeamStatus,
-    watch: _Watch,
-    recorder: Recorder | None,
-    options: UpOptions,
+    scenario: Scenario, ended: str, status: TeamStatus, watch: _Watch, recorder: Recorder | None, options: UpOptions
 ) -> UpResult:
     truth = watch.truth
     robots = truth.robots if truth is not None else []

@@ -10,8 +10,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from robrain.deploy.commands.terminal import both_at_a_terminal, clock_of, console, print_line, say
-from robrain.deploy.processes.forwarders import said
 from robrain.deploy.processes.live_process import tell
+from robrain.deploy.processes.robot_files import said
 from robrain.deploy.processes.up import TeamStatus, UpDisplay, UpResult
 from robrain.deploy.run.run_display import accuracy_lines, tell_recorded
 from robrain.protocol.wire.hub import hub_endpoint

@@ -30,7 +30,7 @@ def export_recording(
         from robrain.coordinator.recording.export.exporting import export_tables
 
         folder = output if output is not None else recording.with_name(f"{recording.stem}_{form}")
-        return list(export_tables(recording, folder, form, on_progress).files.values())
+        return list(export_tables(recording, folder, form, on_progress).values())
     if form == "html":
         from robrain.coordinator.recording.replay.html_player import write_html
 
@@ -47,16 +47,34 @@ def export_recording(
 def export_map(
     recording: Path, output: Path | None, at_s: float | None, on_progress: Callable[[float], None]
 ) -> list[Path]:
-    """Write the team's map of a recording as files of ROS's map_server; arguments are those of `write_map`.
+    """Write the team's map of a recording as files of ROS's map_server; returns the YAML file and the picture.
 
     Args:
         recording: an MCAP file.
-        output: the YAML file; `NAME_map.yaml` beside the recording if None.
+        output: the YAML file; `NAME_map.yaml` beside the recording if None. The picture has its name with `.pgm`.
         at_s: seconds since the first message; the end if None.
         on_progress: told the share that is done, 0 to 1.
 
+    Raises:
+        RecordingError: the recording cannot be read or knows no map at that time, the time is not in it, or a file
+            exists or cannot be written; then none is left.
+
     """
-    from robrain.coordinator.recording.export.map_files import write_map
+    from robrain.coordinator.recording.errors import RecordingError, check_absent, writing
+    from robrain.coordinator.recording.export.map_server_files import write_grid
+    from robrain.coordinator.recording.replay.player import Player
 
     path = output if output is not None else recording.with_name(f"{recording.stem}_map.yaml")
-    return write_map(recording, path, at_s, on_progress)
+    for each in (path, path.with_suffix(".pgm")):
+        check_absent(each)
+    player = Player(recording)
+    if at_s is not None and not 0.0 <= at_s <= player.duration_s:
+        raise RecordingError(recording, f"--at {at_s:g}: expected 0 to {player.duration_s:.2f} s, its duration")
+    grid = player.map_at(player.duration_s if at_s is None else at_s)
+    on_progress(0.5)
+    if grid is None or not grid.known_count:
+        raise RecordingError(recording, f"{recording} has no map at that time")
+    with writing(path):
+        written = write_grid(grid, path)
+    on_progress(1.0)
+    return written

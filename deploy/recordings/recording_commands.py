@@ -1,6 +1,7 @@
 """The commands about recordings. Each reads its options, and leaves the work to what it belongs to."""
 
 import sys
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 from typing import Annotated
@@ -8,7 +9,7 @@ from typing import Annotated
 import msgspec
 import typer
 
-from robrain.deploy.commands.team_options import ConnectOption, TeamOption
+from robrain.deploy.commands.team_options import ConnectOption, JsonOption, TeamOption
 from robrain.protocol.wire.border.safe_text import safe_json
 from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
 
@@ -18,7 +19,6 @@ DIFFERENT = 1
 """Exit status of `check` with problems, and of `diff` with a difference."""
 
 RecordingArgument = Annotated[Path, typer.Argument(help="A recording, an MCAP file.")]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
 
 
 @recording_app.command()
@@ -59,10 +59,7 @@ def record(
         path = output if output is not None else next_name(Path("runs"), team)
         with record_display(path, quiet=as_json) as show:
             summary = record_team(wire, path, split, visual=visual, should_stop=should_stop, on_progress=show)
-    if as_json:
-        _print_json(summary)
-    else:
-        show_recorded(summary)
+    _tell(summary, lambda: show_recorded(summary), as_json=as_json)
 
 
 @recording_app.command()
@@ -95,10 +92,7 @@ def info(
 
     with progress("reading", quiet=as_json) as show:
         contents = read_contents(recording, show)
-    if as_json:
-        _print_json(contents)
-    else:
-        show_contents(contents, every_key=every_key)
+    _tell(contents, lambda: show_contents(contents, every_key=every_key), as_json=as_json)
 
 
 @recording_app.command()
@@ -109,10 +103,7 @@ def check(recording: RecordingArgument, as_json: JsonOption = False) -> None:
 
     with progress("checking", quiet=as_json) as show:
         verdict = check_recording(recording, show)
-    if as_json:
-        _print_json(verdict)
-    else:
-        show_verdict(verdict)
+    _tell(verdict, lambda: show_verdict(verdict), as_json=as_json)
     if not verdict.good:
         raise typer.Exit(DIFFERENT)
 
@@ -129,10 +120,11 @@ def diff(
 
     with progress("comparing", quiet=as_json) as show:
         difference, same = first_difference(first, second, show)
-    if as_json:
-        _print_json({"same": same, "difference": difference})
-    else:
-        show_difference(first, second, difference, same)
+    _tell(
+        {"same": same, "difference": difference},
+        lambda: show_difference(first, second, difference, same),
+        as_json=as_json,
+    )
     if difference is not None:
         raise typer.Exit(DIFFERENT)
 
@@ -153,10 +145,7 @@ def recover(
     path = output if output is not None else recording.with_name(f"{recording.stem}_recovered{recording.suffix}")
     with progress("recovering", quiet=as_json) as show:
         recovery = recover_recording(recording, path, show)
-    if as_json:
-        _print_json(recovery)
-    else:
-        show_recovery(recovery)
+    _tell(recovery, lambda: show_recovery(recovery), as_json=as_json)
 
 
 @recording_app.command()
@@ -175,10 +164,7 @@ def report(
     folder = output if output is not None else recordings[0].with_name(f"{recordings[0].stem}_report")
     with progress("reading and drawing", quiet=as_json) as show:
         written = write_report(recordings, folder, show)
-    if as_json:
-        _print_json(written)
-    else:
-        show_report(written.page, written.figures)
+    _tell(written, lambda: show_report(written.page, written.figures), as_json=as_json)
 
 
 @recording_app.command()
@@ -216,12 +202,13 @@ def export(
             files = export_map(recording, output, at_s, show)
         else:
             files = export_recording(recording, form or "csv", output, show)
-    if as_json:
-        _print_json({"files": files})
-    else:
-        show_files(files)
+    _tell({"files": files}, lambda: show_files(files), as_json=as_json)
 
 
-def _print_json(value: object) -> None:
+def _tell(value: object, show: Callable[[], None], *, as_json: bool) -> None:
+    """Print a value as JSON, or else show it."""
+    if not as_json:
+        show()
+        return
     sys.stdout.write(safe_json(msgspec.json.encode(value, enc_hook=str)) + "\n")
     sys.stdout.flush()

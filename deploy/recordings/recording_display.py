@@ -3,33 +3,29 @@
 Every text out of a recording passes `safe_text` and rich's `escape` on its way.
 """
 
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import msgspec
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import (
-    BarColumn,
-    Progress,
-    TaskProgressColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
+from robrain.coordinator.recording.foxglove.visual_topics import is_visual
 from robrain.coordinator.recording.reader.checking import Severity, Verdict
 from robrain.coordinator.recording.reader.comparing import Difference
 from robrain.coordinator.recording.reader.contents import KeyContents, RecordingContents
-from robrain.coordinator.recording.reader.folded_keys import folded
 from robrain.coordinator.recording.reader.recovering import Recovery
 from robrain.coordinator.recording.writer.recorder import Recorder, RecordingSummary
+from robrain.deploy.commands.terminal import results
 from robrain.protocol.wire.border.safe_text import safe_text
 
-PLAIN_WIDTH = 200
-"""Columns of a table that goes into a file or a pipe."""
 TEXT_SHOWN = 500
+FOLDED_ABOVE = 16
+"""Keys of one topic that are told singly."""
 
 
 def said(text: object, limit: int = TEXT_SHOWN) -> str:
@@ -68,7 +64,7 @@ def record_display(path: Path, *, quiet: bool = False) -> Iterator[Callable[[Rec
 
 def show_recorded(summary: RecordingSummary) -> None:
     """What was recorded, and what was not."""
-    console = _console()
+    console = results()
     files = ", ".join(said(path) for path in summary.paths)
     console.print(f"{files}: {summary.messages} messages, {_bytes(summary.bytes)}", soft_wrap=True)
     for topic, messages in sorted(summary.lost_by_topic.items()):
@@ -77,18 +73,13 @@ def show_recorded(summary: RecordingSummary) -> None:
 
 def show_contents(contents: RecordingContents, *, every_key: bool = False) -> None:
     """Where a recording comes from, and a line for each key; many of one topic have one together, unless asked for."""
-    console = _console()
+    console = results()
     info = contents.info
     _line(
         console, "file", f"{info.path}, {_bytes(info.size_bytes)}" + (", its end is missing" if info.truncated else "")
     )
     _line(console, "length", f"{info.duration_s:.2f} s, {info.messages} messages")
-    origins = {
-        "run": contents.run,
-        "host": contents.host,
-        "versions": contents.versions,
-        "recorder": contents.summary,
-    }
+    origins = {"run": contents.run, "host": contents.host, "versions": contents.versions, "recorder": contents.summary}
     for name, values in origins.items():
         if values:
             _line(console, name, ", ".join(f"{key} {value}" for key, value in values.items() if value))
@@ -108,7 +99,7 @@ def show_contents(contents: RecordingContents, *, every_key: bool = False) -> No
 
 def show_verdict(verdict: Verdict) -> None:
     """What a check found."""
-    console = _console()
+    console = results()
     if verdict.findings:
         table = Table(box=None, pad_edge=False)
         for heading in ("", "what", "at", "key", "found"):
@@ -127,7 +118,7 @@ def show_verdict(verdict: Verdict) -> None:
 
 def show_difference(first: Path, second: Path, difference: Difference | None, same: int) -> None:
     """Where two runs differ first."""
-    console = _console()
+    console = results()
     if difference is None:
         console.print(f"equal: {same} messages", soft_wrap=True)
         return
@@ -140,7 +131,7 @@ def show_difference(first: Path, second: Path, difference: Difference | None, sa
 
 def show_recovery(recovery: Recovery) -> None:
     """What was saved."""
-    console = _console()
+    console = results()
     console.print(
         f"{said(recovery.path)}: {recovery.messages} messages, {_bytes(recovery.bytes)}; "
         f"{recovery.damaged_chunks} damaged chunks left out, {recovery.unread_bytes} bytes at the end unreadable",
@@ -150,12 +141,12 @@ def show_recovery(recovery: Recovery) -> None:
 
 def show_report(page: Path, figures: list[Path]) -> None:
     """Where a report is."""
-    _console().print(f"{said(page)}, and {len(figures)} figures beside it", soft_wrap=True)
+    results().print(f"{said(page)}, and {len(figures)} figures beside it", soft_wrap=True)
 
 
 def show_files(files: list[Path]) -> None:
     """What was written."""
-    console = _console()
+    console = results()
     for path in files:
         console.print(f"{said(path)}, {_bytes(path.stat().st_size)}", soft_wrap=True)
 
@@ -179,12 +170,41 @@ def _line(console: Console, name: str, text: str) -> None:
     console.print(f"[bold]{name:<9}[/]{said(text)}", soft_wrap=True)
 
 
-def _console() -> Console:
-    console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=PLAIN_WIDTH)
-
-
 def _bytes(size: int) -> str:
     if size < 10_000:
         return f"{size} B"
     return f"{size / 1000:.1f} kB" if size < 1_000_000 else f"{size / 1_000_000:.1f} MB"
+
+
+def folded(keys: list[KeyContents]) -> list[KeyContents]:
+    """Keys by name, those of the wire first; the many of one topic as one, `task/event/* (97 keys)`.
+
+    Of those that are folded the longest silence is that of the key that was silent longest, and the rate is that of
+    all together.
+    """
+    by_topic: defaultdict[str, list[KeyContents]] = defaultdict(list)
+    for key in keys:
+        by_topic[key.topic or key.key].append(key)
+    lines: list[KeyContents] = []
+    for together in by_topic.values():
+        lines += [_one(together)] if len(together) > FOLDED_ABOVE else together
+    return sorted(lines, key=lambda line: (is_visual(line.key), line.key))
+
+
+def _one(keys: list[KeyContents]) -> KeyContents:
+    chunks = zip(*(key.key.split("/") for key in keys), strict=False)
+    name = "/".join(alike[0] if len(set(alike)) == 1 else "*" for alike in chunks)
+    silent = max(keys, key=lambda key: key.longest_gap_s)
+    first_s, last_s = min(key.first_s for key in keys), max(key.last_s for key in keys)
+    messages = sum(key.messages for key in keys)
+    return msgspec.structs.replace(
+        silent,
+        key=f"{name} ({len(keys)} keys)",
+        messages=messages,
+        bytes=sum(key.bytes for key in keys),
+        first_s=first_s,
+        last_s=last_s,
+        rate_hz=(messages - 1) / (last_s - first_s) if last_s > first_s else 0.0,
+        gaps=sum(key.gaps for key in keys),
+        missing=sum(key.missing for key in keys),
+    )

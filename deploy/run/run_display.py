@@ -8,8 +8,15 @@ from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
 from rich.table import Table
 from rich.text import Text
 
-from robrain.deploy.commands.terminal import both_at_a_terminal, clock_of, console, print_line, results, say
-from robrain.deploy.processes.own_program import own_program
+from robrain.deploy.commands.terminal import (
+    both_at_a_terminal,
+    clock_of,
+    console,
+    own_program,
+    print_line,
+    results,
+    say,
+)
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.wire.reasons.idle import NothingUnknown
 from robrain.protocol.wire.reasons.words import words

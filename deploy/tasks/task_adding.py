@@ -6,14 +6,8 @@ from typing import Annotated, Any
 
 import typer
 
-from robrain.deploy.commands.team_options import ConnectOption, TeamOption
-from robrain.deploy.tasks.task_terminal import (
-    JsonOption,
-    connect_team,
-    line_of,
-    print_json,
-    say,
-)
+from robrain.deploy.commands.team_options import ConnectOption, TeamOption, connect_team, print_json, say
+from robrain.deploy.tasks.task_terminal import JsonOption, line_of
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 
 EXIT_REFUSED = 2

@@ -4,18 +4,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robrain.deploy.commands.team_options import ConnectOption, TeamOption
+from robrain.deploy.commands.team_options import ConnectOption, TeamOption, connect_team, print_json, say
 from robrain.deploy.tasks.task_adding import add
-from robrain.deploy.tasks.task_terminal import (
-    IdArgument,
-    JsonOption,
-    connect_team,
-    line_of,
-    print_json,
-    say,
-    show_table,
-    words_of,
-)
+from robrain.deploy.tasks.task_terminal import IdArgument, JsonOption, line_of, show_table, words_of
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 
@@ -26,10 +17,7 @@ EXIT_NOT_DONE = 1
 """A task that was watched has ended otherwise than done."""
 
 task_app = typer.Typer(
-    name="task",
-    help="Have a team do tasks; see how they stand, and why.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
+    name="task", help="Have a team do tasks; see how they stand, and why.", no_args_is_help=True, rich_markup_mode=None
 )
 task_app.command()(add)
 

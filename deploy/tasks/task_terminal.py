@@ -1,22 +1,11 @@
 """How `robrain task` asks and answers: the options that its commands share, and what they print."""
 
-import sys
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-if TYPE_CHECKING:
-    from robrain.client.team import Team
-
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else.")]
 IdArgument = Annotated[str, typer.Argument(metavar="ID", help="Name of the task.")]
-
-
-def connect_team(connect: str | None, team: str) -> "Team":
-    """The team; use it in a `with` block."""
-    from robrain.client.team import Team
-
-    return Team.connect(connect, team=team)
 
 
 def line_of(record: Any) -> str:
@@ -32,15 +21,11 @@ def words_of(change: Any) -> str:
 
 def show_table(records: list[Any]) -> None:
     """Tasks as a table."""
-    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
-    from robrain.deploy.commands.plugin_commands import PLAIN_WIDTH
+    from robrain.deploy.commands.terminal import results
 
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console = Console(highlight=False, width=PLAIN_WIDTH)
     table = Table(box=None, pad_edge=False)
     for heading in ("task", "kind", "state", "robot", "priority", "by", "why"):
         table.add_column(heading, overflow="fold")
@@ -48,17 +33,4 @@ def show_table(records: list[Any]) -> None:
         task = record.task
         row = (task.id, task.kind, record.state, record.robot, f"{task.priority:g}", record.by, record.why)
         table.add_row(*map(escape, row))
-    console.print(table)
-
-
-def print_json(value: object) -> None:
-    """Anything that has a place on the wire, as one line of JSON."""
-    import msgspec
-
-    say(msgspec.json.encode(value).decode())
-
-
-def say(text: str) -> None:
-    """One line on stdout, at once."""
-    sys.stdout.write(text + "\n")
-    sys.stdout.flush()
+    results().print(table)

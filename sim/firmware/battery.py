@@ -16,6 +16,8 @@ import math
 
 import msgspec
 
+from robrain.sim.spec_checks import check_above_zero, check_not_negative, check_within
+
 J_PER_WH = 3600.0
 CELLS = 4
 NOMINAL_V = 15.22
@@ -48,9 +50,7 @@ class GaugeSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     temperature_noise_c: float = 0.2
 
     def __post_init__(self) -> None:
-        for name in self.__struct_fields__:
-            if not 0 <= getattr(self, name) < math.inf:
-                raise ValueError(f"expected {name} >= 0, got {getattr(self, name)}")
+        check_not_negative(self, *self.__struct_fields__, finite=True)
 
 
 class BatterySpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -88,17 +88,10 @@ class BatterySpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     gauge: GaugeSpec = GaugeSpec()
 
     def __post_init__(self) -> None:
-        for name in ("capacity_wh", "relaxation_s", "flow_per_s", "heat_capacity_j_per_k", "cut_off_v", "charge_a"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
-        for name in ("resistance_ohm", "relaxation_ohm"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
-        for name in ("resistance_growth", "hysteresis_v", "heat_loss_w_per_k"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise ValueError(f"expected {name} >= 0, got {getattr(self, name)}")
-        if not 0 <= self.soc_at_start <= 1:
-            raise ValueError(f"expected soc_at_start from 0 to 1, got {self.soc_at_start}")
+        positive = ("capacity_wh", "relaxation_s", "flow_per_s", "heat_capacity_j_per_k", "cut_off_v", "charge_a")
+        check_above_zero(self, *positive, "resistance_ohm", "relaxation_ohm", finite=True)
+        check_not_negative(self, "resistance_growth", "hysteresis_v", "heat_loss_w_per_k", finite=True)
+        check_within(self, 0, 1, "soc_at_start")
         if not 0 <= self.capacity_fade < 1:
             raise ValueError(f"expected capacity_fade from 0 to below 1, got {self.capacity_fade}")
         if not 0 < self.available_share < 1:

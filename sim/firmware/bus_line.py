@@ -10,11 +10,9 @@ from enum import StrEnum
 
 import can
 
-from robrain.protocol.can.bus_state import BUS_OFF_ERRORS, PASSIVE_ERRORS, BusState, error_frame, state_of
+from robrain.protocol.can.bus_state import BUS_OFF_ERRORS, PASSIVE_ERRORS, BusState, error_frame
 from robrain.protocol.wire.clock import Clock
 from robrain.sim.disturbance import DelayLine
-
-ERRORS_A_FAILURE = 8
 
 
 class LineFault(StrEnum):
@@ -70,11 +68,6 @@ class BusLine(can.BusABC):
         self._late = late
         self._stamps = stamps
         super().__init__(channel=bus.channel_info)
-
-    @property
-    def node_state(self) -> BusState:
-        """State of the nodes' CAN controllers."""
-        return state_of(self.transmit_errors, 0)
 
     def break_down(self, fault: LineFault) -> None:
         """Cut or short the line, or repair it."""

@@ -9,6 +9,8 @@ energy of speeding up. The values are chosen for a base of 4 kg, not measured on
 
 import msgspec
 
+from robrain.sim.spec_checks import check_above_zero, check_not_negative
+
 _STANDING = 1e-3
 """Below a millimetre (milliradian) a second nothing moves."""
 
@@ -40,12 +42,8 @@ class PowerModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """Share of the motors' power that becomes kinetic energy on acceleration; none is recovered."""
 
     def __post_init__(self) -> None:
-        for name in self.__struct_fields__:
-            if not getattr(self, name) >= 0:
-                raise ValueError(f"expected {name} >= 0, got {getattr(self, name)}")
-        for name in ("burst_s", "between_bursts_s"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+        check_not_negative(self, *self.__struct_fields__)
+        check_above_zero(self, "burst_s", "between_bursts_s")
         if not 0 < self.drive_efficiency <= 1:
             raise ValueError(f"expected drive_efficiency in (0, 1], got {self.drive_efficiency}")
 

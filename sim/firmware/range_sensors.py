@@ -24,6 +24,7 @@ from robrain.protocol.model.navigation.range_ring import (
     SENSORS_MAX,
     bump_sector,
 )
+from robrain.sim.spec_checks import check_above_zero, check_not_negative, check_within
 
 BUMP_PERIOD_S = 1.0
 NEAREST_M = 0.02
@@ -50,16 +51,13 @@ class RangeSensorSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     def __post_init__(self) -> None:
         if len(self.angles_rad) > SENSORS_MAX:
             raise ValueError(f"expected at most {SENSORS_MAX} angles_rad, got {len(self.angles_rad)}")
-        if not self.rate_hz > 0:
-            raise ValueError(f"expected rate_hz > 0, got {self.rate_hz}")
+        check_above_zero(self, "rate_hz")
         if not 0 < self.range_max_m < NO_ECHO_M:
             raise ValueError(f"expected range_max_m above 0 and below {NO_ECHO_M}, got {self.range_max_m}")
         if not 0 <= self.cone_rad <= math.pi:
             raise ValueError(f"expected cone_rad from 0 to π, got {self.cone_rad}")
-        if not self.noise_m >= 0:
-            raise ValueError(f"expected noise_m >= 0, got {self.noise_m}")
-        if not 0 <= self.dropout <= 1:
-            raise ValueError(f"expected dropout from 0 to 1, got {self.dropout}")
+        check_not_negative(self, "noise_m")
+        check_within(self, 0, 1, "dropout")
 
 
 class RangeSensors:

@@ -4,6 +4,7 @@ Every tick the clock moves on, then each component takes its step in a fixed ord
 real Zenoh, delivered before the put returns; so equal seeds give equal runs.
 """
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -24,10 +25,9 @@ from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, COORDINATOR_STATE, MOTE_READING
 from robrain.sim.disturbance import Disturbance
-from robrain.sim.lockstep.manifests import manifest_texts
 from robrain.sim.world.arena import TICK_S
 from robrain.sim.world.floor_left import FloorLeft, floor_left
-from robrain.sim.world.world import World
+from robrain.sim.world.world import World, manifest_texts
 
 TRUTH_TICKS = 10
 OUTSIDE_BYTES = 1_048_576
@@ -211,3 +211,45 @@ class LockstepRun:
 
     def _radius_m(self, name: str) -> float:
         return next(robot.radius_m for robot in self.world.robots if robot.name == name)
+
+
+class LockstepTransport:
+    """Talks to the team of a lockstep run. Equal seeds and equal calls give equal runs.
+
+    Args:
+        run: the run, of the default team; closed by `close`.
+
+    """
+
+    drive = Drive.LOCKSTEP
+    team = DEFAULT_TEAM
+    patience_s = 0.0
+    gather_s = 0.0
+
+    def __init__(self, run: LockstepRun) -> None:
+        self.run = run
+        """Arena, hosts and coordinator, to look at from inside."""
+        self.summary: RecordingSummary | None = None
+        """Digest and recording, once the run is closed."""
+        self.session = run.session
+        self.clock = run.clock
+
+    def elapsed_s(self) -> float:
+        """Simulated time so far."""
+        return self.run.sim_time_s
+
+    def pass_time(self, seconds: float) -> None:
+        """Tick, until at least that much time has passed."""
+        for _ in range(max(1, math.ceil(seconds / TICK_S - 1e-6))):
+            self.run.tick()
+
+    def open_folder(self, robot: str, folder: Path) -> None:
+        """Whoever writes the script may load any path that it names."""
+        for host in self.run.hosts:
+            if host.name == robot:
+                host.open_folder(folder)
+
+    def close(self) -> None:
+        """End the run and finish its recording."""
+        if self.summary is None:
+            self.summary = self.run.close()

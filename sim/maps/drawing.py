@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.sim.maps.errors import MapError
-from robrain.sim.maps.extent import MAX_CELLS, why_too_large
-from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.maps.floor_plan import MAX_CELLS, FloorPlan, why_too_large
 
 BOUNDARY_THICKNESS_M = 0.1
 

@@ -13,7 +13,16 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.wire.messages.map_patch import MAX_CELLS as MAX_TEAM_CELLS
 from robrain.sim.maps.errors import MapError
+
+TEAM_RESOLUTION_M = 0.1
+"""Pitch of the team's grid on a simulated floor."""
+MAX_CELLS = 20_000_000
+"""Largest number of cells of a floor plan."""
+MAX_AREA_M2 = MAX_TEAM_CELLS * TEAM_RESOLUTION_M**2
+MAX_ORIGIN_M = 1e5
+"""Largest distance of a floor's origin from 0, along each axis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +84,7 @@ class FloorPlan:
     def centre_of(self, row: int, col: int) -> Point2D:
         """The centre of a cell, metres, arena frame."""
         return Point2D(
-            self.origin_x_m + (col + 0.5) * self.resolution_m,
-            self.origin_y_m + (row + 0.5) * self.resolution_m,
+            self.origin_x_m + (col + 0.5) * self.resolution_m, self.origin_y_m + (row + 0.5) * self.resolution_m
         )
 
     def holds_cell(self, row: int, col: int) -> bool:
@@ -101,16 +109,13 @@ class FloorPlan:
         passable = ~self.occupied & (self.clearance_m >= radius_m)
         # scipy's default structure in the plane is the 4-neighbourhood.
         labels, _ = ndimage.label(passable)
-        held = {int(labels[cell]) for cell in self._cells_on_grid(starts)} - {0}
+        cells = (self.cell_of(start.x_m, start.y_m) for start in starts)
+        held = {int(labels[cell]) for cell in cells if self.holds_cell(*cell)} - {0}
         if not held:
             return np.zeros_like(self.occupied)
         roamed = np.isin(labels, sorted(held))
         distance_m = ndimage.distance_transform_edt(~roamed) * self.resolution_m
         return ~self.occupied & (distance_m <= radius_m + self.resolution_m / 2)
-
-    def _cells_on_grid(self, points: list[Point2D]) -> list[tuple[int, int]]:
-        cells = (self.cell_of(point.x_m, point.y_m) for point in points)
-        return [cell for cell in cells if self.holds_cell(*cell)]
 
 
 def distance_to_cells_m(marked: NDArray[np.bool_], resolution_m: float) -> NDArray[np.float64]:
@@ -129,3 +134,10 @@ def distance_to_cells_m(marked: NDArray[np.bool_], resolution_m: float) -> NDArr
             clear[row : row + 2 * rows : 2, col : col + 2 * cols : 2] &= ~marked
     distance: NDArray[np.float64] = ndimage.distance_transform_edt(clear)
     return np.ascontiguousarray(distance[1::2, 1::2]) * (resolution_m / 2)
+
+
+def why_too_large(width_m: float, height_m: float) -> str:
+    """The error text for a floor too large to map; empty if a team can map it."""
+    if width_m * height_m <= MAX_AREA_M2:
+        return ""
+    return f"expected a floor of at most {MAX_AREA_M2:.0f} m², got {width_m:g} × {height_m:g} m"

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from robrain.sim.maps.errors import MapError
-from robrain.sim.maps.extent import MAX_CELLS, MAX_ORIGIN_M, why_too_large
-from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.maps.floor_plan import MAX_CELLS, MAX_ORIGIN_M, FloorPlan, why_too_large
 
 REQUIRED_KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 OPTIONAL_KEYS = ("mode",)

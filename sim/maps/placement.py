@@ -34,13 +34,7 @@ class Starts(StrEnum):
 
 
 def spawn_poses(
-    plan: FloorPlan,
-    count: int,
-    radius_m: float,
-    *,
-    near: Point2D | None,
-    rng: np.random.Generator,
-    spacing_m: float,
+    plan: FloorPlan, count: int, radius_m: float, *, near: Point2D | None, rng: np.random.Generator, spacing_m: float
 ) -> list[Pose2D]:
     """`count` poses close together for round robots of radius_m: arena frame, yaw drawn at random.
 

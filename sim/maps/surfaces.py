@@ -22,6 +22,7 @@ from robrain.protocol.model.mapping.ray_cast import (
     cast_rays_on_surfaces,
 )
 from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.spec_checks import check_within
 
 PANE_M = 0.45
 """Largest thickness of glass, metres."""
@@ -46,13 +47,9 @@ class SurfaceSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """Largest angle between a beam and a pane's normal at which the pane returns the beam."""
 
     def __post_init__(self) -> None:
-        for name in ("glass_share", "mirror_share"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise ValueError(f"expected {name} from 0 to 1, got {getattr(self, name)}")
-        if not STRAIGHT_M <= self.stretch_m <= 1000:
-            raise ValueError(f"expected stretch_m from {STRAIGHT_M} to 1000, got {self.stretch_m}")
-        if not 0 <= self.echo_rad <= 1.5:
-            raise ValueError(f"expected echo_rad from 0 to 1.5, got {self.echo_rad}")
+        check_within(self, 0, 1, "glass_share", "mirror_share")
+        check_within(self, STRAIGHT_M, 1000, "stretch_m")
+        check_within(self, 0, 1.5, "echo_rad")
 
     @property
     def is_plain(self) -> bool:

@@ -12,6 +12,7 @@ import numpy as np
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.tinyos.payloads import Quantity
 from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.spec_checks import check_above_zero, check_not_negative, check_within
 
 MAX_PLUMES = 64
 MARGIN_WIDTHS = 3.0
@@ -31,8 +32,7 @@ class Levels(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     """Standard deviation of one reading."""
 
     def __post_init__(self) -> None:
-        if not self.noise >= 0:
-            raise ValueError(f"expected noise >= 0, got {self.noise}")
+        check_not_negative(self, "noise")
 
 
 class FieldSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -55,12 +55,9 @@ class FieldSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """% relative"""
 
     def __post_init__(self) -> None:
-        if not 0 <= self.plumes <= MAX_PLUMES:
-            raise ValueError(f"expected plumes from 0 to {MAX_PLUMES}, got {self.plumes}")
-        if not self.width_m > 0:
-            raise ValueError(f"expected width_m > 0, got {self.width_m}")
-        if not self.wind_m_s >= 0:
-            raise ValueError(f"expected wind_m_s >= 0, got {self.wind_m_s}")
+        check_within(self, 0, MAX_PLUMES, "plumes")
+        check_above_zero(self, "width_m")
+        check_not_negative(self, "wind_m_s")
 
     def levels(self, quantity: Quantity) -> Levels:
         """Those of one quantity."""

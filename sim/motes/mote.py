@@ -33,6 +33,7 @@ from robrain.protocol.tinyos.payloads import (
 from robrain.sim.motes.field import Field
 from robrain.sim.motes.mote_power import MoteBattery, MoteState
 from robrain.sim.motes.radio import AIRTIME_S
+from robrain.sim.spec_checks import check_above_zero, check_not_negative, check_within
 
 SENSE_S = 0.02
 LOG_S = 0.001
@@ -75,19 +76,13 @@ class MoteSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """Quantities that the motes measure, in turn: the first mote the first of these."""
 
     def __post_init__(self) -> None:
-        if not PERIOD_MIN_S <= self.period_s <= PERIOD_MAX_S:
-            raise ValueError(f"expected period_s from {PERIOD_MIN_S} to {PERIOD_MAX_S}, got {self.period_s}")
+        check_within(self, PERIOD_MIN_S, PERIOD_MAX_S, "period_s")
         if not 0 <= self.jitter_s < self.period_s:
             raise ValueError(f"expected jitter_s at least 0 and below period_s, got {self.jitter_s}")
-        for name in ("listen_s", "check_s", "drift_ppm"):
-            if not getattr(self, name) >= 0:
-                raise ValueError(f"expected {name} >= 0, got {getattr(self, name)}")
-        if not 1 <= self.log_readings <= MAX_LOG:
-            raise ValueError(f"expected log_readings from 1 to {MAX_LOG}, got {self.log_readings}")
-        if not self.capacity_mah > 0:
-            raise ValueError(f"expected capacity_mah > 0, got {self.capacity_mah}")
-        if not 0 <= self.used_at_start_max <= 1:
-            raise ValueError(f"expected used_at_start_max from 0 to 1, got {self.used_at_start_max}")
+        check_not_negative(self, "listen_s", "check_s", "drift_ppm")
+        check_within(self, 1, MAX_LOG, "log_readings")
+        check_above_zero(self, "capacity_mah")
+        check_within(self, 0, 1, "used_at_start_max")
         if not self.quantities:
             raise ValueError("expected quantities to name at least one")
 
@@ -209,7 +204,7 @@ class Mote:
             number = self._sense(tick, field)
             busy_s = SENSE_S + LOG_S
             kind = READING_TYPE
-        self._spend(MoteState.SEND, AIRTIME_S)
+        self.battery.spend(MoteState.SEND, AIRTIME_S)
         self._awake_s = busy_s + AIRTIME_S
         self._listens_until_tick = tick + 1 + round(self._spec.listen_s / self._tick_s)
         return ActiveMessage(type=kind, payload=self._payload(number, tick).pack(), source=self.mote.number)
@@ -217,7 +212,7 @@ class Mote:
     def hear(self, message: ActiveMessage, tick: int) -> None:
         """A packet for it has arrived; one that it does not understand is left alone."""
         if tick > self._listens_until_tick:  # heard with low-power listening: on the average half of the preamble
-            self._spend(MoteState.LISTEN, 0.5 * self._spec.check_s)
+            self.battery.spend(MoteState.LISTEN, 0.5 * self._spec.check_s)
         try:
             if message.type == REQUEST_TYPE:
                 self._queue(self._asked(RequestPayload.unpack(message.payload)), tick)
@@ -229,8 +224,8 @@ class Mote:
             return
 
     def _sense(self, tick: int, field: Field) -> int:
-        self._spend(MoteState.SENSE, SENSE_S)
-        self._spend(MoteState.LOG, LOG_S)
+        self.battery.spend(MoteState.SENSE, SENSE_S)
+        self.battery.spend(MoteState.LOG, LOG_S)
         now_s = tick * self._tick_s
         noise = field.spec.levels(self._quantity).noise
         value = field.value(self._quantity, self.mote.place, now_s) + noise * self._rng.standard_normal()
@@ -304,12 +299,9 @@ class Mote:
         if self._spec.check_s > 0:
             checked_s = slept_s * CHECK_S / (CHECK_S + self._spec.check_s)
             listened_s, slept_s = listened_s + checked_s, slept_s - checked_s
-        self._spend(MoteState.LISTEN, listened_s)
-        self._spend(MoteState.SLEEP, slept_s)
+        self.battery.spend(MoteState.LISTEN, listened_s)
+        self.battery.spend(MoteState.SLEEP, slept_s)
         self._awake_tick = tick
-
-    def _spend(self, state: MoteState, duration_s: float) -> None:
-        self.battery.spend(state, duration_s)
 
     def _tick_of(self, time_s: float, after: int) -> int:
         return max(after + 1, math.ceil(time_s / self._tick_s))

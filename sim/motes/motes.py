@@ -18,8 +18,7 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
 from robrain.sim.motes.field import Field, FieldSpec
 from robrain.sim.motes.mote import ArenaMote, Mote, MoteSpec
-from robrain.sim.motes.radio import FAR_DEVIATIONS, Floats, RadioCounters, RadioLink, RadioModel, ShadowField
-from robrain.sim.motes.robot_air import RobotAir
+from robrain.sim.motes.radio import FAR_DEVIATIONS, Floats, RadioCounters, RadioLink, RadioModel, RobotAir, ShadowField
 from robrain.sim.robot.robot_body import RobotBody
 
 BETWEEN_ROBOTS = 0xBA5E

@@ -34,6 +34,7 @@ from robrain.sim.robot.picture_paint import (
     number_cells,
     wall_color,
 )
+from robrain.sim.spec_checks import check_above_zero, check_not_negative, check_within
 
 WALL_HEIGHT_M = 2.5
 ROBOT_HEIGHT_M = 0.35
@@ -68,14 +69,11 @@ class CameraSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         for name in ("width", "height"):
             if not 16 <= getattr(self, name) <= 1024:
                 raise ValueError(f"expected {name} from 16 to 1024 pixels, got {getattr(self, name)}")
-        if not 0.1 <= self.view_rad <= 2.8:
-            raise ValueError(f"expected view_rad from 0.1 to 2.8, got {self.view_rad}")
+        check_within(self, 0.1, 2.8, "view_rad")
         if not 0 < self.height_m < WALL_HEIGHT_M:
             raise ValueError(f"expected height_m above 0 and below {WALL_HEIGHT_M:g}, got {self.height_m}")
-        if not self.range_m > 0:
-            raise ValueError(f"expected range_m > 0, got {self.range_m}")
-        if not self.noise_levels >= 0:
-            raise ValueError(f"expected noise_levels >= 0, got {self.noise_levels}")
+        check_above_zero(self, "range_m")
+        check_not_negative(self, "noise_levels")
 
 
 class SeenRobot(NamedTuple):

@@ -11,6 +11,7 @@ from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
 from robrain.protocol.model.mapping.ray_cast import cast_rays
 from robrain.protocol.wire.messages.arena_messages import Scan
 from robrain.sim.maps.surfaces import Surfaces
+from robrain.sim.spec_checks import check_above_zero, check_not_negative, check_within
 
 NEAREST_OUTLIER_M = 0.05
 """Least range of an outlier."""
@@ -33,14 +34,9 @@ class LidarSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """Share of the beams, drawn at random, with a random range: mixed pixels, stray reflections."""
 
     def __post_init__(self) -> None:
-        for name in ("rays", "rate_hz", "range_max_m"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
-        if not self.noise_m >= 0:
-            raise ValueError(f"expected noise_m >= 0, got {self.noise_m}")
-        for name in ("dropout", "outlier"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise ValueError(f"expected {name} from 0 to 1, got {getattr(self, name)}")
+        check_above_zero(self, "rays", "rate_hz", "range_max_m")
+        check_not_negative(self, "noise_m")
+        check_within(self, 0, 1, "dropout", "outlier")
 
 
 class Lidar:

@@ -110,10 +110,6 @@ class SimulatedRobot:
         speed_m_s = math.hypot(body.forward_m, body.left_m) * self._per_tick
         self.manager.report(speed_m_s, body.turned_rad * self._per_tick)
 
-    def measures_at(self, tick: int) -> bool:
-        """Whether its range sensors measure with this tick."""
-        return self.ranges.measures_at(tick)
-
     def measure(self, hulls: NDArray[np.float64]) -> None:
         """Measure all ranges, and send them; `hulls` (K, 3) are x, y, radius of all robots, arena frame."""
         self.ranges.measure(self.body.pose, hulls)

@@ -14,6 +14,7 @@ import numpy as np
 
 from robrain.protocol.model.geometry import Twist2D
 from robrain.protocol.model.navigation.omni_drive import WHEEL_ANGLES_RAD, OmniBase
+from robrain.sim.spec_checks import check_within
 
 DRAWS = 256
 """Random numbers drawn at a time; one by one they cost ten times as much."""
@@ -39,12 +40,9 @@ class WheelSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """Random slip along the tread while the wheel moves along its axle, after a metre of that."""
 
     def __post_init__(self) -> None:
-        for name in ("radius_sigma", "base_sigma", "slip_sigma_m_per_sqrt_m", "lateral_sigma_m_per_sqrt_m"):
-            if not 0 <= getattr(self, name) <= 0.2:
-                raise ValueError(f"expected {name} from 0 to 0.2, got {getattr(self, name)}")
-        for name in ("slip", "lateral_slip"):
-            if not -0.5 <= getattr(self, name) <= 0.5:
-                raise ValueError(f"expected {name} from -0.5 to 0.5, got {getattr(self, name)}")
+        sigmas = ("radius_sigma", "base_sigma", "slip_sigma_m_per_sqrt_m", "lateral_sigma_m_per_sqrt_m")
+        check_within(self, 0, 0.2, *sigmas)
+        check_within(self, -0.5, 0.5, "slip", "lateral_slip")
 
     @property
     def is_exact(self) -> bool:

@@ -20,8 +20,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.warm_up import warm_up
 from robrain.sim.disturbance import DisturbanceSpec
 from robrain.sim.errors import ScenarioError
-from robrain.sim.lockstep.lockstep import LockstepRun
-from robrain.sim.lockstep.lockstep_transport import LockstepTransport
+from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.lockstep.pacing import Pacer, StopOnInterrupt
 from robrain.sim.lockstep.result import RobotResult, RunResult
 from robrain.sim.maps.drawing import FloorDrawing, rasterise
@@ -162,15 +161,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         try:
             plan, chargers = self.plan(), self.chargers
             world = build_world(
-                plan,
-                self.robots,
-                self.motes,
-                self.near,
-                self.seed,
-                self.hardware,
-                self.network,
-                chargers,
-                self.starts,
+                plan, self.robots, self.motes, self.near, self.seed, self.hardware, self.network, chargers, self.starts
             )
         except MapError as error:
             raise ScenarioError(str(error)) from error

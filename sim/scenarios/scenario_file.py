@@ -17,6 +17,7 @@ from robrain.sim.motes.field import FieldSpec
 from robrain.sim.motes.mote import MoteSpec
 from robrain.sim.motes.motes import SensorNetwork
 from robrain.sim.motes.radio import RadioModel
+from robrain.sim.spec_checks import check_above_zero, check_within
 from robrain.sim.world.arena import RobotHardware
 from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.fault_injection import FaultSpec
@@ -42,8 +43,7 @@ class ScenarioTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError(f"expected seed >= 0, got {self.seed}")
         if not 0 < self.until_explored <= 1:
             raise ValueError(f"expected until_explored above 0 and at most 1, got {self.until_explored}")
-        if not self.time_limit_s > 0:
-            raise ValueError(f"expected time_limit_s > 0, got {self.time_limit_s}")
+        check_above_zero(self, "time_limit_s")
 
 
 class MapTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -68,8 +68,7 @@ class TeamTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         if self.starts is Starts.SCATTERED and self.near_m is not None:
             raise ValueError("expected either near_m or scattered starts, got both")
-        if not 1 <= self.robots <= MAX_ROBOTS:
-            raise ValueError(f"expected robots from 1 to {MAX_ROBOTS}, got {self.robots}")
+        check_within(self, 1, MAX_ROBOTS, "robots")
 
 
 class MotesTable(MoteSpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -80,8 +79,7 @@ class MotesTable(MoteSpec, frozen=True, kw_only=True, forbid_unknown_fields=True
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 0 <= self.count <= MAX_MOTES:
-            raise ValueError(f"expected count from 0 to {MAX_MOTES}, got {self.count}")
+        check_within(self, 0, MAX_MOTES, "count")
 
 
 class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -4,7 +4,7 @@ Robots are driven by frames on their CAN buses and by nothing else. The arena co
 once a tick and moves the clock that stamps what is sent.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pymunk
@@ -16,7 +16,7 @@ from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.messages.arena_messages import ArenaClock, ArenaTruth, MoteTruth, RobotTruth
 from robrain.protocol.wire.topics import ARENA_CLOCK, ARENA_TRUTH
 from robrain.sim.disturbance import Disturbance
-from robrain.sim.firmware.battery_manager import STATUS_PERIOD_S, Reading
+from robrain.sim.firmware.battery_manager import STATUS_PERIOD_S
 from robrain.sim.firmware.bus_line import LineFault
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.surfaces import Surfaces
@@ -25,20 +25,14 @@ from robrain.sim.motes.field import Field
 from robrain.sim.motes.mote import ArenaMote
 from robrain.sim.motes.motes import MoteField, SensorNetwork
 from robrain.sim.robot.camera import SeenMote
-from robrain.sim.robot.robot_body import (
-    COLLISION_SLOP_M,
-    OVERLAP_LEFT_PER_TICK,
-    WALL_COLLISION,
-    CollisionCounter,
-)
+from robrain.sim.robot.robot_body import COLLISION_SLOP_M, OVERLAP_LEFT_PER_TICK, WALL_COLLISION, CollisionCounter
 from robrain.sim.robot.robot_hardware import ArenaRobot, RobotHardware
 from robrain.sim.robot.simulated_robot import SimulatedRobot
 from robrain.sim.world.accuracy_watch import TRUE_POSE_PERIOD_S, AccuracyWatch
-from robrain.sim.world.camera_desk import CameraDesk
 from robrain.sim.world.chargers import Chargers, ChargerSpec
 from robrain.sim.world.fault_injection import FaultSchedule, FaultSpec
 from robrain.sim.world.referee import Referee, team_geometry
-from robrain.sim.world.sensor_desk import SensorDesk
+from robrain.sim.world.sensor_desk import CameraDesk, SensorDesk
 
 __all__ = ["TICK_S", "Arena", "ArenaRobot", "RobotHardware"]
 
@@ -85,7 +79,8 @@ class Arena:
         surfaces: Surfaces | None = None,
         disturbance: Disturbance | None = None,
     ) -> None:
-        _check_names([robot.name for robot in robots], "robot")
+        names = [robot.name for robot in robots]
+        _check_names(names, "robot")
         _check_names([mote.name for mote in motes], "mote")
         _check_starts(plan, robots)
         robots_rng, motes_rng, field_rng = rng.spawn(3)
@@ -121,17 +116,9 @@ class Arena:
         self._hulls[:, 2] = [robot.radius_m for robot in robots]
 
         field = Field.draw(network.field, plan, field_rng)
-        self._motes = MoteField(
-            motes,
-            [robot.name for robot in robots],
-            network,
-            field,
-            endpoint,
-            motes_rng,
-            tick_s,
-        )
+        self._motes = MoteField(motes, names, network, field, endpoint, motes_rng, tick_s)
         self.cameras = CameraDesk(
-            [robot.name for robot in robots],
+            names,
             [robot.camera for robot in robots],
             self._bodies,
             [SeenMote(mote.number, mote.place) for mote in motes],
@@ -142,22 +129,14 @@ class Arena:
             lambda: self._ticks,
             [Point2D(*charger.place_m) for charger in chargers],
         )
-        self.sensors = SensorDesk(
-            [robot.name for robot in robots],
-            self._bodies,
-            field,
-            endpoint,
-            rng.spawn(1)[0],
-            lambda: self._ticks,
-            tick_s,
-        )
+        sensors_rng = rng.spawn(1)[0]
+        self.sensors = SensorDesk(names, self._bodies, field, endpoint, sensors_rng, lambda: self._ticks, tick_s)
         self._mote_truths = [MoteTruth(mote=mote.name, place=mote.place) for mote in motes]
         starts = [Point2D(robot.start.x_m, robot.start.y_m) for robot in robots]
         radius_m = min((robot.radius_m for robot in robots), default=0.0)
         self.referee = Referee(plan, starts, least_clearance_m(radius_m), team_geometry(plan), endpoint)
-        names = [robot.name for robot in robots]
         self.accuracy = AccuracyWatch(names, self._bodies, self.referee, walls, geometry, endpoint)
-        self._faults = FaultSchedule(faults, self, endpoint)
+        self._faults = FaultSchedule(faults, {robot.name: robot for robot in self._robots}, endpoint)
         self._clock_publisher = endpoint.publisher(ARENA_CLOCK)
         self._truth_publisher = endpoint.publisher(ARENA_TRUTH)
         self._clock_period_ticks = max(1, round(CLOCK_PERIOD_S / tick_s))
@@ -235,10 +214,6 @@ class Arena:
         """Pick a robot up and put it down elsewhere, arena frame (KeyError: no such robot)."""
         self._named(robot).body.carry_to(pose)
 
-    def lie_about_battery(self, robot: str, lie: Callable[[Reading], Reading] | None) -> None:
-        """Have a robot's battery gauge tell something else than it reads (KeyError: no such robot)."""
-        self._named(robot).manager.lie = lie
-
     def close(self) -> None:
         """Leave the robots' buses."""
         for robot in self._robots:
@@ -256,7 +231,7 @@ class Arena:
     def _scan(self) -> None:
         tick = self._ticks
         due = [robot for robot in self._robots if tick % robot.scan_period_ticks == robot.scan_phase]
-        ranging = [robot for robot in self._robots if robot.measures_at(tick)]
+        ranging = [robot for robot in self._robots if robot.ranges.measures_at(tick)]
         if not due and not ranging:
             return
         self._hulls[:, :2] = [(body.x_m, body.y_m) for body in self._bodies]

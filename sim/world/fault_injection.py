@@ -4,9 +4,8 @@ What breaks is the simulated hardware. The robot's plugins must find out for the
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
-from typing import Protocol
 
 import msgspec
 
@@ -14,8 +13,8 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.topics import ARENA_RADIO_RX
-from robrain.sim.firmware.battery_manager import Reading
 from robrain.sim.firmware.bus_line import LineFault
+from robrain.sim.robot.simulated_robot import SimulatedRobot
 
 FLOOD_PACKETS_A_TICK = 40
 """2,000 a second at 50 ticks; a Mica2's radio brings some 40."""
@@ -72,25 +71,6 @@ class FaultSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
             raise ValueError(f"expected until_s > at_s = {self.at_s:g}, got {self.until_s}")
 
 
-class FaultyRobots(Protocol):
-    """Robots in whose hardware faults are made, by name; see Arena."""
-
-    def break_can(self, robot: str, fault: LineFault) -> None:
-        """Cut or short a robot's CAN line, or repair it."""
-
-    def fail_motors(self, robot: str, *, failed: bool = True) -> None:
-        """Have a robot's power stage fail, or take the cause away."""
-
-    def freeze_lidar(self, robot: str, *, frozen: bool = True) -> None:
-        """Have a robot's lidar send the same turn again and again."""
-
-    def lie_about_battery(self, robot: str, lie: Callable[[Reading], Reading] | None) -> None:
-        """Have a robot's battery gauge tell something else than it reads."""
-
-    def carry_off(self, robot: str, pose: Pose2D) -> None:
-        """Pick a robot up and put it down elsewhere."""
-
-
 class FaultSchedule:
     """Breaks and mends, tick by tick.
 
@@ -104,8 +84,8 @@ class FaultSchedule:
 
     """
 
-    def __init__(self, faults: Sequence[FaultSpec], arena: FaultyRobots, endpoint: Endpoint) -> None:
-        self._arena = arena
+    def __init__(self, faults: Sequence[FaultSpec], robots: Mapping[str, SimulatedRobot], endpoint: Endpoint) -> None:
+        self._robots = robots
         self._waiting: list[tuple[float, int, FaultSpec, bool]] = []
         for number, fault in enumerate(faults):
             self._waiting.append((fault.at_s, number, fault, True))
@@ -130,22 +110,23 @@ class FaultSchedule:
                 self._floods[robot].put_bytes(self._noise)
 
     def _set(self, fault: FaultSpec, *, breaks: bool) -> None:
-        arena, robot = self._arena, fault.robot
+        name = fault.robot
+        robot = self._robots[name]
         match fault.kind:
             case FaultKind.CAN_CUT:
-                arena.break_can(robot, LineFault.CUT if breaks else LineFault.NONE)
+                robot.bus.break_down(LineFault.CUT if breaks else LineFault.NONE)
             case FaultKind.CAN_SHORTED:
-                arena.break_can(robot, LineFault.SHORTED if breaks else LineFault.NONE)
+                robot.bus.break_down(LineFault.SHORTED if breaks else LineFault.NONE)
             case FaultKind.MOTORS_FAIL:
-                arena.fail_motors(robot, failed=breaks)
+                robot.controller.has_failed = breaks
             case FaultKind.LIDAR_FREEZES:
-                arena.freeze_lidar(robot, frozen=breaks)
+                robot.lidar.is_frozen = breaks
             case FaultKind.BATTERY_LIES:
-                arena.lie_about_battery(robot, (lambda _: (LIE_V, LIE_A, LIE_C)) if breaks else None)
+                robot.manager.lie = (lambda _: (LIE_V, LIE_A, LIE_C)) if breaks else None
             case FaultKind.CARRIED_OFF:
                 assert fault.place_m is not None  # FaultSpec has checked it
-                arena.carry_off(robot, Pose2D(*fault.place_m, fault.yaw_rad))
+                robot.body.carry_to(Pose2D(*fault.place_m, fault.yaw_rad))
             case FaultKind.MOTE_BASE_FLOODS if breaks:
-                self._flooding.append(robot)
+                self._flooding.append(name)
             case FaultKind.MOTE_BASE_FLOODS:
-                self._flooding.remove(robot)
+                self._flooding.remove(name)

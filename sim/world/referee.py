@@ -16,8 +16,7 @@ from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.map_patch import check_claim, take_message
 from robrain.protocol.wire.topics import ROBOT_MAP
-from robrain.sim.maps.extent import TEAM_RESOLUTION_M
-from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.maps.floor_plan import TEAM_RESOLUTION_M, FloorPlan
 
 PATCHES_A_STEP = 4096
 EDGE_CELLS = 3
@@ -51,12 +50,7 @@ class Referee:
     """
 
     def __init__(
-        self,
-        plan: FloorPlan,
-        starts: Sequence[Point2D],
-        clearance_m: float,
-        geometry: GridGeometry,
-        endpoint: Endpoint,
+        self, plan: FloorPlan, starts: Sequence[Point2D], clearance_m: float, geometry: GridGeometry, endpoint: Endpoint
     ) -> None:
         self._atlas = SubmapAtlas(geometry)
         self.grid = self._atlas.grid

@@ -9,7 +9,9 @@ import msgspec
 import numpy as np
 from PIL import Image
 
+from robrain.agent.host.agent_host import stock_place
 from robrain.agent.host.robot_file import RobotFile, RobotTable, ZenohTable
+from robrain.agent.lifecycle.plugin_folders import PluginFolders
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.keys import DEFAULT_TEAM
@@ -193,3 +195,14 @@ def _range_sensors(robot: ArenaRobot) -> dict[str, dict[str, object]]:
             "mounted_m": robot.radius_m,
         }
     }
+
+
+def manifest_texts(world: World, team: str = DEFAULT_TEAM) -> dict[str, str]:
+    """The robots' files and the manifests of the stock plugins, by a path for each."""
+    texts = {
+        f"robots/{robot.name}.toml": msgspec.toml.encode(world.robot_file(robot, team=team)).decode()
+        for robot in world.robots
+    }
+    for name, path in PluginFolders([stock_place()]).find().items():
+        texts[f"plugins/{name}.toml"] = path.read_text(encoding="utf-8")
+    return texts

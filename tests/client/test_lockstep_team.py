@@ -6,7 +6,7 @@ import pytest
 
 import robrain
 from robrain import NobodyThere, Scenario, Team
-from robrain.sim.lockstep.lockstep_transport import LockstepTransport
+from robrain.sim.lockstep.lockstep import LockstepTransport
 
 SCENARIO = Scenario.builtin("arena_small").replace(robots=1, motes=1)
 

@@ -168,7 +168,6 @@ def _import_everything() -> None:
         "agent.host.live_drive",
         "coordinator.live",
         "coordinator.dashboard.server.server",
-        "sim.live_arena",
     ):
         importlib.import_module(f"robrain.{name}")
     deploy = importlib.import_module("robrain.deploy").__path__

@@ -13,8 +13,7 @@ from robrain import BatterySpec, ChargerSpec, RobotHardware, Scenario, Team
 from robrain.protocol.wire.schema.asyncapi import asyncapi_document
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import PUBLISHED, ROBOT_CALL, topic_of
-from robrain.sim.lockstep.lockstep import LockstepRun
-from robrain.sim.lockstep.lockstep_transport import LockstepTransport
+from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from tests.system.valid_messages import AJV, counts_by_ajv, counts_by_jsonschema, run_in_node
 from tests.waiting import until
 

@@ -21,7 +21,7 @@ from robrain import (
     Team,
 )
 from robrain.protocol.wire.errors import BadName
-from robrain.sim.lockstep.lockstep_transport import LockstepTransport
+from robrain.sim.lockstep.lockstep import LockstepTransport
 from tests.system.conftest import Commands
 from tests.waiting import PATIENCE_S, until
 

@@ -6,12 +6,9 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Protocol
 
-import msgspec
-
 from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.export.tables import Cell, Row, Table
-from robrain.coordinator.recording.reader.reading import read_messages, recording_info
-from robrain.protocol.wire.topics import topic_of
+from robrain.coordinator.recording.reader.reading import read_messages, recording_info, topic_named_by
 
 ROWS_A_GROUP = 10_000
 """Rows of a Parquet file that are held until they are written together."""
@@ -27,20 +24,12 @@ class Sheet(Protocol):
         """Finish the file."""
 
 
-class Exported(msgspec.Struct, frozen=True, kw_only=True):
-    """What was written."""
-
-    files: dict[str, Path]
-    """By the topic's name."""
-    rows: dict[str, int]
-    left_out: int
-    """Messages that were not what their topic says, or of no topic of ours."""
-
-
 def export_tables(
     recording: Path, folder: Path, form: str, on_progress: Callable[[float], None] | None = None
-) -> Exported:
-    """Write each topic of a recording to `folder/TOPIC.csv` or `folder/TOPIC.parquet`.
+) -> dict[str, Path]:
+    """Write each topic of a recording to `folder/TOPIC.csv` or `folder/TOPIC.parquet`; returns the files by topic.
+
+    Messages that are not what their topic says, or of no topic of ours, are left out.
 
     Args:
         recording: an MCAP file.
@@ -56,15 +45,11 @@ def export_tables(
     make: type[CsvSheet] | type[ParquetSheet] = CsvSheet if form == "csv" else ParquetSheet
     sheets: dict[str, tuple[Table, Sheet]] = {}
     files: dict[str, Path] = {}
-    rows: dict[str, int] = {}
-    left_out = 0
     with _undone(files), ExitStack() as stack:
         for message in read_messages(recording, on_progress):
-            found = topic_of(message.topic_key)
-            if found is None:
-                left_out += 1
+            topic = topic_named_by(message.topic_key)
+            if topic is None:
                 continue
-            topic = found[0]
             if topic.name not in sheets:
                 table = Table(topic, info.start_ns)
                 path = folder / f"{topic.name}.{form}"
@@ -72,15 +57,11 @@ def export_tables(
                 files[topic.name] = path
                 stack.callback(sheet.close)
                 sheets[topic.name] = (table, sheet)
-                rows[topic.name] = 0
             table, sheet = sheets[topic.name]
             row = table.row(message)
-            if row is None:
-                left_out += 1
-                continue
-            sheet.add(row)
-            rows[topic.name] += 1
-    return Exported(files=files, rows=rows, left_out=left_out)
+            if row is not None:
+                sheet.add(row)
+    return files
 
 
 class CsvSheet:

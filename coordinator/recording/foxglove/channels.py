@@ -14,7 +14,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 from robrain.coordinator.recording.foxglove import messages as make
 from robrain.coordinator.recording.foxglove import scene as foxglove_scene
 from robrain.coordinator.recording.foxglove import visual_topics
-from robrain.coordinator.recording.writer.known_map import KnownMap
+from robrain.coordinator.recording.reader.map_at import KnownMap
 from robrain.coordinator.recording.writer.plain_schema import plain_schema
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.clock import to_ns

@@ -18,18 +18,7 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from numpy import float32
 from numpy.typing import NDArray
 
-from robrain.coordinator.drawing.palette import (
-    BAD,
-    FRONTIER,
-    GOOD,
-    HALTED,
-    LOST,
-    NOSE,
-    WALL,
-    WARNING,
-    Rgb,
-    look_of,
-)
+from robrain.coordinator.drawing.palette import FRONTIER, HALTED, LOST, NOSE, WALL, WARNING, Rgb, look_of, mote_color
 from robrain.coordinator.recording.foxglove.messages import ARENA, color, point, pose, timestamp, wall_cubes
 from robrain.protocol.wire.messages.mote_messages import MoteReading
 from robrain.protocol.wire.messages.offer_messages import TaskEvent
@@ -43,8 +32,7 @@ TEXT: Rgb = (235, 238, 242)
 def scene(entities: Iterable[SceneEntity], stamp_ns: int) -> SceneUpdate:
     """A message that takes the place of all before it on its channel."""
     return SceneUpdate(
-        deletions=[SceneEntityDeletion(timestamp=timestamp(stamp_ns), type=SceneEntityDeletion.ALL)],
-        entities=entities,
+        deletions=[SceneEntityDeletion(timestamp=timestamp(stamp_ns), type=SceneEntityDeletion.ALL)], entities=entities
     )
 
 
@@ -100,7 +88,7 @@ def mote_entity(reading: MoteReading, stamp_ns: int) -> SceneEntity | None:
         SpherePrimitive(
             pose=pose(at.x_m, at.y_m, 0.12),
             size=Vector3(x=0.24, y=0.24, z=0.24),
-            color=color(_supply_color(reading.voltage_v)),
+            color=color(mote_color(reading.voltage_v)),
         )
     )
     text = f"{reading.mote} {reading.value:.1f} {reading.quantity}"
@@ -141,11 +129,6 @@ def robots_scene(states: Mapping[str, RobotState], indices: Mapping[str, int], s
         robot_entity(state, indices[robot], stamp_ns) for robot, state in states.items() if state.pose is not None
     )
     return scene(entities, stamp_ns)
-
-
-def _supply_color(voltage_v: float) -> Rgb:
-    """Of two AA cells, whose radio fails below 2.1 V."""
-    return GOOD if voltage_v >= 2.7 else WARNING if voltage_v >= 2.4 else BAD
 
 
 def _entity(name: str, frame: str, stamp_ns: int) -> SceneEntity:

@@ -10,12 +10,11 @@ import msgspec
 
 from robrain.coordinator.recording.foxglove.visual_topics import is_visual
 from robrain.coordinator.recording.reader.contents import several_senders
-from robrain.coordinator.recording.reader.reading import RecordedMessage, read_messages, recording_info
+from robrain.coordinator.recording.reader.reading import RecordedMessage, read_messages, recording_info, topic_named_by
 from robrain.coordinator.recording.writer.provenance import SUMMARY_METADATA
 from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.topic import JSON, Topic
-from robrain.protocol.wire.topics import topic_of
 
 TOLD_OF_A_KIND = 5
 """Findings of one kind and key that are told one by one; the rest is counted."""
@@ -119,7 +118,7 @@ class _Check:
         self._told: Counter[tuple[Kind, str]] = Counter()
         self._last: dict[str, RecordedMessage] = {}
         self._last_ns: int | None = None
-        self._topics: dict[str, Topic[Any] | None] = {}
+        self._unknown: set[str] = set()
 
     def add(self, severity: Severity, kind: Kind, key: str, at_ns: int, text: str) -> None:
         self.severities[severity] += 1
@@ -168,12 +167,13 @@ class _Check:
             self.add(Severity.PROBLEM, Kind.COUNT, "", 0, text)
 
     def _topic_of(self, key: str, now_ns: int) -> Topic[Any] | None:
-        if key not in self._topics:
-            found = topic_of(key)
-            self._topics[key] = found[0] if found is not None and found[0].recorded else None
-            if self._topics[key] is None:
-                self.add(Severity.NOTE, Kind.UNKNOWN_KEY, key, now_ns, "a key of no recorded topic")
-        return self._topics[key]
+        topic = topic_named_by(key)
+        if topic is not None and topic.recorded:
+            return topic
+        if key not in self._unknown:
+            self._unknown.add(key)
+            self.add(Severity.NOTE, Kind.UNKNOWN_KEY, key, now_ns, "a key of no recorded topic")
+        return None
 
     def _decode(self, topic: Topic[Any], message: RecordedMessage) -> Any:
         if topic.message is None:

@@ -10,8 +10,8 @@ from typing import NamedTuple
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.records import Channel, Chunk, Message, Schema
-from mcap.stream_reader import get_chunk_data_stream
+from mcap.records import Channel, Chunk, McapRecord, Message, Schema
+from mcap.stream_reader import breakup_chunk
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
@@ -27,8 +27,6 @@ from robrain.coordinator.recording.reader.reading import (
 CHUNKS_AT_HAND = 32
 """Chunks kept in memory after they were read: those around the place that is looked at."""
 RECORD_HEADER = struct.Struct("<BQ")
-MESSAGE_HEADER = struct.Struct("<HIQQ")
-"""Channel, sequence, log time and publish time of a message record."""
 
 
 class ChunkPlace(NamedTuple):
@@ -126,35 +124,26 @@ class ChunkedFile:
                         place = ChunkPlace(offset, chunk.message_start_time, chunk.message_end_time, tuple(present))
                         self.chunks.append(place)
                 else:
-                    self._take_description(opcode, data)
+                    kind = Channel if opcode == Opcode.CHANNEL else Schema
+                    self._describe(kind.read(ReadDataStream(BytesIO(data))))
             offset = end
 
     def _look_into(self, chunk: Chunk) -> dict[int, None]:
         """Ids of the channels with messages in a chunk, in order of appearance."""
         present: dict[int, None] = {}
-        stream, length = get_chunk_data_stream(chunk)
-        data = stream.read(length)
-        at = 0
-        while at < length:
-            opcode, size = RECORD_HEADER.unpack_from(data, at)
-            at += RECORD_HEADER.size
-            if opcode == Opcode.MESSAGE:
-                channel_id = MESSAGE_HEADER.unpack_from(data, at)[0]
-                present[channel_id] = None
-                self.counts[channel_id] = self.counts.get(channel_id, 0) + 1
+        for record in breakup_chunk(chunk):
+            if isinstance(record, Message):
+                present[record.channel_id] = None
+                self.counts[record.channel_id] = self.counts.get(record.channel_id, 0) + 1
             else:
-                self._take_description(opcode, data[at : at + size])
-            at += size
+                self._describe(record)
         return present
 
-    def _take_description(self, opcode: int, data: bytes) -> None:
-        stream = ReadDataStream(BytesIO(data))
-        if opcode == Opcode.CHANNEL:
-            channel = Channel.read(stream)
-            self.channels[channel.id] = channel
-        elif opcode == Opcode.SCHEMA:
-            schema = Schema.read(stream)
-            self.schemas[schema.id] = schema
+    def _describe(self, record: McapRecord) -> None:
+        if isinstance(record, Channel):
+            self.channels[record.id] = record
+        elif isinstance(record, Schema):
+            self.schemas[record.id] = record
 
     def _read(self, number: int) -> list[RecordedMessage]:
         with damage_told(self.path):
@@ -162,17 +151,8 @@ class ChunkedFile:
             with self.path.open("rb") as stream:
                 stream.seek(self.chunks[number].offset + RECORD_HEADER.size)
                 chunk = Chunk.read(ReadDataStream(stream))
-            inflated, length = get_chunk_data_stream(chunk, validate_crc=True)
-            data = inflated.read(length)
-            messages: list[RecordedMessage] = []
-            at = 0
-            while at < length:
-                opcode, size = RECORD_HEADER.unpack_from(data, at)
-                at += RECORD_HEADER.size
-                if opcode == Opcode.MESSAGE:
-                    channel_id, sequence, log_time_ns, publish_time_ns = MESSAGE_HEADER.unpack_from(data, at)
-                    payload = data[at + MESSAGE_HEADER.size : at + size]
-                    record = Message(channel_id, log_time_ns, payload, publish_time_ns, sequence)
-                    messages.append(recorded_message(self.channels[channel_id], record))
-                at += size
-            return messages
+            return [
+                recorded_message(self.channels[record.channel_id], record)
+                for record in breakup_chunk(chunk, validate_crc=True)
+                if isinstance(record, Message)
+            ]

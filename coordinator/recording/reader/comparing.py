@@ -9,9 +9,8 @@ from typing import Any
 import msgspec
 
 from robrain.coordinator.recording.foxglove.visual_topics import is_visual
-from robrain.coordinator.recording.reader.reading import RecordedMessage, read_messages
+from robrain.coordinator.recording.reader.reading import RecordedMessage, read_messages, topic_named_by
 from robrain.protocol.wire.clock import to_seconds
-from robrain.protocol.wire.topics import topic_of
 
 VALUE_SHOWN = 200
 """Characters of a value that are told."""
@@ -72,7 +71,7 @@ def _compare(
     shown = first or second
     if shown is None:
         return None
-    found = topic_of(shown.topic_key)
+    topic = topic_named_by(shown.topic_key)
     time_ns = first.log_time_ns - start_one if first is not None else shown.log_time_ns - start_two
 
     def difference(what: str, one: str, two: str, path: str = "") -> Difference:
@@ -80,7 +79,7 @@ def _compare(
             number=number,
             time_s=to_seconds(time_ns),
             key=shown.topic_key,
-            topic=found[0].name if found is not None else "",
+            topic=topic.name if topic is not None else "",
             what=what,
             path=path,
             first=_cut(one),

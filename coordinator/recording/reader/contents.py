@@ -14,6 +14,7 @@ from robrain.coordinator.recording.reader.reading import (
     read_front,
     read_messages,
     recording_info,
+    topic_named_by,
 )
 from robrain.coordinator.recording.writer.provenance import (
     HOST_METADATA,
@@ -23,7 +24,6 @@ from robrain.coordinator.recording.writer.provenance import (
 )
 from robrain.protocol.wire.clock import NS_PER_S
 from robrain.protocol.wire.topic import Role, Topic
-from robrain.protocol.wire.topics import topic_of
 
 OnProgress = Callable[[float], None]
 SILENT_PERIODS = 5.0
@@ -117,7 +117,7 @@ class _Tally:
         self.sequences.append(message.sequence)
 
     def contents(self, key: str, start_ns: int) -> KeyContents:
-        found = topic_of(key)
+        topic = topic_named_by(key)
         times_s = (np.array(self.times_ns, np.int64) - start_ns) / NS_PER_S
         sequences = np.array(self.sequences, np.int64)
         # A sender that begins again at 0 was restarted; nothing is missing then.
@@ -129,7 +129,7 @@ class _Tally:
         longest = int(silences_s.argmax()) if silences_s.size else 0
         return KeyContents(
             key=key,
-            topic=found[0].name if found is not None else "",
+            topic=topic.name if topic is not None else "",
             messages=len(times_s),
             bytes=self.bytes,
             first_s=float(times_s.min()),
@@ -138,5 +138,5 @@ class _Tally:
             longest_gap_s=max(float(silences_s[longest]), 0.0) if silences_s.size else 0.0,
             longest_gap_at_s=float(times_s[longest]),
             gaps=int((silences_s > max(SILENT_S, SILENT_PERIODS * period_s)).sum()),
-            missing=0 if found is None or several_senders(found[0]) else int(missing.clip(min=0).sum()),
+            missing=0 if topic is None or several_senders(topic) else int(missing.clip(min=0).sum()),
         )

@@ -1,4 +1,4 @@
-"""The map at any time of a recording, composed of submaps, with copies kept at intervals.
+"""The map of a recording: at any time of it, with copies kept at intervals, and as far as it has been told.
 
 Patches contain only changes, so the map at a time needs all patches before it. They are composed as in a run, so the
 result is the map that a component of that run had.
@@ -9,10 +9,11 @@ from typing import NamedTuple
 
 import msgspec
 
+from robrain.coordinator.drawing.map_view import MapView
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.wire.messages.map_messages import MapPatch
-from robrain.protocol.wire.messages.map_patch import MAX_CELLS, geometry_of, submap_message, take_message, whole_map
+from robrain.protocol.wire.messages.map_patch import submap_message, take_message, whole_map
 
 PATCHES_BETWEEN = 250
 KEPT_MAX = 400
@@ -22,6 +23,9 @@ Place = tuple[int, int]
 """Chunk and message in it; places compare as they follow each other in the file."""
 PatchSource = Callable[[Place, Place], Iterator[bytes]]
 """The payloads of the map's messages from one place to before another."""
+
+PENDING_MAX = 256
+"""Patches that wait to be merged."""
 
 
 class _Kept(NamedTuple):
@@ -44,7 +48,6 @@ class MapAt:
         self._kept: list[_Kept] = []
         self._packed: dict[SubmapKey, tuple[int, MapPatch]] = {}
         """The last copy of each submap, and the version it is of: most submaps do not change from copy to copy."""
-        self._decoder = msgspec.json.Decoder(MapPatch)
 
     def keep(self, atlas: SubmapAtlas, place: Place) -> None:
         """Keep a copy of the map as it is before `place`."""
@@ -62,52 +65,34 @@ class MapAt:
 
     def builder(self) -> "MapBuilder":
         """Takes all patches once, in order, and keeps copies for later."""
-        return MapBuilder(self, self._between, self._decoder)
+        return MapBuilder(self, self._between)
 
     def atlas_at(self, place: Place) -> SubmapAtlas | None:
         """The map before `place`; None before the first patch."""
         kept = next((kept for kept in reversed(self._kept) if kept.place <= place), None)
-        atlas = None if kept is None else _restored(kept)
+        view = MapView() if kept is None else MapView(_restored(kept))
         start = (0, 0) if kept is None else kept.place
         for payload in self._patches(start, place):
-            atlas = merged(atlas, payload, self._decoder)
-        return atlas
+            view.take(payload)
+        return view.atlas
 
 
 class MapBuilder:
     """Merges patches one after the other and has a copy kept now and then."""
 
-    def __init__(self, store: MapAt, between: int, decoder: "msgspec.json.Decoder[MapPatch]") -> None:
+    def __init__(self, store: MapAt, between: int) -> None:
         self._store = store
         self._between = between
-        self._decoder = decoder
-        self._atlas: SubmapAtlas | None = None
+        self._view = MapView()
         self._since = 0
 
     def take(self, payload: bytes, place: Place) -> None:
         """The next patch, which stands at `place`."""
-        if self._atlas is not None and self._since >= self._between:
-            self._store.keep(self._atlas, place)
+        if self._view.atlas is not None and self._since >= self._between:
+            self._store.keep(self._view.atlas, place)
             self._since = 0
-        self._atlas = merged(self._atlas, payload, self._decoder)
+        self._view.take(payload)
         self._since += 1
-
-
-def merged(atlas: SubmapAtlas | None, payload: bytes, decoder: "msgspec.json.Decoder[MapPatch]") -> SubmapAtlas | None:
-    """The map with one more patch; one that does not decode or fit is left out, as its listeners did."""
-    try:
-        patch = decoder.decode(payload)
-        if atlas is None:
-            geometry = geometry_of(patch)
-            if geometry.width * geometry.height > MAX_CELLS:
-                return None
-            fresh = SubmapAtlas(geometry)
-            take_message(fresh, patch)
-            return fresh
-        take_message(atlas, patch)
-    except (msgspec.DecodeError, UnicodeDecodeError, ValueError, RecursionError):
-        return atlas
-    return atlas
 
 
 def patches_of(robot: str, atlas: SubmapAtlas, now_ns: int) -> list[MapPatch]:
@@ -121,3 +106,34 @@ def _restored(kept: _Kept) -> SubmapAtlas:
     for submap in kept.submaps:
         take_message(atlas, submap)
     return atlas
+
+
+class KnownMap:
+    """Merges the recorded patches when somebody asks, or when many wait. What does not decode or fit is left out."""
+
+    def __init__(self) -> None:
+        self._view = MapView()
+        self._pending: list[bytes] = []
+
+    @property
+    def has_news(self) -> bool:
+        """Whether patches wait to be merged."""
+        return bool(self._pending)
+
+    def take(self, payload: bytes) -> None:
+        """The next patch, as it was on the wire."""
+        self._pending.append(payload)
+        if len(self._pending) >= PENDING_MAX:
+            self.merged()
+
+    def merged(self) -> MapView:
+        """The map with all that was taken."""
+        for payload in self._pending:
+            self._view.take(payload)
+        self._pending.clear()
+        return self._view
+
+    def patches(self, by: str, now_ns: int) -> list[MapPatch]:
+        """Messages that tell the whole map to somebody who has heard of none, as said by `by`."""
+        atlas = self.merged().atlas
+        return [] if atlas is None else patches_of(by, atlas, now_ns)

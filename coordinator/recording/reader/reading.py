@@ -5,9 +5,10 @@ import struct
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from io import BufferedReader
 from pathlib import Path
-from typing import IO, NamedTuple, cast
+from typing import IO, Any, NamedTuple, cast
 
 import msgspec
 import zstandard
@@ -29,6 +30,8 @@ from robrain.coordinator.recording.writer.provenance import (
 )
 from robrain.protocol.model.tasks.old_form import upgraded_json
 from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topics import topic_of
 
 DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, KeyError)
 """What mcap raises over bytes that are not what they should be; a wrong checksum is a ValueError."""
@@ -54,6 +57,13 @@ class RecordedMessage(NamedTuple):
     """The sender's stamp, or the time of recording where it gave none."""
     sequence: int = 0
     """The sender's number of the message, modulo 2**32."""
+
+
+@lru_cache(maxsize=4096)
+def topic_named_by(key: str) -> Topic[Any] | None:
+    """The topic of a key; None for what is not of the wire."""
+    found = topic_of(key)
+    return None if found is None else found[0]
 
 
 def recorded_message(channel: Channel, message: Message) -> RecordedMessage:

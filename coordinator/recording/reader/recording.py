@@ -110,11 +110,7 @@ class Recording:
 
     def map_at(self, t_s: float) -> OccupancyGrid | None:
         """The map that the team had made after `t_s`; None before the first patch."""
-        player = Player(self.path)
-        try:
-            return player.map_at(t_s)
-        finally:
-            player.close()
+        return Player(self.path).map_at(t_s)
 
     def _topic(self, name: str) -> Topic[Any]:
         for topic in PUBLISHED:

@@ -2,9 +2,8 @@
 
 import os
 from collections.abc import Callable
-from io import BufferedReader
+from io import BufferedReader, BufferedWriter
 from pathlib import Path
-from typing import IO, Any, BinaryIO, cast
 
 from mcap.exceptions import EndOfFile
 from mcap.reader import make_reader
@@ -12,12 +11,17 @@ from mcap.records import Attachment, Channel, Chunk, DataEnd, Header, McapRecord
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 
-from robrain.coordinator.recording.errors import RecordingError
+from robrain.coordinator.recording.errors import RecordingError, writing
 from robrain.coordinator.recording.foxglove.channels import FoxgloveChannels, VisualMessage
 from robrain.coordinator.recording.foxglove.visual_topics import is_visual
-from robrain.coordinator.recording.reader.reading import DAMAGE, check_readable, damage_told, is_truncated, whole_reads
-from robrain.protocol.wire.topic import Topic
-from robrain.protocol.wire.topics import topic_of
+from robrain.coordinator.recording.reader.reading import (
+    DAMAGE,
+    check_readable,
+    damage_told,
+    is_truncated,
+    topic_named_by,
+    whole_reads,
+)
 
 CHUNK_BYTES = 1024 * 1024
 
@@ -46,21 +50,18 @@ def copy_recording(
     """
     check_readable(source)
     truncated = is_truncated(source)
-    try:
+    with writing(path):
         target = path.open("xb")
-    except FileExistsError as error:
-        raise RecordingError(path, f"{path} exists already: give another name or move it away") from error
-    except OSError as error:
-        raise RecordingError(path, f"cannot write {path}: {error.strerror or error}") from error
     try:
-        with target:
-            copy = RecordingCopy(_Target(path, target), visual)
+        with writing(path, "; make room there"), target:
+            copy = RecordingCopy(target, visual)
             copy.truncated = truncated
             with damage_told(source):
                 stream = source.open("rb")
             with stream:
                 if not truncated:
-                    copy.learn(stream)
+                    with damage_told(source):
+                        copy.learn(stream)
                 _copy_all(source, stream, copy, on_progress)
             copy.finish(*metadata(copy))
     except BaseException:  # also Ctrl-C: half a copy must not look like a recording
@@ -93,33 +94,11 @@ def _copy_all(
     copy.unread_bytes = 0 if copy.ended and not copy.truncated else size_bytes - whole_bytes
 
 
-class _Target:
-    """The new file, which tells in words when it cannot be written."""
-
-    def __init__(self, path: Path, stream: BinaryIO) -> None:
-        self._path = path
-        self._stream = stream
-
-    def write(self, data: bytes) -> int:
-        try:
-            return self._stream.write(data)
-        except OSError as error:
-            raise RecordingError(
-                self._path, f"cannot write {self._path}: {error.strerror or error}; make room there"
-            ) from error
-
-    def tell(self) -> int:
-        return self._stream.tell()
-
-    def flush(self) -> None:
-        self._stream.flush()
-
-
 class RecordingCopy:
     """A new file, to which the records of another are handed one by one."""
 
-    def __init__(self, target: _Target, visual: FoxgloveChannels | None = None) -> None:
-        self._writer = Writer(cast(IO[bytes], target), chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+    def __init__(self, target: BufferedWriter, visual: FoxgloveChannels | None = None) -> None:
+        self._writer = Writer(target, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._started = False
         self._schemas: dict[int, Schema] = {}
         self._schema_ids: dict[int, int] = {}
@@ -133,7 +112,6 @@ class RecordingCopy:
         self.truncated = False
         self.ended = False
         self._visual = visual
-        self._topics: dict[str, Topic[Any] | None] = {}
         self._visual_ids: dict[str, int] = {}
         self._visual_schemas: dict[str, int] = {}
         self._now_ns: int | None = None
@@ -214,10 +192,7 @@ class RecordingCopy:
         if self._now_ns is not None and message.log_time != self._now_ns:
             self._draw()
         self._now_ns = message.log_time
-        if channel.topic not in self._topics:
-            found = topic_of(channel.topic)
-            self._topics[channel.topic] = found[0] if found is not None else None
-        topic = self._topics[channel.topic]
+        topic = topic_named_by(channel.topic)
         if topic is not None:
             self._visual.take(topic, channel.topic, message.data)
 

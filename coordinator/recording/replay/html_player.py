@@ -10,7 +10,7 @@ from robrain.coordinator.dashboard.replay.replay_index import Decoder
 from robrain.coordinator.dashboard.scene.scene import Scene
 from robrain.coordinator.dashboard.server.server import close_server, open_server
 from robrain.coordinator.dashboard.state.team_view import TeamView
-from robrain.coordinator.recording.errors import RecordingError
+from robrain.coordinator.recording.errors import check_absent, writing
 from robrain.coordinator.recording.replay.player import Player
 from robrain.protocol.wire.topics import ROBOT_MAP
 
@@ -33,17 +33,10 @@ def write_html(
     Raises:
         RecordingError: the recording cannot be read, or the page exists or cannot be written.
     """
-    if path.exists():
-        raise RecordingError(path, f"{path} exists already: give another name or move it away")
-    player = Player(recording)
-    try:
-        page, frames = _page(player, on_progress or (lambda _share: None), frames_max)
-    finally:
-        player.close()
-    try:
+    check_absent(path)
+    page, frames = _page(Player(recording), on_progress or (lambda _share: None), frames_max)
+    with writing(path):
         path.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise RecordingError(path, f"cannot write {path}: {error.strerror or error}") from error
     return frames
 
 

@@ -124,15 +124,6 @@ class Player:
 
     # -- the run at a time ----------------------------------------------------------------------------------
 
-    def state_at(self, t_s: float) -> list[RecordedMessage]:
-        """The run as it was at `t_s`: the last message of each key until then, and the map, in the order of the file.
-
-        Raises:
-            RecordingError: the file is damaged there.
-        """
-        at_ns = self._ns_of(t_s)
-        return self._state_before(self._place_after(at_ns), at_ns)
-
     def map_at(self, t_s: float) -> OccupancyGrid | None:
         """The map that all patches until `t_s` make up; None before the first."""
         atlas = self._maps.atlas_at(self._place_after(self._ns_of(t_s)))
@@ -156,7 +147,13 @@ class Player:
         return self._place[0] >= len(self._file.chunks)
 
     def seek(self, t_s: float) -> list[RecordedMessage]:
-        """Go to `t_s` and return the run as it was then, as `state_at` does; it goes on playing if it was."""
+        """Go to `t_s`; it goes on playing if it was.
+
+        Returns the run as it was then: the last message of each key until then, and the map, in the order of the file.
+
+        Raises:
+            RecordingError: the file is damaged there.
+        """
         self._position_ns = self._ns_of(t_s)
         self._played_from = None
         self._place = self._place_after(self._position_ns)

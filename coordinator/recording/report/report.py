@@ -14,11 +14,10 @@ from matplotlib.figure import Figure
 from robrain.coordinator.dashboard.html.html_words import natural_key
 from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.report import figures
-from robrain.coordinator.recording.report.accuracy_figure import accuracy_figure
 from robrain.coordinator.recording.report.figure_style import figure_style, png
-from robrain.coordinator.recording.report.run_comparison import comparison_figure
+from robrain.coordinator.recording.report.figures import accuracy_figure
 from robrain.coordinator.recording.report.run_data import RunData, read_run
-from robrain.coordinator.recording.report.run_totals import totals
+from robrain.coordinator.recording.report.run_totals import comparison_figure, totals
 from robrain.protocol.wire.border.safe_text import safe_html
 
 ROWS_MAX = 300

@@ -9,7 +9,7 @@ from typing import Any
 from robrain.coordinator.drawing.map_view import MapView
 from robrain.coordinator.drawing.robot_history import model_power_w
 from robrain.coordinator.recording.reader.contents import RecordingContents, read_contents
-from robrain.coordinator.recording.reader.reading import read_messages
+from robrain.coordinator.recording.reader.reading import read_messages, topic_named_by
 from robrain.coordinator.recording.report.happenings import Happening, Happenings
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
@@ -22,8 +22,6 @@ from robrain.protocol.wire.messages.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.plan_messages import TaskDecision
 from robrain.protocol.wire.messages.robot_messages import RobotState
 from robrain.protocol.wire.messages.team_messages import TeamState
-from robrain.protocol.wire.topic import Topic
-from robrain.protocol.wire.topics import topic_of
 
 STEP_S = 0.2
 """States of a robot closer together than this are not kept one by one."""
@@ -68,7 +66,6 @@ class TaskRun:
     name: str
     kind: str
     state: str
-    place: Point2D | None = None
     robot: str = ""
     queued_s: float = 0.0
     started_s: float | None = None
@@ -130,13 +127,8 @@ def read_run(path: Path, on_progress: Callable[[float], None] | None = None) -> 
     contents = read_contents(path, half(0.0))
     gather = _Gather(RunData(path, contents, contents.info.duration_s))
     start_ns = contents.info.start_ns
-    topics: dict[str, Topic[Any] | None] = {}
     for recorded in read_messages(path, half(0.5)):
-        key = recorded.topic_key
-        if key not in topics:
-            found = topic_of(key)
-            topics[key] = found[0] if found is not None else None
-        topic = topics[key]
+        topic = topic_named_by(recorded.topic_key)
         if topic is None or topic.message is None:
             continue
         try:

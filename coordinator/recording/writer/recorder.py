@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.writer.known_map import KnownMap
+from robrain.coordinator.recording.reader.map_at import KnownMap
 from robrain.coordinator.recording.writer.provenance import Provenance
-from robrain.coordinator.recording.writer.recorder_inbox import RecorderInbox
 from robrain.coordinator.recording.writer.recorder_status import RecorderTelling
 from robrain.coordinator.recording.writer.recording_files import RecordingFiles, SplitAt
 from robrain.protocol.wire.border.border import Border
@@ -27,6 +26,8 @@ from robrain.protocol.wire.topics import ARENA_OUTSIDE, PUBLISHED, RECORDER_STAT
 if TYPE_CHECKING:
     from robrain.coordinator.recording.foxglove.channels import FoxgloveChannels
     from robrain.coordinator.recording.writer.recording_file import ToldMessage
+from robrain.protocol.wire.border.border import Heard
+from robrain.protocol.wire.inbox import Inbox
 
 logger = logging.getLogger(__name__)
 
@@ -319,3 +320,45 @@ class Recorder:
         encoded = key.encode()
         prefix = self._key_prefixes[key] = len(encoded).to_bytes(8, "little") + encoded
         return prefix
+
+
+class RecorderInbox(Inbox):
+    """Keeps every message until the recorder's step. What comes when it is full is not taken in.
+
+    Refusing the newest, where other inboxes let the oldest go, leaves a recording that breaks off at a known place
+    and is whole before it.
+
+    Args:
+        capacity: messages held at the most.
+        capacity_bytes: bytes of their payloads held at the most.
+        border: as in `Inbox`.
+    """
+
+    def __init__(self, capacity: int, capacity_bytes: int, border: Border | None = None) -> None:
+        super().__init__(capacity, every=True, border=border)
+        self.capacity_bytes = capacity_bytes
+        self.dropped_by_topic: Counter[str] = Counter()
+        self._bytes = 0
+
+    def append(self, topic: Heard, key: str, payload: bytes, *, outside: bool = False) -> bool:
+        """Take a message in, or count it as refused or dropped."""
+        self.received += 1
+        self.outside += outside
+        if len(payload) > topic.payloads.max_bytes and not self.border.admits(topic, key, payload):
+            self.refused += 1
+            return False
+        size = len(payload)
+        if len(self._every) >= self.capacity or self._bytes + size > self.capacity_bytes:
+            self.dropped += 1
+            self.dropped_by_topic[topic.name] += 1
+            return False
+        self._bytes += size
+        self._every.append((topic, key, payload))
+        return True
+
+    def drain_raw(self) -> list[tuple[Heard, str, bytes]]:
+        """Take everything out as topic, key and payload, in order of arrival."""
+        raw = super().drain_raw()
+        taken = sum(len(payload) for _, _, payload in raw)  # first: what comes while it is reckoned counts as well
+        self._bytes -= taken
+        return raw

@@ -100,11 +100,6 @@ class RecordingFile:
         self._whole_bytes = self._stream.size_bytes
 
     @property
-    def lost(self) -> int:
-        """Messages of the wire that could not be written."""
-        return self.lost_by_topic.total()
-
-    @property
     def size_bytes(self) -> int:
         """Bytes in the file so far."""
         return self._stream.size_bytes
@@ -115,7 +110,7 @@ class RecordingFile:
         return self._held_bytes
 
     def write(self, told: Iterable[ToldMessage], log_time_ns: int) -> None:
-        """Add messages; counted in `lost` when the file has failed."""
+        """Add messages; counted in `lost_by_topic` when the file has failed."""
         add_message, hold, channels = self._writer.add_message, self._held.append, self._channels
         for topic, key, payload, publish_time_ns, sequence in told:
             self.messages += 1

@@ -18,10 +18,10 @@ from robrain.coordinator.recording.reader import recording_copy
 from robrain.coordinator.recording.reader.checking import Kind, Severity, check_recording
 from robrain.coordinator.recording.reader.comparing import differing_path, first_difference
 from robrain.coordinator.recording.reader.contents import read_contents
-from robrain.coordinator.recording.reader.folded_keys import FOLDED_ABOVE, folded
 from robrain.coordinator.recording.reader.reading import read_messages, read_provenance, recording_info
 from robrain.coordinator.recording.reader.recovering import recover
 from robrain.coordinator.recording.writer.provenance import SUMMARY_METADATA
+from robrain.deploy.recordings.recording_display import FOLDED_ABOVE, folded
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.messages.mote_messages import MoteReading
 from robrain.protocol.wire.messages.plugin_messages import LogRecord

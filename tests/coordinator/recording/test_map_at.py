@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from mcap.writer import Writer
 
+from robrain.coordinator.drawing.map_view import MapView
 from robrain.coordinator.recording.reader.chunked_file import ChunkedFile
-from robrain.coordinator.recording.reader.map_at import MapAt, Place, merged
+from robrain.coordinator.recording.reader.map_at import MapAt, Place
 from robrain.coordinator.recording.reader.reading import RecordedMessage
 from robrain.coordinator.recording.replay.player import Player
 from robrain.protocol.model.geometry import Pose2D
@@ -47,31 +48,39 @@ def columns_of(grid: OccupancyGrid) -> list[int]:
 
 @pytest.mark.parametrize("size", [(1 << 12, (1 << 12) + 1), (MAX_CELLS + 1, 1), (1, MAX_CELLS + 1)])
 def test_a_map_with_more_cells_than_any_listener_took_is_never_begun(size: tuple[int, int]) -> None:
-    atlas = merged(None, payload(0, geometry=GridGeometry(0.1, 0.0, 0.0, *size)), DECODER)
-    assert atlas is None
-    assert known_columns(merged(atlas, payload(3), DECODER)) == [3]
+    view = MapView()
+    view.take(payload(0, geometry=GridGeometry(0.1, 0.0, 0.0, *size)))
+    assert view.atlas is None
+    view.take(payload(3))
+    assert known_columns(view.atlas) == [3]
 
 
 def test_the_largest_map_that_a_listener_took_is_begun() -> None:
     geometry = GridGeometry(0.1, 0.0, 0.0, 1 << 12, 1 << 12)
-    atlas = merged(None, payload(5, geometry=geometry), DECODER)
-    assert atlas is not None
-    assert atlas.grid.geometry == geometry
-    assert known_columns(atlas) == [5]
+    view = MapView()
+    view.take(payload(5, geometry=geometry))
+    assert view.grid is not None
+    assert view.grid.geometry == geometry
+    assert known_columns(view.atlas) == [5]
 
 
 @pytest.mark.parametrize("broken", [b"", b"no json", b"\xff", payload(1, geometry=GridGeometry(0.2, 0, 0, 9, 9))])
 def test_a_patch_that_does_not_decode_or_fit_changes_nothing(broken: bytes) -> None:
-    atlas = merged(merged(None, payload(3, OCCUPIED), DECODER), payload(4), DECODER)
-    after = merged(atlas, broken, DECODER)
-    assert after is atlas
-    assert known_columns(after) == [3, 4]
-    assert after is not None
-    assert after.grid.classes()[0, 3] == OCCUPIED
+    view = MapView()
+    view.take(payload(3, OCCUPIED))
+    view.take(payload(4))
+    before = view.atlas
+    view.take(broken)
+    assert view.atlas is before
+    assert known_columns(before) == [3, 4]
+    assert view.grid is not None
+    assert view.grid.classes()[0, 3] == OCCUPIED
 
 
 def test_a_patch_that_does_not_decode_begins_no_map() -> None:
-    assert merged(None, b"no json", DECODER) is None
+    view = MapView()
+    view.take(b"no json")
+    assert view.atlas is None
 
 
 def test_only_the_patches_since_the_last_copy_are_read_again(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -152,7 +161,7 @@ def test_a_state_tells_the_map_once_and_before_everything_else(recording: Path) 
     for is_prepared in (False, True):
         if is_prepared:
             player.prepare()
-        told = player.state_at(12.0)
+        told = player.seek(12.0)
         *maps, last = told
         assert last.payload == bytes([12])
         assert {message.topic_key for message in maps} == {"robrain/t/robot/r1/map"}

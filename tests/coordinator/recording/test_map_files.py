@@ -7,9 +7,9 @@ from typer.testing import CliRunner
 
 from robrain.cli import app
 from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.export.map_files import write_map
 from robrain.coordinator.recording.replay.player import Player
 from robrain.deploy.errors import UsageError
+from robrain.deploy.recordings.exporting import export_map
 from robrain.protocol.model.mapping.occupancy_grid import OCCUPIED
 from robrain.sim.maps.map_server import load_map
 from robrain.sim.scenarios.scenario import Scenario
@@ -20,6 +20,10 @@ def run(tmp_path_factory):
     path = tmp_path_factory.mktemp("map") / "run.mcap"
     Scenario.builtin("arena_small").replace(robots=2, seed=3).run(record=path, time_limit_s=6.0)
     return path
+
+
+def write_map(recording, path, at_s=None):
+    return export_map(recording, path, at_s, lambda _share: None)
 
 
 def test_the_files_hold_the_map_as_the_team_knew_it_and_can_be_driven_in(run, tmp_path):

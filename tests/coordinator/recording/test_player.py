@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import Writer
 
+from robrain.coordinator.drawing.map_view import MapView
 from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.reader.map_at import merged
 from robrain.coordinator.recording.reader.reading import RecordedMessage, read_messages
 from robrain.coordinator.recording.replay.player import Player
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
@@ -68,11 +68,11 @@ def latest(messages: list[RecordedMessage]) -> list[RecordedMessage]:
 
 
 def map_of(messages: list[RecordedMessage]) -> OccupancyGrid | None:
-    atlas = None
+    view = MapView()
     for message in messages:
         if is_map(message):
-            atlas = merged(atlas, message.payload, DECODER)
-    return None if atlas is None else atlas.grid
+            view.take(message.payload)
+    return view.grid
 
 
 def assert_same_map(one: OccupancyGrid | None, two: OccupancyGrid | None) -> None:
@@ -116,7 +116,7 @@ def test_it_makes_no_difference_how_many_copies_of_the_map_are_kept(
 def test_it_makes_no_difference_whether_it_was_prepared(run: Path, prepared: Player) -> None:
     fresh = Player(run)
     for t_s in (20.0, 0.0, 7.5, 12.0):
-        assert fresh.state_at(t_s) == prepared.state_at(t_s)
+        assert fresh.seek(t_s) == prepared.seek(t_s)
     fresh.close()
 
 
@@ -221,7 +221,7 @@ def test_pictures_are_not_all_kept_in_memory(tmp_path: Path, monkeypatch: pytest
     player = Player(path)
     player.prepare()
     for t_s in range(60):
-        assert player.state_at(t_s) == latest(until(path, t_s))
+        assert player.seek(t_s) == latest(until(path, t_s))
     player.close()
 
 

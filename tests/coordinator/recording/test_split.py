@@ -21,8 +21,7 @@ from robrain.coordinator.recording.foxglove.channels import FoxgloveChannels
 from robrain.coordinator.recording.reader.reading import read_messages, read_provenance
 from robrain.coordinator.recording.writer import recording_file
 from robrain.coordinator.recording.writer.provenance import Provenance
-from robrain.coordinator.recording.writer.recorder import Recorder
-from robrain.coordinator.recording.writer.recorder_inbox import RecorderInbox
+from robrain.coordinator.recording.writer.recorder import Recorder, RecorderInbox
 from robrain.coordinator.recording.writer.recording_files import SplitAt
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint

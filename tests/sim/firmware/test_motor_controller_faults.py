@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.protocol.can.bus_state import BusState, state_in
+from robrain.protocol.can.bus_state import BusState, state_in, state_of
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.navigation.omni_drive import OmniBase
@@ -97,7 +97,7 @@ def test_on_a_cut_line_nothing_passes_either_way_and_the_watchdog_stops_the_whee
     desk.tick(12)
     assert desk.heard() == []
     assert desk.controller.wheel_speeds_rad_s == STANDING
-    assert desk.line.node_state is BusState.PASSIVE
+    assert state_of(desk.line.transmit_errors, 0) is BusState.PASSIVE
     desk.line.break_down(LineFault.NONE)
     desk.tick(10)
     first = desk.statuses()[0]
@@ -119,7 +119,7 @@ def test_errors_are_forgiven_one_for_each_frame_that_is_sent(desk):
 def test_a_shorted_line_puts_every_controller_off_the_bus_and_tells_the_host(desk):
     desk.line.break_down(LineFault.SHORTED)
     desk.tick(3)
-    assert desk.line.node_state is BusState.OFF
+    assert state_of(desk.line.transmit_errors, 0) is BusState.OFF
     assert [state_in(frame) for frame in desk.heard()] == [BusState.OFF]
     desk.line.break_down(LineFault.NONE)
     (restarted,) = desk.heard()

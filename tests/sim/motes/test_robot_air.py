@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from robrain.sim.motes.radio import RadioModel
-from robrain.sim.motes.robot_air import RobotAir
+from robrain.sim.motes.radio import RadioModel, RobotAir
 
 PLAIN = RadioModel(shadowing_db=0.0)
 
