@@ -1,4 +1,4 @@
-"""Where the Serial Forwarders of a live arena listen: told by its process, read by who started it, noted in files."""
+"""Addresses of a live arena's Serial Forwarders: printed, read by the parent process, noted in robot files."""
 
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
@@ -10,7 +10,7 @@ _SAID = "serial forwarder of "
 
 
 def open_forwarders(endpoint: Endpoint, robots: Iterable[str], closing: ExitStack) -> list[SerialForwarder]:
-    """One a robot, each on a free port of loopback, closed with `closing`."""
+    """Open one per robot, each on a free port of loopback, closed with `closing`."""
     forwarders = []
     for robot in robots:
         forwarder = SerialForwarder(endpoint, robot)
@@ -20,12 +20,12 @@ def open_forwarders(endpoint: Endpoint, robots: Iterable[str], closing: ExitStac
 
 
 def addresses(forwarders: Iterable[SerialForwarder]) -> dict[str, str]:
-    """`host:port` of each robot's."""
+    """`host:port` of each robot's forwarder."""
     return {forwarder.robot: "{}:{}".format(*forwarder.address) for forwarder in forwarders}
 
 
 def said(robot: str, address: str) -> str:
-    """The line of output that tells of one.
+    """The line of output with a forwarder's address.
 
     >>> said("r1", "127.0.0.1:9002")
     'serial forwarder of r1: 127.0.0.1:9002'
@@ -34,7 +34,7 @@ def said(robot: str, address: str) -> str:
 
 
 def read_said(lines: Iterable[str]) -> dict[str, str]:
-    """The addresses that lines of output tell of.
+    """Parse the addresses from lines of output.
 
     >>> read_said(["arena: depot", "serial forwarder of r1: 127.0.0.1:9002"])
     {'r1': '127.0.0.1:9002'}

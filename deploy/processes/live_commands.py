@@ -55,7 +55,7 @@ def coordinator_command(
     policy = PlanningPolicy()
     if planning is not None:
         from robrain.deploy.run.planning_file import (
-            read_planning,  # here: most coordinators read none, and are up sooner
+            read_planning,  # here, because most coordinators need none and start sooner without it
         )
 
         policy = read_planning(planning)
@@ -109,7 +109,7 @@ def show_recording(recording: Path, port: int | None, speed: float = 1.0, start_
 def replay_on_wire(
     recording: Path, speed: float, *, loop: bool, connect: list[str], team: str, start_s: float, paused: bool
 ) -> None:
-    """Put a recording back on the wire, once or in a loop."""
+    """Publish a recording on the wire, once or in a loop."""
     from robrain.coordinator.recording.replay.replay import Replay
     from robrain.deploy.commands.terminal import print_line
     from robrain.deploy.recordings.replay_terminal import replay_terminal

@@ -1,4 +1,4 @@
-"""How `robrain task` asks and answers: the options that its commands share, and what they print."""
+"""Options shared by the `robrain task` commands, and their output."""
 
 import sys
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,12 +20,12 @@ def connect_team(connect: str | None, team: str) -> "Team":
 
 
 def line_of(record: Any) -> str:
-    """A task and how it stands."""
+    """A task and its state."""
     return f"{record.task.id}: {words_of(record)}"
 
 
 def words_of(change: Any) -> str:
-    """How a task stands, where and why."""
+    """A task's state, robot and reason."""
     at = f" at {change.robot}" if change.robot else ""
     return f"{change.state.replace('_', ' ')}{at}{f': {change.why}' if change.why else ''}"
 
@@ -52,13 +52,13 @@ def show_table(records: list[Any]) -> None:
 
 
 def print_json(value: object) -> None:
-    """Anything that has a place on the wire, as one line of JSON."""
+    """Print a message as one line of JSON."""
     import msgspec
 
     say(msgspec.json.encode(value).decode())
 
 
 def say(text: str) -> None:
-    """One line on stdout, at once."""
+    """Print one line on stdout, unbuffered."""
     sys.stdout.write(text + "\n")
     sys.stdout.flush()
