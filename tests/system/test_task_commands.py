@@ -195,7 +195,7 @@ def test_a_kind_of_task_that_only_one_plugin_knows_is_asked_for_from_the_command
 
     told = until(announced, "the kind is not announced")
     assert "sweep: Sweeps a rectangle in lanes. (r1)" in told
-    assert "  width_m: Along x, which is the direction of the lanes." in told
+    assert "  width_m: Along x, the direction of the lanes." in told
     assert "  lane_m (optional): Greatest distance between two lanes." in told
 
     place = ("--at", "3,3", "--id", "hall")
